@@ -1,1 +1,1 @@
-"""Contacts of partition bodies in an Exudyn model: the object of their forces, groups, and what they keep of a run."""
+"""Contacts of partition bodies in an Exudyn model: the object that holds their forces, and their data of each run."""

@@ -1,4 +1,4 @@
-"""Balance of energy of a run: what bodies and contacts have, what was taken from them, and what was given."""
+"""Balance of energy of a run: energy of bodies and contacts, energy taken from them, and energy given to them."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class Balance:
     bodies, contacts : (n,) arrays
         Kinetic and strain energy of the bodies, and energy that contacts store.
     taken : dict of str to (n,) array
-        Energy that was taken so far, by what took it, if anything did.
+        Energy taken so far, by the name of the cause; empty if nothing took any.
     given : dict of str to (n,) array
-        Work of gravity, and of joints, springs and loads that a `CreateWorkSensor` senses, by their names.
+        Work of gravity, and of joints, springs and loads that a `CreateWorkSensor` measures, by their names.
     """
 
     bodies: Array
@@ -38,7 +38,7 @@ class Balance:
 
     @classmethod
     def of(cls, result: RunResult, samples: Array | None = None) -> Balance:
-        """Balance of all partition bodies of a run, which has one at least; or that at some samples, (m,) int array."""
+        """Balance of a run with at least one partition body, at all samples or at some, (m,) int array."""
         chosen = np.arange(len(result.t)) if samples is None else samples
         some = result if samples is None else result.at(result.t[samples])
         taken = taken_by(result.bodies, result.contacts, result) | taken_by_steps(result)
@@ -56,13 +56,13 @@ class Balance:
 
     @property
     def with_taken(self) -> Array:
-        """Energy of bodies and contacts, and what was taken from them."""
+        """Sum of the energy of bodies and contacts and of the energy taken from them."""
         value: Array = np.sum([self.total, *self.taken.values()], axis=0)
         return value
 
     @property
     def rest(self) -> Array:
-        """What is left of it, (n,): given by what is not sensed, or else the error of the steps."""
+        """Energy without a known cause, (n,): work that no sensor measures, or the error of the steps."""
         whole = self.with_taken
         value: Array = whole - whole[0] - np.sum([np.zeros(len(whole)), *self.given.values()], axis=0)
         return value
@@ -71,7 +71,7 @@ class Balance:
 def taken_by(
     bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact], result: RunResult
 ) -> dict[str, Array]:
-    """Energy that was taken from bodies and contacts so far, (n,) [J], by what took it, if anything did."""
+    """Energy taken from bodies and contacts so far, (n,) [J], by the name of the cause; empty if nothing took any."""
     each = {
         DAMPING: [body.dissipated_energy(result) for body in bodies],
         FRICTION: [contact.friction.work(result) for contact in contacts],
@@ -81,7 +81,7 @@ def taken_by(
 
 
 def taken_by_steps(result: RunResult) -> dict[str, Array]:
-    """Energy that damping implicit steps have taken from the bodies, if that is known: if there is a sample of each."""
+    """Energy that implicit steps with damping took from the bodies. It is known only if each step has a sample."""
     if result.newmark is None or not result.newmark.damps or not has_all_steps(result):
         return {}
     taken = []
@@ -99,7 +99,7 @@ def has_all_steps(result: RunResult) -> bool:
 
 
 def _given(result: RunResult) -> dict[str, Array]:
-    """Work of gravity, and that of each joint, spring and load if the model has a sensor of it; (n,) [J]."""
+    """Work of gravity, and of each joint, spring and load if the model has a sensor of their work; (n,) [J]."""
     if result.item_work is not None and result.method != "static":
         return result.item_work.work(result)
     found = {}
@@ -111,12 +111,12 @@ def _given(result: RunResult) -> dict[str, Array]:
 
 
 def doubt(result: RunResult) -> Array:
-    """Bound of the error that the trapezoidal rule makes in the terms that are integrated over samples, (n,) [J]."""
+    """Bound on the error of the trapezoidal rule in the terms that are integrated over samples, (n,) [J]."""
     value = np.zeros(len(result.t))
     integrated = [item.dissipated_energy(result) for item in result.bodies if item.damping is not None]
     if result.item_work is not None:
         integrated += [*result.item_work.work(result).values()]
     for work in integrated:
-        bends = np.diff(work, n=3)  # the rule's error in an interval is a twelfth of that of the power
+        bends = np.diff(work, n=3)  # the rule's error in an interval is a twelfth of the power's second difference
         value += np.r_[0.0, np.cumsum(abs(np.r_[bends[:1], bends, bends[-1:]]))][: len(value)] / 12
     return value

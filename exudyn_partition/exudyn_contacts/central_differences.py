@@ -1,4 +1,4 @@
-"""Multipliers of contacts and joints in Exudyn's VelocityVerlet, which has neither (paper, eq. 28 with joints, 29).
+"""Multipliers of contacts and joints for Exudyn's VelocityVerlet, which has none (paper, eq. 28 with joints, 29).
 
 Theory: examples/site/theory.md, "Joints in explicit steps".
 """
@@ -19,31 +19,32 @@ from ..support.twins import Known, copied
 from .contact_run import ContactRun
 
 _ITERATIONS = 20
-_SETTLED = 1e-8  # last change of the joints' accelerations, relative
-_OPEN, _ROUND_OFF = 1e-2, 1e-12  # of a row's way in a step, and of places or rad: how far joints may be open
-_OVER = 1e-6  # of a step: a run that has less time left is at its end
+_SETTLED = 1e-8  # relative last change of the joints' accelerations at which the iteration ends
+_OPEN, _ROUND_OFF = 1e-2, 1e-12  # how far joints may be open: share of a row's way in a step; share of places, or rad
+_OVER = 1e-6  # share of a step: a run that has less time left is at its end
 
 
 class MultiplierStep:
-    """What is done before each step, and with joints after it, for contacts whose multipliers are found together.
+    """Work before each step, and after it if there are joints, for contacts whose multipliers are found together.
 
-    Verlet takes q += h v + h^2/2 a, v += h/2 (a + a'), so that v += h/2 c and a += c ahead of it make the velocity at
-    mid-step v + h/2 a + h c: central differences (paper, eq. 29) with the accelerations c of the multipliers.
+    Verlet takes q += h v + h^2/2 a, v += h/2 (a + a'). Let c be the accelerations of the multipliers. If v += h/2 c and
+    a += c are set ahead of a step, the velocity at mid-step is v + h/2 a + h c. These are central differences (paper,
+    eq. 29).
 
-    Those of contacts act at the start of a step. So they are found and applied at the end of the step before, by
-    `look_ahead`: velocities and accelerations that sensors tell there have them, and no energy swings. A first step has
-    them ahead of it. So have joints, which a user may move there; until then velocities contain the last step's
-    multipliers again.
+    Multipliers of contacts act at the start of a step. So `look_ahead` finds and applies them at the end of the step
+    before. Velocities and accelerations that sensors record there include them, and the energy does not swing. Those of
+    the first step are applied ahead of it. Multipliers of joints are always applied ahead of a step, because a user may
+    move joints there. Until then velocities include the last step's multipliers a second time.
 
-    Joints are closed at the end of the step, as gaps are, by Newton's iteration if they are not linear; it includes
-    what contacts do to joints, and joints to contacts. After the step a second multiplier makes velocities and
-    accelerations obey the joints (RATTLE; Andersen 1983): nothing drifts. Joint sensors read reactions that are means
-    over the step before, so that their sum times the step is the impulse.
+    Joints are closed at the end of the step, as gaps are. Joints that are not linear need Newton's iteration. It
+    includes the effect of contacts on joints, and of joints on contacts. After the step a second multiplier makes
+    velocities and accelerations obey the joints (RATTLE; Andersen 1983), so that nothing drifts. Joint sensors record
+    mean reactions over the step before. Their sum times the step is the impulse.
 
     Parameters
     ----------
     contacts : list of ContactRun
-        Whose laws are applied ahead of explicit steps.
+        Contacts whose multipliers are applied ahead of explicit steps.
     joints : Joints, optional
         Of the whole model.
     """
@@ -51,20 +52,20 @@ class MultiplierStep:
     def __init__(self, contacts: Sequence[ContactRun], joints: Joints | None = None) -> None:
         self.contacts, self.joints = contacts, joints
         self._stepped_to: float | None = None
-        self._looked_from: float | None = None  # start of the step that multipliers were applied for beforehand
-        self._pushes: list[tuple[Array, Array]] = []  # coordinates and accelerations by contacts in the last step
-        self._predicted: list[tuple[Array, Array]] = []  # those in present velocities that are to be taken back
+        self._looked_from: float | None = None  # start of the step whose multipliers `look_ahead` has applied
+        self._pushes: list[tuple[Array, Array]] = []  # coordinates, and accelerations by contacts in the last step
+        self._predicted: list[tuple[Array, Array]] = []  # those in the present velocities that must be removed again
         self._dofs = [contact.dofs for contact in contacts]
         self._forward = ForwardIncrement([contact.forward for contact in contacts if contact.forward], self._dofs)
         if joints is not None:
             self._carried, self._usual = np.zeros(joints.n), 0.0
-            # Multipliers by which joints answer to those of contacts: in the last step, and in the one before.
+            # Multipliers of joints that answer those of contacts: in the last step, and in the step before it.
             self._answer = self._answered = np.zeros(joints.n)
             self._shared = [np.intersect1d(dofs, joints.dofs, return_indices=True)[1:] for dofs in self._dofs]
             self._across: Array | None = None
 
     def go_on(self, earlier: MultiplierStep, known: Known, t: float) -> None:
-        """Go on at time t [s], from the end of a run in which `earlier` did the same; `known` has twins of its laws."""
+        """Go on at time t [s] from the end of a run that `earlier` served; `known` has the twins of its contacts."""
         own = {"contacts": self.contacts, "joints": self.joints, "_dofs": self._dofs, "_stepped_to": t}
         vars(self).update(vars(copied(earlier, known)) | own)
         if self._looked_from is not None:
@@ -88,7 +89,7 @@ class MultiplierStep:
         self._stepped_to = t
 
     def look_ahead(self, mbs: MainSystem, t: float) -> None:
-        """Apply multipliers of the step that begins at t, once, at the end of the step before."""
+        """Apply the multipliers of the step that begins at t, once, at the end of the step before."""
         if self.joints is not None or t != self._stepped_to or t == self._looked_from:
             return
         if (solver := mbs.sys.get("dynamicSolver")) is not None:
@@ -139,7 +140,7 @@ class MultiplierStep:
         if not joints.linear:
             self._usual = abs(acceleration).max()
         if self.contacts:
-            # They push as in the last step, and joints answer, until the multipliers of the next one are known.
+            # Until the next step's multipliers are known, contacts push as in the last step, and joints answer.
             self._predicted, self._last_step = [*self._pushes, (joints.dofs, joints.push @ self._answer)], self._step
         for dofs, acceleration in self._predicted:
             _push(q_t, q_tt, dofs, acceleration, self._step)
@@ -151,15 +152,15 @@ class MultiplierStep:
     def _close(
         self, forward: ForwardIncrement, joints: Joints, states: list[State], start: Array, mid: Array
     ) -> tuple[list[Array], Array, Array]:
-        """Accelerations by each contact, and multipliers of the joints, (n,), and accelerations by them, (k,).
+        """Accelerations by each contact, multipliers of the joints, (n,), and accelerations by the joints, (k,).
 
-        Multipliers lambda of contact change those of joints by yields lambda, from what these are alone. With joints'
-        accelerations of the rows by `across`, that leaves F + across yields to the contacts.
+        Contact multipliers lambda change the multipliers of the joints by yields lambda. Multipliers of joints
+        accelerate the rows by `across`. So the flexibility of the rows is F + across yields.
 
         Parameters
         ----------
         states : list of three arrays
-            Of the contacts, as `ForwardIncrement.predict` takes them.
+            States of the contacts, as `ForwardIncrement.predict` takes them.
         start, mid : (k,) arrays
             Coordinates of the joints, and their velocities at mid-step without multipliers.
         """
@@ -167,7 +168,7 @@ class MultiplierStep:
         changed = joints.update()
         if forward.rows:
             h = forward.predict(states, step)
-            # Farther off, no joint closes a gap within a step, and moving rows are not worth their while.
+            # No joint closes gaps as wide as a facet within a step, and for them moving rows is not worth the time.
             near = not forward.nearest(h) >= min(rows.contact.gaps.size for rows in forward.rows)
         if near and (forward.take_rows() or changed or self._across is None):
             pushes = [G[:, own] @ joints.push[others] for G, (own, others) in zip(forward.G, self._shared, strict=True)]
@@ -201,14 +202,14 @@ class MultiplierStep:
 
     @staticmethod
     def _check_closed(joints: Joints, g: Array, start: Array, way: Array, held: Array) -> None:
-        """Refuse joints that an iteration leaves open: g, (n,), are their gaps before its last change.
+        """Raise an error if the iteration leaves joints open.
 
         Parameters
         ----------
         g : (n,) array
-            [m or rad].
+            Gaps of the joints before the last change of the iteration [m or rad].
         start, way, held : (k,) arrays
-            Coordinates, their change in the step without multipliers, and what multipliers add to it.
+            Coordinates, their change in the step without multipliers, and the change that multipliers add.
         """
         used, round_off = joints.scale > 0, _ROUND_OFF * joints.reach
         if (abs(g) <= round_off)[used].all():
@@ -216,7 +217,7 @@ class MultiplierStep:
         allowed = _OPEN * (abs(joints.C) @ abs(way)) + round_off
         if not (abs(g) <= allowed)[used].all():
             g = joints.residual(start, way + held)
-        if not (abs(g) <= allowed)[used].all():  # nor if it is not finite
+        if not (abs(g) <= allowed)[used].all():  # also true of gaps that are not finite
             raise RunError(
                 f"joints: Newton's iteration leaves them open by {abs(g[used]).max():.3g} m or rad. Check that they "
                 "fit together at the start, take a shorter step, or method='implicit'"
@@ -224,6 +225,6 @@ class MultiplierStep:
 
 
 def _push(q_t: Array, q_tt: Array, dofs: Array, acceleration: Array, step: float) -> None:
-    """Add an acceleration that Verlet makes a change of velocity by step times itself, at mid-step."""
+    """Add an acceleration so that Verlet changes the velocity at mid-step by step times this acceleration."""
     q_t[dofs] += 0.5 * step * acceleration
     q_tt[dofs] += acceleration

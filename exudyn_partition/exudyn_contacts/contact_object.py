@@ -18,7 +18,7 @@ from .contact_run import ContactRun
 from .model_run import ModelRun, Runs
 from .partition_contact import PartitionContact, partition_items
 
-_TOUCHING = 1e-3  # of a facet's size: gaps of rows that touch
+_TOUCHING = 1e-3  # share of a facet's size: rows with smaller gaps touch
 
 Block = tuple[Rows, Array, Array]  # a part of a matrix, (k, l), and its rows, (k,), and columns, (l,)
 
@@ -26,11 +26,11 @@ Block = tuple[Rows, Array, Array]  # a part of a matrix, (k, l), and its rows, (
 def add_to_object(
     mbs: MainSystem, contact: PartitionContact, others: Sequence[PartitionContact], runs: Runs
 ) -> ObjectIndex:
-    """Let the model's object of contacts hold those of a new one too; returns its number.
+    """Add a new contact to the model's one object of contacts; returns the object's number.
 
-    The object has no mass. Its nodes are those of all bodies in contact and of what carries rigid surfaces. So Exudyn
-    calls Python once for all forces, and the Jacobian has the stiffness between contacts on common bodies. Without it
-    Newton's method does not converge where nothing else holds a carrier, or bodies between two contacts.
+    The object has no mass. Its nodes are those of all bodies in contact and of bodies that carry rigid surfaces. So
+    Exudyn calls Python once for all forces, and the Jacobian has the stiffness between contacts on common bodies.
+    Without this stiffness Newton's method does not converge where only contacts hold a carrier or a body.
     """
     runs.add_contact()
     nodes = {int(node): node for node in contact.nodes + _carrying_nodes(contact)}
@@ -45,7 +45,7 @@ def add_to_object(
 def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIndex:
     exu, items = require("exudyn"), require("exudyn.itemInterface")
 
-    # Exudyn hands coordinates over as lists. Those of the model are read quicker, and a list is returned quicker.
+    # Exudyn passes coordinates as lists. Reading the model's own array is quicker. Returning a list is quicker, too.
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
         run = runs.now(mbs)
         total = run.force(mbs, t)
@@ -75,9 +75,9 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
 
 @contextlib.contextmanager
 def called_if_needed(mbs: MainSystem, run: ModelRun) -> Iterator[None]:
-    """Let Exudyn not call the object in a run whose contacts all act ahead of steps.
+    """Keep Exudyn from calling the object in a run whose contacts all act ahead of steps.
 
-    A call takes long, for it hands all coordinates over.
+    A call takes long, because Exudyn passes all coordinates.
     """
     contacts = partition_items(mbs)[1]
     if run.acts_within or not contacts:
@@ -116,7 +116,7 @@ def _of_each(mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionConta
 
 
 def _own_stiffness(mbs: MainSystem, run: ContactRun, by_q: float) -> Rows | None:
-    """Return -by_q dF/dq, (n, n), of a contact's force F; None if it is zero. Laws give no slope by velocities."""
+    """Return -by_q dF/dq, (n, n), of a contact's force F; None if it is zero. Contacts give no slope by velocities."""
     mechanics = run.mechanics
     if mechanics.compliant and not mechanics.index.size:
         if _touches(mbs, run) and (closed := mechanics.closed_stiffness()) is not None:
@@ -133,7 +133,7 @@ def _own_stiffness(mbs: MainSystem, run: ContactRun, by_q: float) -> Rows | None
 def _touches(mbs: MainSystem, run: ContactRun) -> bool:
     """Whether rows of an open contact just touch, in the first iteration of a load step.
 
-    An open contact has no stiffness, and a block that only stands on another one would have no equilibrium under its
+    An open contact has no stiffness. A block that only stands on another one would then have no equilibrium under its
     load.
     """
     if not run.mechanics.least_gap < _TOUCHING * run.mechanics.gaps.size:
@@ -143,7 +143,7 @@ def _touches(mbs: MainSystem, run: ContactRun) -> bool:
 
 
 def _between(mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionContact], by_q: float) -> Iterator[Block]:
-    """Stiffness of closed contacts with what carries their surface, and with other contacts on their bodies."""
+    """Stiffness between closed contacts and the carrier of their surface, or other contacts on their bodies."""
     rows: dict[int, tuple[Array, Array]] = {}
     for contact in contacts:
         run = model.of(contact)
@@ -165,7 +165,7 @@ def _between(mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionConta
 
 
 def _closed_rows(mbs: MainSystem, run: ContactRun, contact: PartitionContact) -> tuple[Array, Array]:
-    """Closed rows on the coordinates of bodies and carrier, (na, m), and the numbers of these in the model, (m,)."""
+    """Closed rows on the coordinates of bodies and carrier, (na, m), and numbers of these in the model, (m,)."""
     H, nodes = dense(run.mechanics.row_jacobian()), _carrying_nodes(contact)
     if contact.carrier is None or not nodes:
         return H, run.dofs

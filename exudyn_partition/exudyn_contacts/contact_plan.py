@@ -34,8 +34,8 @@ PASSES: tuple[Passes, ...] = get_args(Passes)
 BodyPatch = tuple[PartitionBody, int]  # a body and the number of one of its patches
 
 _RIGID = (RigidPlane, RigidSphere, RigidCylinder, RigidProfile, RigidMesh)
-_DIGITS = 1e-5  # of a facet's size: round-off of places in space from which gaps are no longer known
-_FINER = 0.9  # facets of the master smaller than this share of the slave's make the two change places
+_DIGITS = 1e-5  # share of a facet's size: round-off of places in space above which gaps are not known
+_FINER = 0.9  # slave and master change places if the master's facets are smaller than this share of the slave's
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class ContactPlan:
     rigid : RigidSurface or None
         The master, if it is a rigid surface.
     formulation : Formulation
-        With friction, if the contact has any.
+        It includes friction, if the contact has any.
     mechanics : PatchContact
         At the start, with the gaps between the sides.
     carrier : Carrier or None
@@ -123,7 +123,7 @@ def plan_contact(
 def facing_pairs(
     mbs: MainSystem, bodies: Sequence[PartitionBody], within: float | None
 ) -> list[tuple[BodyPatch, BodyPatch]]:
-    """Bodies and patches that face each other within a distance [m], or nearby by default.
+    """Pairs of bodies and patches that face each other within a distance [m]; by default, those that are near.
 
     Raises
     ------
@@ -169,7 +169,7 @@ def _partners(
 
 
 def _check_passes(passes: object) -> None:
-    """The slave is one body; an earlier version had half of the contact with each body as slave, "two"."""
+    """The slave is one body. An earlier version had "two": half of the contact with each body as slave."""
     if isinstance(passes, str) and passes == "two":
         raise InputError(
             "passes: expected one of 'finer', 'given', got 'two'. Contact in two passes is no more; leave passes out, "
@@ -179,7 +179,7 @@ def _check_passes(passes: object) -> None:
 
 
 def _check_master(mbs: MainSystem, rigid: RigidSurface | None, patch: object, body: ObjectIndex | None) -> None:
-    """A rigid surface may be carried by a body, and has no patches."""
+    """A rigid surface has no patches. Another body may carry it."""
     if body is not None:
         if rigid is None:
             raise InputError("masterBody: only a rigid surface is carried by a body")
@@ -189,7 +189,7 @@ def _check_master(mbs: MainSystem, rigid: RigidSurface | None, patch: object, bo
 
 
 def _check_itself(item: PartitionBody, patches: Sequence[int], formulation: Formulation) -> None:
-    """Two patches of one body may touch each other; the residual flexibility between them belongs to the contact."""
+    """Two patches of one body may touch each other. The contact includes the residual flexibility between them."""
     patches_of = item.body.partition.patches
     if patches[0] == patches[1] and not patches_of[patches[0]].wanders:
         raise InputError(
@@ -205,7 +205,7 @@ def _check_itself(item: PartitionBody, patches: Sequence[int], formulation: Form
 
 
 def _placed(given: Sequence[BodyPatch], passes: Passes) -> tuple[Sequence[BodyPatch], list[Side]]:
-    """Slave and master, and where their patches lie in space."""
+    """Slave and master, and the places of their patches in space."""
     placed = [Side.of(item.kinematics, patch, item.plastic_states.get(patch)) for item, patch in given]
     if len(given) > 1 and given[0] == given[1]:
         parts = opposite_parts(placed[0].surface)
@@ -219,7 +219,7 @@ def _placed(given: Sequence[BodyPatch], passes: Passes) -> tuple[Sequence[BodyPa
 
 
 def _check_digits(side: Side) -> None:
-    """Gaps are differences of places: far from the origin they have no digits left."""
+    """Gaps are differences of places. Far from the origin they lose all digits."""
     reach, size = float(abs(side.surface.points).max()), side.surface.facet_size
     if np.finfo(float).eps * reach > _DIGITS * size:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Nodal forces and stored energy of a contact after a run: evaluated again at the samples, or as the run kept them."""
+"""Nodal forces and stored energy of a contact after a run: evaluated again at the samples, or read from the run."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..support.arrays import Array
 from ..support.checks import validate_result
 from .contact_samples import ModelContact, RunSamples, kept_rows
 
-# Energies of contacts that are solved together, by the list of these, as long as the result exists.
+# Energies of contacts that are solved together, by the list of these contacts, as long as the result exists.
 _ENERGIES: WeakKeyDictionary[RunSamples, dict[int, Array]] = WeakKeyDictionary()
 
 
@@ -32,14 +32,14 @@ def nodal_forces(contact: ModelContact, result: RunSamples) -> list[Array]:
 
 
 def stored_energy(contact: ModelContact, result: RunSamples) -> Array:
-    """Energy that an elastic contact stored, (n,) [J]: what the run kept, or what its coordinates say."""
+    """Energy that an elastic contact stored, (n,) [J]: as the run kept it, or computed from the coordinates."""
     if result.runs:
         kept = result.kept(contact).stored
         return np.array([kept.get(t, 0.0) for t in result.t.tolist()])
     if contact.together is None:
         mechanics = contact.mechanics.for_run("explicit")
         return np.array([mechanics.potential(q) for (q,) in _coordinates(contact, result)])
-    found = _ENERGIES.setdefault(result, {})  # of all contacts of the group, which are found together
+    found = _ENERGIES.setdefault(result, {})  # energies of all contacts of the group, which are found together
     if id(contact.group) not in found:
         found[id(contact.group)] = np.array(
             [[mechanics.stored() for mechanics in parts] for parts in _evaluated(contact, result)]
@@ -48,7 +48,7 @@ def stored_energy(contact: ModelContact, result: RunSamples) -> Array:
 
 
 def _kept_of_carried(contact: ModelContact, result: RunSamples) -> list[Array]:
-    """See `nodal_forces`; another body has moved the rigid surface, and a result does not have its motion."""
+    """See `nodal_forces`. Another body moved the rigid surface, and results do not record that body's motion."""
     validate_result(result)
     run, sides = result.kept(contact), contact.mechanics.gaps.sides
     forces = [np.zeros((len(result.t), len(side.surface.points), 3)) for side in sides]
@@ -61,7 +61,7 @@ def _kept_of_carried(contact: ModelContact, result: RunSamples) -> list[Array]:
 
 
 def _kept_on_nodes(contact: ModelContact, result: RunSamples) -> list[Array]:
-    """See `nodal_forces`; from the forces of rows that the run kept."""
+    """See `nodal_forces`. They follow from the forces of rows that the run kept."""
     validate_result(result)
     mechanics = contact.mechanics.for_run("explicit")
     q = np.hstack([item.coordinates(result) for item, _ in contact.sides])
@@ -73,7 +73,7 @@ def _kept_on_nodes(contact: ModelContact, result: RunSamples) -> list[Array]:
 
 
 def _evaluated(contact: ModelContact, result: RunSamples) -> Iterator[Sequence[PatchContact]]:
-    """Laws of the contacts that are solved together, at each time of `result`."""
+    """Mechanics of the contacts that are solved together, at each time of `result`."""
     parts = [member.mechanics.for_run("explicit") for member in _solved_together(contact)]
     together = None if contact.together is None else contact.together.for_run(parts)
     for coordinates in _coordinates(contact, result):

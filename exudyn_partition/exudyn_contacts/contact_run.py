@@ -1,6 +1,6 @@
-"""State of a contact in one run, and of contacts whose forces are found together; and what they keep for results.
+"""State of a contact in one run, and of a group of contacts whose forces are found together.
 
-The next run makes others. No other module asks a law for its forces in a run.
+They also keep the data that results read. Each run makes new ones. No other module evaluates contact forces in a run.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ..support.arrays import Array, consecutive, joined_slices
 from ..support.foreign import MainSystem
 from ..support.twins import Known, twin
 
-N_VALUES, N_VALUES_AHEAD = 6, 10  # of `sForce`; multipliers have impulses too
+N_VALUES, N_VALUES_AHEAD = 6, 10  # numbers of values of `sForce`; those of multipliers include impulses
 
 
 class ContactRun:
@@ -38,40 +38,41 @@ class ContactRun:
     mechanics : PatchContact
         Rows, forces and memory of the contact, at the start of the run.
     slices : list of slice
-        Where the coordinates of slave and master are among the model's.
+        Places of the coordinates of slave and master among the model's.
     t : float
         When the run begins [s].
     method : {"explicit", "implicit", "static"}
     place : int, optional
-        First of the data coordinates that the sensor `sForce` reads. Default: it asks the contact itself.
+        First of the data coordinates that the sensor `sForce` reads. Default: the sensor calls the contact itself.
 
     Attributes
     ----------
     dofs : (n,) int array
         Numbers of the contact's coordinates in the model.
     force : (n,) array or None
-        Generalised force that the law has found last; None before, and after compiled loops have found it.
+        Generalised force of the last evaluation; None before the first one, or if compiled loops found the force.
     tangential : dict of float to ((na, 3) array, (na,) int8 array)
-        With friction: tangential forces on the same rows in space [N], and whether they stick or slip, by the time.
+        With friction: tangential forces on the closed rows in space [N], and whether the rows stick or slip. Keys are
+        times [s].
     on_nodes : dict of float to list of (np, 3) arrays
-        Where another body carries the rigid surface: forces on the nodes of the patch in space [N], by the time; they
-        are not known from the bodies' coordinates alone.
+        Where another body carries the rigid surface: forces on the nodes of the patch in space [N]. Keys are times [s].
+        The bodies' coordinates alone do not determine these forces.
     plastic_strains : dict of int to StrainHistory
-        Plastic strain of each zone, by the number of its side.
+        Plastic strain of each zone. Keys are the numbers of the sides.
     areas : (np,) array
         Area of the row of each of the slave's patch nodes [m2].
     edge : (float, (3,) array) or None
-        When and where the contact reached the edge of its patch first [s, m].
+        Time and place at which the contact first reached the edge of its patch [s, m].
     forward : ForwardRows or None
-        What acts ahead of the steps of an explicit run.
+        Multipliers that act ahead of the steps of an explicit run.
     impulses : StepImpulses or None
-        The same of an implicit run, whose forces are means within steps.
+        Multipliers of an implicit run, whose forces are means within steps.
     joined : bool
         Whether the multipliers are found together with those of joints.
     goes_on : bool
         Whether the run begins where the last one ended.
     goes_on_at : float or None
-        When the run ended that this one goes on from as if they were one [s].
+        Time at which the earlier run ended, if this one goes on from it as if both were one [s].
     """
 
     def __init__(
@@ -86,15 +87,15 @@ class ContactRun:
         self.name, self._mechanics, self.place = name, mechanics, place
         self.forward = ForwardRows(mechanics) if mechanics.ahead and method == "explicit" else None
         self.impulses = StepImpulses(mechanics) if mechanics.ahead and method == "implicit" else None
-        self._explicit = method == "explicit"  # then the last evaluation is the end of the last step
+        self._explicit = method == "explicit"  # then the last evaluation was made at the end of the last step
         self.dofs = np.concatenate([np.r_[s] for s in slices])
-        self._slices = joined_slices(slices)  # the fewer, the quicker
+        self._slices = joined_slices(slices)  # fewer slices are quicker
         self._own = consecutive([s.stop - s.start for s in self._slices])
         self._group: GroupRun | None = None
         self.joined = self.goes_on = False
         self.areas = mechanics.node_areas
         self._open_index: Array | None = None
-        self._open_values: list[float] = []  # of `sFriction`
+        self._open_values: list[float] = []  # values of `sFriction` while all rows are open
         self._samples: list[tuple[float, Array, Array]] = []
         self._stored: dict[float, float] = {}
         self.tangential: dict[float, tuple[Array, Array]] = {}
@@ -103,7 +104,8 @@ class ContactRun:
             {} if mechanics.zones is None else {i: StrainHistory(z.zone) for i, z in mechanics.zones.zones}
         )
         self.edge: tuple[float, Array] | None = None
-        # Impulses of normal forces, sum and vector, and vector of tangential ones: so far, of the last step, to come.
+        # Impulses: sum and vector of normal forces, vector of tangential forces.
+        # The first array holds those so far, the second those of the last step, the third those still to be added.
         self._impulse, self._last, self._rest = np.zeros(7), np.zeros(7), np.zeros(7)
         self._stepped_to = t
         self._start, self._at = -np.inf, t
@@ -126,7 +128,7 @@ class ContactRun:
 
     @property
     def acts_within(self) -> bool:
-        """Whether there are forces within a step; multipliers ahead of it are none."""
+        """Whether the contact has forces within a step; multipliers ahead of the step do not count."""
         return self.forward is None or self._mechanics.zones is not None
 
     @property
@@ -136,14 +138,14 @@ class ContactRun:
 
     @property
     def samples(self) -> list[tuple[float, Array, Array]]:
-        """Times with closed rows [s], the slave's patch nodes of these, and the forces on them [N]."""
+        """Times with closed rows [s], the slave's patch nodes of these rows, and the forces on them [N]."""
         if self._group is None:
             return self._samples
         return sorted([*self._samples, *self._group.samples(self._place)], key=lambda sample: sample[0])
 
     @property
     def stored(self) -> dict[float, float]:
-        """Energy that elastic contacts store with closed rows [J], by the time."""
+        """Energy that an elastic contact stores while rows are closed [J]; keys are times [s]."""
         return self._stored if self._group is None else self._stored | self._group.stored(self._place)
 
     @property
@@ -153,29 +155,29 @@ class ContactRun:
 
     @property
     def slip_path(self) -> Array:
-        """Path that the row of each of the slave's patch nodes has slipped so far, (np,) [m]."""
+        """Length of the slip so far of the row of each of the slave's patch nodes, (np,) [m]."""
         return np.array(self.mechanics.slip_path)
 
     @property
     def plastic_ends(self) -> dict[int, PlasticState]:
-        """Present state of each plastic zone, by the number of its side."""
+        """Present state of each plastic zone; keys are the numbers of the sides."""
         zones = self.mechanics.zones
         return {} if zones is None else {side: zone.present for side, zone in zones.zones}
 
     def histories(self, zones: Mapping[int, PlasticZone]) -> dict[int, StrainHistory]:
-        """`plastic_strains`; of a run from a file, in these zones."""
+        """Return `plastic_strains`. The same method of a run from a file needs these zones."""
         return self.plastic_strains
 
     def of(self, coordinates: Array) -> Array:
-        """Coordinates of slave and master, (n,), of the model's."""
+        """Coordinates of slave and master, (n,), out of the model's."""
         return np.concatenate([coordinates[s] for s in self._slices])
 
     def join(self, group: GroupRun, place: int) -> None:
-        """Leave the forces to the group, in which this contact has a place."""
+        """Let the group find the forces; `place` is this contact's place in it."""
         self._group, self._place = group, place
 
     def go_on(self, earlier: ContactRun, t: float, known: Known) -> None:
-        """Go on from the end of an earlier run at time t [s]; `known` has the twin of its law, which is this one's."""
+        """Go on from the end of an earlier run at time t [s]. `known` has the twin of its mechanics, now this one's."""
         self.forward = None if earlier.forward is None else twin(earlier.forward, known)
         self.impulses = None if earlier.impulses is None else twin(earlier.impulses, known)
         for name in ("_start", "_at", "force", "_impulse", "_last", "_rest", "_stepped_to"):
@@ -206,7 +208,7 @@ class ContactRun:
             total[place] += self.force[own]
 
     def follow(self, start: float, t: float) -> None:
-        """Let a law that depends on the path begin the step from `start` to t [s], or begin it again."""
+        """Begin the step from `start` to t [s], or begin it again, if the forces depend on the path."""
         if start != self._start:
             (self.impulses or self.mechanics).commit(start)
         elif t != self._at and self.impulses is not None:
@@ -216,7 +218,7 @@ class ContactRun:
     def count_impulse(self, t: float, step: float, *, half: bool = False) -> None:
         """Count the impulse of multipliers in the step that ends at t [s].
 
-        They act at the start of the step. Velocities there have all of their impulse, or `half` of it.
+        They act at the start of the step. Velocities at the start include all of their impulse, or `half` of it.
         """
         mechanics, share = self.mechanics, 0.5 if half else 1.0
         self._last = np.zeros(7)
@@ -233,7 +235,7 @@ class ContactRun:
         self._rest = -0.5 * self._last
 
     def _impulses(self) -> Array | None:
-        """Impulses so far of multipliers, which jump between steps, (7,) [N s]; None of forces that do not."""
+        """Impulses of multipliers so far, (7,) [N s]; None for other forces. Multipliers jump between steps."""
         if self.impulses is not None:
             return self.impulses.impulse
         return None if self.forward is None else self._impulse
@@ -261,14 +263,14 @@ class ContactRun:
             data[self.place : self.place + len(values)] = values
 
     def keep(self, t: float, q: Callable[[], Array]) -> None:
-        """Keep what results need of the state at t; `q` returns the model's coordinates there."""
+        """Keep the data that results need of the state at t; `q` returns the model's coordinates at t."""
         mechanics = self._mechanics
         closed = mechanics.index
         if mechanics.zones is not None:
             mechanics.zones.check()
             for side, zone in mechanics.zones.zones:
                 self.plastic_strains[side].keep(t, zone.present.strain)
-        if self.forward is not None and t != self.goes_on_at:  # which was checked there, and looking moves pairs
+        if self.forward is not None and t != self.goes_on_at:  # that time was checked before, and a check moves pairs
             self._check_step(t)
             self.forward.check(self.of(q()))
         if closed.size:
@@ -276,7 +278,7 @@ class ContactRun:
                 self._closed, self._closed_nodes = closed, mechanics.row_nodes[closed]
                 self.look_for_edge(t)
             lam = mechanics.lam.take(closed)
-            if self._samples and self._samples[-1][0] == t:  # asked for again
+            if self._samples and self._samples[-1][0] == t:  # a second call for this time
                 self._samples.pop()
             self._samples.append((t, self._closed_nodes, lam))
             if mechanics.elastic:
@@ -287,7 +289,7 @@ class ContactRun:
                 self.on_nodes[t] = mechanics.nodal_forces()
 
     def look_for_edge(self, t: float) -> None:
-        """Note when and where a row at the edge of its patch closes first."""
+        """Record the time and place at which a row at the edge of its patch first closes."""
         if self.edge is None and (reached := self.mechanics.edge_reached()) is not None:
             self.edge = t, reached
 
@@ -310,12 +312,12 @@ class ContactRun:
         return self.mechanics.dissipated() if self.impulses is None else self.impulses.dissipated()
 
     def on_carrier(self, point: Array) -> Array:
-        """Force on the body that carries the rigid surface, and moment about a point in space, (6,) [N, N m]."""
+        """Force on the body that carries the rigid surface, and its moment about a point in space, (6,) [N, N m]."""
         return self.mechanics.on_carrier(point) if self.impulses is None else self.impulses.on_carrier(point)
 
     @property
     def iterations(self) -> int:
-        """Iterations of the set of closed rows so far; those of explicit multipliers are counted ahead of steps."""
+        """Iterations of the set of closed rows so far; `MultiplierStep` counts those of explicit multipliers."""
         return self.mechanics.iterations if self.impulses is None else self.impulses.iterations
 
     def plastic_values(self) -> list[float]:
@@ -325,7 +327,7 @@ class ContactRun:
         return [self.mechanics.stored(), zones.work(), zones.largest_strain(), float(zones.flowing())]
 
     def _check_step(self, t: float) -> None:
-        """Refuse a run in which multipliers were not applied."""
+        """Raise an error if multipliers were not applied in the run."""
         if t > self._stepped_to and not self.joined:
             raise RunError(
                 f"contact {self.name!r}: its multipliers were not applied in the step to t = {t:.6g} s, for its "
@@ -335,21 +337,22 @@ class ContactRun:
 
 
 class GroupRun:
-    """Contacts in a run whose forces are found together. One that is solved alone is a group of its own.
+    """Contacts in a run whose forces are found together. A contact that is solved alone is a group of its own.
 
-    As long as the pairs of all contacts are frozen, compiled loops evaluate all of them at once. Then the group has the
-    values of the sensors, and laws take the state only when somebody looks at them. Else each law finds its forces.
+    As long as the pairs of all contacts are frozen, compiled loops evaluate all contacts at once. Then the group has
+    the values of the sensors, and the contacts' mechanics take the state only when somebody reads them. Otherwise the
+    forces are found through the mechanics.
 
     Parameters
     ----------
     members : sequence of ContactRun
     together : Together, optional
-        What finds their forces together. Default: each contact is evaluated alone.
+        Finds their forces together. Default: each contact is evaluated alone.
 
     Attributes
     ----------
     pushes : bool
-        Whether any force was there in the last evaluation.
+        Whether any force was not zero in the last evaluation.
     """
 
     def __init__(self, members: Sequence[ContactRun], together: Together | None = None) -> None:
@@ -357,22 +360,22 @@ class GroupRun:
         self._within = [member for member in members if member.acts_within]
         self._remembering = [member for member in members if member.remembers]
         known = all(member.force is not None for member in self._within)
-        self._known_at = members[0].goes_on_at if known else None  # when laws have evaluated the state already
+        self._known_at = members[0].goes_on_at if known else None  # time of a state that is evaluated already
         self._find_whether_pushes()
         self._dofs = [member.dofs for member in members]
         self._frozen: FrozenContacts | None = None
-        self._q: Array | None = None  # of the evaluation, if compiled loops made it
+        self._q: Array | None = None  # coordinates of the last evaluation, if compiled loops made it
         self._mechanicss_know = True
         readers = [(j, member.place) for j, member in enumerate(members) if member.place is not None]
         starts = np.reshape(readers, (-1, 2)).astype(int) * [N_VALUES, 1]
-        self._from, self._to = np.add.outer(starts.T, np.arange(N_VALUES)).reshape(2, -1)  # of values to data
+        self._from, self._to = np.add.outer(starts.T, np.arange(N_VALUES)).reshape(2, -1)  # places, from and to
         self._kept: list[tuple[float, Array, list[int], Array, Array]] = []
         for place, member in enumerate(members):
             member.join(self, place)
 
     @property
     def acts_within(self) -> bool:
-        """Whether there are forces within a step; multipliers ahead of it are none."""
+        """Whether any contact has forces within a step; multipliers ahead of the step do not count."""
         return bool(self._within)
 
     def evaluate(self, mbs: MainSystem, t: float) -> None:
@@ -401,7 +404,7 @@ class GroupRun:
                 return
 
     def _find_by_loops(self, q: Array) -> bool:
-        """Find the forces by compiled loops, if there are such and all pairs are frozen."""
+        """Find the forces by compiled loops, if the group has them and all pairs are frozen; returns whether it did."""
         assert self.together is not None
         if self._q is not None and (q == self._q).all():
             return True
@@ -425,13 +428,13 @@ class GroupRun:
             member.add_force(total)
 
     def stiffness(self, first: ContactRun, last: ContactRun) -> Array:
-        """Forces on the closed rows of one member by gaps of those of another, or of itself, (na, nb) [N/m]."""
+        """Stiffness (na, nb) [N/m]: forces on closed rows of `first` due to gaps of those of `last`, maybe the same."""
         if self.together is None:
             return first.mechanics.row_stiffness()
         return self.together.stiffness(first.mechanics, last.mechanics)
 
     def update_laws(self) -> None:
-        """Let the laws take what compiled loops have found, if they have not taken it yet."""
+        """Let the contacts' mechanics take the results of compiled loops, if they have not taken them yet."""
         if self._mechanicss_know or self._q is None or self._frozen is None:
             return
         assert self.together is not None
@@ -441,18 +444,18 @@ class GroupRun:
             self._q = None
 
     def end(self) -> None:
-        """Leave the last state to the laws alone, and let go of what compiled loops need."""
+        """Give the last state to the contacts' mechanics, and drop the data of compiled loops."""
         self.update_laws()
         self._q = self._frozen = None
 
     @property
     def _looped(self) -> FrozenContacts | None:
-        """What compiled loops have found in the last evaluation; None if the laws have made it."""
+        """Results of compiled loops in the last evaluation; None if the mechanics made it."""
         return None if self._q is None else self._frozen
 
     @property
     def values(self) -> Array | None:
-        """Values of the sensors `sForce` of all members, (n, 6); None if their laws have evaluated them."""
+        """Values of the sensors `sForce` of all members, (n, 6); None if their mechanics have them."""
         return None if self._looped is None else self._looped.values
 
     def publish(self, data: Array) -> None:
@@ -464,13 +467,13 @@ class GroupRun:
             member.publish(data)
 
     def keep(self, t: float, q: Callable[[], Array]) -> None:
-        """Keep what results need of the members' state at t; `q` returns the model's coordinates there."""
+        """Keep the data that results need of the members' state at t; `q` returns the model's coordinates at t."""
         frozen = self._frozen
         if self._q is None or frozen is None:
             for member in self.members:
                 member.keep(t, q)
             return
-        if self._kept and self._kept[-1][0] == t:  # asked for again
+        if self._kept and self._kept[-1][0] == t:  # a second call for this time
             self._kept.pop()
         if not self.pushes:
             return
@@ -485,7 +488,7 @@ class GroupRun:
             self._kept.append((t, self._nodes, self._bounds, frozen.lam[closed], frozen.stored.copy()))
 
     def samples(self, place: int) -> list[tuple[float, Array, Array]]:
-        """What was kept of a member, see `ContactRun.samples`."""
+        """Samples that the group kept for a member, see `ContactRun.samples`."""
         found = []
         for t, nodes, bounds, lam, _ in self._kept:
             start, end = bounds[place : place + 2]
@@ -494,5 +497,5 @@ class GroupRun:
         return found
 
     def stored(self, place: int) -> dict[float, float]:
-        """Energy that a member stored while it was closed [J], by the time."""
+        """Energy that a member stored while it was closed [J]; keys are times [s]."""
         return {t: float(stored[place]) for t, _, bounds, _, stored in self._kept if bounds[place] < bounds[place + 1]}

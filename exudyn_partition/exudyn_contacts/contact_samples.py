@@ -1,4 +1,4 @@
-"""What results read: a contact, the samples of its sensors in a run, and what it kept of the run itself."""
+"""Protocols of what results read: a contact, the samples of its sensors in a run, and its own data of the run."""
 
 from __future__ import annotations
 
@@ -21,33 +21,33 @@ from .kept_run import KeptRun
 
 
 class RunSamples(Samples, Protocol):
-    """What a contact reads of a run: samples of sensors, and what it kept itself."""
+    """Data of a run that a contact reads: samples of sensors, and the contacts' own data."""
 
     @property
     def runs(self) -> Sequence[ContactRun | KeptRun]:
-        """What each contact kept of the run; empty if nothing was kept."""
+        """Data of the run that each contact kept; empty if nothing was kept."""
 
     def kept(self, contact: Any) -> ContactRun | KeptRun:
-        """What a contact kept of the run."""
+        """Data of the run that a contact kept."""
 
     def at(self, times: Array) -> RunSamples:
-        """Return the samples nearest to some times, each once."""
+        """Return the samples nearest to some times, each sample once."""
 
 
 class ModelContact(Protocol):
-    """A contact of a model, as runs and results know it: `partition_contact.PartitionContact`.
+    """A contact of a model, as runs and results use it: `partition_contact.PartitionContact`.
 
     Attributes
     ----------
     name : str
     mechanics : PatchContact
-        At the start; each run has its own.
+        State at the start; each run has its own.
     sides : tuple of (PartitionBody, int)
         Slave, and master if that is a partition body too, each with the number of its patch.
     group : list of PartitionContact
         Contacts that are solved together in every run, the same list for all of them.
     together : Together or None
-        What finds their forces, if there are several and forces are elastic; each run has its own.
+        Finds their forces, if there are several and forces are elastic; each run has its own.
     moment_about : (3,) array or None
         Point of the moment sensor [m].
     """
@@ -60,7 +60,7 @@ class ModelContact(Protocol):
     moment_about: Array | None
 
     def slices(self, mbs: MainSystem) -> list[slice]:
-        """Where the coordinates of slave and master are among the model's."""
+        """Places of the coordinates of slave and master among the model's."""
 
     def __getitem__(self, key: str, /) -> Any:
         """Exudyn's index of an item of the contact."""
@@ -72,7 +72,7 @@ class ModelContact(Protocol):
 def mean_forces(contact: ModelContact, result: RunSamples, sensor: str, forces: slice, impulses: slice) -> Array:
     """Forces at the times of `result`, (n, k) [N], from columns of a sensor.
 
-    Multipliers are means within steps: theirs come from the columns of the impulses so far.
+    Forces that are multipliers are means within steps. They are computed from the columns of the impulses so far.
     """
     validate_result(result)
     samples = result.sensor_of(contact, contact[sensor])
@@ -84,7 +84,7 @@ def mean_forces(contact: ModelContact, result: RunSamples, sensor: str, forces: 
 
 
 def kept_rows(contact: ModelContact, result: RunSamples) -> list[tuple[int, Array, Array, Array, Array]]:
-    """Of each sample with closed rows: its number, nodes of the rows, normal and tangential forces, and states."""
+    """For each sample with closed rows: its number, nodes of the rows, normal and tangential forces, and states."""
     run, place = result.kept(contact), {t: i for i, t in enumerate(result.t)}
     found = []
     for t, nodes, lam in run.samples:

@@ -10,12 +10,12 @@ from .partition_contact import PartitionContact
 
 
 def solve_together(contact: PartitionContact, others: list[PartitionContact]) -> None:
-    """Join a new contact with those whose forces move its rows, or whose rows its forces move.
+    """Join a new contact to those whose forces move its rows, and to those whose rows move by its forces.
 
     Raises
     ------
     InputError
-        If there is no answer for both.
+        If no formulation solves both together.
     """
     group = coupled_with(contact, others)
     if len(group) == 1:
@@ -28,8 +28,8 @@ def solve_together(contact: PartitionContact, others: list[PartitionContact]) ->
 
 
 def coupled_with(contact: PartitionContact, others: list[PartitionContact]) -> list[PartitionContact]:
-    """Return the contact, and those of others that it is solved together with, through others too."""
-    group = {contact: None}  # a set in order
+    """Return the contact and all that it is solved together with, directly or through other contacts."""
+    group = {contact: None}  # an ordered set
     for other in others:
         if _same_sides(contact, other):
             raise InputError(
@@ -59,7 +59,7 @@ def _same_sides(contact: PartitionContact, other: PartitionContact) -> bool:
 
 
 def _columns(contact: PartitionContact) -> list[slice]:
-    """Where the coordinates of each side are among the contact's."""
+    """Places of the coordinates of each side among the contact's."""
     return consecutive([item.body.n_dofs for item, _ in contact.sides])
 
 
@@ -81,7 +81,7 @@ class _Links:
         return len(set(sides)) < len(sides)
 
     def __call__(self) -> list[tuple[int, int, int, int, Array]]:
-        """Which sides of the contacts push which others, and the flexibility between their patches."""
+        """Pairs of sides of which one pushes the other, and the flexibility between their patches."""
         of_body: dict[PartitionBody, list[tuple[int, int, PartitionBody, int]]] = {}
         for j, contact in enumerate(self._contacts):
             for s, (item, patch) in enumerate(contact.sides):

@@ -1,4 +1,4 @@
-"""Contact between partition bodies, or of one and a rigid surface, as objects and sensors of an Exudyn model."""
+"""Contact between partition bodies, or between one and a rigid surface, as items of an Exudyn model."""
 
 from __future__ import annotations
 
@@ -73,16 +73,16 @@ def CreatePartitionContact(
     within: float | None = None,
     name: str = "",
 ) -> PartitionContact | list[PartitionContact]:
-    """Add contact between the patches of two partition bodies, of one and a rigid surface, or of many bodies.
+    """Add contact between the patches of two partition bodies, of one body and a rigid surface, or of many bodies.
 
-    The slave's patch is kept out of the master. Pairs stay as they are found at the start, along the line of
-    contact, until the patches slide along each other; then they follow (`contact.patch_gaps`).
+    The slave's patch is kept out of the master. Pairs are found at the start, along the line of contact. They stay
+    until the patches slide along each other. Then they follow the motion (`contact.patch_gaps`).
 
-    Slave and master may be one body, with two patches that face each other, as the ends of a clip, or with one patch
-    of `Partition.surface` that folds: by "compliance".
+    Slave and master may be one body with the formulation "compliance". Either two of its patches face each other, as
+    the ends of a clip, or one patch of `Partition.surface` folds.
 
-    Many bodies are given as one sequence: `CreatePartitionContact(mbs, bodies)`. Each two of their patches that face
-    each other nearby at the start get a contact.
+    Many bodies are given as one sequence: `CreatePartitionContact(mbs, bodies)`. Any two of their patches that are near
+    and face each other at the start get a contact.
 
     Parameters
     ----------
@@ -91,38 +91,39 @@ def CreatePartitionContact(
     master : PartitionBody, RigidPlane, RigidSphere, RigidCylinder, RigidProfile or RigidMesh
         Rigid surfaces are fixed in space, or to `masterBody`. Left out if a sequence is given.
     formulation : {"compliance", "lagrange", "penalty"} or Formulation
-        "compliance" where a basis carries a residual flexibility; "lagrange" for bases whose patch has mass, the
-        paper's and Craig-Bampton's, in VelocityVerlet (`explicit_multipliers`) and generalized-alpha
-        (`implicit_multipliers`); "penalty" for any basis, an elastic layer on the slave's patch; or one of your own,
-        see `contact.formulations.formulation`.
+        "compliance" needs a basis with residual flexibility. "lagrange" needs a basis whose patch has mass: the
+        paper's and Craig-Bampton's. It works in VelocityVerlet (`explicit_multipliers`) and in generalized-alpha
+        (`implicit_multipliers`). "penalty" works with any basis: an elastic layer on the slave's patch. For a
+        formulation of your own, see `contact.formulations.formulation`.
     rows : {"integrated", "node-to-segment"}, optional
-        What is kept out: the mean gap around each node of the slave's patch, which passes uniform pressure through
-        meshes that do not match, or each node by itself (paper, section 3); see `contact.points`. A mean over a convex
-        tip closes later than the tip's lowest point, by the order of a facet's size squared over the radius. Default:
-        "integrated", but with "lagrange" the paper's "node-to-segment", whose implicit steps converge better.
+        Gaps that may not become negative, see `contact.points`. "integrated": the mean gap around each node of the
+        slave's patch. Uniform pressure then passes through meshes that do not match. "node-to-segment": the gap of
+        each node (paper, section 3). A mean over a convex tip closes later than the tip's lowest point, by the order of
+        a facet's size squared over the radius. Default: "integrated", but "node-to-segment" with "lagrange", as in the
+        paper: its implicit steps converge better.
     passes : {"finer", "given"}
-        Which body is the slave: the one with the smaller facets, or the one given as such.
+        Which body is the slave: the one with the smaller facets, or the one given as the slave.
     slavePatch, masterPatch : int or str, optional
         Number or name of the contact patch, for bodies that have several.
     masterBody : optional
-        Exudyn body that carries the rigid surface, which is then given in that body's axes.
+        Exudyn body that carries the rigid surface. The surface is then given in the axes of that body.
     stiffness : float, optional
-        Of the penalty's layer [N/m3]. Default: what makes it yield under uniform pressure as the residual flexibility
-        does; where patches have mass, what adds a tenth to their highest squared frequency at most.
+        Stiffness of the penalty's layer [N/m3]. Default: under uniform pressure the layer yields as much as the
+        residual flexibility. Where patches have mass, it adds at most a tenth to their highest squared frequency.
     friction : float or Coulomb, optional
-        Coefficient of friction, or `Coulomb(static, kinetic, decay)`. Residual flexibilities must be those of patches
-        with axes="xyz". How rows stick: `compliance`, `penalty`, `explicit_multipliers` and `implicit_multipliers` in
-        `contact.formulations`. Default: frictionless.
+        Coefficient of friction, or `Coulomb(static, kinetic, decay)`. Patches with residual flexibility need
+        axes="xyz". For how rows stick, see `compliance`, `penalty`, `explicit_multipliers` and `implicit_multipliers`
+        in `contact.formulations`. Default: frictionless.
     within : float, optional
-        Of a sequence of bodies: distance up to which two patches get a contact [m]. Default: the radius of the smaller
-        one, from its centre to its farthest node.
+        For a sequence of bodies: distance up to which two patches get a contact [m]. Default: the radius of the smaller
+        patch, from its centre to its farthest node.
     name : str
-        Of a sequence of bodies, the contacts are numbered from one behind it.
+        For a sequence of bodies, the number of the contact is added to it, from one.
 
     Returns
     -------
     PartitionContact
-        Of a sequence of bodies, a list of them.
+        For a sequence of bodies, a list of contacts.
 
     Raises
     ------
@@ -182,7 +183,7 @@ def _build(mbs: MainSystem, plan: ContactPlan) -> PartitionContact:
 
 
 def _add_force_sensor(mbs: MainSystem, runs: Runs, contact: PartitionContact, *, first: bool) -> None:
-    """Add `sForce`. That of the `first` contact samples all contacts; the others read, which needs no Python."""
+    """Add `sForce`. The sensor of the `first` contact samples all contacts. The others read data, without Python."""
     items = require("exudyn.itemInterface")
 
     def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
@@ -213,7 +214,7 @@ def _add_sensor(
 
 
 def _chain_steps(mbs: MainSystem, runs: Runs) -> None:
-    """Put what contacts do around each step in front of the model's own PreStep function, and behind its PostStep."""
+    """Let contacts act before the model's own PreStep function, and after its PostStep function."""
     own_before, own_after = map(user_function, (mbs.GetPreStepUserFunction(), mbs.GetPostStepUserFunction()))
 
     def before_step(mbs: MainSystem, t: float) -> bool:

@@ -15,10 +15,10 @@ from .contact_samples import ModelContact, RunSamples, kept_rows, mean_forces
 
 
 class FrictionResults:
-    """`contact.friction`: what friction did in a run.
+    """`contact.friction`: results of friction in a run.
 
-    Every contact has it: it is false without friction (`if contact.friction:`), its work is zero then, and its other
-    results are an InputError.
+    Every contact has this view. Without friction it is false (`if contact.friction:`), its work is zero, and its other
+    results raise an InputError.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class FrictionResults:
         Raises
         ------
         InputError
-            If the contact is frictionless, or the result is none or of another model.
+            If the contact is frictionless, or `result` is no result or is of another model.
         """
         self._samples(result)
         return mean_forces(self._contact, result, "sFriction", slice(0, 3), slice(7, 10))
@@ -64,7 +64,7 @@ class FrictionResults:
         Raises
         ------
         InputError
-            If the result is none, or of another model.
+            If `result` is no result, or is of another model.
         """
         validate_result(result)
         if not self:
@@ -72,7 +72,7 @@ class FrictionResults:
         return self._samples(result)[:, 5]
 
     def states(self, result: RunSamples) -> Array:
-        """Whether the row of each of the slave's patch nodes is open, 0, sticks, 1, or slips, 2, (n, np) int8.
+        """State of the row of each of the slave's patch nodes, (n, np) int8: 0 open, 1 sticks, 2 slips.
 
         Raises
         ------
@@ -102,7 +102,7 @@ class FrictionResults:
     def traction(self, result: RunSamples) -> Array:
         """Tangential traction on the slave around its patch nodes in space, (n, np, 3) [Pa].
 
-        Means are those of `PartitionContact.pressure`.
+        It is a mean over the same functions as `PartitionContact.pressure`.
 
         Raises
         ------
@@ -114,7 +114,7 @@ class FrictionResults:
         return value
 
     def slip_path(self, result: RunSamples) -> Array:
-        """Path that the row of each of the slave's patch nodes slipped in the whole run, (np,) [m].
+        """Length of the slip of the row of each of the slave's patch nodes in the whole run, (np,) [m].
 
         Raises
         ------
@@ -129,7 +129,7 @@ class FrictionResults:
         return len(result.kept(self._contact).areas)
 
     def _samples(self, result: RunSamples) -> Array:
-        """Samples of the sensor `sFriction`, (n, 7); of explicit multipliers also their impulses so far, (n, 10)."""
+        """Samples of the sensor `sFriction`, (n, 7); (n, 10) with multipliers, which add their impulses so far."""
         if not self:
             raise InputError(
                 f"contact {self._contact.name!r} is frictionless; give friction= to CreatePartitionContact for "
@@ -139,6 +139,6 @@ class FrictionResults:
         return result.sensor_of(self._contact, self._contact["sFriction"])
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("static", "kinetic", "decay", "constant"):  # of the Coulomb that this was
+        if name in ("static", "kinetic", "decay", "constant"):  # names of `Coulomb`, which this attribute was before
             raise RenamedError(f"contact.friction.{name} is now contact.friction.coulomb.{name}")
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)

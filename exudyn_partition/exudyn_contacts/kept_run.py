@@ -1,4 +1,4 @@
-"""What a contact kept of a run as arrays, for files: forces of rows, states, strains and what is left at the end."""
+"""Data of a run that a contact kept, as arrays for files: forces of rows, states, strains and the state at the end."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class KeptStrains:
     ----------
     side : int
     times : (k,) array
-        When the strains changed [s].
+        Times at which the strains changed [s].
     starts : (k + 1,) int array
-        Where the entries of each time begin.
+        Places where the entries of each time begin.
     points : (m,) int array
-        Points that have flowed.
+        Points that have flowed plastically.
     strains : (m, 6) array
         Their plastic strains.
     """
@@ -42,7 +42,7 @@ class KeptStrains:
 
     @classmethod
     def of(cls, side: int, history: StrainHistory) -> KeptStrains:
-        """Those of a history."""
+        """Strains of a history."""
         times, kept = history.kept
         points, strains = (np.concatenate([of[i] for of in kept] or [np.empty(0)]) for i in range(2))
         return cls(
@@ -62,7 +62,7 @@ class KeptStrains:
 
 @dataclass(frozen=True, eq=False)
 class KeptRun:
-    """What a contact kept of a run, as results read it of a `ContactRun`.
+    """Data of a run that a contact kept. Results read it as they read a `ContactRun`.
 
     Parameters
     ----------
@@ -71,33 +71,33 @@ class KeptRun:
     areas : (np,) array
         Area of the row of each of the slave's patch nodes [m2].
     pressures : (np, np) csr matrix
-        From forces of rows to pressures around these nodes [1/m2].
+        Matrix from forces of rows to pressures around these nodes [1/m2].
     times : (k,) array
-        With closed rows [s].
+        Times with closed rows [s].
     starts : (k + 1,) int array
-        Where the rows of each time begin.
+        Places where the rows of each time begin.
     nodes : (m,) int array
         Patch nodes of the rows.
     forces : (m,) array
-        [N]
+        Normal forces of the rows [N].
     tractions : (m, 3) array or None
         Tangential forces in space [N]; None without friction.
     states : (m,) int8 array or None
         Whether the rows stick or slip.
     stored_times, stored_energies : (j,) arrays
-        Energy that an elastic contact stored while it was closed [s, J].
+        Times while an elastic contact was closed, and the energy that it stored [s, J].
     edge_place : (4,) array or None
-        When and where the edge of the patch was reached first [s, m].
+        Time and place at which the edge of the patch was first reached [s, m].
     slip_path : (np,) array
-        Path that each row has slipped [m].
+        Length of the slip of each row [m].
     plastic_sides : tuple of int
     plastic_states : tuple of PlasticState
-        Of the zones at the end.
+        States of the zones at the end.
     strains : tuple of KeptStrains
     on_nodes_times : (c,) array
-        With forces on nodes that were kept, where a body of another kind carries the rigid surface [s].
+        Times at which forces on nodes were kept, if a body of another kind carries the rigid surface [s].
     forces_on_nodes : tuple of (c, np, 3) arrays
-        Those of each side [N].
+        Forces on the nodes of each side [N].
     """
 
     law_name: str
@@ -122,7 +122,7 @@ class KeptRun:
 
     @classmethod
     def of(cls, run: ContactRun | KeptRun) -> KeptRun:
-        """What was kept of a run, at its end."""
+        """Data that was kept of a run, at its end."""
         if isinstance(run, KeptRun):
             return run
         samples, tangential = run.samples, run.tangential
@@ -154,7 +154,7 @@ class KeptRun:
 
     @property
     def mechanics(self) -> PatchContact:
-        """Of a run only."""
+        """Raise an error: only a run in this process has the mechanics."""
         raise InputError("result: the laws of contacts at the end of a run are not in files; repeat this run")
 
     @property
@@ -200,5 +200,5 @@ KEPT = KeptRun, KeptStrains, PlasticState
 
 
 def _starts(counts: list[int]) -> Array:
-    """Where each of some parts begins, and where the last one ends."""
+    """Places where parts of these lengths begin, and where the last one ends."""
     return np.concatenate([[0], np.cumsum(np.array(counts, dtype=np.int64))])

@@ -1,4 +1,4 @@
-"""The run of a model: the state of all its contacts. Each run has its own; module `contact_run` has that of one."""
+"""The run of a model: the state of all its contacts. Each run has its own. See `contact_run` for one contact."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .run_record import RunRecord, sensors_keep_all
 _log = logging.getLogger(__name__)
 
 RUNS = "exudynPartitionRun"  # key in mbs.sys
-_ROUND_OFF = 1e-12  # of times that are the same
+_ROUND_OFF = 1e-12  # relative difference of times that are the same
 
 
 class ModelRun:
@@ -36,31 +36,31 @@ class ModelRun:
     Parameters
     ----------
     mbs : exudyn.MainSystem
-        Assembled.
+        The model, assembled.
     contacts : sequence of PartitionContact
-        The model's.
+        All contacts of the model.
     t : float
-        When the run begins [s].
+        Time at which the run begins [s].
     method : {"explicit", "implicit", "static"}
     joints : Joints, optional
         Joints of the model, if explicit steps close them together with the contacts.
     keep : bool
-        Whether the record keeps the ends of steps. It need not if Exudyn's sensors do.
+        Whether the record keeps the ends of steps. It need not if Exudyn's sensors keep them.
     earlier : ModelRun, optional
-        The run that this one goes on from. It stays as it ended.
+        Run from whose end this one goes on. It is not changed.
 
     Attributes
     ----------
     record : RunRecord
     dofs : (n,) int array
-        Numbers of the coordinates that contacts may push, in the order of the object that does so.
+        Numbers of the coordinates on which contacts may act, in the order of Exudyn's object of contacts.
     method : {"explicit", "implicit", "static"}
     at : float
         Time at which contacts were evaluated last [s].
     ended : (float, (nq,) array) or None
-        Time [s] and the model's coordinates at the end, or when the sensors were read last.
+        Time [s] and coordinates of the model at the end of the run, or when the sensors were last read.
     acts_within : bool
-        Whether contacts have forces within steps; multipliers ahead of them are none.
+        Whether contacts have forces within steps; multipliers ahead of steps do not count.
     idle : bool
         Whether there is nothing to do ahead of steps.
     """
@@ -114,7 +114,7 @@ class ModelRun:
         for served, stepper in self._served.items():
             if served in last_served:
                 stepper.go_on(last_served[served], known, t)
-        self._counted = 0, 0  # what laws have counted in the run that this one goes on from
+        self._counted = 0, 0  # counts of the earlier run, from which this one goes on
         self._counted = self.active_set_iterations, self.pair_searches
         items = {id(item): item for contact in contacts for item, _ in contact.sides}.values()
         self._floating = [
@@ -126,12 +126,12 @@ class ModelRun:
         self.dofs, self._total = np.array(dofs, dtype=int), np.zeros(mbs.systemData.ODE2Size())
 
     def _served_by(self, stepper: MultiplierStep) -> tuple[int, ...]:
-        """Whether it closes joints, and the identities of its contacts."""
+        """Whether the stepper closes joints, and the identities of its contacts."""
         members = {id(run): key for key, run in self._runs.items()}
         return int(stepper.joints is not None), *(members[id(run)] for run in stepper.contacts)
 
     def _together(self, group: Sequence[ModelContact]) -> Together | None:
-        """What found the forces of these contacts, if they were all of a group."""
+        """Object that found the forces of these contacts; None if they were not exactly one group."""
         found = [run for contact in group if (run := self.find(contact)) is not None]
         same = len(found) == len(group) == len(found[0].group.members)
         return found[0].group.together if same else None
@@ -164,7 +164,7 @@ class ModelRun:
         Raises
         ------
         RunError
-            If the model did not hold it as it was created when the run began.
+            If the model did not hold the contact as it was created, when the run began.
         """
         run = self.find(contact)
         if run is None:
@@ -180,9 +180,9 @@ class ModelRun:
         return self._runs.get(id(contact))
 
     def resume(self, initial: Array, earlier: Sequence[ModelRun]) -> ModelRun | None:
-        """Let contacts that remember go on from where earlier runs of any method ended, if that is the initial state.
+        """Let contacts that remember go on from the end of earlier runs of any method, if that is the initial state.
 
-        `initial`, (nq,), are the model's initial coordinates. Return the first of the runs that a contact goes on from.
+        `initial`, (nq,), are the model's initial coordinates. Return the first run from which a contact goes on.
         """
         found = None
         for contact in self._contacts:
@@ -204,13 +204,13 @@ class ModelRun:
         return self.ended is not None and self.ended[0] > self._began
 
     def ended_in(self, q: Array) -> bool:
-        """Whether the run ended at the model's coordinates q, (nq,), at whatever time."""
+        """Whether the run ended at the model's coordinates q, (nq,), at any time."""
         return self.ended is not None and np.array_equal(self.ended[1], q)
 
     def force(self, mbs: MainSystem, t: float) -> Array | None:
         """Generalised forces of all contacts within a step, (nq,), in the model's present state at t [s].
 
-        None if there is none. The next call writes to the same array. First, the record keeps the end of the last step.
+        None if there are none. The next call writes to the same array. Before, the record keeps the last step's end.
         """
         begin = time.perf_counter()
         if self.record.on:
@@ -234,23 +234,23 @@ class ModelRun:
         return total
 
     def publish(self, mbs: MainSystem) -> None:
-        """Write the values of sensors `sForce` to where they read them, in the state that was evaluated last."""
+        """Write the values of sensors `sForce` to the data that they read, in the state that was evaluated last."""
         data = mbs.systemData.GetDataCoordinates(copy=False)
         for group in self._groups:
             group.publish(data)
 
     def keep(self, t: float, q: Callable[[], Array]) -> None:
-        """Keep what results need of the state at t; `q` returns the model's coordinates there."""
+        """Keep the data that results need of the state at t; `q` returns the model's coordinates at t."""
         for group in self._groups:
             group.keep(t, q)
 
     def keep_last_step(self, mbs: MainSystem, t: float) -> None:
-        """Let the record keep the end of the last step, before contacts are evaluated at time t [s]."""
+        """Keep the end of the last step in the record, before contacts are evaluated at time t [s]."""
         if self.record.on:
             self.record.advance(mbs, t, self._recorded)
 
     def _recorded(self, t: float, q: Array) -> dict[int, list[float]]:
-        """Values of the contacts' sensors at t, by their numbers, with the model's coordinates q there."""
+        """Values of the contacts' sensors at t and coordinates q; keys are the sensors' numbers."""
         self.keep(t, lambda: q)
         found: dict[int, list[float]] = {}
         for contact in self._contacts:
@@ -267,7 +267,7 @@ class ModelRun:
     def before_step(self, mbs: MainSystem, t: float, *, joined: bool) -> None:
         """Apply multipliers ahead of the explicit step that ends at t.
 
-        With `joined`, these are the multipliers of joints and contacts together; without, those of contacts alone.
+        With `joined`, these are the multipliers of joints and contacts together; otherwise those of contacts alone.
         A second call for the same step does nothing.
         """
         begin, self.at = time.perf_counter(), t
@@ -289,7 +289,7 @@ class ModelRun:
             stepper.after_step(mbs, t)
 
     def release(self) -> None:
-        """Let go of what only the run needed: results keep laws and samples, and joints hold the model."""
+        """Drop the data that only the run needed. Results keep contacts and samples; joints would keep the model."""
         for group in self._groups:
             group.end()
         jointed = [stepper for stepper in self._steppers if stepper.joints is not None]
@@ -299,31 +299,32 @@ class ModelRun:
 
 
 class Runs:
-    """The present run of a model, or the last one after it. User functions find their state here."""
+    """The present run of a model, or the last one when it has ended. User functions find their state here."""
 
     def __init__(self) -> None:
         self._now: ModelRun | None = None
-        self._origin: ModelRun | None = None  # that the present run goes on from
+        self._origin: ModelRun | None = None  # run from which the present one goes on
         self._solver: MainSolver = None
         self._solver_comes = self._outdated = False
         self._latest, self._goes_on = -math.inf, False
 
     def now(self, mbs: MainSystem) -> ModelRun:
-        """The present run, to evaluate contacts in. If there is none, or contacts have been added, a run begins."""
+        """The present run, which evaluates contacts. If there is none, or contacts were added, a run begins."""
         if self._now is None or self._outdated:
             return self.begin(mbs, float(mbs.systemData.GetTime()))
         return self._now
 
     def add_contact(self) -> None:
-        """Let another run begin before contacts are evaluated again, for the model has another one."""
+        """Record that the model has another contact: a new run must begin before contacts are evaluated again."""
         self._outdated = True
 
     def sample(self, mbs: MainSystem, t: float) -> ModelRun:
-        """The run whose sensors are read at time t; all contacts keep what they have there.
+        """The run whose sensors are read at time t; all contacts keep their data of that time.
 
-        Exudyn reads the sensors first in a run: then it begins, unless it has by `begun`. The sensor of the first
-        contact asks. The values that other sensors read are those of the last evaluation. They are written here again
-        where multipliers are applied ahead of steps, and at the start, where Exudyn has set them to their initial ones.
+        Exudyn's first act in a run is to read the sensors. The run begins here, unless `begun` has begun it. The sensor
+        of the first contact calls this method. The values that other sensors read are those of the last evaluation.
+        They are written again in two cases: if multipliers are applied ahead of steps, and at the start, because Exudyn
+        has then reset them to their initial values.
         """
         now = self._now
         first = self.last(mbs) is None or t < self._latest or self._outdated or self._solver_comes
@@ -340,8 +341,8 @@ class Runs:
     def begin(self, mbs: MainSystem, t: float, method: Method | None = None, joints: Joints | None = None) -> ModelRun:
         """Begin a run at time t [s].
 
-        Without a method, it is that of Exudyn's solver, and the record keeps steps that Exudyn's sensors do not. With
-        one, sensors have the period that the user chose.
+        Without a method, the run has the method of Exudyn's solver. Its record keeps steps that Exudyn's sensors do not
+        keep. With a method, only sensors keep steps, with the period that the user chose.
         """
         self._solver, self._latest, self._outdated = mbs.sys.get("dynamicSolver"), t, False
         keep = method is None and not sensors_keep_all(mbs)
@@ -352,7 +353,7 @@ class Runs:
         _log.debug("a run of %s contacts begins at %.6g s, %s", len(contacts), t, method)
         initial = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
         earlier = [run for run in (self._now, self._origin) if run is not None]
-        if self._now is not None and self._now.has_steps:  # else a run begins again, before its first step
+        if self._now is not None and self._now.has_steps:  # otherwise a run begins again before its first step
             self._goes_on = self._now.ended_in(initial)
         same = next((run for run in earlier if run.ended_at(t, method, initial)), None)
         if self._now is not None:
@@ -365,7 +366,7 @@ class Runs:
 
     @contextlib.contextmanager
     def begun(self, mbs: MainSystem, t: float, method: Method, joints: Joints | None = None) -> Iterator[ModelRun]:
-        """Begin a run at time t [s], to which the solver belongs that Exudyn makes meanwhile.
+        """Begin a run at time t [s]. The solver that Exudyn makes within the block belongs to this run.
 
         Parameters
         ----------
@@ -399,7 +400,7 @@ class Runs:
         return self._now if mbs.sys.get("dynamicSolver") is self._solver else None
 
     def end(self, mbs: MainSystem) -> None:
-        """Keep that the present run has ended as the model stands now; a model without contacts has no such sensors."""
+        """Record that the present run ended in the model's present state: without contacts no sensor records it."""
         if self._now is not None:
             self._now.ended = float(mbs.systemData.GetTime()), mbs.systemData.GetODE2Coordinates()
 
@@ -411,5 +412,5 @@ def runs_of(mbs: MainSystem) -> Runs:
 
 
 def _place_of_values(mbs: MainSystem, contact: ModelContact) -> int | None:
-    """First of the data coordinates that `sForce` reads; None if it asks the contact itself."""
+    """First of the data coordinates that `sForce` reads; None if the sensor calls the contact itself."""
     return int(mbs.systemData.GetNodeLTGData(contact["nGenericData"])[0]) if "nGenericData" in contact else None

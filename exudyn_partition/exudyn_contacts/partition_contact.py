@@ -31,9 +31,9 @@ from .friction_results import FrictionResults
 from .model_run import runs_of
 from .plastic_results import PlasticResults, dent_motion
 
-_LARGE = 0.8  # of the largest force, above which stresses are looked for
-_WHOLE = 0.9  # of a patch's area: what touches there is no Hertz contact
-_RENAMED = {  # what contacts had before `friction` and `plastic` were views
+_LARGE = 0.8  # share of the largest force above which stresses are computed
+_WHOLE = 0.9  # share of a patch's area: a larger contact is no Hertz contact
+_RENAMED = {  # old names of results that are now in the views `friction` and `plastic`
     "tangential_force": "friction.tangential_force",
     "stuck_rows": "friction.stuck_rows",
     "row_states": "friction.states",
@@ -51,42 +51,42 @@ _RENAMED = {  # what contacts had before `friction` and `plastic` were views
 
 
 class PartitionContact(Item[Any]):
-    """What `CreatePartitionContact` returns: Exudyn indices by name, and the contact's results.
+    """A contact that `CreatePartitionContact` made: its Exudyn indices by name, and its results.
 
     Its keys are items of the Exudyn model:
 
     - `oContact`: the object that holds the forces and the stiffness of all contacts of the model, the same for all.
     - `sForce`: sensor of the total normal force [N], the number of closed rows, the force on the slave [N] and the
-      smallest gap of the rows [m]. The gap is without the contact's own flexibility, so that it is negative in contact;
-      of multipliers it is zero. Explicit multipliers add their impulses so far, total and on the slave [N s].
+      smallest gap of the rows [m]. The gap does not include the contact's own flexibility: in contact it is negative.
+      With multipliers it is zero. Multipliers add their impulses so far, total and on the slave [N s].
     - `sFriction`, with friction: the tangential force on the slave in space [N], the number of rows that stick, of
       those that slip, the energy that friction has taken, and the energy that the contact stores [J].
     - `sPlastic`, with plastic zones: the energy that the contact stores and the plastic work [J], the largest
       equivalent plastic strain, and the number of points that flow.
     - `sMoment`, after `AddMomentSensor`: the moment on the slave [N m].
-    - `nGenericData`, of all contacts but the first: the node whose data `sForce` reads.
+    - `nGenericData`, for all contacts except the first: the node whose data `sForce` reads.
 
     Results of friction and of plastic zones are in views: `contact.friction.work(result)`,
-    `contact.plastic.dents(result)`. What changes in a run is in `contact_run.ContactRun`.
+    `contact.plastic.dents(result)`. The state in a run is in `contact_run.ContactRun`.
 
     Attributes
     ----------
     name : str
     slave, master : PartitionBody or rigid surface
-        As the rows have them: with passes="finer" they may have changed places.
+        With passes="finer" they may have changed places.
     sides : tuple of (PartitionBody, int)
         Slave, and master if that is a partition body too, each with the number of its patch.
     formulation : Formulation
     mechanics : PatchContact
-        At the start; each run has its own.
+        State at the start; each run has its own.
     carrier : Carrier or None
         The body of another kind that carries the rigid surface.
     group : list of PartitionContact
         Contacts that are solved together in every run, the same list for all of them.
     together : Together or None
-        What finds their forces, if there are several and forces are elastic; each run has its own.
+        Finds their forces, if there are several and forces are elastic; each run has its own.
     linked : list of PartitionContact
-        Those of the group that were made earlier, and share a body with this contact.
+        Contacts of the group that were made earlier and share a body with this one.
     moment_about : (3,) array or None
         Point of the moment sensor [m].
     """
@@ -113,7 +113,7 @@ class PartitionContact(Item[Any]):
     def AddMomentSensor(self, mbs: MainSystem, point: Vector = (0.0, 0.0, 0.0)) -> SensorIndex:
         """Add a sensor of the moment on the slave about a point in space, (3,) [m]; returns its number, also `sMoment`.
 
-        It is no part of each contact, because every sample computes the places of the patch's nodes.
+        Contacts do not have it by default, because every sample computes the places of the patch's nodes.
 
         Raises
         ------
@@ -135,26 +135,26 @@ class PartitionContact(Item[Any]):
 
     @property
     def friction(self) -> FrictionResults:
-        """What friction did in a run; false without friction."""
+        """Results of friction in a run; false without friction."""
         return FrictionResults(self)
 
     @property
     def plastic(self) -> PlasticResults:
-        """What the plastic zones beneath the patches did in a run; false without any."""
+        """Results of the plastic zones beneath the patches in a run; false without zones."""
         return PlasticResults(self)
 
     def slices(self, mbs: MainSystem) -> list[slice]:
-        """Where the coordinates of slave and master are among the model's."""
+        """Places of the coordinates of slave and master among the model's."""
         return [s for item, _ in self.sides for s in coordinate_slices(mbs, item)]
 
     @property
     def elastic(self) -> bool:
-        """Whether forces follow from the coordinates alone, so that they can be found again at every sample."""
+        """Whether the coordinates alone determine the forces, so that they can be computed again at each sample."""
         return self.mechanics.elastic
 
     @property
     def compliant(self) -> bool:
-        """Whether closed rows yield by a flexibility or layer of the contact itself."""
+        """Whether the contact has a flexibility or layer of its own that yields at closed rows."""
         return self.mechanics.compliant
 
     @property
@@ -176,7 +176,10 @@ class PartitionContact(Item[Any]):
         return mean_forces(self, result, "sForce", slice(0, 1), slice(6, 7))[:, 0]
 
     def force_on_slave(self, result: RunSamples) -> Array:
-        """Resultant force on the slave, (n, 3) [N]; the master has its opposite. Curved patches spread the normals."""
+        """Resultant force on the slave, (n, 3) [N]; the force on the master is its opposite.
+
+        Normals of curved patches have different directions, so that its size may be less than `force`.
+        """
         return mean_forces(self, result, "sForce", slice(2, 5), slice(7, 10))
 
     def moment_on_slave(self, result: RunSamples) -> Array:
@@ -198,27 +201,27 @@ class PartitionContact(Item[Any]):
         Raises
         ------
         InputError
-            If the result is none, or of another model.
+            If `result` is no result, or is of another model.
         """
         validate_result(result)
         return result.sensor_of(self, self["sForce"])[:, 1].astype(int)
 
     def gap(self, result: RunSamples) -> Array:
-        """Smallest gap of the surfaces, (n,) [m]; negative where they lie within each other.
+        """Smallest gap of the surfaces, (n,) [m]; negative if they lie within each other.
 
-        The gap is that of the lowest point. The coordinates and dents move the surfaces; the contact's own flexibility
-        or layer does not. So in contact the gap is minus the depth to which the surfaces are pressed. Multipliers hold
-        gaps at zero, up to the tolerance of meshes. The gap is infinite where no point faces the master.
+        It is the gap of the lowest point. Coordinates and dents move the surfaces; the contact's own flexibility or
+        layer does not. So in contact the gap is minus the depth to which the surfaces are pressed. Multipliers hold
+        gaps at zero, up to the tolerance of meshes. The gap is infinite if no point faces the master.
 
-        Where the surfaces are not known after the run, and where no point faces the master, it is the smallest gap of
-        the rows, which the sensor `sForce` has: of a rigid surface that another body carries, and of results that were
-        read without their model. Integrated rows have mean gaps around nodes: a convex tip closes the first one later
-        than its lowest point touches, by the order of a facet's size squared over the radius.
+        It is the smallest gap of the rows, from the sensor `sForce`, if no point faces the master or the surfaces are
+        not known after the run. They are not known if another body carries the rigid surface, or if the result was read
+        without its model. Integrated rows have mean gaps around nodes. A convex tip closes the first row later than its
+        lowest point touches, by the order of a facet's size squared over the radius.
 
         Raises
         ------
         InputError
-            If the result is none, or of another model.
+            If `result` is no result, or is of another model.
         """
         validate_result(result)
         gap = result.sensor_of(self, self["sForce"])[:, 5].copy()
@@ -226,28 +229,28 @@ class PartitionContact(Item[Any]):
             return gap
         found = np.array([surface(sample) for sample in range(len(gap))])
         known = np.isfinite(found)
-        if not self.compliant:  # in contact, zero up to tolerance
+        if not self.compliant:  # in contact it is zero, up to the tolerance
             known &= (gap != 0.0) | (found < -PENETRATION_TOLERANCE * self.mechanics.gaps.size)
         return np.where(known, found, gap)
 
     def depth(self, result: RunSamples) -> float:
-        """Largest depth of the surfaces within each other in the run [m], see `gap`; zero if they did not touch.
+        """Largest depth to which the surfaces lie within each other in the run [m]; zero if they do not. See `gap`.
 
         Raises
         ------
         InputError
-            If the result is none, or of another model.
+            If `result` is no result, or is of another model.
         """
         return float(max(-self.gap(result).min(initial=0.0), 0.0))
 
     def _gap_of_surface(self, result: RunSamples) -> Callable[[int], float] | None:
-        """Gap of the lowest point of the surface at a sample [m]; None where it is not known."""
+        """Return a function of the sample: gap of the surface's lowest point [m]; None if it is not known."""
         gaps = self.mechanics.gaps
         if gaps.carried:
             return None
         try:
             dents = dent_motion(self, result)
-        except InputError:  # of a file, or with too many states of the zones to be kept
+        except InputError:  # a result from a file, or one with too many states of the zones to keep
             return None
         q = np.hstack([item.coordinates(result) for item, _ in self.sides])
         return functools.cache(lambda sample: gaps.surface_gap(q[sample], dents(sample)))
@@ -258,13 +261,13 @@ class PartitionContact(Item[Any]):
         Raises
         ------
         InputError
-            If the result is none, of another model, or of a run of which nothing was kept.
+            If `result` is no result, is of another model, or nothing was kept of its run.
         """
         validate_result(result)
         return self._row_forces(result, result.t)
 
     def _row_forces(self, result: RunSamples, times: Array) -> sp.csr_matrix:
-        """See `row_forces`; at some times of the result, (k,) [s]."""
+        """See `row_forces`, here at some times of the result, (k,) [s]."""
         run, place = result.kept(self), {t: i for i, t in enumerate(times)}
         kept = [(place[t], nodes, lam) for t, nodes, lam in run.samples if t in place]
         at = np.repeat([i for i, *_ in kept], [len(nodes) for _, nodes, _ in kept]).astype(int)
@@ -275,16 +278,16 @@ class PartitionContact(Item[Any]):
     def pressure(self, result: RunSamples) -> sp.csr_matrix:
         """Contact pressure around the slave's patch nodes, (n, np) [Pa], columns as those of `row_forces`.
 
-        Means over hat functions: with integrated rows over that of each node, with node-to-segment rows over those of
-        the facets' corners; columns of mid-side nodes are empty then.
+        It is a mean over hat functions. With integrated rows each node has one. With node-to-segment rows only corners
+        of facets have one, and columns of mid-side nodes are empty.
         """
         return sp.csr_matrix(self.row_forces(result) @ self.mechanics.node_pressures.T)
 
     def area(self, result: RunSamples) -> Array:
         """Contact area, the sum of the closed rows' areas, (n,) [m2].
 
-        Rows that lie partly outside of the contact may be open, so that it lacks part of the rim where pressure does
-        not fall to zero there, as in plastic flow.
+        Rows that lie partly outside of the contact may be open. So part of the rim is missing if the pressure does not
+        fall to zero there, as in plastic flow.
         """
         closed = self.row_forces(result)
         closed.data[:] = closed.data > 0
@@ -297,23 +300,23 @@ class PartitionContact(Item[Any]):
 
     @property
     def side_names(self) -> tuple[str, ...]:
-        """Names of slave and master in sentences."""
+        """Names of slave and master for use in sentences."""
         roles = zip(self.sides, ("the slave", "the master"), strict=False)
         return tuple(f"body {item.name!r}" if item.name else role for (item, _), role in roles)
 
     def largest_stress(self, result: RunSamples) -> Stress | None:
         """Largest Hertz-equivalent pressure of the run, and the von Mises stress beneath it; None if nothing touched.
 
-        That of the Hertz contact with the same force, and with the same second moments of the pressure on the rows
-        (`contact_ellipse`). It is looked for where the force is above 0.8 of its largest value. A contact that closes
-        all of a patch is no Hertz contact: there the mean pressure counts as the stress in a bar, if it is larger.
-        Friction, the bodies' other loads, and stress at the edges of flat patches are not in it, and nothing is judged
-        of bodies whose patch yields itself.
+        The equivalent Hertz contact has the same force, and the same second moments of the pressure on the rows
+        (`contact_ellipse`). Only samples with a force above 0.8 of its largest value count. A contact that closes a
+        whole patch is no Hertz contact. There the mean pressure counts as the stress in a bar, if it is larger.
+        Friction, other loads of the bodies, and stress at the edges of flat patches are not included. Bodies whose
+        patch yields plastically are not judged.
 
         Raises
         ------
         InputError
-            If the result is none, of another model, or of a run of which nothing was kept.
+            If `result` is no result, is of another model, or nothing was kept of its run.
         """
         force, run = self.force(result), result.kept(self)
         large = np.flatnonzero((force >= _LARGE * force.max(initial=0.0)) & (force > 0))
@@ -348,12 +351,12 @@ class PartitionContact(Item[Any]):
         return found
 
     def edge_reached(self, result: RunSamples) -> tuple[float, Array] | None:
-        """When and where the contact reached the edge of its patch first, [s] and (3,) [m]; None if it did not.
+        """Time [s] and place, (3,) [m], at which the contact first reached the edge of its patch; None if it did not.
 
         Raises
         ------
         InputError
-            If the result is none, of another model, or of a run of which nothing was kept.
+            If `result` is no result, is of another model, or nothing was kept of its run.
         """
         validate_result(result)
         return result.kept(self).edge
@@ -361,13 +364,13 @@ class PartitionContact(Item[Any]):
     def energy(self, result: RunSamples) -> Array:
         """Energy stored in the contact's own flexibility, (n,) [J]; multipliers store none.
 
-        It is what the run kept. Where nothing was kept, elastic contacts are evaluated again at the coordinates of the
-        samples, in their order.
+        The run kept it. If it did not, elastic contacts are evaluated again at the coordinates of the samples, in
+        their order.
 
         Raises
         ------
         InputError
-            If the result is none, or of another model, or from a file while a body of another kind carries the surface.
+            If `result` is no result or is of another model, or comes from a file and another body carries the surface.
         """
         validate_result(result)
         if self.friction:
@@ -382,15 +385,15 @@ class PartitionContact(Item[Any]):
         Raises
         ------
         InputError
-            If the result is none, or of another model.
+            If `result` is no result, or is of another model.
         """
         return self.friction.work(result) + self.plastic.work(result)
 
     def nodal_forces(self, result: RunSamples) -> list[Array]:
         """Forces on the nodes of each side's patch, (n, np, 3) in space [N], in the order of `sides`.
 
-        The contact is evaluated again at the stored coordinates, in their order; with friction or plastic zones, and
-        where a body of another kind carries the rigid surface, the forces are those that the run kept.
+        The contact is evaluated again at the stored coordinates, in their order. The forces are those that the run kept
+        if there is friction or a plastic zone, or if a body of another kind carries the rigid surface.
 
         Raises
         ------
@@ -401,7 +404,7 @@ class PartitionContact(Item[Any]):
 
     @property
     def left_out(self) -> list[str]:
-        """What the contact leaves out, in sentences."""
+        """Sentences on the effects that the contact leaves out."""
         unpaired = self.mechanics.gaps.unpaired
         said = [] if self.friction else ["tangential rows: the contact is frictionless"]
         if self.plastic:
@@ -419,31 +422,31 @@ class PartitionContact(Item[Any]):
     def impacts(self, result: RunSamples, *, merge: float = 0.0) -> list[SubImpact]:
         """Times of contact, with impulse, peak and mean of the force, and relative speeds before and after.
 
-        Contact starts and ends when the first point of the surface closes and the last one opens, between samples by
-        linear interpolation; the surface of a body that yields has its dent. Mean gaps of integrated rows, which make
-        the force, close later. Where the surface is not known, contact lasts from the last sample without a force
-        before it to the first one after it: with multipliers, and where a body of another kind carries the rigid
-        surface.
+        Contact starts when the first point of the surface closes, and ends when the last one opens. Between samples
+        these times are interpolated linearly. The surface of a body that yields includes its dent. Mean gaps of
+        integrated rows, which determine the force, close later. With multipliers, or if a body of another kind carries
+        the rigid surface, the surface is not known. Then contact lasts from the last sample without a force before it
+        to the first one after it.
 
-        A speed is that of rigid bodies with the momenta and angular momenta of the bodies, at the centre of the contact
-        force when it is largest, along the contact's normal, the direction of the impulse of the normal forces.
-        Vibration and distance from the centre of mass are so treated alike in both frames. `speed_before` is that at
-        `start`, positive if they approach, `speed_after` that at `end`, positive if they separate; their ratio is
-        Newton's coefficient of restitution, with friction too. What friction takes from the sliding is not in it: see
-        `dissipated_energy` and the momenta of the bodies. A speed is None if the run begins or ends in this contact, or
-        if a body touches itself or one of another kind carries the rigid surface.
+        Speeds are those of rigid bodies with the momenta and angular momenta of the bodies. They hold at the centre of
+        the largest contact force, along the contact's normal: the direction of the impulse of the normal forces. So
+        vibration and distance from the centre of mass count alike in both frames. `speed_before` is the speed at
+        `start`, positive if the bodies approach. `speed_after` is the speed at `end`, positive if they separate. Their
+        ratio is Newton's coefficient of restitution, with friction too. It does not include the energy that friction
+        takes from sliding: see `dissipated_energy` and the momenta of the bodies. A speed is None if the run begins or
+        ends in this contact, if a body touches itself, or if a body of another kind carries the rigid surface.
 
         Parameters
         ----------
         result : Result
         merge : float
-            Times of contact with at most this time between them are one impact [s]: flat faces open and close several
-            times in a bounce. Default: 0, each by itself.
+            Times of contact that are at most this long apart count as one impact [s]: flat faces open and close several
+            times in a bounce. Default: 0, each counts alone.
 
         Raises
         ------
         InputError
-            If the result is none, of another model, or static; if `merge` is negative.
+            If `result` is no result, is of another model or static; if `merge` is negative.
         """
         merge = validate_number("merge", merge, "a time in s, zero or above")
         if merge < 0:
@@ -470,8 +473,8 @@ class PartitionContact(Item[Any]):
     ) -> tuple[float | None, float | None]:
         """Approach at the start and separation at the end of a contact [m/s], see `impacts`.
 
-        `force`, (n,) [N], is that of all samples, `span` the first and last sample of the contact, `times` its start
-        and end [s].
+        `force`, (n,) [N], has all samples. `span` is the first and last sample of the contact, `times` its start and
+        end [s].
         """
         t, (first, last) = result.t, span
         around = slice(max(first - 1, 0), last + 2)
@@ -501,7 +504,7 @@ class PartitionContact(Item[Any]):
     def _force_centre(self, result: RunSamples, times: Array, sample: int, along: Array) -> Array | None:
         """Centre of the contact force in space at a sample, (3,) [m]; None if forces of rows are not known.
 
-        Multipliers come and go from step to step: theirs is the mean over the times of the contact.
+        Multipliers jump from step to step. Their centre is the mean over the times of the contact.
         """
         now, item = result.at(result.t[sample : sample + 1]), self.slave
         nodes = self.mechanics.gaps.slave.surface.nodes
@@ -510,21 +513,21 @@ class PartitionContact(Item[Any]):
                 weights = self.nodal_forces(now)[0][0] @ along
             else:
                 weights = np.asarray(self._row_forces(result, times).sum(axis=0))[0, : len(nodes)]
-        except InputError:  # of a file
+        except InputError:  # a result from a file
             return None
         places = item.kinematics.at(nodes).place(item.coordinates(now)[0])
         return np.asarray(weights @ places / weights.sum()) if weights.any() else None
 
     def ringing(self, result: RunSamples) -> Ringing | None:
-        """How the force rings: the impact where it does most, period and means; None where it does not.
+        """Ringing of the force: the impact in which it is strongest, its period and means; None if there is none.
 
-        It is measured from the history of the force, see `results.impacts.ringing`. None of statics, of multipliers,
-        and where fewer than four samples stand in a period of `f_cut`.
+        It is measured in the history of the force, see `results.impacts.ringing`. It is None for statics and for
+        multipliers, and if a period of `f_cut` has fewer than four samples.
 
         Raises
         ------
         InputError
-            If the result is none, or of another model.
+            If `result` is no result, or is of another model.
         """
         force = self.force(result)
         if not self.compliant or result.method == "static":
@@ -532,18 +535,19 @@ class PartitionContact(Item[Any]):
         return ringing(result.t, force, 1 / min(item.body.f_cut for item, _ in self.sides))
 
     def mean_force(self, result: RunSamples, window: float | None = None) -> Array:
-        """Mean of the force over a window around each time, (n,) [N]; where the force rings, its means hold.
+        """Mean of the force over a window around each time, (n,) [N]. If the force rings, only its means are right.
 
         Parameters
         ----------
         result : Result
         window : float, optional
-            [s]. Default: two periods of the ringing, see `ringing`; if the force does not ring, the force itself.
+            Length of the window [s]. Default: two periods of the ringing, see `ringing`. If the force does not ring,
+            the result is the force itself.
 
         Raises
         ------
         InputError
-            If the result is none, or of another model; if the window is not above zero.
+            If `result` is no result, or is of another model; if the window is not above zero.
         """
         force = self.force(result)
         if window is not None:
@@ -553,7 +557,7 @@ class PartitionContact(Item[Any]):
         return force if window is None else running_mean(result.t, force, window)
 
     def closed_samples(self, result: RunSamples) -> list[tuple[int, int]]:
-        """First and last sample with a force, of each time of uninterrupted contact."""
+        """First and last sample with a force, for each time of uninterrupted contact."""
         return closed_spans(self.force(result))
 
     def __getattr__(self, name: str) -> Any:
@@ -563,6 +567,6 @@ class PartitionContact(Item[Any]):
 
 
 def partition_items(mbs: MainSystem) -> tuple[list[PartitionBody], list[PartitionContact]]:
-    """Partition bodies and contacts that a model holds; those from before an `mbs.Reset()` are forgotten."""
+    """Partition bodies and contacts that a model holds. `mbs.Reset()` removes earlier ones."""
     held = registered(mbs)
     return [*held.bodies.values()], [*held.contacts.values()]

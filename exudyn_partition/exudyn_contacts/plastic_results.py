@@ -1,4 +1,4 @@
-"""Plastic zones of a contact in a run: plastic work, strains, dents, and the state that is left behind."""
+"""Plastic zones of a contact in a run: plastic work, strains, dents, and the state at the end."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ SIDES = ("slave", "master")
 
 
 class PlasticResults:
-    """`contact.plastic`: what the plastic zones beneath the patches did in a run.
+    """`contact.plastic`: results of the plastic zones beneath the patches in a run.
 
-    Every contact has it: it is false without plastic zones (`if contact.plastic:`), its work is zero then, and its
-    other results are an InputError.
+    Every contact has this view. Without plastic zones it is false (`if contact.plastic:`), its work is zero, and its
+    other results raise an InputError.
 
     Parameters
     ----------
@@ -32,12 +32,12 @@ class PlasticResults:
         self._contact = contact
 
     def __bool__(self) -> bool:
-        """Whether the contact has plastic zones; laws of users may know none."""
+        """Whether the contact has plastic zones; formulations of users may not support any."""
         return self._contact.mechanics.zones is not None
 
     @property
     def zones(self) -> Sequence[tuple[int, Zone]]:
-        """Number of the side, and its plastic zone at the start of runs, of each side that can yield."""
+        """For each side that can yield: its number, and its plastic zone at the start of runs."""
         zones = self._contact.mechanics.zones
         return () if zones is None else zones.zones
 
@@ -47,7 +47,7 @@ class PlasticResults:
         Raises
         ------
         InputError
-            If the result is none, or of another model.
+            If `result` is no result, or is of another model.
         """
         validate_result(result)
         if not self:
@@ -60,12 +60,12 @@ class PlasticResults:
         Raises
         ------
         InputError
-            If nothing can yield, or the result is none or of another model.
+            If nothing can yield, or `result` is no result or is of another model.
         """
         return self._samples(result)[:, 2]
 
     def states(self, result: RunSamples) -> dict[str, PlasticState]:
-        """State of each plastic zone at the end of the run, by the name of its side: "slave" or "master".
+        """State of each plastic zone at the end of the run. Keys are the names of the sides: "slave" or "master".
 
         Raises
         ------
@@ -76,12 +76,12 @@ class PlasticResults:
         return {SIDES[side]: state for side, state in result.kept(self._contact).plastic_ends.items()}
 
     def strain_histories(self, result: RunSamples) -> list[StrainHistory | None]:
-        """Plastic strain in the run beneath the patch of each side, in the order of `sides`; None where none can yield.
+        """Plastic strain in the run beneath the patch of each side, in the order of `sides`; None if it cannot yield.
 
         Raises
         ------
         InputError
-            If the result is none or of another model, or nothing was kept of the run.
+            If `result` is no result or is of another model, or nothing was kept of the run.
         """
         validate_result(result)
         found: list[StrainHistory | None] = [None] * len(self._contact.sides)
@@ -92,9 +92,10 @@ class PlasticResults:
         return found
 
     def dents(self, result: RunSamples) -> dict[str, float]:
-        """Depth of the dent in each patch that may yield, at the end of the run and at rest [m], by "slave", "master".
+        """Depth of the dent in each patch that may yield, at the end of the run and at rest [m].
 
-        It is how far plastic strain has moved the deepest node of the patch into the body.
+        Keys are "slave" and "master". The depth is the distance that plastic strain has moved the deepest node of the
+        patch into the body.
 
         Raises
         ------
@@ -137,9 +138,9 @@ class PlasticResults:
 
 
 def dent_motion(contact: ModelContact, result: RunSamples) -> Callable[[int], list[Array] | None]:
-    """Return a function of the sample: how far plastic strain moved the nodes of each patch, beyond the coordinates.
+    """Return a function of the sample: displacement of each patch's nodes by plastic strain, beyond the coordinates.
 
-    See `Side.dent`; None where nothing can yield.
+    See `Side.dent`. The function returns None if nothing can yield.
 
     Raises
     ------

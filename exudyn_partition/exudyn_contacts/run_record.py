@@ -1,7 +1,7 @@
-"""What contacts keep of a run themselves, whatever the period of Exudyn's sensors is.
+"""Record of a run that contacts keep themselves, independent of the period of Exudyn's sensors.
 
 By default `mbs.SolveDynamic` writes sensors every hundredth of a second. An impact is shorter. The solver asks contacts
-for forces in every step, and they then keep the state in which the step before ended.
+for forces in every step. Then they record the state in which the step before ended.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from ..support.arrays import Array
 from ..support.foreign import MainSystem
 from ..support.optional import require
 
-MOST = 1 << 26  # numbers that are kept of a run: half a gigabyte
-# Values of the contacts' sensors by their numbers, for a time and the model's coordinates then.
+MOST = 1 << 26  # largest count of numbers that a record keeps: half a gigabyte
+# From a time and the model's coordinates: values of the contacts' sensors, with the sensors' numbers as keys.
 Recorded = Callable[[float, Array], dict[int, list[float]]]
 
-_ROUND_OFF = 1e-9  # of a step, in comparisons of periods
+_ROUND_OFF = 1e-9  # share of a step, in comparisons of periods
 
 
 @dataclass(frozen=True)
 class Solver:
-    """What a solver of Exudyn records of a run.
+    """Data that a solver of Exudyn records of a run.
 
     Parameters
     ----------
     method : {"explicit", "implicit", "static"}
     step : float
-        Longest step [s]; of the static solver, that of its time.
+        Longest step [s]; for the static solver, a step of static time.
     steps : int
         Steps taken.
     equal : bool
@@ -47,7 +47,7 @@ class Solver:
     rejected_steps, jacobians, newton_iterations : int
         Steps that were taken again, and the work of Newton's method.
     spectral_radius : float
-        That generalized-alpha was given; of another solver it means nothing.
+        The option of generalized-alpha; for other solvers it means nothing.
     newmark : Newmark or None
         Parameters of an implicit solver.
     """
@@ -67,7 +67,7 @@ class Solver:
 
     @classmethod
     def last(cls, mbs: MainSystem) -> Solver | None:
-        """Of the last run; None if `storeSolver=False` kept no solver."""
+        """Data of the last run; None if `storeSolver=False` kept no solver."""
         solver = latest_solver(mbs)
         if solver is None:
             return None
@@ -93,16 +93,16 @@ class Solver:
 class RunRecord:
     """Times, coordinates and contact forces at the ends of the steps of a run.
 
-    The state at the end of a step is that at the start of the next. The forces are those of the last evaluation:
-    explicit solvers evaluate once a step, and Newton's method ends with one. So the record is made when the next step
-    first asks a contact. Exudyn's sensors always have the last step of a run.
+    The state at the end of a step is the state at the start of the next one. The forces are those of the last
+    evaluation: explicit solvers evaluate once in each step, and Newton's method ends with an evaluation. So the record
+    is made when the next step first asks a contact for forces. Exudyn's sensors always have the last step of a run.
 
     Parameters
     ----------
     t : float
-        When the run begins [s].
+        Time at which the run begins [s].
     on : bool
-        Whether steps are kept. They are not if Exudyn's sensors keep each of them.
+        Whether steps are kept. It is false if Exudyn's sensors keep every step.
 
     Attributes
     ----------
@@ -130,9 +130,9 @@ class RunRecord:
         ----------
         mbs : exudyn.MainSystem
         t : float
-            [s]
+            Time [s].
         recorded : callable
-            Returns the values of the contacts' sensors, by their numbers.
+            Returns the values of the contacts' sensors, with the sensors' numbers as keys.
         """
         if t == self._asked_at:
             return
@@ -161,7 +161,7 @@ class RunRecord:
         return np.array(self._times)
 
     def sensors(self, mbs: MainSystem) -> dict[int, Array]:
-        """Values of the sensors of partition bodies and contacts at `times`, (n, k), by the sensors' numbers."""
+        """Values of the sensors of bodies and contacts at `times`, (n, k), with the sensors' numbers as keys."""
         kept = {number: np.array(values) for number, values in self._values.items()}
         q, q_t = (np.array(coordinates) for coordinates in zip(*self._coordinates, strict=True))
         for item in registered(mbs).bodies.values():
@@ -172,7 +172,7 @@ class RunRecord:
 
 
 def sensors_keep_all(mbs: MainSystem) -> bool:
-    """Whether Exudyn's sensors store every step of the run at work."""
+    """Whether Exudyn's sensors store every step of the present run."""
     settings = mbs.sys.get("simulationSettings")
     if settings is None or mbs.sys.get("dynamicSolver") is None:
         return False

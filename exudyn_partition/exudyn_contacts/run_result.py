@@ -1,4 +1,4 @@
-"""What pictures, files and pages read of a run; `simulation.result.Result` has it."""
+"""Protocol of the result that pictures, files and pages read; `simulation.result.Result` fulfils it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .partition_contact import PartitionContact
 
 
 class RunResult(Protocol):
-    """Samples of a run, how it ended, and the model's items."""
+    """Samples of a run, its end, and the model's items."""
 
     @property
     def t(self) -> Array:
@@ -29,7 +29,7 @@ class RunResult(Protocol):
 
     @property
     def message(self) -> str:
-        """Why and where the run ended."""
+        """Cause and time of the end of the run."""
 
     @property
     def step(self) -> float:
@@ -45,7 +45,7 @@ class RunResult(Protocol):
 
     @property
     def newmark(self) -> Newmark | None:
-        """Parameters of the implicit method; None of another one, or if they are not known."""
+        """Parameters of the implicit method; None for another method, or if they are not known."""
 
     @property
     def time_s(self) -> float:
@@ -65,7 +65,7 @@ class RunResult(Protocol):
 
     @property
     def runs(self) -> Sequence[ContactRun | KeptRun]:
-        """What each contact kept of the run; empty if nothing was kept."""
+        """Data of the run that each contact kept; empty if nothing was kept."""
 
     @property
     def item_work(self) -> WorkSensor | None:
@@ -78,7 +78,7 @@ class RunResult(Protocol):
         """Samples of the sensor `number` of `item`, (n, k)."""
 
     def kept(self, contact: PartitionContact) -> ContactRun | KeptRun:
-        """What a contact kept of the run."""
+        """Data of the run that a contact kept."""
 
     def at(self, times: Sequence[float] | Array | int) -> RunResult:
-        """Return the samples nearest to some times, each once."""
+        """Return the samples nearest to some times, each sample once."""
