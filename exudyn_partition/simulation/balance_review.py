@@ -1,4 +1,4 @@
-"""Each run checks itself: momenta of free bodies against all impulses, and energy against all that changed it."""
+"""Checks of each run: momenta of free bodies against all impulses, and energy against all known causes of change."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from ..support.arrays import Array
 from ..support.foreign import ItemEntry, MainSystem
 from .result import Result, called
 
-_OFF = 1e-2  # of the largest energy of the bodies, or change of momentum, that may be missing
-_TAKEN = 2e-2  # of the largest energy that the damping of steps, and strong damping of modes, may take
-_AT_REST = 1e-3  # of the largest energy: a run that ends with less kinetic energy has found a state at rest
-_STRONG = 0.2  # ratio from which on damping of a mode is strong
-_MANY_TIMES = 10  # what bodies should have: from there on a share in percent says no more
-_LOOKED_AT = 256  # most samples
-_ROUND_OFF = 1e-11  # of the speed of a body's size in a period of f_cut: less motion is none
+_OFF = 1e-2  # share of the bodies' largest energy, or largest change of momentum, that may be missing
+_TAKEN = 2e-2  # share of the largest energy that damping of steps, and strong damping of modes, may take
+_AT_REST = 1e-3  # share of the largest energy: a run that ends with less kinetic energy has reached a state at rest
+_STRONG = 0.2  # damping ratio of a mode above which its damping is strong
+_MANY_TIMES = 10  # ratio to the expected value above which a share in percent is not useful
+_LOOKED_AT = 256  # largest number of samples that are checked
+_ROUND_OFF = 1e-11  # share of the speed of one body size in a period of f_cut: slower motion is round-off
 _PACKAGE = __name__.partition(".")[0]
 
 
 def warn_of_balance(mbs: MainSystem, result: Result) -> None:
-    """Warn of energy or momentum that a run lost or made, as far as its samples show it."""
+    """Warn of energy or momentum that a run lost or produced, as far as its samples show it."""
     if result.method == "static" or result.status == "unstable" or len(result.t) < 3 or not result.bodies:
         return
     free = _free(result)
     some = np.unique(np.r_[0, _some(np.arange(len(free))), _some(np.flatnonzero(free)), len(free) - 1])
     balance = Balance.of(result, some)
     others, exchanges = Others.of(mbs), any(map(_exchanges, result.contacts))
-    if not others.driven and not exchanges:  # else what was taken is given again
+    if not others.driven and not exchanges:  # otherwise energy that was taken may come back
         _warn_of_damping(result, balance)
     if any(map(_is_of_user, (mbs.GetPreStepUserFunction(), mbs.GetPostStepUserFunction()))):
-        return  # it may have changed anything
+        return  # a user function may have changed anything
     for item in result.bodies:
         if id(item) not in others.bodies:
             _warn_of_momentum(item, result, np.flatnonzero(free))
@@ -54,20 +54,20 @@ def _is_of_user(entry: ItemEntry | None) -> bool:
 
 
 def _lacks_inertia(item: PartitionBody) -> bool:
-    """Whether inertia forces are left out, without which energy is not kept."""
+    """Whether inertia forces are left out. Energy is not conserved without them."""
     return any("(inertiaTerms)" in said for said in item.left_out)
 
 
 def _exchanges(contact: PartitionContact) -> bool:
-    """Whether a contact gives energy to a carrier of a rigid surface, or has a user's law with an energy of its own."""
+    """Whether a contact gives energy to a carrier, or has a user's formulation with an energy of its own."""
     of_user = not type(contact.mechanics).__module__.startswith(f"{_PACKAGE}.")
     return bool(contact.carrier is not None and contact.carrier.nodes) or (of_user and not contact.elastic)
 
 
 def _free(result: Result) -> Array:
-    """Samples to judge by, (n,) bool: those in which all contacts are open, and the last one.
+    """Samples on which the judgement is based, (n,) bool: those with all contacts open, and the last one.
 
-    While rows close and open, energy swings by some thousandths.
+    While rows close and open, energy varies by some thousandths.
     """
     closed = np.zeros(len(result.t), dtype=bool)
     for contact in result.contacts:
@@ -78,12 +78,12 @@ def _free(result: Result) -> Array:
 
 
 def _some(samples: Array) -> Array:
-    """Some of many samples, (n,) -> (m,): a run of many steps needs not be looked at in each."""
+    """Some of many samples, (n,) -> (m,): not each step of a long run needs a check."""
     return samples[:: len(samples) // _LOOKED_AT + 1]
 
 
 def _largest(result: Result, energy: Array) -> float:
-    """Largest of the energies of bodies and contacts, (n,) [J], or one that is hardly more than round-off."""
+    """Largest energy of bodies and contacts [J], from all samples, (n,) [J]; at least one just above round-off."""
     least = 0.0
     for item in result.bodies:
         size = np.ptp(item.body.points, axis=0).max()
@@ -92,10 +92,10 @@ def _largest(result: Result, energy: Array) -> float:
 
 
 def _warn_of_damping(result: Result, balance: Balance) -> None:
-    """What steps, and strong damping of modes, took: they are there to smooth forces, and take energy of the motion."""
+    """Warn of energy that damping of steps and strong damping of modes took: it should only smooth forces."""
     largest, said = _largest(result, balance.total), []
     if _kinetic_at_end(result) < _AT_REST * largest:
-        return  # damping was to find it
+        return  # the purpose of damping was to find this state
     by_steps = float(balance.taken.get(STEPS, np.zeros(1))[-1])
     if by_steps > _TAKEN * largest:
         said.append(
@@ -136,9 +136,9 @@ def _by_strong_damping(item: PartitionBody, result: Result) -> float:
 
 
 def _warn_of_momentum(item: PartitionBody, result: Result, judged: Array) -> None:
-    """A body on which only contacts and gravity act has the momentum that these give it."""
+    """Warn if the momentum of a body does not match contacts and gravity, where nothing else acts on it."""
     if not has_all_steps(result):
-        return  # nobody knows the forces in between
+        return  # the forces between samples are not known
     t = result.t
     gained = item.momentum(result) - item.momentum(result)[0]
     given, force_at_end = np.zeros_like(gained), 0.0
@@ -157,7 +157,7 @@ def _warn_of_momentum(item: PartitionBody, result: Result, judged: Array) -> Non
         _ROUND_OFF / _OFF * item.body.total_mass * size,
     )
     missing = np.linalg.norm(gained - given, axis=1)
-    missing[-1] = max(missing[-1] - (t[-1] - t[-2]) * force_at_end, 0.0)  # which acts within a step
+    missing[-1] = max(missing[-1] - (t[-1] - t[-2]) * force_at_end, 0.0)  # this force acts within a step
     worst = int(judged[missing[judged].argmax()])
     if missing[worst] > _OFF * largest:
         warnings.warn(
@@ -171,7 +171,7 @@ def _warn_of_momentum(item: PartitionBody, result: Result, judged: Array) -> Non
 
 
 def _warn_of_energy(result: Result, balance: Balance, samples: Array, free: Array) -> None:
-    """Energy that nothing took or gave: the error of the steps."""
+    """Warn of a change of energy without a known cause: the error of the steps."""
     rest, unsure = balance.rest, doubt(result)[samples]
     largest = _largest(result, balance.total - rest)
     lost_in_steps = result.method == "implicit" and STEPS not in balance.taken
@@ -199,7 +199,7 @@ def _warn_of_energy(result: Result, balance: Balance, samples: Array, free: Arra
 
 
 def _by_steps_or_impacts(result: Result, *, lost: bool) -> str:
-    """Why energy that nothing accounts for was gained, or `lost`, and what helps."""
+    """Sentence on the cause of energy gained, or `lost`, without a known cause, and on the remedy."""
     steps = f"the error of the steps, of {result.step:.3g} s, or of what another warning of this run tells"
     if lost and any(contact.mechanics.ahead for contact in result.contacts):
         return (
@@ -211,9 +211,9 @@ def _by_steps_or_impacts(result: Result, *, lost: bool) -> str:
 
 
 def _swing(result: Result, samples: Array) -> Array:
-    """Energy by which that of free vibration is above the one that explicit steps keep, at samples, (m,) [J].
+    """Difference of the energy of free vibration and the energy that explicit steps conserve, at samples, (m,) [J].
 
-    Central differences keep T + U - h^2 a M a / 8 of linear bodies.
+    Central differences conserve T + U - h^2 a M a / 8 of linear bodies.
     """
     value = np.zeros(len(samples))
     for item in result.bodies:

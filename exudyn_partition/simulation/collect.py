@@ -1,4 +1,4 @@
-"""Results of runs by Exudyn's solvers directly."""
+"""Results of runs that Exudyn's solvers made directly."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from .stability import stability_limit
 
 
 def collect(mbs: MainSystem) -> Result:
-    """Results of the last run of a model, also of one by `mbs.SolveDynamic` directly.
+    """Results of the last run of a model, also if `mbs.SolveDynamic` was called directly.
 
     Exudyn reads its sensors each hundredth of a second unless `settings.solution.sensors.writePeriod` says otherwise.
-    Contacts keep the ends of all steps themselves then, with the coordinates of all partition bodies, and the result
-    has those times.
+    Contacts then keep the ends of all steps themselves, with the coordinates of all partition bodies. The result has
+    the times of these steps.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def collect(mbs: MainSystem) -> Result:
     Returns
     -------
     Result
-        Cut where coordinates stop to be finite, or deformations to be small.
+        It ends where coordinates are no longer finite, or deformations no longer small.
 
     Raises
     ------
@@ -45,8 +45,8 @@ def collect(mbs: MainSystem) -> Result:
     Warns
     -----
     StoppedRunWarning, ModelLimitWarning, ContactPatchWarning
-        As `solve_dynamic`; also if explicit steps were above the stability limit, or so many that contacts did not keep
-        them.
+        As `solve_dynamic`. Also if explicit steps were above the stability limit, or if there were too many steps for
+        contacts to keep.
     """
     validate_model(mbs)
     check_model(mbs)

@@ -17,19 +17,19 @@ from ..results.impacts import Ringing, rings_by_facets
 from .penetration_review import warn_of_penetration
 from .result import Result, called
 
-_LARGE = 0.1  # of the largest impulse: impacts below are not looked at
-_STEPS_AN_IMPACT = 8  # implicit ones, fewer of which do not resolve an impact
-_SAMPLES_AN_IMPACT = 4  # with fewer, the force of the impact is not known
-_FEW_ROWS = 2  # closed at the peak of a force, which do not resolve it
-_ASIDE = np.radians(30)  # of a patch's line of contact
-_FAR, _NEARER = 20.0, 0.01  # distance over the bodies' size that may be a slip of units; share of it travelled
-_LISTED = 5  # most contacts that a warning lists
-_LOOKED_AT = 64  # most samples at which bodies' velocities, and places beside their patches, are looked at
-_BESIDE, _DEEP = 500, 1e-3  # nodes that are looked at beside a patch; depth of one, by the body's size
+_LARGE = 0.1  # share of the largest impulse: smaller impacts are not checked
+_STEPS_AN_IMPACT = 8  # fewer implicit steps do not resolve an impact
+_SAMPLES_AN_IMPACT = 4  # with fewer samples, the force of the impact is not known
+_FEW_ROWS = 2  # so few closed rows at the peak of a force do not resolve it
+_ASIDE = np.radians(30)  # angle from a patch's line of contact
+_FAR, _NEARER = 20.0, 0.01  # distance over the bodies' size that may be a wrong unit; share of it travelled
+_LISTED = 5  # largest number of contacts that a warning lists
+_LOOKED_AT = 64  # largest number of samples at which velocities, and places beside patches, are checked
+_BESIDE, _DEEP = 500, 1e-3  # number of nodes beside a patch that are checked; depth of one over the body's size
 
 
 def warn_of_contacts(contacts: Sequence[PartitionContact], result: Result) -> None:
-    """Say what needs saying about each contact, and once what concerns several."""
+    """Give the warnings about each contact, and one warning for all where it concerns several."""
     for contact in contacts:
         _warn_of_patch(contact, result)
         warn_of_penetration(contact, result)
@@ -52,12 +52,12 @@ def warn_of_contacts(contacts: Sequence[PartitionContact], result: Result) -> No
 
 
 def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
-    """Contact at the edge: the patch of the slave ends there, or else that of the master."""
+    """Warn of contact at the edge of the slave's patch or, if it is not there, of the master's."""
     if (reached := contact.edge_reached(result)) is None:
         return
     time, place = reached
     item, number = contact.sides[0]
-    patch, now = item.body.partition.patches[number], result.at([min(time, result.t[-1])])  # a cut run ends before it
+    patch, now = item.body.partition.patches[number], result.at([min(time, result.t[-1])])  # a cut one ends before
     distance = item.kinematics.at(patch.nodes).place(item.coordinates(now))[0] - place
     nearest = patch.nodes[int(np.linalg.norm(distance, axis=1).argmin())]
     if len(contact.sides) > 1 and nearest not in patch.rim:
@@ -74,7 +74,7 @@ def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
 
 
 def _warn_of_steps(contact: PartitionContact, result: Result) -> None:
-    """Implicit steps over a contact force that comes and goes within a few of them make energy, however stable."""
+    """Warn of contact forces that last only a few implicit steps: they produce energy, even in stable runs."""
     every_step = len(result.t) > 1 and np.diff(result.t).min() < 1.5 * result.step
     if result.method != "implicit" or not contact.compliant or not every_step:
         return
@@ -95,7 +95,7 @@ def _warn_of_steps(contact: PartitionContact, result: Result) -> None:
 
 
 def _warn_of_samples(contacts: Sequence[PartitionContact], result: Result) -> None:
-    """Samples further apart than steps may miss an impact, or its peak; the motion has all steps."""
+    """Warn of samples further apart than steps: they may miss an impact or its peak. The motion has all steps."""
     if result.method == "static" or len(result.t) < 2 or np.diff(result.t).min() < 1.5 * result.step:
         return
     spans = [(contact, *span) for contact in contacts for span in contact.closed_samples(result)]
@@ -118,13 +118,13 @@ def _warn_of_samples(contacts: Sequence[PartitionContact], result: Result) -> No
 
 
 def _warn_of_few_rows(contact: PartitionContact, result: Result) -> None:
-    """A contact smaller than the facets around it is that of one row, whatever its true area."""
+    """Warn of a contact smaller than the facets around it: it has a row or two, whatever its true area is."""
     force, closed = contact.force(result), contact.closed_rows(result)
     top = int(force.argmax())
     if not contact.compliant or not 0 < closed[top] <= _FEW_ROWS or contact.n_rows <= closed[top]:
         return
     if top == len(force) - 1 and result.method != "static":
-        return  # a contact that still grows begins with one row
+        return  # a growing contact begins with one row
     warnings.warn(
         f"{called(contact)} at t = {result.t[top]:.6g} s: {closed[top]} of {contact.n_rows} rows "
         f"{'is' if closed[top] == 1 else 'are'} closed at the peak of the force, {force[top]:.4g} N. The contact is "
@@ -138,7 +138,7 @@ def _warn_of_few_rows(contact: PartitionContact, result: Result) -> None:
 
 
 def _warn_of_direction(contact: PartitionContact, result: Result) -> None:
-    """A patch with one axis yields along its line of contact only, whatever the direction of the force on it."""
+    """Warn of forces aside from the line of contact: a patch with one axis yields along this line only."""
     top = int(contact.force(result).argmax())
     force = contact.force_on_slave(result)[top]
     if not force.any():
@@ -161,7 +161,10 @@ def _warn_of_direction(contact: PartitionContact, result: Result) -> None:
 
 
 def _warn_of_far(contact: PartitionContact, result: Result) -> bool:
-    """A surface that is far away by the size of the bodies, and stays there, may be given in other units."""
+    """Warn of a surface that is far away, compared with the size of the bodies, and stays there: its unit may be wrong.
+
+    Returns whether there was a warning.
+    """
     if contact.mechanics.gaps.carried or contact.force(result).any():
         return False
     ends = result.at(result.t[[0, -1]])
@@ -187,7 +190,7 @@ def _warn_of_far(contact: PartitionContact, result: Result) -> bool:
 
 
 def _warn_of_missing(contact: PartitionContact, result: Result) -> None:
-    """Bodies that turn may face each other later; those that never do may have been placed wrongly."""
+    """Warn of bodies that never face each other: they may have the wrong place. Bodies that turn may do so later."""
     gaps = contact.mechanics.gaps
     if _warn_of_far(contact, result):
         return
@@ -203,7 +206,7 @@ def _warn_of_missing(contact: PartitionContact, result: Result) -> None:
 
 
 def _warn_of_passing(contact: PartitionContact, result: Result) -> None:
-    """A body that enters a rigid surface beside its patch, as when it has turned, feels nothing."""
+    """Warn of a body that enters a rigid surface beside its patch, for example after a turn: no force acts there."""
     item, number = contact.sides[0]
     if isinstance(contact.master, PartitionBody) or contact.mechanics.gaps.carried or result.method == "static":
         return
@@ -229,7 +232,7 @@ def _warn_of_passing(contact: PartitionContact, result: Result) -> None:
 
 
 def _warn_of_zone(contact: PartitionContact, result: Result) -> None:
-    """Plastic flow that reached the edge of its zone."""
+    """Warn of plastic flow that reached the edge of its zone."""
     if not contact.plastic or (reached := contact.plastic.flow_at_border(result)) is None:
         return
     side, place = reached
@@ -243,9 +246,10 @@ def _warn_of_zone(contact: PartitionContact, result: Result) -> None:
 
 
 def _warn_of_near_zones(contacts: Sequence[PartitionContact], result: Result) -> None:
-    """Plastic flow beneath two contacts of a body, nearer to each other than it is wide; zones feel no other ones.
+    """Warn of plastic flow beneath two contacts of a body whose distance is less than the width of the flow.
 
-    The stress that the plastic strain of a zone makes elsewhere falls with the third power of the distance.
+    Zones do not influence each other. The stress outside of a zone due to its plastic strain falls with the third power
+    of the distance.
     """
     flowed = []
     for contact in contacts:
@@ -268,7 +272,7 @@ def _warn_of_near_zones(contacts: Sequence[PartitionContact], result: Result) ->
 
 
 def _warn_of_ringing(rings: dict[str, Ringing], result: Result) -> None:
-    """Flat ends that meet at once excite frequencies above all modes that residual flexibility has (`bars.py`)."""
+    """Warn of flat ends that meet at once: they excite frequencies above all modes of the bodies (`bars.py`)."""
     if not rings:
         return
     said = [
@@ -290,7 +294,7 @@ def _warn_of_ringing(rings: dict[str, Ringing], result: Result) -> None:
 
 
 def _warn_of_facets(contact: PartitionContact, result: Result) -> bool:
-    """Facets that pass by excite a body near its frequency on the contact; returns whether they do."""
+    """Warn of passing facets that excite a body near its frequency on the contact; returns whether they do."""
     if result.method == "static" or not any(side.surface.wanders for side in contact.mechanics.gaps.sides):
         return False
     if (speed := _sliding_speed(contact, result)) is None:
@@ -358,7 +362,7 @@ def _warn_of_yield(contacts: Sequence[PartitionContact], rings: dict[int, Ringin
 
 
 def _warn_of_open_statics(contacts: Sequence[PartitionContact], result: Result) -> None:
-    """An equilibrium without contact may be wanted, but mostly a spring or load has the wrong sign."""
+    """Warn of an equilibrium without contact: mostly a spring or load has the wrong sign."""
     if result.method == "static" and result.status == "finished" and contacts:
         if not any(contact.force(result).any() for contact in contacts):
             gaps = ", ".join(f"{called(contact)} by {contact.gap(result)[-1]:.3g} m" for contact in contacts[:_LISTED])

@@ -1,4 +1,4 @@
-"""Where a run ended, and runs that go on from there as if they were one."""
+"""The end of a run, and runs that go on from there as if both were one."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ from .step_control import StepControl
 
 _KEY = "exudynPartitionEnd"  # in mbs.sys
 _SOLVERS = "dynamicSolver", "staticSolver"
-_ROUND_OFF = 1e-12  # of times that are the same
+_ROUND_OFF = 1e-12  # relative difference of times that are the same
 
 
 @dataclass(frozen=True, eq=False)
 class RunEnd:
-    """Where a run ended.
+    """The end of a run.
 
     Parameters
     ----------
     t : float
-        [s]
+        Time at the end [s].
     method : {"explicit", "implicit", "static"}
     step : float
-        [s]
+        Time step [s].
     state : list
-        The model's, as Exudyn's `GetSystemState` returns it: coordinates and velocities come first.
+        State of the model, as Exudyn's `GetSystemState` returns it: coordinates and velocities come first.
     q_tt : (n,) array
         Accelerations.
     algorithmic : (n,) array
-        Accelerations that generalized-alpha goes on with; of other solvers, `q_tt`.
+        Accelerations from which generalized-alpha goes on; for other solvers, `q_tt`.
     pace : (float, float)
-        The step that an adaptive run would take next [s], and the largest kinetic energy that it has seen [J].
+        Next step of an adaptive run [s], and its largest kinetic energy so far [J].
     solvers : tuple
-        Of the model then, which a later run replaces.
+        Identities of the model's solvers at the end; a later run replaces the solvers.
     """
 
     t: float
@@ -57,7 +57,7 @@ class RunEnd:
 
     @classmethod
     def of(cls, mbs: MainSystem, control: StepControl | None = None) -> RunEnd:
-        """Where the model's last run ended, if it stands there.
+        """End of the model's last run, if the model is still in that state.
 
         Raises
         ------
@@ -92,14 +92,14 @@ class RunEnd:
 
 
 def keep_end(mbs: MainSystem, control: StepControl | None = None, origin: RunEnd | None = None) -> None:
-    """Keep where a run has ended: what comes after it may move the model elsewhere; and where it went on from."""
+    """Keep the end of a run, and the end from which it went on: later calls may change the model's state."""
     if latest_solver(mbs) is not None:
         runs_of(mbs).end(mbs)
         mbs.sys[_KEY] = RunEnd.of(mbs, control), origin
 
 
 def last_end(mbs: MainSystem) -> RunEnd:
-    """Where the last run ended.
+    """End of the last run.
 
     Raises
     ------
@@ -111,9 +111,9 @@ def last_end(mbs: MainSystem) -> RunEnd:
 
 
 def origin_of(mbs: MainSystem, start: float, method: Method, last: RunEnd | None) -> RunEnd | None:
-    """Where a run goes on from that begins at `start` [s] in the model's initial state; None if it does not.
+    """End from which a run goes on that begins at `start` [s] in the model's initial state; None if there is none.
 
-    `last` is where the last run ended, if it is known.
+    `last` is the end of the last run, if it is known.
     """
     ends: tuple[RunEnd | None, ...] = last, *mbs.sys.get(_KEY, ())
     return next((end for end in ends if end is not None and end.is_start(mbs, start, method)), None)
@@ -125,7 +125,7 @@ def _solvers(mbs: MainSystem) -> tuple[int, ...]:
 
 @contextlib.contextmanager
 def started_from(mbs: MainSystem, end: RunEnd | None) -> Iterator[None]:
-    """Let the model start where a run ended; after it, its initial state is what it was. None changes nothing."""
+    """Let the model start where a run ended, and restore its initial state after the block. None changes nothing."""
     if end is None:
         yield
         return
@@ -142,15 +142,15 @@ def started_from(mbs: MainSystem, end: RunEnd | None) -> Iterator[None]:
 
 @contextlib.contextmanager
 def accelerated(mbs: MainSystem, end: RunEnd | None, settings: SimulationSettings) -> Iterator[Array | None]:
-    """Let a run go on with the accelerations in which the last one ended; None changes nothing.
+    """Let a run go on with the accelerations at the end of the last one; None changes nothing.
 
-    Exudyn begins each run with accelerations of its own: in explicit steps with those of the velocities at the end of
-    the step before, not at its middle, and in generalized-alpha without what its filter remembers.
+    Exudyn begins each run with accelerations of its own. For explicit steps it takes velocities at the end of the step
+    before, not those at its middle. For generalized-alpha it drops the memory of the filter.
 
     Yields
     ------
     (n,) array or None
-        Accelerations that are to be set ahead of the first step.
+        Accelerations that must be set before the first step.
     """
     if end is None:
         yield None
@@ -158,7 +158,7 @@ def accelerated(mbs: MainSystem, end: RunEnd | None, settings: SimulationSetting
     data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
     alpha, own = settings.timeIntegration.generalizedAlpha, np.array(data.GetODE2Coordinates_tt(initial))
     flags = alpha.computeInitialAccelerations, alpha.resetAccelerations
-    data.SetODE2Coordinates_tt(end.algorithmic, initial)  # these are what generalized-alpha takes from there
+    data.SetODE2Coordinates_tt(end.algorithmic, initial)  # generalized-alpha reads them there
     alpha.computeInitialAccelerations = alpha.resetAccelerations = False
     try:
         yield end.q_tt

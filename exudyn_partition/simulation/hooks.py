@@ -1,4 +1,4 @@
-"""Exudyn's user functions around the steps of a run, chained with the model's own, which are put back after it."""
+"""Exudyn's user functions around the steps of a run. They call the model's own, which are restored after the run."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from ..support.optional import require
 from ..support.progress import Progress
 from .step_control import StepControl
 
-_RESIDUAL = 3e-18  # of the forces that move bodies by their size in a period of f_cut: 1e-8 N for a part of centimetres
-_OVER = 1e-6  # of a step: a run that has less time left is at its end
-_ROUNDINGS = 8  # of the places of a patch, that reach its forces
-_FAR = 1e-3  # of a facet's size: how far springs that hold bodies let them go in an iteration
-_SLOW = 0.1  # rad/s, of what swings on such springs where forces are balanced
-_BALANCED = 1e-6  # of forces that the springs do not know
-_FUNCTION = re.compile(r"\w+::\w*[uU]serFunction\b")  # in a report of Exudyn
+_RESIDUAL = 3e-18  # share of forces that move bodies by their size in a period of f_cut: 1e-8 N for some centimetres
+_OVER = 1e-6  # share of a step: a run that has less time left is at its end
+_ROUNDINGS = 8  # number of roundings of a patch's places that reach its forces
+_FAR = 1e-3  # share of a facet's size: largest motion in an iteration of bodies that springs hold
+_SLOW = 0.1  # rad/s, frequency of bodies on such springs if forces are balanced
+_BALANCED = 1e-6  # share of the first forces that may stay without balance
+_FUNCTION = re.compile(r"\w+::\w*[uU]serFunction\b")  # name of a user function in a report of Exudyn
 _RETURNED = re.compile(r"Unable to cast Python instance of type <class '(?:\w+\.)*(\w+)'>")
-_TERMINATED = "SolveDynamic terminated"  # all that Exudyn says if steps do not converge
+_TERMINATED = "SolveDynamic terminated"  # Exudyn's only message if steps do not converge
 _SINGULAR = (
     "Its Jacobian is singular, perhaps because joints hold the same motion twice: let one of them go, as by a "
     "GenericJoint with fewer constrainedAxes; or give settings with linearSolver.solverType EigenDense and "
@@ -43,12 +43,12 @@ _SINGULAR = (
 
 
 def residual(mbs: MainSystem) -> float:
-    """Residual to which Newton's method solves where it cannot reach Exudyn's relative tolerance.
+    """Residual at which Newton's method ends if it cannot reach Exudyn's relative tolerance.
 
-    Residuals are generalised forces: of modes, forces by the square root of a mass.
+    Residuals are generalised forces: those of modes are forces over the square root of a mass.
 
-    Gaps are differences of places in space and have their rounding. A stiff patch turns it into forces, below which no
-    iteration can get: n^2 / (1' F 1) is the stiffness of n rows to equal forces.
+    Gaps are differences of places in space and have their rounding errors. A stiff patch turns them into forces, and no
+    iteration reaches a smaller residual. The stiffness of n rows against equal forces is n^2 / (1' F 1).
     """
     bodies, contacts = partition_items(mbs)
     goal = max((_RESIDUAL * _by_size(item) for item in bodies), default=0.0)
@@ -72,18 +72,18 @@ def _by_size(item: PartitionBody) -> float:
 
 
 def _norm_of_weight(item: PartitionBody) -> float:
-    """Norm of the generalised forces that accelerate a body by one."""
+    """Norm of the generalised forces that accelerate a body by 1 m/s2."""
     return float(np.linalg.norm(item.kinematics.weight(np.array([0.0, 0.0, 1.0]))))
 
 
 def _largest_place(side: Side) -> float:
-    """Largest coordinate of a patch's nodes and of its frame, to which those of a floating frame are added [m]."""
+    """Largest coordinate of a patch's nodes or of its frame's origin [m]: sums of both have its rounding error."""
     origin, _ = side.kinematics.frame(np.zeros(side.n))
     return max(float(abs(place).max()) for place in (side.surface.points, origin))
 
 
 class Watch:
-    """What the hook before each step knows: how many there were, and whether the user asked to stop."""
+    """State of the hook before each step: the number of steps, and whether the user asked to stop."""
 
     def __init__(self, interrupt: Interrupt) -> None:
         self.steps = 0
@@ -97,11 +97,11 @@ class Watch:
 
 @contextlib.contextmanager
 def begun(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
-    """Begin a run at time t [s], in which contacts and joints have what explicit steps need.
+    """Begin a run at time t [s], and give contacts and joints the hooks that explicit steps need.
 
-    Exudyn's explicit solvers leave algebraic equations alone, with a warning: joints are closed here, together with the
-    contacts. Velocities get their part of multipliers through Exudyn's PostStep function, around the model's own, which
-    is put back after.
+    Exudyn's explicit solvers ignore algebraic equations, with a warning. So joints are closed here, together with the
+    contacts. Exudyn's PostStep function adds the part of multipliers to velocities. It calls the model's own function,
+    which is restored after the run.
     """
     exu, jointed = require("exudyn"), method == "explicit" and mbs.systemData.AEsize() > 0
     with runs_of(mbs).begun(mbs, t, method, Joints(mbs) if jointed else None) as run, called_if_needed(mbs, run):
@@ -134,9 +134,9 @@ def watched(
     progress: Progress,
     accelerations: Array | None = None,
 ) -> Iterator[Watch]:
-    """Progress and Ctrl-C through Exudyn's PreStep function, around the model's own, which is put back after.
+    """Progress and Ctrl-C in Exudyn's PreStep function. It calls the model's own, which is restored after the run.
 
-    `accelerations`, (nq,), are set ahead of the first step, if there are any.
+    `accelerations`, (nq,), are set before the first step, if they are given.
     """
     last_start = None
     own_function = user_function(mbs.GetPreStepUserFunction())
@@ -159,10 +159,10 @@ def watched(
             run.before_step(mbs, t, joined=False)  # also where the model's own function was set after contacts
         go_on = own_function is None or own_function(mbs, t)
         if not run.idle:
-            run.before_step(mbs, t, joined=True)  # joints, which the function may have moved
-        watch.steps += start != previous  # not those that are taken again, shorter
+            run.before_step(mbs, t, joined=True)  # after the function, which may have moved joints
+        watch.steps += start != previous  # steps that are repeated with a shorter length do not count
         last_start = start
-        return go_on and not stop  # Exudyn still takes this step, so that all that belongs to one was done above
+        return go_on and not stop  # Exudyn still takes this step, so all its work was done above
 
     with interruptible() as interrupt:
         watch = Watch(interrupt)
@@ -177,11 +177,11 @@ def watched(
 def controlled(
     mbs: MainSystem, control: StepControl | None, settings: SimulationSettings, end_time: float
 ) -> Iterator[None]:
-    """Steps as the control wants them, through Exudyn's PostStep and PostNewton functions, behind the model's own.
+    """Let the control choose the steps, by Exudyn's PostStep and PostNewton functions, after the model's own.
 
-    The last step ends at `end_time`, also where Exudyn has a later one, as it has for very short runs.
-    PostStep runs at the start and when a step is done, and the solver takes its next step from what stands in its
-    `it.currentStepSize` then. PostNewton can ask to repeat the step with a shorter one.
+    The last step ends at `end_time`, also if Exudyn's own end is later, as for very short runs. PostStep runs at the
+    start and after each step. The solver then reads the length of its next step from `it.currentStepSize`. PostNewton
+    can ask to repeat the step with a shorter length.
     """
     if control is None:
         yield
@@ -218,10 +218,10 @@ def controlled(
 
 @contextlib.contextmanager
 def kept_apart(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
-    """Load steps in which bodies would pass through each other are repeated, shorter, behind the model's own function.
+    """Repeat load steps in which bodies would pass through each other, with a shorter length.
 
-    An open contact has no stiffness. What soft springs hold may then go past the other body within one iteration, and
-    would find an equilibrium there.
+    The model's own function runs first. An open contact has no stiffness. A body on soft springs may then pass the
+    other body within one iteration, and would find an equilibrium there.
     """
     exu = require("exudyn")
     own_after_newton = user_function(mbs.GetPostNewtonUserFunction())
@@ -247,12 +247,13 @@ def kept_apart(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
 
 @contextlib.contextmanager
 def held(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
-    """Hold all bodies by springs in the Jacobian alone, so that what nothing else holds stays where it is.
+    """Hold all bodies by springs in the Jacobian alone, so that a body without other support stays in its place.
 
-    Without them the system of such a body is singular. Springs without forces do not change the equilibrium. They are
-    as stiff as the residual is large, as by Levenberg and Marquardt: no iteration moves a body far. Forces count as
-    balanced where they leave `_BALANCED` of those that the step began with, for contact along directions that turn with
-    a body pushes it a little aside. Exudyn would take its tolerance from the largest residual on the way.
+    Without springs the system of such a body is singular. Springs without forces do not change the equilibrium. Their
+    stiffness is in proportion to the residual, as in the method of Levenberg and Marquardt. So no iteration moves a
+    body far. Forces count as balanced if they are below `_BALANCED` of those at the start of the step: contact along
+    directions that turn with a body pushes it a little aside. Exudyn would base its tolerance on the largest residual
+    of all iterations.
     """
     items, contacts = partition_items(mbs)
     way = _FAR * min((contact.slave_facet_size for contact in contacts), default=1.0)
@@ -295,9 +296,9 @@ class _Start:
 def _with_spring(
     mass: sp.csr_matrix, by_residual: float, start: _Start, own_function: UserFunction | None
 ) -> UserFunction:
-    """User function for a Jacobian, with a spring's stiffness beside what another one returns.
+    """User function for a Jacobian: adds a spring's stiffness to the result of another function.
 
-    The spring is that of a mass, (n, n), which swings with the square of its frequency in proportion to the residual.
+    The stiffness is `mass`, (n, n), times the square of a frequency. This square grows in proportion to the residual.
     """
     container = require("exudyn").MatrixContainer
 
@@ -319,7 +320,7 @@ def _with_spring(
 
 
 def _share_of_way(contact: PartitionContact, mbs: MainSystem, start: Array, now: Array) -> float:
-    """Share of a step, from coordinates `start` to `now`, (n,), after which the slave's patch is a facet too deep."""
+    """Share of a step, from coordinates `start` to `now`, (n,), after which the slave's patch is one facet deep."""
     gaps = contact.mechanics.for_run("static").gaps
     q_start, q = (np.concatenate([x[s] for s in contact.slices(mbs)]) for x in (start, now))
     moved = [(end - begin).mean(axis=0) for begin, end in zip(gaps.places(q_start), gaps.places(q), strict=True)]
@@ -329,7 +330,7 @@ def _share_of_way(contact: PartitionContact, mbs: MainSystem, start: Array, now:
 
 
 def unsettled(mbs: MainSystem, said: str) -> str:
-    """What to add to the cause of a stop if Exudyn tells none, as where Newton's method of implicit steps fails."""
+    """Text for a stop without a cause in Exudyn's message, as when Newton's method of implicit steps fails."""
     if _TERMINATED not in said:
         return ""
     ahead = [contact for contact in partition_items(mbs)[1] if contact.mechanics.ahead]
@@ -343,7 +344,7 @@ def unsettled(mbs: MainSystem, said: str) -> str:
 
 
 def cause(error: BaseException) -> str:
-    """What ended a run: the library's own error at the bottom of Exudyn's report, or what a user function did.
+    """Cause of the end of a run: the library's own error at the bottom of Exudyn's report, or a user function's error.
 
     Raises
     ------

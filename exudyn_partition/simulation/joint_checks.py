@@ -1,4 +1,4 @@
-"""Exudyn adapter: what joints are at the start of a run, open or violated, and what that does to it."""
+"""Exudyn adapter: joints that are open or violated at the start of a run, and their effect on it."""
 
 from __future__ import annotations
 
@@ -27,32 +27,32 @@ from ..support.progress import Progress
 from .result import Result
 from .sensor_checks import check_sensors
 
-_SOLVERS = "exudyn.solver"  # Exudyn's module whose functions run models
-_APART = 0.05  # of the smallest body: how far a joint may be open at the start
-_VIOLATION = 1e-3  # of a constraint, relative to the largest initial velocity
-_ROUND_OFF = 1e-13  # the same at rest, relative to the speed of a body's size in a period of f_cut
-_USUAL = 1e4  # m/s, such a speed where there are no bodies
-_CLOSED = 1e-12  # of the smallest body, or rad: joints are closed to round-off
-_SHARE = 1e-2  # of the bodies' largest energy: what closing a joint may bring
-_FIRST, _SPIKE = 50, 2.0  # steps in which a joint comes to rest, and what its force may be of all later ones
-_REGULAR = 1e-8, 1e-12  # share of a gap that stays open, and least mass, so that redundant rows have one answer
-_OVERSHOOT = 2.0  # velocity after the first implicit step, in gaps a step: gamma / beta of Newmark's method
+_SOLVERS = "exudyn.solver"  # Exudyn's module with the functions that run models
+_APART = 0.05  # largest gap of a joint at the start, as a share of the smallest body's size
+_VIOLATION = 1e-3  # largest violation of a constraint, relative to the largest initial velocity
+_ROUND_OFF = 1e-13  # the same at rest, relative to the speed of one body size in a period of f_cut
+_USUAL = 1e4  # m/s, the value of this speed if there are no bodies
+_CLOSED = 1e-12  # gap of a joint closed to round-off: share of the smallest body's size, or rad
+_SHARE = 1e-2  # energy that closing a joint may add, as a share of the bodies' largest energy
+_FIRST, _SPIKE = 50, 2.0  # steps in which a joint comes to rest; largest ratio of its force then to all later ones
+_REGULAR = 1e-8, 1e-12  # share of a gap that stays open, and least mass: with these, redundant rows have one solution
+_OVERSHOOT = 2.0  # velocity after the first implicit step, in gaps per step: gamma / beta of Newmark's method
 
 
 @dataclass(frozen=True)
 class OpenJoint:
-    """A joint that is open at the start: a run closes it within its first step.
+    """A joint that is open at the start; a run closes it within its first step.
 
     Parameters
     ----------
     number : int
-        Exudyn's, of the object.
+        Exudyn's number of the object.
     label : str
-        For messages.
+        Name in messages.
     gap : float
-        Largest of its rows [m or rad].
+        Largest gap of its rows [m or rad].
     rows : (k,) int array
-        Its equations among the model's.
+        Numbers of its equations among the model's.
     sensors : tuple of (str, int)
         Names and numbers of the sensors of its reactions.
     """
@@ -65,15 +65,15 @@ class OpenJoint:
 
 
 class OpenJoints:
-    """Joints that are open at the start, by little, and what closing them in one step does.
+    """Joints that are slightly open at the start, and the effect of closing them in one step.
 
     Parameters
     ----------
     mbs : exudyn.MainSystem
-        At its initial coordinates.
+        The model, at its initial coordinates.
     joints : sequence of OpenJoint
     gaps : (nAE,) array
-        Of all constraints.
+        Gaps of all constraints.
     bodies : sequence of PartitionBody
     """
 
@@ -87,10 +87,10 @@ class OpenJoints:
         self._stiffness = _placed_stiffness(mbs, bodies, self._mass.shape[0])
 
     def energy(self, joint: OpenJoint, step: float, method: str) -> float:
-        """Energy of the first step that closes one of them [J]: masses move by its gap within a step.
+        """Energy of the first step, which closes the joint [J]: masses move by its gap within this step.
 
-        Generalized-alpha makes each stiffness work against that, and keeps the velocity, for some steps at least.
-        Explicit steps then bring velocities back to those of the joints (RATTLE), so that deformation is left.
+        In generalized-alpha each stiffness resists this motion, and the velocity stays for some steps at least.
+        Explicit steps then correct velocities to those of the joints (RATTLE), and only deformation remains.
         """
         gaps = np.zeros(len(self._gaps))
         gaps[joint.rows] = self._gaps[joint.rows]
@@ -100,7 +100,7 @@ class OpenJoints:
         return strain + implicit * kinetic * (_OVERSHOOT / step) ** 2
 
     def _way(self, gaps: Array, inertia: sp.csr_matrix) -> Array:
-        """Change of the coordinates that closes gaps against the least inertia, (n,)."""
+        """Change of the coordinates, (n,), that closes the gaps with the least effect of `inertia`."""
         open_share, least = _REGULAR
         diagonal, rows = inertia.diagonal(), self._rows
         diagonal = np.maximum(diagonal, least * diagonal.max())
@@ -110,7 +110,7 @@ class OpenJoints:
         return np.asarray(scipy.sparse.linalg.splu(sp.csc_matrix(matrix)).solve(-(rows.T @ (stiff * gaps))))
 
     def warn(self, result: Result) -> bool:
-        """Warn of those that change a run by so much that it shows; returns whether there are any."""
+        """Warn of joints whose closing changes the run visibly; returns whether there are any."""
         if not self.joints or len(result.t) < 2:
             return False
         largest = float(np.sum([item.energy(result) for item in self._bodies], axis=0).max(initial=0.0))
@@ -133,7 +133,7 @@ class OpenJoints:
         return shows
 
     def __str__(self) -> str:
-        """What may have stopped a run."""
+        """Text on open joints that may have stopped a run."""
         named = "; ".join(f"{joint.label} is open by {joint.gap:.3g} (m or rad) at the start" for joint in self.joints)
         return f". {named}: {REMEDY}" if self.joints else ""
 
@@ -145,7 +145,7 @@ REMEDY = (
 
 
 def _spikes(joint: OpenJoint, result: Result) -> list[tuple[str, float, float]]:
-    """Sensors of a joint's forces whose first samples stand far above all later ones: name, first, later."""
+    """Sensors of a joint's forces whose first samples are far above all later ones: name, first, later."""
     found = []
     first = result.t <= result.t[0] + (_FIRST + 0.5) * result.step
     for name, number in joint.sensors:
@@ -169,7 +169,7 @@ def _placed_stiffness(mbs: MainSystem, bodies: Sequence[PartitionBody], n: int) 
 
 
 def check_start(mbs: MainSystem, settings: SimulationSettings, progress: Progress | None) -> OpenJoints:
-    """Refuse options that are none, models that cannot be run yet, and joints that are violated; see `check_joints`.
+    """Raise an error for invalid options, for models that are not ready, and for violated joints; see `check_joints`.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def check_start(mbs: MainSystem, settings: SimulationSettings, progress: Progres
 
 
 def _refuse_within_a_run(mbs: MainSystem) -> None:
-    """A solver that a user function of a run starts would change the state beneath that run."""
+    """Raise an error if a user function of a run starts another solver: it would change the state of that run."""
     frame: FrameType | None = sys._getframe()
     while frame is not None:
         if frame.f_globals.get("__name__") == _SOLVERS and frame.f_locals.get("mbs") is mbs:
@@ -202,19 +202,19 @@ def _refuse_within_a_run(mbs: MainSystem) -> None:
 
 
 def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> OpenJoints:
-    """Refuse joints on nodes that were reduced away, and starts that violate a constraint.
+    """Raise an error for joints on nodes that were reduced away, and for a start that violates a constraint.
 
     Parameters
     ----------
     mbs : exudyn.MainSystem
-        Assembled.
+        The model, assembled.
     bodies : sequence of PartitionBody
-        The model's.
+        All bodies of the model.
 
     Returns
     -------
     OpenJoints
-        Those that are open by more than round-off.
+        Joints that are open by more than round-off.
 
     Raises
     ------
@@ -268,7 +268,7 @@ def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> OpenJoints
 
 
 def _largest_velocity(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> float:
-    """Largest initial velocity of other items' coordinates and, as a mean over its mass, of a body [m/s or rad/s]."""
+    """Largest initial velocity [m/s or rad/s]: of bodies, as means over their mass, and of other items' coordinates."""
     initial = require("exudyn").ConfigurationType.Initial
     q, q_t = mbs.systemData.GetODE2Coordinates(initial), mbs.systemData.GetODE2Coordinates_t(initial)
     others, found = np.ones(len(q_t), dtype=bool), [0.0]
@@ -293,7 +293,7 @@ def _force_sensors(mbs: MainSystem, number: int) -> tuple[tuple[str, int], ...]:
 
 
 def _violations(mbs: MainSystem, solver: MainSolver, velocity_level: bool) -> Array:
-    """Values of the constraints, (number of them,), or of their rates, at the start."""
+    """Values of the constraints at the start, (number of constraints,), or of their rates."""
     solver.ComputeAlgebraicEquations(mbs, velocityLevel=velocity_level)
     return np.array(solver.GetSystemResidual())[-mbs.systemData.AEsize() :]
 

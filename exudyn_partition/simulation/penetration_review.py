@@ -1,4 +1,4 @@
-"""Warnings about bodies that lie within each other: at the start, by much, and where no row holds them."""
+"""Warnings about bodies that lie within each other: at the start, too deep, or at places without rows."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from ..surfaces.rows import PENETRATION_TOLERANCE
 from ..surfaces.surface import Surface
 from .result import Result, called
 
-_ENERGY = 1e-2  # of the bodies' largest energy: what those that overlap at the start may store
-_MOVED = 0.1  # of what they store: kinetic energy of bodies that it throws apart, and not of such as rest on each other
-_ROUND_OFF = 1e-7  # of a facet's size: overlap that is none
-_DEEP = 0.15  # of the radius of the contact area: depth to which bodies may be pressed into each other
-_DEEP_OF_SOFT, _SOFT = 0.01, 0.1  # the same of a penalty whose stiffness is below this share of the default
-_LOOKED_AT, _STARTS = 64, 16  # most samples, and times of contact, at which places of nodes are looked at
-_SHARP = 0.4  # rad, from a facet's normal to the mean one at its node: corners and edges
-_BENEATH, _BENEATH_SHARP = 0.05, 1e-3  # of a facet's size: depth of a node with no closed row around it
+_ENERGY = 1e-2  # energy that overlap at the start may store, as a share of the bodies' largest energy
+_MOVED = 0.1  # share of the stored energy: with less kinetic energy, bodies rest on each other and do not fly apart
+_ROUND_OFF = 1e-7  # overlap that is round-off, as a share of a facet's size
+_DEEP = 0.15  # depth to which bodies may be pressed into each other, as a share of the radius of the contact area
+_DEEP_OF_SOFT, _SOFT = 0.01, 0.1  # the same for a penalty whose stiffness is below this second share of the default
+_LOOKED_AT, _STARTS = 64, 16  # largest number of samples, and of times of contact, at which nodes are checked
+_SHARP = 0.4  # rad, angle from a facet's normal to the mean one at its node: corners and edges have more
+_BENEATH, _BENEATH_SHARP = 0.05, 1e-3  # depth of a node with no closed row around it, as a share of a facet's size
 
 
 def warn_of_penetration(contact: PartitionContact, result: Result) -> None:
-    """Say where bodies lie within each other as real ones do not."""
+    """Warn of bodies that lie within each other, which is not possible for real bodies."""
     _warn_of_overlap(contact, result)
     _warn_of_depth(contact, result)
     _warn_of_sinking(contact, result)
 
 
 def _warn_of_overlap(contact: PartitionContact, result: Result) -> None:
-    """Bodies that overlap at the start have energy from nowhere; in statics nothing moves.
+    """Warn of bodies that overlap at the start: their energy has no cause. In statics nothing moves.
 
     A run that goes on where another one ended, and bodies that rest on each other, may begin with a contact.
     """
@@ -76,7 +76,7 @@ def _kinetic_energy(item: PartitionBody, result: Result) -> Array:
 
 
 def _warn_of_depth(contact: PartitionContact, result: Result) -> None:
-    """A depth that is not small against the contact: the penalty is too soft, or linear elasticity has no answer."""
+    """Warn of a depth not small beside the contact: the penalty is too soft, or linear elasticity is not valid."""
     if not contact.compliant:
         return
     pressed = -result.sensor_of(contact, contact["sForce"])[:, 5]
@@ -102,7 +102,7 @@ def _warn_of_depth(contact: PartitionContact, result: Result) -> None:
 
 
 def _warn_of_sinking(contact: PartitionContact, result: Result) -> None:
-    """A corner or edge sinks into a rigid surface before a mean gap around it closes."""
+    """Warn of a corner or edge that sinks into a rigid surface before a mean gap around it closes."""
     gaps = contact.mechanics.gaps
     if not isinstance(gaps, RigidGaps) or gaps.carried or gaps.points.nodal:
         return
@@ -123,7 +123,7 @@ def _warn_of_sinking(contact: PartitionContact, result: Result) -> None:
         depth = -gaps.surface.project(places)[0]
         held = np.zeros(len(places), dtype=bool)
         held[closed[i].indices[closed[i].data > 0]] = True
-        # Beside a contact the surface, as coordinates move it, is below too; the contact's flexibility lifts it there.
+        # Beside a contact the coordinates alone also place the surface too deep. The contact's flexibility lifts it.
         free = depth - depth[held].max(initial=0.0)
         sunk = np.flatnonzero((free > allowed) & ~(held | (around @ held > 0)))
         if not len(sunk):

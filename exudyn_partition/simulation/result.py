@@ -1,4 +1,4 @@
-"""What a run leaves: samples of the model's sensors and of what contacts kept themselves."""
+"""The result of a run: samples of the model's sensors, and the data that contacts kept themselves."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from .stored_run import (
 from .work import Work
 
 _TIMES = "t for the times of the samples [s], or time_s for the run time [s]"
-_MEANT = {  # names that other libraries have
+_MEANT = {  # names in other libraries
     "time": _TIMES,
     "times": _TIMES,
     "y": "coordinates(result) of what CreatePartitionBody returns",
@@ -65,7 +65,7 @@ _MEANT = {  # names that other libraries have
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What a run leaves.
+    """The result of a run.
 
     Parameters
     ----------
@@ -73,9 +73,9 @@ class Result:
         Times of the samples [s].
     status : {"finished", "interrupted", "unstable"}
     message : str
-        Why and where the run ended.
+        Cause and time of the end of the run.
     step : float
-        Time step [s]; of an adaptive run, that in contact.
+        Time step [s]; for an adaptive run, the step in contact.
     steps : int
         Steps taken.
     method : str
@@ -84,23 +84,23 @@ class Result:
     sensors : dict of int to (n, k) array
         Samples of the model's internally stored sensors, by sensor number.
     bodies : tuple of PartitionBody
-        The model's.
+        All bodies of the model.
     contacts : tuple of PartitionContact
-        The model's.
+        All contacts of the model.
     work : Work
         Counts of the solver and of the contacts.
     runs : tuple of ContactRun
-        What each contact kept of the run; a `KeptRun` of a result that was read from a file.
+        Data of the run that each contact kept; `KeptRun` if the result was read from a file.
     seldom : set of int
         Sensors that Exudyn read less often than the result has times.
     warnings : tuple of str, optional
         Texts of the warnings after the run. Default: not known.
     item_work : WorkSensor, optional
-        The model's, if it has one.
+        Sensor of work, if the model has one.
     marks : tuple of ItemMark, optional
-        What the model was, of a result that was read without it.
+        Description of the model, for a result that was read without it.
     newmark : Newmark, optional
-        Parameters of the implicit method. Default: of another one, or not known, as of a result from a file.
+        Parameters of the implicit method. Default: another method, or not known, as in a result from a file.
     """
 
     t: Array
@@ -121,10 +121,10 @@ class Result:
     marks: tuple[ItemMark, ...] | None = field(default=None, repr=False)
     newmark: Newmark | None = field(default=None, repr=False)
 
-    if not TYPE_CHECKING:  # for type checkers it would be every attribute
+    if not TYPE_CHECKING:  # type checkers would accept every attribute
 
         def __getattr__(self, name: str) -> object:
-            """Say what is meant by an attribute that is not there."""
+            """Raise an error that names the right attribute instead of a missing one."""
             raise no_attribute(self, name, _MEANT)
 
     def __repr__(self) -> str:
@@ -152,7 +152,7 @@ class Result:
         return self.sensors[int(number)]
 
     def sensor_of(self, item: object, number: SensorIndex) -> Array:
-        """Samples of the sensor `number` of `item`, (n, k); another model has the same numbers for other things.
+        """Samples of the sensor `number` of `item`, (n, k). In another model the same number may be another sensor.
 
         Raises
         ------
@@ -172,7 +172,7 @@ class Result:
         return self.sensor(number)
 
     def kept(self, contact: PartitionContact) -> ContactRun | KeptRun:
-        """Return what a contact kept of the run beside its sensors: its law at the end, and forces of rows.
+        """Return the data of the run that a contact kept beside its sensors: mechanics at the end, forces of rows.
 
         Raises
         ------
@@ -189,12 +189,12 @@ class Result:
         return self.runs[self.contacts.index(contact)]
 
     def at(self, times: Sequence[float] | Array | int) -> Result:
-        """Return the samples nearest to some times, each once: for frames of a film.
+        """Return the samples nearest to some times, each sample once, for example for frames of a film.
 
         Parameters
         ----------
         times : (k,) [s] or int
-            Times, or how many of them, equally spaced over the run.
+            Times [s], or a number of times that are equally spaced over the run.
 
         Raises
         ------
@@ -212,26 +212,27 @@ class Result:
         return replace(self, t=self.t[nearest], sensors={n: data[nearest] for n, data in self.sensors.items()})
 
     def save(self, path: str | Path) -> None:
-        """Write the result to a file, to go on with it in another process; `load` reads it.
+        """Write the result to a file, for use in another process; `load` reads it.
 
-        It holds what sensors and contacts recorded: forces of rows, states, pressures, areas, plastic strains too.
+        It holds all data that sensors and contacts recorded, with forces of rows, states, pressures, areas and plastic
+        strains.
 
         Parameters
         ----------
         path : str or Path
-            Taken as it is.
+            Path of the file; no ending is added.
 
         Raises
         ------
         InputError
-            If no file can stand there.
+            If no file can be written there.
         OutputError
-            If the disk is full or protected; the file that was there is kept.
+            If the disk is full or protected; an older file is kept.
         """
         FILE.save(path, self._stored())
 
     def _stored(self) -> StoredRun:
-        """What files hold of it."""
+        """Data of the result that files hold."""
         kept: list[KeptRun | None] = [KeptRun.of(run) for run in self.runs]
         kept = kept or [None] * len(self.contacts)
         return StoredRun(
@@ -266,22 +267,22 @@ class Result:
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle holds what files hold: not the model with its matrices."""
+        """Pickle holds the same data as files, without the model and its matrices."""
         return _restored, (self._stored(),)
 
     @classmethod
     def load(cls, path: str | Path, mbs: MainSystem | None = None) -> Result:
-        """Read what `save` wrote, as a result of a model that was built as the one that was run; or without a model.
+        """Read a file that `save` wrote, with a model built in the same way as the one that was run, or without one.
 
-        Without a model, `bodies` and `contacts` stand for its items. They have what the run recorded: times, forces,
-        rows, pressures, areas, friction, energies, momenta. What needs meshes or matrices, as velocities of points that
-        no sensor had, raises an InputError.
+        Without a model, `bodies` and `contacts` replace its items. They have the data that the run recorded: times,
+        forces, rows, pressures, areas, friction, energies, momenta. Results that need meshes or matrices raise an
+        InputError, for example velocities of points without a sensor.
 
         Parameters
         ----------
         path : str or Path
         mbs : exudyn.MainSystem, optional
-            It need not have been run.
+            The model; it need not have been run.
 
         Raises
         ------
@@ -302,14 +303,14 @@ class Result:
         )
 
     def report(self, path: str | Path, *, title: str = "") -> Path:
-        """Write the run as one HTML page: scene, step, conservation, contacts, timings, what was left out, figures.
+        """Write the run as one HTML page: scene, step, conservation, contacts, timings, effects left out, figures.
 
         Parameters
         ----------
         path : str or Path
-            Of the page, which needs no other file.
+            Path of the page. It needs no other file.
         title : str
-            Default: the file's name.
+            Title of the page. Default: the file's name.
 
         Returns
         -------
@@ -337,7 +338,7 @@ class Result:
         size: tuple[int, int] = (1280, 720),
         progress: Progress | None = None,
     ) -> Path:
-        """Write a film of the moving and deforming bodies, with the contact force beneath; it needs no screen.
+        """Write a film of the moving and deforming bodies, with a plot of the contact force below; it needs no screen.
 
         Parameters
         ----------
@@ -348,17 +349,17 @@ class Result:
         colour : {"speed", "deformation", "von_mises", "contact_pressure"}
             "von_mises" needs the FE models.
         end : float, optional
-            Value at the upper end of the colours [m/s, m, Pa]. Default: what 99.5 % of the area stay below, and more.
+            Value at the upper end of the colours [m/s, m, Pa]. Default: a value that 99.5 % of the area stay below.
         frames : int or (m,) array
-            How many, or their times [s], see `at`.
+            Number of frames, or their times [s], see `at`.
         period : float
             Time between frames in the film [s].
         scale : float, optional
             Factor on the deformation. Default: the power of ten that makes it visible.
         view : str
-            What is looked at: "all", "contact", or the name of a body.
+            Centre of the picture: "all", "contact", or the name of a body.
         direction : (3,)
-            Where the viewer is, seen from there.
+            Direction from this centre to the viewer.
         size : (int, int)
             Width and height in pixels.
         progress : callable, optional
@@ -367,12 +368,12 @@ class Result:
         Returns
         -------
         Path
-            Of the film, or of its first picture.
+            Path of the film, or of its first picture.
 
         Raises
         ------
         InputError
-            If an argument has a wrong type or is out of range, or no file can stand at the path.
+            If an argument has a wrong type or is out of range, or no file can be written at the path.
         MissingPackageError
             If PyVista or imageio-ffmpeg is not installed: `pip install "exudyn-partition[pictures]"`.
         """
@@ -393,7 +394,7 @@ class Result:
         height: int = 560,
         progress: Progress | None = None,
     ) -> Scene:
-        """Make a page on which the bodies move, to play and turn in any browser; in a notebook, `result.scene()`.
+        """Make a page that shows the moving bodies in any browser, to play and turn; in a notebook, `result.scene()`.
 
         The page needs no other file and no network. It has the bodies with their deformation, rigid surfaces that are
         fixed in space, and the forces.
@@ -401,21 +402,21 @@ class Result:
         Parameters
         ----------
         path : str or Path, optional
-            Of the page. Default: it is not written.
+            Path of the page. Default: no file is written.
         bodies : sequence of PartitionBody or (PartitionBody, FEModel), optional
             Default: all. With its FE model a body also shows the static answer to the contacts' forces, and stresses.
         colours : sequence of str, optional
-            Some of "speed", "deformation", "von_mises", "contact_pressure", to choose from on the page. Default: all
-            that there are.
+            Some of "speed", "deformation", "von_mises", "contact_pressure", for a choice on the page. Default: all that
+            are available.
         frames : int or (m,) array
-            How many, or their times [s], see `at`.
+            Number of frames, or their times [s], see `at`.
         scale : float, optional
-            Factor on the deformation at the start, which the page can change. Default: the power of ten that makes it
-            visible.
+            First factor on the deformation; the page can change it. Default: the power of ten that makes the
+            deformation visible.
         title : str
-            Default: the file's name.
+            Title of the page. Default: the file's name.
         height : int
-            In a cell of a notebook [pixels].
+            Height in a cell of a notebook [pixels].
         progress : callable, optional
             Called with the share done, 0 to 1. Default: a bar on the terminal, if it takes long.
 
@@ -426,7 +427,7 @@ class Result:
         Raises
         ------
         InputError
-            If an argument has a wrong type or is out of range, or no file can stand at the path.
+            If an argument has a wrong type or is out of range, or no file can be written at the path.
         """
         target = None if path is None else writable(path)
         title = validate_text("title", title) or ("" if target is None else target.stem)
@@ -438,7 +439,7 @@ class Result:
     def to_dataframe(self) -> DataFrame:
         """Histories of contacts and bodies as a table of pandas: force, gap, energy, momentum, with names and units.
 
-        Rows are the times; `attrs` says how the run ended. `to_csv`, `to_hdf` and the like of the table write files.
+        Each row is a time. `attrs` has the end of the run. Methods of the table, such as `to_csv`, write files.
 
         Returns
         -------
@@ -452,7 +453,7 @@ class Result:
         return dataframe(self)
 
     def to_xarray(self) -> Dataset:
-        """The same as a data set of xarray, with dimensions t, contact, body and axis, and units as attributes.
+        """Same data as a data set of xarray, with dimensions t, contact, body and axis, and units as attributes.
 
         Returns
         -------
@@ -472,12 +473,13 @@ class Result:
         ----------
         contact : PartitionContact
         points : dict of str to (PartitionBody, point) or (PartitionBody, point, fem), optional
-            With the FE model of the body velocities near a contact are better, see `PartitionBody.velocity`.
+            Points by name. With the FE model of the body, velocities near a contact are more exact, see
+            `PartitionBody.velocity`.
 
         Raises
         ------
         InputError
-            If an argument is no such thing, or the contact is of another model.
+            If an argument has a wrong type, or the contact is of another model.
         """
         validate_type("contact", contact, PartitionContact, "CreatePartitionContact()")
         expected = "points: expected a dict of name: (body, point) or (body, point, fem)"
@@ -532,7 +534,7 @@ def _restored(stored: StoredRun) -> Result:
 
 
 def samples(mbs: MainSystem) -> Result:
-    """What the sensors stored, with what contacts kept themselves where Exudyn read its sensors seldom."""
+    """Result from the sensors, and from the contacts' own record if Exudyn read its sensors seldom."""
     check_sensors(mbs)
     sensors = {}
     for number in range(mbs.systemData.NumberOfSensors()):
@@ -566,7 +568,7 @@ def samples(mbs: MainSystem) -> Result:
 
 
 def _joined(result: Result, t: Array, kept: Mapping[int, Array]) -> Result:
-    """Result at its own times and at t, (n,), with what was kept there, (n, k) by sensor number."""
+    """Result at its own times and at t, (n,), with the values `kept` at t, (n, k); keys are the sensors' numbers."""
     own = ~np.isin(t, result.t)
     times = np.r_[result.t, t[own]]
     order = np.argsort(times)
@@ -586,7 +588,7 @@ def cut(result: Result, count: int) -> Result:
 
 
 def called(item: PartitionBody | StoredBody | PartitionContact | WorkSensor) -> str:
-    """Return what messages call a body, a contact or the sensor of work."""
+    """Return the name that messages use for a body, a contact or the sensor of work."""
     if isinstance(item, WorkSensor):
         return "this sensor of work"
     kind = "body" if isinstance(item, PartitionBody | StoredBody) else "contact"

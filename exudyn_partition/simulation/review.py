@@ -1,6 +1,6 @@
-"""Review of a run: results are cut where they stop to mean anything, and warnings name limits that it went beyond.
+"""Review of a run: it cuts the result where samples lose their meaning, and warns of limits that the run exceeded.
 
-`solve_dynamic` and `collect` both end with it.
+`solve_dynamic` and `collect` both end with this review.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from ..support.foreign import MainSystem
 from .contact_review import warn_of_contacts
 from .result import Result, called, cut
 
-_LARGEST_DEFORMATION = 0.1  # of a body's size: linear elasticity ends long before
-_GROWTH = 1e3  # of a body's largest energy until then: what unstable steps pass, and large strain does not
-_LARGEST_ROTATION = 0.1  # rad, of a body in an inertial frame
-_LARGEST_COMPRESSION = 0.1  # of the buckling load of a link
-_LARGEST_TURN = 1.0  # rad, of a floating frame in a step: six steps a turn
+_LARGEST_DEFORMATION = 0.1  # share of a body's size; linear elasticity is not valid far below it
+_GROWTH = 1e3  # ratio to a body's largest energy so far, which unstable steps exceed and large strain does not
+_LARGEST_ROTATION = 0.1  # rad, for a body in an inertial frame
+_LARGEST_COMPRESSION = 0.1  # share of the buckling load of a link
+_LARGEST_TURN = 1.0  # rad, for a floating frame in a step: six steps for a full turn
 
 
 @contextlib.contextmanager
 def noted() -> Iterator[list[str]]:
-    """Note the texts of all warnings within the block; they come after it, from where they came."""
+    """Collect the texts of all warnings within the block. The warnings appear after it, with their own source lines."""
     texts: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -43,7 +43,7 @@ def noted() -> Iterator[list[str]]:
 
 
 def reviewed(mbs: MainSystem, result: Result) -> Result:
-    """Cut a result where it stops to mean anything, and warn of what the user must know."""
+    """Cut a result where its samples lose their meaning, and give the user all warnings."""
     bodies, contacts = partition_items(mbs)
     valid, shares = np.ones(len(result.t), dtype=bool), []
     for item in bodies:
@@ -71,7 +71,7 @@ def reviewed(mbs: MainSystem, result: Result) -> Result:
 
 
 def _deformed_share(item: PartitionBody, q: Array) -> Array:
-    """Largest elastic displacement on the patches by the body's size, (n,), or a bound on it, where that is small."""
+    """Largest elastic displacement on the patches over the body's size, (n,), or a bound on it, if that is small."""
     body, motion = item.body, abs(item.kinematics.deformed(q))
     size = np.ptp(body.points, axis=0).max()
     of_shapes = abs(body.shape_rows(body.partition.patch_nodes)).max(axis=0, initial=0.0)
@@ -81,9 +81,10 @@ def _deformed_share(item: PartitionBody, q: Array) -> Array:
 
 
 def _unbounded(item: PartitionBody, result: Result, small: Array) -> Array:
-    """Samples of large deformation whose energy grows without limit, (n,) bool, by those of a small one, (n,) bool.
+    """Samples of large deformation whose energy grows without limit, (n,) bool.
 
-    Unstable steps multiply it. Large strain alone does not: linear bodies may be run beyond what materials bear.
+    `small`, (n,) bool, has the samples of small deformation. Unstable steps multiply the energy. Large strain alone
+    does not: runs of linear bodies may exceed the strength of their material.
     """
     if small.all():
         return np.zeros(len(small), dtype=bool)
@@ -108,7 +109,7 @@ def _warn_of_rotation(item: PartitionBody, result: Result) -> None:
 
 
 def _warn_of_strain(item: PartitionBody, result: Result, share: Array) -> None:
-    """Strain so large that no linear answer holds for it; `share` of the body's size, (n,), deforms."""
+    """Warn of strain too large for a linear body; `share`, (n,), is the deformation over the body's size."""
     if share.max() >= _LARGEST_DEFORMATION:
         when = result.t[int((share >= _LARGEST_DEFORMATION).argmax())]
         warnings.warn(
@@ -139,7 +140,7 @@ def _warn_of_compression(item: PartitionBody, result: Result) -> None:
 
 
 def warn_of_turns(result: Result) -> None:
-    """Warn of floating frames that turn far in a step, of equal steps."""
+    """Warn of floating frames that turn far in a step, in runs with equal steps."""
     for item in result.bodies:
         if item.frame == "floating" and len(result.t):
             turn = result.step * np.linalg.norm(item.coordinates_t(result)[:, 3:6], axis=1).max()

@@ -1,4 +1,4 @@
-"""Exudyn adapter: whether the sensors of bodies and contacts are still those that were made with them."""
+"""Exudyn adapter: check that the sensors of bodies and contacts are still those that were made with them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _BY_FUNCTION: dict[str, object] = {"sensorType": "UserFunction"}
 
 
 def check_sensors(mbs: MainSystem) -> None:
-    """Raise if a sensor of a body or contact was deleted; those behind it have other numbers since then.
+    """Raise an error if a sensor of a body or contact was deleted: later sensors then have other numbers.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def check_sensors(mbs: MainSystem) -> None:
 
 
 def _of_bodies(bodies: list[PartitionBody]) -> Iterator[tuple[str, SensorIndex, dict[str, object]]]:
-    """What sensors of bodies belong to, their numbers, and the parameters that Exudyn must have of them."""
+    """For each sensor of a body: its owner, its number, and the parameters that Exudyn must have for it."""
     kinds = require("exudyn").OutputVariableType
     for place, item in enumerate(bodies):
         what = f"body {item.name!r}" if item.name else f"body {place}"

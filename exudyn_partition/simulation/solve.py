@@ -1,4 +1,4 @@
-"""Explicit and implicit runs by Exudyn's own solvers, with checks before, progress during, and results kept after."""
+"""Explicit and implicit runs by Exudyn's own solvers, with checks before, progress meanwhile, and results after."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ from .step_control import LONGEST, UNRESOLVED, StepControl, impact_step
 
 _log = logging.getLogger(__name__)
 
-_CONTRACTIVITY = 0.02  # of Newton's iterations, beyond which the Jacobian is computed anew
-_EARLY = 2e-10  # s, more than what Exudyn's solvers stop ahead of their end time, for whatever steps
-_ROUNDING = 1e-3  # of a step, of the time after very many steps
-_SHORTER = 100  # the last step of an adaptive run may be missing if it is shorter by more
-_MOST_STEPS = 2**31 - 1  # that Exudyn counts
-_MANY_STEPS = 200_000  # of an adaptive run in free flight: minutes
-_SHORTEST = 1e-6  # of the step in contact, below which Exudyn gives up shortening it
+_CONTRACTIVITY = 0.02  # contractivity of Newton's iterations above which the Jacobian is computed again
+_EARLY = 2e-10  # s; Exudyn's solvers stop ahead of their end time by less than this, for all steps
+_ROUNDING = 1e-3  # share of a step: rounding error of the time after very many steps
+_SHORTER = 100  # an adaptive run may lose a last step that is shorter by more than this factor
+_MOST_STEPS = 2**31 - 1  # largest number of steps that Exudyn counts
+_MANY_STEPS = 200_000  # number of steps of an adaptive run in free flight that take minutes
+_SHORTEST = 1e-6  # share of the step in contact; Exudyn makes no shorter steps
 
 
 def solve_dynamic(
@@ -72,52 +72,53 @@ def solve_dynamic(
 ) -> Result:
     """Run an assembled model in Exudyn's own solver.
 
-    The same model can be run by `mbs.SolveDynamic` directly, with `collect` for its results; this adds the check of the
-    step, progress, Ctrl-C that keeps what was computed, and warnings about the contact.
+    The same model can be run by `mbs.SolveDynamic` directly, with `collect` for its results. This function also checks
+    the step, shows progress, keeps the results so far at Ctrl-C, and warns about contacts.
 
     Parameters
     ----------
     mbs : exudyn.MainSystem
-        Assembled.
+        The model, assembled.
     end_time : float
-        When the run ends [s].
+        Time at which the run ends [s].
     start_time : float, optional
-        When the run begins [s], from the model's initial values. Default: `settings.timeIntegration.startTime`, which
-        is 0 by default.
+        Time at which the run begins [s], from the model's initial values. Default:
+        `settings.timeIntegration.startTime`, which is 0 by default.
     go_on : bool
-        Go on from where the last run ended, dynamic or static, as if both were one: with its time, after a static run
-        with `start_time`, its coordinates, velocities and accelerations, and with all that contacts remember: pairs,
-        where rows stick, plastic strains, multipliers, the energy taken so far. With the same method and step, the run
-        is that of one call, to round-off. The model's initial values stay what they were.
+        Go on from the end of the last run, dynamic or static, as if both were one. The run begins at the time of this
+        end; after a static run, at `start_time`. It takes the coordinates, velocities and accelerations, and the memory
+        of contacts: pairs, rows that stick, plastic strains, multipliers, the energy taken so far. With the same method
+        and step, the run is equal to one call, up to round-off. The model's initial values do not change.
     step : float, optional
-        [s]. Default: of a run that goes on with the same method, that of the last run. Else 25 steps a period of the
-        highest `f_cut`, and 32 in the first impact as bodies fly at the start (`step_control.impact_step`), where
-        patches are flat more; explicit at most 0.9 of `stability_limit`.
+        Time step [s]. Default: the step of the last run, if this one goes on with the same method. Otherwise 25 steps
+        in a period of the highest `f_cut`, and 32 in the first impact as bodies fly at the start
+        (`step_control.impact_step`); more if patches are flat. Explicit steps are at most 0.9 of `stability_limit`.
     method : {"explicit", "implicit"}
-        Exudyn's VelocityVerlet or generalized-alpha. Both take contacts of every formulation, joints and prescribed
-        motion; explicit steps close joints by `central_differences.MultiplierStep`, and joint sensors tell reactions
-        that are means over the step before. Exudyn's rigid bodies that turn in space are of first order there.
+        Exudyn's VelocityVerlet or generalized-alpha. Both work with contacts of every formulation, joints and
+        prescribed motion. Explicit steps close joints by `central_differences.MultiplierStep`. Joint sensors then
+        record mean reactions over the step before. Exudyn's rigid bodies that turn in space have first-order accuracy
+        in explicit steps.
     sample_period : float, optional
-        Time between samples [s], rounded to a multiple of the step; default: every step. The steps of an adaptive run
-        are at most that long, and samples stand where they end.
+        Time between samples [s], rounded to a multiple of the step. Default: every step. The steps of an adaptive run
+        are at most this long, and it has samples at the ends of steps.
     spectral_radius : float
-        Of generalized-alpha at infinity; 1 does not damp.
+        Spectral radius of generalized-alpha at infinity; 1 does not damp.
     adaptive : bool
-        Take `step` in contact and longer ones in free flight, as far as the bodies' vibration lets them, see
+        Take `step` in contact and longer steps in free flight, as far as the bodies' vibration allows, see
         `step_control.StepControl`. The times of the result are then not equally spaced.
     free_step : float, optional
-        Longest step of an adaptive run [s]. Default: 100 steps in contact; explicit at most 0.9 of the stability limit
-        with all contact rows open.
+        Longest step of an adaptive run [s]. Default: 100 steps in contact. Explicit steps are at most 0.9 of the
+        stability limit with all contact rows open.
     gap_tolerance : float, optional
-        Depth to which a step of an adaptive run may close a gap that was open before [m]; it is halved until it does.
-        Default: what the approach covers in one step in contact.
+        Depth to which a step of an adaptive run may close a gap that was open before [m]. Longer steps are halved.
+        Default: the approach in one step in contact.
     unresolved : float, optional
-        Share of the bodies' energy that vibration may have in free flight without an adaptive run resolving it; steps
-        then are longer, and damp it. Default: 1e-4.
+        Share of the bodies' energy in vibration that an adaptive run need not resolve in free flight. Steps are then
+        longer, and damp it. Default: 1e-4.
     settings : exudyn.SimulationSettings, optional
-        Everything else; start, end, number of steps, spectral radius and the period of samples are set in it, and those
-        of adaptive steps. Exudyn's own defaults then hold, which solve by dense matrices, and write a file with the
-        solution. Default: sparse matrices, no file, and Newton's method as it suits contacts.
+        All other settings. Start, end, number of steps, spectral radius, period of samples and adaptive steps are set
+        in it. For all else Exudyn's own defaults hold: they solve by dense matrices, and write a file with the
+        solution. Default: sparse matrices, no file, and options of Newton's method that suit contacts.
     progress : callable, optional
         Called with the share done, 0 to 1, a hundred times. Default: a bar on the terminal, if it takes long.
 
@@ -130,25 +131,25 @@ def solve_dynamic(
     StepSizeError
         If an explicit step is above the stability limit.
     InputError
-        If an option is out of range, or would have no effect; if there is no run to go on from; if a joint is attached
-        to a node that was reduced away, or the initial velocities violate a joint or drive; if the model has
-        constraints that explicit steps cannot take: of velocities, or of Euler parameters.
+        If an option is out of range, or would have no effect. If there is no run to go on from. If a joint is attached
+        to a node that was reduced away, or the initial velocities violate a joint or drive. If the model has
+        constraints that explicit steps cannot use: those of velocities, or of Euler parameters.
     RunError
         If the model is not assembled, or Exudyn cannot run its first step.
 
     Warns
     -----
     StoppedRunWarning
-        If the run ended early; the result holds what was computed.
+        If the run ended early; the result holds all samples until then.
     ModelLimitWarning
-        If a body rotated further than its frame allows, or turned by more than a radian in a step; if bodies overlapped
-        at the start by so much that it drives them apart, or penetrated each other by what is not small against the
-        contact; or if a joint was open by so much that closing it shows.
+        If a body rotated further than its frame allows, or turned by more than a radian in a step. If bodies overlapped
+        so much at the start that they fly apart. If they penetrated each other by a depth that is not small beside the
+        contact. If a joint was so far open that closing it has a visible effect.
     ContactPatchWarning
-        If a contact reached the edge of its patch, or a corner or edge sank into a rigid surface with no row around it.
+        If a contact reached the edge of its patch, or if a corner or edge without a row sank into a rigid surface.
     """
     last = _end_of(mbs, start_time) if validate_flag("go_on", go_on) else None
-    with interruptible(), started_from(mbs, last):  # from before the first step until after the last look at results
+    with interruptible(), started_from(mbs, last):  # from before the first step until the last check of results
         result, open_joints = _run(
             mbs,
             last,
@@ -167,7 +168,7 @@ def solve_dynamic(
         )
         with noted() as warned:
             result = reviewed(mbs, result)
-            if not open_joints.warn(result):  # what closes them is in no balance
+            if not open_joints.warn(result):  # no balance includes the energy that closes them
                 warn_of_balance(mbs, result)
             if not adaptive:
                 warn_of_turns(result)
@@ -191,9 +192,9 @@ def _run(
     settings: SimulationSettings,
     progress: Progress | None,
 ) -> tuple[Result, OpenJoints]:
-    """Run of `solve_dynamic`, with what its sensors stored as it is, and the joints that were open at its start.
+    """Run of `solve_dynamic`: the result without a review, and the joints that were open at its start.
 
-    `last` is where the run goes on from, if it was asked to.
+    `last` is the end from which the run goes on, if the user chose that.
     """
     exu = require("exudyn")
     validate_choice("method", method, INTEGRATORS)
@@ -213,8 +214,8 @@ def _run(
     step = (end_time - start) / steps
     settings = _own_settings(mbs, method) if settings is None else settings
     integration = settings.timeIntegration
-    # Steps that are so short need more of them to get there; the hook before each step ends the run.
-    # The last one of an adaptive run is shorter than the others, by whatever is left.
+    # Very short steps do not reach the end, because Exudyn stops early. So there are more, and a hook ends the run.
+    # The last step of an adaptive run has only the time that is left, and may be very short.
     beyond = math.ceil(_EARLY / step) if step < _EARLY * (_SHORTER if adaptive else 1) else 0
     if steps + beyond > _MOST_STEPS:
         raise InputError(
@@ -224,7 +225,7 @@ def _run(
     integration.startTime = start
     integration.endTime, integration.numberOfSteps = end_time + beyond * step, steps + beyond
     integration.generalizedAlpha.spectralRadius = spectral_radius
-    integration.explicit.eliminateConstraints = False  # as MultiplierStep closes them
+    integration.explicit.eliminateConstraints = False  # MultiplierStep closes joints
     if sample_period is not None:
         sample_period = validate_positive("sample_period", sample_period, "s")
     settings.solution.sensors.writePeriod = step * max(1, round((sample_period or step) / step))
@@ -234,7 +235,7 @@ def _run(
         _warn_of_many_steps(end_time - start, control.longest, method)
         settings.solution.sensors.writePeriod = sample_period or 0.0
         integration.adaptiveStep, integration.minimumStepSize = True, _SHORTEST * step
-        # The control lengthens steps; Exudyn only shortens those that fail.
+        # The control makes steps longer; Exudyn only makes failed steps shorter.
         integration.adaptiveStepRecoverySteps = steps
     solver = exu.DynamicSolverType.VelocityVerlet if method == "explicit" else exu.DynamicSolverType.GeneralizedAlpha
 
@@ -266,7 +267,7 @@ def _run(
     keep_end(mbs, control, end)
     result = replace(samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
     _log.debug("%s steps in %.4g s: %s", watch.steps, time_s, result.work)
-    if beyond:  # a run that a hook ends leaves a sample of the step that was not taken
+    if beyond:  # a run that a hook ends has a sample too many, of the step that was not made
         result = cut(result, int(np.searchsorted(result.t, end_time + _ROUNDING * step)))
     if status == "finished" and end_time - mbs.systemData.GetTime() > 0.5 * step:
         user = f"a PreStep or other user function ended the run at {mbs.systemData.GetTime():.6g} s"
@@ -277,7 +278,7 @@ def _run(
 
 
 def _end_of(mbs: MainSystem, start_time: float | None) -> RunEnd:
-    """Where a run is to go on from."""
+    """End from which a run goes on."""
     validate_model(mbs)
     end = last_end(mbs)
     if start_time is not None and end.method != "static":
@@ -288,7 +289,7 @@ def _end_of(mbs: MainSystem, start_time: float | None) -> RunEnd:
 
 
 def _start(start_time: float | None, end_time: float, settings: SimulationSettings | None) -> float:
-    """When the run begins [s]."""
+    """Time at which the run begins [s]."""
     begins, start = "timeIntegration.startTime", 0.0 if settings is None else float(settings.timeIntegration.startTime)
     if start_time is not None:
         begins, start = "start_time", validate_number("start_time", start_time, "a finite number in s")
@@ -298,7 +299,7 @@ def _start(start_time: float | None, end_time: float, settings: SimulationSettin
 
 
 def _count(duration: float, step: float) -> int:
-    """Number of equal steps, none of them longer than `step` [s]."""
+    """Number of equal steps that are not longer than `step` [s]."""
     if not duration / step < _MOST_STEPS:
         raise InputError(
             f"step: {duration:.4g} s in steps of {step:.4g} s are {duration / step:.3g} steps; Exudyn counts to "
@@ -308,19 +309,19 @@ def _count(duration: float, step: float) -> int:
 
 
 def _own_settings(mbs: MainSystem, method: Integrator) -> SimulationSettings:
-    """Settings where the user gave none."""
+    """Settings for a user who gave none."""
     exu = require("exudyn")
     settings = exu.SimulationSettings()
     settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
     settings.solution.file.write = False
     integration = settings.timeIntegration
     integration.verboseMode = 0
-    # Stiff springs on light bodies leave round-off above Exudyn's 1e-10; Newton's method would search for less.
+    # Stiff springs on light bodies have round-off above Exudyn's 1e-10, which Newton's method would never reach.
     if method == "implicit":
         integration.newton.absoluteTolerance = residual(mbs)
     # Where rows open or close, a new Jacobian costs less than the iterations that an old one takes.
     integration.newton.modifiedNewtonContractivity = _CONTRACTIVITY
-    # Verlet's accelerations at the end of a step are the next one's; asked for, they are computed twice.
+    # Verlet's accelerations at the end of a step are those of the next one. This option would compute them twice.
     integration.explicit.computeEndOfStepAccelerations = False
     return settings
 
@@ -354,7 +355,7 @@ def _warn_of_many_steps(duration: float, longest: float, method: Integrator) -> 
 
 
 def _impact_steps(mbs: MainSystem, limit: float) -> Iterator[float]:
-    """Steps that resolve each contact's next impact, as the model starts [s]."""
+    """Steps that resolve each contact's next impact, from the model's initial state [s]."""
     exu, data = require("exudyn"), mbs.systemData
     initial = exu.ConfigurationType.Initial
     q, q_t = data.GetODE2Coordinates(initial), data.GetODE2Coordinates_t(initial)

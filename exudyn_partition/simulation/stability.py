@@ -21,10 +21,10 @@ from ..support.foreign import MainSystem
 def stability_limit(mbs: MainSystem) -> float:
     """Largest stable step of central differences for the partition bodies with all contact rows closed [s].
 
-    2 / omega_max of K + H' F^-1 H against M, by Lanczos, with the pairs and normals of the start; damping of the bodies
-    lowers it, by a bound that is exact where the highest mode is damped most. Other items of the
-    model are not included, nor is the mass of what carries a rigid surface; multipliers of the lagrange formulation do
-    not lower the limit.
+    It is 2 / omega_max of K + H' F^-1 H and M, by Lanczos, with the pairs and normals at the start. Damping of the
+    bodies lowers the limit. This is computed by a bound that is exact if the highest mode has the largest damping.
+    Other items of the model are not included, nor is the mass of a body that carries a rigid surface. Multipliers of
+    the lagrange formulation do not lower the limit.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def stability_limit(mbs: MainSystem) -> float:
     Returns
     -------
     float
-        `math.inf` for a model without partition bodies, or of such as neither vibrate nor touch.
+        `math.inf` for a model without partition bodies, or if its bodies neither vibrate nor touch.
     """
     return limit_of(*partition_items(mbs))
 
@@ -50,7 +50,7 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
     scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
     closed = []
     for contact in contacts:
-        stiffness = contact.mechanics.closed_stiffness()  # of the pairs at the start, which are all that can close
+        stiffness = contact.mechanics.closed_stiffness()  # with the pairs at the start, as if all of them closed
         if stiffness is not None:
             items = [item for item, _ in contact.sides]
             to_coordinates = sp.block_diag([item.kinematics.from_basis for item in items], format="csr")
@@ -61,7 +61,7 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
         x = scale * x.ravel()
         y = K @ x
         for dofs, stiffness in closed:
-            np.add.at(y, dofs, stiffness @ x[dofs])  # a body that touches itself is there twice
+            np.add.at(y, dofs, stiffness @ x[dofs])  # a body that touches itself has its numbers twice
         value: Array = scale * y
         return value
 
@@ -71,5 +71,5 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
     largest = scipy.sparse.linalg.eigsh(operator, k=1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)[0]
     omega = float(np.sqrt(largest))
     rate = max((item.damping.largest_rate(omega) for item in bodies if item.damping is not None), default=0.0)
-    # VelocityVerlet takes damping forces from the velocities half a step before: h^2 omega^2 + 2 h d <= 4.
+    # VelocityVerlet computes damping forces with the velocities half a step before: h^2 omega^2 + 2 h d <= 4.
     return 4 / (rate + math.hypot(rate, 2 * omega))

@@ -29,9 +29,9 @@ from .review import noted, reviewed
 
 _log = logging.getLogger(__name__)
 
-_NEUTRAL = 1e-6  # of f_cut: a motion that would swing more slowly is held by nothing but round-off
-_LEAST_MASS = 1e-12  # of the mean on the diagonal
-_MOST_DENSE = 1000  # coordinates up to which that is looked at, for it takes all eigenvalues
+_NEUTRAL = 1e-6  # share of f_cut: only round-off holds a motion with a lower frequency
+_LEAST_MASS = 1e-12  # share of the mean on the diagonal
+_MOST_DENSE = 1000  # largest number of coordinates for this check, which computes all eigenvalues
 _REMEDY = (
     "What nothing holds before contact closes has no equilibrium: hold it by joints or soft springs, let bodies touch "
     "at the start, or set settings.staticSolver.stabilizerODE2term. Else take more load_steps; a spring's preload does "
@@ -50,28 +50,28 @@ def solve_static(
 ) -> Result:
     """Find the equilibrium of an assembled model with its contacts, in load steps by Exudyn's static solver.
 
-    Plain `mbs.SolveStatic` works too, with `collect` for its results; this adds checks, progress, Ctrl-C that keeps
-    what was computed, and warnings. The static time goes from 0 to 1. With friction, forces depend on the path
-    of the loads.
+    Plain `mbs.SolveStatic` works too, with `collect` for its results. This function also checks the model, shows
+    progress, keeps the results so far at Ctrl-C, and warns. The static time goes from 0 to 1. With friction, forces
+    depend on the path of the loads.
 
-    For natural frequencies about the equilibrium, contact closed, take `update_initial=True` and then Exudyn's
-    `mbs.ComputeODE2Eigenvalues(convert2Frequencies=True)`, which is about the initial state: rows that are closed there
-    stay closed.
+    For natural frequencies about the equilibrium with closed contact, set `update_initial=True`. Then call Exudyn's
+    `mbs.ComputeODE2Eigenvalues(convert2Frequencies=True)`. It linearises about the initial state: rows that are closed
+    there stay closed.
 
     Parameters
     ----------
     mbs : exudyn.MainSystem
-        Assembled. It begins in the model's initial state. What nothing holds must be in touch.
+        The model, assembled. The run begins in its initial state. Bodies without other support must touch another one.
     load_steps : int
-        Number of steps; there is a sample at the end of each, besides that of the initial state. Exudyn divides those
-        further in which Newton's method does not converge.
+        Number of steps. There is a sample of the initial state and one at the end of each step. Exudyn divides steps in
+        which Newton's method does not converge.
     load_factor : bool
-        Whether all of Exudyn's loads grow in proportion to the static time. If not, they act in full, or as their user
-        functions of time say. `gravity=` of bodies, springs and prescribed motion never grow by the factor.
+        Whether all of Exudyn's loads grow in proportion to the static time. If not, they act in full, or by their user
+        functions of time. `gravity=` of bodies, springs and prescribed motion never grow by the factor.
     update_initial : bool
-        Whether the equilibrium becomes the model's initial state, so that the next run begins there: a preload.
+        Whether the equilibrium becomes the model's initial state. The next run then begins there: a preload.
     settings : exudyn.SimulationSettings, optional
-        Everything else, such as `staticSolver.loadStepStart` and `loadStepDuration`, the static time; number of load
+        All other settings, such as `staticSolver.loadStepStart` and `loadStepDuration`, the static time. Number of load
         steps, load factor and the period of samples are set in it.
     progress : callable, optional
         Called with the share done, 0 to 1. Default: a bar on the terminal, if it takes long.
@@ -84,8 +84,7 @@ def solve_static(
     Raises
     ------
     InputError
-        If an option is out of range, or a joint does not meet its markers or is attached to a node that was reduced
-        away.
+        If an option is out of range, if a joint is open, or if it is attached to a node that was reduced away.
     RunError
         If the model is not assembled, if contacts have multipliers, which act on velocities, or if there is no
         equilibrium in the first load step.
@@ -95,7 +94,7 @@ def solve_static(
     StoppedRunWarning
         If the run ended early; the result holds the load steps until then.
     ModelLimitWarning
-        If nothing holds a body against some motion, so that its place is arbitrary; and as `solve_dynamic`.
+        If nothing holds a body against some motion, so that its place is arbitrary. Also as `solve_dynamic`.
     ContactPatchWarning, YieldWarning
         As `solve_dynamic`.
     """
@@ -125,7 +124,7 @@ def _run(
     settings: SimulationSettings,
     progress: Progress | None,
 ) -> Result:
-    """Run of `solve_static`, with what its sensors stored as it is."""
+    """Run of `solve_static`; its result has had no review."""
     exu = require("exudyn")
     load_steps = validate_integer("load_steps", load_steps, least=1)
     validate_flag("load_factor", load_factor)
@@ -151,7 +150,7 @@ def _run(
     with one_blas_thread(), bar as report:
 
         def attempt(springs: contextlib.AbstractContextManager[None]) -> tuple[int, bool, Exception | None]:
-            """Load steps, whether the user asked to stop, and the error of a run by Exudyn."""
+            """Run Exudyn; returns the number of load steps, whether the user asked to stop, and the error."""
             with (
                 begun(mbs, start, "static"),
                 watched(mbs, start, end, step, report) as watch,
@@ -186,7 +185,7 @@ def _run(
 
 
 def _warn_if_neutral(mbs: MainSystem) -> None:
-    """A body that nothing holds against some motion stands where round-off has put it."""
+    """Warn of a body that nothing holds against some motion: round-off determines its place."""
     solver, n = mbs.sys["staticSolver"], mbs.systemData.ODE2Size()
     bodies = partition_items(mbs)[0]
     if not bodies or n + mbs.systemData.AEsize() > _MOST_DENSE:
@@ -201,7 +200,7 @@ def _warn_if_neutral(mbs: MainSystem) -> None:
         )
     system = np.array(solver.GetSystemJacobian())
     joints = system[len(system) - mbs.systemData.AEsize() :, :n]
-    allowed = scipy.linalg.null_space(joints) if len(joints) else np.eye(n)  # SciPy 1.13 takes no empty matrix
+    allowed = scipy.linalg.null_space(joints) if len(joints) else np.eye(n)  # SciPy 1.13 accepts no empty matrix
     M, K = (allowed.T @ matrix @ allowed for matrix in (M, system[:n, :n]))
     squares, motions = scipy.linalg.eigh((K + K.T) / 2, M)
     slowest = int(abs(squares).argmin())

@@ -1,4 +1,4 @@
-"""When bodies will touch next, and the step to take until then: long in free flight, the contact's own in contact."""
+"""Time of the next contact, and the steps until then: long ones in free flight, the contact's own in contact."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from ..support.checks import validate_array, validate_type
 
 State = Callable[[PartitionBody], tuple[Array, Array, Array]]
 
-LONGEST = 100  # contact steps: default of the longest step, as nothing is known of a model's other items
-GROWTH = 1.25  # of the step, from one to the next: twice as fast, generalized-alpha amplifies modes far above its step
-_WORTHWHILE = 1.1  # growth below which a step is kept, and the factors of its Jacobian with it
-UNRESOLVED = 1e-4  # of the bodies' largest energy so far: what steps need not resolve, 1 % of a velocity
-_CAUTION = 0.9  # of the time to contact: what is left out grows with the square of the step
-_LANDING = 0.5  # of the touching step: how long before contact the last long step ends
+LONGEST = 100  # contact steps: default of the longest step, because a model's other items are not known
+GROWTH = 1.25  # from one step to the next; with twice the growth, generalized-alpha amplifies modes of high frequency
+_WORTHWHILE = 1.1  # for less growth the step stays, and so do the factors of its Jacobian
+UNRESOLVED = 1e-4  # share of the bodies' largest energy so far that steps need not resolve: 1 % of a velocity
+_CAUTION = 0.9  # share of the time to contact that is used: the error grows with the square of the step
+_LANDING = 0.5  # share of the step at contact: time between the end of the last long step and contact
 
 
 def first_root(gap: Array, rate: Array, acceleration: Array) -> Array:
-    """First times at which gap + rate t + acceleration t^2 / 2 falls through zero, (k,) [s]; infinite if never.
+    """First times at which gap + rate t + acceleration t^2 / 2 falls below zero, (k,) [s]; infinite if never.
 
-    Only accelerations that close a gap count: those that open it are of a force that may end.
+    Only accelerations that close a gap count: a force that opens it may end.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def first_root(gap: Array, rate: Array, acceleration: Array) -> Array:
     """
     gap, a = np.maximum(gap, 0.0), np.minimum(acceleration, 0.0)
     root = np.sqrt(rate**2 - 2 * a * gap)
-    # Of the two forms of the solution the one without cancellation.
+    # This form of the solution has no cancellation.
     above = np.where(rate >= 0, rate + root, 2 * gap)
     below = np.where(rate >= 0, -a, root - rate)
     value: Array = np.divide(above, below, out=np.full(len(gap), np.inf), where=below > 0)
@@ -47,10 +47,10 @@ def first_root(gap: Array, rate: Array, acceleration: Array) -> Array:
 
 
 def time_to_contact(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array | None = None) -> float:
-    """Time until the first row of a contact closes [s], as gaps and rates are now; infinite if all open.
+    """Time until the first row of a contact closes [s], from present gaps and rates; infinite if all gaps grow.
 
-    Exact for rigid bodies in free flight that do not rotate, onto a plane. Points that are too far away to be rows of a
-    moving contact count as if they flew straight at each other: a lower bound.
+    It is exact for rigid bodies that fly freely onto a plane without rotation. Points may be too far away to be rows of
+    a moving contact. They count as if they flew straight at each other, which gives a lower bound.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def time_to_contact(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array
     q, q_t : (n,) arrays
         Coordinates of slave and master, one after the other, and their velocities.
     q_tt : (n,) array, optional
-        Their accelerations, those of the rigid motion; default: none.
+        Their accelerations by the rigid motion. Default: zero.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def time_to_contact(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array
     Raises
     ------
     InputError
-        If an argument is no such thing, or of another length.
+        If an argument has a wrong type or length.
     """
     validate_type("contact", contact, PartitionContact, "CreatePartitionContact()")
     n = sum(item.body.n_dofs for item, _ in contact.sides)
@@ -93,9 +93,9 @@ def _first_touch(mechanics: PatchContact, q: Array, q_t: Array, q_tt: Array) -> 
 
 
 def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, limit: Callable[[], float]) -> float:
-    """Step that resolves the next impact [s], as the bodies fly now; infinite where none is in sight.
+    """Step that resolves the next impact [s], from the present motion; infinite if no impact is predicted.
 
-    By `default_step.resolving_step`, from the gaps and rates at the time when the first row closes.
+    `default_step.resolving_step` finds it from the gaps and rates at the time when the first row closes.
 
     Parameters
     ----------
@@ -106,10 +106,10 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
         Returns the stability limit [s].
     """
     if not contact.compliant or contact.mechanics.needs_motion:
-        return math.inf  # nothing of the contact's own yields
+        return math.inf  # the contact has no flexibility of its own
     mechanics = contact.mechanics.for_run("explicit")
     time, speed = _first_touch(mechanics, q, q_t, q_tt)
-    # Rows that follow the motion are few, as forces need no more; a deep impact closes all that can touch next.
+    # Rows that follow the motion are few: forces need only these. A deep impact closes all rows that can touch next.
     gap = mechanics.closing(q, q_t, q_tt)[0][: len(mechanics.gaps.row_nodes)]
     if not math.isfinite(time) or speed <= 0 or not len(gap):
         return math.inf
@@ -125,7 +125,7 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
 
 
 def _mobility(contact: PartitionContact, row: Array) -> float:
-    """Acceleration along a row, (n,), by a unit force on it, of the bodies' rigid motion [1/kg]."""
+    """Acceleration of the bodies' rigid motion along a row, (n,), due to a unit force on it [1/kg]."""
     slices = consecutive([item.body.n_dofs for item, _ in contact.sides])
     total = 0.0
     for (item, _), own in zip(contact.sides, slices, strict=True):
@@ -136,28 +136,29 @@ def _mobility(contact: PartitionContact, row: Array) -> float:
 
 
 class StepControl:
-    """Step sizes of a run, asked for at the end of each step.
+    """Control of the step size of a run; it returns the next step at the end of each step.
 
-    In contact it is the contact's own step. In free flight it grows, as far as `longest` and the bodies' vibration let
-    it: 25 steps a period of the highest mode above which more than `unresolved` of the energy is found, and of the
-    fastest rotation. It ends before the next impact, so that a row closes within a step that is short enough.
+    In contact the step is the contact's own. In free flight it grows up to `longest`, as far as vibration and rotation
+    allow: 25 steps in a period of the fastest rotation and of the highest mode that must be resolved. This mode, with
+    all modes above it, has more than `unresolved` of the energy. Long steps end before the next impact, so that a row
+    closes within a short step.
 
     Parameters
     ----------
     contacts : sequence of PartitionContact
     bodies : sequence of PartitionBody
     state : callable
-        Body -> its coordinates now, their velocities and accelerations, (n_dofs,) each.
+        Body -> its present coordinates, their velocities and accelerations, (n_dofs,) each.
     run_of : callable
-        Contact -> its state in the run at work.
+        Contact -> its state in the present run.
     step : float
-        In contact [s].
+        Step in contact [s].
     longest : float
-        In free flight [s].
+        Longest step in free flight [s].
     gap_tolerance : float, optional
-        Depth to which a step may close a gap that was open before [m]. Default: what a contact's own step covers.
+        Depth to which a step may close a gap that was open before [m]. Default: the approach in a contact's own step.
     unresolved : float
-        Share of the bodies' largest kinetic energy so far that vibration may have and not be resolved.
+        Share of the bodies' largest kinetic energy so far: vibration with less energy need not be resolved.
     """
 
     def __init__(
@@ -180,7 +181,7 @@ class StepControl:
 
     @property
     def pace(self) -> tuple[float, float]:
-        """The step to take next [s], as it was asked for last, and the largest kinetic energy so far [J]."""
+        """The next step [s], as it was last returned, and the largest kinetic energy so far [J]."""
         return self._next, self._largest_energy
 
     def go_on(self, pace: tuple[float, float]) -> None:
@@ -188,7 +189,7 @@ class StepControl:
         self._at_least, self._largest_energy = pace
 
     def next_step(self, last: float) -> float:
-        """Return the step to take after one of `last`, both in s, from the state that it ended in."""
+        """Return the next step [s] after one of length `last` [s], from the state at its end."""
         last, self._at_least = max(last, self._at_least / GROWTH), 0.0
         self._next = self._allowed_step(last)
         return self._next
@@ -205,9 +206,9 @@ class StepControl:
         return min(limit, GROWTH * last)
 
     def shorter_step(self, taken: float) -> float | None:
-        """Return the step to take instead of one that overshot a gap [s], None if the one taken will do.
+        """Return a shorter step [s] to replace one that closed a gap too far; None if the one taken is short enough.
 
-        Explicit multipliers overshoot nothing: they close gaps to zero at the end of the step, however long.
+        Explicit multipliers never close a gap too far: gaps are zero at the end of a step of any length.
         """
         for was_open, contact in zip(self._was_open, self.contacts, strict=True):
             run = self._run_of(contact)
@@ -227,7 +228,7 @@ class StepControl:
         return max(touching, min(_CAUTION * time, time - _LANDING * touching))
 
     def _rigid(self, side: tuple[PartitionBody, int]) -> tuple[Array, Array, Array]:
-        """State of a body with the accelerations of its rigid motion alone: those of vibration change sign too soon."""
+        """State of a body with accelerations of its rigid motion alone: those of vibration change sign too soon."""
         item = side[0]
         q, q_t, q_tt = self._state(item)
         if isinstance(item.kinematics, FloatingKinematics):
@@ -235,7 +236,7 @@ class StepControl:
         return q, q_t, item.body.rigid @ item.kinematics.rigid_motion(q_tt)
 
     def _resolving_step(self) -> float:
-        """Step that resolves what vibrates and rotates [s]."""
+        """Step that resolves vibration and rotation [s]."""
         frequencies, energies, total, fastest = [np.empty(0)], [np.empty(0)], 0.0, 0.0
         for item in self.bodies:
             q, q_t, _ = self._state(item)
@@ -257,7 +258,7 @@ class StepControl:
 def vibration(item: PartitionBody, q: Array, q_t: Array) -> tuple[Array, Array]:
     """Frequencies of a body's modes, (k,) [Hz], and the energy in each of them, (k,) [J].
 
-    A basis with nodal columns has no modes: all that vibrates counts as if at `f_cut`.
+    A basis with nodal columns has no modes: all its vibration counts as if it had the frequency `f_cut`.
     """
     body = item.body
     if body.n_shapes == body.n_dofs:

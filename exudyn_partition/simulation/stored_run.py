@@ -1,6 +1,6 @@
-"""Results of runs as files: what sensors and contacts recorded, and of which model, so that others can use them.
+"""Results of runs as files: data of sensors and contacts, and marks by which their model is known again.
 
-Without the model that was run, `StoredContact` and `StoredBody` stand for its items.
+Without the model that was run, `StoredContact` and `StoredBody` replace its items.
 """
 
 from __future__ import annotations
@@ -24,22 +24,23 @@ from ..support.checks import read_only, validate_result
 from .work import Work
 
 _OF_MODEL = ("slave", "master", "sides", "formulation", "carrier", "group", "together", "linked", "moment_about")
-_SAME = 1e-7  # of the norm of an array: what rounding may change in a body that is reduced again
+_SAME = 1e-7  # share of the norm of an array that rounding may change if a body is reduced again
 
 
 @dataclass(frozen=True, eq=False)
 class ItemMark:
-    """By what a body or a contact of a model is known again.
+    """Mark by which a body or a contact of a model is known again.
 
     Parameters
     ----------
     said : str
-        What it is, in words.
+        The item in words.
     exact : str
-        Digest of what has no rounding.
+        Digest of the data without rounding.
     names : tuple of str
+        Names of the data with rounding.
     sketches : tuple of (k,) arrays
-        Of what has, see `archive.sketch`.
+        Sketches of the data with rounding, see `archive.sketch`.
     """
 
     said: str
@@ -49,12 +50,12 @@ class ItemMark:
 
     @classmethod
     def of(cls, said: str, content: object) -> ItemMark:
-        """That of an item with this content."""
+        """Mark of an item with this content."""
         exact, found = sketch(content)
         return cls(said, exact, tuple(found), tuple(found.values()))
 
     def difference(self, other: ItemMark) -> str:
-        """What differs, in words; empty if nothing does."""
+        """Difference from another mark, in words; empty if there is none."""
         if self.said != other.said:
             return f"{self.said}; this one has {other.said}"
         if (self.exact, self.names) != (other.exact, other.names):
@@ -68,7 +69,7 @@ class ItemMark:
 
 @dataclass(frozen=True, eq=False)
 class StoredBodyRun:
-    """What a run leaves of a body.
+    """Data of a run for a body.
 
     Parameters
     ----------
@@ -94,18 +95,18 @@ class StoredBodyRun:
 
 @dataclass(frozen=True, eq=False)
 class StoredContactRun:
-    """What a run leaves of a contact.
+    """Data of a run for a contact.
 
     Parameters
     ----------
     name : str
     sensors : dict of str to int
-        Numbers of its sensors by their keys.
+        Numbers of its sensors; keys are those of the contact.
     ahead, elastic, compliant, yields : bool
         See `Law`.
     friction : Coulomb or None
     kept : KeptRun or None
-        None where it was not kept.
+        Data that the contact kept; None if it kept none.
     """
 
     name: str
@@ -119,7 +120,7 @@ class StoredContactRun:
 
     @classmethod
     def of(cls, contact: PartitionContact, kept: KeptRun | None) -> StoredContactRun:
-        """That of a contact of a model, or of one that was stored."""
+        """Data of a contact of a model, or of one that was stored."""
         mechanics = contact.mechanics
         return cls(
             name=contact.name,
@@ -135,7 +136,7 @@ class StoredContactRun:
 
 @dataclass(frozen=True, eq=False)
 class StoredRun:
-    """Fields of a `Result` that are no items of a model.
+    """Fields of a `Result`, without the items of a model.
 
     Parameters
     ----------
@@ -152,9 +153,9 @@ class StoredRun:
     numbers, seldom : (k,) int arrays
         Of the sensors.
     samples : tuple of (n, m) arrays
-        Of each sensor in `numbers`.
+        Samples of each sensor in `numbers`.
     items : tuple of ItemMark
-        What each body and contact of the model was, see `described`.
+        Marks of each body and contact of the model, see `described`.
     bodies : tuple of StoredBodyRun
     contacts : tuple of StoredContactRun
     warnings : tuple of str or None
@@ -196,7 +197,7 @@ FILE = Format(
 
 
 class StoredLaw:
-    """What a stored contact knows of its law; all else needs the model."""
+    """Mechanics of a stored contact, as far as they are stored; all else needs the model."""
 
     def __init__(self, run: StoredContactRun) -> None:
         self.ahead, self.elastic, self.compliant, self.friction = run.ahead, run.elastic, run.compliant, run.friction
@@ -226,7 +227,7 @@ class StoredLaw:
 
 
 class _StoredZones:
-    """Plastic zones of a stored contact: there are some, and all else needs the model."""
+    """Plastic zones of a stored contact: only their existence is stored, and all else needs the model."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -241,7 +242,7 @@ class StoredContact(PartitionContact):
     """A contact of a result that was read without its model.
 
     It has forces, gaps, rows, pressures, areas, friction, plastic work and energies of the run, as `PartitionContact`
-    has them. Results that need bodies say that they do.
+    has them. Results that need bodies raise an error.
 
     Parameters
     ----------
@@ -249,11 +250,11 @@ class StoredContact(PartitionContact):
     """
 
     def __init__(self, run: StoredContactRun) -> None:
-        dict.__init__(self, run.sensors)  # there are no sides, and what a contact has of them
+        dict.__init__(self, run.sensors)  # there are no sides, nor attributes that need them
         self.name, self.mechanics = run.name, StoredLaw(run)  # type: ignore[assignment]
 
     def _gap_of_surface(self, result: Any) -> None:
-        """None, for surfaces are not known: then gaps are those of rows."""
+        """None, because surfaces are not known: gaps are then those of rows."""
 
     def __getattr__(self, name: str) -> Any:
         if name in _OF_MODEL:
@@ -274,7 +275,7 @@ class StoredBody:
 
     @property
     def mass(self) -> float:
-        """Of the body [kg]."""
+        """Mass of the body [kg]."""
         return self.run.mass
 
     def coordinates(self, result: Samples) -> Array:
@@ -320,10 +321,10 @@ def _needs_model(item: str, name: str) -> InputError:
 
 
 def described(bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact]) -> tuple[ItemMark, ...]:
-    """What the items of a model are: names, frames, places, reduced bodies, laws, and numbers of sensors.
+    """Marks of the items of a model: names, frames, places, reduced bodies, mechanics, and numbers of sensors.
 
-    A run knows nothing of the inside of bodies: one of bodies that were saved without it can be read with whole ones.
-    Nor does it know what they bear before they yield, how long their reduction took, or their `left_out`.
+    The inside of bodies is not in the marks: a run of bodies that were saved without it can be read with whole ones.
+    Nor are the yield stress, the time of the reduction, and `left_out`.
     """
     marks = []
     for item in bodies:
@@ -350,12 +351,12 @@ def described(bodies: Sequence[PartitionBody], contacts: Sequence[PartitionConta
 
 
 def check_items(stored: Sequence[ItemMark], found: Sequence[ItemMark]) -> None:
-    """Refuse a model that is not the one of a stored run.
+    """Raise an error if a model is not the one of a stored run.
 
     Raises
     ------
     InputError
-        Naming the first item that differs, and in what.
+        The message has the first item that differs, and the difference.
     """
     for i in range(max(len(stored), len(found))):
         if i < len(stored) and i < len(found):

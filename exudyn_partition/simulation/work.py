@@ -1,4 +1,4 @@
-"""What a run took: how often steps, Jacobians and active sets were computed, and the time in contacts."""
+"""Work of a run: number of repeated steps, Jacobians and iterations of active sets, and the time in contacts."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ class Work:
     Parameters
     ----------
     rejected_steps : int
-        Steps that were taken again, shorter.
+        Number of steps that were repeated with a shorter length.
     jacobians, newton_iterations : int
-        Of implicit steps.
+        Counts of implicit steps.
     active_set_iterations : int
-        Of all contacts.
+        Iterations of the active sets of all contacts.
     pair_searches : int
-        Projections of all points of a contact onto its master.
+        Number of projections of all points of a contact onto its master.
     contact_s : float
         Time in contacts [s]; the rest of the run's time is Exudyn's.
     """
