@@ -1,4 +1,4 @@
-"""The plan of a contact: its sides, gaps and law, checked before anything is added to the Exudyn model."""
+"""The plan of a contact: its sides and mechanics, checked before anything is added to the Exudyn model."""
 
 from __future__ import annotations
 

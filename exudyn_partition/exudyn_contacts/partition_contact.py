@@ -59,8 +59,9 @@ class PartitionContact(Item[Any]):
     - `sForce`: sensor of the total normal force [N], the number of closed rows, the force on the slave [N] and the
       smallest gap of the rows [m]. The gap does not include the contact's own flexibility: in contact it is negative.
       With multipliers it is zero. Multipliers add their impulses so far, total and on the slave [N s].
-    - `sFriction`, with friction: the tangential force on the slave in space [N], the number of rows that stick, of
-      those that slip, the energy that friction has taken, and the energy that the contact stores [J].
+    - `sFriction`, with friction: the tangential force on the slave in space [N], the numbers of rows that stick and
+      that slip, the energy that friction has taken and the energy that the contact stores [J]. Multipliers add the
+      tangential impulse so far [N s].
     - `sPlastic`, with plastic zones: the energy that the contact stores and the plastic work [J], the largest
       equivalent plastic strain, and the number of points that flow.
     - `sMoment`, after `AddMomentSensor`: the moment on the slave [N m].

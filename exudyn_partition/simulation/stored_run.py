@@ -102,8 +102,10 @@ class StoredContactRun:
     name : str
     sensors : dict of str to int
         Numbers of its sensors; keys are those of the contact.
-    ahead, elastic, compliant, yields : bool
-        See `Law`.
+    ahead, elastic, compliant : bool
+        See `PatchContact`.
+    yields : bool
+        Whether the contact has plastic zones.
     friction : Coulomb or None
     kept : KeptRun or None
         Data that the contact kept; None if it kept none.
@@ -206,12 +208,12 @@ class StoredLaw:
 
     @property
     def node_areas(self) -> Array:
-        """See `Law`."""
+        """See `PatchContact`."""
         return self._known.areas
 
     @property
     def node_pressures(self) -> sp.csr_matrix:
-        """See `Law`."""
+        """See `PatchContact`."""
         return self._known.pressures
 
     @property
