@@ -30,7 +30,8 @@ class Forces(NamedTuple):
     closed : (na,) int array
         Rows that are closed, in ascending order.
     state : (nr,) int8 array, optional
-        With friction, whether each row is OPEN, sticks or slips: the constants of `algebra.friction`.
+        With friction, whether each row is OPEN, sticks or slips: the constants of `algebra.friction`. Results and the
+        coefficient in the next step need it.
     slips : (nr, 2) array, optional
         With friction within the steps, how far rows have slipped since the last accepted step [m].
     """
@@ -149,7 +150,7 @@ class Law:
         A law that acts ahead of steps may get the rows of several contacts at once. These contacts share bodies; in a
         model with joints, they are all contacts with such a law. Such a law has no attributes of its own.
         """
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no answer")
 
     def closed_problem(self) -> tuple[Array, ...] | None:
         """Data with which compiled loops find gaps and forces in one call, while the same rows stay closed.
@@ -178,7 +179,7 @@ class Law:
 
     def fresh(self, rows: RowDirections) -> Law:
         """Return the law at the start of another run, for these rows."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no fresh(rows), which returns the law for another run")
 
 
 class RowDirections(Protocol):

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from ..algebra.coulomb import Coulomb
 from ..algebra.friction import OPEN, SLIP
 from ..algebra.products import dense, smallest
-from ..errors import ComplementarityError, RunError
+from ..errors import ComplementarityError, InputError, RunError
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from .gaps import Gaps
@@ -218,7 +218,13 @@ class PatchContact:
             motion=motion,
             since=self.since,
         )
-        self.take(self.law.answer(places))
+        forces = self.law.answer(places)
+        if np.shape(forces.on_rows) != (len(h), self.rows.d):
+            raise InputError(
+                f"law {type(self.law).__name__}: expected forces of shape {(len(h), self.rows.d)}, rows by directions, "
+                f"got {np.shape(forces.on_rows)}"
+            )
+        self.take(forces)
 
     def _way(self, pushed: Array | None) -> Array:
         """How far rows have slid along their tangents since the last accepted step, (nr, 2) [m]."""

@@ -1,6 +1,7 @@
 """Joints and other constraints of an Exudyn model as rows on the coordinates that they act on, in explicit steps.
 
-These are the rows G_J of the paper (eq. 10, 18, 28). In implicit steps Exudyn has its own.
+These are the rows G_J of the paper (eq. 10, 18, 28). In place of gamma_J, `central_differences` closes the joints at
+the end of each step. In implicit steps Exudyn has its own.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Motion of a reduced body in a floating frame: any rotation, and small deformation in mean axes.
 
-Places and velocities of nodes (paper, eq. 1, 2a), rows B of these velocities (eq. 4a, 5a), generalised forces (eq. 8c),
-elastic forces (eq. 8d), and the velocities v = (r_t, omega, deformation) of eq. 12 and 14.
+Places and velocities of nodes (paper, eq. 1, 2a), rows B of these velocities (eq. 4a, 5a), generalised forces (eq. 8c,
+with the rows of T also those of eq. 16), elastic forces (eq. 8d), and the velocities v = (r_t, omega, deformation) of
+eq. 12 and 14.
 
 Theory: examples/site/theory.md, "Floating frame".
 """

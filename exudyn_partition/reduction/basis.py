@@ -106,7 +106,7 @@ class ReducedBasis:
 
 
 def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
-    """Build the paper's partition basis: free modes on the non-impact region, nodes in the impact region (eq. 11-17).
+    """Build the paper's partition basis: free modes on the non-impact region, nodes in the impact region (eq. 11-15).
 
     Elastic modes of the whole body up to `f_cut`, and attachment modes of its interfaces, keep only their rows in
     region I (eq. 13). Every node of region II keeps its three displacements. The rigid modes, which the paper puts into

@@ -1,4 +1,4 @@
-"""Facets of a contact patch and the closest point on them (paper, section 3: node-to-segment)."""
+"""Facets of a contact patch and the closest point on them (paper, section 3: node-to-segment, eq. 19)."""
 
 from __future__ import annotations
 

@@ -190,6 +190,20 @@ def test_springs_on_nodes_with_mass_have_a_limit(pair_of, friction):
     assert np.linalg.eigvalsh(K).max() > STIFFNESS / 100
 
 
+def test_forces_of_another_shape_are_named(round_body, flat_body):
+    class Flat(page["Spring"]):
+        def answer(self, at):
+            return Forces(super().answer(at).on_rows[:, 0], self.closed)
+
+    class Flats(Springs):
+        def law(self, rows):
+            return Flat(rows)
+
+    contact = PatchContact(PatchGaps(inertial(round_body), inertial(flat_body)), Flats())
+    with pytest.raises(InputError, match=r"law Flat: expected forces of shape \(\d+, 1\), rows by directions"):
+        contact.force(np.r_[round_body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(flat_body.n_dofs)])
+
+
 def test_an_answer_without_slips_is_named(round_body, flat_body):
     class Silent(page["Spring"]):
         def answer(self, at):
