@@ -5,13 +5,16 @@ from __future__ import annotations
 import importlib
 from types import ModuleType
 
+import numpy as np
+
 from ..errors import MissingPackageError
 
 
 def require(package: str, distribution: str | None = None) -> ModuleType:
     """Import `package`, or raise `MissingPackageError` with the pip line, where it may have another name."""
     try:
-        return importlib.import_module(package)
+        with np.printoptions():  # some packages change how all numbers are printed
+            return importlib.import_module(package)
     except ImportError as error:
         name = distribution or package.split(".")[0]
         raise MissingPackageError(

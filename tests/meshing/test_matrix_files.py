@@ -143,7 +143,8 @@ def output4(folder, fem, labels):
 
 
 def output4_of_pyyeti(folder, fem, labels, **options):
-    op4 = pytest.importorskip("pyyeti.nastran.op4")
+    with np.printoptions():
+        op4 = pytest.importorskip("pyyeti.nastran.op4")
     matrices = {"KAA": in_ascending_order(fem.stiffness, labels), "MAA": in_ascending_order(fem.mass, labels)}
     op4.write(str(folder / "job.op4"), matrices, **options)
     return [folder / "job.op4"]
