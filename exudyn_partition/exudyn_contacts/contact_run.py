@@ -117,7 +117,7 @@ class ContactRun:
     def mechanics(self) -> PatchContact:
         """Rows, forces and memory of the contact, in their present state."""
         if self._group is not None:
-            self._group.update_laws()
+            self._group.update_members()
         return self._mechanics
 
     @property
@@ -365,7 +365,7 @@ class GroupRun:
         self._dofs = [member.dofs for member in members]
         self._frozen: FrozenContacts | None = None
         self._q: Array | None = None  # coordinates of the last evaluation, if compiled loops made it
-        self._mechanicss_know = True
+        self._members_know = True
         readers = [(j, member.place) for j, member in enumerate(members) if member.place is not None]
         starts = np.reshape(readers, (-1, 2)).astype(int) * [N_VALUES, 1]
         self._from, self._to = np.add.outer(starts.T, np.arange(N_VALUES)).reshape(2, -1)  # places, from and to
@@ -411,12 +411,12 @@ class GroupRun:
         if self._q is None:
             self._frozen = self.together.frozen(self._dofs, self._frozen)
         if self._frozen is None or not self._frozen.evaluate(q):
-            self._q, self._mechanicss_know = None, True
+            self._q, self._members_know = None, True
             return False
         if self._q is None:
             for member in self.members:
                 member.force = None
-        self._q, self._mechanicss_know, self.pushes = q.copy(), False, self._frozen.pushes
+        self._q, self._members_know, self.pushes = q.copy(), False, self._frozen.pushes
         return True
 
     def add_force(self, total: Array) -> None:
@@ -433,19 +433,19 @@ class GroupRun:
             return first.mechanics.row_stiffness()
         return self.together.stiffness(first.mechanics, last.mechanics)
 
-    def update_laws(self) -> None:
+    def update_members(self) -> None:
         """Let the contacts' mechanics take the results of compiled loops, if they have not taken them yet."""
-        if self._mechanicss_know or self._q is None or self._frozen is None:
+        if self._members_know or self._q is None or self._frozen is None:
             return
         assert self.together is not None
-        self._mechanicss_know, q = True, self._q
+        self._members_know, q = True, self._q
         known = self._frozen.whole or self._frozen.evaluate_rows(q)
         if not (known and self.together.take(self._frozen, [member.of(q) for member in self.members])):
             self._q = None
 
     def end(self) -> None:
         """Give the last state to the contacts' mechanics, and drop the data of compiled loops."""
-        self.update_laws()
+        self.update_members()
         self._q = self._frozen = None
 
     @property
