@@ -27,6 +27,7 @@ _CLOSED = 1e-3  # of a facet's size: accuracy of closed gaps where points cross 
 _SOONER = 10  # the error of frozen pairs fades so many times faster than it grew, once pairs are followed
 _SOONEST = 20  # steps at least, in which it fades
 
+_NO_FRICTION = np.empty(0)
 State = tuple[Array, Array, Array]  # coordinates, velocities, and accelerations without contact, (n,) each
 
 
@@ -52,8 +53,10 @@ class Multipliers(Law):
 
     def answer(self, at: Places) -> Forces:
         """See `Law`."""
-        h = at.gap[:, None] if at.problem.d == 1 else np.column_stack([at.gap, at.way])
-        forces = at.problem.solve(h, at.mu)
+        if at.problem.d == 1:
+            forces = at.problem.solve(at.gap[:, None], _NO_FRICTION)
+        else:
+            forces = at.problem.solve(np.column_stack([at.gap, at.way]), at.mu)
         return Forces(forces, at.problem.index, at.problem.state)
 
     def fresh(self, rows: RowDirections) -> Multipliers:
@@ -377,6 +380,9 @@ class ForwardIncrement:
         """Apply forces, (nr, d) [N], in the coming step; return the accelerations they cause, (n,) for each contact."""
         each = self.split(forces)
         scale = self._step**2 * (self._F.diagonal() * forces.ravel()).max()
+        if len(self.rows) == 1:
+            self.rows[0].act(self._answer, self._reached, scale)
+            return [self.push[0] @ each[0]]
         for one, own, reached, lam in zip(self.rows, self._slices, self.split(self._reached), each, strict=True):
             d, start, stop = one.rows.d, own.start // self.d, own.stop // self.d
             of_rows, places = (np.ascontiguousarray(x.reshape(-1, self.d)[:, :d]) for x in (lam, reached))
