@@ -92,7 +92,7 @@ def main():
         "energy": float(abs(deviation).max()),
         "energy_drift": float(np.polyfit(result.t / result.t[-1], deviation, 1)[0]),
         "memory_MB": memory[-1] - memory[len(memory) // 2],
-        "single_pivots": sum(result.kept(contact).mechanics.problem.single_pivots for contact in (low, high)),
+        "single_pivots": sum(result.kept(contact).mechanics.law.problem.single_pivots for contact in (low, high)),
         "online_s": result.time_s,
         "step_time_us": 1e6 * result.time_s / result.steps,
         "limits": LIMITS,
