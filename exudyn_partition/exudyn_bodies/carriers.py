@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError, RunError
 from ..support.arrays import Array
-from ..support.foreign import MainSystem, ObjectIndex
+from ..support.foreign import ItemIndex, MainSystem, ObjectIndex
 from ..support.optional import require
 
 Pose = Callable[[], tuple[Array, Array]]  # place, (3,) [m], and axes as columns, (3, 3)
@@ -62,12 +62,12 @@ def pose(mbs: MainSystem, body: ObjectIndex) -> Pose:
 
     def pose_now() -> tuple[Array, Array]:
         mbs = model()
-        return _pose_in(mbs, body, configuration.Current if mbs.systemData.ODE2Size() else configuration.Reference)
+        return pose_in(mbs, body, configuration.Current if mbs.systemData.ODE2Size() else configuration.Reference)
 
     return pose_now
 
 
-def _pose_in(mbs: MainSystem, body: ObjectIndex, configuration: object) -> tuple[Array, Array]:
+def pose_in(mbs: MainSystem, body: ItemIndex, configuration: object) -> tuple[Array, Array]:
     """Pose of an Exudyn body in one of its configurations."""
     variable = require("exudyn").OutputVariableType
     place, axes = (
@@ -99,17 +99,22 @@ class Carrier:
     ----------
     mbs : exudyn.MainSystem
     body : exudyn.ObjectIndex
+
+    Attributes
+    ----------
+    nodes : list of exudyn.NodeIndex
+        Without those of the ground.
     """
 
     def __init__(self, mbs: MainSystem, body: ObjectIndex) -> None:
         found = mbs.GetObject(body)
         nodes = [found["nodeNumber"]] if "nodeNumber" in found else found.get("nodeNumbers", [])
         self.nodes = [node for node in nodes if "Ground" not in mbs.GetNode(node)["nodeType"]]
-        self._body, self._motion_now = body, motion(mbs, body)
+        self.body, self._motion_now = body, motion(mbs, body)
 
     def drawn_pose(self, mbs: MainSystem) -> tuple[Array, Array]:
         """Place, (3,) [m], and axes as columns, (3, 3), where the renderer draws it."""
-        return _pose_in(mbs, self._body, require("exudyn").ConfigurationType.Visualization)
+        return pose_in(mbs, self.body, require("exudyn").ConfigurationType.Visualization)
 
     def by_coordinates(self, mbs: MainSystem) -> Array:
         """Derivative of velocity and angular velocity in space by the rates of the nodes' k coordinates, (6, k)."""

@@ -10,6 +10,7 @@ import numpy as np
 from ..algebra.friction import SLIP
 from ..contact.formulations.formulation import Together
 from ..contact.patch_contact import PatchContact
+from ..exudyn_bodies.carriers import Carrier
 from ..exudyn_bodies.model import Samples
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..results.history import at_times
@@ -50,6 +51,8 @@ class ModelContact(Protocol):
         Finds their forces, if there are several and forces are elastic; each run has its own.
     moment_about : (3,) array or None
         Point of the moment sensor [m].
+    carrier : Carrier or None
+        The body of another kind that carries the rigid surface.
     """
 
     name: str
@@ -58,6 +61,7 @@ class ModelContact(Protocol):
     group: list[Any]
     together: Together | None
     moment_about: Array | None
+    carrier: Carrier | None
 
     def slices(self, mbs: MainSystem) -> list[slice]:
         """Places of the coordinates of slave and master among the model's."""

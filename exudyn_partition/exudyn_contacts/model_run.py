@@ -7,6 +7,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from ..contact.formulations.formulation import Method, Together
 from ..errors import RunError
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import coordinate_slices, latest_solver, method_of, registered
+from ..exudyn_bodies.other_bodies import OtherBodies
 from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array
 from ..support.foreign import MainSolver, MainSystem
@@ -63,6 +65,10 @@ class ModelRun:
         Whether contacts have forces within steps; multipliers ahead of steps do not count.
     idle : bool
         Whether there is nothing to do ahead of steps.
+    others : OtherBodies
+        Record of where Exudyn's own bodies are, for pictures.
+    unsampled : bool
+        Whether the model has no contact whose sensor would keep this record.
     """
 
     def __init__(
@@ -89,6 +95,8 @@ class ModelRun:
                 run.go_on(last, t, known)
         self._all_ask = all(run.place is None for run in self._runs.values())
         self.record = RunRecord(t, keep)
+        carriers = [contact.carrier.body for contact in contacts if contact.carrier is not None]
+        self.others, self.unsampled = OtherBodies(mbs, map(int, carriers)), not contacts
         self._steppers: list[MultiplierStep] = []
         self._groups: list[GroupRun] = []
         for group in {id(contact.group): contact.group for contact in contacts}.values():
@@ -247,11 +255,13 @@ class ModelRun:
     def keep_last_step(self, mbs: MainSystem, t: float) -> None:
         """Keep the end of the last step in the record, before contacts are evaluated at time t [s]."""
         if self.record.on:
-            self.record.advance(mbs, t, self._recorded)
+            self.record.advance(mbs, t, partial(self._recorded, mbs))
 
-    def _recorded(self, t: float, q: Array) -> dict[int, list[float]]:
-        """Values of the contacts' sensors at t and coordinates q; keys are the sensors' numbers."""
+    def _recorded(self, mbs: MainSystem, t: float, q: Array) -> dict[int, list[float]]:
+        """Values of the contacts' sensors at the start of the step, t, and coordinates q; keys are their numbers."""
         self.keep(t, lambda: q)
+        if self.others:
+            self.others.keep(mbs, t, start_of_step=True)
         found: dict[int, list[float]] = {}
         for contact in self._contacts:
             run = self.of(contact)
@@ -336,6 +346,8 @@ class Runs:
         q = mbs.systemData.GetODE2Coordinates()
         now.ended = t, q
         now.keep(t, lambda: q)
+        if now.others:
+            now.others.keep(mbs, t)
         return now
 
     def begin(self, mbs: MainSystem, t: float, method: Method | None = None, joints: Joints | None = None) -> ModelRun:
@@ -382,6 +394,8 @@ class Runs:
             yield run
         finally:
             self._solver_comes = False
+            if run.unsampled:
+                self._solver = mbs.sys.get("dynamicSolver")
             run.release()
 
     def at_work(self, contact: ModelContact) -> ContactRun:
@@ -396,7 +410,7 @@ class Runs:
         run.before_step(mbs, t, joined=False)
 
     def last(self, mbs: MainSystem) -> ModelRun | None:
-        """The last run; None if the model had no contacts in it."""
+        """The last run; None if Exudyn has run the model since, without contacts."""
         return self._now if mbs.sys.get("dynamicSolver") is self._solver else None
 
     def end(self, mbs: MainSystem) -> None:

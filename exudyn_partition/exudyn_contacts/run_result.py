@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from ..exudyn_bodies.item_work import WorkSensor
+from ..exudyn_bodies.other_bodies import OtherBody
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..results.history import History
 from ..results.newmark import Newmark
@@ -70,6 +71,10 @@ class RunResult(Protocol):
     @property
     def item_work(self) -> WorkSensor | None:
         """Sensor of the work of joints, springs and loads, if the model has one."""
+
+    @property
+    def others(self) -> tuple[OtherBody, ...]:
+        """Motion of Exudyn's own bodies that have a shape, or carry the rigid surface of a contact."""
 
     def history(self, contact: PartitionContact) -> History:
         """Force of a contact over time."""

@@ -19,7 +19,7 @@ from ..support.checks import validate_choice, validate_positive, validate_type, 
 from ..support.foreign import Axes
 from ..support.optional import require
 from .body_fields import Shown
-from .graphics import peak_time, rigid_surfaces, time_of, validate_scale
+from .graphics import peak_time, time_of, validate_scale
 from .motion import COLOUR_NAMES, LABELS, Colour, motion_of
 from .plot_input import axes_of, check_samples, plain
 from .scene import colour_map
@@ -133,8 +133,8 @@ def bodies(
     for body in motion.bodies:
         values = many * body.colours[colour][0][body.triangles].mean(axis=1)
         drawn.append((1e3 * body.at(0, scale)[body.triangles] @ turn, shades.to_rgba(values)[:, :3]))
-    for surface in rigid_surfaces(result.contacts, np.vstack([body.at(0) for body in motion.bodies])):
-        corners = np.asarray(surface["points"])[np.asarray(surface["triangles"])]
+    for shape in motion.rigid:
+        corners = shape.at(0)[shape.triangles]
         drawn.append((1e3 * corners @ turn, np.tile(_RIGID, (len(corners), 1))))
     _draw(axes, drawn)
     axes.figure.colorbar(shades, ax=axes, label=plain(f"{label} [{unit}]"), extend="max", shrink=0.8)

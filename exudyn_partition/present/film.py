@@ -20,7 +20,7 @@ from ..support.foreign import Actor, Plotter, PolyData
 from ..support.optional import require
 from ..support.progress import Progress, shown
 from .body_fields import Shown
-from .graphics import rigid_surfaces, validate_pixels, validate_scale
+from .graphics import validate_pixels, validate_scale
 from .motion import COLOUR_NAMES, LABELS, BodyMotion, Colour, Motion, motion_of
 from .plot_input import plain
 from .scene import colour_map
@@ -77,7 +77,7 @@ def film(
         focus, extent = _focus(motion, view)
         with filling(path.parent, last=path.name) as new:
             pictures = _pictures(
-                result, motion, colour, end, scale, (focus, extent, towards), pixels,
+                motion, colour, end, scale, (focus, extent, towards), pixels,
                 lambda share: report(0.5 + share / 2),
             )  # fmt: skip
             _WRITERS[ending](new / path.name, pictures, pixels, period)
@@ -99,7 +99,6 @@ def _focus(motion: Motion, view: str) -> tuple[Array, float]:
 
 
 def _pictures(
-    result: Result,
     motion: Motion,
     colour: Colour,
     end: float | None,
@@ -123,8 +122,9 @@ def _pictures(
     scene.add_scalar_bar(
         f"{label} [{unit}]", mapper=meshes[0][1].mapper, title_font_size=letter, label_font_size=letter, **_BAR
     )
-    for rigid in rigid_surfaces(result.contacts, np.vstack([body.at(0) for body in motion.bodies])):
-        scene.add_mesh(polydata(rigid["points"], rigid["triangles"]), color=_GREY, show_scalar_bar=False)
+    grey = [(shape, polydata(shape.at(0), shape.triangles)) for shape in motion.rigid]
+    for _, mesh in grey:
+        scene.add_mesh(mesh, color=_GREY, show_scalar_bar=False)
     scene.enable_anti_aliasing("msaa")
     focus, extent, towards = camera
     scene.camera_position = [focus + 2 * extent * towards / np.linalg.norm(towards), focus, (0, 0, 1)]
@@ -137,6 +137,8 @@ def _pictures(
             for body, (mesh, _) in zip(motion.bodies, meshes, strict=True):
                 mesh.points = body.at(frame, scale)
                 mesh.point_data[colour] = many * body.colours[colour][frame]
+            for shape, mesh in grey:
+                mesh.points = shape.at(frame)
             text.set_text("upper_left", f"t = {1e3 * t:.4g} ms{said}")
             scene.render()  # a screenshot alone would show the frame before
             picture = np.asarray(scene.screenshot(return_img=True))[..., :3]

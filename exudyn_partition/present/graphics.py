@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -151,10 +152,77 @@ def colour_bar(
     ]
 
 
+@dataclass(frozen=True, eq=False)
+class RigidShape:
+    """Motion of a rigid surface, or of one of Exudyn's own bodies, at m frames.
+
+    Parameters
+    ----------
+    name : str
+        Of the body; empty for the surface of a contact.
+    points : (n, 3) array
+        In its own axes [m].
+    triangles : (k, 3) int array
+        As rows of `points`.
+    place : (m, 3) array
+        Of its origin [m].
+    turn : (m, 3, 3) array
+        Its axes, as columns.
+    """
+
+    name: str
+    points: Array
+    triangles: Array
+    place: Array
+    turn: Array
+
+    def at(self, frame: int) -> Array:
+        """Places of its points at a frame, (n, 3) [m]."""
+        places: Array = self.place[frame] + self.points @ self.turn[frame].T
+        return places
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is ever elsewhere than at the first frame."""
+        return bool((self.place != self.place[0]).any() or (self.turn != self.turn[0]).any())
+
+
+def rigid_shapes(result: Result, times: Array, places: Array) -> list[RigidShape]:
+    """Rigid surfaces of a run's contacts, and Exudyn's own bodies that have a shape, at m frames.
+
+    Parameters
+    ----------
+    result : Result
+    times : (m,) array
+        Of the frames [s].
+    places : (m, n, 3) array
+        Places of the bodies at these times [m]: surfaces without an end are drawn as far as these extend.
+    """
+    others = {other.number: other for other in result.others}
+    found = []
+    for contact in {(id(c.master), id(c.carrier)): c for c in result.contacts}.values():
+        place, turn = np.zeros((len(times), 3)), np.tile(np.eye(3), (len(times), 1, 1))
+        if contact.carrier is not None:
+            if int(contact.carrier.body) not in others:
+                continue
+            place, turn = others[int(contact.carrier.body)].at(times)
+        surface = _surface(contact.master, np.einsum("mnk,mkl->mnl", places - place[:, None], turn).reshape(-1, 3))
+        if surface is not None:
+            found.append(RigidShape("", *surface, place, turn))
+    for other in others.values():
+        if len(other.triangles):
+            found.append(RigidShape(other.name, other.points, other.triangles, *other.at(times)))
+    return found
+
+
+def corners(places: Array) -> Array:
+    """Corners of the box around points, (n, 3) -> (8, 3)."""
+    ends = places.min(axis=0), places.max(axis=0)
+    return np.array([[ends[i][0], ends[j][1], ends[k][2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+
+
 def rigid_surfaces(
-    contacts: Iterable[PartitionContact],
-    places: Array,
-    poses: Callable[[PartitionContact], Pose | None] = lambda _: None,
+    contacts: Iterable[PartitionContact], places: Array, poses: Callable[[PartitionContact], Pose | None]
 ) -> list[GraphicsData]:
     """Rigid surfaces of contacts, as far as the bodies at `places`, (n, 3) [m], extend.
 
@@ -166,11 +234,18 @@ def rigid_surfaces(
         pose = (np.zeros(3), np.eye(3)) if contact.carrier is None else poses(contact)
         if pose is not None:
             origin, axes = pose
-            if isinstance(contact.master, RigidMesh):
-                drawn.append(_grey(origin + contact.master.points @ axes.T, contact.master.triangles))
-            elif (grid := _grid_on(contact.master, (places - origin) @ axes)) is not None:
-                drawn.append(_grid(origin + grid @ axes.T))
+            if (surface := _surface(contact.master, (places - origin) @ axes)) is not None:
+                points, triangles = surface
+                drawn.append(grey(origin + points @ axes.T, triangles))
     return drawn
+
+
+def _surface(surface: object, places: Array) -> tuple[Array, Array] | None:
+    """Points, (n, 3) [m], and triangles of a rigid surface, as far as bodies at `places`, (m, 3), extend."""
+    if isinstance(surface, RigidMesh):
+        return surface.points, surface.triangles
+    grid = _grid_on(surface, places)
+    return None if grid is None else (grid.reshape(-1, 3), _grid_triangles(len(grid)))
 
 
 def _grid_on(surface: object, places: Array) -> Array | None:
@@ -204,18 +279,16 @@ def _grid_on(surface: object, places: Array) -> Array | None:
     return np.asarray(grid)
 
 
-def _grid(points: Array) -> GraphicsData:
-    """Grey surface through a grid of points, (m, m, 3) [m]."""
-    m = len(points)
+def _grid_triangles(m: int) -> Array:
+    """Triangles between the points of a grid, (m, m), by their numbers."""
     corner = (m * np.arange(m - 1)[:, None] + np.arange(m - 1)).ravel()
-    triangles = np.vstack([
+    return np.vstack([
         np.column_stack([corner, corner + 1, corner + m]),
         np.column_stack([corner + 1, corner + m + 1, corner + m]),
     ])  # fmt: skip
-    return _grey(points.reshape(-1, 3), triangles)
 
 
-def _grey(points: Array, triangles: Array) -> GraphicsData:
+def grey(points: Array, triangles: Array) -> GraphicsData:
     """Grey triangles, (m, 3), with corners, (n, 3) [m]."""
     return {
         "type": "TriangleList",

@@ -18,6 +18,7 @@ from ..support.arrays import Array
 from ..support.checks import validate_choice, validate_integer, validate_times
 from ..support.progress import Progress
 from .body_fields import BodyFields, Shown, contact_loads, shown_bodies
+from .graphics import RigidShape, corners, rigid_shapes
 
 Colour = Literal["speed", "deformation", "von_mises", "contact_pressure"]
 COLOUR_NAMES: tuple[Colour, ...] = get_args(Colour)
@@ -101,6 +102,8 @@ class Motion:
         Where each contact presses at its peak [m], of contacts that press.
     peak : float
         Time of the largest force [s].
+    rigid : list of RigidShape
+        Rigid surfaces of the contacts, and Exudyn's own bodies.
     """
 
     t: Array
@@ -109,12 +112,14 @@ class Motion:
     force_t: Array
     spots: list[Array]
     peak: float
+    rigid: list[RigidShape]
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """Lower and upper corner of the box that holds all bodies at all frames, (3,) each [m]."""
-        frames = range(0, len(self.t), max(1, len(self.t) // _LOOKED_AT))
-        every = np.vstack([body.at(frame) for body in self.bodies for frame in {*frames, len(self.t) - 1}])
+        """Lower and upper corner of the box that holds all bodies that move, at all frames, (3,) each [m]."""
+        moving: list[BodyMotion | RigidShape] = [*self.bodies]
+        moving += [shape for shape in self.rigid if shape.name and shape.moves]
+        every = np.vstack([corners(body.at(frame)) for body in moving for frame in _looked_at(len(self.t))])
         return every.min(axis=0), every.max(axis=0)
 
     @property
@@ -198,7 +203,15 @@ def motion_of(
         moved.append(_body(piece, piece.item.name or f"body {i}", run, wanted, found))
     force = {contact.name or f"contact {i}": contact.force(result) for i, contact in enumerate(result.contacts)}
     total = np.sum([*force.values()], axis=0) if force else np.zeros(len(result.t))
-    return Motion(run.t, moved, force, result.t, _spots(result), float(result.t[int(np.argmax(total))]))
+    frame_numbers = _looked_at(len(run.t))
+    places = np.array([np.vstack([corners(body.at(frame)) for body in moved]) for frame in frame_numbers])
+    rigid = rigid_shapes(result, run.t, places[np.searchsorted(frame_numbers, np.arange(len(run.t)))])
+    return Motion(run.t, moved, force, result.t, _spots(result), float(result.t[int(np.argmax(total))]), rigid)
+
+
+def _looked_at(count: int) -> Array:
+    """Some of `count` frames, with the first and the last one, (k,) int: not each frame needs a look."""
+    return np.unique(np.linspace(0, count - 1, _LOOKED_AT).astype(int))
 
 
 def _colours(result: Result, chosen: Sequence[Shown], colours: Sequence[Colour] | None) -> list[Colour]:

@@ -28,7 +28,7 @@ from .graphics import (
     fields_at,
     peak_time,
     pieces_of,
-    rigid_surfaces,
+    rigid_shapes,
     time_of,
     title_of,
     validate_pixels,
@@ -110,8 +110,8 @@ def plotter(
             diffuse=1 - _AMBIENT,
             scalar_bar_args={"title": title, **_BAR},
         )
-    for rigid in rigid_surfaces(result.contacts, np.vstack(places)):
-        scene.add_mesh(polydata(rigid["points"], rigid["triangles"]), color=_GREY, show_scalar_bar=False)
+    for rigid in rigid_shapes(result, frame.t, np.vstack(places)[None]):
+        scene.add_mesh(polydata(rigid.at(0), rigid.triangles), color=_GREY, show_scalar_bar=False)
     scene.add_text("\n".join([f"t = {frame.t[0]:.6g} s", *said]), font_size=10, color="black")
     scene.set_background("white")
     scene.add_axes(color="black")

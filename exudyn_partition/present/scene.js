@@ -115,13 +115,15 @@
     body.levels = new Float32Array(body.nodes.length);
     return buffers(body);
   });
+  // Rigid surfaces, and Exudyn's own bodies: place + turn points; those that stay where they are have one frame.
   const surfaces = facts.rigid.map(given => {
-    const surface = { places: array(given.points), triangles: array(given.triangles) };
-    surface.normals = new Float32Array(surface.places.length);
-    surface.levels = new Float32Array(surface.places.length / 3);
-    setNormals(surface);
-    upload(buffers(surface));
-    return surface;
+    const surface = { name: given.name, turns: true, shown: true };
+    for (const key of ["points", "triangles", "place", "turn"]) surface[key] = array(given[key]);
+    surface.nodes = Uint32Array.from({ length: surface.points.length / 3 }, (_, v) => v);
+    surface.places = new Float32Array(surface.points.length);
+    surface.normals = new Float32Array(surface.points.length);
+    surface.levels = new Float32Array(surface.nodes.length);
+    return buffers(surface);
   });
 
   /** Frames before and after a time, and the share of the later one. */
@@ -143,7 +145,7 @@
     return [x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]];
   }
   function move(body, [i, j, share]) {
-    const { local, points, shapes, rank, count, nodes, places, levels, value } = body, own = body.colours[state.colour];
+    const { local, points, shapes, rank, count, nodes, levels, value } = body, own = body.colours[state.colour];
     local.set(points);
     for (let k = 0; k < rank; k++) {
       const a = body.amplitudes[i * rank + k], b = body.amplitudes[j * rank + k];
@@ -154,14 +156,18 @@
       const root = ((1 - share) * own[i * count + v] + share * own[j * count + v]) / facts.levels;
       value[v] = root * root;
     }
-    const R = turnBetween(body, i, j, share);
+    for (let v = 0; v < nodes.length; v++) levels[v] = value[nodes[v]];
+    carry(body, local, [i, j, share]);
+  }
+  /** Places of vertices from those in the body's axes, and their normals. */
+  function carry(body, local, [i, j, share]) {
+    const { nodes, places } = body, R = turnBetween(body, i, j, share);
     const p = [0, 1, 2].map(k => (1 - share) * body.place[3 * i + k] + share * body.place[3 * j + k]);
     for (let v = 0; v < nodes.length; v++) {
       const e = 3 * nodes[v], a = local[e], b = local[e + 1], c = local[e + 2];
       places[3 * v] = R[0] * a + R[1] * b + R[2] * c + p[0];
       places[3 * v + 1] = R[3] * a + R[4] * b + R[5] * c + p[1];
       places[3 * v + 2] = R[6] * a + R[7] * b + R[8] * c + p[2];
-      levels[v] = value[nodes[v]];
     }
     setNormals(body);
     upload(body);
@@ -214,6 +220,10 @@
     if (canvas.width != width || canvas.height != height) { canvas.width = width; canvas.height = height; }
     const frames = framesAt(state.time);
     bodies.forEach(body => move(body, frames));
+    surfaces.filter(surface => surface.place.length > 3 || !surface.stands).forEach(surface => {
+      carry(surface, surface.points, surface.place.length > 3 ? frames : [0, 0, 0]);
+      surface.stands = true;
+    });
     gl.viewport(0, 0, width, height);
     gl.clearColor(...(matchMedia("(prefers-color-scheme: dark)").matches ? [0.13, 0.15, 0.18, 1] : [1, 1, 1, 1]));
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
@@ -226,7 +236,7 @@
       gl.bindVertexArray(surface.list);
       gl.drawElements(gl.TRIANGLES, surface.triangles.length, gl.UNSIGNED_INT, 0);
     };
-    surfaces.forEach(surface => show(surface, [0.6, 0.6, 0.63, 1]));
+    surfaces.filter(surface => surface.shown).forEach(surface => show(surface, [0.6, 0.6, 0.63, 1]));
     bodies.filter(body => body.shown).forEach(body => show(body, [0, 0, 0, 0]));
     const colour = facts.colours[state.colour], share = span ? (state.time - first) / span : 0;
     const force = facts.forces.length ? `   force ${number(forceAt(state.time))} N` : "";
@@ -302,7 +312,7 @@
   };
   $("play").onclick = () => play(!state.playing);
   $("slider").oninput = event => setTime(first + span * event.target.value / 1000);
-  bodies.forEach(body => {
+  [...bodies, ...surfaces.filter(surface => surface.name)].forEach(body => {
     const label = document.createElement("label"), box = document.createElement("input");
     box.type = "checkbox";
     box.checked = true;
@@ -411,7 +421,7 @@
   showSettings();
   draw();
   requestAnimationFrame(loop);
-  window.scene = { bodies, times, state, set(time) { setTime(time); draw(); }, project(body, vertex) {
+  window.scene = { bodies, surfaces, times, state, set(time) { setTime(time); draw(); }, project(body, vertex) {
     const width = canvas.clientWidth, height = canvas.clientHeight, p = bodies[body].places.slice(3 * vertex);
     return project(p[0], p[1], p[2], lensAndView(width, height), width, height);
   } };

@@ -27,7 +27,7 @@ from ..support.foreign import JSON
 from ..support.optional import require
 from ..support.progress import Progress, shown
 from .body_fields import Shown
-from .graphics import rigid_surfaces, validate_scale
+from .graphics import RigidShape, validate_scale
 from .motion import LABELS, BodyMotion, Colour, Motion, motion_of
 
 _TEMPLATE = "scene_page.html"
@@ -104,11 +104,10 @@ def scene_of(
     with shown(progress, "moving bodies") as report:
         motion = motion_of(result, bodies, colours=colours, frames=frames, progress=report)
     middle = np.mean(motion.bounds, axis=0)
-    grey = rigid_surfaces(result.contacts, np.vstack([body.at(0) for body in motion.bodies]))
     blob = _Blob()
     facts = _facts(motion, title, motion.visible_scale if scale is None else scale)
     facts["bodies"] = [_packed(body, middle, motion, blob) for body in motion.bodies]
-    facts["rigid"] = [_packed_surface(surface, middle, blob) for surface in grey]
+    facts["rigid"] = [_packed_shape(shape, middle, blob) for shape in motion.rigid]
     facts["spots"] = [(spot - middle).tolist() for spot in motion.spots]
     jinja2 = require("jinja2")
     environment = jinja2.Environment(
@@ -215,13 +214,16 @@ def _packed(body: BodyMotion, middle: Array, motion: Motion, blob: _Blob) -> JSO
     }
 
 
-def _packed_surface(surface: dict[str, object], middle: Array, blob: _Blob) -> JSON:
-    """A rigid surface for the page."""
-    points = np.asarray(surface["points"], dtype=float)
-    triangles, nodes = split_at_edges(points, np.asarray(surface["triangles"]))
+def _packed_shape(shape: RigidShape, middle: Array, blob: _Blob) -> JSON:
+    """A rigid surface or body for the page."""
+    triangles, nodes = split_at_edges(shape.points, shape.triangles)
+    kept = slice(None) if shape.moves else slice(1)  # one frame of what stays in its place
     return {
-        "points": blob.put(points[nodes] - middle, "f4"),
+        "name": shape.name,
+        "points": blob.put(shape.points[nodes], "f4"),
         "triangles": blob.put(triangles, "u4"),
+        "place": blob.put(shape.place[kept] - middle, "f4"),
+        "turn": blob.put(shape.turn[kept], "f4"),
     }
 
 

@@ -3,8 +3,7 @@
 `CreatePartitionView` adds an ObjectGround to a model. It has no coordinates, so the equations of motion do not change.
 Its graphicsDataUserFunction draws triangles whenever Exudyn renders: during the run, or in `mbs.SolutionViewer()`.
 `picture` and `show` draw a finished run in a scene of their own. Rigid surfaces of contacts that are fixed in space are
-drawn in grey, as far as the bodies extend; those that a body carries are drawn during a run and in Exudyn's viewer, and
-not in pictures of a result, which does not keep where other bodies were. The picture says so.
+drawn in grey, as far as the bodies extend; so are those that a body carries, and Exudyn's own bodies.
 
 The tests check the data to be drawn, and raytraced pictures; neither needs a screen. Exudyn's OpenGL window was tried
 under a virtual display (Xvfb), but not on a real screen.
@@ -49,8 +48,10 @@ from .graphics import (
     colour_bar,
     drawn_fields,
     fields_at,
+    grey,
     peak_time,
     pieces_of,
+    rigid_shapes,
     rigid_surfaces,
     time_of,
     title_of,
@@ -59,8 +60,7 @@ from .graphics import (
 )
 
 Fields = Callable[[MainSystem, BodyFields], dict[str, Array]]  # returns the present fields
-Contacts = Callable[[MainSystem], Sequence[PartitionContact]]
-Poses = Callable[[MainSystem, PartitionContact], Pose | None]  # of the bodies that carry rigid surfaces
+Rigid = Callable[[MainSystem, Array], list[GraphicsData]]  # returns rigid surfaces, as far as places, (n, 3), extend
 
 _AMBIENT = 0.8  # brightness without light: shadows must not look like small values
 _MARGIN = 0.6  # half of a picture's height, relative to the diagonal of the bodies
@@ -125,7 +125,13 @@ def CreatePartitionView(
         if "oFFRFreducedOrder" in piece.item:  # which would be drawn over it
             mbs.SetObjectParameter(piece.item["oFFRFreducedOrder"], "Vshow", False)
 
-    return _add(mbs, pieces, fields, field, scale, limits, lambda mbs: partition_items(mbs)[1], _drawn_pose)
+    def rigid(mbs: MainSystem, places: Array) -> list[GraphicsData]:
+        def pose(contact: PartitionContact) -> Pose | None:
+            return None if contact.carrier is None else contact.carrier.drawn_pose(mbs)
+
+        return rigid_surfaces(partition_items(mbs)[1], places, pose)
+
+    return _add(mbs, pieces, fields, field, scale, limits, rigid)
 
 
 def picture(
@@ -279,7 +285,11 @@ def _scene(
     def fields(mbs: MainSystem, piece: BodyFields) -> dict[str, Array]:
         return at_sample(piece)
 
-    _add(mbs, pieces, fields, field, scale, limits, lambda mbs: result.contacts, _not_kept, turn)
+    def rigid(mbs: MainSystem, places: Array) -> list[GraphicsData]:
+        shapes = rigid_shapes(result, result.t[[now()]], places[None])
+        return [grey(shape.at(0), shape.triangles) for shape in shapes]
+
+    _add(mbs, pieces, fields, field, scale, limits, rigid, turn)
     mbs.Assemble()
     return SC, mbs
 
@@ -291,8 +301,7 @@ def _add(
     field: ViewField,
     scale: float,
     limits: Sequence[float] | None,
-    contacts: Contacts,
-    poses: Poses,
+    rigid: Rigid,
     turn: Rotation | None = None,
 ) -> ObjectIndex:
     """Add the object that draws bodies and rigid surfaces of contacts; `turn` is the rotation of the view."""
@@ -305,17 +314,9 @@ def _add(
 
     def draw(mbs: MainSystem, item: ItemIndex) -> list[GraphicsData]:
         turned = turn or Rotation.identity()
-        return _graphics(pieces, partial(fields, mbs), field, scale, given, turned, contacts(mbs), partial(poses, mbs))
+        return _graphics(pieces, partial(fields, mbs), field, scale, given, turned, partial(rigid, mbs))
 
     return mbs.AddObject(items.ObjectGround(visualization=items.VObjectGround(graphicsDataUserFunction=draw)))
-
-
-def _drawn_pose(mbs: MainSystem, contact: PartitionContact) -> Pose | None:
-    return None if contact.carrier is None else contact.carrier.drawn_pose(mbs)
-
-
-def _not_kept(mbs: MainSystem, contact: PartitionContact) -> Pose | None:
-    return None  # a result does not keep where other bodies were
 
 
 def _graphics(
@@ -325,8 +326,7 @@ def _graphics(
     scale: float,
     limits: Array | None,
     turn: Rotation,
-    contacts: Sequence[PartitionContact],
-    poses: Callable[[PartitionContact], Pose | None],
+    rigid: Callable[[Array], list[GraphicsData]],
 ) -> list[GraphicsData]:
     """Exudyn's graphics data of the deformed surfaces, of rigid surfaces, and of the scale of the colours."""
     places, values = drawn_fields(pieces, fields, field, scale)
@@ -339,10 +339,7 @@ def _graphics(
         share = (value - least) / (largest - least) if largest > least else np.zeros(len(value))
         triangles = flat_triangles(piece.cells)[0]
         drawn.append({"type": "TriangleList", "points": place, "colors": colours(share), "triangles": triangles})
-    rigid = rigid_surfaces(contacts, np.vstack(places), poses)
-    seen = np.vstack([*places, *(np.asarray(surface["points"]) for surface in rigid)])
-    title = title_of(field, scale)
-    if any(contact.carrier is not None and poses(contact) is None for contact in contacts):
-        title.append("not drawn: rigid surfaces that other bodies carry")
+    surfaces = rigid(np.vstack(places))
+    seen = np.vstack([*places, *(np.asarray(surface["points"]) for surface in surfaces)])
     ends = f"{least:.3g}", f"{largest:.3g}"
-    return [*drawn, *rigid, *colour_bar(seen, turn, colours, title, ends)]
+    return [*drawn, *surfaces, *colour_bar(seen, turn, colours, title_of(field, scale), ends)]

@@ -155,6 +155,8 @@ def watched(
             for configuration in (kinds.StartOfStep, kinds.Current):
                 mbs.systemData.SetODE2Coordinates_tt(accelerations, configuration)
         run = runs.now(mbs)
+        if run.unsampled and run.others:
+            run.others.keep(mbs, start, start_of_step=True)
         if not run.idle:
             run.before_step(mbs, t, joined=False)  # also where the model's own function was set after contacts
         go_on = own_function is None or own_function(mbs, t)

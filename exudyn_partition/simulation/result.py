@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import InputError, RunError
 from ..exudyn_bodies.item_work import WorkSensor
 from ..exudyn_bodies.model import registered
+from ..exudyn_bodies.other_bodies import OtherBody
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.contact_run import ContactRun
 from ..exudyn_contacts.kept_run import KeptRun
@@ -101,6 +102,8 @@ class Result:
         Description of the model, for a result that was read without it.
     newmark : Newmark, optional
         Parameters of the implicit method. Default: another method, or not known, as in a result from a file.
+    others : tuple of OtherBody
+        Motion of Exudyn's own bodies that have a shape, or carry the rigid surface of a contact.
     """
 
     t: Array
@@ -120,6 +123,7 @@ class Result:
     item_work: WorkSensor | None = field(default=None, repr=False)
     marks: tuple[ItemMark, ...] | None = field(default=None, repr=False)
     newmark: Newmark | None = field(default=None, repr=False)
+    others: tuple[OtherBody, ...] = field(default=(), repr=False)
 
     if not TYPE_CHECKING:  # type checkers would accept every attribute
 
@@ -251,6 +255,7 @@ class Result:
             bodies=tuple(self._stored_body(item) for item in self.bodies),
             contacts=tuple(StoredContactRun.of(*both) for both in zip(self.contacts, kept, strict=True)),
             warnings=self.warnings,
+            others=self.others,
         )
 
     def _stored_body(self, item: PartitionBody | StoredBody) -> StoredBodyRun:
@@ -396,8 +401,8 @@ class Result:
     ) -> Scene:
         """Make a page that shows the moving bodies in any browser, to play and turn; in a notebook, `result.scene()`.
 
-        The page needs no other file and no network. It has the bodies with their deformation, rigid surfaces that are
-        fixed in space, and the forces.
+        The page needs no other file and no network. It has the bodies with their deformation, rigid surfaces, Exudyn's
+        own bodies as its renderer draws them, and the forces.
 
         Parameters
         ----------
@@ -530,6 +535,7 @@ def _restored(stored: StoredRun) -> Result:
         seldom=frozenset(map(int, stored.seldom)),
         warnings=stored.warnings,
         marks=stored.items,
+        others=stored.others,
     )
 
 
@@ -562,6 +568,7 @@ def samples(mbs: MainSystem) -> Result:
         runs=() if run is None else tuple(run.of(contact) for contact in contacts),
         item_work=registered(mbs).work,
         newmark=None if solver is None else solver.newmark,
+        others=() if run is None else run.others.motions(mbs),
     )
     times = np.empty(0) if run is None else run.record.times
     return result if run is None or not len(times) else _joined(result, times, run.record.sensors(mbs))

@@ -6,7 +6,7 @@ Without the model that was run, `StoredContact` and `StoredBody` replace its ite
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NoReturn
 
 import numpy as np
@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from ..algebra.coulomb import Coulomb
 from ..errors import InputError
 from ..exudyn_bodies.model import Samples
+from ..exudyn_bodies.other_bodies import OtherBody
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.kept_run import KEPT, KeptRun
 from ..exudyn_contacts.partition_contact import PartitionContact
@@ -161,6 +162,7 @@ class StoredRun:
     bodies : tuple of StoredBodyRun
     contacts : tuple of StoredContactRun
     warnings : tuple of str or None
+    others : tuple of OtherBody
 
     Raises
     ------
@@ -183,6 +185,7 @@ class StoredRun:
     bodies: tuple[StoredBodyRun, ...]
     contacts: tuple[StoredContactRun, ...]
     warnings: tuple[str, ...] | None
+    others: tuple[OtherBody, ...] = field(default=(), metadata={"added": True})
 
     def __post_init__(self) -> None:
         read_only(self.t, self.numbers, self.seldom, *self.samples)
@@ -194,7 +197,7 @@ FILE = Format(
     name="result",
     version=3,
     units="SI (m, kg, s, N, rad), or the consistent units that the model was made in",
-    classes=(StoredRun, Work, ItemMark, StoredBodyRun, StoredContactRun, Coulomb, *KEPT),
+    classes=(StoredRun, Work, ItemMark, StoredBodyRun, StoredContactRun, Coulomb, OtherBody, *KEPT),
 )
 
 

@@ -5,10 +5,14 @@ import gzip
 import json
 import re
 
+import exudyn as exu
 import numpy as np
 import pytest
+from exudyn import graphics
+from exudyn.utilities import InertiaCuboid
 from oracles import hit_by_a_spinning_ball
 
+import exudyn_partition as ep
 from exudyn_partition.errors import InputError
 from exudyn_partition.present.motion import motion_of
 from exudyn_partition.present.scene import few_shapes, split_at_edges
@@ -119,6 +123,41 @@ def test_a_browser_plays_the_page(opened, run, tmp_path):
     assert page.locator("canvas").screenshot() != still  # colours change
     page.mouse.move(450, 250)
     assert "m" in page.locator("#value").text_content() or page.locator("#value").is_hidden()
+    assert faults == []
+
+
+def test_what_is_rigid_moves_in_the_browser(opened, round_body, tmp_path):
+    """A plate of Exudyn carries the plane that hits a ball at rest, and turns; a floor stays where it is."""
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, round_body)
+    plate = mbs.CreateRigidBody(
+        name="plate", referencePosition=[0, 0, -0.02], inertia=InertiaCuboid(7800, [0.02] * 3),
+        initialVelocity=[0, 0, 5.0], initialAngularVelocity=[0, 200.0, 0], nodeType=exu.NodeType.RotationRotationVector,
+        graphicsDataList=[graphics.Brick(size=[0.02, 0.02, 0.01])],
+    )  # fmt: skip
+    mbs.CreateGround(name="floor", graphicsDataList=[graphics.Brick(centerPoint=[0, 0, -0.1], size=[0.1, 0.1, 0.01])])
+    ep.CreatePartitionContact(mbs, item, ep.RigidPlane((0, 0, 0.005)), masterBody=plate)
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=2e-3, step=1e-6)
+    page, faults = opened(result.scene(tmp_path / "run.html", frames=11).path)
+    motion = motion_of(result, frames=11)
+    middle = np.mean(motion.bounds, axis=0)
+    assert [shape.moves for shape in motion.rigid] == [True, True, False]
+    for frame in (0, 4, 10):
+        page.evaluate(f"scene.set(scene.times[{frame}])")
+        for number, shape in enumerate(motion.rigid):
+            drawn = np.array(page.evaluate(f"Array.from(scene.surfaces[{number}].places)")).reshape(-1, 3)
+            expected = shape.at(frame) - middle
+            away = np.linalg.norm(drawn[:, None] - expected[None], axis=2)
+            assert max(away.min(axis=0).max(), away.min(axis=1).max()) < 1e-6 * motion.size  # single precision
+    place, turn = result.others[0].at(np.array([2e-3]))
+    top = (motion.rigid[0].at(10) - place[0]) @ turn[0]
+    np.testing.assert_allclose(top[:, 2], 0.005, atol=1e-12)  # the plane stays on its plate
+    assert page.locator("#bodies label").all_text_contents() == ["body 0", "plate", "floor"]
+    still = page.locator("canvas").screenshot()
+    page.uncheck("#bodies label:nth-child(2) input")
+    page.wait_for_timeout(200)
+    assert page.locator("canvas").screenshot() != still
     assert faults == []
 
 

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, RunError
+from exudyn_partition.present.graphics import rigid_shapes
 
 
 def drawn_points(SC):
@@ -129,11 +130,22 @@ def test_a_carried_surface_is_drawn_where_its_carrier_is(round_body):
     points, colours = drawn_points(SC)
     grey = points[np.ptp(colours[:, :3], axis=1) < 0.05]
     turn = np.array(mbs.GetObjectOutputBody(carrier, exu.OutputVariableType.RotationMatrix)).reshape(3, 3)
-    local = (grey - np.array(mbs.GetObjectOutputBody(carrier, exu.OutputVariableType.Position))) @ turn
+    local = (grey - place_of(mbs, carrier)) @ turn
     assert turn[2, 1] == pytest.approx(np.sin(0.3), rel=1e-3)
     np.testing.assert_allclose(local[:, 2], 0.004, atol=1e-8)
     assert SC.renderer.GetGraphicsData()["texts"]["text"][-1] == "deformation [m]"
-    ep.view.picture(result, size=(80, 60))  # a result does not know where it was, and says so
+    kept, brick = rigid_shapes(result, result.t[-1:], item.body.points[None])  # the same in pictures of the result
+    assert np.ptp(brick.points, axis=0) == pytest.approx([0.01] * 3)  # which Exudyn draws for the inertia
+    cos = abs(kept.turn[0, :, 2] @ turn[:, 2])
+    assert cos == pytest.approx(1.0, abs=1e-12)
+    np.testing.assert_allclose((kept.at(0) - place_of(mbs, carrier)) @ turn[:, 2], 0.004, atol=1e-12)
+    picture, early = (ep.view.picture(result, time, size=(80, 60)) for time in (1e-3, 0.0))
+    assert (picture != early).any()
+
+
+def place_of(mbs, carrier):
+    """Where a body is [m]."""
+    return np.array(mbs.GetObjectOutputBody(carrier, exu.OutputVariableType.Position))
 
 
 def test_the_peak_is_shown_unless_a_time_is_given(impact):

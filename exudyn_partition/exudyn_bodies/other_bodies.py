@@ -1,0 +1,174 @@
+"""Exudyn's own bodies in a run: their shapes, and where they are, so that pictures can show them.
+
+Shapes are those that Exudyn's renderer draws: what the user gave each body, or the brick that CreateRigidBody derives
+from the inertia. Lines and texts are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from ..support.arrays import Array
+from ..support.foreign import ItemEntry, MainSystem
+from ..support.optional import require
+from .carriers import pose_in
+
+_MOST = 1000  # places of a body that are kept; a longer run keeps each second, then each fourth, and so on
+_AROUND, _ALONG = 24, 12  # facets of a sphere
+_STRAIGHT = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # triangles of one with nodes at the middles of its sides
+
+
+@dataclass(frozen=True, eq=False)
+class OtherBody:
+    """Motion of one of Exudyn's own bodies in a run.
+
+    Parameters
+    ----------
+    number : int
+        Of its object.
+    name : str
+    points : (n, 3) array
+        Of its shape, in its own axes [m].
+    triangles : (k, 3) int array
+        As rows of `points`; none if it has no shape.
+    t : (m,) array
+        [s]
+    place : (m, 3) array
+        Of its origin [m].
+    turn : (m, 3, 3) array
+        Its axes, as columns.
+    """
+
+    number: int
+    name: str
+    points: Array
+    triangles: Array
+    t: Array
+    place: Array
+    turn: Array
+
+    @property
+    def moves(self) -> bool:
+        """Whether it was ever elsewhere than at the start."""
+        return bool((self.place != self.place[0]).any() or (self.turn != self.turn[0]).any())
+
+    def at(self, times: Array) -> tuple[Array, Array]:
+        """Place, (k, 3) [m], and axes, (k, 3, 3), at times, (k,) [s]."""
+        times = np.clip(times, self.t[0], self.t[-1])
+        place = np.column_stack([np.interp(times, self.t, along) for along in self.place.T])
+        if len(self.t) == 1:
+            return place, np.repeat(self.turn, len(times), axis=0)
+        turn: Array = Slerp(self.t, Rotation.from_matrix(self.turn))(times).as_matrix()
+        return place, turn
+
+
+class OtherBodies:
+    """Record of where Exudyn's own bodies with shapes, and those that carry rigid surfaces, are in a run.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    carriers : iterable of int
+        Numbers of the bodies that carry rigid surfaces.
+    """
+
+    def __init__(self, mbs: MainSystem, carriers: Iterable[int]) -> None:
+        self._t: list[float] = []
+        self._poses: list[list[tuple[Array, Array]]] = []
+        self._stride, self._left = 1, 0
+        self._bodies, carrying = list[tuple[int, str, Array, Array]](), {*carriers}
+        for number in range(mbs.systemData.NumberOfObjects()):
+            entry = mbs.GetObject(number)
+            points, triangles = _shape(mbs, number, entry)
+            if len(triangles) or number in carrying:
+                self._bodies.append((number, entry["name"], points, triangles))
+
+    def __bool__(self) -> bool:
+        """Whether there are any."""
+        return bool(self._bodies)
+
+    def keep(self, mbs: MainSystem, t: float, *, start_of_step: bool = False) -> None:
+        """Keep where the bodies are at time t [s], in the model's present state, or in that at the start of the step.
+
+        Times must not decrease. A second call for the same time replaces the first one.
+        """
+        if self._t and t <= self._t[-1]:
+            if t == self._t[-1]:
+                self._poses[-1] = self._now(mbs, start_of_step)
+            return
+        if self._left:
+            self._left -= 1
+            return
+        self._add(t, self._now(mbs, start_of_step))
+        if len(self._t) >= _MOST:
+            self._t, self._poses, self._stride = self._t[::2], self._poses[::2], 2 * self._stride
+        self._left = self._stride - 1
+
+    def _add(self, t: float, poses: list[tuple[Array, Array]]) -> None:
+        self._t.append(t)
+        self._poses.append(poses)
+
+    def _now(self, mbs: MainSystem, start_of_step: bool) -> list[tuple[Array, Array]]:
+        kinds = require("exudyn").ConfigurationType
+        configuration = kinds.StartOfStep if start_of_step else kinds.Current
+        return [pose_in(mbs, number, configuration) for number, *_ in self._bodies]
+
+    def motions(self, mbs: MainSystem) -> tuple[OtherBody, ...]:
+        """Motion of each body until the model's present state, which is the end of the run."""
+        if not self._bodies:
+            return ()
+        end = float(mbs.systemData.GetTime())
+        if not self._t or end > self._t[-1]:
+            self._add(end, self._now(mbs, False))
+        t = np.array(self._t)
+        return tuple(
+            OtherBody(
+                number, name, points, triangles, t,
+                np.array([poses[i][0] for poses in self._poses]), np.array([poses[i][1] for poses in self._poses]),
+            )
+            for i, (number, name, points, triangles) in enumerate(self._bodies)
+        )  # fmt: skip
+
+
+def _shape(mbs: MainSystem, number: int, entry: ItemEntry) -> tuple[Array, Array]:
+    """Points, (n, 3) [m], and triangles, (k, 3) int, of the graphics of an object; none if it shows none."""
+    shown = entry.get("VgraphicsData") and entry["Vshow"]
+    graphics = mbs.GetObjectParameter(number, "VgraphicsData") if shown else []
+    parts = [(np.zeros((0, 3)), np.zeros((0, 3), dtype=int))]
+    parts += [part for data in graphics if isinstance(data, dict) for part in _triangles(data)]
+    starts = np.cumsum([0, *(len(points) for points, _ in parts)])
+    triangles = np.vstack([corners + start for (_, corners), start in zip(parts, starts, strict=False)])
+    points, numbers = np.unique(np.vstack([points for points, _ in parts]), axis=0, return_inverse=True)
+    return points, numbers.reshape(-1)[triangles]  # Exudyn's triangles share no points, and edges could not be told
+
+
+def _triangles(graphics: dict[str, object]) -> list[tuple[Array, Array]]:
+    """Points and triangles of one entry of Exudyn's graphics."""
+    points = np.asarray(graphics.get("points", ()), dtype=float).reshape(-1, 3)
+    if graphics.get("type") == "Spheres":
+        radii = np.asarray(graphics["radii"], dtype=float)
+        round_points, triangles = _unit_sphere()
+        return [(centre + radius * round_points, triangles) for centre, radius in zip(points, radii, strict=True)]
+    if graphics.get("type") != "TriangleList":
+        return []
+    flat = np.asarray(graphics.get("triangles", ()), dtype=int).reshape(-1, 3)
+    curved = np.asarray(graphics.get("triangles6", ()), dtype=int).reshape(-1, 6)
+    return [(points, np.vstack([flat, curved[:, _STRAIGHT].reshape(-1, 3)]))]
+
+
+def _unit_sphere() -> tuple[Array, Array]:
+    """Points and triangles of a sphere with radius one."""
+    along, around = np.linspace(0, np.pi, _ALONG + 1), np.linspace(0, 2 * np.pi, _AROUND + 1)
+    polar, azimuth = (angle.ravel() for angle in np.meshgrid(along, around, indexing="ij"))
+    points = np.column_stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
+    corner = (np.arange(_ALONG)[:, None] * (_AROUND + 1) + np.arange(_AROUND)).ravel()
+    below = corner + _AROUND + 1
+    triangles = np.vstack([
+        np.column_stack([corner, below, corner + 1]),
+        np.column_stack([corner + 1, below, below + 1]),
+    ])  # fmt: skip
+    return points, triangles
