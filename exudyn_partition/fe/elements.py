@@ -304,7 +304,8 @@ def faces_of(cells: Array, hexahedra: bool) -> tuple[Array, Array]:
     (ne * f, k) int array
         Nodes of f faces of each element; of a triangle among quadrilaterals as `a b c c`.
     (ne, f) int array
-        -1 for a face of a hexahedron that has fallen to a line or a point.
+        -1 for a face of a hexahedron that has fallen to a line or a point. A linear quadrilateral and the two triangles
+        that cover it have one number.
     """
     local = hexahedron_faces(cells.shape[1]) if hexahedra else CELL_FACES[cells.shape[1]]
     faces = cells[:, local].reshape(-1, local.shape[1])
@@ -319,7 +320,24 @@ def faces_of(cells: Array, hexahedra: bool) -> tuple[Array, Array]:
         faces[triangles] = np.hstack(parts)
     number = np.full(len(faces), -1)
     number[~lost] = np.unique(corner_keys(faces[~lost]), axis=0, return_inverse=True)[1].ravel()
+    if local.shape[1] == 4:
+        _join_covered(faces, number)
     return faces, number.reshape(len(cells), len(local))
+
+
+def _join_covered(faces: Array, number: Array) -> None:
+    """Give quadrilaterals and the two triangles that cover them one number; others have no face on the other side."""
+    alone = np.flatnonzero((np.bincount(number[number >= 0])[number] == 1) & (number >= 0))
+    triangles, quads = (alone[of] for of in (folded(faces[alone]), ~folded(faces[alone])))
+    if not len(triangles) or not len(quads):
+        return
+    halves = faces[quads][:, [(0, 1, 2), (2, 3, 0), (1, 2, 3), (3, 0, 1)]].reshape(-1, 3)  # by each of two diagonals
+    keys = np.unique(np.sort(np.vstack([faces[triangles][:, :3], halves])), axis=0, return_inverse=True)[1].ravel()
+    known = np.full(keys.max() + 1, -1)
+    known[keys[: len(triangles)]] = triangles
+    covers = known[keys[len(triangles) :]].reshape(-1, 2, 2)
+    quad, diagonal = np.nonzero((covers >= 0).all(axis=2))
+    number[covers[quad, diagonal]] = number[quads[quad], None]
 
 
 def rows_of_cells(blocks: Sequence[tuple[str, Array]]) -> tuple[Array, bool]:

@@ -128,10 +128,11 @@ def check_neighbours(cells: Array, faces: Array, number: Array) -> None:
             f"{order[same[0]]} and {order[same[0] + 1]} (counted from 0), of the same nodes. Their mass and stiffness "
             "would count twice; remove them"
         )
-    if count.max() > 2:
-        owners = np.flatnonzero((number == count.argmax()).any(axis=1))
+    crowded = (count > 2) & ~covered_quads(faces, number)
+    if crowded.any():
+        owners = np.flatnonzero((number == crowded.argmax()).any(axis=1))
         raise MeshError(
-            f"cells: {np.count_nonzero(count > 2)} faces belong to more than two elements, the first to elements "
+            f"cells: {np.count_nonzero(crowded)} faces belong to more than two elements, the first to elements "
             f"{', '.join(map(str, owners))} (counted from 0), so that some of them overlap. Remove those, or mesh anew"
         )
     # Outward faces of two neighbours turn opposite ways.
@@ -151,8 +152,15 @@ def check_neighbours(cells: Array, faces: Array, number: Array) -> None:
         )
 
 
+def covered_quads(faces: Array, number: Array) -> Array:
+    """Whether each number is that of a quadrilateral and the two triangles that cover it, see `elements.faces_of`."""
+    real = number.ravel() >= 0
+    of, is_folded = number.ravel()[real], folded(faces[real])
+    return np.asarray((np.bincount(of) == 3) & (np.bincount(of, ~is_folded) == 1))
+
+
 def check_conforming(faces: Array, number: Array) -> None:
-    """Refuse quadrilaterals that meet two triangles, which would leave a crack between them.
+    """Refuse quadrilaterals that triangles cover in part, or quadratic ones, which would leave a crack between them.
 
     Parameters
     ----------

@@ -8,8 +8,9 @@ import numpy as np
 
 from ..errors import MeshError, MeshQualityWarning
 from ..support.arrays import Array
+from .consistency import integrals
 from .elements import kinds_of
-from .facets import by_shape
+from .facets import by_shape, covered_quads
 from .model import FEModel
 from .shapes import QUADS, TET_EDGES, nodes_on_edges, shape_functions
 
@@ -38,6 +39,14 @@ def check_mesh(fem: FEModel) -> None:
         With the number and place of what looks damaged.
     """
     _check_inside(fem)
+    covered = np.count_nonzero(covered_quads(*fem.element_faces))
+    if covered:
+        warnings.warn(
+            f"mesh: {covered} quadrilaterals of elements meet two triangles each. Their edges fit, but their "
+            "displacements do not, so that stress is wrong around them. Put pyramids between hexahedra and tetrahedra",
+            MeshQualityWarning,
+            stacklevel=3,
+        )
     for said, found, points in (
         (
             f"nodes lie {_FAR:g} times as far from the nodes around them as those from each other",
@@ -64,9 +73,13 @@ def _check_inside(fem: FEModel) -> None:
     volume, moments = volume_inside(fem.points - origin, fem.facets)
     by_cells = fem.cell_volume.sum()
     if abs(by_cells - volume) > _VOLUME * by_cells:
+        off = abs(integrals(fem.points, fem.cells, fem.hexahedra)[0] - fem.cell_volume)
+        worst = int(off.argmax())
+        where = ", ".join(f"{x:.4g}" for x in fem.points[fem.cells[worst]].mean(axis=0))
+        named = f" One is element {worst} (counted from 0) at ({where})." if off[worst] > _VOLUME * by_cells else ""
         raise MeshError(
             f"mesh: its elements have a volume of {by_cells:.6g} m3, its surface encloses {volume:.6g} m3, expected "
-            "the same: elements overlap or are turned inside out. Check the places of nodes, or mesh anew"
+            f"the same: elements overlap, or sides turn some inside out.{named} Check the places of nodes, or mesh anew"
         )
     if fem.regions is not None:
         return  # the mass matrix is of several densities

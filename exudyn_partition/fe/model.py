@@ -407,6 +407,11 @@ class FEModel:
         return faces_of(self.cells, self.hexahedra)
 
     @property
+    def element_faces(self) -> tuple[Array, Array]:
+        """Faces of all elements, (f ne, k), and numbers that equal ones share, (ne, f); see `elements.faces_of`."""
+        return self._faces
+
+    @property
     def neighbours(self) -> Array:
         """(ne, 4) or (ne, 6) int array: numbers of the elements' faces; two elements that share one are neighbours.
 

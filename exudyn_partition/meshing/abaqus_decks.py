@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..fe.elements import BY_NAME
 from ..support.arrays import Array
 from .abaqus_keywords import Block, blocks
 from .deck_lines import LARGEST, Line
@@ -169,11 +170,20 @@ class _Deck:
     def elements(self, block: Block) -> None:
         """Take elements, and the set that they make."""
         name, set_name = block.option("TYPE").upper(), block.options.get("ELSET", "")
-        kind, n = _kind(name, block.line, self.only_solids)
+        kind, n, most = _kind(name, block.line, self.only_solids)
         if self.only_solids and kind not in SOLIDS and kind not in SURFACES:
             self.left_out[name] = self.left_out.get(name, 0) + len(block.data)
-        rows = np.array(list(_rows(block, name, n)), dtype=np.int64).reshape(-1, n + 1)
-        self._open.elements.append(Elements(kind, name, set_name, rows[:, 0], rows[:, 1:], block.line))
+        found = list(_rows(block, name, n, most))
+        width = len(found[0][1]) if found else n + 1
+        for line, row in found:
+            if len(row) != width:
+                line, row = next((line, row) for line, row in found if len(row) > n + 1)
+                raise line.refuse(f"element {row[0]} of TYPE={name} has {len(row) - 1} nodes, expected {n}")
+        rows = np.array([row for _, row in found], dtype=np.int64).reshape(-1, width)
+        lines = [line for line, _ in found]
+        beyond = rows[:, n + 1 :] if width > n + 1 else None
+        own = Elements(kind, name, set_name, rows[:, 0], rows[:, 1 : n + 1], block.line, lines, beyond)
+        self._open.elements.append(own)
         if set_name:
             _set(self._open.element_sets, set_name).members.append(Member(block.line, None, rows[:, 0]))
 
@@ -281,29 +291,37 @@ def _generated(line: Line) -> range:
     return range(first, last + 1, step)
 
 
-def _kind(name: str, line: Line, only_solids: bool) -> tuple[str | None, int]:
-    """Kind of an element by its type's name, and its number of nodes; None for lines, whose nodes are not read."""
+def _kind(name: str, line: Line, only_solids: bool) -> tuple[str | None, int, int]:
+    """Kind of an element by its type's name, its number of nodes, and how many a line may have.
+
+    None for lines, whose nodes are not read.
+    """
     solid, surface = _SOLID.match(name), _SURFACE.match(name)
     kind = _SOLID_OF.get(int(solid[1])) if solid else _SURFACE_OF.get(int(surface[1])) if surface else None
     if kind is not None:
-        return kind, (SOLIDS | SURFACES)[kind]
+        n = (SOLIDS | SURFACES)[kind]
+        return kind, n, n + len(BY_NAME[kind].edges) if solid and BY_NAME[kind].order == 1 else n
     if _LINE.match(name) or only_solids:
-        return None, 0
+        return None, 0, 0
     raise line.refuse(
         f"elements of TYPE={name} are not read. Give only_solids=True to leave them out, and put what they do into the "
         "Exudyn model"
     )
 
 
-def _rows(block: Block, name: str, n: int) -> Iterator[list[int]]:
-    """Number and nodes of each element, which may continue in lines that follow."""
+def _rows(block: Block, name: str, n: int, most: int) -> Iterator[tuple[Line, list[int]]]:
+    """Line, number and nodes of each element, which may continue in lines that follow.
+
+    One that stands on a line of its own may have up to `most` nodes.
+    """
     pending: list[int] = []
     for line in block.data:
+        allowed = n if pending else most
         pending += line.integers
-        if len(pending) > n + 1 and n:
+        if len(pending) > allowed + 1 and n:
             raise line.refuse(f"element {pending[0]} of TYPE={name} has {len(pending) - 1} nodes, expected {n}")
         if len(pending) > n:
-            yield pending[: n + 1]
+            yield line, pending if n else pending[:1]
             pending = []
     if pending:
         raise block.data[-1].refuse(f"element {pending[0]} of TYPE={name} has {len(pending) - 1} nodes, expected {n}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -9,6 +10,8 @@ from pathlib import Path
 
 from ..errors import InputError
 from .deck_lines import OUTSIDE_QUOTES, Line
+
+_LOG = logging.getLogger(__name__)
 
 _INCLUDES = re.compile(r"\*\s*(INCLUDE|NODE|ELEMENT)\s*,.*\bINPUT\s*=", re.IGNORECASE)
 _DEEPEST = 20  # files that include files
@@ -33,32 +36,39 @@ class Block:
 def blocks(path: Path) -> Iterator[Block]:
     """Keywords of a deck with their data, those of included files in their place.
 
+    Lines of text before the first keyword are left out, as CalculiX does.
+
     Raises
     ------
     InputError
-        If it does not begin with a keyword.
+        If it has no keyword, or begins with data whose keyword is missing.
     MeshError
         If a file that it includes is not there.
     """
-    block = None
+    block, before = None, 0
     for line in _lines(path):
         if line.text[0] == "*":
             if block is not None:
                 yield block
             block = Block("".join(line.text[1:].partition(",")[0].split()).upper(), _options(line.text), line)
+        elif block is None and (line.begins_with_number or line.text[0] in "/!"):  # as decks of Ansys begin
+            raise InputError(f"source: {line.where}: expected keywords that begin with *, got {line.text[:40]!r}")
         elif block is None:
-            raise InputError(f"source: {path}: expected keywords that begin with *, got {line.text[:40]!r}")
+            before += 1
         elif not block.data and block.line.text.endswith(",") and not line.begins_with_number:
             block.line = block.line._replace(text=block.line.text + line.text)  # options continue in the next line
             block.options = _options(block.line.text)
         else:
             block.data.append(line)
-    if block is not None:
-        yield block
+    if block is None:
+        raise InputError(f"source: {path}: expected keywords that begin with *, got none")
+    if before:
+        _LOG.info("%s: left out %d lines before the first keyword", path, before)
+    yield block
 
 
-def _lines(path: Path, depth: int = 0) -> Iterator[Line]:
-    """Lines that are no comments, with those of included files in their place."""
+def _lines(path: Path, depth: int = 0, home: Path | None = None) -> Iterator[Line]:
+    """Lines that are no comments, with those of included files in their place; `home` is the first file's folder."""
     texts = enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), 1)
     for number, text in texts:
         line = Line(text.strip(), path, number)
@@ -72,19 +82,21 @@ def _lines(path: Path, depth: int = 0) -> Iterator[Line]:
         if not line.text.upper().startswith("*INCLUDE"):
             yield line
         if _INCLUDES.match(line.text):
-            yield from _included(line, depth)
+            yield from _included(line, depth, home or path.parent)
         elif line.text.upper().startswith("*INCLUDE"):
             raise line.refuse("*INCLUDE needs INPUT=")
 
 
-def _included(line: Line, depth: int) -> Iterator[Line]:
-    """Lines of the file that an option names, beside the deck or at an absolute path."""
-    other = line.path.parent / _options(line.text)["INPUT"].replace("\\", "/")
-    if not other.is_file():
-        raise line.refuse(f"expected a file to include, there is none at {other}")
+def _included(line: Line, depth: int, home: Path) -> Iterator[Line]:
+    """Lines of the file that an option names, beside the file that names it, beside the deck or at an absolute path."""
+    name = _options(line.text)["INPUT"].replace("\\", "/")
+    places = (line.path.parent / name, home / name)
+    other = next((place for place in places if place.is_file()), None)
+    if other is None:
+        raise line.refuse(f"expected a file to include, there is none at {places[0]}")
     if depth == _DEEPEST:
         raise line.refuse("expected files that do not include each other")
-    yield from _lines(other, depth + 1)
+    yield from _lines(other, depth + 1, home)
 
 
 def _options(text: str) -> dict[str, str]:

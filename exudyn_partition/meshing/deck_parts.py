@@ -12,9 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import MeshError
+from ..fe.elements import BY_NAME
 from ..support.arrays import Array
 from .deck_lines import LARGEST, Line
-from .file_mesh import FACE_CORNERS, SOLIDS, SURFACES, CellRegions, FileMesh
+from .file_mesh import FACE_CORNERS, SOLIDS, SURFACES, CellRegions, FileMesh, Origins
 
 _LOG = logging.getLogger(__name__)
 
@@ -26,10 +27,15 @@ _FACES = {
     8: ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
 }
 _CORNERS = {"tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8}
+_BESIDE_MIDDLE = 0.25  # of an edge's length, how far from its middle a node may lie that is left out
 
 
 class Elements(NamedTuple):
-    """Elements of one keyword: kind, None for lines; type and set; numbers, (k,), and numbers of nodes, (k, n)."""
+    """Elements of one keyword: kind, None for lines; type and set; numbers, (k,), and numbers of nodes, (k, n).
+
+    The number of a mid-side node that an element has not is zero. `lines` has the line of each element. `beyond`,
+    (k, m), are more nodes than an element of this type has, which lie on its edges.
+    """
 
     kind: str | None
     type: str
@@ -37,6 +43,8 @@ class Elements(NamedTuple):
     labels: Array
     nodes: Array
     line: Line
+    lines: Sequence[Line]
+    beyond: Array | None = None
 
 
 class Member(NamedTuple):
@@ -128,7 +136,9 @@ class Assembly:
         self._nodes: dict[int, _Numbering] = {}  # by the part's id, and so below
         self._elements: dict[int, _Numbering] = {}
         self._blocks: list[tuple[int, Elements, Array]] = []  # first row, and rows of the nodes, (k, n)
-        points, numbers = [], []
+        points: list[Array] = []
+        numbers = []
+        self._points_so_far = points
         n, self._count = 0, 0
         for part in placed:
             labels, places = _nodes_once([nodes for scope in part.scopes for nodes in scope.nodes])
@@ -155,15 +165,40 @@ class Assembly:
 
     def _rows_of_nodes(self, part: Part, block: Elements) -> Array:
         rows = self._nodes[id(part)].rows(block.nodes)
-        missing = np.argwhere(rows < 0)
+        left_out = block.nodes == 0
+        if block.kind in SOLIDS:
+            left_out[:, : _CORNERS[block.kind.rstrip("0123456789")]] = False
+        missing = np.argwhere((rows < 0) & ~left_out)
         if len(missing):
             element, column = missing[0]
-            raise block.line.refuse(
+            raise block.lines[element].refuse(
                 f"{len(np.unique(missing[:, 0]))} elements of type {block.type} name nodes that are not in the file, "
                 f"the first is element {block.labels[element]} with node {block.nodes[element, column]}. Export nodes "
                 "and elements together"
             )
+        if block.beyond is not None:
+            self._check_beyond(part, block, rows)
         return rows
+
+    def _check_beyond(self, part: Part, block: Elements, rows: Array) -> None:
+        """Leave out nodes beyond those of a type, as CalculiX does, if they lie on edges of their elements."""
+        assert block.kind is not None
+        assert block.beyond is not None
+        points = np.vstack(self._points_so_far)
+        beyond = self._nodes[id(part)].rows(block.beyond)
+        ends = points[rows[:, BY_NAME[block.kind].edges[: beyond.shape[1]]]]
+        away = np.linalg.norm(points[beyond] - ends.mean(axis=2), axis=2)
+        off = (beyond < 0) | (away > _BESIDE_MIDDLE * np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2))
+        if off.any():
+            element = int(off.any(axis=1).argmax())
+            n = rows.shape[1]
+            raise block.lines[element].refuse(
+                f"element {block.labels[element]} of TYPE={block.type} has {n + beyond.shape[1]} nodes, expected {n}"
+            )
+        _LOG.info(
+            "%s: left out %d nodes of each element beyond those of TYPE=%s", block.line.where, beyond.shape[1],
+            block.type,
+        )  # fmt: skip
 
     def mesh(self, path: Path) -> FileMesh:
         """Mesh of all parts, with their surfaces and sets, and the materials of their sections."""
@@ -185,7 +220,21 @@ class Assembly:
             for scope in part.scopes:
                 self._name_surfaces(part, scope, before, faces, node_sets)
                 self._name_sets(part, scope, before, faces, node_sets)
-        return FileMesh(self._points, cells, faces, node_sets, self._regions(), self._labels)
+        first = next((block.line.where for _, block, _ in self._blocks), "")
+        return FileMesh(
+            self._points, cells, faces, node_sets, self._regions(), self._labels, origins=self._origins(),
+            first_line=first,
+        )  # fmt: skip
+
+    def _origins(self) -> Origins:
+        """Numbers and lines of the solid elements."""
+        found = [block for kind, own in self._of_kind.items() if kind in SOLIDS for _, block, _ in own]
+        lines = [line for block in found for line in block.lines]
+        return Origins(
+            _joined(block.labels for block in found),
+            np.array([line.path for line in lines], dtype=object),
+            np.array([line.number for line in lines], dtype=np.int64),
+        )
 
     def _name_surfaces(
         self, part: Part, scope: Part, before: str, faces: dict[str, list[Array]], node_sets: dict[str, Array]
@@ -219,10 +268,12 @@ class Assembly:
 
     def _rows(self, part: Part, member: Member, *, of_elements: bool, above: tuple[str, ...] = ()) -> Array:
         """Rows of elements or nodes of one member of a set that stands in a part."""
-        if member.instance is not None:
+        if member.instance is not None and self._instances:
             if member.instance.upper() not in self._instances:
                 raise member.line.refuse(f"there is no instance {member.instance!r}")
             part = self._instances[member.instance.upper()]
+        elif member.instance is not None:  # a flat deck, as CalculiX takes them
+            _LOG.info("%s: left out INSTANCE=%s, for there is none", member.line.where, member.instance)
         if member.nodes_of_elements:
             plain = member._replace(instance=None, nodes_of_elements=False)
             return self._nodes_of(self._rows(part, plain, of_elements=True))
@@ -240,6 +291,9 @@ class Assembly:
                 if key in above:
                     raise member.line.refuse(f"expected sets of others, got {member.name!r}, which contains itself")
                 return self._members(part, own, of_elements=of_elements, above=(*above, key))
+        for other in [] if self._instances else self._placed:  # parts without instances are in place as they are
+            if key in (other.element_sets if of_elements else other.node_sets):
+                return self._rows(other, member, of_elements=of_elements, above=above)
         owner, _, inner = member.name.partition(".")
         if owner.upper() in self._instances:
             numbers = np.array([int(inner)]) if inner.isdecimal() and int(inner) <= LARGEST else None
@@ -255,7 +309,7 @@ class Assembly:
                 yield block.kind, rows[own]
 
     def _nodes_of(self, elements: Array) -> Array:
-        return _union(rows.ravel() for _, rows in self._each(elements))
+        return _union(rows[rows >= 0] for _, rows in self._each(elements))
 
     def _faces(self, elements: Array, face: str, line: Line) -> list[Array]:
         """Corner nodes of faces: one, such as "S1", or all of solids, and of surface elements themselves."""
@@ -290,8 +344,10 @@ class Assembly:
                     "stiffness would be missing. Give only_solids=True to leave them out"
                 )
             number[rows] = names.setdefault(spelling.setdefault(material.upper(), material), len(names))
-        if sections:
-            return [CellRegions("*SOLID SECTION", tuple(names), number[self._solids])]
+        if sections:  # a later section of the same elements counts
+            used, own = np.unique(number[self._solids], return_inverse=True)
+            listed = [name for name, i in names.items() if i in used]
+            return [CellRegions("*SOLID SECTION", tuple(listed), own.ravel() - (-1 in used))]
         for start, block, rows in self._blocks:
             if block.set_name and block.kind in SOLIDS:
                 name = spelling.setdefault(block.set_name.upper(), block.set_name)

@@ -41,6 +41,22 @@ _VOLUMES = (
 _FACES = ("triangle", "quad", "polygon")
 
 
+class Origins(NamedTuple):
+    """Where elements, kind by kind, stand in a deck: their numbers, files and lines there, (ne,)."""
+
+    labels: Array
+    paths: Array
+    lines: Array
+
+    def at(self, rows: Array) -> Origins:
+        """Those of some rows."""
+        return Origins(self.labels[rows], self.paths[rows], self.lines[rows])
+
+    def said(self, row: int) -> str:
+        """Name an element for messages."""
+        return f"element {self.labels[row]} ({self.paths[row]}, line {self.lines[row]})"
+
+
 class CellRegions(NamedTuple):
     """Regions of a mesh: what they are, their names, and the number of each element's region, (ne,) int.
 
@@ -76,6 +92,12 @@ class FileMesh:
         Numbers of the nodes in the file, if it has some.
     materials : dict of str to DeckMaterial
         Of a deck, by the names of the regions; by "" if it has one for all.
+    origins : Origins or None
+        Of the volume elements, kind by kind as in `solids`; of a deck.
+    either_hand : bool
+        Whether each element may list its nodes in the order that mirrors it, as in Nastran.
+    first_line : str
+        File and line of the first elements; of a deck.
     """
 
     points: Array
@@ -85,6 +107,9 @@ class FileMesh:
     regions: Sequence[CellRegions] = ()
     labels: Array | None = None
     materials: dict[str, DeckMaterial] = field(default_factory=dict)
+    origins: Origins | None = None
+    either_hand: bool = False
+    first_line: str = ""
 
     @property
     def solids(self) -> dict[str, Array]:
@@ -95,6 +120,14 @@ class FileMesh:
     def surfaces(self) -> dict[str, Array]:
         """Surface elements by kind."""
         return {kind: rows for kind, rows in self.cells.items() if len(rows) and kind.startswith(_FACES)}
+
+    def said(self, row: int, kind: str, of_kind: int) -> str:
+        """Name a volume element for messages: its row among all, and its kind and row there."""
+        nodes = self.cells[kind][of_kind]
+        if self.origins is None:
+            return f"element {of_kind} (counted from 0), a {kind} of nodes {nodes.tolist()}"
+        numbers = nodes if self.labels is None else self.labels[nodes]
+        return f"{self.origins.said(row)}, a {kind} of nodes {numbers.tolist()}"
 
 
 def refuse_regions(source: object, kind: str, names: list[str]) -> None:

@@ -9,6 +9,7 @@ import sys
 import tempfile
 import threading
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
@@ -22,15 +23,17 @@ from ..support.checks import read_only, validate_array, validate_file
 from ..support.foreign import Meshio, MeshioMesh
 from ..support.optional import require
 from .abaqus_decks import read_abaqus
+from .collapsed import as_they_are, with_middles
 from .deck_materials import DeckMaterial
 from .file_mesh import FACE_CORNERS, CellRegions, FileMesh, refuse_regions
 from .gmsh_files import in_groups
 from .mesh_counts import counts_said
-from .nastran_decks import ENDINGS, read_nastran
+from .nastran_decks import ENDINGS, is_bulk_data, read_nastran
 from .regions import regions_of
 
 _LOG = logging.getLogger(__name__)
 
+Said = Callable[[int], str]  # names an element of a kind by its row
 DECKS = (".inp", *ENDINGS)  # endings of input decks
 
 _ORDERS = ({"tetra", "hexahedron", "wedge", "pyramid"}, {"tetra10", "hexahedron20", "wedge15", "pyramid13"})
@@ -100,23 +103,29 @@ def read_mesh(path: Path, several: bool = False, only_solids: bool = False) -> V
         If meshio, or what it needs for this format, is not installed.
     """
     file = _read(path, only_solids)
-    solids = file.solids
-    if not solids:
+    if not file.solids:
         raise MeshError(
-            f"{path}: expected solid elements, got {_listing(file.cells) or 'no elements'}. Export the volume "
-            "mesh, not only the surface"
+            f"{path}: expected solid elements, got {_listing(file.cells) or 'no elements'}"
+            f"{file.first_line and f' ({file.first_line})'}. Export the volume mesh, not only the surface"
         )
+    file = as_they_are(path, with_middles(path, file))
+    solids = file.solids
     if not any(set(solids) <= kinds for kinds in _ORDERS):
         raise MeshError(
             f"{path}: expected some of {', '.join(sorted(_ORDERS[0]))}, or of {', '.join(sorted(_ORDERS[1]))}, got "
             f"{_listing(solids)}. Mesh the body with elements of one order, best tetra10"
         )
     points = validate_array(f"points of {path}", file.points, (None, 3))
-    blocks = []
-    for kind, of_kind in zip(kinds_named([*solids]), solids.values(), strict=True):
+    blocks, start = [], 0
+    for kind, (name, of_kind) in zip(kinds_named([*solids]), solids.items(), strict=True):
         found = np.asarray(of_kind, dtype=np.int64)
-        _check_nodes(path, len(points), found)
-        blocks.append((kind.name, _outward(path, points, kind, found)))
+
+        def said(row: int, name: str = name, start: int = start) -> str:
+            return file.said(start + row, name, row)
+
+        _check_nodes(path, len(points), found, said)
+        blocks.append((kind.name, _outward(path, points, kind, found, said, file.either_hand)))
+        start += len(found)
     cells, hexahedra = rows_of_cells(blocks)
     regions = _regions(path, file, several, len(cells))
     by_kind = np.concatenate([rows for _, rows in kinds_of(cells, hexahedra)])
@@ -205,7 +214,7 @@ def _read(path: Path, only_solids: bool = False) -> FileMesh:
     suffix = path.suffix.lower()
     if suffix == ".inp":
         return read_abaqus(path, only_solids)
-    if suffix in ENDINGS:
+    if is_bulk_data(path):
         return read_nastran(path, only_solids)
     if only_solids:
         raise InputError(f"only_solids: is for decks of Abaqus, CalculiX and Nastran, got {path}")
@@ -293,33 +302,33 @@ class _Said(io.StringIO):
         return super().write(text) if threading.get_ident() == self._thread else self._others.write(text)
 
 
-def _check_nodes(path: Path, n: int, cells: Array) -> None:
+def _check_nodes(path: Path, n: int, cells: Array, said: Said) -> None:
     """Refuse nodes that do not exist, or that an element has twice."""
     if cells.min() < 0 or cells.max() >= n:
         bad = np.flatnonzero(((cells < 0) | (cells >= n)).any(axis=1))
         raise MeshError(
-            f"{path}: {len(bad)} of {len(cells)} elements name nodes that are not in the file, the first is element "
-            f"{bad[0]} (counted from 0). Export nodes and elements together"
+            f"{path}: {len(bad)} of {len(cells)} elements name nodes that are not in the file, the first is "
+            f"{said(bad[0])}. Export nodes and elements together"
         )
     collapsed = np.flatnonzero((np.diff(np.sort(cells, axis=1), axis=1) == 0).any(axis=1))
     if len(collapsed):
         raise MeshError(
-            f"{path}: {len(collapsed)} of {len(cells)} elements have a node twice, the first is element {collapsed[0]} "
-            "(counted from 0). Give wedges, pyramids and tetrahedra as such, or mesh anew"
+            f"{path}: {len(collapsed)} of {len(cells)} elements have a node twice, and are no wedges, pyramids or "
+            f"tetrahedra, the first is {said(collapsed[0])}. Mesh anew"
         )
 
 
-def _outward(path: Path, points: Array, kind: Kind, cells: Array) -> Array:
-    """Cells of positive volume; all of a kind are mirrored if the file has the other convention."""
+def _outward(path: Path, points: Array, kind: Kind, cells: Array, said: Said, each: bool) -> Array:
+    """Cells of positive volume; all of a kind, or `each` one, are mirrored if they have the other convention."""
     bad = inverted(points, cells, kind)
-    if len(bad) == len(cells):
-        cells = cells[:, _mirrored(kind)]
+    if len(bad) == len(cells) or each:
+        cells = cells.copy()
+        cells[bad] = cells[bad][:, _mirrored(kind)]
         bad = inverted(points, cells, kind)
     if len(bad):
         raise MeshError(
-            f"{path}: {len(bad)} of {len(cells)} elements are inverted or have no volume, the first is element "
-            f"{bad[0]} (counted from 0), a {kind.name} of nodes {cells[bad[0]].tolist()}. Check the order of its nodes "
-            "and where they lie, or mesh anew"
+            f"{path}: {len(bad)} of {len(cells)} elements are inverted or have no volume, the first is {said(bad[0])}. "
+            "Check the order of its nodes and where they lie, or mesh anew"
         )
     return cells
 

@@ -69,7 +69,7 @@ def cards(path: Path) -> list[Card]:
             continue
         if not found:
             raise line.refuse("expected a card, got a continuation")
-        own = name[1:].strip()
+        own = name[1:].strip().upper()
         if own and own not in _marks(found[-1].mark) and (own in known or found[-1].mark):
             loose.append((own, Card("", fields, line, mark)))
         else:
@@ -114,8 +114,8 @@ def _bulk(path: Path) -> Iterator[Line]:
         yield line
 
 
-def _lines(path: Path, depth: int = 0) -> Iterator[Line]:
-    """Lines without comments, with those of included files in their place."""
+def _lines(path: Path, depth: int = 0, home: Path | None = None) -> Iterator[Line]:
+    """Lines without comments, with those of included files in their place; `home` is the folder of the first file."""
     texts = enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), 1)
     for number, text in texts:
         line = Line(text.partition("$")[0].rstrip(), path, number)
@@ -127,22 +127,27 @@ def _lines(path: Path, depth: int = 0) -> Iterator[Line]:
         while line.text.count("'") == 1:  # the name continues in the next line
             line = line._replace(text=line.text + next(texts, (0, "'"))[1].strip())
         name = line.text.strip()[len("INCLUDE") :].strip(" ,'\"").replace("\\", "/")
-        if not name or not (path.parent / name).is_file():
+        folders = (path.parent, home or path.parent)  # codes look from the file that includes, or from the first one
+        other = next((folder / name for folder in folders if (folder / name).is_file()), None)
+        if not name or other is None:
             raise line.refuse(f"expected a file to include, there is none at {path.parent / name}")
         if depth == _DEEPEST:
             raise line.refuse("expected files that do not include each other")
-        yield from _lines(path.parent / name, depth + 1)
+        yield from _lines(other, depth + 1, home or path.parent)
 
 
 def _split(line: Line) -> tuple[str, list[str], str]:
-    """Name, or mark of a continuation; fields, always four large or eight others; mark of what continues the line."""
+    """Name, or mark of a continuation; fields, four large or eight others, or more; mark of what continues the line."""
     text = line.text
     if "," in text[:10]:
         head, *fields = (part.strip() for part in text.split(","))
         width = 4 if "*" in head else 8
         mark = fields[width] if len(fields) > width else ""
-        if any(fields[width + 1 :]):
-            raise line.refuse(f"expected at most {width} fields after the name, got {len(fields)}")
+        if any(fields[width + 1 :]):  # a long line in free fields goes on as if it were continued
+            mark = fields.pop() if _MARK.match(fields[-1]) else ""
+            if width == 4 or not fields[8] or any(map(_MARK.match, fields)):
+                raise line.refuse(f"expected at most {width} fields after the name, got {len(fields)}")
+            return head, fields + [""] * (-len(fields) % width), mark.upper()
         if len(fields) <= width and fields and _MARK.match(fields[-1]):
             mark = fields.pop()
         fields = fields[:width]
@@ -153,4 +158,4 @@ def _split(line: Line) -> tuple[str, list[str], str]:
         size = 64 // width
         fields = [text[i : i + size].strip() for i in range(8, 72, size)]
         mark = text[72:80].strip()
-    return head, fields + [""] * (width - len(fields)), mark
+    return head, fields + [""] * (width - len(fields)), mark.upper()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,12 +14,13 @@ from ..support.arrays import Array
 from .deck_lines import Line
 from .deck_materials import DeckMaterial
 from .deck_parts import Assembly, Elements, Part
-from .file_mesh import SOLIDS, SURFACES, CellRegions, FileMesh
+from .file_mesh import FACE_CORNERS, SOLIDS, SURFACES, CellRegions, FileMesh
 from .nastran_cards import Card, cards
 
 _LOG = logging.getLogger(__name__)
 
-ENDINGS = (".bdf", ".nas", ".fem")
+ENDINGS = (".bdf", ".nas", ".fem", ".dat")
+_CARDS = re.compile(r"^(GRID|BEGIN\s*,?\s*BULK|C(TETRA|HEXA|PENTA|PYRA))\b", re.IGNORECASE | re.MULTILINE)
 
 # Kinds of solids by the names of their cards: linear and quadratic.
 _SOLID = {
@@ -35,13 +37,13 @@ _SURFACE |= {"CQUAD4": "quad", "CQUADR": "quad", "CQUAD8": "quad8", "CQUAD9": "q
 # Cards with mass or stiffness besides the solid elements.
 _STRUCTURE = re.compile(
     r"(CONM[12]|CMASS[1-4]|CBEAM3|CBEND|CONROD|CELAS[1-4]|CDAMP[1-5]|CVISC|CBUSH|CBUSH[12]D|CGAP|CWELD|"
-    r"CFAST|CSHEAR|GENEL|DMIG)$"
+    r"CFAST|CSHEAR|GENEL|DMIG|CTRIAX6?|CQUADX[48]?|CTRAX[36]|CTRIX[36])$"
 )
 # Shells and lines, which have mass and stiffness by their property alone; Gmsh writes its surfaces and curves as such.
 _LINES = ("CBAR", "CBEAM", "CROD", "CTUBE")
 _PROPERTY = re.compile(r"P(SHELL|COMPG?|SHEAR|MEMBR|LPLANE|BARL?|BEAML?|BCOMP|BRSECT|BMSECT|ROD|TUBE)$")
 # Other elements with volume, and cards that make or move nodes and elements.
-_NOT_READ = re.compile(r"C(HEX|TET|PEN|PYR|IHEX|WEDGE|TRIAX|TRIX|TRAX|QUADX)")
+_NOT_READ = re.compile(r"C(HEX|TET|PEN|PYR|IHEX|WEDGE)")
 _NOT_FOLLOWED = ("EGRID", "GRIDG", "CGEN", "CORD3G", "CORD3R", "CORD3C", "CORD3S")
 _LINKS = re.compile(r"(RBE[123]|RBAR|RROD|RTRPLT|MPC)$")
 
@@ -65,6 +67,12 @@ class _System(NamedTuple):
             places = np.column_stack([across * np.cos(turn), across * np.sin(turn), first * np.cos(fall)])
         found: Array = self.origin + places @ self.axes.T
         return found
+
+
+def is_bulk_data(path: Path) -> bool:
+    """Whether a file is one of Nastran, by its ending; other programs have .dat too, so these are looked into."""
+    suffix = path.suffix.lower()
+    return suffix in ENDINGS and (suffix != ".dat" or bool(_CARDS.search(path.read_text(errors="replace"))))
 
 
 def read_nastran(path: Path, only_solids: bool = False) -> FileMesh:
@@ -119,14 +127,15 @@ def read_nastran(path: Path, only_solids: bool = False) -> FileMesh:
         for kind, of_kind in _by_kind(name, found[name]).items():
             numbers = np.array([nodes for _, nodes in of_kind], dtype=np.int64)[:, _ORDER.get(kind, slice(None))]
             labels = np.array([card.integer(1) for card, _ in of_kind], dtype=np.int64)
-            part.elements.append(Elements(kind, name, "", labels, numbers, of_kind[0][0].line))
+            lines = [card.line for card, _ in of_kind]
+            part.elements.append(Elements(kind, name, "", labels, numbers, lines[0], lines))
             if kind in SOLIDS:
                 properties.setdefault(kind, []).extend(card.integer(2, 0) for card, _ in of_kind)
     mesh = Assembly([part], {}).mesh(path)
     of_solids = np.array([number for kind in mesh.solids for number in properties[kind]], dtype=np.int64)
     regions = _regions(found, of_solids)
     materials = _materials(found, of_solids, regions)
-    return FileMesh(mesh.points, mesh.cells, regions=regions, labels=mesh.labels, materials=materials)
+    return replace(mesh, faces={}, node_sets={}, regions=regions, materials=materials, either_hand=True)
 
 
 def _nodes(found: dict[str, list[Card]]) -> list[tuple[Line, Array, Array]]:
@@ -215,20 +224,21 @@ class _Systems:
 def _by_kind(name: str, own: list[Card]) -> dict[str, list[tuple[Card, list[int]]]]:
     """Cards of one name, each with the numbers of its nodes, by the kind of the element."""
     kinds = _SOLID.get(name) or (_SURFACE[name],)
-    allowed = {(SOLIDS | SURFACES)[kind]: kind for kind in kinds}
-    most = max(allowed)
+    counts = [(SOLIDS | SURFACES)[kind] for kind in kinds]
+    corners = FACE_CORNERS[kinds[0]] if name in _SURFACE else counts[0]
     found: dict[str, list[tuple[Card, list[int]]]] = {}
     for card in own:
-        given = card.fields[2 : 2 + most] if name in _SURFACE else card.fields[2:]
-        while given and not given[-1]:
+        given = card.fields[2 : 2 + counts[-1]] if name in _SURFACE else card.fields[2:]
+        while given and given[-1] in ("", "0"):
             given.pop()
-        if len(given) not in allowed or not all(given):
+        if not corners <= len(given) <= counts[-1] or not all(given[:corners]):
             raise card.line.refuse(
                 f"{name} {card.field(1)} has {sum(map(bool, given))} nodes, expected "
-                f"{' or '.join(map(str, sorted(allowed)))}, without a blank between them"
+                f"{' or '.join(map(str, counts))}, of which only those on edges may be blank"
             )
-        nodes = [card.integer(i) for i in range(3, 3 + len(given))]
-        found.setdefault(allowed[len(given)], []).append((card, nodes))
+        kind = kinds[-1] if len(given) > counts[0] else kinds[0]
+        nodes = [card.integer(i, 0) for i in range(3, 3 + (SOLIDS | SURFACES)[kind])]
+        found.setdefault(kind, []).append((card, nodes))
     return found
 
 

@@ -13,6 +13,7 @@ from exudyn_partition.errors import EmptyRegionError, InputError, MeshError
 CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.0]])
 PAIR = 0.01 * np.vstack([CUBE, np.add(CUBE[4:], [0, 0, 1])]), np.array([np.arange(8), np.arange(4, 12)])
 POINTS, CELLS = hexahedra(2, 3, 4)
+MIDDLES = POINTS[CELLS[:, :2]].mean(axis=1)
 FOOT = np.flatnonzero(POINTS[:, 0] == POINTS[:, 0].min()) + 1  # numbers of the deck, 1 to 20
 ON_FOOT = np.flatnonzero(np.isin(CELLS + 1, FOOT).any(axis=1))  # elements, whose face S6 is on the foot
 SECTION = "*MATERIAL, NAME=EL\n*ELASTIC\n210e9, .3\n*SOLID SECTION, ELSET=ALL, MATERIAL=EL\n"
@@ -57,6 +58,12 @@ DIALECTS = {
     "two sections of elements": f"*NODE\n{nodes(POINTS)}{HEAD}{elements(CELLS[:7])}{HEAD}{elements(CELLS[7:], 8)}{SET}",
     "sets before nodes": SET + SECTION + MESH,
     "exponents of Fortran": re.sub(r"(\d\.\d+)(?=[,\n])", r"\1D0", MESH) + SET,
+    "text before the first keyword": ">**\nA bar,\n" + MESH + SET,
+    "nodes on edges beyond those of the type": f"*NODE\n{nodes(POINTS)}{nodes(MIDDLES, 1001)}{HEAD}"
+    + "".join(numbers([i, *cell, 1000 + i], 10) for i, cell in enumerate((CELLS + 1).tolist(), 1)) + SET,
+    "an instance in a flat deck": MESH + SET.replace("FOOT", "FOOT, INSTANCE=Part-1-1"),
+    "a part alone, and its section beside it": PART.replace(SECTION, SET) + SECTION,
+    "sections that later ones replace": MESH + SET + SECTION.replace("EL\n", "OTHER\n") + SECTION,
     "normals of nodes": f"*NODE\n{nodes(POINTS, end=', 1., 0., 0.')}{HEAD}{elements(CELLS)}{SET}",
     "two sets in a line": MESH + HALVES + "*NSET, NSET=FOOT\nA, B\n",
     "sets in two lines, mixed with numbers": MESH + f"*NSET, NSET=A\n{numbers(FOOT[:5])}"
@@ -222,7 +229,14 @@ def test_decks_of_one_body(tmp_path, text):
         (deck(after="*NSET, NSET=a\nb\n*NSET, NSET=b\na\n"), "expected sets of others, got '[ab]', which contains"),
         (deck(after="*NSET, NSET=a, GENERATE\n1, 5, 0\n"), "line 19: GENERATE needs an ascending range, got '1, 5, 0'"),
         (deck(after="*NSET, NSET=a, GENERATE\n1\n"), "line 19: GENERATE needs first, last and increment, got '1'"),
-        (deck(after="*NSET, NSET=a, INSTANCE=i\n1\n"), "line 19: there is no instance 'i'"),
+        (
+            deck(before="*PART, NAME=p", after="*END PART\n*INSTANCE, NAME=j, PART=p\n*END INSTANCE\n"
+                 "*NSET, NSET=a, INSTANCE=i\n1\n"),
+            "line 23: there is no instance 'i'",
+        ),
+        (deck().replace("2, 5, 6", "2, 6, 5, 6"), "line 17: element 2 of TYPE=C3D8 has 9 nodes, expected 8"),
+        (deck(after="*NODE\n13, .01, .01, .03\n*ELEMENT, TYPE=C3D4\n3, 9, 10, 11, 13\n4, 9, 10, 13, 11\n"),
+         r"1 of 2 elements are inverted .* element 4 \(.*deck.inp, line 22\), a tetra of nodes \[9, 10, 13, 11\]"),
         (deck(after="*NSET\n1\n"), r"line 18: \*NSET needs NSET="),
         (deck(after="*SURFACE, NAME=s\n1, S7\n"), "line 19: expected a face S1 to S6 of these elements, got S7"),
     ],
@@ -270,7 +284,7 @@ def test_a_named_face_inside_the_body(tmp_path):
 
 def test_a_file_that_is_no_deck(tmp_path):
     (tmp_path / "deck.inp").write_text("/PREP7\nN,1,0,0,0\n")
-    with pytest.raises(InputError, match=r"deck\.inp: expected keywords that begin with \*, got '/PREP7'"):
+    with pytest.raises(InputError, match=r"deck\.inp, line 1: expected keywords that begin with \*, got '/PREP7'"):
         ep.fe_model(tmp_path / "deck.inp", ep.STEEL)
 
 

@@ -8,7 +8,7 @@ from oracles import SIZE, TOP, box, hexahedra, quadratic, split, write_deck
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.krylov import eigenmodes, mass_normalised
-from exudyn_partition.errors import InputError, MeshError
+from exudyn_partition.errors import InputError, MeshError, MeshQualityWarning
 from exudyn_partition.fe.elements import BY_NAME
 
 KINDS = ("hexahedron", "wedge", "pyramid", "mixed")
@@ -179,15 +179,26 @@ def test_a_patch_of_triangles_and_quadrilaterals_is_refused_by_name(models):
     np.testing.assert_allclose(pressure.sum(axis=0), [0, 0, -SIZE[0] * SIZE[1]], atol=1e-16)
 
 
-def test_a_triangle_on_a_quadrilateral_is_refused(tmp_path):
-    """The upper wedge's triangles meet the lower hexahedron's quadrilateral."""
+def test_triangles_on_a_quadrilateral(tmp_path):
+    """The upper wedges' triangles meet the lower hexahedron's quadrilateral.
+
+    Linear elements move together at their nodes, and the faces between them are not on the surface. If only one
+    triangle is there, half of the quadrilateral would be; quadratic ones have a node that the quadrilateral has not.
+    """
     points, cells = hexahedra(1, 1, 2)
     low = points[cells].mean(axis=1)[:, 2] < SIZE[2] / 2
-    blocks = split(points, cells, np.where(low, "hexahedron", "wedge"))
-    for points, found in (blocks, quadratic(*blocks)):
-        path = write_deck(tmp_path / "cracked.inp", points, *found)
-        with pytest.raises(MeshError, match="2 triangles of elements lie on quadrilaterals of others"):
+    points, blocks = split(points, cells, np.where(low, "hexahedron", "wedge"))
+    half = [blocks[0], (blocks[1][0], blocks[1][1][:1])]
+    for places, found in (quadratic(points, blocks), (points, half)):
+        path = write_deck(tmp_path / "cracked.inp", places, *found)
+        with pytest.raises(MeshError, match="triangles of elements lie on quadrilaterals of others"):
             ep.fe_model(path, ep.STEEL)
+    path = write_deck(tmp_path / "joined.inp", points, *blocks)
+    with pytest.warns(MeshQualityWarning, match="1 quadrilaterals of elements meet two triangles each"):
+        fem = ep.fe_model(path, ep.STEEL)
+    assert fem.total_mass == pytest.approx(7800 * SIZE.prod(), rel=1e-12)
+    assert len(fem.facets) == 5 + 4 + 2  # none between the bricks
+    assert not (fem.points[fem.facets, 2] == SIZE[2] / 2).all(axis=1).any()
 
 
 @pytest.mark.parametrize("kind", ["hexahedron", "mixed"])

@@ -79,6 +79,12 @@ DIALECTS = {
     "comments": bulk(grids(), solids()).replace("\n", "\n$ a comment, 1, 2\n").replace("SOL 103", "SOL 103 $ modes"),
     "exponents without E": bulk(grids(number=lambda x: f"{x * 1e1:.5f}"[:6] + "-1"), solids()),
     "exponents with D": bulk(grids(number=lambda x: f"{x * 1e1:.4f}"[:6] + "D-1", card=free), solids(free)),
+    "small and large letters in marks": bulk(grids(), solids(lambda fields: fixed(fields, mark=("+a1", "+A1")))),
+    "long lines in free fields": bulk(grids(free), solids(lambda fields: ",".join(map(str, fields)) + "\n")),
+    "elements in either order": bulk(
+        grids(), solids(cells=CELLS[::2]),
+        solids(lambda fields: fixed([fields[0], 99 + fields[1], *fields[2:]]), CELLS[1::2][:, np.r_[4:8, 0:4]]),
+    ),
     "no begin": grids() + solids() + "ENDDATA\n",
     "no end": bulk(grids(), solids()).replace("ENDDATA", ""),
     "after the end": bulk(grids(), solids()) + "GRID,999,,0.,0.,0.\n",
@@ -87,13 +93,18 @@ DIALECTS = {
 }  # fmt: skip
 
 
+def assert_same_cells(cells):
+    order = [np.lexsort(np.sort(rows, axis=1).T) for rows in (cells, CELLS)]
+    np.testing.assert_array_equal(cells[order[0]], CELLS[order[1]])
+
+
 @pytest.mark.parametrize("name", DIALECTS)
 def test_one_bar_in_many_forms(tmp_path, name):
     path = tmp_path / "bar.bdf"
     path.write_text(DIALECTS[name])
     fem = ep.fe_model(path, ep.STEEL)
     np.testing.assert_allclose(fem.points, ROUNDED, atol=2e-5 if "D" in name or "E" in name else 1e-15)
-    np.testing.assert_array_equal(fem.cells, CELLS)
+    assert_same_cells(fem.cells)
     assert fem.total_mass == pytest.approx(7800 * SIZE.prod(), rel=1e-2 if "expo" in name else 1e-3)
 
 
@@ -104,6 +115,23 @@ def test_included_files(tmp_path):
     path = tmp_path / "bar.nas"
     path.write_text(bulk("include 'mesh/\n    a long name.inc'\n"))
     np.testing.assert_array_equal(ep.fe_model(path, ep.STEEL).cells, CELLS)
+
+
+def test_files_are_included_from_the_first_one_too(tmp_path):
+    (tmp_path / "mesh").mkdir()
+    (tmp_path / "mesh" / "grids.inc").write_text(grids() + "INCLUDE 'mesh/solids.inc'\n")
+    (tmp_path / "mesh" / "solids.inc").write_text(solids())
+    (tmp_path / "bar.dat").write_text(bulk("INCLUDE 'mesh/grids.inc'\n"))
+    assert_same_cells(ep.fe_model(tmp_path / "bar.dat", ep.STEEL).cells)
+
+
+def test_shells_beside_solids_may_have_blanks(tmp_path):
+    """Shells of a surface name faces at most; axisymmetric elements are left out as shells are."""
+    path = tmp_path / "deck.bdf"
+    path.write_text(bulk(grids(), solids(), "CQUAD8,900,9,7,10,25,22\nCTRIAX6,901,1,7,10,13,16,19,22\n"))
+    with pytest.raises(MeshError, match="got CTRIAX6, whose mass and stiffness would be missing"):
+        ep.fe_model(path, ep.STEEL)
+    np.testing.assert_array_equal(ep.fe_model(path, ep.STEEL, only_solids=True).cells, CELLS)
 
 
 @pytest.fixture
@@ -175,7 +203,8 @@ def test_systems_in_systems(tmp_path, axes, by_nodes):
         (["CONM2,9,7,,0.5\n"], "line 5: expected solid elements alone, got CONM2, whose mass and stiffness"),
         (["CQUAD4,9,2,7,10,13,16\nPSHELL,2,1,.1\n"], "line 5: expected solid elements alone, got CQUAD4"),
         (["CHEXA,99,1,7,10,13,16\n"], "line 5: CHEXA 99 has 4 nodes, expected 8 or 20"),
-        (["CTETRA,99,1,7,10,13,16,19,22\n,,25\n"], "line 5: CTETRA 99 has 7 nodes, expected 4 or 10"),
+        (["CTETRA,99,1,7,10,13,16,19,22\n,25,28,31,34,37\n"], "line 5: CTETRA 99 has 11 nodes, expected 4 or 10"),
+        (["CTETRA,99,1,7,10,,16\n"], "line 5: CTETRA 99 has 3 nodes, expected 4 or 10, of which only those on edges"),
         (["CBAR,9,2,7,10,0.,0.,1.\nPBARL,2,1,,ROD\n,.1\n"], "line 5: expected solid elements alone, got CBAR"),
         (["CTETRA,99,1,7,10,13,x\n"], "line 5: expected a whole number in field 7 of CTETRA, got 'x'"),
         (["CTETRA,1,1,7,10,13,16\n"], "element 1 is there already"),
