@@ -16,7 +16,7 @@ from ..exudyn_contacts.model_run import runs_of
 from ..support.arrays import Array
 from ..support.foreign import MainSystem, SimulationSettings
 from ..support.optional import require
-from .step_control import StepControl
+from .step_control import Pace, StepControl
 
 _KEY = "exudynPartitionEnd"  # in mbs.sys
 _SOLVERS = "dynamicSolver", "staticSolver"
@@ -40,8 +40,8 @@ class RunEnd:
         Accelerations.
     algorithmic : (n,) array
         Accelerations from which generalized-alpha goes on; for other solvers, `q_tt`.
-    pace : (float, float)
-        Next step of an adaptive run [s], and its largest kinetic energy so far [J].
+    pace : Pace
+        What the control of an adaptive run knows.
     solvers : tuple
         Identities of the model's solvers at the end; a later run replaces the solvers.
     """
@@ -52,7 +52,7 @@ class RunEnd:
     state: list[Any]
     q_tt: Array
     algorithmic: Array
-    pace: tuple[float, float]
+    pace: Pace
     solvers: tuple[int, ...]
 
     @classmethod
@@ -79,7 +79,7 @@ class RunEnd:
             state=data.GetSystemState(),
             q_tt=q_tt,
             algorithmic=algorithmic,
-            pace=(0.0, 0.0) if control is None else control.pace,
+            pace=Pace() if control is None else control.pace,
             solvers=_solvers(mbs),
         )
 

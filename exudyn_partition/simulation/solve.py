@@ -26,7 +26,7 @@ from ..exudyn_contacts.contact_run import ContactRun
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..prediction.default_step import SAFETY, STEPS_A_PERIOD
-from ..support.arrays import Array
+from ..support.arrays import Array, joined_slices
 from ..support.checks import validate_choice, validate_flag, validate_number, validate_positive
 from ..support.foreign import MainSystem, SimulationSettings
 from ..support.interrupt import interruptible
@@ -41,6 +41,7 @@ from .result import Result, cut, samples
 from .review import noted, reviewed, warn_of_turns
 from .stability import limit_of, stability_limit
 from .step_control import LONGEST, UNRESOLVED, StepControl, impact_step
+from .velocity_error import TOLERANCE
 
 _log = logging.getLogger(__name__)
 
@@ -67,6 +68,7 @@ def solve_dynamic(
     free_step: float | None = None,
     gap_tolerance: float | None = None,
     unresolved: float | None = None,
+    velocity_tolerance: float | None = None,
     settings: SimulationSettings = None,
     progress: Progress | None = None,
 ) -> Result:
@@ -104,17 +106,22 @@ def solve_dynamic(
     spectral_radius : float
         Spectral radius of generalized-alpha at infinity; 1 does not damp.
     adaptive : bool
-        Take `step` in contact and longer steps in free flight, as far as the bodies' vibration allows, see
+        Take `step` in impacts and longer steps where less happens: in free flight, as far as the bodies' vibration
+        allows, and with implicit steps also in lasting contact, as far as the error of velocities allows. See
         `step_control.StepControl`. The times of the result are then not equally spaced.
     free_step : float, optional
-        Longest step of an adaptive run [s]. Default: 100 steps in contact. Explicit steps are at most 0.9 of the
+        Longest step of an adaptive run [s]. Default: 100 steps in an impact. Explicit steps are at most 0.9 of the
         stability limit with all contact rows open.
     gap_tolerance : float, optional
         Depth to which a step of an adaptive run may close a gap that was open before [m]. Longer steps are halved.
-        Default: the approach in one step in contact.
+        Default: the approach in one step in an impact.
     unresolved : float, optional
         Share of the bodies' energy in vibration that an adaptive run need not resolve in free flight. Steps are then
         longer, and damp it. Default: 1e-4.
+    velocity_tolerance : float, optional
+        Error of velocities that an implicit step of an adaptive run may have in lasting contact, as a share of the
+        largest velocities so far; in impacts a tenth of it. Default, and most: 1e-3. Take 1e-4 for histories of forces,
+        or if gentle impacts follow a hard one.
     settings : exudyn.SimulationSettings, optional
         All other settings. Start, end, number of steps, spectral radius, period of samples and adaptive steps are set
         in it. For all else Exudyn's own defaults hold: they solve by dense matrices, and write a file with the
@@ -163,6 +170,7 @@ def solve_dynamic(
             free_step=free_step,
             gap_tolerance=gap_tolerance,
             unresolved=unresolved,
+            velocity_tolerance=velocity_tolerance,
             settings=settings,
             progress=progress,
         )
@@ -189,6 +197,7 @@ def _run(
     free_step: float | None,
     gap_tolerance: float | None,
     unresolved: float | None,
+    velocity_tolerance: float | None,
     settings: SimulationSettings,
     progress: Progress | None,
 ) -> tuple[Result, OpenJoints]:
@@ -204,7 +213,13 @@ def _run(
         raise InputError(f"spectral_radius: expected 0 to 1, got {spectral_radius!r}")
     end_time = validate_positive("end_time", end_time, "s")
     open_joints = check_start(mbs, settings, progress)
-    for name, value in (("free_step", free_step), ("gap_tolerance", gap_tolerance), ("unresolved", unresolved)):
+    only_adaptive = {
+        "free_step": free_step,
+        "gap_tolerance": gap_tolerance,
+        "unresolved": unresolved,
+        "velocity_tolerance": velocity_tolerance,
+    }
+    for name, value in only_adaptive.items():
         if value is not None and not adaptive:
             raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")
     begin_at = start_time if last is None or last.method == "static" else last.t
@@ -231,7 +246,9 @@ def _run(
     settings.solution.sensors.writePeriod = step * max(1, round((sample_period or step) / step))
     control = None
     if adaptive:
-        control = _step_control(mbs, step, method, free_step, sample_period, gap_tolerance, unresolved)
+        control = _step_control(
+            mbs, step, method, free_step, sample_period, gap_tolerance, unresolved, velocity_tolerance
+        )
         _warn_of_many_steps(end_time - start, control.longest, method)
         settings.solution.sensors.writePeriod = sample_period or 0.0
         integration.adaptiveStep, integration.minimumStepSize = True, _SHORTEST * step
@@ -375,6 +392,17 @@ def _impact_steps(mbs: MainSystem, limit: float) -> Iterator[float]:
         yield impact_step(contact, at, rate, acceleration, finite_limit)
 
 
+def _velocity_tolerance(value: float | None) -> float:
+    """Error of velocities that an implicit step in lasting contact may have."""
+    value = TOLERANCE if value is None else validate_positive("velocity_tolerance", value, "")
+    if value > TOLERANCE:
+        raise InputError(
+            f"velocity_tolerance: expected at most {TOLERANCE:g}, got {value:.4g}; with larger errors bodies that "
+            "chatter in contact never come to rest, and nothing else would show it"
+        )
+    return value
+
+
 def _step_control(
     mbs: MainSystem,
     step: float,
@@ -383,6 +411,7 @@ def _step_control(
     sample_period: float | None,
     gap_tolerance: float | None,
     unresolved: float | None,
+    velocity_tolerance: float | None,
 ) -> StepControl:
     bodies, contacts = partition_items(mbs)
     longest = LONGEST * step if free_step is None else validate_positive("free_step", free_step, "s")
@@ -392,15 +421,21 @@ def _step_control(
         gap_tolerance = validate_positive("gap_tolerance", gap_tolerance, "m")
     unresolved = UNRESOLVED if unresolved is None else validate_positive("unresolved", unresolved, "")
     if method == "explicit":
+        if velocity_tolerance is not None:
+            raise InputError(
+                "velocity_tolerance: explicit steps in contact keep to the stability limit; take method='implicit'"
+            )
         longest = min(longest, SAFETY * limit_of(bodies, []))
+    else:
+        velocity_tolerance = _velocity_tolerance(velocity_tolerance)
     longest = max(step, min(longest, sample_period or math.inf))
 
+    places = {item: joined_slices(coordinate_slices(mbs, item)) for item in bodies}
+
     def state(item: PartitionBody) -> tuple[Array, Array, Array]:
-        data, slices = mbs.systemData, coordinate_slices(mbs, item)
-        views = (
-            get(copy=False) for get in (data.GetODE2Coordinates, data.GetODE2Coordinates_t, data.GetODE2Coordinates_tt)
-        )
-        q, q_t, q_tt = (np.concatenate([view[s] for s in slices]) for view in views)
+        data, own = mbs.systemData, places[item]
+        views = data.GetODE2Coordinates, data.GetODE2Coordinates_t, data.GetODE2Coordinates_tt
+        q, q_t, q_tt = (np.concatenate([get(copy=False)[some] for some in own]) for get in views)
         return q, q_t, q_tt
 
     runs = runs_of(mbs)
@@ -417,4 +452,5 @@ def _step_control(
         longest=longest,
         gap_tolerance=gap_tolerance,
         unresolved=unresolved,
+        velocity_tolerance=velocity_tolerance,
     )

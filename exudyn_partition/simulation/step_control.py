@@ -1,9 +1,10 @@
-"""Time of the next contact, and the steps until then: long ones in free flight, the contact's own in contact."""
+"""Time of the next contact, and the steps: long ones in free flight and lasting contact, short ones in impacts."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from ..frames.floating import FloatingKinematics
 from ..prediction.default_step import STEPS_A_PERIOD, resolving_step
 from ..support.arrays import Array, consecutive
 from ..support.checks import validate_array, validate_type
+from .velocity_error import BodyMotion, VelocityError
 
 State = Callable[[PartitionBody], tuple[Array, Array, Array]]
 
@@ -25,6 +27,10 @@ _WORTHWHILE = 1.1  # for less growth the step stays, and so do the factors of it
 UNRESOLVED = 1e-4  # share of the bodies' largest energy so far that steps need not resolve: 1 % of a velocity
 _CAUTION = 0.9  # share of the time to contact that is used: the error grows with the square of the step
 _LANDING = 0.5  # share of the step at contact: time between the end of the last long step and contact
+_LIFTED = 2.0  # contact steps: longer steps in which a contact opens are taken again
+_LASTS = 3.0  # times from the closing of a contact to its largest force, after which it lasts
+_IN_IMPACTS = 1e-1  # share of the tolerance of velocities in impacts: there errors of all steps add up
+_SAME = 1 + 1e-9  # ratio of steps that are the same
 
 
 def first_root(gap: Array, rate: Array, acceleration: Array) -> Array:
@@ -135,13 +141,67 @@ def _mobility(contact: PartitionContact, row: Array) -> float:
     return total
 
 
+@dataclass(frozen=True)
+class Closing:
+    """A contact since it closed: an impact as long as it may open again.
+
+    Parameters
+    ----------
+    time : float
+        Time since it closed [s].
+    peak : float
+        Largest force so far [N].
+    peak_time : float
+        Time of this force since it closed [s].
+    """
+
+    time: float
+    peak: float
+    peak_time: float
+
+    def after(self, step: float, force: float) -> Closing:
+        """Return the contact after a step [s], at whose end it has this force [N]."""
+        time = self.time + step
+        return Closing(time, force, time) if force > self.peak else replace(self, time=time)
+
+    @property
+    def lasts(self) -> bool:
+        """Whether the contact lasts: an impact would have ended, for bodies part as fast as they met, or faster."""
+        return self.time > _LASTS * self.peak_time
+
+
+@dataclass(frozen=True, eq=False)
+class Pace:
+    """What a step control knows at the end of a run; the next run goes on with it.
+
+    Parameters
+    ----------
+    step : float
+        The next step [s].
+    largest_energy : float
+        Largest kinetic energy of the bodies in free flight so far [J].
+    errors : VelocityError or None
+        Errors of velocities in contact; None before there was any.
+    closings : sequence of Closing or None
+        Each contact since it closed; None if it is open, or was closed at the start.
+    """
+
+    step: float = 0.0
+    largest_energy: float = 0.0
+    errors: VelocityError | None = None
+    closings: Sequence[Closing | None] = ()
+
+
 class StepControl:
     """Control of the step size of a run; it returns the next step at the end of each step.
 
-    In contact the step is the contact's own. In free flight it grows up to `longest`, as far as vibration and rotation
+    In an impact the step is the contact's own. In free flight it grows up to `longest`, as far as vibration and spin
     allow: 25 steps in a period of the fastest rotation and of the highest mode that must be resolved. This mode, with
     all modes above it, has more than `unresolved` of the energy. Long steps end before the next impact, so that a row
     closes within a short step.
+
+    Implicit steps also grow in lasting contact, as far as the error of velocities allows, see `velocity_error`. A long
+    step is taken again, shorter, if this error is too large, or if a contact closes or opens in it.
 
     Parameters
     ----------
@@ -152,13 +212,15 @@ class StepControl:
     run_of : callable
         Contact -> its state in the present run.
     step : float
-        Step in contact [s].
+        Step in an impact [s].
     longest : float
-        Longest step in free flight [s].
+        Longest step [s].
     gap_tolerance : float, optional
         Depth to which a step may close a gap that was open before [m]. Default: the approach in a contact's own step.
     unresolved : float
         Share of the bodies' largest kinetic energy so far: vibration with less energy need not be resolved.
+    velocity_tolerance : float, optional
+        Error of velocities that a step in lasting contact may have. Default: steps do not grow in contact.
     """
 
     def __init__(
@@ -172,52 +234,122 @@ class StepControl:
         longest: float,
         gap_tolerance: float | None = None,
         unresolved: float = UNRESOLVED,
+        velocity_tolerance: float | None = None,
     ) -> None:
         self.contacts, self.bodies, self._state, self._run_of = contacts, bodies, state, run_of
         self.step, self.longest, self.gap_tolerance = step, longest, gap_tolerance
-        self.unresolved = unresolved
+        self.unresolved, self._tolerance = unresolved, velocity_tolerance
         self._was_open = [False] * len(contacts)
         self._next, self._largest_energy, self._at_least = 0.0, 0.0, 0.0
+        self._errors: VelocityError | None = None
+        self._closings: list[Closing | None] = [None] * len(contacts)
+        self._judged: tuple[BodyMotion, float] | None = None  # end and error of the step that was just taken
 
     @property
-    def pace(self) -> tuple[float, float]:
-        """The next step [s], as it was last returned, and the largest kinetic energy so far [J]."""
-        return self._next, self._largest_energy
+    def pace(self) -> Pace:
+        """What the control knows."""
+        return Pace(self._next, self._largest_energy, self._errors, tuple(self._closings))
 
-    def go_on(self, pace: tuple[float, float]) -> None:
+    def go_on(self, pace: Pace) -> None:
         """Go on with the `pace` of an earlier run."""
-        self._at_least, self._largest_energy = pace
+        self._at_least, self._largest_energy = pace.step, pace.largest_energy
+        if pace.errors is not None and self._tolerance is not None:
+            self._errors, self._closings = replace(pace.errors, tolerance=self._tolerance), [*pace.closings]
 
     def next_step(self, last: float) -> float:
         """Return the next step [s] after one of length `last` [s], from the state at its end."""
+        was_open, self._was_open = self._was_open, self._open()
+        if self._tolerance is not None and not (self._at_least and self._errors):  # a run that goes on has judged it
+            self._closings = [self._closing(i, last, was_open=was) for i, was in enumerate(was_open)]
+            if not all(self._was_open):
+                self._judge(last, self._tolerance, changed=was_open != self._was_open)
+        self._judged = None
         last, self._at_least = max(last, self._at_least / GROWTH), 0.0
         self._next = self._allowed_step(last)
         return self._next
 
+    def _open(self) -> list[bool]:
+        """Whether each contact is open."""
+        return [not self._run_of(contact).mechanics.index.size for contact in self.contacts]
+
+    def _judge(self, last: float, tolerance: float, *, changed: bool) -> None:
+        """Take the error of a step in contact into account, and whether contacts have opened or closed in it."""
+        now, error = self._judged or (self._motion(), None)
+        if begins := self._errors is None:
+            self._errors = VelocityError.at_start(tolerance, [item.kinematics.mass for item in self.bodies], now)
+        if begins or changed:
+            self._errors = self._errors.jumped(self.step, now, self._stored())
+        else:
+            self._errors = self._errors.after(last, now, self._errors.of(last, now) if error is None else error)
+
+    def _closing(self, i: int, last: float, *, was_open: bool) -> Closing | None:
+        """Contact number i since it closed, after a step [s]; None if it is open, or was closed at the start."""
+        before = self._closings[i]
+        if self._was_open[i] or (before is None and not was_open):
+            return None
+        mechanics = self._run_of(self.contacts[i]).mechanics
+        force = float(mechanics.lam.take(mechanics.index).sum())
+        return Closing(0.0, force, 0.0) if before is None else before.after(last, force)
+
+    @property
+    def _share(self) -> float:
+        """Share of the tolerance of velocities that holds now."""
+        impacts = any(closing is not None and not closing.lasts for closing in self._closings)
+        return _IN_IMPACTS if impacts else 1.0
+
     def _allowed_step(self, last: float) -> float:
-        limit = self.longest
-        for i, contact in enumerate(self.contacts):
-            self._was_open[i] = not self._run_of(contact).mechanics.index.size
-            limit = min(limit, self._until_contact(contact) if self._was_open[i] else self.step)
+        limit, growth, in_contact = self.longest, GROWTH, not all(self._was_open)
+        for contact, is_open in zip(self.contacts, self._was_open, strict=True):
+            if is_open:
+                limit = min(limit, self._until_contact(contact))
+            elif self._errors is None:
+                limit = self.step
         if limit > self.step:
-            limit = max(self.step, min(limit, self._resolving_step()))
+            if in_contact and self._errors is not None:
+                resolving, growth = min(self._errors.next_step(last, self._share), self._turning_step()), math.inf
+            else:
+                resolving = self._resolving_step()
+            limit = max(self.step, min(limit, resolving))
         if last < limit <= _WORTHWHILE * last and limit != self.step:
             return last
-        return min(limit, GROWTH * last)
+        return min(limit, growth * last)
 
     def shorter_step(self, taken: float) -> float | None:
-        """Return a shorter step [s] to replace one that closed a gap too far; None if the one taken is short enough.
+        """Return a shorter step [s] to replace one that was too long; None if the one taken is short enough.
 
         Explicit multipliers never close a gap too far: gaps are zero at the end of a step of any length.
         """
+        is_long, opened = taken > self.step * _SAME, False
         for was_open, contact in zip(self._was_open, self.contacts, strict=True):
             run = self._run_of(contact)
             mechanics = run.mechanics
             if was_open and mechanics.index.size and run.forward is None:
                 depth, tolerance = -mechanics.least_gap, self.gap_tolerance
-                if taken > self.step * (1 + 1e-9) or (tolerance is not None and depth > tolerance):
+                if is_long or (tolerance is not None and depth > tolerance):
                     return 0.5 * taken
-        return None
+            opened |= not was_open and not mechanics.index.size
+        if self._errors is None or not is_long or all(self._was_open):
+            return None
+        if opened and taken > _LIFTED * self.step:
+            return max(0.5 * taken, self.step)
+        now = self._motion()
+        error = self._errors.of(taken, now)
+        self._judged = now, error
+        shorter = self._errors.shorter_step(taken, error, self._share)
+        return None if shorter is None else max(shorter, self.step)
+
+    def _motion(self) -> BodyMotion:
+        """Present motion of all bodies."""
+        states = [self._state(item) for item in self.bodies]
+        return BodyMotion(*(np.concatenate([state[i] for state in states]) for i in (1, 2)))
+
+    def _stored(self) -> float:
+        """Energy that bodies and contacts store at present [J]."""
+        stored = sum(self._run_of(contact).mechanics.stored() for contact in self.contacts)
+        for item in self.bodies:
+            elastic = item.kinematics.elastic(self._state(item)[0])
+            stored += 0.5 * float(elastic @ (item.body.stiffness @ elastic))
+        return stored
 
     def _until_contact(self, contact: PartitionContact) -> float:
         q, q_t, q_tt = (np.concatenate(parts) for parts in zip(*map(self._rigid, contact.sides), strict=True))
@@ -235,24 +367,27 @@ class StepControl:
             return q, q_t, np.concatenate([q_tt[:6], np.zeros(len(q) - 6)])
         return q, q_t, item.body.rigid @ item.kinematics.rigid_motion(q_tt)
 
+    def _turning_step(self) -> float:
+        """Step that resolves rotation [s]."""
+        floating = [item for item in self.bodies if isinstance(item.kinematics, FloatingKinematics)]
+        fastest = max((float(np.linalg.norm(self._state(item)[1][3:6])) for item in floating), default=0.0)
+        return 2 * np.pi / (STEPS_A_PERIOD * fastest) if fastest else math.inf
+
     def _resolving_step(self) -> float:
         """Step that resolves vibration and rotation [s]."""
-        frequencies, energies, total, fastest = [np.empty(0)], [np.empty(0)], 0.0, 0.0
+        frequencies, energies, total = [np.empty(0)], [np.empty(0)], 0.0
         for item in self.bodies:
             q, q_t, _ = self._state(item)
             f, energy = vibration(item, q, q_t)
             frequencies.append(f)
             energies.append(energy)
             total += float(item.kinematics.kinetic_energy(q, q_t))
-            if isinstance(item.kinematics, FloatingKinematics):
-                fastest = max(fastest, float(np.linalg.norm(q_t[3:6])) / (2 * np.pi))
         f, energy = np.concatenate(frequencies), np.concatenate(energies)
         self._largest_energy = max(self._largest_energy, total)
         order = np.argsort(f)[::-1]
         resolved = np.flatnonzero(np.cumsum(energy[order]) > self.unresolved * self._largest_energy)
-        if resolved.size:
-            fastest = max(fastest, f[order][resolved[0]])
-        return 1 / (STEPS_A_PERIOD * fastest) if fastest else math.inf
+        fastest = f[order][resolved[0]] if resolved.size else 0.0
+        return min(self._turning_step(), 1 / (STEPS_A_PERIOD * fastest) if fastest else math.inf)
 
 
 def vibration(item: PartitionBody, q: Array, q_t: Array) -> tuple[Array, Array]:

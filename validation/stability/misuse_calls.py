@@ -110,6 +110,7 @@ ARGUMENTS = {
     # Numbers
     **each("speed radius period", v.positive),
     **each("duration sample_period decay within end gap_tolerance unresolved", v.positive.or_none),
+    "velocity_tolerance": v.positive.or_none.but(loose=0.01),
     **each("radius_1 radius_2", v.radius_of_two),
     **each("alpha beta", v.number.but(negative=-1.0)),
     "maxh": v.positive(8e-3),

@@ -1,0 +1,121 @@
+"""Steps that grow in lasting contact: at rest, struck, dropped, lifted; forces and impulses stay as they are."""
+
+import exudyn as exu
+import exudyn.itemInterface as items
+import numpy as np
+import pytest
+from oracles import add_springs
+
+import exudyn_partition as ep
+
+WEIGHT = 500.0  # [N]
+pytestmark = pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ModelLimitWarning")
+AS_BEFORE = {"velocity_tolerance": 1e-12}  # steps in contact do not grow
+
+
+def standing(body, *, height=0.0, pulse=None, weight=WEIGHT, spring=1e7, **options):
+    """A ball under a weight and on springs above a plane; `pulse`, (begin, end, force), acts along the normal."""
+    mbs = exu.SystemContainer().AddSystem()
+    ball = ep.CreatePartitionBody(
+        mbs,
+        body,
+        name="ball",
+        referencePosition=[0, 0, height],
+        gravity=[0, 0, -weight / body.total_mass],
+        damping=options.pop("damping", 0.1),
+        frame=options.pop("frame", "inertial"),
+    )
+    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), **options)
+    if ball.frame == "inertial" and spring:
+        add_springs(mbs, ball, spring)
+    if pulse is not None:
+        up = body.mass @ body.rigid[:, 2] / body.total_mass
+
+        def push(mbs, t, i, q, q_t):
+            return (pulse[2] if pulse[0] < t < pulse[1] else 0.0) * up
+
+        mbs.AddObject(
+            items.ObjectGenericODE2(
+                nodeNumbers=ball.nodes, forceUserFunction=push, visualization=items.VObjectGenericODE2(show=False)
+            )
+        )
+    mbs.Assemble()
+    return mbs, ball, contact
+
+
+def run(mbs, end_time, **options):
+    return ep.solve_dynamic(mbs, end_time=end_time, method="implicit", adaptive=True, **options)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"friction": 0.3}, {"rows": "node-to-segment"}],
+    ids=["compliance", "friction", "node-to-segment"],
+)
+def test_a_constant_state_takes_few_steps(round_body, options):
+    """Whatever holds it: a ball that is pressed and at rest."""
+    end = 1e-3
+    mbs, _, contact = standing(round_body, **options)
+    ep.solve_static(mbs, update_initial=True)
+    result = run(mbs, end)
+    force = contact.force(result)
+    assert result.steps < 0.1 * end / result.step
+    np.testing.assert_allclose(force, force[0], rtol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def struck(round_body):
+    """A pressed ball that a pulse strikes; with growing steps, and as before."""
+    runs = []
+    for options in ({}, AS_BEFORE):
+        mbs, _, contact = standing(round_body, pulse=(10e-6, 40e-6, -100.0), spring=1e8, damping=0.19)
+        ep.solve_static(mbs, update_initial=True)
+        runs.append((contact, run(mbs, 1.5e-3, **options)))
+    return runs
+
+
+def test_a_struck_ball_keeps_its_forces(struck):
+    (contact, result), (before, fine) = struck
+    assert result.steps < 0.7 * fine.steps
+    assert contact.force(result).max() == pytest.approx(before.force(fine).max(), rel=2e-3)
+    total = [np.trapezoid(c.force(r), r.t) for c, r in struck]
+    assert total[0] == pytest.approx(total[1], rel=1e-3)
+
+
+def test_steps_with_a_tiny_tolerance_are_the_contact_s_own(struck):
+    result = struck[1][1]
+    moves = result.t[:-2] > 15e-6  # until the pulse all is at rest, and the last step has the rest of the time
+    np.testing.assert_allclose(np.diff(result.t)[:-1][moves], result.step, rtol=1e-6)
+
+
+def test_a_contact_that_opens_or_closes_in_a_long_step_does_so_in_a_short_one(round_body):
+    """A ball at rest is thrown up after a while; the force that holds it brings it back."""
+    mbs, _, contact = standing(round_body, pulse=(600e-6, 700e-6, 1500.0))
+    ep.solve_static(mbs, update_initial=True)
+    result = run(mbs, 1.5e-3)
+    closed, steps = contact.force(result) > 0, np.diff(result.t)
+    assert steps[result.t[1:] < 590e-6].max() > 10 * result.step
+    opens, closes = (np.flatnonzero(np.diff(closed.astype(int)) == sign)[0] for sign in (-1, 1))
+    assert steps[opens] < 2.001 * result.step
+    assert steps[closes] < 1.001 * result.step
+    np.testing.assert_allclose(steps[closes + 1 : closes + 10], result.step, rtol=1e-6)
+
+
+def test_a_ball_that_drops_has_the_same_impacts(round_body):
+    runs = []
+    for options in ({}, AS_BEFORE):
+        mbs, _, contact = standing(round_body, height=1e-6, spring=None, damping=0.19)
+        runs.append((contact, run(mbs, 0.6e-3, **options)))
+    impulses = [[impact.impulse for impact in contact.impacts(result)[:3]] for contact, result in runs]
+    np.testing.assert_allclose(*impulses, rtol=1e-3)
+
+
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_growing_steps_go_on(round_body, frame):
+    """The second part knows the errors of the first one, and how long the contact has been closed."""
+    mbs, _, contact = standing(round_body, frame=frame, spring=1e6, damping=0.19)
+    whole = run(mbs, 150e-6)
+    first = run(mbs, 75e-6)
+    rest = run(mbs, 150e-6, go_on=True)
+    assert len(first.t) + len(rest.t) - 1 == pytest.approx(len(whole.t), rel=0.1)
+    assert contact.force(rest)[-1] == pytest.approx(contact.force(whole)[-1], rel=1e-3)
