@@ -53,7 +53,8 @@ class FlatCore(NamedTuple):
             spans.append((top, end, left, right - left))
             parts.append(block[top:end, left:right])
         starts = np.searchsorted([j for j, _ in pairs], np.arange(n + 1))
-        return cls(starts, np.array([k for _, k in pairs]), np.array(spans), *pooled(parts))
+        sources = np.array([k for _, k in pairs], dtype=np.int64)
+        return cls(starts, sources, np.reshape(spans, (-1, 4)).astype(np.int64), *pooled(parts))
 
 
 def _span(there: Any) -> tuple[int, int]:
@@ -154,12 +155,13 @@ class BlockComplementarity:
 
     def __init__(self, n: int, core: Mapping[tuple[int, int], Array]) -> None:
         pairs = sorted(core)
-        blocks = np.array([core[pair] for pair in pairs])
-        columns = np.array([k for _, k in pairs])
-        starts = np.searchsorted([j for j, _ in pairs], np.arange(n + 1))
-        m = blocks.shape[1]
-        self._core = sp.bsr_matrix((blocks, columns, starts), shape=(n * m, n * m)).tocsr()
-        self._core.eliminate_zeros()
+        m = len(core[pairs[0]]) if pairs else 0
+        self._core = sp.csr_matrix((n * m, n * m))
+        if pairs:
+            blocks, columns = np.array([core[pair] for pair in pairs]), np.array([k for _, k in pairs])
+            starts = np.searchsorted([j for j, _ in pairs], np.arange(n + 1))
+            self._core = sp.bsr_matrix((blocks, columns, starts), shape=(n * m, n * m)).tocsr()
+            self._core.eliminate_zeros()
         self._flat_core = FlatCore.of(n, core)
         self.amplitudes = np.zeros((n, m))
         self.pushed: dict[int, Array] = {}
@@ -271,7 +273,7 @@ def pooled(arrays: Sequence[Array]) -> tuple[Array, Array]:
                 parts.append(flat)
             known[view] = known[content]
         starts.append(known[view])
-    return np.concatenate(parts), np.array(starts)
+    return np.concatenate([*parts, np.empty(0)]), np.array(starts, dtype=np.int64)
 
 
 def _last_alone(wrong: Mapping[int, Array]) -> dict[int, Array]:

@@ -116,7 +116,7 @@ class Exchange:
         for (j, side), own in on_patches.items():
             places[j, side] = ends.get(j, 0)
             ends[j] = places[j, side] + own.shape[1]
-        size = max(ends.values())
+        size = max(ends.values(), default=0)
         fields: dict[int, list[tuple[int, Array]]] = {}
         for (j, side), own in on_patches.items():
             wide = np.zeros((len(own), size))

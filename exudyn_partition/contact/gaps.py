@@ -27,6 +27,7 @@ from ..surfaces.loops import at_points, on_nodes
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import directed_matrix, point_matrix
 from . import loops
+from .followed import BULGE
 from .linear_gaps import LinearGaps
 from .side import LoadedNodes, Side, Standing
 from .stages import NOTHING, Frozen, Pressed, Shares, Stage
@@ -113,7 +114,18 @@ class Gaps:
 
         `problem` has the rows that can close, and the problem with their `regularised_flexibility`.
         """
-        return self.at(q), None
+        gap = self.at(q)
+        return gap, self._pressed_again(gap, problem)
+
+    def _pressed_again(self, gap: Array, problem: tuple[Array, ...]) -> Pressed | None:
+        """See `pressed_at`; the gaps, (nr,) [m], are known already."""
+        if not self.moving:
+            return None
+        self._row_flexibility()  # which may be found again, if the rows have moved
+        if not self.is_known(problem[1]):
+            return None
+        found = loops.answer_again(gap, problem, BULGE)
+        return None if found is None else (found[0], self.generalised(found[0]), found[1])
 
     def of_present(self, q: Array) -> Array:
         """Gaps of the present rows at coordinates q, (n,); unlike `at`, this keeps the rows: (nr,) [m]."""
@@ -127,6 +139,11 @@ class Gaps:
     def moving(self) -> bool:
         """Whether rows follow the motion. If not, their gaps are linear in the coordinates."""
         return self.stage.moving
+
+    @property
+    def may_freeze(self) -> bool:
+        """Whether rows are frozen as long as their pairs do not slide: they depend linearly on the coordinates then."""
+        return not self._start.moving
 
     @property
     def points(self) -> ContactPoints:

@@ -5,6 +5,7 @@ No other module of `contact` knows which of them run. Module `kernels` has the c
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING, TypeAlias
@@ -12,6 +13,8 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from ..algebra.complementarity import ROUNDING
+from ..algebra.loops import check_active
+from ..algebra.products import smallest
 from ..support.arrays import Array
 from ..support.compiled import kernels
 from ..surfaces.points import ContactPoints
@@ -142,6 +145,32 @@ def rows_below(h: Array, limit: float, known: Array | None) -> Array:
         return known if compiled.same_rows(h, limit, known) else np.flatnonzero(h < limit)
     found = np.flatnonzero(h < limit)
     return known if known is not None and np.array_equal(found, known) else found
+
+
+def answer_again(h: Array, problem: tuple[Array, ...], bulge: float) -> tuple[Array, float] | None:
+    """Forces on all rows, (nr,) [N], and the least gap [m], if the same rows are closed; else None.
+
+    Parameters
+    ----------
+    h : (nr,) array
+        Gaps of all rows [m].
+    problem : tuple of arrays
+        Rows that could close at the last answer, (k,), and their problem as in `check_active`, with active rows. None
+        is returned, too, if other rows can close.
+    bulge : float
+        Rows can close whose gap is less than that share of the deepest row's depth.
+    """
+    near, *of_near = problem
+    if compiled := kernels("contact"):
+        lam, least, settled = compiled.answer_again(h, near, *of_near, bulge, ROUNDING)
+        return (lam, least) if settled else None
+    least = smallest(h)
+    if not (least < 0.0 and math.isfinite(least) and np.array_equal(np.flatnonzero(h < -bulge * least), near)):
+        return None
+    some, _, count = check_active(*of_near, h[near], ROUNDING)
+    lam = np.zeros(len(h))
+    lam[near] = some
+    return None if count else (lam, least)
 
 
 # Several steps in one call, only if `at_once()`.

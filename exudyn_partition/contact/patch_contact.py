@@ -152,6 +152,11 @@ class PatchContact:
         return self.ahead or not self.law.elastic
 
     @property
+    def pushes(self) -> bool:
+        """Whether rows are closed, or zones may push."""
+        return self.index.size > 0 or self.zones is not None
+
+    @property
     def iterations(self) -> int:
         """Iterations of the set of closed rows since the start of the run."""
         return self.law.iterations + self._same

@@ -58,7 +58,6 @@ class PatchGaps(Gaps):
         self._all, self._start_q, self._loaded = pairing.points, pairing.pose, {}
         self.n, self.faced = len(pairing.pose), not pairing.pose.any()
         self.size, self.approach = pairing.rows.facet_size, pairing.rows.approach
-        self._linear = all(side.kinematics.linear and not side.surface.wanders for side in self.sides)
         self.witnesses = [witnesses_of(side.surface) for side in self.sides]
         self._start = self._at_start()
         self.reset()
@@ -79,7 +78,7 @@ class PatchGaps(Gaps):
         """The stage at the start."""
         pairing = self._pairing
         stage = self._stage_of(pairing.rows, pairing)
-        if not self._linear:
+        if not all(side.kinematics.linear and not side.surface.wanders for side in self.sides):
             return stage
         if pairing.frozen is None:
             pairing.frozen = self._linearised(stage, pairing.rows, pairing.pose)
@@ -133,7 +132,7 @@ class PatchGaps(Gaps):
         stage, gap = self.stage.advance(self, q, asked)
         if stage.moving and len(gap):
             self._since = self._since + 1 if self.stage.moving else 1
-            if self._since >= _PATIENCE and self._linear:
+            if self._since >= _PATIENCE and self.may_freeze:
                 self._since = 0
                 # Freeze only if they touch, because patches that are apart may meet with other pairs.
                 if self._stands_still(stage.here) and gap.min(initial=np.inf) < _HELD * self.size:
@@ -146,7 +145,8 @@ class PatchGaps(Gaps):
         """See `Gaps.pressed_at`."""
         known = self.stage.rows.known("flexibility")
         asked = None if known is None else (known[0], SAME, *problem)
-        return self._advance(q, asked), self.stage.pressed
+        gap = self._advance(q, asked)
+        return gap, self.stage.pressed or self._pressed_again(gap, problem)
 
     def of_present(self, q: Array) -> Array:
         """See `Gaps.of_present`."""

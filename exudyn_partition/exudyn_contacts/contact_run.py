@@ -132,6 +132,11 @@ class ContactRun:
         return self.forward is None or self._mechanics.zones is not None
 
     @property
+    def pushes(self) -> bool:
+        """Whether any force may not be zero in the last evaluation."""
+        return self.force is not None and (self.impulses is not None or self._mechanics.pushes)
+
+    @property
     def remembers(self) -> bool:
         """Whether forces depend on earlier steps."""
         return self.impulses is not None or self._mechanics.remembers
@@ -378,11 +383,10 @@ class GroupRun:
         """Whether any contact has forces within a step; multipliers ahead of the step do not count."""
         return bool(self._within)
 
-    def evaluate(self, mbs: MainSystem, t: float) -> None:
-        """Find the forces of all members in the model's present state, at time t [s]."""
+    def evaluate(self, mbs: MainSystem, t: float, q: Array) -> None:
+        """Find the forces of all members at the model's coordinates q, (nq,), and time t [s]."""
         if t == self._known_at:
             return
-        q = mbs.systemData.GetODE2Coordinates(copy=False)
         if self.together is None:
             for member in self._within:
                 member.evaluate(mbs, t, q)
@@ -399,7 +403,7 @@ class GroupRun:
     def _find_whether_pushes(self) -> None:
         self.pushes = False
         for member in self._within:
-            if member.force is not None and member.force.any():
+            if member.pushes:
                 self.pushes = True
                 return
 

@@ -18,8 +18,6 @@ def solve_together(contact: PartitionContact, others: list[PartitionContact]) ->
         If no formulation solves both together.
     """
     group = coupled_with(contact, others)
-    if len(group) == 1:
-        return
     together = contact.formulation.together([member.mechanics for member in group], _Links(group))
     for member in group:
         member.group, member.together = group, together

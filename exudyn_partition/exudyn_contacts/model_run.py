@@ -17,7 +17,7 @@ from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import coordinate_slices, latest_solver, method_of, registered
 from ..exudyn_bodies.other_bodies import OtherBodies
 from ..frames.floating import FloatingKinematics
-from ..support.arrays import Array
+from ..support.arrays import Array, joined_slices
 from ..support.foreign import MainSolver, MainSystem
 from ..support.optional import require
 from ..support.twins import Known, twin
@@ -126,7 +126,7 @@ class ModelRun:
         self._counted = self.active_set_iterations, self.pair_searches
         items = {id(item): item for contact in contacts for item, _ in contact.sides}.values()
         self._floating = [
-            (np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)]), item.kinematics)
+            (_together(coordinate_slices(mbs, item)), item.kinematics)
             for item in items
             if isinstance(item.kinematics, FloatingKinematics)
         ]
@@ -224,8 +224,9 @@ class ModelRun:
         if self.record.on:
             self.keep_last_step(mbs, t)
         self.at, total = t, None
+        q = mbs.systemData.GetODE2Coordinates(copy=False)
         for group in self._within:
-            group.evaluate(mbs, t)
+            group.evaluate(mbs, t, q)
             if group.pushes:
                 if total is None:
                     total = self._total
@@ -234,10 +235,10 @@ class ModelRun:
         if not self._all_ask:
             self.publish(mbs)
         if total is not None and self._floating:
-            q = mbs.systemData.GetODE2Coordinates(copy=False)
             for own, kinematics in self._floating:
-                if total[own].any():
-                    total[own] = kinematics.on_constant_mass(q[own], total[own])
+                pushed = total[own]
+                if pushed.any():
+                    total[own] = kinematics.on_constant_mass(q[own], pushed)
         self._spent_s += time.perf_counter() - begin
         return total
 
@@ -417,6 +418,12 @@ class Runs:
         """Record that the present run ended in the model's present state: without contacts no sensor records it."""
         if self._now is not None:
             self._now.ended = float(mbs.systemData.GetTime()), mbs.systemData.GetODE2Coordinates()
+
+
+def _together(slices: Sequence[slice]) -> slice | Array:
+    """The same places as one slice if they are consecutive, which is quicker, else as their numbers, (n,)."""
+    joined = joined_slices(slices)
+    return joined[0] if len(joined) == 1 else np.concatenate([np.r_[s] for s in joined])
 
 
 def runs_of(mbs: MainSystem) -> Runs:

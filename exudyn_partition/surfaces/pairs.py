@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..fe.shapes import QUADS, TABLES, corners_of, shape_functions
+from ..fe.shapes import QUADS, TABLES, shape_functions
 from ..support.arrays import Array
 from ..support.twins import Known, copied
 from . import loops
 from .points import ContactPoints
 from .projection import Projection, newton_step
 from .rows import EDGE_TOLERANCE
-from .surface import Surface, closest_points
+from .surface import Surface, closest_points, edge_middles
 from .vectors import cross
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class MovingPairs:
     def __init__(self, master: Surface, facet: Array, local: Array) -> None:
         self.facets, self.size = master.facets, master.facet_size
         self._neighbours = master.neighbours
-        self._middles, self._turns = _middles(master.facets), _turns(master)
+        self._middles, self._turns = edge_middles(master.facets), master.turns
         self._facet, self._local, self._last = facet.copy(), local.copy(), np.zeros_like(local)
         self._past, self._gone = np.zeros((2, len(facet)), dtype=bool)
         self._of_master = self.facets, *self._neighbours, self._turns, self._middles, TABLES[self.facets.shape[1]]
@@ -226,20 +226,6 @@ class MovingPairs:
         lost[_outside(pairs.local[left], self.facets.shape[1], FOLLOWED)] = True
         searched: Array = left[lost]
         return searched
-
-
-def _middles(facets: Array) -> Array:
-    """Local coordinates of the middles of a facet's edges, (number of edges, 2)."""
-    corners = corners_of(facets)
-    return (corners + np.roll(corners, -1, axis=0)) / 2
-
-
-def _turns(surface: Surface) -> Array:
-    """(nf, number of edges, 2, 2) array: turns a step in a facet's coordinates to those of each neighbour."""
-    middles, n_nodes = _middles(surface.facets), surface.facets.shape[1]
-    tangents = np.einsum("ein,fnd->fedi", shape_functions(middles, n_nodes)[:, 1:], surface.points[surface.facets])
-    turns: Array = np.linalg.pinv(tangents[surface.neighbours]) @ tangents
-    return turns
 
 
 def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int = STEPS) -> Projection:

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from ..errors import ComplementarityError
 from ..fe.facets import area_vectors, facet_corners
 from ..fe.patches import Patch
+from ..fe.shapes import corners_of, shape_functions
 from ..support.arrays import Array
 from . import loops
 from .projection import Projection
@@ -109,6 +110,20 @@ class Surface:
         other[order[same]], other[order[same + 1]] = order[same + 1], order[same]
         facet, edge = np.divmod(other, corners.shape[1])
         return facet.reshape(corners.shape), edge.reshape(corners.shape)
+
+    @cached_property
+    def turns(self) -> Array:
+        """(nf, number of edges, 2, 2) array: turns a step in a facet's coordinates to those of each neighbour."""
+        middles, n_nodes = edge_middles(self.facets), self.facets.shape[1]
+        tangents = np.einsum("ein,fnd->fedi", shape_functions(middles, n_nodes)[:, 1:], self.points[self.facets])
+        turns: Array = np.linalg.pinv(tangents[self.neighbours]) @ tangents
+        return turns
+
+
+def edge_middles(facets: Array) -> Array:
+    """Local coordinates of the middles of a facet's edges, (number of edges, 2)."""
+    corners = corners_of(facets)
+    return (corners + np.roll(corners, -1, axis=0)) / 2
 
 
 def nearest_places(tree: cKDTree, points: Array, count: int = 1) -> Array:

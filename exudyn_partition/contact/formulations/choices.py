@@ -57,8 +57,10 @@ class Compliance(Formulation):
             super().couples(contact, other, shared)
         return alike and _coupling(shared) > _COUPLED
 
-    def together(self, contacts: Sequence[PatchContact], links: Links) -> CoupledContacts:
+    def together(self, contacts: Sequence[PatchContact], links: Links) -> CoupledContacts | None:
         """See `Formulation`."""
+        if len(contacts) == 1 and not (contacts[0].elastic and contacts[0].gaps.may_freeze):
+            return None
         if not links.shared:
             return CoupledContacts(contacts, links)
         if not all(contact.elastic for contact in contacts):

@@ -104,6 +104,8 @@ class CoupledContacts:
         coordinates : callable
             Returns the coordinates of each contact, (n,). It is called only when the state has changed.
         """
+        if len(self.contacts) == 1:
+            return [self.contacts[0].force(*coordinates())]
         if self._frictional and self._since != (since := [contact.since for contact in self._remembering]):
             self._since = since
             for contact, last in zip(self.contacts, self._last, strict=True):
@@ -128,7 +130,7 @@ class CoupledContacts:
             Last return value. It is used again if it has the same pairs.
         """
         gaps = [contact.gaps for contact in self.contacts]
-        if not self._jointly or not loops.at_once() or any(each.linear is None for each in gaps):
+        if not self._jointly or any(each.moving for each in gaps) or not loops.at_once():
             return None
         if last is None or not last.has_pairs_of(gaps):
             for law in self._laws:
@@ -308,8 +310,8 @@ class CoupledContacts:
         rows, kept = self.contacts[j].rows, self._rows.get(j)
         standing = rows.standing()
         if kept is None or not standing.nearly(kept[0], SAME):
-            moved = [rows.side_rows(side) @ fields for side, fields in self._exchange.fields[j]]
-            kept = standing, np.sum(moved, axis=0)
+            moved = [rows.side_rows(side) @ fields for side, fields in self._exchange.fields.get(j, ())]
+            kept = standing, np.sum(moved, axis=0) if moved else np.zeros((rows.d * len(rows.gaps.row_nodes), 0))
             self._rows[j] = kept
         return kept[1]
 
