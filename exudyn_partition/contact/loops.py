@@ -160,14 +160,14 @@ def answer_again(h: Array, problem: tuple[Array, ...], bulge: float) -> tuple[Ar
     bulge : float
         Rows can close whose gap is less than that share of the deepest row's depth.
     """
-    near, *of_near = problem
+    near, F, factor, index = problem
     if compiled := kernels("contact"):
-        lam, least, settled = compiled.answer_again(h, near, *of_near, bulge, ROUNDING)
+        lam, least, settled = compiled.answer_again(h, near, F, factor, index, bulge, ROUNDING)
         return (lam, least) if settled else None
     least = smallest(h)
     if not (least < 0.0 and math.isfinite(least) and np.array_equal(np.flatnonzero(h < -bulge * least), near)):
         return None
-    some, _, count = check_active(*of_near, h[near], ROUNDING)
+    some, _, count = check_active(F, factor, index, h[near], ROUNDING)
     lam = np.zeros(len(h))
     lam[near] = some
     return None if count else (lam, least)

@@ -44,15 +44,22 @@ class FrictionMemory:
         return cls(np.zeros((n, 4)), np.zeros(n, dtype=bool), np.zeros(n), np.zeros(n))
 
     def after(
-        self, rows: TangentialRows, forces: Array, status: Array, slips: Array, speeds: Array, taken: float
+        self,
+        rows: TangentialRows,
+        lam: Array,
+        traction: Array,
+        status: Array,
+        slips: Array,
+        speeds: Array,
+        taken: float,
     ) -> FrictionMemory:
         """Return the memory after the next step.
 
         Parameters
         ----------
         rows : TangentialRows
-        forces, status : (nr, 3), (nr,) arrays
-            Forces [N] and status at the end of the step.
+        lam, traction, status : (nr,), (nr, 3), (nr,) arrays
+            Normal forces, tangential forces in space [N], and status at the end of the step.
         slips : (nr, 2) array
             How far the rows have slipped in the step [m].
         speeds : (nr,) array
@@ -67,7 +74,7 @@ class FrictionMemory:
             path[nodes[slides]] += np.hypot(*slips[slides].T)
         slipped[nodes] = slides
         speed[nodes] = np.where(slides, speeds, 0.0)
-        return FrictionMemory(by_nodes(rows, forces, n), slipped, speed, path, self.dissipated + taken)
+        return FrictionMemory(by_nodes(rows, lam, traction, n), slipped, speed, path, self.dissipated + taken)
 
     def resumed(self, forces: Array) -> FrictionMemory:
         """Return the memory of a run that begins with these forces at the nodes, (np, 4) [N]."""
@@ -78,11 +85,14 @@ class FrictionMemory:
         return coefficients(friction, self.slipped[nodes], self.speed[nodes])
 
 
-def by_nodes(rows: TangentialRows, forces: Array, n: int) -> Array:
-    """Forces stored for the n nodes of the slave's patch, (n, 4) [N], from forces on present rows, (nr, 3) [N]."""
-    found, nodes = np.zeros((n, 4)), rows.gaps.row_nodes
-    found[nodes, 0] = forces[:, 0]
-    found[nodes, 1:] = rows.tractions(forces) @ rows.axes
+def by_nodes(rows: TangentialRows, lam: Array, traction: Array, n: int) -> Array:
+    """Forces stored for the n nodes of the slave's patch, (n, 4) [N], from forces on the present rows.
+
+    These are normal forces lam, (nr,), and tangential forces in space, (nr, 3) [N].
+    """
+    found, of_rows = np.zeros((n, 4)), np.empty((len(lam), 4))
+    of_rows[:, 0], of_rows[:, 1:] = lam, traction @ rows.axes
+    found[rows.gaps.row_nodes] = of_rows
     return found
 
 

@@ -67,10 +67,6 @@ class NormalRows:
         """Forces on the nodes of the patches, (np, 3) for each side [N], from forces on the rows, (nr, 1) [N]."""
         return self.gaps.nodal_forces(forces[:, 0])
 
-    def resultant(self, forces: Array) -> Array:
-        """Force on the slave, (3,) [N], from forces on the rows, (nr, 1) [N]."""
-        return self.gaps.resultant(forces[:, 0])
-
     def moment(self, forces: Array, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m], from forces on the rows, (nr, 1) [N]."""
         return self.gaps.moment(forces[:, 0], point)

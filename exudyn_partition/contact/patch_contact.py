@@ -64,6 +64,7 @@ class PatchContact:
     h: Array
     forces: Array
     index: Array
+    _at: Places  # of the last answer
 
     def __init__(self, gaps: Gaps, formulation: LawMaker, friction: Coulomb | None = None) -> None:
         gaps.reset()
@@ -215,7 +216,7 @@ class PatchContact:
             if self.index.size or len(self.forces) != len(h):
                 self.open_rows()
             return
-        places = Places(
+        self._at = Places(
             h,
             way=lambda: self._way(pushed),
             last=lambda: self.last,
@@ -223,7 +224,7 @@ class PatchContact:
             motion=motion,
             since=self.since,
         )
-        forces = self.law.answer(places)
+        forces = self.law.answer(self._at)
         if np.shape(forces.on_rows) != (len(h), self.rows.d):
             raise InputError(
                 f"law {type(self.law).__name__}: expected forces of shape {(len(h), self.rows.d)}, rows by directions, "
@@ -331,7 +332,7 @@ class PatchContact:
                     f"law {type(self.law).__name__}: with friction, its answers need `slips`, how far the rows have "
                     "slipped since the last accepted step, see `contact.law.Forces`"
                 )
-            self._slid = slips, -0.5 * float(np.vdot(slips, (self.last + self.forces)[:, 1:]))
+            self._slid = slips, -0.5 * float(np.vdot(slips, (self._at.last + self.forces)[:, 1:]))
         return self._slid
 
     # Memory.
@@ -356,7 +357,7 @@ class PatchContact:
     def remember(self, slips: Array, speeds: Array, taken: float) -> None:
         """Remember the present forces for the next step; see `FrictionMemory.after`."""
         assert isinstance(self.rows, TangentialRows)
-        self.memory = self.memory.after(self.rows, self.forces, self.state, slips, speeds, taken)
+        self.memory = self.memory.after(self.rows, self.lam, self.traction, self.state, slips, speeds, taken)
 
     def flies_on(self, start: float) -> bool:
         """Begin a step at time `start` [s] without `commit` if all rows are open now and were in the step before.
@@ -387,7 +388,7 @@ class PatchContact:
         if self.zones is not None and earlier.zones is not None:
             self.zones.resume(earlier.zones)
         if sticks and isinstance(earlier.rows, TangentialRows) and isinstance(self.rows, TangentialRows):
-            self.memory = self.memory.resumed(by_nodes(earlier.rows, earlier.forces, self._n_nodes))
+            self.memory = self.memory.resumed(by_nodes(earlier.rows, earlier.lam, earlier.traction, self._n_nodes))
             self._closed_before = True
             self.gaps.at(q)
             self.rows.hold()
@@ -435,7 +436,8 @@ class PatchContact:
 
     def resultant(self) -> Array:
         """Force on the slave, (3,) [N]."""
-        return self.rows.resultant(self.forces)
+        along = self.gaps.resultant(self.lam)
+        return along if self.friction is None else along + self.traction.sum(axis=0)
 
     def moment(self, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m]."""

@@ -75,11 +75,6 @@ class TangentialRows:
         """Tangential forces in space, (nr, 3) [N], from forces along the directions of rows, (nr, 3) [N]."""
         return self.in_space(forces[:, 1:])
 
-    def resultant(self, forces: Array) -> Array:
-        """Force on the slave, (3,) [N], from forces along the directions of rows, (nr, 3) [N]."""
-        value: Array = self.gaps.resultant(forces[:, 0]) + self.tractions(forces).sum(axis=0)
-        return value
-
     def moment(self, forces: Array, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m], from forces along the rows, (nr, 3) [N]."""
         return self.gaps.moment_of(self.at_points(forces), point)

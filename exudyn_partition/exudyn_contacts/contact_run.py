@@ -226,10 +226,12 @@ class ContactRun:
         They act at the start of the step. Velocities at the start include all of their impulse, or `half` of it.
         """
         mechanics, share = self.mechanics, 0.5 if half else 1.0
-        self._last = np.zeros(7)
+        self._last = last = np.zeros(7)
         if mechanics.index.size:
-            along = np.zeros(3) if mechanics.friction is None else mechanics.traction.sum(axis=0)
-            self._last = step * np.r_[mechanics.lam.sum(), mechanics.resultant(), along]
+            last[0], last[1:4] = mechanics.lam.sum(), mechanics.resultant()
+            if mechanics.friction is not None:
+                last[4:] = mechanics.traction.sum(axis=0)
+            last *= step
         self._impulse += self._rest + share * self._last
         self._rest = (1 - share) * self._last
         self._stepped_to = t
@@ -473,12 +475,12 @@ class GroupRun:
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """Keep the data that results need of the members' state at t; `q` returns the model's coordinates at t."""
         frozen = self._frozen
+        if self._kept and self._kept[-1][0] == t:  # a second call for this time
+            self._kept.pop()
         if self._q is None or frozen is None:
             for member in self.members:
                 member.keep(t, q)
             return
-        if self._kept and self._kept[-1][0] == t:  # a second call for this time
-            self._kept.pop()
         if not self.pushes:
             return
         closed = np.flatnonzero(frozen.lam > 0.0)

@@ -1,7 +1,6 @@
 """Contacts of a chain, whose forces one object of the model holds, against an element for each that asks the laws."""
 
 import itertools
-from types import SimpleNamespace
 
 import exudyn as exu
 import exudyn.itemInterface as items
@@ -203,8 +202,8 @@ def grouped(marble):
 
 def force_of(group, q):
     """Generalised forces of a group at the model's coordinates, (nq,)."""
-    mbs, force = SimpleNamespace(systemData=SimpleNamespace(GetODE2Coordinates=lambda copy: q)), np.zeros(len(q))
-    group.evaluate(mbs, 0.0)
+    force = np.zeros(len(q))
+    group.evaluate(None, 0.0, q)
     group.add_force(force)
     return force
 

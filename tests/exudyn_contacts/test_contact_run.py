@@ -39,14 +39,14 @@ def test_a_group_keeps_what_each_member_has_once_a_time_and_notes_its_edge():
     members = [
         SimpleNamespace(
             dofs=np.zeros(1, int), place=None, join=lambda group, place: None, acts_within=True, remembers=False,
-            force=None, look_for_edge=lambda t, j=j: noted.append((j, t)),
+            force=None, pushes=False, look_for_edge=lambda t, j=j: noted.append((j, t)),
         )
         for j in range(2)
     ]  # fmt: skip
     group = GroupRun(members, SimpleNamespace(frozen=lambda dofs, last: loops))
     for t, size in ((1.0, 7.0), (1.0, 1.0), (2.0, 4.0)):  # the first time is asked for again
         loops.lam, loops.stored[:] = size * np.array([0.0, 3.0, 2.0, 0.0]), [0.1 * size, 0.2 * size]
-        group.evaluate(model_at(np.array([size])), t)
+        group.evaluate(None, t, np.array([size]))
         group.keep(t, lambda: np.zeros(1))
     assert noted == [(1, 1.0)]
     kept = [(t, nodes.tolist(), lam.tolist()) for t, nodes, lam in group.samples(1)]
@@ -55,15 +55,10 @@ def test_a_group_keeps_what_each_member_has_once_a_time_and_notes_its_edge():
     assert group.stored(1) == {1.0: 0.2, 2.0: 0.8}
 
 
-def model_at(q):
-    """What a group asks of Exudyn."""
-    return SimpleNamespace(systemData=SimpleNamespace(GetODE2Coordinates=lambda copy: q))
-
-
 class Known(Diary):
     """A law whose force is known."""
 
-    remembers, ahead = False, False
+    remembers, ahead, pushes = False, False, True
 
 
 def test_forces_of_a_body_that_touches_itself_add_up():
@@ -74,7 +69,7 @@ def test_forces_of_a_body_that_touches_itself_add_up():
         for dofs in ([1, 2, 1, 2], [0, 2])
     ]
     group = GroupRun(members, SimpleNamespace(frozen=lambda dofs, last: None, forces_at=lambda q, parts: forces))
-    group.evaluate(model_at(np.zeros(4)), 0.0)
+    group.evaluate(None, 0.0, np.zeros(4))
     total = np.zeros(4)
     group.add_force(total)
     assert group.pushes

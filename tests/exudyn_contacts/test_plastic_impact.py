@@ -150,14 +150,14 @@ def test_implicit_steps_agree_with_explicit_ones(bodies, run):
 
 
 def test_a_yield_stress_out_of_reach_changes_nothing(bodies):
-    """Of strains so small, the answer is the elastic one in every bit, through the checks of the zone."""
+    """Of strains so small, the answer is the elastic one through the checks of the zone; only sums have other orders."""
     strong = [
         replace(body, material=replace(body.material, yield_stress=20e9)) if body.basis.zones else body
         for body in bodies
     ]
     elastic = [replace(body, basis=replace(body.basis, zones=())) for body in bodies]
     (_, contact, result), (_, other, expected) = fall(strong), fall(elastic)
-    np.testing.assert_array_equal(contact.force(result), other.force(expected))
+    np.testing.assert_allclose(contact.force(result), other.force(expected), rtol=1e-12)
     assert contact.plastic.work(result)[-1] == 0.0
     assert not other.plastic
 

@@ -1,7 +1,7 @@
 """Two checkouts of the library side by side: time of a step, time of a reduction, and whether results are the same.
 
 Reference: the old checkout, on the same machine in the same minutes. Each runs in a process of its own; the two take
-turns. Quantity: CPU time of a step in six scenes and of the reduction of two bodies, new over old, and the largest
+turns. Quantity: CPU time of a step in seven scenes and of the reduction of two bodies, new over old, and the largest
 difference of contact force and coordinates, relative to the largest of each. A run is cut into hundredths; each counts
 by its quickest repetition, so that what else the machine does is left out.
 Limits: times at most 3 % longer, results to 1e-9.
@@ -48,6 +48,11 @@ class Workshop:
         }
         both = ep.reduce(ball, low | high, f_cut=F_CUT)
         self.bodies["two patches"] = [both, self.bodies["contact-adapted"][1]]
+        radii = {"ball": 0.8e-3, "block": 0.9e-3}
+        self.bodies["all directions"] = [
+            ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), radii[name], axes="xyz"), f_cut=F_CUT)
+            for name, (fem, _) in self.parts.items()
+        ]
 
     def reduction(self, name):
         """Seconds of a reduction, (1,)."""
@@ -69,7 +74,7 @@ class Workshop:
         return {"parts": parts.tolist(), "steps": result.steps, "step_s": result.step}, told(result)
 
 
-def scene(pair, *, frame="inertial", velocity=(0.0, 0.0, -1.0), formulation="compliance", anvil=False):
+def scene(pair, *, frame="inertial", velocity=(0.0, 0.0, -1.0), formulation="compliance", anvil=False, friction=0.0):
     """Model of a ball above a block, at a rigid plane too with `anvil`; and what tells its results."""
     import exudyn as exu
 
@@ -80,7 +85,8 @@ def scene(pair, *, frame="inertial", velocity=(0.0, 0.0, -1.0), formulation="com
     ball = ep.CreatePartitionBody(mbs, pair[0], frame=frame, referencePosition=place, initialVelocity=[*velocity])
     block = ep.CreatePartitionBody(mbs, pair[1])
     low = 0 if anvil else None
-    contacts = [ep.CreatePartitionContact(mbs, ball, block, formulation=formulation, slavePatch=low, passes="given")]
+    how = {"formulation": formulation, "passes": "given", "friction": friction}
+    contacts = [ep.CreatePartitionContact(mbs, ball, block, slavePatch=low, **how)]
     if anvil:
         lid = ep.RigidPlane(point=(0, 0, 2 * RADIUS + 3e-6), normal=(0, 0, -1))
         contacts.append(ep.CreatePartitionContact(mbs, ball, lid, slavePatch=1))
@@ -97,6 +103,7 @@ SCENES = {
     "frozen pairs": ("contact-adapted", {}, {"end_time": 100e-6}),
     "moving pairs": ("contact-adapted", {"velocity": (30.0, 0.0, -1.0)}, {"end_time": 20e-6}),
     "floating frame": ("contact-adapted", {"frame": "floating", "velocity": (5.0, 0.0, -1.0)}, {"end_time": 20e-6}),
+    "friction": ("all directions", {"friction": 0.3, "velocity": (0.5, 0.0, -1.0)}, {"end_time": 50e-6}),
     "multipliers, explicit": ("craig-bampton", {"formulation": "lagrange"}, {"end_time": 15e-6}),
     "multipliers, implicit": ("craig-bampton", {"formulation": "lagrange"}, {"end_time": 30e-6, **IMPLICIT}),
     "coupled contacts": ("two patches", {"anvil": True}, {"end_time": 100e-6}),

@@ -105,7 +105,7 @@ class CoupledContacts:
             Returns the coordinates of each contact, (n,). It is called only when the state has changed.
         """
         if len(self.contacts) == 1:
-            return [self.contacts[0].force(*coordinates())]
+            return [self.contacts[0].force(coordinates()[0])]
         if self._frictional and self._since != (since := [contact.since for contact in self._remembering]):
             self._since = since
             for contact, last in zip(self.contacts, self._last, strict=True):

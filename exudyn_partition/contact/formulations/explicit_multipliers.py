@@ -13,7 +13,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from ...algebra.complementarity import regularised
-from ...algebra.friction import OPEN
+from ...algebra.friction import SLIP
 from ...algebra.products import dense
 from ...algebra.row_problem import RowProblem
 from ...errors import RunError
@@ -94,7 +94,9 @@ class ForwardRows:
         self._held: object = None
         self._jump, self._fading = np.zeros(n), 1.0  # remaining jump at the slave's nodes [m], its factor in a step
         self._frozen_steps = 0
-        self._status = np.zeros(n, dtype=np.int8)  # of the last step, at the slave's nodes
+        none = np.empty(0, dtype=np.int64)
+        self._open = none, Forces(np.empty((0, self.rows.d)), none)  # no closed rows
+        self._last = self._open  # nodes of the rows in the last step, and the forces on them
         self._pose: Array | None = None
         self.take()
 
@@ -112,8 +114,9 @@ class ForwardRows:
     @property
     def guess(self) -> tuple[Array, Array]:
         """Status of the present rows in the last step, (nr,), and the forces then, (nr, 3) [N]."""
-        nodes = self.contact.gaps.row_nodes
-        return self._status[nodes], self.contact.last
+        (nodes, (_, closed, state, _)), status = self._last, np.zeros(len(self._jump), dtype=np.int8)
+        status[nodes[closed]] = SLIP if state is None else state[closed]
+        return status[self.contact.gaps.row_nodes], self.contact.last
 
     def predict(self, state: State, step: float) -> Array:
         """Places, (nr, d) [m], at the end of the coming step [s] without contact forces: gaps, and sliding in the step.
@@ -123,15 +126,15 @@ class ForwardRows:
         q, q_t, q_tt = state
         gaps, rows = self.contact.gaps, self.rows
         gap = self._gaps(q, gaps.moved(q, step * q_t + 0.5 * step**2 * q_tt))
-        places, self._step, self._q_tt = np.zeros((len(gap), rows.d)), step, q_tt
-        places[:, 0] = gap
-        if isinstance(rows, TangentialRows):
-            pose = gaps.evaluated_pose
-            if self.contact.least_gap < gaps.size:
-                rows.hold_at(q, pose if self._pose is None else self._pose)
-                places[:, 1:] = rows.way()
-            self._pose, self._free = pose, places[:, 1:]
-        return places
+        self._step, self._q_tt = step, q_tt
+        if not isinstance(rows, TangentialRows):
+            return gap[:, None]
+        pose, way = gaps.evaluated_pose, np.zeros((len(gap), rows.d - 1))
+        if self.contact.least_gap < gaps.size:
+            rows.hold_at(q, pose if self._pose is None else self._pose)
+            way = rows.way()
+        self._pose, self._free = pose, way
+        return np.column_stack([gap, way])
 
     def _gaps(self, q: Array, to: Array) -> Array:
         """Gaps, (nr,) [m], at the coordinates `to`, (n,), to which q, (n,), leads without contact forces."""
@@ -158,7 +161,7 @@ class ForwardRows:
         """Leave all rows open in the coming step."""
         closed = self.contact.index.size > 0
         self.contact.open_rows()
-        self._status[:] = OPEN
+        self._last = self._open
         if closed and self.rows.d > 1:
             n = len(self.contact.forces)
             self.contact.remember(np.zeros((n, 2)), np.zeros(n), 0.0)
@@ -176,8 +179,7 @@ class ForwardRows:
         """
         contact = self.contact
         contact.take(forces)
-        self._status[:] = OPEN
-        self._status[contact.gaps.row_nodes] = contact.state
+        self._last = contact.gaps.row_nodes, forces
         self._expected, self._scale = places[:, 0], scale
         if self.rows.d > 1:
             slips, taken = places[:, 1:], 0.0
@@ -291,8 +293,8 @@ class ForwardIncrement:
     def predict(self, states: Sequence[State], step: float) -> Array:
         """Places of the rows of all contacts at the end of the step without contact forces, (nr, d) [m]."""
         self._step = step
-        found = [one.predict(state, step) for one, state in zip(self.rows, states, strict=True)]
-        return np.vstack([self._in_all(places) for places in found])
+        found = [self._in_all(one.predict(state, step)) for one, state in zip(self.rows, states, strict=True)]
+        return found[0] if len(found) == 1 else np.vstack(found)
 
     def _in_all(self, places: Array) -> Array:
         """Values along the directions of rows, (nr, ...), with zeros along tangents that a contact does not have."""

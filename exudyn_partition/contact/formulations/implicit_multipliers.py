@@ -261,7 +261,7 @@ class StepImpulses:
         self._status[:] = OPEN
         self._status[nodes] = contact.state
         if self._tangential is not None:
-            self._given = by_nodes(self._tangential, contact.forces, len(self._given))
+            self._given = by_nodes(self._tangential, contact.lam, contact.traction, len(self._given))
         else:
             self._given[:] = 0.0
             self._given[nodes] = contact.forces
