@@ -150,7 +150,7 @@ def test_implicit_steps_agree_with_explicit_ones(bodies, run):
 
 
 def test_a_yield_stress_out_of_reach_changes_nothing(bodies):
-    """Of strains so small, the answer is the elastic one through the checks of the zone; only sums have other orders."""
+    """Of strains so small, the answer is the elastic one, through the checks of the zone, but for the order of sums."""
     strong = [
         replace(body, material=replace(body.material, yield_stress=20e9)) if body.basis.zones else body
         for body in bodies
