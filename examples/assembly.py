@@ -52,13 +52,15 @@ def main(argv=None):
     stop = ep.RigidPlane(point=(NOSE[0] - GAP, 0, 0), normal=(1, 0, 0))
     contact = ep.CreatePartitionContact(mbs, bodies["block"], stop)
     mbs.Assemble()
-    run = ep.solve_dynamic(mbs, end_time=6e-3, step=2e-6 if not options.quick else 4e-6, method="implicit")
+    run = ep.solve_dynamic(mbs, end_time=9e-3, step=2e-6 if not options.quick else 4e-6, method="implicit")
     force, speed = contact.force(run), bodies["block"].velocity(run, (0.23, 0, 0.018))[:, 0]
     before, rigid = float(-speed[(force > 0).argmax() - 1]), float(rigid_speed(fems, TORQUE, GAP))
     fig, axes = plt.subplots(layout="constrained")
     axes.plot(1e3 * run.t, force)
     axes.set(xlabel="time [ms]", ylabel="contact force [N]")
     fig.savefig(options.out / "assembly.png")
+    ep.plot.bodies(run).figure.savefig(options.out / "bodies.png", dpi=150)
+    run.scene(options.out / "moving.html", title="assembly of a STEP file")
     result = {
         "solids": list(machine.names), "dofs": sum(b.body.n_dofs for b in bodies.values()), "steps": run.steps,
         "fe_dofs": sum(fem.n_dofs for fem in fems.values()), "peak_force_N": float(force.max()),

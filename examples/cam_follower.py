@@ -94,6 +94,8 @@ def main(argv=None):
     (options.out / "result.json").write_text(json.dumps(result, indent=2))
     picture = options.out / "cam_follower.png"
     draw(mechanism, run, lift_off).savefig(picture, dpi=120)
+    ep.plot.bodies(run).figure.savefig(options.out / "bodies.png", dpi=150)
+    run.scene(options.out / "moving.html", title="cam and follower")
     for key in ("dofs", "fe_dofs", "contact_nodes", "steps", "lift_off_speed_rad_s", "parts_at_rad_s", "error.force"):
         print(f"{key}: {result[key]}")
     print(picture.resolve())

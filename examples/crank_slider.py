@@ -93,6 +93,7 @@ def main(argv=None):
     picture = options.out / "crank_slider.png"
     results.draw_histories(found).savefig(picture, dpi=150)
     results.draw_motion(found, mechanism.start).savefig(options.out / "mechanism.png", dpi=120)
+    ep.plot.bodies(run).figure.savefig(options.out / "bodies.png", dpi=150)
     run.scene(options.out / "moving.html", title="crank-slider")
     show(result)
     print(picture.resolve())

@@ -111,8 +111,8 @@ def main(argv=None):
         panel.grid(alpha=0.3)
     picture = options.out / "gauge_and_vibrometer.png"
     figure.savefig(picture, dpi=150)
-    print(json.dumps({key: result[key] for key in ("dofs", "fe_dofs", "time", "error")}, indent=2))
-    print(picture.resolve())
+    ep.plot.bodies(run, 5e-5, direction=(1, -0.5, 0.2)).figure.savefig(options.out / "bodies.png", dpi=150)
+    print(json.dumps({key: result[key] for key in ("dofs", "fe_dofs", "time", "error")}), picture.resolve(), sep="\n")
     return result
 
 

@@ -85,13 +85,12 @@ def main(argv=None):
     slow = slow_turn(bodies, gears, first, *rest)
 
     nodes, tooth = fem.points[partition.patch_nodes], 2 * np.pi / gears[0].teeth
-    ways = [pair.way(run) for pair, run in (back, slow)]
-    teeth = [pair.tooth_forces(run, nodes) for pair, run in (back, slow)]
+    ways, teeth = zip(*[(pair.way(run), pair.tooth_forces(run, nodes)) for pair, run in (back, slow)], strict=True)
     turned = first + slow[1].sensor(slow[0].turns[0])[:, 0] / tooth
     error = (slow[0].contact.force(slow[1]) * gears[0].base / TORQUE - 1)[slow[1].steps // 2 :]
-    online = back[1].time_s + slow[1].time_s
+    times = [*np.diff(clock), back[1].time_s + slow[1].time_s]
     result = {
-        "time": {"fem_s": clock[1] - clock[0], "reduce_s": clock[2] - clock[1], "online_s": online},
+        "time": dict(zip(("fem_s", "reduce_s", "online_s"), times, strict=True)),
         "status": [back[1].status, slow[1].status],
         "dofs": sum(body.n_dofs for body in bodies),
         "fe_dofs": sum(body.fe_dofs for body in bodies),
@@ -110,9 +109,10 @@ def main(argv=None):
     (options.out / "result.json").write_text(json.dumps(result, indent=2))
     picture = options.out / "gear_pair.png"
     draw(gears, [(1e3 * back[1].t, teeth[0], ways[0]), (turned, teeth[1], ways[1])]).savefig(picture, dpi=120)
+    ep.plot.bodies(slow[1]).figure.savefig(options.out / "bodies.png", dpi=150)
     slow[1].scene(options.out / "moving.html", title="gears that turn slowly")
-    shown = ("dofs", "fe_dofs", "steps", "peak_force_N", "error.force", "transmission_error_m")
-    print(*(f"{key}: {result[key]}" for key in shown), picture.resolve(), sep="\n")
+    shown = {key: result[key] for key in ("dofs", "fe_dofs", "steps", "error.force", "transmission_error_m")}
+    print(json.dumps(shown), picture.resolve(), sep="\n")
     return result
 
 

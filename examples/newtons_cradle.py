@@ -107,6 +107,8 @@ def main(argv=None):
     below.set(ylabel="velocity of the centre of mass [m/s]", xlabel="time [µs]")
     picture = options.out / "newtons_cradle.png"
     figure.savefig(picture, dpi=150)
+    ep.plot.bodies(run).figure.savefig(options.out / "bodies.png", dpi=150)
+    run.scene(options.out / "moving.html", title="Newton's cradle")
     print(json.dumps({key: result[key] for key in ("dofs", "fe_dofs", "time", "velocity_after_m_per_s", "error")}))
     print(picture.resolve())
     return result

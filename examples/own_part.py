@@ -100,6 +100,7 @@ def main(argv=None):
     right.set_axis_off()
     picture = options.out / "own_part.png"
     figure.savefig(picture, dpi=150)
+    ep.plot.bodies(run, bodies=[(part, fem)], colour="von_mises").figure.savefig(options.out / "bodies.png", dpi=150)
     print(json.dumps({key: result[key] for key in ("dofs", "fe_dofs", "mass_kg", "time", "peak_force_N")}, indent=2))
     print(frames)
     print(picture.resolve())

@@ -11,6 +11,7 @@ import math
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 
 import exudyn as exu
@@ -22,15 +23,14 @@ from exudyn.processing import ParameterVariation
 import exudyn_partition as ep
 
 R, MATERIAL = 0.010, replace(ep.STEEL, yield_stress=None)  # an elastic study: no word on yielding
-LOG = logging.getLogger("parameter_study")
-BALLS = {}  # by file, read once a process: models of the same body share what its contacts need
+LOG, BALLS = logging.getLogger("parameter_study"), {}  # bodies by file: models of one share what their contacts need
 
 
 def reduced_ball(path, h):
     """Store the ball, with contact rows of size h [m], unless it is there."""
     if not path.exists():
-        shape, refine = occ.Sphere(occ.Pnt(0, 0, R), R), [ep.Refine((0, 0, 0), radius=0.6e-3, h=h)]
-        fem = ep.fe_model(shape, MATERIAL, maxh=4e-3, refine=refine)
+        shape = occ.Sphere(occ.Pnt(0, 0, R), R)
+        fem = ep.fe_model(shape, MATERIAL, maxh=4e-3, refine=[ep.Refine((0, 0, 0), radius=0.6e-3, h=h)])
         ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), radius=0.7e-3), f_cut=150e3).save(path)
 
 
@@ -63,7 +63,7 @@ def study(how, sets, workers, keep):
         by_speed = {parameters["speed"]: parameters for parameters in sets}
         ParameterVariation(lambda one: keep(impact(by_speed[one["speed"]])), {"speed": [*by_speed]}, showProgress=False)
     elif how == "processes":
-        with ProcessPoolExecutor(workers) as pool:
+        with ProcessPoolExecutor(workers, get_context("spawn")) as pool:  # a fork would copy threads that hold locks
             for done in as_completed([pool.submit(impact, parameters) for parameters in sets]):
                 keep(done.result())
     else:

@@ -111,6 +111,7 @@ def main(argv=None):
     (options.out / "result.json").write_text(json.dumps(result, indent=2))
     picture = options.out / "restitution.png"
     draw(found, forces).savefig(picture, dpi=150)
+    ep.plot.bodies(run, colour="deformation").figure.savefig(options.out / "bodies.png", dpi=150)
     print(picture.resolve())
     return result
 

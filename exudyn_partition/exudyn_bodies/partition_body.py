@@ -44,6 +44,11 @@ class PartitionBody(BodyResults):
     `kinematics.at(nodes)` is that of nodes.
     """
 
+    _inside = frozenset(
+        {"as_made", "frame_markers", "is_in", "kinematics", "node_sizes", "offset_markers", "plastic_states",
+         "point_markers", "weight"}
+    )  # fmt: skip
+
     def __init__(
         self,
         body: ReducedBody,

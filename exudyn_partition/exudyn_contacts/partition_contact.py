@@ -92,6 +92,10 @@ class PartitionContact(Item[Any]):
         Point of the moment sensor [m].
     """
 
+    _inside = frozenset(
+        {"carrier", "compliant", "elastic", "group", "linked", "mechanics", "moment_about", "nodes", "side_names",
+         "slave_facet_size", "slices", "together"}
+    )  # fmt: skip
     group: list[Any]
     together: Together | None
     linked: list[Any]

@@ -16,6 +16,7 @@ import scipy.sparse as sp
 
 from ..errors import InputError, LockingError, MeshError, UnitsWarning
 from ..support.arrays import Array, Vector
+from ..support.attributes import for_users
 from ..support.checks import (
     check_indices,
     read_only,
@@ -540,6 +541,12 @@ class FEModel:
     def nearest_node(self, point: Vector) -> int:
         """Index of the node nearest to `point`, (3,) [m]; see `places.nearest_node`."""
         return nearest_node(self.points, point)
+
+    def __dir__(self) -> list[str]:
+        return for_users(
+            self,
+            {"fingerprint", "matrix_fingerprint", "need_cells", "neighbours", "warn_if_units_slipped", "weakest_wall"},
+        )
 
     def __repr__(self) -> str:
         counts = {kind.corners: len(rows) for kind, rows in self.kinds}

@@ -19,6 +19,8 @@ from ..support.checks import read_only, validate_number, validate_positive, vali
 from .spectrum import truncation_frequency
 from .yielding import Stress
 
+__all__ = ["HertzImpact", "contact_radius", "effective", "impact", "plate_impedance", "rod_impedance"]
+
 
 @dataclass(frozen=True, eq=False)
 class HertzImpact:
@@ -391,3 +393,7 @@ def _solve(a: float, b: float) -> tuple[float, float, float, Array]:
     rise = ninety - ten
     samples = min(math.ceil(_SAMPLES * end / rise), _MOST_SAMPLES)
     return float(largest), float(end), float(rise), force(run.sol(np.linspace(0, end, samples))[0])
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -28,6 +28,7 @@ _STEEL, _RIGID = (0.87, 0.89, 0.91), (0.6, 0.6, 0.63)
 _LIGHT = np.array([0.3, 0.45, 0.84])  # towards the lamp: to the right, upwards, to the viewer
 _DARKEST = 0.55  # brightness of what the lamp does not reach
 _VIEW = (1.0, -1.6, 0.8)
+_LARGEST, _LEAST, _AROUND = (6.0, 4.6), (2.4, 2.0), (1.6, 1.0)  # inches: of what is drawn, and of what is around it
 
 
 def selection(fem: FEModel, partition: Partition, *, axes: Axes = None, direction: Sequence[float] = _VIEW) -> Axes:
@@ -60,7 +61,7 @@ def selection(fem: FEModel, partition: Partition, *, axes: Axes = None, directio
     validate_type("fem", fem, FEModel, "fe_model()")
     validate_type("partition", partition, Partition, "Partition.ball(), surface(), interface() or load()")
     partition.check_mesh(fem)
-    axes, turn = axes_of(axes), _turn(direction)
+    own, axes, turn = axes is None, axes_of(axes), _turn(direction)
     facets = fem.facets
     colours = np.tile(_STEEL, (len(facets), 1))
     handles = []
@@ -75,7 +76,7 @@ def selection(fem: FEModel, partition: Partition, *, axes: Axes = None, directio
     triangles, owner = flat_triangles(facets)
     _draw(axes, [(1e3 * fem.points[triangles] @ turn, colours[owner])])
     axes.legend(handles=handles, fontsize="small", loc="upper left")  # the best place is sought for seconds
-    return _finish(axes)
+    return _finish(axes, own)
 
 
 def bodies(
@@ -120,7 +121,7 @@ def bodies(
         If an argument has a wrong type or is out of range, or the time is not within the run.
     """
     check_samples(result)
-    axes, turn = axes_of(axes), _turn(direction)
+    own, axes, turn = axes is None, axes_of(axes), _turn(direction)
     at = peak_time(result) if time is None else time_of(result, time)
     validate_choice("colour", colour, COLOUR_NAMES)
     motion = motion_of(result, bodies, colours=[colour], frames=[at])
@@ -140,7 +141,7 @@ def bodies(
     axes.figure.colorbar(shades, ax=axes, label=plain(f"{label} [{unit}]"), extend="max", shrink=0.8)
     said = "" if scale == 1 else f"\ndeformed x {scale:g}: bodies may seem to overlap"
     axes.set_title(f"t = {1e3 * motion.t[0]:.4g} ms{said}", fontsize="small")
-    return _finish(axes)
+    return _finish(axes, own)
 
 
 def _selected(partition: Partition) -> list[tuple[str, Array, Array | None]]:
@@ -192,8 +193,14 @@ def _draw(axes: Axes, surfaces: Sequence[tuple[Array, Array]]) -> None:
     axes.autoscale_view()
 
 
-def _finish(axes: Axes) -> Axes:
-    axes.set_aspect("equal")
+def _finish(axes: Axes, own: bool) -> Axes:
+    """Label the axes; a figure of our `own` gets the shape of what is drawn."""
+    axes.set_aspect("equal", adjustable="datalim" if own else None)  # slender bodies leave room at their sides
     axes.set_xlabel("to the right [mm]")
     axes.set_ylabel("upwards [mm]")
+    if own:
+        wide, high = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
+        inches = np.minimum(np.array([wide, high]) * min(_LARGEST[0] / wide, _LARGEST[1] / high), _LARGEST)
+        axes.figure.set_size_inches(np.maximum(inches, _LEAST) + _AROUND)
+        axes.figure.set_layout_engine("compressed")
     return axes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -32,6 +32,7 @@ _MOST_PIXELS = 8192  # along a side: for larger pictures Exudyn may run out of m
 
 _STEPS = 32  # of the colour bar, and of a surface along each side
 _GREY = (0.6, 0.6, 0.63, 1.0)
+_NEARLY_ROUND = 2.2  # rad: a cylinder that is drawn so far to either side is drawn whole
 _BEYOND = 0.65  # half the side of a rigid surface that is drawn, by the size of the bodies
 # Above the bodies in the view, by their size: lower and upper side of the bar, its numbers, and lines of the title.
 _LOWER, _UPPER, _NUMBERS, _LINE = 0.04, 0.07, 0.085, 0.06
@@ -82,6 +83,11 @@ def drawn_fields(
         colour = data[field]
         values.append(colour if colour.ndim == 1 else np.linalg.norm(colour, axis=1))
     return places, values
+
+
+def places_of(pieces: Sequence[BodyFields], places: Sequence[Array]) -> dict[PartitionBody, Array]:
+    """Places of the pieces' nodes at one time, (n, 3) each [m], as `rigid_shapes` takes them."""
+    return {piece.item: place[None] for piece, place in zip(pieces, places, strict=True)}
 
 
 def title_of(field: ViewField, scale: float) -> list[str]:
@@ -187,7 +193,7 @@ class RigidShape:
         return bool((self.place != self.place[0]).any() or (self.turn != self.turn[0]).any())
 
 
-def rigid_shapes(result: Result, times: Array, places: Array) -> list[RigidShape]:
+def rigid_shapes(result: Result, times: Array, places: Mapping[PartitionBody, Array]) -> list[RigidShape]:
     """Rigid surfaces of a run's contacts, and Exudyn's own bodies that have a shape, at m frames.
 
     Parameters
@@ -195,18 +201,25 @@ def rigid_shapes(result: Result, times: Array, places: Array) -> list[RigidShape
     result : Result
     times : (m,) array
         Of the frames [s].
-    places : (m, n, 3) array
-        Places of the bodies at these times [m]: surfaces without an end are drawn as far as these extend.
+    places : dict of PartitionBody to (m, n, 3) array
+        Places of the shown bodies at these times [m]. A surface without an end is drawn as far as those extend that may
+        touch it.
     """
     others = {other.number: other for other in result.others}
     found = []
-    for contact in {(id(c.master), id(c.carrier)): c for c in result.contacts}.values():
+    touching: dict[tuple[int, int], list[PartitionContact]] = {}
+    for contact in result.contacts:
+        number = -1 if contact.carrier is None else int(contact.carrier.body)
+        touching.setdefault((id(contact.master), number), []).append(contact)
+    for contact, *more in touching.values():
+        near = [places[one.slave] for one in (contact, *more) if one.slave in places]
+        seen = np.concatenate(near or [*places.values()], axis=1)
         place, turn = np.zeros((len(times), 3)), np.tile(np.eye(3), (len(times), 1, 1))
         if contact.carrier is not None:
             if int(contact.carrier.body) not in others:
                 continue
             place, turn = others[int(contact.carrier.body)].at(times)
-        surface = _surface(contact.master, np.einsum("mnk,mkl->mnl", places - place[:, None], turn).reshape(-1, 3))
+        surface = _surface(contact.master, np.einsum("mnk,mkl->mnl", seen - place[:, None], turn).reshape(-1, 3))
         if surface is not None:
             found.append(RigidShape("", *surface, place, turn))
     for other in others.values():
@@ -252,6 +265,8 @@ def _grid_on(surface: object, places: Array) -> Array | None:
     """Grid of points, (m, m, 3) [m], on a rigid surface, as far as bodies at `places`, (n, 3), extend."""
     middle, half = places.mean(axis=0), _BEYOND * float(np.ptp(places, axis=0).max())
     share = np.linspace(-1.0, 1.0, _STEPS + 1)
+    if isinstance(surface, RigidCylinder | RigidProfile):
+        along = _BEYOND * float(np.ptp(places @ surface.axis))
     if isinstance(surface, RigidPlane):
         one, two = _across(surface.normal)
         foot = middle - surface.project(middle[None])[0][0] * surface.normal
@@ -266,14 +281,15 @@ def _grid_on(surface: object, places: Array) -> Array | None:
     elif isinstance(surface, RigidCylinder):
         foot = surface.point + ((middle - surface.point) @ surface.axis) * surface.axis
         towards = _unit(middle - foot) if np.linalg.norm(middle - foot) else _across(surface.axis)[0]
-        around = min(np.pi, 2 * half / surface.radius) * share[:, None, None]
+        reach = 2 * half / surface.radius
+        around = (np.pi if reach > _NEARLY_ROUND else reach) * share[:, None, None]
         side = np.cos(around) * towards + np.sin(around) * np.cross(surface.axis, towards)
-        grid = foot + surface.radius * side + half * share[:, None] * surface.axis
+        grid = foot + surface.radius * side + along * share[:, None] * surface.axis
     elif isinstance(surface, RigidProfile):
         foot = surface.point + ((middle - surface.point) @ surface.axis) * surface.axis
         around = np.linspace(0, len(surface.curve), len(share)).astype(int) % len(surface.curve)
         side = surface.curve[around] @ surface.plane.T
-        grid = foot + side[:, None] + half * share[:, None] * surface.axis
+        grid = foot + side[:, None] + along * share[:, None] * surface.axis
     else:
         return None
     return np.asarray(grid)

@@ -204,8 +204,12 @@ def motion_of(
     force = {contact.name or f"contact {i}": contact.force(result) for i, contact in enumerate(result.contacts)}
     total = np.sum([*force.values()], axis=0) if force else np.zeros(len(result.t))
     frame_numbers = _looked_at(len(run.t))
-    places = np.array([np.vstack([corners(body.at(frame)) for body in moved]) for frame in frame_numbers])
-    rigid = rigid_shapes(result, run.t, places[np.searchsorted(frame_numbers, np.arange(len(run.t)))])
+    nearest = np.searchsorted(frame_numbers, np.arange(len(run.t)))
+    places = {
+        piece.item: np.array([corners(body.at(frame)) for frame in frame_numbers])[nearest]
+        for piece, body in zip(pieces, moved, strict=True)
+    }
+    rigid = rigid_shapes(result, run.t, places)
     return Motion(run.t, moved, force, result.t, _spots(result), float(result.t[int(np.argmax(total))]), rigid)
 
 

@@ -29,6 +29,8 @@ from ..support.files import filling
 from ..support.progress import Progress, shown
 from .body_fields import BodyFields, Shown, contact_loads, shown_bodies, validate_contacts
 
+__all__ = ["FIELDS", "write_paraview", "write_plastic_zones"]
+
 Field = Literal[
     "displacement",
     "deformation",
@@ -202,3 +204,7 @@ def _write_pvd(path: Path, entries: Iterable[tuple[float, int, str]]) -> None:
         ElementTree.SubElement(collection, "DataSet", timestep=repr(t), part=str(part), file=name)
     ElementTree.indent(root)
     ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -379,3 +379,7 @@ def _finish(axes: Axes, label: str, x_label: str = "time [ms]") -> Axes:
     if axes.get_legend_handles_labels()[1]:
         axes.legend()
     return axes
+
+
+def __dir__() -> list[str]:
+    return __all__

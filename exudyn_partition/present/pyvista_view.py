@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from ..errors import InputError
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.facets import flat_triangles
@@ -28,12 +26,15 @@ from .graphics import (
     fields_at,
     peak_time,
     pieces_of,
+    places_of,
     rigid_shapes,
     time_of,
     title_of,
     validate_pixels,
     validate_scale,
 )
+
+__all__ = ["plotter", "turntable"]
 
 _GREY = "#9a9aa0"
 _AMBIENT = 0.5  # brightness without light: shadows must not look like small values
@@ -110,7 +111,7 @@ def plotter(
             diffuse=1 - _AMBIENT,
             scalar_bar_args={"title": title, **_BAR},
         )
-    for rigid in rigid_shapes(result, frame.t, np.vstack(places)[None]):
+    for rigid in rigid_shapes(result, frame.t, places_of(pieces, places)):
         scene.add_mesh(polydata(rigid.at(0), rigid.triangles), color=_GREY, show_scalar_bar=False)
     scene.add_text("\n".join([f"t = {frame.t[0]:.6g} s", *said]), font_size=10, color="black")
     scene.set_background("white")
@@ -172,3 +173,7 @@ def turntable(
             file, format="GIF", save_all=True, append_images=pictures[1:], duration=1e3 * period / count, loop=0
         )
     return path
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -51,6 +51,7 @@ from .graphics import (
     grey,
     peak_time,
     pieces_of,
+    places_of,
     rigid_shapes,
     rigid_surfaces,
     time_of,
@@ -59,8 +60,10 @@ from .graphics import (
     validate_scale,
 )
 
+__all__ = ["CreatePartitionView", "picture", "show"]
+
 Fields = Callable[[MainSystem, BodyFields], dict[str, Array]]  # returns the present fields
-Rigid = Callable[[MainSystem, Array], list[GraphicsData]]  # returns rigid surfaces, as far as places, (n, 3), extend
+Rigid = Callable[[MainSystem, list[Array]], list[GraphicsData]]  # returns rigid surfaces, for places of the pieces
 
 _AMBIENT = 0.8  # brightness without light: shadows must not look like small values
 _MARGIN = 0.6  # half of a picture's height, relative to the diagonal of the bodies
@@ -125,11 +128,11 @@ def CreatePartitionView(
         if "oFFRFreducedOrder" in piece.item:  # which would be drawn over it
             mbs.SetObjectParameter(piece.item["oFFRFreducedOrder"], "Vshow", False)
 
-    def rigid(mbs: MainSystem, places: Array) -> list[GraphicsData]:
+    def rigid(mbs: MainSystem, places: list[Array]) -> list[GraphicsData]:
         def pose(contact: PartitionContact) -> Pose | None:
             return None if contact.carrier is None else contact.carrier.drawn_pose(mbs)
 
-        return rigid_surfaces(partition_items(mbs)[1], places, pose)
+        return rigid_surfaces(partition_items(mbs)[1], np.vstack(places), pose)
 
     return _add(mbs, pieces, fields, field, scale, limits, rigid)
 
@@ -285,8 +288,8 @@ def _scene(
     def fields(mbs: MainSystem, piece: BodyFields) -> dict[str, Array]:
         return at_sample(piece)
 
-    def rigid(mbs: MainSystem, places: Array) -> list[GraphicsData]:
-        shapes = rigid_shapes(result, result.t[[now()]], places[None])
+    def rigid(mbs: MainSystem, places: list[Array]) -> list[GraphicsData]:
+        shapes = rigid_shapes(result, result.t[[now()]], places_of(pieces, places))
         return [grey(shape.at(0), shape.triangles) for shape in shapes]
 
     _add(mbs, pieces, fields, field, scale, limits, rigid, turn)
@@ -326,7 +329,7 @@ def _graphics(
     scale: float,
     limits: Array | None,
     turn: Rotation,
-    rigid: Callable[[Array], list[GraphicsData]],
+    rigid: Callable[[list[Array]], list[GraphicsData]],
 ) -> list[GraphicsData]:
     """Exudyn's graphics data of the deformed surfaces, of rigid surfaces, and of the scale of the colours."""
     places, values = drawn_fields(pieces, fields, field, scale)
@@ -339,7 +342,11 @@ def _graphics(
         share = (value - least) / (largest - least) if largest > least else np.zeros(len(value))
         triangles = flat_triangles(piece.cells)[0]
         drawn.append({"type": "TriangleList", "points": place, "colors": colours(share), "triangles": triangles})
-    surfaces = rigid(np.vstack(places))
+    surfaces = rigid(places)
     seen = np.vstack([*places, *(np.asarray(surface["points"]) for surface in surfaces)])
     ends = f"{least:.3g}", f"{largest:.3g}"
     return [*drawn, *surfaces, *colour_bar(seen, turn, colours, title_of(field, scale), ends)]
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -21,6 +21,7 @@ from ..plasticity.dilatation import with_free_zones
 from ..plasticity.zone_flexibility import ZoneFlexibility
 from ..support.archive import Format
 from ..support.arrays import Array, Vector
+from ..support.attributes import for_users
 from ..support.checks import (
     check_floats,
     check_indices,
@@ -513,6 +514,9 @@ class ReducedBody:
             If the folder does not exist, or `path` is one.
         """
         FILE.save(path, self if validate_flag("inside", inside) else self.without_inside())
+
+    def __dir__(self) -> list[str]:
+        return for_users(self, {"check_fem", "check_inside", "check_nodes", "fingerprint", "has_inside"})
 
     def __repr__(self) -> str:
         return (

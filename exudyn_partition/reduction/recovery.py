@@ -427,3 +427,7 @@ def _local_coordinates(kind: Kind, nodes: Array, targets: Array) -> Array:
             break
     local[moving] = np.nan
     return local
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -4,3 +4,7 @@ from .full_body import FullBody
 from .two_bodies import simulate
 
 __all__ = ["FullBody", "simulate"]
+
+
+def __dir__() -> list[str]:
+    return __all__

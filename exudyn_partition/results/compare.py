@@ -16,6 +16,8 @@ from ..support.arrays import Array
 from ..support.checks import validate_choice, validate_number, validate_type
 from .history import History
 
+__all__ = ["Comparison", "compare", "front", "versions"]
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -175,3 +177,7 @@ def versions() -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             found[package] = "not installed"
     return found
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -29,7 +29,7 @@ from ..present.tables import dataframe, dataset
 from ..results.history import History
 from ..results.newmark import Newmark
 from ..support.arrays import Array
-from ..support.attributes import no_attribute
+from ..support.attributes import for_users, no_attribute
 from ..support.checks import validate_integer, validate_text, validate_times, validate_type
 from ..support.files import writable
 from ..support.foreign import DataFrame, Dataset, MainSystem, SensorIndex
@@ -130,6 +130,9 @@ class Result:
         def __getattr__(self, name: str) -> object:
             """Raise an error that names the right attribute instead of a missing one."""
             raise no_attribute(self, name, _MEANT)
+
+    def __dir__(self) -> list[str]:
+        return for_users(self, {"item_work", "kept", "marks", "newmark", "runs", "seldom", "sensor_of"})
 
     def __repr__(self) -> str:
         step = f"{self.steps} steps of {self.step:.4g} s, {self.method}, " if self.method else ""

@@ -134,7 +134,8 @@ def test_a_carried_surface_is_drawn_where_its_carrier_is(round_body):
     assert turn[2, 1] == pytest.approx(np.sin(0.3), rel=1e-3)
     np.testing.assert_allclose(local[:, 2], 0.004, atol=1e-8)
     assert SC.renderer.GetGraphicsData()["texts"]["text"][-1] == "deformation [m]"
-    kept, brick = rigid_shapes(result, result.t[-1:], item.body.points[None])  # the same in pictures of the result
+    # As pictures of the result have it.
+    kept, brick = rigid_shapes(result, result.t[-1:], {item: item.body.points[None]})
     assert np.ptp(brick.points, axis=0) == pytest.approx([0.01] * 3)  # which Exudyn draws for the inertia
     cos = abs(kept.turn[0, :, 2] @ turn[:, 2])
     assert cos == pytest.approx(1.0, abs=1e-12)
