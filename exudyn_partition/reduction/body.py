@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
+from ..algebra.sparse.flexibility import KeptFlexibility
+from ..algebra.sparse.kept_fronts import KeptFronts
 from ..errors import InputError
 from ..fe.facets import nodal_area
 from ..fe.material import Material
@@ -542,9 +544,20 @@ def _constants(material: Material) -> str:
 
 FILE = Format(
     name="reduced body",
-    version=7,
+    version=8,
     units="SI (m, kg, s, N, rad), or the consistent units that the FE model was made in",
-    classes=(ReducedBody, ReducedBasis, ZoneFlexibility, InertiaIntegrals, Estimate, Material, Partition, *PARTS),
+    classes=(
+        ReducedBody,
+        ReducedBasis,
+        ZoneFlexibility,
+        KeptFlexibility,
+        KeptFronts,
+        InertiaIntegrals,
+        Estimate,
+        Material,
+        Partition,
+        *PARTS,
+    ),
     packed=True,
 )
 

@@ -14,14 +14,15 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.krylov import BlockKrylov, RitzPairs, columns, mass_normalised, orthonormal_complement
-from ..algebra.sparse.flexibility import FreeBodyFlexibility
+from ..algebra.sparse.flexibility import FreeBodyFlexibility, selection
 from ..algebra.sparse.multifrontal import Analysis
+from ..algebra.sparse.ordering import least_cover
 from ..algebra.sparse.solver import SparseFactors, factorise
 from ..errors import IndefiniteMatrixError, InputError
 from ..fe.model import FEModel, MassKind, node_dofs
 from ..fe.partition import Partition
 from ..fe.patches import Patch
-from ..plasticity.zone_flexibility import ZoneFlexibility, selection, zone_answers
+from ..plasticity.zone_flexibility import ZoneFlexibility
 from ..support.arrays import Array
 from ..support.progress import Progress
 from .loads import attached_loads, patch_rows, patch_slice, resultants, unit_loads
@@ -33,6 +34,7 @@ DROP_ABOVE = 1.5  # Ritz pairs above this multiple of f_cut are left to the resi
 _GROWTH = 10  # Krylov vectors between two looks at the mobility
 LARGE = 20_000  # dofs, from which on memory and time of factors matter
 ROUGH = 1e-3  # largest relative error of Krylov vectors, in the norm of energy
+_EDGE = 1.25  # radius of what is eliminated last around a plastic zone, by its own
 SETTLED = 0.1  # largest relative change of a load's mobility over the band, by the last growth
 _MEMORY = 0.02  # decay rate of the mobility's Laplace variable, by the frequency, so that no single resonance decides
 # Laplace variables at which the mobility is compared, by 2 pi f_cut: over the whole band, and over each octave below.
@@ -84,7 +86,34 @@ class FreeBody:
             )
         self.rigid = mass_normalised(self.model.rigid_modes, self.model.mass)
         K, M = self.model.stiffness, self.model.mass
-        self._analysis = Analysis(lambda: sp.csr_matrix(K.astype(bool) + M.astype(bool)))
+        self._analysis = Analysis(lambda: sp.csr_matrix(K.astype(bool) + M.astype(bool)), self._zone_edges)
+
+    def _zone_edges(self, pattern: sp.csr_matrix) -> list[Array]:
+        """Coordinates around the plastic zones: eliminated last, they let each be solved for without what is outside.
+
+        `pattern` is that of the stiffness, or more. Meshes get coarser outwards, so that a wider edge has fewer nodes.
+        """
+        edges: list[Array] = []
+        for patch in self.partition.patches:
+            if patch.plastic is None:
+                continue
+            self.zone_dofs(patch)
+            points = self.fem.points
+            away = np.linalg.norm(points - points[patch.nodes].mean(axis=0), axis=1)
+            edges.append(self._edge(pattern, away <= _EDGE * away[patch.plastic.nodes].max()))
+        return edges
+
+    def _edge(self, pattern: sp.csr_matrix, inside: Array) -> Array:
+        """Fewest coordinates, by nodes, that part the nodes inside, (n,) bool, from the others."""
+        first = self.model.column[::3]
+        nodes = np.flatnonzero(first >= 0)
+        graph = pattern[first[nodes]][:, first[nodes]]
+        inside = inside[nodes]
+        touching = (graph @ inside > 0) & (graph @ ~inside > 0)
+        edge = least_cover(graph, np.flatnonzero(inside & touching), np.flatnonzero(~inside & touching))
+        dofs = self.model.column[node_dofs(nodes[edge])]
+        found: Array = dofs[dofs >= 0]
+        return found
 
     def flexibility(self) -> FreeBodyFlexibility:
         """Its elastic flexibility; this costs a factorisation."""
@@ -97,10 +126,7 @@ class FreeBody:
         attached = attached_loads(self.fem, self.partition.interfaces, self.partition.loads) @ self.model.expand
         zones = {number: self.zone_dofs(patch) for number, patch in enumerate(self.partition.patches) if patch.plastic}
         flexibilities = {
-            number: ZoneFlexibility(
-                zone_answers(flexibility, self.model.stiffness, dofs),
-                _displacements(flexibility, selection(dofs, self.model.n), rows[patch_slice(self.partition, number)]),
-            )
+            number: _zone_flexibility(flexibility, dofs, rows[patch_slice(self.partition, number)])
             for number, dofs in zones.items()
         }
         return StaticAnswers(flexibility.at(rows), flexibility(attached.T.toarray()), flexibilities)
@@ -241,6 +267,18 @@ class AdaptedSpace(FreeBody):
         omega, combination = self.krylov.rayleigh_ritz(self.model.stiffness)
         keep = omega < DROP_ABOVE * 2 * np.pi * f_cut
         return RitzPairs(self.krylov.vectors @ combination[:, keep], omega[keep])
+
+
+def _zone_flexibility(flexibility: FreeBodyFlexibility, dofs: Array, rows: sp.csr_matrix) -> ZoneFlexibility:
+    """Flexibility of the dofs of a plastic zone, (k,), by forces there and on the rows of its patch, (r, n)."""
+    own, of_zone = flexibility.kept(dofs), selection(dofs, rows.shape[1])
+    outside = np.ones(rows.shape[1])
+    outside[dofs] = 0.0
+    within = (abs(rows) @ outside) == 0
+    of_patch = np.empty((len(dofs), rows.shape[0]))
+    of_patch[:, within] = own @ (of_zone @ rows[within].T).toarray()
+    of_patch[:, ~within] = _displacements(flexibility, of_zone, rows[~within])
+    return ZoneFlexibility(own, of_patch)
 
 
 def _displacements(flexibility: FreeBodyFlexibility, rows: sp.csr_matrix, loads: sp.csr_matrix) -> Array:

@@ -11,6 +11,7 @@ from ..algebra.krylov import columns
 from ..errors import MemoryLimitError, MemoryWarning
 from ..fe.model import FEModel
 from ..fe.partition import Partition
+from ..fe.patches import Patch
 from ..support.machine import available_memory
 
 _LOG = logging.getLogger(__name__)
@@ -40,11 +41,16 @@ def needed(models: Sequence[tuple[FEModel, Partition]], basis: str) -> float:
         kept += 8.0 * n * _KRYLOV
         if basis == "craig-bampton":  # the answer to every displacement of the boundary is a shape
             kept += 8.0 * n * 4 * 3 * nodes
-        zones = sum((3 * len(patch.plastic.nodes)) ** 2 for patch in partition.patches if patch.plastic)
-        zones *= basis != "free"  # which keeps the zones' nodes and needs no flexibility of them
-        at_work, kept = max(at_work, factors + 8.0 * _SQUARES * zones), kept + 8.0 * zones
+        if basis != "free":  # which keeps the zones' nodes and needs no flexibility of them
+            kept += sum(_zone(patch) for patch in partition.patches)
         rows += sum(len(patch.nodes) * patch.n_axes for patch in partition.patches)
     return at_work + kept + 8.0 * _SQUARES * rows**2
+
+
+def _zone(patch: Patch) -> float:
+    """Memory of the flexibility of a patch's plastic zone [bytes]."""
+    n = 0 if patch.plastic is None else 3 * len(patch.plastic.nodes)
+    return float(8 * (_FILL * n ** (4 / 3) + n * len(patch.nodes) * patch.n_axes))
 
 
 def _factors(fem: FEModel) -> float:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import scipy.sparse.linalg
+from oracles import box
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.sparse.multifrontal import Factorisation
@@ -83,3 +84,19 @@ def test_a_singular_matrix_is_an_error_of_both():
     for solver in (factorise, SuperLU):
         with pytest.raises(IndefiniteMatrixError):
             solver(sp.csc_matrix(singular))
+
+
+def test_a_plastic_zone_has_the_same_flexibility():
+    """Another solver has no fronts; the zone then keeps its inverse as one dense front."""
+    material = ep.Material(E=70e9, nu=0.33, rho=2700.0, yield_stress=200e6, hardening=500e6)
+    fem = ep.fe_model(box(10e-3, 12e-3, 4e-3), material, maxh=4e-3)
+    part = ep.Partition.ball(fem, (0, 0, 4e-3), 2e-3, plastic_radius=3e-3)
+    (own,) = ep.reduce(fem, part, f_cut=60e3).basis.zones
+    with solved_by(SuperLU):
+        (other,) = ep.reduce(fem, part, f_cut=60e3).basis.zones
+    assert len(other.own.fronts.starts) == 2 < len(own.own.fronts.starts)
+    everything = np.eye(len(own.own))
+    np.testing.assert_allclose(
+        own.own @ everything, other.own @ everything, rtol=0, atol=1e-8 * abs(own.of_patch).max()
+    )
+    np.testing.assert_allclose(own.of_patch, other.of_patch, rtol=0, atol=1e-8 * abs(own.of_patch).max())

@@ -7,11 +7,11 @@ import pytest
 from oracles import box, each_way
 
 import exudyn_partition as ep
+from exudyn_partition.contact.plasticity.zone_run import OrderedRows
 from exudyn_partition.errors import EmptyRegionError, InputError
-from exudyn_partition.fe.model import rigid_modes
+from exudyn_partition.fe.model import node_dofs, rigid_modes
 from exudyn_partition.plasticity.flow import PlasticState
 from exudyn_partition.plasticity.zone import PlasticZone
-from exudyn_partition.plasticity.zone_flexibility import zone_answers
 from exudyn_partition.reduction.free_body import FreeBody
 
 MATERIAL = ep.Material(E=70e9, nu=0.33, rho=2700.0, yield_stress=200e6, hardening=500e6)
@@ -98,7 +98,7 @@ def test_flexibility_of_the_zone_is_that_of_a_solution_for_each_force(model):
     loads = np.zeros((fem.n_dofs, len(dofs)))
     loads[dofs, np.arange(len(dofs))] = 1.0
     direct = flexibility(loads)[dofs]
-    found = zone_answers(flexibility, body.model.stiffness, dofs)
+    found = flexibility.kept(dofs) @ np.eye(len(dofs))
     assert abs(found - direct).max() < 1e-10 * abs(direct).max()
 
 
@@ -110,7 +110,7 @@ def test_flexibility_where_held_dofs_lie_in_the_zone(model):
     body = FreeBody(fem, partition)
     flexibility = body.flexibility()
     direct = flexibility(np.eye(fem.n_dofs))
-    found = zone_answers(flexibility, body.model.stiffness, np.arange(fem.n_dofs))
+    found = flexibility.kept(np.arange(fem.n_dofs)) @ np.eye(fem.n_dofs)
     assert abs(found - direct).max() < 1e-10 * abs(direct).max()
 
 
@@ -127,9 +127,33 @@ def test_the_basis_has_the_residual_flexibility_of_the_zone(model):
     np.testing.assert_allclose(
         zone.of_patch[normal][:, rows], F[np.ix_(rows, rows)], rtol=1e-7, atol=1e-9 * abs(F).max()
     )
-    np.testing.assert_allclose(
-        zone.own[np.ix_(normal, normal)], F[np.ix_(rows, rows)], rtol=1e-7, atol=1e-9 * abs(F).max()
-    )
+    np.testing.assert_allclose(zone.rows(normal)[:, normal], F[np.ix_(rows, rows)], rtol=1e-7, atol=1e-9 * abs(F).max())
+
+
+def test_a_saved_body_keeps_its_zones_in_every_bit(model, tmp_path):
+    body = ep.reduce(*model, f_cut=60e3)
+    body.save(tmp_path / "body.npz")
+    (zone,), (same,) = body.basis.zones, ep.load_body(tmp_path / "body.npz").basis.zones
+    forces = np.random.default_rng(4).standard_normal(len(zone.own))
+    np.testing.assert_array_equal(same.own @ forces, zone.own @ forces)
+    np.testing.assert_array_equal(same.of_patch, zone.of_patch)
+
+
+@pytest.mark.parametrize(("kind", "rounding"), [(float, 1e-12), (np.float32, 1e-4)])
+def test_products_with_some_rows_are_those_of_the_whole(model, kind, rounding):
+    """Dense rows in the order in which nodes come and go, and the fronts that some nodes reach."""
+    body = ep.reduce(*model, f_cut=60e3)
+    (zone,), rng = body.basis.zones, np.random.default_rng(5)
+    n, by_fronts = len(zone.own), zone.own if kind is float else zone.own.single()
+    ordered, size = OrderedRows(zone, kind), np.linalg.norm(zone.of_patch, axis=0).max()
+    for count in (5, 30, 12, 0, 30):
+        dofs = node_dofs(np.sort(rng.permutation(n // 3)[:count]))
+        forces, whole = rng.standard_normal(len(dofs)), np.zeros(n)
+        whole[dofs] = forces
+        exact = zone.own @ whole
+        for some in (ordered.at(dofs), by_fronts.at(dofs)):
+            np.testing.assert_allclose(some.spread(forces), exact, rtol=0, atol=rounding * size)
+            np.testing.assert_allclose(some.answer(forces), exact[dofs], rtol=0, atol=rounding * size)
 
 
 def test_zone_by_default_and_where_it_is_refused(model):

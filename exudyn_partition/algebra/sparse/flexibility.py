@@ -5,6 +5,7 @@ Theory: examples/site/theory.md, "Residual flexibility".
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,8 +13,89 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from ...support.arrays import Array
+from ...support.checks import check_floats, read_only
+from .kept_fronts import KeptFronts
 from .multifrontal import Analysis
 from .solver import factorise
+
+
+@dataclass(frozen=True, eq=False)
+class KeptFlexibility:
+    """Flexibility of k dofs of a body, C + V S V' [m/N], where fronts of the body's factors multiply by C.
+
+    Parameters
+    ----------
+    fronts : KeptFronts
+    vectors : (k, c) array
+        V.
+    weights : (c, c) array
+        S, symmetric.
+    """
+
+    fronts: KeptFronts
+    vectors: Array
+    weights: Array
+
+    def __post_init__(self) -> None:
+        check_floats("vectors", self.vectors, (len(self.fronts), None))
+        check_floats("weights", self.weights, (self.vectors.shape[1],) * 2)
+        read_only(self.vectors, self.weights)
+
+    def __len__(self) -> int:
+        return len(self.fronts)
+
+    def plus(self, vectors: Array, weights: Array) -> KeptFlexibility:
+        """Return C + V S V' + U diag(w) U' for vectors U, (k, j), and weights w, (j,)."""
+        weights = scipy.linalg.block_diag(self.weights, np.diag(weights))
+        return KeptFlexibility(self.fronts, np.hstack([self.vectors, vectors]), weights)
+
+    def single(self) -> KeptFlexibility:
+        """Return the same in single precision."""
+        thin = (values.astype(np.float32) for values in (self.vectors, self.weights))
+        return KeptFlexibility(self.fronts.single(), *thin)
+
+    def __matmul__(self, forces: Array) -> Array:
+        """Displacements of the dofs, (k,) or (k, p) [m], by forces on them [N]."""
+        found: Array = self.fronts @ forces + self.vectors @ (self.weights @ (self.vectors.T @ forces))
+        return found
+
+    def at(self, dofs: Array) -> LoadedDofs:
+        """Flexibility by forces on some of the dofs, (j,) places, alone."""
+        return LoadedDofs(self, dofs)
+
+
+class LoadedDofs:
+    """Flexibility by forces on j of the dofs of a `KeptFlexibility`.
+
+    Parameters
+    ----------
+    flexibility : KeptFlexibility
+    dofs : (j,) int array
+    """
+
+    def __init__(self, flexibility: KeptFlexibility, dofs: Array) -> None:
+        self._all, self._rows = flexibility, flexibility.fronts.rows[dofs]
+        self._fronts = flexibility.fronts.reached(dofs)
+        self._vectors = flexibility.vectors[dofs]
+
+    def answer(self, forces: Array) -> Array:
+        """Displacements of these dofs, (j,) or (j, p) [m], by forces on them [N]."""
+        forces = forces.astype(self._vectors.dtype)
+        found: Array = self._all.fronts.solve(forces, self._rows, self._fronts)
+        found += self._vectors @ (self._all.weights @ (self._vectors.T @ forces))
+        return found
+
+    def spread(self, forces: Array) -> Array:
+        """Displacements of all dofs, (k,) or (k, p) [m], by forces on these, (j,) or (j, p) [N]."""
+        forces = forces.astype(self._vectors.dtype)
+        found: Array = self._all.fronts.spread(forces, self._rows, self._fronts)
+        found += self._all.vectors @ (self._all.weights @ (self._vectors.T @ forces))
+        return found
+
+
+def selection(dofs: Array, n: int) -> sp.csr_matrix:
+    """Rows of the identity, (k, n), that select k of n dofs."""
+    return sp.csr_matrix((np.ones(len(dofs)), dofs, np.arange(len(dofs) + 1)), shape=(len(dofs), n))
 
 
 class FreeBodyFlexibility:
@@ -80,6 +162,15 @@ class FreeBodyFlexibility:
         mixed = (rows @ moved) @ at.T
         result: Array = held - mixed - mixed.T + at @ (self._mass_rigid.T @ moved) @ at.T
         return result
+
+    def kept(self, dofs: Array) -> KeptFlexibility:
+        """Elastic flexibility of some dofs, (k,) int array, by the fronts that they reach."""
+        fronts = self._factor.kept(selection(dofs, len(self._rigid)))
+        at, moved, work = self._rigid[dofs], self._moved[dofs], self._mass_rigid.T @ self._moved
+        held = np.eye(len(dofs))[:, np.isin(dofs, self._held)]  # what is held does not move, but its equation does
+        own, one, none = held.T @ (fronts @ held), np.eye(len(work)), np.zeros_like(work)
+        weights = scipy.linalg.block_diag(np.block([[(work + work.T) / 2, -one], [-one, none]]), -own)
+        return KeptFlexibility(fronts, np.hstack([at, moved, held]), weights)
 
     @cached_property
     def _moved(self) -> Array:

@@ -10,7 +10,13 @@ from ...support.compiled import unlocked
 
 @unlocked
 def eliminate_nodes(
-    starts: Array, neighbours: Array, sizes: Array, small: int, zeros_of_small: float, zeros_of_large: float
+    starts: Array,
+    neighbours: Array,
+    sizes: Array,
+    group: Array,
+    small: int,
+    zeros_of_small: float,
+    zeros_of_large: float,
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Eliminate nodes one by one, and put those together that may share a front; see `fronts._roots`.
 
@@ -22,6 +28,8 @@ def eliminate_nodes(
         Ascending for each node.
     sizes : (n,) int array
         Rows of each node.
+    group : (n,) int array
+        Nodes of one front are of one group.
     small, zeros_of_small, zeros_of_large :
         Fronts that eliminate at most so many rows may hold such a share of zeros; larger ones.
 
@@ -92,7 +100,8 @@ def eliminate_nodes(
             rows = n_rows[child] + n_rows[node]
             lacking = zeros[node] + zeros[child] + n_rows[child] * (n_rows[node] + n_below[node] - n_below[child])
             entries = rows * (rows + 1) // 2 + rows * n_below[node]
-            if lacking <= (zeros_of_small if rows <= small else zeros_of_large) * entries:
+            most = (zeros_of_small if rows <= small else zeros_of_large) * entries
+            if group[child] == group[node] and lacking <= most:
                 taken_by[child], n_rows[node], zeros[node] = node, rows, lacking
         if end > begin:
             next_child[node], first_child[least] = first_child[least], node

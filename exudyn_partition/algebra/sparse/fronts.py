@@ -6,6 +6,7 @@ Theory: J. W. H. Liu, The multifrontal method for sparse matrix solution: theory
 from __future__ import annotations
 
 import heapq
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -67,15 +68,27 @@ class _Front:
         self.peak = max(self.peak, left + self.n_below**2)
 
 
-def find_fronts(matrix: sp.csr_matrix) -> Fronts:
-    """Find the fronts of a matrix of symmetric pattern, (n, n), in the order of nested dissection."""
+def find_fronts(matrix: sp.csr_matrix, last: Sequence[Array] = ()) -> Fronts:
+    """Find the fronts of a matrix of symmetric pattern, (n, n), in the order of nested dissection.
+
+    Parameters
+    ----------
+    matrix : (n, n) csr matrix
+    last : sequence of int arrays
+        Groups of rows that come after all others, group by group. No front eliminates rows of two groups, so that what
+        lies before a group does not make its fronts larger.
+    """
     graph, node = node_graph(matrix)
-    order = nested_dissection(graph)
+    group = np.zeros(graph.shape[0], dtype=np.int64)
+    for number, rows in enumerate(last, 1):
+        group[node[rows]] = number
+    order = nested_dissection(graph, np.argsort(group, kind="stable")[np.count_nonzero(group == 0) :])
+    group = group[order]
     rank = np.empty(len(order), dtype=np.int64)
     rank[order] = np.arange(len(order))
     node = rank[node]  # nodes are numbered in that order from here on
     sizes = np.bincount(node, minlength=len(order))
-    fronts, todo = [], _roots(graph[order][:, order], sizes)
+    fronts, todo = [], _roots(graph[order][:, order], sizes, group)
     while todo:
         fronts.append(todo.pop())
         todo += fronts[-1].children
@@ -137,12 +150,15 @@ def two_parts(children: list[list[int]], work: list[int]) -> tuple[Array, Array,
     return np.flatnonzero(part == 0), np.flatnonzero(part == 1), np.flatnonzero(part == 2)
 
 
-def _roots(graph: sp.csr_matrix, sizes: Array) -> list[_Front]:
-    """Eliminate nodes one by one, and put those together that may share a front; return the fronts without a parent."""
+def _roots(graph: sp.csr_matrix, sizes: Array, group: Array) -> list[_Front]:
+    """Eliminate nodes one by one, and put those together that may share a front; return the fronts without a parent.
+
+    Nodes of a front are of one group, (n,) int array.
+    """
     lower = sp.csc_matrix(sp.tril(graph, -1))
     lower.sort_indices()
     limits = _SMALL, _SMALL_ZEROS, _ZEROS
-    front, n_rows, n_below, ends, below = loops.eliminate_nodes(lower.indptr, lower.indices, sizes, *limits)
+    front, n_rows, n_below, ends, below = loops.eliminate_nodes(lower.indptr, lower.indices, sizes, group, *limits)
     while (front[front] != front).any():
         front = front[front]
     leading, counts = np.unique(front, return_counts=True)

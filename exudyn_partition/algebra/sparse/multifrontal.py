@@ -6,7 +6,7 @@ Transactions on Mathematical Software 9, 1983.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from itertools import pairwise
@@ -20,6 +20,7 @@ from ...errors import IndefiniteMatrixError
 from ...support.arrays import Array
 from . import loops
 from .fronts import Fronts, find_fronts
+from .kept_fronts import KeptFronts, inside, reached
 from .loops import Factor, Factors
 
 _BLOCK = 96  # most right-hand sides that go through the fronts together
@@ -34,15 +35,22 @@ class Analysis:
     ----------
     pattern : function
         Makes a csr matrix of symmetric pattern, (n, n), with entries wherever one of those matrices has them.
+    last : function, optional
+        Gives groups of rows of that pattern that are eliminated last, see `find_fronts`.
     """
 
-    def __init__(self, pattern: Callable[[], sp.csr_matrix]) -> None:
-        self._pattern = pattern
+    def __init__(
+        self,
+        pattern: Callable[[], sp.csr_matrix],
+        last: Callable[[sp.csr_matrix], Sequence[Array]] = lambda pattern: (),
+    ) -> None:
+        self._pattern, self._last = pattern, last
 
     @cached_property
     def fronts(self) -> Fronts:
         """The fronts."""
-        return find_fronts(self._pattern())
+        pattern = self._pattern()
+        return find_fronts(pattern, self._last(pattern))
 
 
 class Factorisation:
@@ -227,6 +235,27 @@ class Factorisation:
             left[front] = some, x[k:] - below @ y
             result[np.ix_(some, some)] += y.T @ y if signs is None else y.T @ (signs[:, None] * y)
         return result
+
+    def kept(self, rows: sp.csr_matrix) -> KeptFronts:
+        """Cut out the fronts that solve for some rows, rows (k, n) of the identity, by right-hand sides there.
+
+        They are few if these rows, or the edge of their region, are eliminated last; see `Analysis`.
+        """
+        _, store, begins, starts, ends, changes, signs = self._factors
+        rank = np.empty(len(self._order), dtype=np.int64)
+        rank[self._order] = np.arange(len(rank))
+        chosen = reached(rank[rows.indices], starts, ends, changes)
+        mine = np.zeros(len(rank), dtype=bool)
+        mine[inside(starts, chosen)] = True
+        place = np.cumsum(mine) - 1
+        return KeptFronts(
+            store=np.concatenate([np.empty(0, store.dtype), *(store[begins[f] : begins[f + 1]] for f in chosen)]),
+            starts=np.r_[0, np.cumsum(np.diff(starts)[chosen])],
+            ends=np.r_[0, np.cumsum(np.diff(ends)[chosen])],
+            changes=place[changes[inside(ends, chosen)]],
+            signs=signs[mine],
+            rows=place[rank[rows.indices]],
+        )
 
     @property
     def nnz(self) -> int:

@@ -28,7 +28,7 @@ def node_graph(matrix: sp.csr_matrix) -> tuple[sp.csr_matrix, Array]:
     return pattern[first][:, first].astype(float), node
 
 
-def nested_dissection(graph: sp.csr_matrix) -> Array:
+def nested_dissection(graph: sp.csr_matrix, last: Array | None = None) -> Array:
     """Order the nodes of a graph, so that the factors of a matrix with its pattern fill little.
 
     A small set of nodes cuts the graph in two, and each half is cut again. A cut is eliminated after the parts that it
@@ -40,6 +40,8 @@ def nested_dissection(graph: sp.csr_matrix) -> Array:
     ----------
     graph : (n, n) csr matrix
         Of symmetric pattern; its entries are positive.
+    last : (k,) int array, optional
+        Nodes that come after all others, in this order.
 
     Returns
     -------
@@ -48,6 +50,9 @@ def nested_dissection(graph: sp.csr_matrix) -> Array:
     """
     pieces = []  # last eliminated first
     parts = [(graph, np.arange(graph.shape[0]))]
+    if last is not None and len(last):
+        others = np.delete(parts[0][1], last)
+        pieces, parts = [last], [(graph[others][:, others], others)]
     while parts:
         graph, nodes = parts.pop()
         side = cut(graph) if len(nodes) > _LEAF else None
@@ -79,7 +84,7 @@ def cut(graph: sp.csr_matrix) -> Array | None:
             best, side = cost[front], np.where(level <= front, -1, 1)
             touching = np.flatnonzero(level == front), np.flatnonzero(level == front + 1)
     if side is not None:
-        side[_least_cover(graph, *touching)] = 0
+        side[least_cover(graph, *touching)] = 0
     return side
 
 
@@ -97,7 +102,7 @@ def _fronts(graph: sp.csr_matrix, start: int) -> tuple[Array, Array]:
     return order, level
 
 
-def _least_cover(graph: sp.csr_matrix, left: Array, right: Array) -> Array:
+def least_cover(graph: sp.csr_matrix, left: Array, right: Array) -> Array:
     """Fewest nodes that touch every edge between `left` and `right`, by a largest matching (Koenig's theorem)."""
     edges = graph[left][:, right]
     mate = maximum_bipartite_matching(edges, perm_type="column")

@@ -14,6 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ...support.arrays import Array
+from .kept_fronts import KeptFronts
 from .multifrontal import Analysis, Factorisation
 
 
@@ -36,6 +37,10 @@ class SparseFactors(Protocol):
     def inverse_at(self, rows: sp.csr_matrix) -> Array:
         """R A^-1 R', (r, r), for sparse rows R, (r, n)."""
         return np.asarray(rows @ self.solve(rows.T.toarray()))
+
+    def kept(self, rows: sp.csr_matrix) -> KeptFronts:
+        """Keep what solves for some rows of a positive definite A, rows (k, n) of the identity: here a dense front."""
+        return KeptFronts.of_inverse(self.inverse_at(rows))
 
 
 Solver: TypeAlias = Callable[[sp.csc_matrix], SparseFactors]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...algebra.krylov import mass_normalised
-from ...algebra.sparse.flexibility import FreeBodyFlexibility
+from ...algebra.sparse.flexibility import FreeBodyFlexibility, KeptFlexibility
 from ...fe.model import node_dofs
 from ...frames.kinematics import Kinematics
 from ...plasticity.flow import PlasticState
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 _NEAR = 0.2  # of the yield stress: points that are nearer to flow are active together with those that flow
 _FEW = 16  # besides the points that flow, at most as many plus 2 * _FEW are active
+# Nodes of a zone up to which products are dense, and 3 to 4 times as quick. To make the rows of so many nodes takes a
+# second, and grows with more than the square of their number; time of products by fronts grows little faster than it.
+_MOST_DENSE = 1500
 _SPARE = 4  # points are chosen again if so many times the flowing points and _FEW are active
 
 
@@ -84,44 +87,70 @@ def deformed_at_rest(body: ReducedBody, force: Array) -> Array:
     return FreeBodyFlexibility(body.stiffness, body.mass, rigid)(force[:, None])[:, 0]
 
 
-class _Ordered:
-    """Flexibility of a zone with the nodes of active points first, so that products in a step need no copy.
+class OrderedRows:
+    """Flexibility of a small zone, dense, with the dofs that are loaded first, so that products need no copy.
+
+    Like `KeptFlexibility`, by whose fronts its rows are found when they are needed first.
 
     Parameters
     ----------
     given : ZoneFlexibility
     kind : type
         Type of the numbers in the products.
-
-    Attributes
-    ----------
-    nodes, place : (nz,) int arrays
-        Numbers of the nodes in this order, and the place of each node in it.
-    own : (3 nz, 3 nz) array
-        Flexibility in this order [m/N]. Only the rows of the first nodes are filled; the others take no memory.
-    of_patch : (3 nz, r) array
-        Displacements of the nodes, in the zone's own order, due to unit forces on the rows of the patch [m/N].
     """
 
     def __init__(self, given: ZoneFlexibility, kind: type) -> None:
-        self._given, self._filled = given.own, 0
-        self.nodes, self.place = np.arange(len(given.own) // 3), np.arange(len(given.own) // 3)
-        self.own: Array = np.empty(given.own.shape, kind)
-        self.of_patch: Array = given.of_patch.astype(kind)
+        n = len(given.own)
+        self._given, self._filled = given, 0
+        self._order, self._place = np.arange(n), np.arange(n)  # dofs in this order, and the place of each in it
+        self._rows: Array = np.empty((n, n), kind)  # of the first dofs, by all in this order; the others take no memory
 
-    def bring(self, nodes: Array) -> None:
-        """Move some nodes, (k,), to the front of the order."""
-        front, places = np.arange(len(nodes)), self.place[nodes]
-        leave, come = np.setdiff1d(front, places), places[places >= len(nodes)]
+    def at(self, dofs: Array) -> FirstRows:
+        """Flexibility by forces on some dofs, (m,), alone; only the last that was asked for can be used."""
+        front, places = np.arange(len(dofs)), self._place[dofs]
+        leave, come = np.setdiff1d(front, places), places[places >= len(dofs)]
         now, then = np.concatenate([leave, come]), np.concatenate([come, leave])
-        self.nodes[now] = self.nodes[then]
-        self.place[self.nodes[now]] = now
-        rows = self.own[: 3 * self._filled]
-        rows[:, node_dofs(now)] = rows[:, node_dofs(then)]
-        order, new = node_dofs(self.nodes), np.union1d(leave, front[self._filled :])
-        for row in node_dofs(new):
-            self.own[row] = self._given[order[row]].take(order)
-        self._filled = len(nodes)
+        self._order[now] = self._order[then]
+        self._place[self._order[now]] = now
+        rows = self._rows[: self._filled]
+        rows[:, now] = rows[:, then]
+        new = np.union1d(leave, front[self._filled :])
+        for row, values in zip(new, self._given.rows(self._order[new]), strict=True):
+            self._rows[row] = values.take(self._order)
+        self._filled = len(dofs)
+        return FirstRows(self._rows[: len(dofs)], self._place, self._place[dofs])
+
+
+class FirstRows:
+    """Flexibility by forces on the first of ordered dofs, like `LoadedDofs`.
+
+    Parameters
+    ----------
+    rows : (m, n) array
+        Displacements by unit forces there [m/N].
+    place : (n,) int array
+        Of each dof in this order.
+    first : (m,) int array
+        Places of the loaded dofs, as the forces are ordered.
+    """
+
+    def __init__(self, rows: Array, place: Array, first: Array) -> None:
+        self._rows, self._place, self._first = rows, place, first
+
+    def _moved(self, forces: Array, most: int | None) -> Array:
+        """Displacements of at most `most` first dofs in this order."""
+        rows = self._rows[:, :most]
+        force = np.empty(len(rows), rows.dtype)
+        force[self._first] = forces
+        return np.asarray(force @ rows)
+
+    def answer(self, forces: Array) -> Array:
+        """Displacements of these dofs, (m,) [m], by forces on them, (m,) [N]."""
+        return self._moved(forces, len(forces))[self._first]
+
+    def spread(self, forces: Array) -> Array:
+        """Displacements of all dofs, (n,) [m], by forces on these, (m,) [N]."""
+        return self._moved(forces, None)[self._place]
 
 
 class _Active:
@@ -132,8 +161,10 @@ class _Active:
     motion : ZoneMotion
     chosen : (g,) bool array
         The points.
-    ordered : _Ordered
-        Flexibility of the zone. Its order fits one choice of points only.
+    own : OrderedRows or KeptFlexibility
+        Flexibility of the zone.
+    of_patch : (3 nz, r) array
+        Displacements of the zone's nodes due to unit forces on the rows of the patch [m/N].
 
     Attributes
     ----------
@@ -144,13 +175,11 @@ class _Active:
         Displacements of their nodes, among those of the zone.
     """
 
-    def __init__(self, motion: ZoneMotion, chosen: Array, ordered: _Ordered) -> None:
+    def __init__(self, motion: ZoneMotion, chosen: Array, own: OrderedRows | KeptFlexibility, of_patch: Array) -> None:
         self.points, self.part = np.flatnonzero(chosen), motion.zone.part(chosen)
         self.dofs = node_dofs(self.part.nodes)
-        ordered.bring(self.part.nodes)
-        self._ordered, self._back = ordered, node_dofs(ordered.place)
-        self._first = self._back[self.dofs]
-        self._of_patch = ordered.of_patch[self.dofs]
+        self._own = own.at(self.dofs)
+        self._of_patch = of_patch[self.dofs]
         self._rows = motion.kinematics.rows[self.dofs]
 
     def moved(self, q: Array, before: Array) -> Array:
@@ -165,20 +194,13 @@ class _Active:
         """Displacements of the rows of the patch, (r,) [m], due to a change of the pseudo-forces, (m,) [N]."""
         return np.asarray(change.astype(self._of_patch.dtype) @ self._of_patch)
 
-    def _answer(self, change: Array, most: int | None) -> Array:
-        """Displacements of at most `most` first dofs in this order, due to a change of the pseudo-forces, (m,)."""
-        own = self._ordered.own[: len(change), :most]
-        force = np.empty(len(change), own.dtype)
-        force[self._first] = change
-        return np.asarray(force @ own)
-
     def answer(self, change: Array) -> Array:
         """Displacements of the nodes, (m,) [m], due to a change of the pseudo-forces on them, (m,) [N]."""
-        return self._answer(change, len(change))[self._first]
+        return self._own.answer(change)
 
     def push(self, change: Array) -> Array:
         """Displacements of all nodes of the zone, (3 nz,) [m], due to a change of the pseudo-forces, (m,) [N]."""
-        return self._answer(change, None)[self._back]
+        return self._own.spread(change)
 
     def generalised(self, change: Array) -> Array:
         """Forces on the last coordinates of the body, (n,), from a change of the pseudo-forces, (m,) [N]."""
@@ -212,7 +234,7 @@ class ZoneRun:
     def __init__(self, motion: ZoneMotion) -> None:
         assert motion.flexibility is not None
         self.motion, self.zone, self.flexibility = motion, motion.zone, motion.flexibility
-        self._ordered = _Ordered(self.flexibility, float)
+        self._use(float)
         # Von Mises stress is a norm. These bound its growth for a unit change of each coordinate and patch force.
         self._by_q, self._by_force = map(self._largest, (motion.kinematics.rows, self.flexibility.of_patch))
         self.reset()
@@ -226,9 +248,19 @@ class ZoneRun:
     def for_run(self, kind: type) -> Self:
         """Return the same zone in its start state, for another run with numbers of this dtype in large products."""
         result = copy.copy(self)
-        result._ordered = _Ordered(self.flexibility, kind)
+        result._use(kind)
         result.reset()
         return result
+
+    def _use(self, kind: type) -> None:
+        """Take numbers of this dtype in large products."""
+        own = self.flexibility.own
+        self._own: OrderedRows | KeptFlexibility
+        if len(self.zone.nodes) <= _MOST_DENSE:
+            self._own = OrderedRows(self.flexibility, kind)
+        else:
+            self._own = own.single() if np.dtype(kind) == np.float32 else own
+        self._of_patch: Array = self.flexibility.of_patch.astype(kind)
 
     def reset(self) -> None:
         """Go back to the start."""
@@ -369,8 +401,8 @@ class ZoneRun:
     def _excess(self, state: PlasticState) -> Array:
         """Von Mises stress beyond the flow stress, (g,) [Pa], with the present pseudo-forces."""
         q, force = self._at
-        of_patch = self._ordered.of_patch
-        moved = self.motion.kinematics.rows @ q + of_patch @ force.astype(of_patch.dtype) + self._moved
+        by_patch = self._of_patch @ force.astype(self._of_patch.dtype)
+        moved = self.motion.kinematics.rows @ q + by_patch + self._moved
         return self.zone.excess(moved, state)
 
     def _near(self, excess: Array, flow: int) -> Array:
@@ -381,7 +413,7 @@ class ZoneRun:
         return near
 
     def _choose(self, chosen: Array) -> None:
-        self._chosen, self._active = chosen, _Active(self.motion, chosen, self._ordered)
+        self._chosen, self._active = chosen, _Active(self.motion, chosen, self._own, self._of_patch)
         self._begin = self._strain = None
 
     def stored(self) -> float:

@@ -1,0 +1,159 @@
+"""Fronts cut out of the factors of a matrix: they solve for some rows as the whole factors would.
+
+A right-hand side that is zero outside of some rows reaches their fronts, and the fronts that these change, up to the
+last. The solution at the same rows needs no others. So the rest of the factors may go, and nothing is inverted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import scipy.linalg
+
+from ...errors import InputError
+from ...support.arrays import Array
+from ...support.checks import check_floats, check_indices, read_only
+from . import loops
+from .loops import Factor, Factors
+
+_BLOCK = 96  # most right-hand sides that go through the fronts together
+
+
+@dataclass(frozen=True, eq=False)
+class KeptFronts:
+    """Some fronts of the factors of a matrix A, which solve for k of its rows; see `multifrontal.Factorisation.kept`.
+
+    Parameters
+    ----------
+    store : array
+        `inverse` and `below` of each front, see `loops.Factor`, with their columns one behind the other.
+    starts, ends : (nf + 1,) int arrays
+        Where a front begins in the order of elimination, and in `changes`.
+    changes : int array
+        Rows that the fronts change beyond those that they eliminate.
+    signs : (n,) array
+        Of all rows that these fronts eliminate.
+    rows : (k,) int array
+        Places of the k rows in the order of elimination.
+    """
+
+    store: Array
+    starts: Array
+    ends: Array
+    changes: Array
+    signs: Array
+    rows: Array
+
+    def __post_init__(self) -> None:
+        check_floats("signs", self.signs, (None,))
+        n = len(self.signs)
+        check_indices("changes", self.changes, (None,), n)
+        _check_bounds("starts", self.starts, n)
+        _check_bounds("ends", self.ends, len(self.changes))
+        check_indices("rows", self.rows, (None,), n)
+        if len(self.starts) != len(self.ends):
+            raise InputError(f"ends: expected {len(self.starts)} bounds, as of starts, got {len(self.ends)}")
+        check_floats("store", self.store, (int(self._begins[-1]),))
+        read_only(self.store, self.starts, self.ends, self.changes, self.signs, self.rows)
+
+    @classmethod
+    def of_inverse(cls, inverse: Array) -> KeptFronts:
+        """One front that multiplies by a positive definite matrix, (k, k)."""
+        k, none = len(inverse), np.empty(0, dtype=np.int64)
+        factor = scipy.linalg.cholesky(inverse, check_finite=False)
+        return cls(factor.ravel(order="F"), np.array([0, k]), np.array([0, 0]), none, np.ones(k), np.arange(k))
+
+    @cached_property
+    def _begins(self) -> Array:
+        """Where each front begins in `store`, (nf + 1,) int array."""
+        own, below = np.diff(self.starts), np.diff(self.ends)
+        begins: Array = np.r_[0, np.cumsum(own * (own + below))]
+        return begins
+
+    @cached_property
+    def _factors(self) -> Factors:
+        fronts = []
+        for front, (start, end) in enumerate(pairwise(self.starts.tolist())):
+            changes, entries = (
+                values[at[front] : at[front + 1]]
+                for values, at in ((self.changes, self.ends), (self.store, self._begins))
+            )
+            k, m = end - start, len(changes)
+            inverse, below = entries[: k * k].reshape((k, k), order="F"), entries[k * k :].reshape((m, k), order="F")
+            fronts.append(Factor(slice(start, end), changes, inverse, self.signs[start:end], below))
+        return Factors(fronts, self.store, self._begins, self.starts, self.ends, self.changes, self.signs)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def single(self) -> KeptFronts:
+        """Return the same in single precision: half of the memory, and quicker solutions."""
+        return replace(self, store=self.store.astype(np.float32), signs=self.signs.astype(np.float32))
+
+    def reached(self, some: Array) -> Array:
+        """Fronts that solve for some of the k rows, (j,) int array, by right-hand sides there."""
+        return reached(self.rows[some], self.starts, self.ends, self.changes)
+
+    def entries(self, fronts: Array) -> int:
+        """Numbers that some fronts hold."""
+        return int(np.diff(self._begins)[fronts].sum())
+
+    def solve(self, rhs: Array, rows: Array, fronts: Array) -> Array:
+        """Solve at some rows, (j,) places, by right-hand sides there, (j,) or (j, p), with the fronts they reach."""
+        x = np.zeros((len(self.signs), *rhs.shape[1:]), self.store.dtype)
+        x[rows] = rhs
+        loops.push(x, self._factors, fronts)
+        loops.pull(x, self._factors, fronts)
+        return np.asarray(x[rows])
+
+    def spread(self, rhs: Array, rows: Array, fronts: Array) -> Array:
+        """Solve at all k rows by a right-hand side at some, (j,) or (j, p), with the fronts that these reach."""
+        x = np.zeros((len(self.signs), *rhs.shape[1:]), self.store.dtype)
+        x[rows] = rhs
+        loops.push(x, self._factors, fronts)
+        loops.pull(x, self._factors, np.arange(len(self.starts) - 1))
+        return np.asarray(x[self.rows])
+
+    def __matmul__(self, rhs: Array) -> Array:
+        """Solve at the k rows, for one, (k,), or many, (k, p), right-hand sides; these in blocks."""
+        everything = np.arange(len(self.starts) - 1)
+        if rhs.ndim == 1:
+            return self.solve(rhs, self.rows, everything)
+        result = np.empty(rhs.shape, self.store.dtype, order="F")
+        for first in range(0, rhs.shape[1], _BLOCK):
+            some = slice(first, first + _BLOCK)
+            result[:, some] = self.solve(rhs[:, some], self.rows, everything)
+        return result
+
+
+def reached(rows: Array, starts: Array, ends: Array, changes: Array) -> Array:
+    """Fronts that eliminate some rows, (k,) places in the order of elimination, and those that they change; ascending.
+
+    `starts`, `ends` and `changes` are as in `KeptFronts`; the first row that a front changes is the least.
+    """
+    n_fronts = len(starts) - 1
+    front_of = np.repeat(np.arange(n_fronts), np.diff(starts))
+    needed = np.zeros(n_fronts + 1, dtype=bool)
+    needed[front_of[rows]] = True
+    changing = np.diff(ends) > 0
+    parent = np.full(n_fronts, n_fronts)
+    parent[changing] = front_of[changes[ends[:-1][changing]]]
+    for front in np.flatnonzero(changing).tolist():
+        if needed[front]:
+            needed[parent[front]] = True
+    return np.flatnonzero(needed[:-1])
+
+
+def _check_bounds(name: str, bounds: Array, end: int) -> None:
+    check_indices(name, bounds, (None,))
+    if not len(bounds) or bounds[0] != 0 or bounds[-1] != end or (np.diff(bounds) < 0).any():
+        raise InputError(f"{name}: expected bounds that ascend from 0 to {end}")
+
+
+def inside(bounds: Array, chosen: Array) -> Array:
+    """Indices within some of the spans between bounds, (n + 1,), one span after the other."""
+    sizes = np.diff(bounds)[chosen]
+    return np.repeat(bounds[:-1][chosen] - np.cumsum(sizes) + sizes, sizes) + np.arange(sizes.sum())
