@@ -29,7 +29,8 @@ _CAUTION = 0.9  # share of the time to contact that is used: the error grows wit
 _LANDING = 0.5  # share of the step at contact: time between the end of the last long step and contact
 _LIFTED = 2.0  # contact steps: longer steps in which a contact opens are taken again
 _LASTS = 3.0  # times from the closing of a contact to its largest force, after which it lasts
-_IN_IMPACTS = 1e-1  # share of the tolerance of velocities in impacts: there errors of all steps add up
+_FALLEN = 0.5  # share of its largest force below which an impact is about to end
+_IN_IMPACTS = 5e-2  # share of the tolerance of velocities in impacts: there errors of all steps add up
 _SAME = 1 + 1e-9  # ratio of steps that are the same
 
 
@@ -153,21 +154,34 @@ class Closing:
         Largest force so far [N].
     peak_time : float
         Time of this force since it closed [s].
+    least : float
+        Least force since then [N].
+    risen : float
+        Largest force until the force last rose again to half of it, after it had fallen below [N].
     """
 
     time: float
     peak: float
     peak_time: float
+    least: float
+    risen: float = 0.0
 
     def after(self, step: float, force: float) -> Closing:
         """Return the contact after a step [s], at whose end it has this force [N]."""
-        time = self.time + step
-        return Closing(time, force, time) if force > self.peak else replace(self, time=time)
+        time, least = self.time + step, min(self.least, force)
+        risen = self.peak if least < _FALLEN * self.peak < force else self.risen
+        if force > self.peak:
+            return Closing(time, force, time, force, risen)
+        return Closing(time, self.peak, self.peak_time, least, risen)
 
     @property
     def lasts(self) -> bool:
-        """Whether the contact lasts: an impact would have ended, for bodies part as fast as they met, or faster."""
-        return self.time > _LASTS * self.peak_time
+        """Whether the contact lasts.
+
+        An impact would have ended, for bodies part as fast as they met, or faster. Or it was about to end, but the
+        force has risen again.
+        """
+        return self.time > _LASTS * self.peak_time or self.risen > _FALLEN * self.peak
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +303,7 @@ class StepControl:
             return None
         mechanics = self._run_of(self.contacts[i]).mechanics
         force = float(mechanics.lam.take(mechanics.index).sum())
-        return Closing(0.0, force, 0.0) if before is None else before.after(last, force)
+        return Closing(0.0, force, 0.0, force) if before is None else before.after(last, force)
 
     @property
     def _share(self) -> float:

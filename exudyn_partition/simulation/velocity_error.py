@@ -21,7 +21,6 @@ _GROWTH, _STRIDE = 1.5, 2.0  # from one step to the next, if a step longer by th
 _REFUSED = 2.0  # tolerances: errors above are not accepted
 _SHORTEST = 0.25  # of a step that is not accepted
 _STORED = 1e-6  # share of the energy stored at present that errors are compared with at least, for bodies at rest
-_MINOR = 1e-4  # share of the energy of all bodies' velocities that errors of one body are compared with at least
 
 
 class BodyMotion(NamedTuple):
@@ -41,8 +40,9 @@ class BodyMotion(NamedTuple):
 class VelocityError:
     """Error of velocities in the steps so far: a value from which the next step follows.
 
-    Errors of each body are shares of half of its largest change of velocity since the start. So neither a common
-    velocity nor constant spin makes errors look small. A bounce changes velocities twice.
+    Errors are shares of the largest changes of velocity since the start. So neither a common velocity nor constant spin
+    makes errors look small. The error of a body compares with the geometric mean of its own energy in these changes and
+    that of all bodies. So a heavy body hardly hides the errors of a light one.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class VelocityError:
     stored : float
         Energy that bodies and contacts store [J]. Errors of bodies at rest are compared with a small share of it.
     squares : (nb,) array
-        Twice the kinetic energy of half of each body's largest change of velocity so far [J].
+        Twice the kinetic energy of each body's largest change of velocity so far [J].
     before : (n,) array
         Accelerations at the end of the last step.
     rate : float
@@ -84,7 +84,7 @@ class VelocityError:
         """Error of a step [s] that ends in this motion."""
         errors = (step / 12) ** 2 * self._squares(now.q_tt - self.before)
         squares = self._moved(now)
-        scale = np.maximum(squares, max(_MINOR * float(squares.sum()), 2 * _STORED * self.stored))
+        scale = np.maximum(np.sqrt(squares * squares.sum()), 2 * _STORED * self.stored)
         if (scale > 0).all():
             return math.sqrt(float((errors / scale).max()))
         return math.inf if errors.any() else 0.0
@@ -122,7 +122,7 @@ class VelocityError:
 
     def _moved(self, now: BodyMotion) -> Array:
         """Return `squares` with the changes of velocity until now."""
-        value: Array = np.maximum(self.squares, self._squares(now.q_t - self.start) / 4)
+        value: Array = np.maximum(self.squares, self._squares(now.q_t - self.start))
         return value
 
     def _squares(self, changes: Array) -> Array:
