@@ -120,8 +120,8 @@ def solve_dynamic(
         longer, and damp it. Default: 1e-4.
     velocity_tolerance : float, optional
         Error of velocities that an implicit step of an adaptive run may have in lasting contact, as a share of the
-        largest changes of velocity so far; in impacts a twentieth of it. Default, and most: 1e-3. Take 1e-4 for histories of forces,
-        or if gentle impacts follow a hard one.
+        largest changes of velocity so far; in impacts a twentieth of it. Default, and most: 1e-3. Take 1e-4 for
+        histories of forces, or if gentle impacts follow a hard one.
     settings : exudyn.SimulationSettings, optional
         All other settings. Start, end, number of steps, spectral radius, period of samples and adaptive steps are set
         in it. For all else Exudyn's own defaults hold: they solve by dense matrices, and write a file with the
