@@ -6,8 +6,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from ..errors import InputError, MeshError
+from ..errors import MeshError
 from ..support.arrays import Array
+from .halves import joined
 from .shapes import QUADS
 
 # Flat triangles that a facet is split into, by the number of its nodes.
@@ -27,6 +28,8 @@ NODAL_SHARES = {
     8: np.r_[np.full(4, 1 / 24), np.full(4, 5 / 24)],
     10: np.r_[np.full(3, 1 / 30), np.full(6, 3 / 40), 9 / 20],
 }
+# A half of a quadrilateral has half of its area, and the same part of each share.
+NODAL_SHARES |= {k: joined(NODAL_SHARES[n], NODAL_SHARES[m]) for k, n, m in ((7, 3, 4), (13, 6, 8))}
 
 
 def facet_corners(facets: Array) -> Array:
@@ -51,24 +54,10 @@ def by_shape(facets: Array) -> list[tuple[Array, Array]]:
     return [(rows, columns) for rows, columns in found if len(rows)]
 
 
-def of_one_shape(facets: Array) -> Array:
-    """Facets of a patch, triangles among quadrilaterals as such.
-
-    Raises
-    ------
-    InputError
-        If some are triangles and some are not.
-    """
+def unfolded(facets: Array) -> Array:
+    """Facets of a patch: triangles among quadrilaterals as such, if there are no others."""
     parts = by_shape(facets)
-    if len(parts) > 1:
-        triangles = np.count_nonzero(folded(facets))
-        raise InputError(
-            f"expected a contact patch of facets of one shape, got {triangles} triangles and "
-            f"{len(facets) - triangles} quadrilaterals. Choose a smaller region or other faces; or mesh the body such "
-            "that the place of contact has one kind of elements"
-        )
-    rows, columns = parts[0]
-    return facets[rows][:, columns]
+    return facets if len(parts) > 1 else facets[:, parts[0][1]]
 
 
 def flat_triangles(facets: Array) -> tuple[Array, Array]:

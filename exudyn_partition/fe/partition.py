@@ -24,7 +24,7 @@ from ..support.checks import (
     validate_type,
     validate_vector,
 )
-from .facets import of_one_shape
+from .facets import unfolded
 from .facing import connected, facing_facets
 from .model import FEModel, same_mesh
 from .patch_facets import Faces, ball_facets, local_normals, mean_direction, show, smooth_rim, widened
@@ -257,7 +257,7 @@ class Partition:
             )
         _warn_of_size(fem, radius=radius if contact_radius is None else None, plastic_radius=plastic_radius)
         chosen, line, rim = ball_facets(fem, center, reach, direction, nodes)
-        facets = of_one_shape(fem.facets[chosen])
+        facets = unfolded(fem.facets[chosen])
         material, plastic = fem.material_beneath(chosen), None
         if plastic_radius is not None and not material.plastic:
             raise InputError("plastic_radius: the material is elastic; give hardening= to it, 0 for none")
@@ -319,7 +319,7 @@ class Partition:
         validate_type("fem", fem, FEModel, "fe_model()")
         validate_choice("axes", axes, AXES)
         number = selected_facets(fem, faces, cylinder, plane, near)
-        facets = of_one_shape(fem.facets[number])
+        facets = unfolded(fem.facets[number])
         normals, size = local_normals(fem.points, facets), np.ptp(fem.points[facets], axis=(0, 1))
         line, rim = mean_direction(fem.points, facets), smooth_rim(fem, number, normals)
         material = None if fem.regions is None else fem.material_beneath(number)

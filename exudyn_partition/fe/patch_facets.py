@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import EmptyRegionError, InputError
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_array, validate_choice, validate_vector, validate_whole
-from .facets import area_vectors, facet_corners
+from .facets import area_vectors, by_shape, facet_corners
 from .model import FEModel
 
 Faces = str | Sequence[str] | Array | Sequence[int] | tuple[Vector, Vector]
@@ -150,8 +150,10 @@ def local_normals(points: Array, facets: Array) -> Array:
     vectors = area_vectors(points, facets)
     around = np.zeros((len(nodes), 4))
     each = np.column_stack([vectors, np.linalg.norm(vectors, axis=1)])
-    for column in place.reshape(facets.shape).T:
-        np.add.at(around, column, each)
+    place = place.reshape(facets.shape)
+    for rows, columns in by_shape(facets):
+        for column in place[rows][:, columns].T:
+            np.add.at(around, column, each[rows])
     length = np.linalg.norm(around[:, :3], axis=1)
     flat = np.flatnonzero(length <= _NO_NORMAL * around[:, 3])
     if len(flat):

@@ -27,7 +27,6 @@ from .material import Material
 from .model import FEModel, rigid_modes
 from .patch_facets import Faces, chosen_facets, named_facets, show
 from .quadrature import edge_lengths, edges_between, facet_forces
-from .shapes import FACET_NODES
 
 PatchAxes = Literal["normal", "xyz"]
 InterfaceKind = Literal["rigid", "averaged"]
@@ -35,6 +34,7 @@ InterfaceKind = Literal["rigid", "averaged"]
 AXES: tuple[PatchAxes, ...] = get_args(PatchAxes)
 KINDS: tuple[InterfaceKind, ...] = get_args(InterfaceKind)
 
+_NODES = (3, 4, 6, 8, 10)  # of a facet
 _UNIT = 1e-9  # allowed error of a unit vector's length
 _FLAT = 1e-6  # least extent of an interface across its longest axis, by its size
 
@@ -104,7 +104,7 @@ class Patch:
     Parameters
     ----------
     facets : (nf, 3), (nf, 6), (nf, 10), (nf, 4) or (nf, 8) int array
-        Surface facets, as nodes of the body.
+        Surface facets, as nodes of the body; a triangle among quadrilaterals is `a b c c`, see `fe.elements`.
     direction : (3,) array
         Unit outward normal, area-weighted mean: the line of contact. With `normals` it only turns pictures.
     rim : (k,) int array
@@ -353,7 +353,7 @@ def check_facets(facets: Array, n_nodes: int | None = None) -> None:
     InputError
     """
     check_indices("facets", facets, (None, None), n_nodes)
-    if facets.shape[1] not in FACET_NODES or not len(facets):
+    if facets.shape[1] not in _NODES or not len(facets):
         raise InputError(f"facets: expected shape (n, 3), (n, 4), (n, 6), (n, 8) or (n, 10), got {facets.shape}")
 
 

@@ -8,6 +8,7 @@ import scipy.optimize
 from ..errors import EmptyRegionError
 from ..support.arrays import Array
 from .facets import FLAT_TRIANGLES, by_shape
+from .halves import in_square, joined
 from .shapes import FACET_NODES, QUADS, shape_functions
 
 Rule = tuple[Array, Array, Array]
@@ -170,6 +171,58 @@ def _split_square_rule() -> Rule:
     return hats @ nodes, np.r_[np.tile(weight / 4, 4), np.full(4, 1 / 8)], hats
 
 
+def _rule_of_halves() -> Rule:
+    """Gauss' three points each way on a triangle or a half of a linear quadrilateral, exact to degree 4."""
+    x, w = np.polynomial.legendre.leggauss(3)
+    x, w = (x + 1) / 2, w / 2
+    r, s = np.stack(np.meshgrid(x, x), axis=2).reshape(-1, 2).T
+    local = np.column_stack([r, s * (1 - r)])
+    hats = joined(shape_functions(local, 3)[:, 0], shape_functions(in_square(local), 4)[:, 0])
+    return local, np.outer(w, w).ravel() * (1 - r), hats
+
+
+def _split_rule_of_halves() -> Rule:
+    """Three points in each part of a triangle or of a half of a quadrilateral in which the hats of both are smooth.
+
+    Parts of a triangle lie between its nodes. The half is cut at a quarter and at three quarters of its third edge too,
+    where the lines between the middles of the quadrilateral's edges meet it. Both halves together are symmetric about
+    its middle, so that the rule's degree is three.
+    """
+    _, weight, barycentric = _triangle_rule()
+    places = np.vstack([FACET_NODES[6], [[0.0, 0.25], [0.0, 0.75]]])  # a b c, middles e f g, and these two
+    parts = np.array([[0, 3, 6], [6, 3, 5], [3, 4, 5], [5, 4, 7], [7, 4, 2], [3, 1, 4]])
+    x, y, z = places[parts].transpose(1, 0, 2)
+    areas = abs((y - x)[:, 0] * (z - x)[:, 1] - (y - x)[:, 1] * (z - x)[:, 0])
+    local = (barycentric @ places[parts]).reshape(-1, 2)
+    hats = joined(half_hats(local), _hats_of_square(in_square(local)))
+    return local, np.outer(areas, weight).ravel(), hats
+
+
+def half_hats(local: Array) -> Array:
+    """Hats of corners and middles of edges 01, 12, 20 of a triangle, (k, 6), linear in the four triangles between."""
+    corners = np.column_stack([1 - local.sum(axis=1), local])
+    ends, others = np.roll(corners, -1, axis=1), np.roll(corners, -2, axis=1)
+    middles = np.minimum(np.minimum(2 * corners, 2 * ends), 1 - 2 * others)
+    hats: Array = np.maximum(np.hstack([2 * corners - 1, middles]), 0.0)
+    return hats
+
+
+def _hats_of_square(local: Array) -> Array:
+    """Hats of the nodes of a quadrilateral with 8 nodes, (k, 8): see `_split_square_rule`."""
+    hats = np.zeros((len(local), 8))
+    x, y = local.T
+    inside = np.ones(len(local), dtype=bool)
+    for corner, (a, b) in enumerate([(x, y), (1 - x, y), (1 - x, 1 - y), (x, 1 - y)]):
+        own = a + b < 0.5
+        along_x, along_y = [(4, 7), (4, 5), (6, 5), (6, 7)][corner]
+        hats[own, corner] = 1 - 2 * (a + b)[own]
+        hats[own, along_x], hats[own, along_y] = 2 * a[own], 2 * b[own]
+        inside &= ~own
+    u, v = (x + y - 0.5)[inside], (y - x + 0.5)[inside]
+    hats[inside, 4:] = shape_functions(np.column_stack([u, v]), 4)[:, 0]
+    return hats
+
+
 # By the number of a facet's nodes: points, their weights, and the nodes' hat functions there, (nq, k).
 RULES = {
     3: _triangle_rule(),
@@ -177,4 +230,6 @@ RULES = {
     6: _split_triangle_rule(),
     8: _split_square_rule(),
     10: _cubic_triangle_rule(),
+    7: _rule_of_halves(),
+    13: _split_rule_of_halves(),
 }

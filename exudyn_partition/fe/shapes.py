@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ..support.arrays import Array
+from .halves import in_square, joined
 
 # Facets: nodes in the facet's coordinates. Corners come first, then the nodes on edges 01, 12, ..., then the middle.
 _TRIANGLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 _SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 _RING = np.array([[0, 1], [1, 2], [2, 0]])
 QUADS = (4, 8)  # numbers of nodes of quadrilaterals
-CUBIC = (8, 10)  # of facets whose polynomials have terms of degree three
+CUBIC = (8, 10, 13)  # of facets whose polynomials have terms of degree three
 
 
 def nodes_on_edges(corners: Array, edges: Array) -> Array:
@@ -34,6 +35,8 @@ FACET_NODES = {
     8: np.vstack([_SQUARE, (_SQUARE + np.roll(_SQUARE, -1, axis=0)) / 2]),
     10: np.vstack([_TRIANGLE, nodes_on_edges(_TRIANGLE, _RING), np.full((1, 2), 1 / 3)]),
 }
+# Of triangles or halves of quadrilaterals, see `halves`: functions times these are the place in the triangle.
+FACET_NODES |= {k: np.vstack([FACET_NODES[n], np.zeros((k - n, 2))]) for k, n in ((7, 3), (13, 6))}
 
 # Shape functions as polynomials: coefficients of 1, r, s, r^2, rs, s^2, a row for each node.
 _POLYNOMIALS = {
@@ -93,8 +96,39 @@ def _table(polynomials: Array) -> Array:
 
 
 _COEFFICIENTS = {n: np.array(p, dtype=float) for n, p in _POLYNOMIALS.items()}
-_COEFFICIENTS |= {n: _cubic_polynomials(n) for n in CUBIC}
+_COEFFICIENTS |= {n: _cubic_polynomials(n) for n in (8, 10)}
 TABLES = {n_nodes: _table(polynomials) for n_nodes, polynomials in _COEFFICIENTS.items()}
+
+
+def _of_halves(n: int, n_triangle: int, n_square: int) -> Array:
+    """(n, 6 or 10) array: polynomials of facets that are triangles or halves of quadrilaterals, see `halves`."""
+    local = FACET_NODES[10 if n in CUBIC else 6]
+    functions = joined(shape_functions(local, n_triangle)[:, 0], shape_functions(in_square(local), n_square)[:, 0])
+    return np.asarray(np.rint(2 * np.linalg.solve(_monomials(local, n), functions).T) / 2)
+
+
+def shape_functions(local: Array, n_nodes: int) -> Array:
+    """Shape functions of triangles or quads and their derivatives.
+
+    Parameters
+    ----------
+    local : (k, 2) array
+        Coordinates (r, s) with r, s >= 0, r + s <= 1, or r, s <= 1 for quads.
+    n_nodes : {3, 6, 10, 4, 8, 7, 13}
+        Triangle: corners, then nodes on the edges 01, 12, 20, then the middle, see `FACET_NODES`. Quad: corners, then
+        nodes on its edges. Those of 7 and 13 nodes are triangles or halves of quads, see `halves`.
+
+    Returns
+    -------
+    (k, 3, n_nodes) array
+        Values, derivatives by r, derivatives by s.
+    """
+    return (_monomials(local, n_nodes) @ TABLES[n_nodes]).reshape(len(local), 3, n_nodes)
+
+
+for _n, _parts in {7: (3, 4), 13: (6, 8)}.items():
+    _COEFFICIENTS[_n] = _of_halves(_n, *_parts)
+    TABLES[_n] = _table(_COEFFICIENTS[_n])
 _BENDS = {
     n: np.stack([_derivative(_derivative(_COEFFICIENTS[n].T, i), j) for i, j in ((0, 0), (0, 1), (1, 1))], axis=2)
     for n in CUBIC
@@ -127,25 +161,6 @@ def linear_shares(n_nodes: int) -> Array:
 def corners_of(facets: Array) -> Array:
     """Coordinates of the corners in their facet, (3 or 4, 2)."""
     return _SQUARE if facets.shape[1] in QUADS else _TRIANGLE
-
-
-def shape_functions(local: Array, n_nodes: int) -> Array:
-    """Shape functions of triangles or quads and their derivatives.
-
-    Parameters
-    ----------
-    local : (k, 2) array
-        Coordinates (r, s) with r, s >= 0, r + s <= 1, or r, s <= 1 for quads.
-    n_nodes : {3, 6, 10, 4, 8}
-        Triangle: corners, then nodes on the edges 01, 12, 20, then the middle, see `FACET_NODES`. Quad: corners, then
-        nodes on its edges.
-
-    Returns
-    -------
-    (k, 3, n_nodes) array
-        Values, derivatives by r, derivatives by s.
-    """
-    return (_monomials(local, n_nodes) @ TABLES[n_nodes]).reshape(len(local), 3, n_nodes)
 
 
 ORDERS = {4: 1, 10: 2, 20: 3, 8: 1}  # of tetrahedra and hexahedra, by their number of nodes

@@ -145,10 +145,12 @@ class BodyFields:
                     field = np.zeros(len(self.body.points))
                     for facets, nodes, values in pressures:
                         field[nodes] += values[i].toarray()[0]  # contacts may share a patch
-                        corners = facet_corners(facets)
-                        n = corners.shape[1]
-                        if facets.shape[1] > n:  # pressures are linear between corners
-                            field[facets[:, n:]] = field[corners] @ linear_shares(facets.shape[1])[n:].T
+                        for rows, columns in by_shape(facets):
+                            own = facets[rows][:, columns]
+                            corners = facet_corners(own)
+                            n = corners.shape[1]
+                            if len(columns) > n:  # pressures are linear between corners
+                                field[own[:, n:]] = field[corners] @ linear_shares(len(columns))[n:].T
                     data["contact_pressure"] = field[self.nodes]
                 for name, nodes, values in tangential:
                     field = np.zeros((len(self.body.points), *values.shape[2:]))

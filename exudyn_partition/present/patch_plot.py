@@ -7,7 +7,7 @@ import numpy as np
 from ..algebra.friction import SLIP, STICK
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
-from ..fe.facets import FLAT_TRIANGLES, facet_corners
+from ..fe.facets import facet_corners, flat_triangles
 from ..support.arrays import Array
 from ..support.foreign import Axes
 from .graphics import time_of
@@ -45,8 +45,7 @@ def pressure(axes: Axes, result: Result, time: float | None = None, *, contact: 
     x = 1e3 * item.body.points[patch.nodes] @ _across(patch.direction)
     values = 1e-6 * contact.pressure(sample).toarray()[0, : len(patch.nodes)]
     facets = np.searchsorted(patch.nodes, patch.facets)
-    corners = facet_corners(facets)
-    triangles = corners[:, FLAT_TRIANGLES[corners.shape[1]]].reshape(-1, 3)
+    triangles = flat_triangles(facet_corners(facets))[0]
     drawn = axes.tripcolor(*x.T, triangles, values, shading="gouraud", cmap="viridis")
     axes.figure.colorbar(drawn, ax=axes, label="contact pressure [MPa]")
     return _finish(axes, contact, sample)

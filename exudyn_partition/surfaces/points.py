@@ -21,7 +21,8 @@ import scipy.sparse as sp
 
 from ..errors import MeshError
 from ..fe.facets import NODAL_SHARES, facet_corners
-from ..fe.quadrature import RULES, facet_integration
+from ..fe.halves import whole_facets
+from ..fe.quadrature import RULES, facet_integration, half_hats
 from ..fe.shapes import FACET_NODES, linear_shares
 from ..support.arrays import Array
 from ..support.checks import validate_choice
@@ -197,12 +198,12 @@ def contact_points(surface: Surface, rows: RowKind) -> ContactPoints:
 
 def corner_hats(surface: Surface) -> sp.csr_matrix:
     """Hat functions of the corners at all nodes, (np, np): one at the corner, linear along edges of its facets."""
-    n, facets = len(surface.points), surface.facets
+    n = len(surface.points)
     hats = sp.lil_matrix((n, n))
-    shares = linear_shares(facets.shape[1])
-    for node, of_corners in enumerate(shares):
-        for corner in np.flatnonzero(of_corners):
-            hats[facets[:, corner], facets[:, node]] = of_corners[corner]
+    for facets in whole_facets(surface.facets):
+        for node, of_corners in enumerate(linear_shares(facets.shape[1])):
+            for corner in np.flatnonzero(of_corners):
+                hats[facets[:, corner], facets[:, node]] = of_corners[corner]
     return sp.csr_matrix(hats)
 
 
@@ -214,21 +215,12 @@ def coarser_hats(surface: Surface) -> tuple[sp.csr_matrix, float]:
     """
     facets, n = surface.facets, len(surface.points)
     if facets.shape[1] != 10:
-        return corner_hats(surface), {6: 2.0, 8: 2.0}.get(facets.shape[1], 1.0)
+        return corner_hats(surface), {6: 2.0, 8: 2.0, 13: 2.0}.get(facets.shape[1], 1.0)
     edges = np.sort(facets[:, [(0, 1), (1, 2), (2, 0)]], axis=2)
     number = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True)[1].reshape(-1, 3)
     hats = sp.lil_matrix((n + number.max() + 1, n))
     coarse = np.hstack([facets[:, :3], n + number])
-    for node, shares in enumerate(_half_hats(FACET_NODES[10])):
+    for node, shares in enumerate(half_hats(FACET_NODES[10])):
         for k in np.flatnonzero(shares):
             hats[coarse[:, k], facets[:, node]] = shares[k]
     return sp.csr_matrix(hats), 1.5
-
-
-def _half_hats(local: Array) -> Array:
-    """Hats of the corners and of the middles of edges 01, 12, 20 at points of a triangle, (k, 6)."""
-    corners = np.column_stack([1 - local.sum(axis=1), local])
-    ends, others = np.roll(corners, -1, axis=1), np.roll(corners, -2, axis=1)
-    middles = np.minimum(np.minimum(2 * corners, 2 * ends), 1 - 2 * others)
-    hats: Array = np.maximum(np.hstack([2 * corners - 1, middles]), 0.0)
-    return hats

@@ -10,7 +10,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..errors import ComplementarityError
-from ..fe.facets import area_vectors, facet_corners
+from ..fe.facets import area_vectors, by_shape, facet_corners
+from ..fe.halves import in_halves
 from ..fe.patches import Patch
 from ..fe.shapes import corners_of, shape_functions
 from ..support.arrays import Array
@@ -28,8 +29,9 @@ class Surface:
     ----------
     points : (np, 3) array
         Positions of the patch's nodes [m].
-    facets : (nf, 3), (nf, 6), (nf, 10), (nf, 4) or (nf, 8) int array
-        Nodes of each facet as rows of `points`, ordered so that normals point outward.
+    facets : (nf, 3), (nf, 6), (nf, 10), (nf, 4), (nf, 8), (nf, 7) or (nf, 13) int array
+        Nodes of each facet as rows of `points`, ordered so that normals point outward. Those of a patch with triangles
+        and quadrilaterals are in halves, see `fe.halves`.
     direction : (3,) array
         Outward unit vector: the line of contact of the patch.
     rim : (k,) int array
@@ -55,6 +57,8 @@ class Surface:
         """Contact patch of a body with the nodes `points`, (n, 3) [m], shifted by `position`, (3,) [m]."""
         nodes = patch.nodes
         facets, rim = (np.searchsorted(nodes, part) for part in (patch.facets, patch.rim))
+        if len(by_shape(facets)) > 1:
+            facets = in_halves(facets)
         return cls(points[nodes] + position, facets, patch.direction, rim, nodes, patch.direction_given, patch.wanders)
 
     @property
@@ -84,11 +88,18 @@ class Surface:
         """
         vectors, around = area_vectors(self.points, self.facets), np.zeros_like(self.points)
         for axis in range(3):
-            each = np.repeat(vectors[:, axis], self.facets.shape[1])
+            each = (vectors[:, axis, None] * self._first).ravel()
             around[:, axis] = np.bincount(self.facets.ravel(), each, minlength=len(around))
         around /= np.maximum(np.linalg.norm(around, axis=1), 1e-300)[:, None]
         normals = np.einsum("pk,pkd->pd", weights, around[nodes])
         return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None])
+
+    @cached_property
+    def _first(self) -> Array:
+        """(nf, k) bool array: the first place of each node in its facet."""
+        facets = self.facets
+        again = [(facets[:, :i] == facets[:, i : i + 1]).any(axis=1) for i in range(facets.shape[1])]
+        return ~np.stack(again, axis=1)
 
     @cached_property
     def facet_size(self) -> float:

@@ -156,7 +156,7 @@ def expected(tetrahedra, block):
 
 
 @pytest.mark.parametrize("on", ["tetrahedra", "itself"])
-@pytest.mark.parametrize("kind", ["hexahedron", "wedge", "pyramid"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_an_impact_is_that_of_tetrahedra(models, tetrahedra, expected, kind, on):
     fem = models(kind, (3, 5, 6), by=0.0)
     pairs = [(fem, tetrahedra), (tetrahedra, fem)] if on == "tetrahedra" else [(fem, models(kind, (4, 6, 6), by=0.0))]
@@ -166,10 +166,11 @@ def test_an_impact_is_that_of_tetrahedra(models, tetrahedra, expected, kind, on)
         assert np.linalg.norm(force - expected) < 1e-2 * np.linalg.norm(expected)
 
 
-def test_a_patch_of_triangles_and_quadrilaterals_is_refused_by_name(models):
+def test_faces_of_triangles_and_quadrilaterals(models):
     fem = models("mixed")
-    with pytest.raises(InputError, match="facets of one shape, got 6 triangles and 6 quadrilaterals"):
-        ep.Partition.surface(fem, plane=(TOP, (0, 0, 1)))
+    patch = ep.Partition.surface(fem, plane=(TOP, (0, 0, 1))).patches[0]
+    assert patch.facets.shape == (12, 8)  # six of each
+    np.testing.assert_allclose(patch.normals, np.tile([0, 0, 1.0], (len(patch.nodes), 1)), atol=1e-15)
     sides = ep.Partition.surface(fem, plane=((SIZE[0] / 2, 0, 0), (1, 0, 0)))  # quadrilaterals of wedges and others
     assert sides.patches[0].facets.shape == (18, 8)
     joint = ep.Partition.interface(fem, "top", plane=(TOP, (0, 0, 1)), kind="averaged").interfaces[0]
@@ -263,3 +264,30 @@ def test_a_model_of_matrices_may_have_hexahedra(models):
     of_cells = ep.FEModel.from_matrices(fem.mass, fem.stiffness, fem.points, cells=fem.cells, hexahedra=True, **given)
     np.testing.assert_allclose(of_cells.cell_mass, fem.cell_mass, rtol=1e-13)
     np.testing.assert_array_equal(of_cells.facets, fem.facets)
+
+
+def test_a_rigid_ball_hits_triangles_and_quadrilaterals(models, tmp_path):
+    """Forces with friction, pressures and pictures of such a patch, from a body of a file; node to segment as well."""
+    forces = {}
+    for kind in ("mixed", "hexahedron"):
+        fem = models(kind, (4, 7, 8), by=0.0)
+        region = ep.Partition.ball(fem, TOP, 5e-3, direction=(0, 0, 1), axes="xyz")
+        body = ep.reduce(fem, region, basis="residual", f_cut=1e5)
+        body.save(tmp_path / "body.npz")
+        for rows in ("integrated", "node-to-segment"):
+            mbs = exu.SystemContainer().AddSystem()
+            ball = ep.RigidSphere((4e-4, 3e-4, SIZE[2] + 4.0 + 1e-8), 4.0)
+            item = ep.CreatePartitionBody(mbs, ep.load_body(tmp_path / "body.npz"), initialVelocity=[0.03, 0, 0.1])
+            contact = ep.CreatePartitionContact(mbs, item, ball, rows=rows, friction=0.2)
+            mbs.Assemble()
+            result = ep.solve_dynamic(mbs, end_time=9e-6, step=2.5e-7)
+            forces[kind, rows] = contact.force(result)
+            pressure = contact.pressure(result).toarray()
+            assert pressure.min() > -1e-3 * pressure.max()
+        last = ep.output.write_paraview(tmp_path / kind, result, [(item, fem)], fields=["contact_pressure"])
+        assert last is None or last
+        drawn = ep.plot.pressure(None, result)
+        assert drawn.collections
+    for rows in ("integrated", "node-to-segment"):
+        expected = forces["hexahedron", rows]
+        assert forces["mixed", rows].max() == pytest.approx(expected.max(), rel=2e-2)

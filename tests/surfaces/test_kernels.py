@@ -5,23 +5,28 @@ import pytest
 import scipy.sparse as sp
 from oracles import each_way
 
+from exudyn_partition.fe.halves import in_halves
 from exudyn_partition.fe.shapes import FACET_NODES
 from exudyn_partition.surfaces.loops import on_nodes
 from exudyn_partition.surfaces.pairs import MovingPairs
 from exudyn_partition.surfaces.points import ContactPoints, contact_points
 from exudyn_partition.surfaces.surface import Surface, closest_points
 
-KINDS = [3, 4, 6, 10]  # nodes of a facet
+KINDS = [3, 4, 6, 10, 7, 13]  # nodes of a facet; the last two are of triangles and quadrilaterals
 UP = np.array([0.0, 0.0, 1.0])
 
 
 def saddle(n_nodes):
-    """A curved square of 4 x 4 cells, two triangles or one quad each."""
+    """A curved square of 4 x 4 cells, two triangles or one quad each, or on one half these and those on the other."""
     facets, corners = [], [[0, 0], [1, 0], [1, 1], [0, 1]]
+    n_of = {7: 4, 13: 8}.get(n_nodes, n_nodes)
     for cell in np.ndindex(4, 4):
         a, b, c, d = np.add(corners, cell) + 0.1 * np.sin(np.add(corners, cell) * [[1, 2]])
-        r, s = FACET_NODES[n_nodes].T[:, :, None]
-        if n_nodes == 4:
+        r, s = FACET_NODES[n_of].T[:, :, None]
+        if n_of != n_nodes and cell[0] < 2:
+            for o, p, q in ((a, b, c), (a, c, d)):
+                facets.append(np.array([o, p, q, q, (o + p) / 2, (p + q) / 2, q, (q + o) / 2])[:n_of])
+        elif n_of in (4, 8):
             facets.append(a + r * (b - a) + s * (d - a) + r * s * (a - b + c - d))
         else:
             facets += [o + r * (p - o) + s * (q - o) for o, p, q in ((a, b, c), (a, c, d))]
@@ -29,7 +34,8 @@ def saddle(n_nodes):
     _, first, number = np.unique(flat.round(9), axis=0, return_index=True, return_inverse=True)
     x, y = flat[first].T
     points = np.column_stack([x, y, 0.05 * np.sin(x) * np.cos(1.3 * y)])
-    nodes = number.reshape(-1, n_nodes)
+    nodes = number.reshape(-1, n_of)
+    nodes = nodes if n_of == n_nodes else in_halves(nodes)
     ends = np.array([x.min(), x.max()])
     rim = np.flatnonzero(np.isin(x.round(9), ends.round(9)))
     return Surface(points, nodes, UP, rim, np.arange(len(points)))
