@@ -51,7 +51,7 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
         total = run.force(mbs, t)
         if total is None:
             return [0.0] * len(q)
-        values: list[float] = total.take(run.dofs).tolist()
+        values: list[float] = total[run.of_object].tolist()
         return values
 
     def jacobian(

@@ -6,6 +6,7 @@ They also keep the data that results read. Each run makes new ones. No other mod
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -372,6 +373,7 @@ class GroupRun:
         self._dofs = [member.dofs for member in members]
         self._frozen: FrozenContacts | None = None
         self._q: Array | None = None  # coordinates of the last evaluation, if compiled loops made it
+        self._t = math.nan  # its time
         self._members_know = True
         readers = [(j, member.place) for j, member in enumerate(members) if member.place is not None]
         starts = np.reshape(readers, (-1, 2)).astype(int) * [N_VALUES, 1]
@@ -392,7 +394,7 @@ class GroupRun:
         if self.together is None:
             for member in self._within:
                 member.evaluate(mbs, t, q)
-        elif self._find_by_loops(q):
+        elif self._find_by_loops(t, q):
             return
         else:
             for member in self._remembering:
@@ -409,10 +411,10 @@ class GroupRun:
                 self.pushes = True
                 return
 
-    def _find_by_loops(self, q: Array) -> bool:
+    def _find_by_loops(self, t: float, q: Array) -> bool:
         """Find the forces by compiled loops, if the group has them and all pairs are frozen; returns whether it did."""
         assert self.together is not None
-        if self._q is not None and (q == self._q).all():
+        if self._q is not None and t == self._t and (q == self._q).all():
             return True
         if self._q is None:
             self._frozen = self.together.frozen(self._dofs, self._frozen)
@@ -422,7 +424,7 @@ class GroupRun:
         if self._q is None:
             for member in self.members:
                 member.force = None
-        self._q, self._members_know, self.pushes = q.copy(), False, self._frozen.pushes
+        self._q, self._t, self._members_know, self.pushes = q.copy(), t, False, self._frozen.pushes
         return True
 
     def add_force(self, total: Array) -> None:

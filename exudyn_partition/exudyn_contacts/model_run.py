@@ -17,7 +17,7 @@ from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import coordinate_slices, latest_solver, method_of, registered
 from ..exudyn_bodies.other_bodies import OtherBodies
 from ..frames.floating import FloatingKinematics
-from ..support.arrays import Array, joined_slices
+from ..support.arrays import Array, as_slice
 from ..support.foreign import MainSolver, MainSystem
 from ..support.optional import require
 from ..support.twins import Known, twin
@@ -56,6 +56,8 @@ class ModelRun:
     record : RunRecord
     dofs : (n,) int array
         Numbers of the coordinates on which contacts may act, in the order of Exudyn's object of contacts.
+    of_object : slice or (n,) int array
+        The same places, as a slice if that can be.
     method : {"explicit", "implicit", "static"}
     at : float
         Time at which contacts were evaluated last [s].
@@ -126,12 +128,13 @@ class ModelRun:
         self._counted = self.active_set_iterations, self.pair_searches
         items = {id(item): item for contact in contacts for item, _ in contact.sides}.values()
         self._floating = [
-            (_together(coordinate_slices(mbs, item)), item.kinematics)
+            (as_slice(np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])), item.kinematics)
             for item in items
             if isinstance(item.kinematics, FloatingKinematics)
         ]
         dofs = mbs.systemData.GetObjectLTGODE2(contacts[0]["oContact"]) if contacts else []
         self.dofs, self._total = np.array(dofs, dtype=int), np.zeros(mbs.systemData.ODE2Size())
+        self.of_object = as_slice(self.dofs)
 
     def _served_by(self, stepper: MultiplierStep) -> tuple[int, ...]:
         """Whether the stepper closes joints, and the identities of its contacts."""
@@ -418,12 +421,6 @@ class Runs:
         """Record that the present run ended in the model's present state: without contacts no sensor records it."""
         if self._now is not None:
             self._now.ended = float(mbs.systemData.GetTime()), mbs.systemData.GetODE2Coordinates()
-
-
-def _together(slices: Sequence[slice]) -> slice | Array:
-    """The same places as one slice if they are consecutive, which is quicker, else as their numbers, (n,)."""
-    joined = joined_slices(slices)
-    return joined[0] if len(joined) == 1 else np.concatenate([np.r_[s] for s in joined])
 
 
 def runs_of(mbs: MainSystem) -> Runs:

@@ -19,6 +19,13 @@ def consecutive(sizes: Sequence[int]) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(ends)]
 
 
+def as_slice(places: Array) -> slice | Array:
+    """The same places, (n,) int array, as a slice if they are consecutive. Taking a slice is quicker."""
+    start = int(places[0]) if len(places) else 0
+    end = start + len(places)
+    return slice(start, end) if np.array_equal(places, np.arange(start, end)) else places
+
+
 def joined_slices(slices: Sequence[slice]) -> list[slice]:
     """The same places in the same order; slices that begin where the one before ends are joined with it."""
     result: list[slice] = []
