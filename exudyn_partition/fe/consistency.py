@@ -104,7 +104,7 @@ def check_elements(
             f"cells: {len(bad)} of {len(volume)} elements are inverted or have no volume, the first is element "
             f"{bad[0]} at ({where}). Expected nodes in VTK order, which gives positive volumes; exchange two corners"
         )
-    _check_mass(mass, cell_mass, elastic.rho * volume)
+    _check_mass(mass, cell_mass, elastic.rho * volume, points, cells, hexahedra)
     _check_centre(mass, cell_mass, points, cells, hexahedra)
     motions = np.einsum("na,vab->nbv", points - points.mean(axis=0), UNIFORM_STRAINS).reshape(-1, 6)
     forces = stiffness @ motions
@@ -117,18 +117,40 @@ def check_elements(
     _check_forces(points, cells, (forces @ ALL_STRAINS).reshape(-1, 3), of_cells, cubic)
 
 
-def _check_mass(mass: sp.csr_matrix, cell_mass: Array, expected: Array) -> None:
+def _check_mass(
+    mass: sp.csr_matrix, cell_mass: Array, expected: Array, points: Array, cells: Array, hexahedra: bool
+) -> None:
     """Compare masses of elements, (ne,) [kg], with density times volume, and their sum with the mass matrix."""
     total = float(cell_mass.sum())
     off = abs(cell_mass - expected) / expected
     if off.max() > _OF_AN_ELEMENT or abs(total - expected.sum()) > EQUAL * total:
         worst = int(off.argmax())
+        _check_turned(points, cells, hexahedra, np.flatnonzero(off > EQUAL))
         raise InputError(
             f"cell_mass: expected density times volume, {expected.sum():.6g} kg in all, got {total:.6g} kg; element "
             f"{worst} has {cell_mass[worst]:.4g} kg for {expected[worst]:.4g} kg. Are points, cells and material those "
             "that the matrices were made with, in the same units?"
         )
     check_moved_mass(mass, total, f"the elements have {total:.6g} kg by cell_mass", EQUAL)
+
+
+def _check_turned(points: Array, cells: Array, hexahedra: bool, some: Array) -> None:
+    """Raise `MeshError` if elements, rows of `cells`, are inside out beside their integration points.
+
+    Volumes there are negative, and codes do not agree on those of such elements.
+    """
+    found = []
+    for kind, rows in kinds_of(cells[some], hexahedra):
+        x = points[cells[some[rows]][:, kind.columns]]
+        least = np.linalg.det(np.einsum("qnr,end->eqrd", kind.functions(kind.nodes)[1], x)).min(axis=1)
+        found += some[rows[least <= 0]].tolist()
+    if found:
+        where = ", ".join(f"{x:.4g}" for x in points[cells[found[0]]].mean(axis=0))
+        raise MeshError(
+            f"cells: {len(found)} of {len(cells)} elements are inside out in a corner, between integration points, the "
+            f"first is element {found[0]} at ({where}). Curved sides do that to elements that are too large for the "
+            "curvature or the thickness of a wall. Take a smaller maxh, or refine there"
+        )
 
 
 def _check_centre(mass: sp.csr_matrix, cell_mass: Array, points: Array, cells: Array, hexahedra: bool) -> None:

@@ -6,6 +6,7 @@ and the forces at all nodes under a uniform strain, which any element makes in b
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError, MeshError
 from ..support.arrays import Array
-from ..support.checks import check_indices, validate_whole
+from ..support.checks import check_indices, validate_type, validate_whole
 from .consistency import (
     ALL_STRAINS,
     CENTRE,
@@ -27,7 +28,7 @@ from .consistency import (
     plain_matrix,
 )
 from .facets import area_vectors, facet_corners
-from .material import Material
+from .material import Material, Regions
 from .quadrature import facet_forces
 from .shapes import CELL_FACES
 
@@ -85,6 +86,48 @@ def _places(dofs: Array, n_nodes: int) -> Array:
             f"{'xyz'[missing[0] % 3]} of node {missing[0] // 3}"
         )
     return np.asarray(place)
+
+
+def given_material(material: object, regions: object = None) -> Material:
+    """Return the one material of a model of a surface, or of elements without names.
+
+    Raises
+    ------
+    InputError
+        If there are several, or `regions` without several.
+    """
+    if isinstance(material, Mapping):
+        raise InputError("material: several need cells= and regions=, the name of the material of each element")
+    if regions is not None:
+        raise InputError("regions: has no effect with one material; give {name: Material}, and cells=")
+    validate_type("material", material, Material, "ep.Material()")
+    assert isinstance(material, Material)
+    return material
+
+
+def given_elastic(material: object, regions: object, n: int) -> Material | Regions:
+    """Elastic constants of n elements: the one material, or those that `regions` name.
+
+    Raises
+    ------
+    InputError
+        If names and materials do not belong together.
+    """
+    if not isinstance(material, Mapping) or regions is None:
+        return given_material(material, regions)
+    for name, one in material.items():
+        validate_type(f"material[{name!r}]", one, Material, "ep.Material()")
+    names = np.asarray(regions)
+    if names.dtype.kind not in "UO" or names.shape != (n,):
+        raise InputError(f"regions: expected {n} names, one for each element, got {names.dtype} of shape {names.shape}")
+    keys = list(material)
+    if set(names.tolist()) != set(keys):
+        raise InputError(
+            f"material: expected one for each name of regions, {sorted(map(str, set(names.tolist())))[:8]}, got {keys}"
+        )
+    number = np.array([keys.index(name) for name in names.tolist()], dtype=np.int64)
+    materials = tuple(material.values())
+    return Regions(tuple(keys), materials, number, np.array([one.E for one in materials])[number])
 
 
 def check_free(mass: sp.csr_matrix, stiffness: sp.csr_matrix) -> None:

@@ -7,6 +7,7 @@ mass is made here.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal, get_args
@@ -34,6 +35,8 @@ from .given_matrices import (
     check_against_surface,
     check_free,
     check_surface,
+    given_elastic,
+    given_material,
     lumped_by_diagonal,
     ordered,
     reach,
@@ -263,8 +266,9 @@ class FEModel:
         points: Array,
         facets: Array | None = None,
         *,
-        material: Material,
+        material: Material | Mapping[str, Material],
         cells: Array | None = None,
+        regions: Sequence[str] | Array | None = None,
         dofs: Array | None = None,
         boundaries: dict[str, Array] | None = None,
         hexahedra: bool = False,
@@ -284,10 +288,12 @@ class FEModel:
             Nodes [m].
         facets : (nf, 3), (nf, 6), (nf, 10), (nf, 4) or (nf, 8) int array, optional
             The whole surface, as rows of `points`: corners counter-clockwise seen from outside, then nodes on edges.
-        material : Material
-            The one that the matrices were made with, for waves and contact.
+        material : Material or dict of str to Material
+            The one that the matrices were made with, for waves and contact; or one for each name of `regions`.
         cells : (ne, k) int array, optional
             Instead of facets: all elements, see `FEModel`.
+        regions : (ne,) sequence of str, optional
+            Name of the material of each element.
         dofs : (3n, 2) int array, optional
             What each row and column is: a row of `points`, and 0, 1 or 2 for x, y, z. Default: x y z of each node.
         boundaries : dict of str to int array, optional
@@ -304,15 +310,14 @@ class FEModel:
         MeshError
             If a matrix is not symmetric, rigid motion strains the body, or facets are not a closed surface.
         InputError
-            If both or none of facets and cells are given, dofs are held or missing, or points, material, mass and
-            stiffness are not of one model.
+            If both or none of facets and cells are given, regions and materials do not fit, dofs are held or missing,
+            or points, material, mass and stiffness are not of one model.
 
         Warns
         -----
         UnitsWarning
             If sizes or the material are unlikely.
         """
-        validate_type("material", material, Material, "ep.Material()")
         validate_flag("hexahedra", hexahedra)
         if (facets is None) == (cells is None):
             raise InputError(f"facets, cells: expected one of them, got {'none' if facets is None else 'both'}")
@@ -323,18 +328,23 @@ class FEModel:
         if facets is None:
             elements, surface = validate_whole("cells", cells, "integers, (ne, k)"), None
             check_indices("cells", elements, (None, None), len(points))
+            elastic = given_elastic(material, regions, len(elements))
             known = len(elements) and elements.shape[1] in ORDERS
             as_hexahedra = hexahedra or elements.shape[1] == 8
-            cell_mass = np.ones(len(elements))
+            volume = np.ones(len(elements))
             if known and not (as_hexahedra and elements.shape[1] not in HEXAHEDRA):
-                cell_mass = material.rho * integrals(points, elements, as_hexahedra)[0]
+                volume = integrals(points, elements, as_hexahedra)[0]
+            cell_mass = elastic.rho * volume
+            main = elastic.largest(volume) if isinstance(elastic, Regions) else elastic
         else:
+            elastic = main = given_material(material, regions)
             surface = validate_whole("facets", facets, "integers, (nf, k)").copy()
             check_indices("facets", surface, (None, None), len(points))
             elements, cell_mass = np.empty((0, cells_beneath(surface)), dtype=np.int64), np.empty(0)
             hexahedra = surface.shape[1] in QUADS
         named = {} if boundaries is None else boundaries
-        model = cls(points, elements, M, K, cell_mass, material, named, None, surface, hexahedra)
+        several = elastic if isinstance(elastic, Regions) else None
+        model = cls(points, elements, M, K, cell_mass, main, named, several, surface, hexahedra)
         model.warn_if_units_slipped()
         return model
 

@@ -322,3 +322,45 @@ def test_elements_must_be_there_one_way_or_the_other(quadratic):
 def test_a_flag_is_one_beside_facets_too(quadratic, hexahedra):
     with pytest.raises(InputError, match="hexahedra: expected"):
         by_surface(quadratic, hexahedra=hexahedra)
+
+
+@pytest.fixture(scope="module")
+def of_two():
+    halves = [box(0.01, 0.01, 0.02).mat("low"), box(0.01, 0.01, 0.02).Move(occ.Vec(0, 0, 0.02)).mat("high")]
+    return ep.fe_model(occ.Glue(halves), {"low": ep.STEEL, "high": ep.ALUMINIUM}, maxh=8e-3)
+
+
+def test_matrices_of_several_materials(of_two):
+    names = np.array(of_two.regions.names)[of_two.regions.number]
+    given = {"mass": of_two.mass, "stiffness": of_two.stiffness, "points": of_two.points, "cells": of_two.cells}
+    materials = {"high": ep.ALUMINIUM, "low": ep.STEEL}
+    fem = ep.FEModel.from_matrices(**given, material=materials, regions=names)
+    np.testing.assert_allclose(fem.cell_mass, of_two.cell_mass, rtol=1e-12)
+    np.testing.assert_array_equal(fem.regions.E, of_two.regions.E)
+    assert fem.material == of_two.material
+    low = np.flatnonzero(fem.points[fem.facets][..., 2].max(axis=1) < 1e-9)
+    assert fem.material_beneath(low) == ep.STEEL
+    for wrong, message in (
+        ({"regions": np.where(names == "low", "high", "low")}, "cell_mass|material|mass"),
+        ({"regions": names[1:]}, f"regions: expected {len(names)} names"),
+        ({"regions": np.zeros(len(names))}, f"regions: expected {len(names)} names, .* got float64"),
+        ({"regions": None}, "several need cells= and regions="),
+        ({"material": {"low": ep.STEEL}}, "material: expected one for each name of regions, .*'high', 'low'"),
+        ({"material": ep.STEEL}, "regions: has no effect with one material"),
+        ({"material": {"low": ep.STEEL, "high": 3}}, r"material\['high'\]"),
+        ({"cells": None, "facets": of_two.facets}, "several need cells="),
+    ):
+        with pytest.raises(InputError, match=message):
+            ep.FEModel.from_matrices(**given | {"material": materials, "regions": names} | wrong)
+
+
+def test_elements_that_are_inside_out_beside_integration_points_are_named():
+    """A mid-side node far off turns a corner; volumes of such elements differ between codes by where they look."""
+    fem = ep.fe_model(box(0.01, 0.01, 0.01), ep.STEEL, maxh=0.1)
+    points = np.array(fem.points)
+    cell = fem.cells[0]
+    a, b = cell[:2]
+    points[cell[4]] = points[a] + 0.2 * (points[b] - points[a])
+    given = [points, fem.cells, fem.mass, fem.stiffness, 1.05 * fem.cell_mass, ep.STEEL, {}]
+    with pytest.raises(MeshError, match=r"elements are inside out in a corner, .* Take a smaller maxh"):
+        ep.FEModel(*given)

@@ -286,6 +286,7 @@ CALLS = {
             the.fem.facets,
         ),
         cells=Kind({"text": "x", "number": 1, "beside facets": the.fem.cells}),
+        regions=Kind({"text": "x", "number": 1, "without several materials": Made(lambda s: ["a"] * len(s.fem.cells))}),
         hexahedra=v.flag,
         dofs=Kind(
             {
