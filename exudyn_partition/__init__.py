@@ -61,7 +61,7 @@ _HOMES = {
     "simulation.result": ("Result",),
     "simulation.collect": ("collect",),
     "simulation.solve": ("solve_dynamic",),
-    "simulation.statics": ("solve_static",),
+    "simulation.statics": ("settle", "solve_static"),
     "simulation.stability": ("stability_limit",),
     "results.history": ("History",),
     "prediction.spectrum": ("amplitude_spectrum", "truncation_frequency"),

@@ -45,7 +45,7 @@ from .simulation.collect import collect
 from .simulation.result import Result
 from .simulation.solve import solve_dynamic
 from .simulation.stability import stability_limit
-from .simulation.statics import solve_static
+from .simulation.statics import settle, solve_static
 from .simulation.step_control import time_to_contact
 from .studies.restitution_law import RestitutionLaw
 from .studies.restitution_map import restitution_map
@@ -112,6 +112,7 @@ __all__ = [
     "reference",
     "report",
     "restitution_map",
+    "settle",
     "solve_dynamic",
     "solve_static",
     "stability_limit",

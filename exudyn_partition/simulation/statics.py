@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import logging
+import math
 import time
 import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse as sp
 
 from ..algebra.blas_threads import one_blas_thread
 from ..errors import InputError, ModelLimitWarning, RunError
-from ..exudyn_bodies.model import coordinate_slices
-from ..exudyn_contacts.partition_contact import partition_items
-from ..support.checks import validate_flag, validate_integer
+from ..exudyn_bodies.item_work import Others
+from ..exudyn_bodies.model import coordinate_slices, validate_model
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
+from ..support.arrays import Array
+from ..support.checks import validate_flag, validate_integer, validate_items
 from ..support.foreign import MainSystem, SimulationSettings
 from ..support.interrupt import interruptible
 from ..support.optional import require
@@ -26,11 +34,17 @@ from .hooks import begun, cause, held, kept_apart, residual, watched
 from .joint_checks import check_start
 from .result import Result, called, samples
 from .review import noted, reviewed
+from .step_control import time_to_contact
 
 _log = logging.getLogger(__name__)
 
 _NEUTRAL = 1e-6  # share of f_cut: only round-off holds a motion with a lower frequency
 _LEAST_MASS = 1e-12  # share of the mean on the diagonal
+_MOST_FALLS, _TOUCHING = 30, 1e-4  # bodies fall in steps until their gap is this share of a facet
+# Springs that hold a resting body begin anew where it has come to rest, until their pull is this share of its weight.
+_MOST_MOORINGS, _SLACK = 6, 1e-9
+_PULLED = 1e-2  # a larger share is no rest
+_STIFF = 100.0  # square of the springs' frequency, by that of a pendulum
 _MOST_DENSE = 1000  # largest number of coordinates for this check, which computes all eigenvalues
 _REMEDY = (
     "What nothing holds before contact closes has no equilibrium: hold it by joints or soft springs, let bodies touch "
@@ -115,8 +129,255 @@ def solve_static(
         return replace(result, warnings=tuple(warned))
 
 
+def settle(
+    mbs: MainSystem,
+    bodies: Sequence[PartitionBody] | None = None,
+    *,
+    settings: SimulationSettings = None,
+    progress: Progress | None = None,
+) -> Result:
+    """Let bodies rest on what lies beneath them under their weight; the next run begins there, at rest.
+
+    Call it after `mbs.Assemble()`. A body falls without turning, along its gravity, until it touches a rigid surface or
+    another body; one that stands on another falls with it. Then `solve_static` finds the equilibrium of all: forces of
+    contacts carry the weights, and bodies are as deformed as these make them. Bodies that move, as one that will hit
+    those at rest, keep their places and velocities, and have no weight meanwhile. Bodies that joints, springs or loads
+    hold do not fall; their equilibrium is found too.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+        The model, assembled.
+    bodies : sequence of PartitionBody, optional
+        Bodies that come to rest. Default: all with `gravity=` that do not move at the start.
+    settings, progress :
+        See `solve_static`.
+
+    Returns
+    -------
+    Result
+        That of the statics; its last sample is the rest.
+
+    Raises
+    ------
+    InputError
+        If no body has gravity, one moves at the start, is of another model, or has nothing beneath it.
+    RunError
+        As `solve_static`, as where a body would slide or tip over.
+
+    Warns
+    -----
+    StoppedRunWarning, ContactPatchWarning, ModelLimitWarning
+        As `solve_static`. Nothing is said of motions that nothing holds, as along a plane without friction: such a body
+        stays where it was placed.
+
+    Examples
+    --------
+    >>> ball = ep.CreatePartitionBody(mbs, body, gravity=[0, 0, -9.81])
+    >>> contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane())
+    >>> mbs.Assemble()
+    >>> ep.settle(mbs)
+    >>> result = ep.solve_dynamic(mbs, end_time=1e-3)
+    """
+    validate_model(mbs)
+    everything, contacts = partition_items(mbs)
+    chosen = _resting(mbs, everything, bodies)
+    check_start(mbs, settings, progress)
+    data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
+    start, speeds = data.GetODE2Coordinates(initial), data.GetODE2Coordinates_t(initial)
+    others = Others.of(mbs).bodies
+    falling = [item for item in chosen if id(item) not in others]
+    kept = [item for item in everything if item not in chosen and id(item) not in others]
+    rest = _fallen(mbs, start.copy(), falling, contacts)
+    data.SetODE2Coordinates_t(np.zeros_like(speeds), initial)
+    try:
+        with interruptible(), _weightless(mbs, [item for item in kept if item.weight is not None]):
+            for _ in range(_MOST_MOORINGS):
+                data.SetODE2Coordinates(rest, initial)
+                springs = partial(_moored, mbs, falling, rest)
+                result = _run(
+                    mbs, springs, load_steps=1, load_factor=True, update_initial=True, settings=settings,
+                    progress=progress,
+                )  # fmt: skip
+                before, rest = rest, data.GetODE2Coordinates(initial)
+                pulls = {item: _pull(mbs, item, rest - before) for item in falling}
+                if result.status != "finished" or max(pulls.values(), default=0.0) <= _SLACK:
+                    break
+            _refuse_pulled(pulls)
+            keep_end(mbs)
+            with noted() as warned:
+                result = reviewed(mbs, result)
+        for own in itertools.chain.from_iterable(coordinate_slices(mbs, item) for item in kept):
+            rest[own] = start[own]
+    except BaseException:
+        rest = start
+        raise
+    finally:
+        data.SetODE2Coordinates(rest, initial)
+        data.SetODE2Coordinates_t(speeds, initial)
+    return replace(result, warnings=tuple(warned))
+
+
+def _refuse_pulled(pulls: Mapping[PartitionBody, float]) -> None:
+    """Raise if springs, beside what lies beneath, had to hold a body; `pulls` are those of `_pull`."""
+    for item, pull in pulls.items():
+        if pull > _PULLED:
+            raise RunError(
+                f"settle: {called(item)} would slide, roll or tip over: what lies beneath it leaves {pull:.1%} of its "
+                "weight, or of the moment of it over its size, without balance. Place it where it can rest, give the "
+                "contact friction, or hold it by joints or soft springs"
+            )
+
+
+def _resting(
+    mbs: MainSystem, held_bodies: Sequence[PartitionBody], bodies: Sequence[PartitionBody] | None
+) -> list[PartitionBody]:
+    """Bodies that come to rest: those chosen, or all with weight that do not move at the start."""
+    speeds = mbs.systemData.GetODE2Coordinates_t(require("exudyn").ConfigurationType.Initial)
+
+    def moves(item: PartitionBody) -> bool:
+        return any(speeds[own].any() for own in coordinate_slices(mbs, item))
+
+    if bodies is None:
+        found = [item for item in held_bodies if item.weight is not None and not moves(item)]
+        if not found:
+            raise InputError(
+                "mbs: no body has a weight and is at rest; give gravity=[0, 0, -9.81] to CreatePartitionBody"
+            )
+        return found
+    for item in validate_items("bodies", bodies, PartitionBody, "CreatePartitionBody()"):
+        if item not in held_bodies:
+            raise InputError(f"bodies: {called(item)} belongs to another model, or to this one before a Reset")
+        if item.weight is None:
+            raise InputError(f"bodies: {called(item)} has no weight; give gravity= to CreatePartitionBody")
+        if moves(item):
+            raise InputError(f"bodies: {called(item)} moves at the start; one that rests has no initial velocity")
+    return [*bodies]
+
+
+def _fallen(mbs: MainSystem, q: Array, falling: Sequence[PartitionBody], contacts: Sequence[PartitionContact]) -> Array:
+    """Initial coordinates, (nq,), from which bodies have fallen along their gravity until they touch what is beneath.
+
+    A row that closes at an angle is met in some steps, since its direction changes on the way.
+    """
+    ways = {item: _way_down(item) for item in falling}
+    touching = _TOUCHING * min((contact.slave_facet_size for contact in contacts), default=1.0)
+    for _ in range(_MOST_FALLS):
+        beneath: dict[PartitionBody, list[tuple[float, PartitionBody | None]]] = {item: [] for item in falling}
+        for contact in contacts:
+            items = [item for item, _ in contact.sides]
+            if len({*items}) < len(items):
+                continue
+            at = np.concatenate([q[own] for own in contact.slices(mbs)])
+            for item in items:
+                if item in ways:
+                    down = [ways[item] if other is item else np.zeros(other.kinematics.mass.shape) for other in items]
+                    distance = time_to_contact(contact, at, np.concatenate(down))  # at a speed of one
+                    other = next((one for one in items if one is not item), None)
+                    beneath[item].append((distance, other if other in ways else None))
+        depths = _depths(beneath)
+        for item, depth in depths.items():
+            if not math.isfinite(depth):
+                raise InputError(
+                    f"settle: nothing lies beneath {called(item)}; give it a contact with what it rests on, or hold it"
+                )
+            for own, part in zip(coordinate_slices(mbs, item), _split(ways[item], item), strict=True):
+                q[own] += depth * part
+        if max(depths.values(), default=0.0) <= touching:
+            break
+    return q
+
+
+def _way_down(item: PartitionBody) -> Array:
+    """Change of a body's coordinates, (n,), by a motion of 1 m along its gravity."""
+    acceleration = item.weight / item.kinematics.mass
+    return np.asarray(acceleration / np.linalg.norm(item.kinematics.momentum(acceleration)) * item.body.total_mass)
+
+
+def _split(values: Array, item: PartitionBody) -> list[Array]:
+    """Values of a body's coordinates, (n,), by its nodes."""
+    return np.split(values, np.cumsum(item.node_sizes)[:-1])
+
+
+def _mooring(item: PartitionBody) -> Array:
+    """Stiffness, (n, n), of springs on all rigid motions of a body except that along its gravity.
+
+    They hold what does not hold the body by itself, as rolling. Their frequency is some times that at which a pendulum
+    of the body's size swings, so that a body on a point does not tip over.
+    """
+    kinematics, way = item.kinematics, _way_down(item)
+    rigid = np.column_stack([kinematics.rigid_part(one) for one in np.eye(len(way))])
+    mass_way = kinematics.mass * way
+    mass = rigid.T @ (kinematics.mass[:, None] * rigid) - np.outer(mass_way, mass_way) / (way @ mass_way)
+    weight = float(np.linalg.norm(kinematics.momentum(item.weight / kinematics.mass)))
+    return np.asarray(_STIFF * weight / (item.body.total_mass * _size(item)) * mass)
+
+
+def _size(item: PartitionBody) -> float:
+    """Largest extent of a body [m]."""
+    return float(np.ptp(item.body.points, axis=0).max())
+
+
+def _pull(mbs: MainSystem, item: PartitionBody, moved: Array) -> float:
+    """Force of the springs by the weight, or their moment by weight and size, after the model's coordinates moved."""
+    q = np.concatenate([moved[own] for own in coordinate_slices(mbs, item)])
+    force, kinematics = _mooring(item) @ q, item.kinematics
+    weight = float(item.weight @ _way_down(item))
+    inertia = np.sqrt(np.maximum(force @ (force / kinematics.mass), 0.0))  # its norm by the mass, as that of the weight
+    return float(inertia / (weight / np.sqrt(item.body.total_mass)))
+
+
+@contextlib.contextmanager
+def _moored(mbs: MainSystem, items: Sequence[PartitionBody], q: Array) -> Iterator[None]:
+    """Hold bodies by their `_mooring` where they are at the model's coordinates q, (nq,), within the block."""
+    container, former = require("exudyn").MatrixContainer, []
+    for item in items:
+        number, springs = item["oGenericODE2"], _mooring(item)
+        stiffness, force = item.as_made["stiffnessMatrix"], mbs.GetObjectParameter(number, "forceVector")
+        former.append((number, stiffness, force))
+        at = np.concatenate([q[own] for own in coordinate_slices(mbs, item)])
+        mbs.SetObjectParameter(number, "stiffnessMatrix", container(sp.csr_matrix(stiffness + springs)))
+        mbs.SetObjectParameter(number, "forceVector", force + springs @ at)
+    try:
+        yield
+    finally:
+        for number, stiffness, force in former:
+            mbs.SetObjectParameter(number, "stiffnessMatrix", container(sp.csr_matrix(stiffness)))
+            mbs.SetObjectParameter(number, "forceVector", force)
+
+
+def _depths(
+    beneath: Mapping[PartitionBody, Sequence[tuple[float, PartitionBody | None]]],
+) -> dict[PartitionBody, float]:
+    """How far each body falls [m]: the least way to what it meets, which may fall itself.
+
+    `beneath` has the ways to all that a body may meet, with the body met, or None for what does not fall.
+    """
+    depths = dict.fromkeys(beneath, math.inf)
+    for _ in beneath:  # as far as a stack is high
+        for item, ways in beneath.items():
+            found = [way + (0.0 if other is None else depths[other]) for way, other in ways]
+            depths[item] = min([depths[item], *found])
+    return depths
+
+
+@contextlib.contextmanager
+def _weightless(mbs: MainSystem, items: Sequence[PartitionBody]) -> Iterator[None]:
+    """Take the weight of bodies away within the block."""
+    numbers = [item["oGenericODE2"] for item in items]
+    weights = [mbs.GetObjectParameter(number, "forceVector") for number in numbers]
+    for number, weight in zip(numbers, weights, strict=True):
+        mbs.SetObjectParameter(number, "forceVector", np.zeros_like(weight))
+    try:
+        yield
+    finally:
+        for number, weight in zip(numbers, weights, strict=True):
+            mbs.SetObjectParameter(number, "forceVector", weight)
+
+
 def _run(
     mbs: MainSystem,
+    springs: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext,
     *,
     load_steps: int,
     load_factor: bool,
@@ -124,7 +385,7 @@ def _run(
     settings: SimulationSettings,
     progress: Progress | None,
 ) -> Result:
-    """Run of `solve_static`; its result has had no review."""
+    """Run of `solve_static`; its result has had no review. Within the block of `springs` the model is held by these."""
     exu = require("exudyn")
     load_steps = validate_integer("load_steps", load_steps, least=1)
     validate_flag("load_factor", load_factor)
@@ -149,12 +410,13 @@ def _run(
     bar = progress_bar("load steps", after=LONG) if progress is None else contextlib.nullcontext(progress)
     with one_blas_thread(), bar as report:
 
-        def attempt(springs: contextlib.AbstractContextManager[None]) -> tuple[int, bool, Exception | None]:
+        def attempt(more: contextlib.AbstractContextManager[None]) -> tuple[int, bool, Exception | None]:
             """Run Exudyn; returns the number of load steps, whether the user asked to stop, and the error."""
             with (
                 begun(mbs, start, "static"),
                 watched(mbs, start, end, step, report) as watch,
-                springs,
+                springs(),
+                more,
                 kept_apart(mbs, settings),
             ):
                 try:

@@ -549,6 +549,19 @@ CALLS = {
     "collect": dict(mbs=v.mbs.but(**{"not run": Made(Scene.assembled)})),
     "stability_limit": {},
     "solve_static": dict(mbs=RUNNABLE, load_steps=v.count),
+    "settle": dict(
+        mbs=RUNNABLE.but(**{"without a weight": Made(Scene.assembled)})(Made(Scene.resting)),
+        bodies=Kind(
+            {
+                "text": "x",
+                "number": 1,
+                "reduced": Made(lambda s: [s.body]),
+                "dict": {1: 2},
+                "Nones": [None],
+                "of another model": Made(lambda s: [s.item]),
+            }
+        )(None),
+    ),
     "solve_dynamic": dict(
         mbs=RUNNABLE,
         end_time=v.positive.but(**{"1e-20": 1e-20, "1e30": 1e30})(4 * STEP),
@@ -635,7 +648,6 @@ CALLS = {
     ),
     "compare": dict(run=v.history, reference=v.history),
     "report.front": {},
-    "report.validate_runs": {},
     "amplitude_spectrum": {},
     "truncation_frequency": dict(
         x=v.samples.but(**{"another length": _x[:50], "infinite": np.full(101, np.inf)}, constant=np.ones(101))(_x)

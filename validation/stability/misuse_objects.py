@@ -159,6 +159,15 @@ class Scene:
         ep.CreatePartitionBody(mbs, self.body, gravity=[0, 0, -9.81])
         return mbs
 
+    def resting(self):
+        """A model that is ready to settle: the upper block above a plane."""
+        mbs = self.empty()
+        item = ep.CreatePartitionBody(mbs, self.body, gravity=[0, 0, -9.81])
+        lowest = float(self.body.points[:, 2].min())
+        ep.CreatePartitionContact(mbs, item, ep.RigidPlane((0, 0, lowest - 1e-6)))
+        mbs.Assemble()
+        return mbs
+
     @cached_property
     def working(self):
         """Sensor of the work of gravity, and the result of its run."""

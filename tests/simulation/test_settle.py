@@ -1,0 +1,137 @@
+"""Bodies that come to rest under their weight: what is beneath carries it, and nothing moves afterwards."""
+
+import warnings
+
+import exudyn as exu
+import numpy as np
+import pytest
+
+import exudyn_partition as ep
+from exudyn_partition.errors import InputError, ModelLimitWarning, RunError
+
+G = 9.81
+GRAVITY = (0.0, 0.0, -G)
+
+
+def rest(mbs, **options):
+    """Settle, without the word that a ball at rest touches by less than a facet."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelLimitWarning)
+        return ep.settle(mbs, **options)
+
+
+def run(mbs, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelLimitWarning)
+        return ep.solve_dynamic(mbs, end_time=0.1e-3, **options)
+
+
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+@pytest.mark.parametrize(("gap", "method"), [(0.0, "explicit"), (2e-3, "implicit")])
+def test_a_ball_rests_on_a_plane(mbs, round_body, frame, gap, method):
+    bottom = round_body.points[:, 2].min()
+    ball = ep.CreatePartitionBody(
+        mbs, round_body, gravity=GRAVITY, frame=frame, referencePosition=[0.1, 0, gap - bottom]
+    )
+    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane())
+    mbs.Assemble()
+    static, weight = rest(mbs), G * round_body.total_mass
+    assert contact.force(static)[-1] == pytest.approx(weight, rel=1e-6)
+    result = run(mbs, method=method)
+    np.testing.assert_allclose(contact.force(result), weight, rtol=1e-4)
+    motion = ball.kinematics.rigid_motion(ball.coordinates(result))
+    assert abs(motion[:, 2] + gap).max() < 1e-6  # it has fallen; its lowest facets are below their mean gap
+    fall = G * (0.1e-3) ** 2 / 2  # what a body without support would do
+    assert np.ptp(motion[:, :3], axis=0).max() < 1e-3 * fall
+    assert abs(motion[0, :2]).max() < 1e-6  # it stays where it was placed
+
+
+@pytest.mark.parametrize("friction", [None, 0.3])
+def test_a_flat_body_stands(mbs, standing, friction):
+    block = ep.CreatePartitionBody(mbs, standing, gravity=GRAVITY, referencePosition=[0, 0, 1e-3])
+    contact = ep.CreatePartitionContact(mbs, block, ep.RigidPlane(), friction=friction)
+    mbs.Assemble()
+    ep.settle(mbs)
+    result = ep.solve_dynamic(mbs, end_time=0.1e-3)
+    np.testing.assert_allclose(contact.force(result), G * standing.total_mass, rtol=1e-5)
+    assert np.ptp(block.kinematics.rigid_motion(block.coordinates(result)), axis=0).max() < 1e-12
+
+
+def test_what_stands_on_another_falls_with_it(mbs, kept_pair):
+    """The lower contact carries both weights, the upper one that of the upper ball."""
+    body, radius = kept_pair
+    low = ep.CreatePartitionBody(mbs, body, gravity=GRAVITY, referencePosition=[0, 0, radius + 1e-4])
+    high = ep.CreatePartitionBody(mbs, body, gravity=GRAVITY, referencePosition=[0, 0, 3 * radius + 3e-4])
+    floor = ep.CreatePartitionContact(mbs, low, ep.RigidPlane(), slavePatch="south")
+    between = ep.CreatePartitionContact(mbs, low, high, slavePatch="north", masterPatch="south")
+    mbs.Assemble()
+    static, weight = rest(mbs), G * body.total_mass
+    assert floor.force(static)[-1] == pytest.approx(2 * weight, rel=1e-3)
+    assert between.force(static)[-1] == pytest.approx(weight, rel=1e-3)
+    fallen = [item.kinematics.rigid_motion(item.coordinates(static))[-1, 2] for item in (low, high)]
+    np.testing.assert_allclose(fallen, [-1e-4, -3e-4], atol=1e-6)
+
+
+def test_a_striker_keeps_its_place_and_speed(mbs, kept_pair):
+    body, radius = kept_pair
+    low = ep.CreatePartitionBody(mbs, body, gravity=GRAVITY, referencePosition=[0, 0, radius])
+    striker = ep.CreatePartitionBody(
+        mbs, body, gravity=GRAVITY, referencePosition=[0, 0, 3 * radius + 1e-3], initialVelocity=[0, 0, -0.5]
+    )
+    floor = ep.CreatePartitionContact(mbs, low, ep.RigidPlane(), slavePatch="south")
+    ep.CreatePartitionContact(mbs, low, striker, slavePatch="north", masterPatch="south")
+    mbs.Assemble()
+    rest(mbs)
+    result = run(mbs)
+    np.testing.assert_allclose(floor.force(result), G * body.total_mass, rtol=1e-4)
+    motion = striker.kinematics.rigid_motion(striker.coordinates(result))[:, 2]
+    np.testing.assert_allclose(motion, -0.5 * result.t - G * result.t**2 / 2, atol=1e-9)  # its weight is back
+
+
+def test_what_cannot_rest_is_refused_and_the_model_stays_as_it_was(mbs, round_body):
+    slope = np.array([0.3, 0.0, 1.0]) / np.hypot(0.3, 1.0)
+    ball = ep.CreatePartitionBody(mbs, round_body, gravity=GRAVITY, referencePosition=[0, 0, 1e-3])
+    lowest = round_body.points[:, 2].min()
+    ep.CreatePartitionContact(mbs, ball, ep.RigidPlane((0, 0, lowest), slope))
+    mbs.Assemble()
+    kind = exu.ConfigurationType.Initial
+    before = mbs.systemData.GetODE2Coordinates(kind)
+    with pytest.raises(RunError, match="would slide, roll or tip over"):
+        rest(mbs)
+    np.testing.assert_array_equal(mbs.systemData.GetODE2Coordinates(kind), before)
+    fall = ep.solve_dynamic(mbs, end_time=1e-5, step=1e-6, method="implicit")
+    expected = ball.energy(fall)  # no spring is left behind: it falls freely
+    assert expected[-1] == pytest.approx(0.5 * round_body.total_mass * (G * 1e-5) ** 2, rel=1e-3)
+
+
+def test_wrong_calls(mbs, round_body):
+    plain = exu.SystemContainer().AddSystem()
+    ep.CreatePartitionBody(plain, round_body)
+    plain.Assemble()
+    with pytest.raises(InputError, match="no body has a weight"):
+        ep.settle(plain)
+    item = ep.CreatePartitionBody(mbs, round_body, gravity=GRAVITY)
+    flying = ep.CreatePartitionBody(mbs, round_body, gravity=GRAVITY, initialVelocity=[0, 0, 1])
+    light = ep.CreatePartitionBody(mbs, round_body)
+    mbs.Assemble()
+    with pytest.raises(InputError, match="nothing lies beneath"):
+        ep.settle(mbs, [item])
+    with pytest.raises(InputError, match="moves at the start"):
+        ep.settle(mbs, [flying])
+    with pytest.raises(InputError, match="has no weight"):
+        ep.settle(mbs, [light])
+    with pytest.raises(InputError, match="bodies"):
+        ep.settle(mbs, [3])
+
+
+@pytest.fixture(scope="module")
+def standing(block):
+    """A steel block, 30 mm high, whose lower face is its patch."""
+    foot = ep.Partition.ball(block, (0, 0, 0), 0.012, direction=(0, 0, -1), axes="xyz")
+    return ep.reduce(block, foot, f_cut=80e3)
+
+
+@pytest.fixture(scope="module")
+def kept_pair(marble):
+    """A marble with patches at both poles, and its radius [m]."""
+    return marble, float(marble.points[:, 2].max())
