@@ -5,15 +5,13 @@ bores that have no name. A torque turns the crank from rest. Until the impact, w
 """
 
 import argparse
-import json
 from pathlib import Path
 
 import exudyn as exu
 import exudyn.itemInterface as items
-import matplotlib.pyplot as plt
 
 import exudyn_partition as ep
-from models.crank_assembly import rigid_speed, write_step
+from models.crank_assembly import rigid_speed, write_results, write_step
 
 PINS = {"shaft": (0.0, 0.0, 0.0), "crank pin": (0.05, 0.0, 0.0), "block pin": (0.2, 0.0, 0.0)}  # [m]
 OF = {"crank": ("shaft", "crank pin"), "link": ("crank pin", "block pin"), "block": ("block pin",)}
@@ -53,23 +51,7 @@ def main(argv=None):
     contact = ep.CreatePartitionContact(mbs, bodies["block"], stop)
     mbs.Assemble()
     run = ep.solve_dynamic(mbs, end_time=9e-3, step=2e-6 if not options.quick else 4e-6, method="implicit")
-    force, speed = contact.force(run), bodies["block"].velocity(run, (0.23, 0, 0.018))[:, 0]
-    before, rigid = float(-speed[(force > 0).argmax() - 1]), float(rigid_speed(fems, TORQUE, GAP))
-    fig, axes = plt.subplots(layout="constrained")
-    axes.plot(1e3 * run.t, force)
-    axes.set(xlabel="time [ms]", ylabel="contact force [N]")
-    fig.savefig(options.out / "assembly.png")
-    ep.plot.bodies(run).figure.savefig(options.out / "bodies.png", dpi=150)
-    run.scene(options.out / "moving.html", title="assembly of a STEP file")
-    result = {
-        "solids": list(machine.names), "dofs": sum(b.body.n_dofs for b in bodies.values()), "steps": run.steps,
-        "fe_dofs": sum(fem.n_dofs for fem in fems.values()), "peak_force_N": float(force.max()),
-        "speed_m_s": before, "error": {"speed": before / rigid - 1}, "versions": ep.versions(),
-    }  # fmt: skip
-    (options.out / "result.json").write_text(json.dumps(result, indent=1) + "\n")
-    print(machine, f"{before:.4f} m/s before the impact, {rigid:.4f} m/s as rigid bodies", sep="\n")
-    print(options.out.resolve() / "assembly.png")
-    return result
+    return write_results(options.out, machine, fems, bodies, contact, run, rigid_speed(fems, TORQUE, GAP))
 
 
 if __name__ == "__main__":

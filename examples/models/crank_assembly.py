@@ -1,10 +1,15 @@
-"""Crank, link and block as CAD would export them, in one STEP file; and how fast they are as rigid bodies.
+"""Crank, link and block as CAD would export them, in one STEP file; their speed as rigid bodies; figures and results.
 
 What to learn here: names of solids are all that is needed to find them again.
 """
 
+import json
+
+import matplotlib.pyplot as plt
 import netgen.occ as occ
 import numpy as np
+
+import exudyn_partition as ep
 
 CRANK, LINK = 0.05, 0.15  # between the bores [m]
 
@@ -46,3 +51,27 @@ def rigid_speed(fems, torque, way):
     mass = about_shaft + link.total_mass * (middle**2).sum() + block.total_mass * by_angle**2
     mass += link.inertia_tensor[2, 2] * ((turn_ - turn) / (2 * d)) ** 2
     return abs(by_angle) * np.sqrt(2 * torque * angle / mass)
+
+
+def write_results(folder, machine, fems, bodies, contact, run, rigid):
+    """Write figures, a page on which the bodies move, and result.json, which is returned.
+
+    `rigid` is the speed [m/s] of rigid bodies before the impact.
+    """
+    force, speed = contact.force(run), bodies["block"].velocity(run, (0.23, 0, 0.018))[:, 0]
+    before, rigid = float(-speed[(force > 0).argmax() - 1]), float(rigid)
+    fig, axes = plt.subplots(layout="constrained")
+    axes.plot(1e3 * run.t, force)
+    axes.set(xlabel="time [ms]", ylabel="contact force [N]")
+    fig.savefig(folder / "assembly.png")
+    ep.plot.bodies(run).figure.savefig(folder / "bodies.png", dpi=150)
+    run.scene(folder / "moving.html", title="assembly of a STEP file")
+    result = {
+        "solids": list(machine.names), "dofs": sum(b.body.n_dofs for b in bodies.values()), "steps": run.steps,
+        "fe_dofs": sum(fem.n_dofs for fem in fems.values()), "peak_force_N": float(force.max()),
+        "speed_m_s": before, "error": {"speed": before / rigid - 1}, "versions": ep.versions(),
+    }  # fmt: skip
+    (folder / "result.json").write_text(json.dumps(result, indent=1) + "\n")
+    print(machine, f"{before:.4f} m/s before the impact, {rigid:.4f} m/s as rigid bodies", sep="\n")
+    print(folder.resolve() / "assembly.png")
+    return result

@@ -24,7 +24,15 @@ GROUPS = {
     "Impact": ("two_spheres", "rod_on_plate", "own_part", "newtons_cradle", "gauge_and_vibrometer"),
     "Friction": ("oblique_impact",),
     "Yield": ("restitution",),
-    "Mechanisms": ("assembly", "existing_model", "crank_slider", "cam_follower", "gear_pair", "ball_bearing"),
+    "Mechanisms": (
+        "assembly",
+        "existing_model",
+        "take_elsewhere",
+        "crank_slider",
+        "cam_follower",
+        "gear_pair",
+        "ball_bearing",
+    ),
     "Accuracy and studies": ("choose_accuracy", "parameter_study", "restitution_map"),
 }
 SCENES = "moving"  # folder of the pages with moving bodies, in the site

@@ -119,6 +119,14 @@ def test_choose_accuracy(tmp_path, capsys):
     assert coarse["dofs"] < fine["dofs"]
 
 
+def test_take_elsewhere(tmp_path, capsys):
+    result = run_quick("take_elsewhere", tmp_path, capsys)
+    assert result["error"]["force"] < 1e-6
+    assert result["peak_force_N"] > 1000
+    assert result["dofs"] < 100 < result["fe_dofs"]
+    assert {"legend.txt", "mass.mtx", "stiffness.mtx", "contact_pole_flexibility.mtx"} <= {*result["files"]}
+
+
 def test_assembly(tmp_path, capsys):
     result = run_quick("assembly", tmp_path, capsys)
     assert result["solids"] == ["crank", "link", "block"]
