@@ -122,6 +122,20 @@ class ContactRun:
         return self._mechanics
 
     @property
+    def is_open(self) -> bool:
+        """Whether all rows are open in the state that was evaluated last. The mechanics need not know it."""
+        found = None if self._group is None else self._group.values
+        return not (self._mechanics.index.size if found is None else found[self._place, 1])
+
+    @property
+    def normal_force(self) -> float:
+        """Sum of the normal forces in the state that was evaluated last [N]."""
+        found = None if self._group is None else self._group.values
+        if found is not None:
+            return float(found[self._place, 0])
+        return float(self._mechanics.lam.take(self._mechanics.index).sum())
+
+    @property
     def group(self) -> GroupRun:
         """Contacts whose forces are found together with this one's."""
         assert self._group is not None

@@ -284,7 +284,7 @@ class StepControl:
 
     def _open(self) -> list[bool]:
         """Whether each contact is open."""
-        return [not self._run_of(contact).mechanics.index.size for contact in self.contacts]
+        return [self._run_of(contact).is_open for contact in self.contacts]
 
     def _judge(self, last: float, tolerance: float, *, changed: bool) -> None:
         """Take the error of a step in contact into account, and whether contacts have opened or closed in it."""
@@ -301,8 +301,7 @@ class StepControl:
         before = self._closings[i]
         if self._was_open[i] or (before is None and not was_open):
             return None
-        mechanics = self._run_of(self.contacts[i]).mechanics
-        force = float(mechanics.lam.take(mechanics.index).sum())
+        force = self._run_of(self.contacts[i]).normal_force
         return Closing(0.0, force, 0.0, force) if before is None else before.after(last, force)
 
     @property
@@ -336,12 +335,12 @@ class StepControl:
         is_long, opened = taken > self.step * _SAME, False
         for was_open, contact in zip(self._was_open, self.contacts, strict=True):
             run = self._run_of(contact)
-            mechanics = run.mechanics
-            if was_open and mechanics.index.size and run.forward is None:
-                depth, tolerance = -mechanics.least_gap, self.gap_tolerance
-                if is_long or (tolerance is not None and depth > tolerance):
+            is_open = run.is_open
+            if was_open and not is_open and run.forward is None:
+                tolerance = self.gap_tolerance
+                if is_long or (tolerance is not None and -run.mechanics.least_gap > tolerance):
                     return 0.5 * taken
-            opened |= not was_open and not mechanics.index.size
+            opened |= is_open and not was_open
         if self._errors is None or not is_long or all(self._was_open):
             return None
         if opened and taken > _LIFTED * self.step:
@@ -383,8 +382,8 @@ class StepControl:
 
     def _turning_step(self) -> float:
         """Step that resolves rotation [s]."""
-        floating = [item for item in self.bodies if isinstance(item.kinematics, FloatingKinematics)]
-        fastest = max((float(np.linalg.norm(self._state(item)[1][3:6])) for item in floating), default=0.0)
+        spins = (self._state(item)[1][3:6] for item in self.bodies if isinstance(item.kinematics, FloatingKinematics))
+        fastest = max((math.hypot(*spin) for spin in spins), default=0.0)
         return 2 * np.pi / (STEPS_A_PERIOD * fastest) if fastest else math.inf
 
     def _resolving_step(self) -> float:

@@ -17,7 +17,7 @@ from ..support.arrays import Array
 
 TOLERANCE = 1e-3  # share of velocities; at ten times as much, contacts that chatter never come to rest
 _FADING = 0.9  # of the error from one step to the next: the error of a vibration has two zeros in each period
-_GROWTH, _STRIDE = 1.5, 2.0  # from one step to the next, if a step longer by the second factor is allowed
+_GROWTH, _STRIDE = 1.5, 1.6  # from one step to the next, if a step longer by the second factor is allowed
 _REFUSED = 2.0  # tolerances: errors above are not accepted
 _SHORTEST = 0.25  # of a step that is not accepted
 _STORED = 1e-6  # share of the energy stored at present that errors are compared with at least, for bodies at rest

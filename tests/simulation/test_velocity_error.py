@@ -68,7 +68,7 @@ def test_steps_become_as_long_as_the_tolerance_allows_an_oscillator(share):
 
 
 def test_growing_steps_are_few():
-    """Each growth costs a Jacobian: by half, and only if a step twice as long is allowed; what is too long shrinks."""
+    """Each growth costs a Jacobian: by half, and only if a step longer by more is allowed; what is too long shrinks."""
     errors = at_start([[1.0]], [0.0])
     assert errors.jumped(1.0, BodyMotion(np.zeros(1), np.zeros(1)), 0.0).next_step(1.0) == pytest.approx(1.0)
     errors, steps = after(errors, 1.0, [1.0], [0.0]), [1.0]
