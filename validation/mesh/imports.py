@@ -35,6 +35,8 @@ TYPES = {"hexahedron20": "C3D20", "wedge15": "C3D15", "pyramid13": "C3D13", "tet
 LIMITS = {"volume": 2e-14, "mass": 2e-10, "between_dialects": 1e-9, "faces_wrong": 0, "frequencies": 1e-3}
 QUADRATIC = {"hexahedron": "hexahedron20", "wedge": "wedge15", "pyramid": "pyramid13", "tetra": "tetra10"}
 SIDES = [[0, 1, 2, 3], [4, 7, 6, 5], [0, 4, 5, 1], [1, 5, 6, 2], [2, 6, 7, 3], [3, 7, 4, 0]]
+# Nodes of a hexahedron, as Nastran lists them, in the order that mirrors it.
+MIRRORED = [*range(4, 8), *range(4), *range(16, 20), *range(12, 16), *range(8, 12)]
 NASTRAN_ORDER = [*range(12), *range(16, 20), *range(12, 16)]
 
 
@@ -143,6 +145,11 @@ def abaqus_dialects(points, blocks):
     skin = blocks[0][1][0][[0, 1, 2, 3, 8, 9, 10, 11]] + 1
     shell = ["*ELEMENT, TYPE=S8R, ELSET=skin", "90001, " + ", ".join(map(str, skin))]
     found["a shell beside"] = {"m.inp": [*plain, *shell, "*SHELL SECTION, ELSET=skin", "1e-3", *some_set]}
+    found["text before the first keyword"] = {"m.inp": [">**", "A block,", *plain, *some_set]}
+    found["an instance in a flat deck"] = {"m.inp": [*plain, *(line.replace("NSET=foot", "NSET=foot, INSTANCE=i")
+                                                               for line in some_set)]}  # fmt: skip
+    alone = ["*PART, NAME=p", *plain, *some_set, "*END PART"]
+    found["a part alone, its section beside it"] = {"m.inp": [*alone, *material, *section]}
     found["reduced integration"] = {"m.inp": [line.replace("C3D20,", "C3D20R,") for line in [*plain, *some_set]]}
     return found
 
@@ -170,6 +177,8 @@ def nastran_dialects(points, blocks):
     of_free = [hexa(i, row, ",") for i, row in enumerate(rows, 1)]
     of_small = [hexa(i, row, "") for i, row in enumerate(rows, 1)]
     blank = [hexa(i, row, "", marks=False) for i, row in enumerate(rows, 1)]
+    of_marks = [hexa(i, row, "").replace("+\n+       ", f"+{i:<7}\n+{i:<7}", 1) for i, row in enumerate(rows, 1)]
+    of_marks = [[text.partition("\n")[0], text.partition("\n")[2]] for text in of_marks]
     wide = [large(i, x) for i, x in zip(labels, points, strict=True)]
     system = "CORD2R,7,,0.,0.,0.,1.,0.,0.,+\n+,0.,1.,0."  # its z is x, its x is y
     turned = points[:, [1, 2, 0]]
@@ -193,8 +202,32 @@ def nastran_dialects(points, blocks):
         "GRDSET": [system, "GRDSET,,7", *grids(turned, ""), *of_free],
         "comments and small letters": ["$ a block", *[line.lower() for line in free], "$ its elements", *of_free],
         "a mass beside": [*free, *of_free, "CONM2,9001,1,,5."],
+        "CORD1R": [
+            *free[:1],
+            *(f"GRID,{90001 + i},,{x}" for i, x in enumerate(("0.,0.,0.", "1.,0.,0.", "0.,1.,0."))),
+            "CORD1R,5,90001,90002,90003",
+            *grids(turned, 5)[1:],
+            *of_free,
+        ],
+        "MAT1": [*free, *of_free, "PSOLID,1,3", "MAT1,3,2.1+11,,.3,7800."],
+        "marks in other places": [line + "\n" for card in of_marks for line in card[:1]]
+        + free
+        + [line for card in of_marks[::-1] for line in card[1:]],
+        "long lines": [*free, *(f"CHEXA,{i},1,{','.join(map(str, row))}" for i, row in enumerate(rows, 1))],
+        "elements in either order": [
+            *free,
+            *(hexa(i, row[MIRRORED] if i % 2 else row, ",") for i, row in enumerate(rows, 1)),
+        ],
+        "nodes on edges left out": [
+            *free,
+            *(
+                hexa(i, [*row[:8], *("" if (i + k) % 3 else node for k, node in enumerate(row[8:-1])), row[-1]], ",")
+                for i, row in enumerate(rows, 1)
+            ),
+        ],
     }
     found = {f"Nastran, {name}": {"m.bdf": ["BEGIN BULK", *lines, "ENDDATA"]} for name, lines in bulk.items()}
+    found["Nastran, a file .dat"] = {"m.dat": ["SOL 101", "CEND", "BEGIN BULK", *free, *of_small, "ENDDATA"]}
     found["Nastran, without BEGIN BULK"] = {"m.nas": [*free, *of_free]}
     found["Nastran, included"] = {"m.bdf": ["BEGIN BULK", "INCLUDE 'g.inc'", *of_free, "ENDDATA"], "g.inc": free}
     return found
@@ -212,6 +245,11 @@ def of_meshio(folder, points, blocks):
     return written
 
 
+def collapsed(blocks):
+    """Elements as hexahedra whose nodes have fallen together."""
+    return np.concatenate([cells[:, BY_NAME[kind].of_row] for kind, cells in blocks])
+
+
 def frequencies(fem, most=1.6e5):
     modes = eigenmodes(fem.stiffness, fem.mass, mass_normalised(fem.rigid_modes, fem.mass), 2 * np.pi * most)
     return modes.omega[:6] / (2 * np.pi)
@@ -220,7 +258,7 @@ def frequencies(fem, most=1.6e5):
 def loaded(path):
     """FE model of a file; what is no solid element is left out."""
     deck = path.suffix in DECKS
-    material = None if deck and "*MATERIAL" in path.read_text() else ep.STEEL
+    material = None if deck and re.search("MATERIAL,|MAT1", path.read_text()) else ep.STEEL
     return ep.fe_model(path, material, only_solids=deck)
 
 
@@ -286,6 +324,10 @@ def main(argv=None):
             lines = ["*NODE", *nodes(points, range(1, len(points) + 1)), *elements(blocks)]
             path.write_text("\n".join([*lines, ""]))
             kinds.append(row_of(kind, loaded(path), expected))
+            if kind != "hexahedron":
+                lines = [*lines[: len(points) + 1], *elements([("hexahedron20", collapsed(blocks))])]
+                path.write_text("\n".join([*lines, ""]))
+                kinds.append(row_of(f"{kind}, as collapsed hexahedra", loaded(path), expected))
     found = {
         "volume": max(abs(row["volume"]) for row in rows + kinds),
         "mass": max(abs(row["mass"]) for row in rows + kinds),
