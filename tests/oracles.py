@@ -62,6 +62,25 @@ def multipliers(gaps, friction=None):
     return PatchContact(gaps, Lagrange(), friction)
 
 
+def broken_law(F, h, mu, lam):
+    """Largest violation of the law of friction by forces lam, (nr, 3), relative to the largest force and gap.
+
+    F, (3 nr, 3 nr), h, (nr, 3), and mu, (nr,), are as for `FrictionProblem`.
+    """
+    w = h + (F @ lam.ravel()).reshape(-1, 3)
+    force, slip = np.linalg.norm(lam[:, 1:], axis=1), np.linalg.norm(w[:, 1:], axis=1)
+    opposite = force[:, None] * w[:, 1:] + slip[:, None] * lam[:, 1:]
+    gaps, forces = abs(h).max(), max(abs(lam).max(), 1e-300)
+    return max(
+        -lam[:, 0].min() / forces,
+        -w[:, 0].min() / gaps,
+        abs(lam[:, 0] * w[:, 0]).max() / forces / gaps,
+        (force - mu * lam[:, 0]).max() / forces,
+        abs(opposite).max() / forces / gaps,
+        (slip * (mu * lam[:, 0] - force)).max() / forces / gaps,
+    )
+
+
 # Shapes and meshes.
 
 

@@ -9,11 +9,10 @@ import copy
 import math
 
 import numpy as np
-from scipy.linalg import lapack
 
 from ..errors import ComplementarityError
 from ..support.arrays import Array
-from . import loops
+from .closed_rows import CHORD_STEPS, ClosedRows
 from .complementarity import Complementarity
 from .friction_sweeps import sweep
 
@@ -22,7 +21,6 @@ OPEN, STICK, SLIP = 0, 1, 2
 _TOLERANCE = 1e-10  # of the largest force
 _ROUNDING = 1e-12  # of the largest force or gap
 NEWTON_STEPS = 30  # then sweeps begin
-_CHORD_STEPS = 10  # with the same factors
 _PROGRESS = 0.3  # a step that leaves a larger share of the residual asks for new factors
 _LEAST_STRIDE = 1e-3  # by which friction rises
 _SWEEPS = (5, 10, 20, 40, 80, 160, 320)  # before each further attempt of Newton's method
@@ -86,12 +84,13 @@ class FrictionProblem:
 
     def _forget(self) -> None:
         self.iterations = self.factorisations = self.sweeps = 0
+        self._scale(self.F.diagonal())
         self.reset()
 
     def reset(self) -> None:
         """Open all rows."""
-        nr = len(self.F) // 3
-        self.replace(self.F, np.zeros(nr, dtype=np.int8), np.zeros((nr, 3)))
+        nr = len(self._inverse)
+        self._restart(np.zeros(nr, dtype=np.int8), np.zeros((nr, 3)))
 
     def replace(self, F: Array, state: Array, lam: Array) -> None:
         """Go on with other rows.
@@ -106,19 +105,26 @@ class FrictionProblem:
             Guess of their forces [N].
         """
         self.F = F
-        self._inverse = 1.0 / F.diagonal().reshape(-1, 3)  # scales slips and gaps to forces
+        self._scale(F.diagonal())
+        self._restart(state, lam)
+
+    def _scale(self, diagonal: Array) -> None:
+        """Scale slips and gaps to forces by the diagonal of F, (3 nr,)."""
+        self._inverse = 1.0 / diagonal.reshape(-1, 3)
         self._inverse[:, 1:] = self._inverse[:, 1:].mean(axis=1, keepdims=True)
+
+    def _restart(self, state: Array, lam: Array) -> None:
+        """Go on with the same rows from guesses, see `replace`."""
         self.state, self.lam = np.array(state, dtype=np.int8), np.array(lam, dtype=float)
         self._close(np.flatnonzero(self.state))
 
     def _close(self, index: Array) -> None:
         """Take these rows as the closed ones, (na,)."""
-        self.index = index
-        self._open = np.delete(np.arange(len(self.state)), index)
-        places = (3 * index[:, None] + np.arange(3)).ravel()
-        self._columns = columns = self.F[:, places]
-        self._onto_open = columns[3 * self._open]
-        self._closed = _ClosedRows(columns[places], self._inverse[index].ravel())
+        self.index, self._closed = index, self._equations(index)
+
+    def _equations(self, index: Array) -> ClosedRows:
+        """Equations of some closed rows, (na,)."""
+        return ClosedRows(self.F, self._inverse, index)
 
     def extrapolate(self, before: Array) -> None:
         """Guess that forces change again as they have from `before`, (nr, 3) [N], to the last answer."""
@@ -161,7 +167,7 @@ class FrictionProblem:
         """How far forces, (nr, 3) [N], move the rows, F lambda, (nr, 3) [m]; most of them are on closed rows."""
         closed = lam[self.index]
         elsewhere = np.count_nonzero(lam) > np.count_nonzero(closed)
-        moved = self.F @ lam.ravel() if elsewhere else self._columns @ closed.ravel()
+        moved = self.F @ lam.ravel() if elsewhere else self._closed.moved(closed.ravel())
         return np.asarray(moved).reshape(-1, 3)
 
     def _continue(self, h: Array, mu: Array) -> bool:
@@ -175,7 +181,7 @@ class FrictionProblem:
             if self._newton(h, share * mu):
                 reached, stride = share, 2.0 * stride
             else:
-                self.replace(self.F, state, lam)
+                self._restart(state, lam)
                 stride /= 2.0
                 settled = stride > _LEAST_STRIDE
         return settled
@@ -187,7 +193,7 @@ class FrictionProblem:
             for _ in range(count):
                 lam = sweep(self.F, h, mu, lam)
             self.sweeps += count
-            self.replace(self.F, lam[:, 0] > 0.0, lam)
+            self._restart(lam[:, 0] > 0.0, lam)
             if self._newton(h, mu):
                 return True
         return False
@@ -202,7 +208,7 @@ class FrictionProblem:
             settled = size <= _ROUNDING * largest or share * size <= _TOLERANCE * largest
             if settled or closed.steps == 1:
                 leaving = lam[::3] < -_ROUNDING * largest
-                entering = h[self._open, 0] + self._onto_open @ lam < -_ROUNDING * deepest
+                entering = h[closed.open, 0] + closed.moved_open(lam) < -_ROUNDING * deepest
                 if leaving.any() or entering.any():
                     self._keep(lam)
                     self._exchange(leaving, entering, h)
@@ -221,7 +227,7 @@ class FrictionProblem:
             share = largest / before if before else 0.0
             slow = closed.steps > 1 and size > _PROGRESS * before
             # Steps with the factors of other states may lead back to those, again and again.
-            closed.stale = slow or closed.steps > _CHORD_STEPS or closed.changed
+            closed.stale = slow or closed.steps > CHORD_STEPS or closed.changed
         return False
 
     def _load(self, h: Array, mu: Array) -> tuple[Array, float]:
@@ -234,7 +240,7 @@ class FrictionProblem:
         """Open some of the closed rows, (na,) bool, and close some of the open ones; never open all."""
         self.lam[self.index[leaving]] = 0.0
         self.state[self.index[leaving]] = OPEN
-        self.state[self._open[entering]] = STICK
+        self.state[self._closed.open[entering]] = STICK
         if not self.state.any():
             self.state[h[:, 0] < 0.0] = STICK
         self._close(np.flatnonzero(self.state))
@@ -250,97 +256,17 @@ class FrictionProblem:
 
         It is unsymmetric where rows slip.
         """
-        self._closed.factorise(self.lam[self.index].ravel())
-        return self._closed.stiffness()
+        self.linearise()
+        return self.response(np.eye(3 * len(self.index)))
 
+    def linearise(self) -> None:
+        """Factorise the Jacobian at the last answer, for `response`."""
+        if self.index.size:
+            self._closed.factorise(self.lam[self.index].ravel(), wholly=True)
 
-class _ClosedRows:
-    """The equations of Alart and Curnier for rows that are closed, and the factors of their Jacobian.
+    def response(self, way: Array) -> Array:
+        """Minus the change of the forces on the closed rows, (3 na, m) [N], if these move by ways, (3 na, m) [m].
 
-    The trial force of a row is x = lambda_t - w_t / F_tt. The row slips if |x| is above mu lambda_n; then its
-    equations are turned to the direction d of x, and to the direction across. The share c = mu lambda_n / |x| says how
-    far it slips.
-
-    Attributes
-    ----------
-    stale : bool
-        Whether the Jacobian should be factorised again.
-    steps : int
-        Steps with the present factors, in this answer.
-    """
-
-    def __init__(self, F: Array, inverse: Array) -> None:
-        self._inverse = inverse
-        self._F = np.ascontiguousarray(inverse[:, None] * F)
-        self._moves, self._squares = np.empty((_CHORD_STEPS + 2, len(F))), np.empty(_CHORD_STEPS + 2)
-        self.stale, self.steps = True, 0
-
-    def load(self, h: Array, mu: Array) -> None:
-        """Take gaps and slips, (na, 3), and coefficients, (na,)."""
-        self._h, self._mu = self._inverse * h.ravel(), mu
-        self.steps = 0
-
-    @property
-    def slips(self) -> Array:
-        """Which rows slip, (na,)."""
-        slips: Array = self._length > self._bound
-        return slips
-
-    @property
-    def changed(self) -> bool:
-        """Whether other rows slip than those that the factors belong to."""
-        return bool((self.slips != self._factorised).any())
-
-    def residual(self, lam: Array) -> float:
-        """Largest force that the law leaves unbalanced [N]."""
-        law = loops.friction_residual(self._F, self._h, lam, self._mu)
-        self._value, self._x1, self._x2, self._length, self._bound, largest = law
-        return largest
-
-    def allowed(self, lam: Array) -> Array:
-        """Forces without the rounding by which they are beyond the law, (3 na,) [N]."""
-        lam = lam.reshape(-1, 3)
-        lam[:, 0] = np.maximum(lam[:, 0], 0.0)
-        length = np.sqrt(np.einsum("ij,ij->i", lam[:, 1:], lam[:, 1:]))
-        lam[:, 1:] *= np.minimum(1.0, self._bound / (length + 1e-300))[:, None]
-        return lam
-
-    def factorise(self, lam: Array) -> None:
-        """Factorise the Jacobian at the last residual."""
-        A = self._F.copy()
-        slips = self.slips if lam.any() else np.zeros(len(self._mu), dtype=bool)  # without a guess, rows stick
-        self._factorised = slips
-        rows = np.flatnonzero(slips)
-        length = self._length[rows]
-        d1, d2, c = self._x1[rows] / length, self._x2[rows] / length, self._bound[rows] / length
-        along, across, k = 3 * rows + 1, 3 * rows + 2, np.arange(len(rows))
-        turned = (c * d1)[:, None] * A[across] - (c * d2)[:, None] * A[along]
-        turned[k, along] -= (1.0 - c) * d2
-        turned[k, across] += (1.0 - c) * d1
-        # They are turned back to the tangents, so that the right-hand side of a step needs no turning.
-        A[along], A[across] = -d2[:, None] * turned, d1[:, None] * turned
-        for place, d in (along, d1), (across, d2):
-            A[place, along] += d * d1
-            A[place, across] += d * d2
-            A[place, 3 * rows] -= d * self._mu[rows]
-        self._turn = along, across, d1, d2, c
-        self._factors: tuple[Array, Array] = lapack.dgetrf(A)[:2]
-        self.stale, self.steps = False, 0
-
-    def step(self) -> tuple[Array, float]:
-        """Newton step with the present factors, (3 na,), corrected by the steps made with them, and its largest entry.
-
-        The correction is that of Broyden. Forces are in N.
+        `linearise` must be called before.
         """
-        self.steps += 1
-        return loops.chord_step(self._factors, self._value, self._moves, self._squares, self.steps - 1)
-
-    def stiffness(self) -> Array:
-        """Derivative of the forces by -h with the present factors, (3 na, 3 na) [N/m]."""
-        along, across, d1, d2, c = self._turn
-        rhs = np.diag(self._inverse)
-        scale = c * self._inverse[along]  # which is the same across
-        rhs[along, along], rhs[across, across] = scale * d2 * d2, scale * d1 * d1
-        rhs[along, across] = rhs[across, along] = -scale * d1 * d2
-        stiffness: Array = lapack.dgetrs(*self._factors, rhs)[0]
-        return stiffness
+        return self._closed.response(way) if self.index.size else np.zeros_like(way)

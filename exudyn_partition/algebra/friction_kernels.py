@@ -9,14 +9,14 @@ from ..support.compiled import compiled
 
 
 @compiled
-def friction_residual(F: Array, h: Array, lam: Array, mu: Array) -> tuple[Array, Array, Array, Array, Array, float]:
-    """Forces that the law of friction leaves unbalanced, see `friction._ClosedRows.residual`.
+def friction_residual(places: Array, lam: Array, mu: Array) -> tuple[Array, Array, Array, Array, Array, float]:
+    """Forces that the law of friction leaves unbalanced, see `closed_rows.ClosedRows.residual`.
 
     Parameters
     ----------
-    F : (3 na, 3 na) array
-        Scaled to forces, as h is.
-    h, lam : (3 na,) arrays
+    places : (3 na,) array
+        h + F lambda, scaled to forces.
+    lam : (3 na,) array
     mu : (na,) array
 
     Returns
@@ -26,10 +26,7 @@ def friction_residual(F: Array, h: Array, lam: Array, mu: Array) -> tuple[Array,
     """
     n = len(mu)
     x1, x2, length, bound = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    value, largest = h.copy(), 0.0
-    for i in range(3 * n):
-        for j in range(3 * n):
-            value[i] += F[i, j] * lam[j]
+    value, largest = places.copy(), 0.0
     for i in range(n):
         k = 3 * i
         x1[i], x2[i] = lam[k + 1] - value[k + 1], lam[k + 2] - value[k + 2]
@@ -45,7 +42,7 @@ def friction_residual(F: Array, h: Array, lam: Array, mu: Array) -> tuple[Array,
 def chord_step(
     factors: Array, pivots: Array, value: Array, moves: Array, squares: Array, count: int
 ) -> tuple[Array, float]:
-    """Newton step by LU factors of LAPACK, transposed, corrected by the steps before, see `friction._ClosedRows.step`.
+    """Newton step by LU factors of LAPACK, transposed, corrected by the steps before, see `ClosedRows.step`.
 
     It is kept in `moves`, and returned with its largest entry.
     """

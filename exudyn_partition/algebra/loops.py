@@ -121,14 +121,14 @@ def solve_blocks(
     return False
 
 
-def friction_residual(F: Array, h: Array, lam: Array, mu: Array) -> tuple[Array, Array, Array, Array, Array, float]:
+def friction_residual(places: Array, lam: Array, mu: Array) -> tuple[Array, Array, Array, Array, Array, float]:
     """Forces that the law of friction leaves unbalanced.
 
     Parameters
     ----------
-    F : (3 na, 3 na) array
-        Flexibility scaled to forces, as h is.
-    h, lam : (3 na,) arrays
+    places : (3 na,) array
+        h + F lambda, scaled to forces [N].
+    lam : (3 na,) array
         [N]
     mu : (na,) array
 
@@ -138,9 +138,9 @@ def friction_residual(F: Array, h: Array, lam: Array, mu: Array) -> tuple[Array,
     unbalanced force [N].
     """
     if compiled := kernels("algebra", "friction_kernels"):
-        found: tuple[Array, Array, Array, Array, Array, float] = compiled.friction_residual(F, h, lam, mu)
+        found: tuple[Array, Array, Array, Array, Array, float] = compiled.friction_residual(places, lam, mu)
         return found
-    value = h + F @ lam
+    value = places.copy()
     x1, x2 = lam[1::3] - value[1::3], lam[2::3] - value[2::3]
     length = np.sqrt(x1 * x1 + x2 * x2)
     bound = mu * np.maximum(lam[::3], 0.0)
@@ -170,7 +170,11 @@ def chord_step(
         lu, pivots = factors
         step, largest = compiled.chord_step(lu.T, pivots, value, moves, squares, count)
         return step, largest
-    step = lapack.dgetrs(*factors, -value, overwrite_b=1)[0]
+    return corrected_step(lapack.dgetrs(*factors, -value, overwrite_b=1)[0], moves, squares, count)
+
+
+def corrected_step(step: Array, moves: Array, squares: Array, count: int) -> tuple[Array, float]:
+    """Newton step, (n,), corrected as in `chord_step`, and its largest entry; `step` is overwritten."""
     for m in range(count - 1):
         step += moves[m + 1] * (moves[m] @ step / squares[m])
     if count:

@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from ..algebra.block_complementarity import shared_fields
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
+from .gaps import Gaps
 from .side import Standing
 
 SAME = 0.02  # of a facet's size, or change of normals: below it, the flexibility between patches is kept
@@ -22,6 +23,12 @@ Link = tuple[int, int, int, int, Array]
 
 class HasRows(Protocol):
     """The part of a contact's rows that is needed here."""
+
+    d: int
+
+    @property
+    def gaps(self) -> Gaps:
+        """Gaps of the rows."""
 
     def side_rows(self, side: int) -> Rows:
         """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
@@ -135,6 +142,47 @@ class Exchange:
         for j, k in core:
             neighbours.setdefault(j, []).append(k)
         return cls(fields, core, neighbours)
+
+
+class RowFields:
+    """Displacements of the rows of contacts in the fields of their patches.
+
+    They change slowly. They are kept while the rows move little.
+
+    Parameters
+    ----------
+    rows : sequence of HasRows
+        Of the contacts.
+    exchange : Exchange
+
+    Attributes
+    ----------
+    made : list of int
+        How often those of each contact were found.
+    """
+
+    def __init__(self, rows: Sequence[HasRows], exchange: Exchange) -> None:
+        self._contacts, self._exchange = rows, exchange
+        self._kept: dict[int, tuple[Standing, Array, Array]] = {}
+        self.made = [0] * len(rows)
+
+    def of(self, j: int) -> Array:
+        """Displacements of the rows of contact j, (d nr, m)."""
+        return self._of(j)[1]
+
+    def normal(self, j: int) -> Array:
+        """Changes of the gaps of the rows of contact j, (nr, m)."""
+        return self._of(j)[2]
+
+    def _of(self, j: int) -> tuple[Standing, Array, Array]:
+        rows, kept = self._contacts[j], self._kept.get(j)
+        standing = rows.standing()
+        if kept is None or not standing.nearly(kept[0], SAME):
+            moved = [rows.side_rows(side) @ fields for side, fields in self._exchange.fields.get(j, ())]
+            found: Array = np.sum(moved, axis=0) if moved else np.zeros((rows.d * len(rows.gaps.row_nodes), 0))
+            kept = self._kept[j] = standing, found, np.ascontiguousarray(found[:: rows.d])
+            self.made[j] += 1
+        return kept
 
 
 def _identity(block: Array) -> tuple[int, tuple[int, ...]]:

@@ -197,15 +197,19 @@ class PatchContact:
         `pushed`, (nr, d) [m], are displacements due to the forces of other contacts. Tangential ones count from the
         last accepted step.
         """
-        self._answered = True
-        if isinstance(self.rows, TangentialRows) and not self.rows.held:
-            self.rows.hold()
+        self._begin_answer()
         if self.zones is None:
             self._answer(gap, pushed, motion)
             self.h = gap
         else:
             more = np.zeros((len(gap), self.rows.d)) if pushed is None else pushed
             self.zones.solve(lambda moved: self._answer(gap, moved, motion), more)
+
+    def _begin_answer(self) -> None:
+        """Sliding counts from the present places if no step has begun."""
+        self._answered = True
+        if isinstance(self.rows, TangentialRows) and not self.rows.held:
+            self.rows.hold()
 
     def _answer(self, gap: Array, pushed: Array | None, motion: Motion | None) -> None:
         self.h = h = gap if pushed is None else gap + pushed[:, 0]
@@ -216,21 +220,29 @@ class PatchContact:
             if self.index.size or len(self.forces) != len(h):
                 self.open_rows()
             return
-        self._at = Places(
-            h,
-            way=lambda: self._way(pushed),
-            last=lambda: self.last,
-            mu=lambda: self.coefficients,
-            motion=motion,
-            since=self.since,
-        )
-        forces = self.law.answer(self._at)
+        forces = self.law.answer(self._places(h, pushed, motion))
         if np.shape(forces.on_rows) != (len(h), self.rows.d):
             raise InputError(
                 f"law {type(self.law).__name__}: expected forces of shape {(len(h), self.rows.d)}, rows by directions, "
                 f"got {np.shape(forces.on_rows)}"
             )
         self.take(forces)
+
+    def places(self, gap: Array) -> Places:
+        """Places of the present rows with gaps, (nr,) [m], for which others find the forces and let them be taken."""
+        self._begin_answer()
+        return self._places(gap, None, None)
+
+    def _places(self, gap: Array, pushed: Array | None, motion: Motion | None) -> Places:
+        self._at = Places(
+            gap,
+            way=lambda: self._way(pushed),
+            last=lambda: self.last,
+            mu=lambda: self.coefficients,
+            motion=motion,
+            since=self.since,
+        )
+        return self._at
 
     def _way(self, pushed: Array | None) -> Array:
         """How far rows have slid along their tangents since the last accepted step, (nr, 2) [m]."""

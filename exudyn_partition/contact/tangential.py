@@ -194,9 +194,7 @@ class TangentialRows:
         gaps, parts = self.gaps, []
         for place, (side, q) in enumerate(zip(gaps.near_sides, gaps.coordinates, strict=True)):
             used, weights = self._node_weights(place, index)
-            G = sp.csr_matrix(_directed(weights, self.tangents[index]))
-            columns = node_dofs(used)[G.indices]
-            G = sp.csr_matrix((G.data, columns, G.indptr), shape=(G.shape[0], 3 * len(side.surface.points)))
+            G = _directed(used, weights, self.tangents[index], len(side.surface.points))
             parts.append(side.on_coordinates(q, G))
         return _interleaved(gaps.jacobian(index), joined(parts))
 
@@ -272,7 +270,7 @@ class TangentialRows:
         arms = self._offsets(gaps.places_now())[index] - gaps.carrier_pose[:3]
         along = self.tangents[index]
         turning = np.cross(arms[:, None, :], along)
-        of_tangents = -np.concatenate([along, turning], axis=2).reshape(-1, 6)
+        of_tangents = -np.concatenate([along, turning], axis=2).swapaxes(0, 1).reshape(-1, 6)
         return np.asarray(_interleaved(gaps.carrier_rows(index), of_tangents))
 
     def at_points(self, lam: Array) -> Array:
@@ -322,18 +320,24 @@ def directions(index: Array) -> Array:
     return value
 
 
-def _directed(weights: Array, along: Array) -> Array:
-    """Rows on nodal displacements, (2 nr, 3 np), from node weights, (nr, np), along two vectors, (nr, 2, 3)."""
-    n_rows, n = weights.shape
-    return np.asarray((weights[:, None, :, None] * along[:, :, None, :]).reshape(2 * n_rows, 3 * n))
+def _directed(nodes: Array, weights: Array, along: Array, n_nodes: int) -> sp.csr_matrix:
+    """Rows on nodal displacements, (2 nr, 3 np), from weights of some nodes, (nr, k), along two vectors, (nr, 2, 3).
+
+    All rows along the first vectors come first.
+    """
+    row, column = np.nonzero(weights)
+    values = weights[row, column, None, None] * along[row]
+    columns = np.tile((3 * nodes[column, None] + np.arange(3)).ravel(), 2)
+    ends = 3 * np.searchsorted(row, np.arange(len(weights) + 1))
+    starts = np.concatenate([ends, ends[1:] + 3 * len(row)])
+    data = np.concatenate([values[:, 0].ravel(), values[:, 1].ravel()])
+    return sp.csr_matrix((data, columns, starts), shape=(2 * len(weights), 3 * n_nodes))
 
 
 def _interleaved(normal: Rows, tangential: Rows) -> Rows:
-    """Rows of normals, (nr, n), and of pairs of tangents, (2 nr, n), in the order of the directions, (3 nr, n)."""
+    """Rows of normals, (nr, n), and of first and then second tangents, (2 nr, n), in the order of the directions."""
     n_rows = normal.shape[0]
-    order = np.arange(3 * n_rows).reshape(n_rows, 3)
-    place = np.empty(3 * n_rows, dtype=np.int64)
-    place[order[:, 0]], place[order[:, 1:].ravel()] = np.arange(n_rows), n_rows + np.arange(2 * n_rows)
+    place = np.arange(3 * n_rows).reshape(3, n_rows).T.ravel()
     if sp.issparse(normal) and sp.issparse(tangential):
         return sp.vstack([normal, tangential], format="csr")[place]
     return np.vstack([dense(normal), dense(tangential)])[place]

@@ -60,7 +60,7 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
         run = runs.now(mbs)
         run.force(mbs, t)
         contacts = partition_items(mbs)[1]
-        blocks = [*_of_each(mbs, run, contacts, fODE2), *_between(mbs, run, contacts, fODE2)]
+        blocks = [*_of_each(mbs, run, contacts, fODE2), *_of_groups(mbs, run, contacts, fODE2)]
         return exu.MatrixContainer(_assembled(blocks, run.dofs))
 
     return mbs.AddObject(
@@ -107,7 +107,7 @@ def _assembled(blocks: Sequence[Block], dofs: Array) -> sp.csr_matrix:
 
 
 def _of_each(mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionContact], by_q: float) -> Iterator[Block]:
-    """Stiffness of each contact on the coordinates of its bodies."""
+    """Stiffness of each contact on the coordinates of its bodies; `_of_groups` has that of contacts solved together."""
     for contact in contacts:
         run = model.of(contact)
         K = _own_stiffness(mbs, run, by_q)
@@ -123,11 +123,7 @@ def _own_stiffness(mbs: MainSystem, run: ContactRun, by_q: float) -> Rows | None
             return by_q * closed
         if mechanics.zones is None:
             return None
-    if run.group.together is None:
-        return by_q * mechanics.tangent()
-    H = dense(mechanics.row_jacobian())
-    stiffness = H.T @ run.group.stiffness(run, run) @ H
-    return by_q * (stiffness if mechanics.zones is None else mechanics.zones.tangent(stiffness))
+    return by_q * mechanics.tangent() if run.group.together is None or not mechanics.index.size else None
 
 
 def _touches(mbs: MainSystem, run: ContactRun) -> bool:
@@ -142,26 +138,24 @@ def _touches(mbs: MainSystem, run: ContactRun) -> bool:
     return solver is not None and method_of(solver) == "static" and bool(solver.it.newtonSteps == 1)
 
 
-def _between(mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionContact], by_q: float) -> Iterator[Block]:
-    """Stiffness between closed contacts and the carrier of their surface, or other contacts on their bodies."""
-    rows: dict[int, tuple[Array, Array]] = {}
-    for contact in contacts:
-        run = model.of(contact)
-        if not contact.mechanics.compliant or not run.mechanics.index.size:
-            continue
-        linked = [other for other in contact.linked if model.of(other).mechanics.index.size]
-        for end in [contact, *linked] if linked or _carrying_nodes(contact) else []:
-            if id(end) not in rows:
-                rows[id(end)] = _closed_rows(mbs, model.of(end), end)
-        if _carrying_nodes(contact):
-            H, own = rows[id(contact)]
-            K = H.T @ run.group.stiffness(run, run) @ H
-            K[: len(run.dofs), : len(run.dofs)] = 0.0  # `_of_each` has that of the bodies
-            yield by_q * K, own, own
-        for other in linked:
-            (H, own), (H_other, others), last = rows[id(contact)], rows[id(other)], model.of(other)
-            yield by_q * (H.T @ run.group.stiffness(run, last) @ H_other), own, others
-            yield by_q * (H_other.T @ run.group.stiffness(last, run) @ H), others, own
+def _of_groups(mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionContact], by_q: float) -> Iterator[Block]:
+    """Stiffness of and between contacts that are solved together, and between contacts and carriers of surfaces."""
+    for group in {id(contact.group): contact.group for contact in contacts}.values():
+        run, alone = model.of(group[0]).group, group[0].together is None
+        closed = {
+            place: _closed_rows(mbs, model.of(contact), contact)
+            for place, contact in enumerate(group)
+            if contact.mechanics.compliant and model.of(contact).mechanics.index.size
+            if not alone or _carrying_nodes(contact)
+        }
+        for (j, k), K in run.stiffness({j: H for j, (H, _) in closed.items()}).items():
+            if j == k:
+                own, zones = np.s_[: len(model.of(group[j]).dofs)], model.of(group[j]).mechanics.zones
+                if alone:
+                    K[own, own] = 0.0  # `_of_each` has that of the bodies
+                elif zones is not None:
+                    K[own, own] = zones.tangent(K[own, own])
+            yield by_q * K, closed[j][1], closed[k][1]
 
 
 def _closed_rows(mbs: MainSystem, run: ContactRun, contact: PartitionContact) -> tuple[Array, Array]:

@@ -449,11 +449,11 @@ class GroupRun:
         for member in self._within:
             member.add_force(total)
 
-    def stiffness(self, first: ContactRun, last: ContactRun) -> Array:
-        """Stiffness (na, nb) [N/m]: forces on closed rows of `first` due to gaps of those of `last`, maybe the same."""
-        if self.together is None:
-            return first.mechanics.row_stiffness()
-        return self.together.stiffness(first.mechanics, last.mechanics)
+    def stiffness(self, rows: Mapping[int, Array]) -> dict[tuple[int, int], Array]:
+        """See `formulation.Together.stiffness`."""
+        if self.together is not None:
+            return self.together.stiffness(rows)
+        return {(j, j): H.T @ self.members[j].mechanics.row_stiffness() @ H for j, H in rows.items()}
 
     def update_members(self) -> None:
         """Let the contacts' mechanics take the results of compiled loops, if they have not taken them yet."""

@@ -21,8 +21,6 @@ def solve_together(contact: PartitionContact, others: list[PartitionContact]) ->
     together = contact.formulation.together([member.mechanics for member in group], _Links(group))
     for member in group:
         member.group, member.together = group, together
-    own = [item for item, _ in contact.sides]
-    contact.linked = [o for o in group if o != contact and any(item in own for item, _ in o.sides)]
 
 
 def coupled_with(contact: PartitionContact, others: list[PartitionContact]) -> list[PartitionContact]:

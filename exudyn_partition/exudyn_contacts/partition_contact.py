@@ -86,19 +86,16 @@ class PartitionContact(Item[Any]):
         Contacts that are solved together in every run, the same list for all of them.
     together : Together or None
         Finds their forces, if there are several and forces are elastic; each run has its own.
-    linked : list of PartitionContact
-        Contacts of the group that were made earlier and share a body with this one.
     moment_about : (3,) array or None
         Point of the moment sensor [m].
     """
 
     _inside = frozenset(
-        {"carrier", "compliant", "elastic", "group", "linked", "mechanics", "moment_about", "nodes", "side_names",
+        {"carrier", "compliant", "elastic", "group", "mechanics", "moment_about", "nodes", "side_names",
          "slave_facet_size", "slices", "together"}
     )  # fmt: skip
     group: list[Any]
     together: Together | None
-    linked: list[Any]
     moment_about: Array | None
 
     def __init__(self, plan: ContactPlan) -> None:
@@ -107,7 +104,7 @@ class PartitionContact(Item[Any]):
         self.slave = plan.sides[0][0]
         self.master = plan.sides[1][0] if plan.rigid is None else plan.rigid
         self.formulation, self.mechanics, self.carrier = plan.formulation, plan.mechanics, plan.carrier
-        self.group, self.together, self.linked = [self], None, []
+        self.group, self.together = [self], None
         self.moment_about = None
 
     @property

@@ -189,11 +189,11 @@ class FloatingKinematics:
     def on_coordinates(self, q: Array, rows: sp.csr_matrix) -> Array:
         """See `Kinematics.on_coordinates`."""
         A, arms = self.frame(q)[1], self._arms(q)
-        k = len(arms)
-        local = rows @ sp.kron(sp.identity(k), A, format="csr")
         turning = np.cross(self.node_axes.T, arms[:, None, :]).swapaxes(1, 2)  # unit rotations about the node's axes
-        translation = np.tile(np.eye(3), (k, 1))
-        return np.hstack([rows @ translation, local @ turning.reshape(3 * k, 3), local @ self.rows])
+        of_nodes = np.empty((len(arms), 3, self.body.n_dofs))
+        of_nodes[:, :, :3], of_nodes[:, :, 3:6] = np.eye(3), A @ turning
+        of_nodes[:, :, 6:] = A @ self.rows.reshape(len(arms), 3, -1)
+        return np.asarray(rows @ of_nodes.reshape(3 * len(arms), -1))
 
     def in_frame(self, q: Array, directions: Array) -> Array:
         """See `Kinematics.in_frame`."""

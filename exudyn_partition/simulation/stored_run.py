@@ -24,7 +24,7 @@ from ..support.arrays import Array
 from ..support.checks import read_only, validate_result
 from .work import Work
 
-_OF_MODEL = ("slave", "master", "sides", "formulation", "carrier", "group", "together", "linked", "moment_about")
+_OF_MODEL = ("slave", "master", "sides", "formulation", "carrier", "group", "together", "moment_about")
 _SAME = 1e-7  # share of the norm of an array that rounding may change if a body is reduced again
 
 

@@ -18,7 +18,9 @@ from ..gaps import Gaps
 from ..law import Law, RowDirections
 from ..patch_contact import PatchContact
 from .compliance import compliance
-from .coupled import CoupledContacts, SharedPatches
+from .coupled import Coupled, CoupledContacts, SharedPatches
+from .coupled_friction import CoupledFriction
+from .coupled_zones import CoupledZones
 from .explicit_multipliers import Multipliers
 from .formulation import Formulation, Links, SharedBody
 from .penalty import PenaltyLayer, bed_stiffness, inertial_stiffness
@@ -57,13 +59,15 @@ class Compliance(Formulation):
             super().couples(contact, other, shared)
         return alike and _coupling(shared) > _COUPLED
 
-    def together(self, contacts: Sequence[PatchContact], links: Links) -> CoupledContacts | None:
+    def together(self, contacts: Sequence[PatchContact], links: Links) -> Coupled | None:
         """See `Formulation`."""
-        if len(contacts) == 1 and not (contacts[0].elastic and contacts[0].gaps.may_freeze):
+        elastic = all(contact.elastic for contact in contacts)
+        if len(contacts) == 1 and not (elastic and contacts[0].gaps.may_freeze):
             return None
         if not links.shared:
-            return CoupledContacts(contacts, links)
-        if not all(contact.elastic for contact in contacts):
+            flows = any(contact.zones is not None or not contact.law.elastic for contact in contacts)
+            return (CoupledContacts if elastic else CoupledZones if flows else CoupledFriction)(contacts, links)
+        if not elastic:
             raise InputError(
                 "friction: contacts that share a patch, and all that are solved together with them, are frictionless "
                 "and elastic. Make a patch for each contact (Partition.ball(...) | Partition.ball(...))"

@@ -171,66 +171,56 @@ class FrictionalCompliance(Law):
     problem: FrictionProblem | None = None
 
     def __init__(self, rows: RowDirections) -> None:
-        self.rows = rows
-        n = len(rows.gaps.slave.surface.points)
-        self._near, self._row_nodes = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
-        self._F, self._guess = np.empty((0, 0)), np.zeros(n, dtype=np.int8)
-        self._since = -math.inf
-        self._last = np.zeros((n, 3))  # forces at the end of the last accepted step, at the slave's nodes
-        self._moved = np.empty((0, 3))
+        self.rows, self.closing = rows, ClosingRows(rows)
+        self.iterations, self._stored = 0, 0.0
 
     def fresh(self, rows: RowDirections) -> FrictionalCompliance:
         """See `Law`."""
         return FrictionalCompliance(rows)
 
-    @property
-    def iterations(self) -> int:  # type: ignore[override]
-        """See `Law`."""
-        return 0 if self.problem is None else self.problem.iterations
-
     def answer(self, at: Places) -> Forces:
         """See `Law`."""
-        gap, last, nodes = at.gap, at.last, self.rows.gaps.row_nodes
-        problem, near = self._take(gap, last)
-        if at.since != self._since:  # a new step: guess that forces change as they did
-            before, self._since = self._last[nodes], at.since
-            self._last[:] = 0.0
-            self._last[nodes] = last
-            problem.extrapolate(before[near])
-        h = np.column_stack([gap, at.way])[near]
-        h[:, 1:] -= problem.moved_by(last[near])[:, 1:]
-        found = problem.solve(h, at.mu[near])
-        self._moved = problem.moved_by(found)
-        forces, state, slips = np.zeros((len(gap), 3)), np.zeros(len(gap), dtype=np.int8), np.zeros((len(gap), 2))
-        forces[near], state[near], slips[near] = found, problem.state, (h + self._moved)[:, 1:]
-        self._guess[:] = 0
-        self._guess[nodes[near]] = problem.state
-        return Forces(forces, near[problem.index], state, slips)
-
-    def _take(self, gap: Array, last: Array) -> tuple[FrictionProblem, Array]:
-        """Set up the problem of rows that may close or were closed; return it and the rows' numbers."""
-        least, row_nodes = float(gap.min()), self.rows.gaps.row_nodes
-        needed = (gap < -BULGE * least) | (last[:, 0] > 0)
-        many, kept = needed.sum(), self._row_nodes is row_nodes
-        if kept and many == needed[self._near].sum() and len(self._near) < 2 * many + _SPARE:
-            near = self._near
-        else:
-            near = np.flatnonzero(needed | (gap < -_MARGIN * least))
-        F = self.rows.flexibility(near)
-        if self.problem is not None and F is self._F:
-            return self.problem, near
-        own = regularised(F)
+        closing, last = self.closing, at.last
+        near = closing.choose(at.gap, last)
+        F, other = closing.flexibility()
         if self.problem is None:
-            self.problem = FrictionProblem(own)
-        else:
-            self.problem.replace(own, self._guess[row_nodes[near]], last[near])
-        self._F, self._near, self._row_nodes = F, near, row_nodes
-        return self.problem, near
+            self.problem = FrictionProblem(F)
+        elif other:
+            self.problem.replace(F, closing.states, last[near])
+        problem, before = self.problem, closing.before(at.since, last)
+        if before is not None:  # a new step: guess that forces change as they did
+            problem.extrapolate(before)
+        h = np.column_stack([at.gap, at.way])[near]
+        h[:, 1:] -= problem.moved_by(last[near])[:, 1:]
+        made = problem.iterations
+        found = problem.solve(h, at.mu[near])
+        self.iterations += problem.iterations - made
+        closing.remember(problem.state)
+        return self.found(closing, found, problem.moved_by(found), h, problem.state)
+
+    def found(self, closing: ClosingRows, lam: Array, moved: Array, h: Array, state: Array) -> Forces:
+        """Forces on all rows.
+
+        Parameters
+        ----------
+        closing : ClosingRows
+        lam : (k, 3) array
+            Forces on the rows that can close [N].
+        moved : (k, 3) array
+            How far forces move them [m].
+        h : (k, 3) array
+            Their gaps and slips without forces [m].
+        state : (k,) int8 array
+        """
+        self._stored = 0.5 * float(np.vdot(lam, moved))
+        near, n = closing.index, len(self.rows.gaps.row_nodes)
+        forces, states, slips = np.zeros((n, 3)), np.zeros(n, dtype=np.int8), np.zeros((n, 2))
+        forces[near], states[near], slips[near] = lam, state, (h + moved)[:, 1:]
+        return Forces(forces, near[np.flatnonzero(state)], states, slips)
 
     def stored(self, gap: Array, forces: Array) -> float:
         """See `Law`: 1/2 lambda' F lambda."""
-        assert self.problem is not None
-        return 0.5 * float(np.sum(self.problem.lam * self._moved))
+        return self._stored
 
     def stiffness(self) -> Array:
         """See `Law`; unsymmetric where rows slip."""
@@ -243,3 +233,77 @@ class FrictionalCompliance(Law):
         H = dense(rows.jacobian(everything))
         value: Array = H.T @ np.linalg.solve(regularised(self.rows.flexibility(everything)), H)
         return value
+
+
+class ClosingRows:
+    """Rows of a contact that can close, and what is guessed of them.
+
+    They change seldom: rows that have left stay for a while.
+
+    Parameters
+    ----------
+    rows : RowDirections
+        With d = 1 or 3 directions.
+
+    Attributes
+    ----------
+    index : (k,) int array
+        Their numbers among the present rows.
+    """
+
+    def __init__(self, rows: RowDirections) -> None:
+        self.rows = rows
+        n = len(rows.gaps.slave.surface.points)
+        self.index, self._row_nodes = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+        self._F: Array = np.empty((0, 0))
+        self._regularised = self._F
+        self._states = np.zeros(n, dtype=np.int8)  # at the slave's nodes
+        self._since = -math.inf
+        self._last = np.zeros((n, 3))  # forces at the end of the last accepted step, at the slave's nodes
+
+    def choose(self, gap: Array, last: Array, *, more: bool = False) -> Array:
+        """Choose the rows for gaps, (nr,) [m], and forces at the end of the last step, (nr, 3) [N]; return them.
+
+        With `more`, those that were chosen stay.
+        """
+        least, row_nodes = float(gap.min(initial=0.0)), self.rows.gaps.row_nodes
+        needed = (gap < -BULGE * least) | (last[:, 0] > 0)
+        needed[self.index[: len(self.index) if more else 0]] = True
+        many, same = needed.sum(), self._row_nodes is row_nodes
+        if not same or many != needed[self.index].sum() or len(self.index) >= 2 * many + _SPARE:
+            self.index, self._row_nodes = np.flatnonzero(needed | (gap < -_MARGIN * least)), row_nodes
+        return self.index
+
+    def misses(self, gap: Array) -> bool:
+        """Whether rows can close at gaps, (nr,) [m], that were not chosen."""
+        needed = gap < -BULGE * gap.min(initial=0.0)
+        return bool(needed.sum() != needed[self.index].sum())
+
+    def flexibility(self) -> tuple[Array, bool]:
+        """Regularised flexibility of the rows, (d k, d k) [m/N], and whether it is another than last time."""
+        F = self.rows.flexibility(self.index)
+        other = F is not self._F
+        if other:
+            self._F, self._regularised = F, regularised(F)
+        return self._regularised, other
+
+    @property
+    def states(self) -> Array:
+        """Guess of the rows' states, (k,)."""
+        value: Array = self._states[self._row_nodes[self.index]]
+        return value
+
+    def remember(self, states: Array) -> None:
+        """Take states of the rows, (k,), as the next guess."""
+        self._states[:] = 0
+        self._states[self._row_nodes[self.index]] = states
+
+    def before(self, since: float, last: Array) -> Array | None:
+        """Forces on the rows at the end of the step before the last one, (k, 3) [N]; None if the step is known."""
+        if since == self._since:
+            return None
+        nodes = self._row_nodes
+        before, self._since = self._last[nodes], since
+        self._last[:] = 0.0
+        self._last[nodes] = last
+        return np.asarray(before[self.index])

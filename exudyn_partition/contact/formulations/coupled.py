@@ -3,40 +3,32 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
-import scipy.linalg
 
 from ...algebra.block_complementarity import BlockComplementarity
 from ...algebra.complementarity import Complementarity
 from ...errors import ComplementarityError
 from ...support.arrays import Array, consecutive
 from .. import loops
-from ..between import SAME, Exchange, FlexibilityBetween, Link
+from ..between import SAME, Exchange, FlexibilityBetween, Link, RowFields
 from ..frozen import FrozenContacts
 from ..patch_contact import PatchContact
 from ..side import Standing
 from .compliance import NormalCompliance
 
-_SWEEPS = 100
-_SETTLED = 1e-11  # relative change of the forces in a sweep
-_SETTLED_WITH_FRICTION = 1e-9  # forces with friction are computed to a tenth of it
-_UNSETTLED = 1e-6  # relative change in the last sweep above which the forces are rejected
+if TYPE_CHECKING:
+    from typing import Self
+
+_PASSES = 100
+_HARDLY = 1e-4  # of the forces on a contact that moves: smaller ones on others are left out of the stiffness
 
 
-class CoupledContacts:
-    """Compliance contacts that share bodies, solved together.
-
-    Without friction and yield, the forces of all contacts minimise one potential, 1/2 lambda' F lambda + lambda' h over
-    lambda >= 0, with F of all rows; see `BlockComplementarity`. A contact enters if it is closed, or if the others
-    close it.
-
-    With friction or yield there is no potential. Then each contact in turn finds its forces for the displacements that
-    the others cause (block Gauss-Seidel). This converges fast, because one patch moves another only a little.
-    Tangential forces count too. Tangential places move by the change of the forces since the last accepted step.
+class Coupled:
+    """Compliance contacts that share bodies, solved together: what all kinds of them have.
 
     A patch moves the others of its body by few smooth fields. Only their amplitudes are exchanged.
 
@@ -52,38 +44,26 @@ class CoupledContacts:
     def __init__(self, contacts: Sequence[PatchContact], links: Callable[[], Sequence[Link]]) -> None:
         self.contacts, self._links = [*contacts], links
         self._at: Array | None = None
-        self._inverse: Array | None = None
-        self._rows: dict[int, tuple[Standing, Array]] = {}
-        self._some: dict[int, tuple[Array, Array, Array]] = {}
-        self._frictional = any(contact.friction is not None for contact in contacts)
-        self._jointly = all(contact.elastic for contact in contacts)
 
     @cached_property
     def _exchange(self) -> Exchange:
         return Exchange.of(self._links())
 
-    def _begin(self) -> None:
-        """Forget the forces of the last accepted step; frictionless contacts do not keep them."""
-        if self._jointly:
-            self._begin_jointly()
-        self._remembering = [contact for contact in self.contacts if contact.remembers]
-        self._carried = [contact for contact in self.contacts if contact.gaps.carried]
-        self._since: list[float] = []
-        self._last = [np.zeros(len(contact.node_areas)) for contact in self.contacts]
-
     def _prepare(self) -> None:
         """Compute the data that all runs share."""
         self._exchange  # noqa: B018 - the property keeps its value
 
-    def _begin_jointly(self) -> None:
-        self._joint = BlockComplementarity(len(self.contacts), self._exchange.core)
+    def _begin(self) -> None:
+        """Begin a run with the present contacts."""
+        self._remembering = [contact for contact in self.contacts if contact.remembers]
+        self._since: list[float] = []
+        self._carried = [contact for contact in self.contacts if contact.gaps.carried]
 
-    def for_run(self, contacts: Sequence[PatchContact]) -> CoupledContacts:
+    def for_run(self, contacts: Sequence[PatchContact]) -> Self:
         """Return the same object for the contacts of a run; the flexibility between patches is shared."""
         self._prepare()
         result = copy.copy(self)
-        result.contacts, result._at, result._inverse = [*contacts], None, None
-        result._rows, result._some = {}, {}
+        result.contacts, result._at = [*contacts], None
         result._begin()
         return result
 
@@ -106,18 +86,50 @@ class CoupledContacts:
         """
         if len(self.contacts) == 1:
             return [self.contacts[0].force(coordinates()[0])]
-        if self._frictional and self._since != (since := [contact.since for contact in self._remembering]):
+        since = [contact.since for contact in self._remembering]
+        if since != self._since:
             self._since = since
-            for contact, last in zip(self.contacts, self._last, strict=True):
-                last[:] = 0.0
-                last[contact.row_nodes] = contact.lam
-        more = [np.atleast_1d(contact.since) for contact in self._remembering] + [
-            contact.gaps.carrier_pose for contact in self._carried
-        ]
-        at = np.concatenate([state, *more]) if more else state
+            self._remember()
+        more = [contact.gaps.carrier_pose for contact in self._carried]
+        at = np.concatenate([state, since, *more]) if since or more else state
         if self._at is None or not _equal(at, self._at):
-            self._at, self._forces, self._inverse = at.copy(), self._find(coordinates()), None
+            gaps = [contact.gaps.at(q) for contact, q in zip(self.contacts, coordinates(), strict=True)]
+            self._find(gaps)
+            self._at, self._forces = at.copy(), [contact.generalised() for contact in self.contacts]
         return self._forces
+
+    def _remember(self) -> None:
+        """Remember the present forces of contacts that have no memory: a new step begins after them."""
+
+    def _find(self, gaps: list[Array]) -> None:
+        """Find the forces of all contacts at gaps of their rows, (nr,) [m] each."""
+        raise NotImplementedError
+
+    def stiffness(self, rows: Mapping[int, Array]) -> dict[tuple[int, int], Array]:
+        """See `formulation.Together`."""
+        closed, result = consecutive([contact.rows.d * contact.index.size for contact in self.contacts]), {}
+        respond = self._linearised(closed)
+        for k, of_k in rows.items():
+            forces = respond(k, of_k)
+            sizes = {j: abs(forces[closed[j]]).max(initial=0.0) for j in rows}
+            for j in [j for j, size in sizes.items() if size >= _HARDLY * sizes[k]]:
+                result[j, k] = rows[j].T @ forces[closed[j]]
+        return result
+
+    def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
+        """Return what finds minus the change of the forces on all closed rows if those of one contact move.
+
+        Parameters
+        ----------
+        closed : sequence of slice
+            Where the directions of each contact's closed rows are.
+
+        Returns
+        -------
+        callable
+            Its arguments are the number of the contact, and m ways of its rows, (d na, m) [m]; forces are (n, m) [N].
+        """
+        raise NotImplementedError
 
     def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> FrozenContacts | None:
         """All contacts for compiled loops, starting from the present forces; None if pairs move, or without such loops.
@@ -129,22 +141,7 @@ class CoupledContacts:
         last : FrozenContacts or None
             Last return value. It is used again if it has the same pairs.
         """
-        gaps = [contact.gaps for contact in self.contacts]
-        if not self._jointly or any(each.moving for each in gaps) or not loops.at_once():
-            return None
-        if last is None or not last.has_pairs_of(gaps):
-            for law in self._laws:
-                law.hold()
-            fields = [self._rows_by_fields(j) for j in range(len(gaps))]
-            blocks = self._joint.flat([law.problem.F for law in self._laws], fields)
-            last = FrozenContacts(gaps, dofs, blocks)
-        last.guess(np.concatenate([contact.lam > 0.0 for contact in self.contacts]))
-        return last
-
-    @property
-    def _laws(self) -> list[NormalCompliance]:
-        """Laws of the contacts, if all of them are elastic."""
-        return cast("list[NormalCompliance]", [contact.law for contact in self.contacts])
+        return None
 
     def take(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
         """Let the contacts take the state of `frozen`, whose last evaluation was at these coordinates of each.
@@ -152,7 +149,44 @@ class CoupledContacts:
         Return False if pairs have changed since then, because gaps were evaluated elsewhere. Then contacts find the
         state themselves.
         """
-        self._at = self._inverse = None
+        raise NotImplementedError
+
+
+class CoupledContacts(Coupled):
+    """Contacts without friction and yield.
+
+    Their forces minimise one potential, 1/2 lambda' F lambda + lambda' h over lambda >= 0, with F of all rows; see
+    `BlockComplementarity`. A contact enters if it is closed, or if the others close it.
+    """
+
+    def _begin(self) -> None:
+        super()._begin()
+        self._fields = RowFields([contact.rows for contact in self.contacts], self._exchange)
+        self._joint = BlockComplementarity(len(self.contacts), self._exchange.core)
+        self._some: dict[int, tuple[Array, Array, Array]] = {}
+
+    def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> FrozenContacts | None:
+        """See `Coupled`."""
+        gaps = [contact.gaps for contact in self.contacts]
+        if any(each.moving for each in gaps) or not loops.at_once():
+            return None
+        if last is None or not last.has_pairs_of(gaps):
+            for law in self._laws:
+                law.hold()
+            fields = [self._fields.of(j) for j in range(len(gaps))]
+            blocks = self._joint.flat([law.problem.F for law in self._laws], fields)
+            last = FrozenContacts(gaps, dofs, blocks)
+        last.guess(np.concatenate([contact.lam > 0.0 for contact in self.contacts]))
+        return last
+
+    @property
+    def _laws(self) -> list[NormalCompliance]:
+        """Laws of the contacts."""
+        return cast("list[NormalCompliance]", [contact.law for contact in self.contacts])
+
+    def take(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
+        """See `Coupled`."""
+        self._at = None
         if not frozen.has_pairs_of([contact.gaps for contact in self.contacts]):
             self.forces(coordinates)
             return False
@@ -176,58 +210,26 @@ class CoupledContacts:
         else:
             contact.take(law.found(moved, near, lam))
 
-    def stiffness(self, contact: PatchContact, other: PatchContact) -> Array:
-        """Derivative of forces on a contact's closed rows with respect to places of another's, (d na, d nb) [N/m].
+    def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
+        """See `Coupled`."""
+        inverse = np.linalg.inv(self._flexibility(closed))
+        return lambda k, way: inverse[:, closed[k]] @ way
 
-        All other places are fixed.
-        """
-        if self._inverse is None:
-            self._closed = consecutive([each.rows.d * len(each.index) for each in self.contacts])
-            self._inverse = self._frictional_stiffness() if self._frictional else np.linalg.inv(self._flexibility())
-        rows, columns = (self._closed[self.contacts.index(each)] for each in (contact, other))
-        return self._inverse[rows, columns]
-
-    def _flexibility(self) -> Array:
+    def _flexibility(self, closed: Sequence[slice]) -> Array:
         """Flexibility of the closed rows of all contacts, (n, n) [m/N]."""
-        F = self._flexibility_between()
-        for law, contact, own in zip(self._laws, self.contacts, self._closed, strict=True):
+        F = self._flexibility_between(closed)
+        for law, contact, own in zip(self._laws, self.contacts, closed, strict=True):
             F[own, own] = law.active_flexibility() if contact.index.size else 0.0
         return F
 
-    def _flexibility_between(self) -> Array:
+    def _flexibility_between(self, closed: Sequence[slice]) -> Array:
         """Flexibility of the closed rows of all contacts, (n, n) [m/N], with zero diagonal blocks."""
-        F = np.zeros((self._closed[-1].stop,) * 2)
-        fields = [self._rows_by_fields(j)[each.rows.directions(each.index)] for j, each in enumerate(self.contacts)]
-        for (j, k), core in self._exchange.core.items():
-            F[self._closed[j], self._closed[k]] = fields[j] @ core @ fields[k].T
-        return F
+        return between(closed, [contact.index for contact in self.contacts], self._fields, self._exchange)
 
-    def _frictional_stiffness(self) -> Array:
-        """Derivative of all forces with respect to all places: d lambda = -D (dh + F_between d lambda)."""
-        D = scipy.linalg.block_diag(*(contact.row_stiffness() for contact in self.contacts))
-        value: Array = np.linalg.solve(np.eye(len(D)) + D @ self._flexibility_between(), D)
-        return value
-
-    def _find(self, coordinates: Sequence[Array]) -> list[Array]:
-        gaps = [contact.gaps.at(q) for contact, q in zip(self.contacts, coordinates, strict=True)]
-        if self._jointly:
-            self._answer_jointly(gaps)
-        else:
-            for contact, h in zip(self.contacts, gaps, strict=True):
-                contact.answer(h)
-            if any(map(self._pushes, range(len(gaps)))):
-                self._settle(gaps)
-        return [contact.generalised() for contact in self.contacts]
-
-    def _pushes(self, j: int) -> bool:
-        """Whether forces of a contact, or those at the end of the last accepted step, move the rows of others."""
-        contact = self.contacts[j]
-        return contact.index.size > 0 or bool(contact.memory.forces.any())
-
-    def _answer_jointly(self, gaps: list[Array]) -> None:
-        """Find the forces of all contacts. A contact enters if it presses, or if the others press it."""
+    def _find(self, gaps: list[Array]) -> None:
+        """See `Coupled`. A contact enters if it presses, or if the others press it."""
         pushed, near, lam = [*gaps], dict[int, Array](), dict[int, Array]()
-        for _ in range(_SWEEPS):
+        for _ in range(_PASSES):
             entering = [j for j, h in enumerate(pushed) if _presses(h, near.get(j))]
             if not entering:
                 break
@@ -237,7 +239,7 @@ class CoupledContacts:
             pushed = [self._pushed_gap(j, gap) for j, gap in enumerate(gaps)]
         else:
             raise ComplementarityError(
-                f"the rows that close in {len(gaps)} contacts on common bodies did not settle in {_SWEEPS} passes"
+                f"the rows that close in {len(gaps)} contacts on common bodies did not settle in {_PASSES} passes"
             )
         for j, (gap, moved) in enumerate(zip(gaps, pushed, strict=True)):
             self._take(j, gap, moved, near.get(j), lam.get(j, np.empty(0)))
@@ -253,7 +255,7 @@ class CoupledContacts:
 
     def _fields_of(self, j: int, rows: Array) -> Array:
         """`_rows_by_fields` of some rows, (na, m); the same array for the same rows."""
-        fields, known = self._rows_by_fields(j), self._some.get(j)
+        fields, known = self._fields.of(j), self._some.get(j)
         if known is None or known[0] is not fields or not _equal(known[1], rows):
             known = self._some[j] = fields, rows, _of(fields, rows)
         return known[2]
@@ -263,57 +265,7 @@ class CoupledContacts:
         known, c = self._joint.pushed.get(j), self._joint.amplitudes[j]
         if known is not None and len(known) == len(gap):
             return known
-        return np.asarray(gap + self._rows_by_fields(j) @ c) if c.any() else gap
-
-    def _settle(self, gaps: list[Array]) -> None:
-        pushed_ever = [False] * len(self.contacts)  # contacts that nothing has pushed have their answer
-        settled = _SETTLED_WITH_FRICTION if self._frictional else _SETTLED
-        for _ in range(_SWEEPS):
-            change = size = 0.0
-            for j, contact in enumerate(self.contacts):
-                pushing = [k for k in self._exchange.neighbours[j] if self._pushes(k)]
-                if pushing or pushed_ever[j]:
-                    before, pushed_ever[j] = contact.forces, True
-                    contact.answer(gaps[j], sum((self._pushed(j, k) for k in pushing), np.zeros(before.shape)))
-                    change += abs(contact.forces - before).sum()
-                size += contact.lam.sum()
-            if change <= settled * size:
-                return
-        if change > _UNSETTLED * size:
-            raise ComplementarityError(
-                f"the forces of {len(self.contacts)} contacts on common bodies did not settle in {_SWEEPS} sweeps; the "
-                f"last changed them by {change / size:.2g}. Patches that overlap or touch move each other too much: "
-                "keep the patches apart, or join them to one patch"
-            )
-
-    def _pushed(self, j: int, k: int) -> Array:
-        """Displacements that the forces of contact k add to the places of contact j, in the shape of its forces [m].
-
-        These are gaps, and with friction also tangential places since the last accepted step.
-        """
-        contact, other = self.contacts[j], self.contacts[k]
-        pushed = self._moved(j, k, other.forces).reshape(contact.forces.shape)
-        if contact.friction is not None:
-            last = other.last if other.friction is not None else self._last[k][other.row_nodes]
-            pushed[:, 1:] -= self._moved(j, k, last).reshape(-1, 3)[:, 1:]
-        return pushed
-
-    def _moved(self, j: int, k: int, forces: Array) -> Array:
-        amplitudes = self._exchange.core[j, k] @ (forces.ravel() @ self._rows_by_fields(k))
-        return np.asarray(self._rows_by_fields(j) @ amplitudes)
-
-    def _rows_by_fields(self, j: int) -> Array:
-        """Displacements of a contact's rows in the fields of its patches, (nr, m) or with friction (3 nr, m).
-
-        The matrix changes slowly. It is kept while the rows move little.
-        """
-        rows, kept = self.contacts[j].rows, self._rows.get(j)
-        standing = rows.standing()
-        if kept is None or not standing.nearly(kept[0], SAME):
-            moved = [rows.side_rows(side) @ fields for side, fields in self._exchange.fields.get(j, ())]
-            kept = standing, np.sum(moved, axis=0) if moved else np.zeros((rows.d * len(rows.gaps.row_nodes), 0))
-            self._rows[j] = kept
-        return kept[1]
+        return np.asarray(gap + self._fields.of(j) @ c) if c.any() else gap
 
 
 class SharedPatches(CoupledContacts):
@@ -333,18 +285,19 @@ class SharedPatches(CoupledContacts):
     def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> None:
         """See `CoupledContacts.frozen`; there are no compiled loops for full flexibilities."""
 
-    def _begin_jointly(self) -> None:
+    def _begin(self) -> None:
+        Coupled._begin(self)
         self._between = FlexibilityBetween([contact.rows for contact in self.contacts], self._all_links)
         self._whole: Complementarity | None = None
         self._stood: dict[int, tuple[Standing, Array]] = {}
         self._blocks: dict[tuple[int, int], Array] = {}
         self._pressing: dict[int, tuple[Array, Array]] = {}
 
-    def _flexibility_between(self) -> Array:
-        F = np.zeros((self._closed[-1].stop,) * 2)
+    def _flexibility_between(self, closed: Sequence[slice]) -> Array:
+        F = np.zeros((closed[-1].stop,) * 2)
         for j, k in self._between.pairs:
             index, others = self.contacts[j].index, self.contacts[k].index
-            F[self._closed[j], self._closed[k]] = self._between.of(j, index, k, others)
+            F[closed[j], closed[k]] = self._between.of(j, index, k, others)
         return F
 
     def _solve(self, near: dict[int, Array], gaps: list[Array]) -> dict[int, Array]:
@@ -390,6 +343,24 @@ class SharedPatches(CoupledContacts):
         """See `CoupledContacts._pushed_gap`."""
         pushing = [self._between.moved(j, k, *pressing) for k, pressing in self._pressing.items() if k != j]
         return np.asarray(gap + sum(pushing, np.zeros(1))) if len(gap) else gap
+
+
+def between(closed: Sequence[slice], directions: Sequence[Array], fields: RowFields, exchange: Exchange) -> Array:
+    """Flexibility between rows of all contacts, (n, n) [m/N], with zero diagonal blocks.
+
+    Parameters
+    ----------
+    closed : sequence of slice
+        Where the directions of each contact's rows are.
+    directions : sequence of int arrays
+        Their numbers among those of the contact.
+    fields : RowFields
+    exchange : Exchange
+    """
+    F, some = np.zeros((closed[-1].stop,) * 2), [fields.of(j)[own] for j, own in enumerate(directions)]
+    for (j, k), core in exchange.core.items():
+        F[closed[j], closed[k]] = some[j] @ core @ some[k].T
+    return F
 
 
 def _equal(a: Array, b: Array) -> bool:

@@ -5,7 +5,7 @@ A new formulation implements `Formulation` and a `law.Law`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
@@ -30,22 +30,34 @@ class Together(Protocol):
     """State of several contacts on common bodies, whose forces are computed together."""
 
     def forces_at(self, state: Array, coordinates: Callable[[], Sequence[Array]]) -> list[Array]:
-        """Generalised forces of each contact, (n,), see `coupled.CoupledContacts.forces_at`."""
+        """Generalised forces of each contact, (n,), see `coupled.Coupled.forces_at`."""
 
     def forces(self, coordinates: Sequence[Array]) -> list[Array]:
         """Generalised forces of each contact, (n,), at its coordinates."""
 
-    def stiffness(self, contact: PatchContact, other: PatchContact) -> Array:
-        """Derivative of forces on a contact's closed rows with respect to places of another's, (d na, d nb) [N/m]."""
+    def stiffness(self, rows: Mapping[int, Array]) -> dict[tuple[int, int], Array]:
+        """Minus the derivative of forces of contacts with respect to coordinates of each other, at fixed pairs.
+
+        Parameters
+        ----------
+        rows : dict of int to (d na, n) array
+            Derivative of the places of the closed rows of each contact, by its number, with respect to coordinates.
+
+        Returns
+        -------
+        dict
+            For the numbers of two contacts, maybe the same, (n, m): generalised forces of the first due to coordinates
+            of the other. Pairs that hardly move each other are left out.
+        """
 
     def for_run(self, contacts: Sequence[PatchContact]) -> Together:
         """Return the state at the start of a run with these contacts."""
 
     def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> FrozenContacts | None:
-        """All contacts for compiled loops, or None, see `coupled.CoupledContacts.frozen`."""
+        """All contacts for compiled loops, or None, see `coupled.Coupled.frozen`."""
 
     def take(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
-        """Let the contacts take the state that `frozen` has found, see `coupled.CoupledContacts.take`."""
+        """Let the contacts take the state that `frozen` has found, see `coupled.Coupled.take`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +94,7 @@ class Links(Protocol):
         """Whether two of the contacts have the same patch of the same body."""
 
     def __call__(self) -> list[Any]:
-        """Flexibilities between the sides, see `coupled.CoupledContacts`. They are computed once, at the first run."""
+        """Flexibilities between the sides, see `coupled.Coupled`. They are computed once, at the first run."""
 
 
 class Formulation:

@@ -1,20 +1,23 @@
 """Contacts on common bodies, whose forces are found together."""
 
+from dataclasses import replace
 from itertools import permutations
 from types import SimpleNamespace
 
 import netgen.occ as occ
 import numpy as np
 import pytest
-from oracles import compliant
+from oracles import broken_law, compliant
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.complementarity import regularised
 from exudyn_partition.algebra.friction import SLIP, STICK, FrictionProblem
 from exudyn_partition.contact.formulations.coupled import CoupledContacts
+from exudyn_partition.contact.formulations.coupled_friction import CoupledFriction
+from exudyn_partition.contact.formulations.coupled_zones import CoupledZones
 from exudyn_partition.contact.rigid import RigidGaps, RigidPlane
 from exudyn_partition.contact.side import Side, Standing
-from exudyn_partition.errors import ComplementarityError
+from exudyn_partition.errors import ComplementarityError, IndefiniteMatrixError
 from exudyn_partition.frames.inertial import InertialKinematics
 from exudyn_partition.support.compiled import compiles
 
@@ -23,6 +26,7 @@ class Runaway:
     """A contact whose force grows with what another pushes: patches that move each other more than themselves."""
 
     carried = remembers = elastic = False
+    d = 1
     friction, since = None, 0.0
     node_areas, memory = np.ones(1), SimpleNamespace(forces=np.zeros(1))
 
@@ -55,7 +59,7 @@ def test_contacts_that_do_not_settle_are_an_error():
     laws = [Runaway(), Runaway()]
     links = [(0, 0, 1, 0, -1.5 * np.eye(1)), (1, 0, 0, 0, -1.5 * np.eye(1))]
     with pytest.raises(ComplementarityError, match="2 contacts on common bodies did not settle in 100 sweeps"):
-        CoupledContacts(laws, lambda: links).for_run(laws).forces([np.array([-1.0]), np.array([-2.0])])
+        CoupledZones(laws, lambda: links).for_run(laws).forces([np.array([-1.0]), np.array([-2.0])])
 
 
 class Spring(Runaway):
@@ -76,7 +80,7 @@ def test_a_contact_that_only_the_other_closes_is_closed():
     """Contacts with a memory used to be asked only if two were closed without each other."""
     laws = [Spring(), Spring()]
     links = [(0, 0, 1, 0, np.full((1, 1), -0.3)), (1, 0, 0, 0, np.full((1, 1), -0.3))]
-    found = CoupledContacts(laws, lambda: links).for_run(laws).forces([np.array([-1.0]), np.array([0.1])])
+    found = CoupledZones(laws, lambda: links).for_run(laws).forces([np.array([-1.0]), np.array([0.1])])
     # a = 1 + 0.3 b and b = 0.3 a - 0.1
     np.testing.assert_allclose(np.concatenate(found), [0.97 / 0.91, 0.3 * 0.97 / 0.91 - 0.1], rtol=1e-9)
 
@@ -84,7 +88,7 @@ def test_a_contact_that_only_the_other_closes_is_closed():
 def test_a_contact_that_opens_pushes_no_longer():
     """The first one is asked while the second still pushes it, which then opens."""
     laws, apart = [Spring(), Spring()], np.full((1, 1), 0.3)
-    together = CoupledContacts(laws, lambda: [(0, 0, 1, 0, apart), (1, 0, 0, 0, apart)]).for_run(laws)
+    together = CoupledZones(laws, lambda: [(0, 0, 1, 0, apart), (1, 0, 0, 0, apart)]).for_run(laws)
     np.testing.assert_allclose(together.forces([np.array([-1.0]), np.array([-0.1])]), [[1.0], [0.0]], rtol=1e-12)
 
 
@@ -101,6 +105,7 @@ class Roaming(Spring):
 class Listener(Runaway):
     """A contact with friction that presses nothing, and knows what the other one has pushed it."""
 
+    d = 3
     friction, remembers, forces = True, True, np.zeros((1, 3))
     row_nodes, index = np.zeros(1, dtype=int), np.empty(0)
 
@@ -121,7 +126,7 @@ def test_rows_that_a_neighbour_has_again_have_pushed_nothing_in_the_last_step():
     """Friction counts what a frictionless contact has changed since the last step, on the rows that it had then."""
     laws, found = [Listener(), Roaming()], []
     links = [(0, 0, 1, 0, np.ones((3, 1))), (1, 0, 0, 0, np.ones((1, 3)))]
-    together = CoupledContacts(laws, lambda: links).for_run(laws)
+    together = CoupledZones(laws, lambda: links).for_run(laws)
     for n, (node, depth) in enumerate([(0, 1), (0, 4), (1, 3), (0, 5)]):
         laws[0].since = float(n)
         together.forces([np.zeros(1), np.array([node, -depth], dtype=float)])
@@ -136,12 +141,23 @@ WAYS = np.array([  # of a block that is pressed on, pushed along, tilted so that
 TILTS = np.array([0, 0, 0, 0, 6e-4, -1e-4, -1e-4])  # [rad]
 
 
+def block_on(radius, maxh):
+    """A block over a rigid plane with three patches side by side, which push each other in all directions."""
+    fem = ep.fe_model(occ.Box((0, 0, 0), (0.012, 0.004, 0.003)), ep.STEEL, maxh=maxh)
+    feet = [ep.Partition.ball(fem, (x, 2e-3, 0), radius, axes="xyz") for x in (2e-3, 6e-3, 10e-3)]
+    return ep.reduce(fem, feet[0] | feet[1] | feet[2], f_cut=150e3)
+
+
 @pytest.fixture(scope="module")
 def block_on_feet():
-    """A block over a rigid plane with three patches side by side, which push each other in all directions."""
-    fem = ep.fe_model(occ.Box((0, 0, 0), (0.012, 0.004, 0.003)), ep.STEEL, maxh=1.3e-3)
-    feet = [ep.Partition.ball(fem, (x, 2e-3, 0), 1.2e-3, axes="xyz") for x in (2e-3, 6e-3, 10e-3)]
-    return ep.reduce(fem, feet[0] | feet[1] | feet[2], f_cut=150e3)
+    """Its rows are few."""
+    return block_on(1.2e-3, maxh=1.3e-3)
+
+
+@pytest.fixture(scope="module")
+def block_on_broad_feet():
+    """Its rows are too many for one dense factor."""
+    return block_on(1.6e-3, maxh=0.9e-3)
 
 
 def of_feet(body, friction=MU):
@@ -149,16 +165,20 @@ def of_feet(body, friction=MU):
     sides = [Side.of(InertialKinematics(body, np.zeros(3)), patch) for patch in range(3)]
     laws = [compliant(RigidGaps(side, RigidPlane()), friction and ep.Coulomb(friction)) for side in sides]
     links = [(j, 0, k, 0, body.flexibility(j, k)) for j, k in permutations(range(3), 2)]
-    return laws, CoupledContacts(laws, lambda: links).for_run(laws)
+    kind = CoupledContacts if friction is None else CoupledFriction
+    return laws, kind(laws, lambda: links).for_run(laws)
 
 
-def test_frictional_forces_are_those_of_the_whole_problem(block_on_feet):
+@pytest.mark.parametrize("block", ["block_on_feet", "block_on_broad_feet"])
+def test_frictional_forces_are_those_of_the_whole_problem(block, request):
     """A patch moves rows of others along their tangents too, by what its forces have changed since the last step."""
-    body, (laws, together) = block_on_feet, of_feet(block_on_feet)
+    body = request.getfixturevalue(block)
+    laws, together = of_feet(body)
     rows, F = [law.rows.side_rows(0) for law in laws], [[law.rows.flexibility()] * 3 for law in laws]
     for j, k in permutations(range(3), 2):
         F[j][k] = rows[j] @ body.flexibility(j, k) @ rows[k].T
     F = np.block(F)
+    assert (len(F) > 200) == (block == "block_on_broad_feet")
     whole, lam, last_q = FrictionProblem(regularised(F)), np.zeros((len(F) // 3, 3)), np.zeros(body.n_dofs)
     for n, (way, tilt) in enumerate(zip(WAYS, TILTS, strict=True)):
         for law in laws:
@@ -170,13 +190,67 @@ def test_frictional_forces_are_those_of_the_whole_problem(block_on_feet):
         h[:, 0] = np.concatenate([law.gaps.at(q) for law in laws])
         lam, last_q = whole.solve(h, np.full(len(h), MU)).copy(), q
         found = np.concatenate([law.forces for law in laws])
-        np.testing.assert_allclose(found, lam, rtol=0, atol=1e-7 * abs(lam).max())
+        np.testing.assert_allclose(found, lam, rtol=0, atol=1e-8 * abs(lam).max())
+        assert not found.any() or broken_law(F, h, np.full(len(h), MU), found) < 1e-7  # by plain NumPy
         if n == 3:
             pushed = sum(rows[1] @ body.flexibility(1, k) @ (laws[k].forces.ravel() @ rows[k]) for k in (0, 2))
             assert {STICK, SLIP} < {*np.concatenate([law.state for law in laws])}
             assert abs(pushed.reshape(-1, 3)[:, 1:]).max() > 1e-7
     for law in laws:  # nothing moved in the last step
         assert abs(law.slips[law.index]).max() < 1e-12
+
+
+def test_energy_of_patches_that_move_each_other_is_that_of_their_forces(block_on_feet):
+    """While rows stick there is a potential; it used to lack what each patch stores by the displacements of others."""
+    body, (laws, together) = block_on_feet, of_feet(block_on_feet, 10.0)
+    together.forces([np.zeros(body.n_dofs)] * 3)
+    for law in laws:
+        law.commit(0.0)
+    q = body.rigid[:, :3] @ [0.2e-6, 0.1e-6, -1.2e-6]
+    found = sum(together.forces([q] * 3))
+    assert all((law.state[law.index] == STICK).all() for law in laws)
+    for way in np.random.default_rng(1).standard_normal((3, body.n_dofs)):
+        way *= 1e-9 / abs(np.vstack([law.row_jacobian() for law in laws]) @ way).max()
+        energy = []
+        for sign in (1, -1):
+            together.forces([q + sign * way] * 3)
+            energy.append(sum(law.stored() for law in laws))
+        assert -found @ way == pytest.approx((energy[0] - energy[1]) / 2, rel=1e-4)
+
+
+def test_a_patch_that_is_not_positive_definite_is_refused(block_on_feet):
+    """Also if another contact closes first."""
+    sides = [Side.of(InertialKinematics(block_on_feet, np.zeros(3)), patch) for patch in range(3)]
+    sides[2] = replace(sides[2], flexibility=-sides[2].flexibility)
+    laws = [compliant(RigidGaps(side, RigidPlane()), ep.Coulomb(MU)) for side in sides]
+    links = [(j, 0, k, 0, block_on_feet.flexibility(j, k)) for j, k in permutations(range(3), 2)]
+    together = CoupledFriction(laws, lambda: links).for_run(laws)
+    away, near = (block_on_feet.rigid @ [0, 0, z, 0, tilt, 0] for z, tilt in ((0.0, -1e-4), (-1e-6, 0.0)))
+    together.forces([away] * 3)
+    assert laws[0].index.size
+    assert not laws[2].index.size
+    with pytest.raises(IndefiniteMatrixError):
+        together.forces([near] * 3)
+
+
+def test_contacts_without_friction_among_others(block_on_feet):
+    """They are as contacts with a coefficient of zero: their normal forces push the others along tangents too."""
+    body, found = block_on_feet, []
+    for none in (None, ep.Coulomb(0.0)):
+        sides = [Side.of(InertialKinematics(body, np.zeros(3)), patch) for patch in range(3)]
+        laws = [
+            compliant(RigidGaps(side, RigidPlane()), friction)
+            for side, friction in zip(sides, [none, ep.Coulomb(MU), none], strict=True)
+        ]
+        links = [(j, 0, k, 0, body.flexibility(j, k)) for j, k in permutations(range(3), 2)]
+        together, forces = CoupledFriction(laws, lambda links=links: links).for_run(laws), []
+        for n, (way, tilt) in enumerate(zip(WAYS, TILTS, strict=True)):
+            for law in laws:
+                law.commit(float(n))
+            forces += [*together.forces([body.rigid @ [*way, 0, tilt, 0]] * 3), [sum(law.stored() for law in laws)]]
+        found.append(np.concatenate(forces))
+    assert abs(found[0]).max() > 1.0
+    np.testing.assert_allclose(*found, rtol=1e-7, atol=1e-7 * abs(found[1]).max())
 
 
 @pytest.mark.parametrize("friction", [None, MU])
@@ -188,7 +262,9 @@ def test_stiffness_of_coupled_contacts_against_finite_differences(block_on_feet,
             law.commit(float(n))
         q = body.rigid[:, :3] @ way
         together.forces([q] * 3)
-        stiffness = np.block([[together.stiffness(law, other) for other in laws] for law in laws])
+    rows = {j: np.eye(law.rows.d * law.index.size) for j, law in enumerate(laws)}
+    stiffness = together.stiffness(rows)
+    stiffness = np.block([[stiffness[j, k] for k in rows] for j in rows])
     index, states = [law.index for law in laws], [law.state for law in laws]
     H = np.vstack([law.row_jacobian() for law in laws])
 

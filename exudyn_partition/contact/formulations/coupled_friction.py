@@ -1,0 +1,264 @@
+"""Contacts with friction on common bodies: the forces on the rows of all of them, found as one problem.
+
+Theory: examples/site/theory.md, "Friction".
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import cast
+
+import numpy as np
+
+from ...algebra.block_friction import BlockFlexibility, BlockFriction
+from ...algebra.complementarity import Complementarity
+from ...errors import ComplementarityError
+from ...support.arrays import Array, consecutive
+from ..between import RowFields
+from ..law import Forces, Places
+from ..patch_contact import PatchContact
+from .compliance import ClosingRows, FrictionalCompliance
+from .coupled import Coupled
+
+_PASSES = 100
+_SMALL = 1e-3  # of a contact's own flexibility: smaller fields of others are left out of factors
+
+
+class CoupledFriction(Coupled):
+    """Contacts without yield, of which some have friction.
+
+    All rows that can close are one problem, see `BlockFriction`. Its flexibility is that of each contact's rows, and
+    between contacts that of the bodies' patches.
+    """
+
+    def _begin(self) -> None:
+        super()._begin()
+        self._parts = [_Part(contact) for contact in self.contacts]
+        self._fields = RowFields([contact.rows for contact in self.contacts], self._exchange)
+        self._amplitudes = [np.zeros(1) for _ in self.contacts]  # of the fields that push each contact
+        self._problem: BlockFriction | None = None  # of the rows that can close
+        self._made: list[int] = []  # `RowFields.made` of the fields in the problem
+
+    def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
+        """See `Coupled`; unsymmetric where rows slip."""
+        assert self._problem is not None
+        problem, parts = self._problem, self._parts
+        problem.linearise()
+        rows = consecutive([3 * contact.index.size for contact in self.contacts])
+
+        def respond(k: int, way: Array) -> Array:
+            ways = np.zeros((rows[-1].stop, way.shape[1]))
+            ways[rows[k]] = parts[k].spread(way)
+            forces = problem.response(ways)
+            return np.concatenate([part.gathered(forces[own]) for part, own in zip(parts, rows, strict=True)])
+
+        return respond
+
+    def _remember(self) -> None:
+        """See `Coupled`."""
+        for part in self._parts:
+            part.remember()
+
+    def _find(self, gaps: list[Array]) -> None:
+        """See `Coupled`."""
+        if not math.isfinite(sum(gap.sum() for gap in gaps)):
+            raise ComplementarityError("the gaps are not finite: the run has become unstable")
+        for part, gap in zip(self._parts, gaps, strict=True):
+            part.at = part.contact.places(gap)
+        ways = [part.way() for part in self._parts]
+        last = [part.last() for part in self._parts]
+        pushed, more = self._pushed(gaps), False
+        for _ in range(_PASSES):
+            for part, gap, before in zip(self._parts, pushed, last, strict=True):
+                part.closing.choose(gap, before, more=more)
+            near = [part.closing.index for part in self._parts]
+            h = self._set_up(near, last)
+            for own, rows, gap, way in zip(consecutive(list(map(len, near))), near, gaps, ways, strict=True):
+                h[own, 0] += gap[rows]
+                h[own, 1:] += way[rows]
+            found = self._solve(h)
+            pushed, more = self._pushed(gaps), True
+            if not any(part.closing.misses(gap) for part, gap in zip(self._parts, pushed, strict=True)):
+                break
+        else:
+            raise ComplementarityError(
+                f"the rows that close in {len(gaps)} contacts on common bodies did not settle in {_PASSES} passes"
+            )
+        assert self._problem is not None
+        moved, state = self._problem.moved_by(found), self._problem.state
+        ends = np.cumsum(list(map(len, near)))[:-1]
+        answers = zip(*(np.split(values, ends) for values in (found, moved, h, state)), strict=True)
+        for part, gap, least, answer in zip(self._parts, gaps, pushed, answers, strict=True):
+            part.take(gap, least.min(initial=np.inf), *answer)
+
+    def _pushed(self, gaps: list[Array]) -> list[Array]:
+        """Gaps of each contact, (nr,) [m], with the displacements that the last forces on the others cause."""
+        found = zip(gaps, map(self._fields.normal, range(len(gaps))), self._amplitudes, strict=True)
+        return [gap + fields @ c if c.any() else gap for gap, fields, c in found]
+
+    def _set_up(self, near: Sequence[Array], last: Sequence[Array]) -> Array:
+        """Set up the problem of some rows of each contact; return how far the last step's forces hold tangents back.
+
+        Parameters
+        ----------
+        near : sequence of (k,) int arrays
+        last : sequence of (nr, 3) arrays
+            Forces at the end of the last accepted step [N].
+
+        Returns
+        -------
+        (n, 3) array
+            Of all these rows [m].
+        """
+        forces = np.concatenate([f[rows] for f, rows in zip(last, near, strict=True)])
+        own = [part.flexibility() for part in self._parts]
+        if self._problem is None or self._made != self._fields.made or any(other for _, other in own):
+            self._made = [*self._fields.made]
+            F = self._flexibility(near, [F for F, _ in own])
+            if self._problem is None:
+                self._problem = BlockFriction(F)
+            self._problem.replace_blocks(F, np.concatenate([part.closing.states for part in self._parts]), forces)
+        since = max(self._since)
+        before = [part.closing.before(since, f) for part, f in zip(self._parts, last, strict=True)]
+        known = [f for f in before if f is not None]
+        if known:  # a new step: guess that forces change as they did
+            self._problem.extrapolate(np.concatenate(known))
+        held = -self._problem.moved_by(forces)
+        held[:, 0] = 0.0
+        return held
+
+    def _flexibility(self, near: Sequence[Array], own: Sequence[Array]) -> BlockFlexibility:
+        """Flexibility of some rows, (k,) of each contact; `own` is that of each contact alone."""
+        core, fields = self._exchange.core, []
+        for j, (part, rows) in enumerate(zip(self._parts, near, strict=True)):
+            fields.append(part.spread(self._fields.of(j)[part.contact.rows.directions(rows)]))
+        self._near_fields, between = fields, {}
+        reach = [np.zeros(W.shape[1]) for W in fields]
+        for (j, k), S in core.items():
+            used, pushing = np.flatnonzero(S.any(axis=1)), np.flatnonzero(S.any(axis=0))
+            amplitudes = S[np.ix_(used, pushing)] @ fields[k][:, pushing].T
+            between[j, k] = fields[j][:, used] @ amplitudes
+            reach[j][used] += np.einsum("ij,ij->i", amplitudes, amplitudes)
+        kept = [
+            np.flatnonzero(np.sqrt(r * np.einsum("ij,ij->j", W, W)) > _SMALL * np.linalg.norm(F))
+            for W, r, F in zip(fields, reach, own, strict=True)
+        ]
+        parts = consecutive(list(map(len, kept)))
+        few = np.zeros((parts[-1].stop,) * 2)
+        for (j, k), S in core.items():
+            few[parts[j], parts[k]] = S[np.ix_(kept[j], kept[k])]
+        return BlockFlexibility(own, between, [W[:, k] for W, k in zip(fields, kept, strict=True)], few)
+
+    def _solve(self, h: Array) -> Array:
+        """Forces on the rows of the problem, (n, 3) [N], and the amplitudes with which they push other contacts."""
+        assert self._problem is not None
+        mu = np.concatenate([part.at.mu[part.closing.index] for part in self._parts])
+        made = self._problem.iterations
+        found = self._problem.solve(h, mu)
+        for part in self._parts:
+            part.count(self._problem.iterations - made)
+        rows, core = consecutive([len(part.closing.index) for part in self._parts]), self._exchange.core
+        pushing = [found[part].ravel() @ W for part, W in zip(rows, self._near_fields, strict=True)]
+        self._amplitudes = [
+            sum((core[j, k] @ pushing[k] for k in others), np.zeros(1))
+            for j, others in sorted(self._exchange.neighbours.items())
+        ]
+        return found
+
+
+class _Part:
+    """A contact among those that are one problem.
+
+    Each of its rows has three directions there. Nothing moves a frictionless row along tangents.
+
+    Parameters
+    ----------
+    contact : PatchContact
+
+    Attributes
+    ----------
+    at : Places
+        Its present rows, without the displacements that other contacts cause.
+    """
+
+    at: Places
+
+    def __init__(self, contact: PatchContact) -> None:
+        self.contact, self.closing = contact, ClosingRows(contact.rows)
+        self._checked = False  # whether its flexibility is positive definite
+        self._normal = np.zeros(len(contact.node_areas))  # at the end of the last step, without friction
+
+    def remember(self) -> None:
+        """Remember the present normal forces as those at the end of the last accepted step."""
+        self._normal[:] = 0.0
+        self._normal[self.contact.row_nodes] = self.contact.lam
+
+    def spread(self, A: Array) -> Array:
+        """A with three rows for each of the contact's, (3 k, m), from d rows, (d k, m)."""
+        d = self.contact.rows.d
+        if d == 3:
+            return A
+        result = np.zeros((3 * len(A), A.shape[1]))
+        result[::3] = A
+        return result
+
+    def gathered(self, A: Array) -> Array:
+        """A with d rows for each of the contact's, (d k, m), from three, (3 k, m)."""
+        return A if self.contact.rows.d == 3 else A[::3]
+
+    def way(self) -> Array:
+        """How far rows have slid since the last accepted step, (nr, 2) [m]."""
+        return self.at.way if self.contact.rows.d == 3 else np.zeros((len(self.at.gap), 2))
+
+    def last(self) -> Array:
+        """Forces on rows at the end of the last accepted step, (nr, 3) [N]."""
+        last = self.at.last
+        if self.contact.rows.d == 1:
+            last[:, 0] = self._normal[self.contact.row_nodes]
+        return last
+
+    def flexibility(self) -> tuple[Array, bool]:
+        """Flexibility of the rows that can close, (3 k, 3 k) [m/N], and whether it is another than last time."""
+        F, other = self.closing.flexibility()
+        if len(F) and not self._checked:
+            Complementarity(F)  # which checks it
+            self._checked = True
+        if self.contact.rows.d == 3:
+            return F, other
+        wide = np.diag(np.full(3 * len(F), F.diagonal().mean() if len(F) else 1.0))
+        wide[::3, ::3] = F
+        return wide, other
+
+    def count(self, iterations: int) -> None:
+        """Count iterations of the problem."""
+        if self.contact.friction is not None:
+            self._law.iterations += iterations
+
+    @property
+    def _law(self) -> FrictionalCompliance:
+        return cast("FrictionalCompliance", self.contact.law)
+
+    def take(self, gap: Array, least: float, lam: Array, moved: Array, h: Array, state: Array) -> None:
+        """Give the contact its answer.
+
+        Parameters
+        ----------
+        gap : (nr,) array
+            Gaps [m].
+        least : float
+            Least of them with the displacements that other contacts cause [m].
+        lam, moved, h, state : (k, 3), (k, 3), (k, 3), (k,) arrays
+            See `FrictionalCompliance.found`.
+        """
+        contact, closing = self.contact, self.closing
+        contact.h, contact.least_gap = gap, least
+        closing.remember(state)
+        if not state.any():
+            contact.open_rows()
+        elif contact.friction is not None:
+            contact.take(self._law.found(closing, lam, moved, h, state))
+        else:
+            forces = np.zeros((len(gap), 1))
+            forces[closing.index] = lam[:, :1]
+            contact.take(Forces(forces, closing.index[np.flatnonzero(state)]))

@@ -1,0 +1,96 @@
+"""Contacts on common bodies with plastic zones: each in turn finds its forces, until all of them settle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import scipy.linalg
+
+from ...errors import ComplementarityError
+from ...support.arrays import Array
+from ..between import RowFields
+from .coupled import Coupled, between
+
+_SWEEPS = 100
+_SETTLED = 1e-11  # relative change of the forces in a sweep
+_SETTLED_WITH_FRICTION = 1e-9  # forces with friction are computed to a tenth of it
+_UNSETTLED = 1e-6  # relative change in the last sweep above which the forces are rejected
+
+
+class CoupledZones(Coupled):
+    """Contacts of which some have plastic zones.
+
+    A zone iterates its flow together with the forces on its contact's rows. So each contact in turn finds its forces
+    for the displacements that the others cause (block Gauss-Seidel). This converges fast, because one patch moves
+    another only a little. Tangential forces count too. Tangential places move by the change of the forces since the
+    last accepted step.
+    """
+
+    def _begin(self) -> None:
+        super()._begin()
+        self._fields = RowFields([contact.rows for contact in self.contacts], self._exchange)
+        self._frictional = any(contact.friction is not None for contact in self.contacts)
+        self._last = [np.zeros(len(contact.node_areas)) for contact in self.contacts]
+
+    def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
+        """See `Coupled`: d lambda = -D (dh + F_between d lambda)."""
+        own = [contact.rows.directions(contact.index) for contact in self.contacts]
+        D = scipy.linalg.block_diag(*(contact.row_stiffness() for contact in self.contacts))
+        K = np.linalg.solve(np.eye(len(D)) + D @ between(closed, own, self._fields, self._exchange), D)
+        return lambda k, way: K[:, closed[k]] @ way
+
+    def _remember(self) -> None:
+        """See `Coupled`."""
+        for contact, last in zip(self.contacts, self._last, strict=True):
+            last[:] = 0.0
+            last[contact.row_nodes] = contact.lam
+
+    def _find(self, gaps: list[Array]) -> None:
+        """See `Coupled`."""
+        for contact, h in zip(self.contacts, gaps, strict=True):
+            contact.answer(h)
+        if any(map(self._pushes, range(len(gaps)))):
+            self._settle(gaps)
+
+    def _pushes(self, j: int) -> bool:
+        """Whether forces of a contact, or those at the end of the last accepted step, move the rows of others."""
+        contact = self.contacts[j]
+        return contact.index.size > 0 or bool(contact.memory.forces.any())
+
+    def _settle(self, gaps: list[Array]) -> None:
+        pushed_ever = [False] * len(self.contacts)  # contacts that nothing has pushed have their answer
+        settled = _SETTLED_WITH_FRICTION if self._frictional else _SETTLED
+        for _ in range(_SWEEPS):
+            change = size = 0.0
+            for j, contact in enumerate(self.contacts):
+                pushing = [k for k in self._exchange.neighbours[j] if self._pushes(k)]
+                if pushing or pushed_ever[j]:
+                    before, pushed_ever[j] = contact.forces, True
+                    contact.answer(gaps[j], sum((self._pushed(j, k) for k in pushing), np.zeros(before.shape)))
+                    change += abs(contact.forces - before).sum()
+                size += contact.lam.sum()
+            if change <= settled * size:
+                return
+        if change > _UNSETTLED * size:
+            raise ComplementarityError(
+                f"the forces of {len(self.contacts)} contacts on common bodies did not settle in {_SWEEPS} sweeps; the "
+                f"last changed them by {change / size:.2g}. Patches that overlap or touch move each other too much: "
+                "keep the patches apart, or join them to one patch"
+            )
+
+    def _pushed(self, j: int, k: int) -> Array:
+        """Displacements that the forces of contact k add to the places of contact j, in the shape of its forces [m].
+
+        These are gaps, and with friction also tangential places since the last accepted step.
+        """
+        contact, other = self.contacts[j], self.contacts[k]
+        pushed = self._moved(j, k, other.forces).reshape(contact.forces.shape)
+        if contact.friction is not None:
+            last = other.last if other.friction is not None else self._last[k][other.row_nodes]
+            pushed[:, 1:] -= self._moved(j, k, last).reshape(-1, 3)[:, 1:]
+        return pushed
+
+    def _moved(self, j: int, k: int, forces: Array) -> Array:
+        amplitudes = self._exchange.core[j, k] @ (forces.ravel() @ self._fields.of(k))
+        return np.asarray(self._fields.of(j) @ amplitudes)
