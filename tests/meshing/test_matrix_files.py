@@ -6,16 +6,18 @@ pyyeti or ansys-mapdl-reader are installed, files of theirs are read too.
 
 import shutil
 import subprocess
+from pathlib import Path
 
 import netgen.occ as occ
 import numpy as np
 import pytest
 import scipy.io
+import scipy.linalg
 import scipy.sparse as sp
 from oracles import hexahedra, quadratic, split, write_deck
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError, MeshError
+from exudyn_partition.errors import InputError, MeshError, UnitsWarning
 from exudyn_partition.meshing.matrix_files import of_ansys
 
 SIZE = (0.01, 0.02, 0.03)
@@ -243,6 +245,30 @@ def test_a_file_of_ansys():
     examples = pytest.importorskip("ansys.mapdl.reader.examples")
     with pytest.raises(InputError, match=r"63 dofs are held in .*full, expected a free body"):
         ep.read_matrices(examples.fullfile)
+
+
+def test_the_beam_in_a_file_of_ansys_vibrates_as_ours(tmp_path):
+    """The same example: SOLID186, with reduced integration. What is left without the end that is held is compared."""
+    examples = pytest.importorskip("ansys.mapdl.reader.examples")
+    reader = pytest.importorskip("ansys.mapdl.reader")
+    lines = Path(examples.hexarchivefile).read_text().splitlines()
+    first = {line[:6]: number for number, line in enumerate(lines) if line[:6] in ("NBLOCK", "EBLOCK")}
+    rows = lines[first["NBLOCK"] + 2 : first["NBLOCK"] + 323]
+    points = np.array([[float(row[k : k + 21].strip() or 0) for k in (27, 48, 69)] for row in rows])
+    pairs = lines[first["EBLOCK"] + 2 : first["EBLOCK"] + 82]
+    cells = np.array([(a + b).split()[11:] for a, b in zip(pairs[::2], pairs[1::2], strict=True)], dtype=int) - 1
+    deck = write_deck(tmp_path / "beam.inp", points, ("hexahedron20", cells))
+    with pytest.warns(UnitsWarning):  # it is in inches
+        own = ep.fe_model(deck, ep.Material(E=16.9e6, nu=0.31, rho=4.1408e-4))
+    dofs, K, M = reader.read_binary(examples.fullfile).load_km(sort=True)
+    both = of_ansys("file.full", dofs, K, M, held=0).on(np.arange(1, len(points) + 1))
+    free = np.flatnonzero(both[1].diagonal())
+    assert len(free) == 900
+    found = []
+    for mass, stiffness in (both, (own.mass, own.stiffness)):
+        m, k = (matrix[free][:, free].toarray() for matrix in (mass, stiffness))
+        found.append(np.sqrt(scipy.linalg.eigh(k, m, eigvals_only=True, subset_by_index=[0, 7])))
+    np.testing.assert_allclose(found[0], found[1], rtol=5e-3)
 
 
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="needs CalculiX")
