@@ -11,7 +11,11 @@ from ..errors import InputError
 from .deck_lines import Line
 
 _MARK = re.compile(r"[+*]([A-Za-z]\w*)?$")  # of a continuation at the end of a line in free fields; no number
+_WHOLE = re.compile(r"[+-]?\d{1,15}", re.ASCII)
+_BEGIN = re.compile(r"\s*BEGIN\s*,?\s*BULK", re.IGNORECASE)
+_INCLUDE = re.compile(r"\s*INCLUDE\b", re.IGNORECASE)
 _EXPONENT = re.compile(r"(?<=[\d.])([+-]\d+)$")  # without its E
+_STARTS = {4: range(8, 72, 16), 8: range(8, 72, 8)}  # of fixed fields, by their number
 _DEEPEST = 20  # files that include files
 
 
@@ -31,15 +35,21 @@ class Card:
     def integer(self, i: int, default: int | None = None) -> int:
         """Return field i as a whole number; `default` if it is blank."""
         text = self.field(i)
+        if text.isdecimal() and text.isascii() and len(text) < 16:  # as most are
+            return int(text)
         if not text and default is not None:
             return default
-        if not re.fullmatch(r"[+-]?\d{1,15}", text, re.ASCII):
+        if not _WHOLE.fullmatch(text):
             raise self.line.refuse(f"expected a whole number in field {i + 1} of {self.name}, got {text!r}")
         return int(text)
 
     def real(self, i: int) -> float:
         """Return field i as a number; zero if it is blank."""
-        text = self.field(i).upper().replace("D", "E") or "0"
+        text = self.field(i)
+        try:
+            return float(text)  # as most are
+        except ValueError:
+            text = text.upper().replace("D", "E") or "0"
         try:
             return float(text if "E" in text else _EXPONENT.sub(r"E\1", text))
         except ValueError as error:
@@ -107,7 +117,7 @@ def _join(found: list[Card], loose: list[tuple[str, Card]]) -> None:
 def _bulk(path: Path) -> Iterator[Line]:
     """Lines of the bulk data."""
     lines = list(_lines(path))
-    begins = [i for i, line in enumerate(lines) if re.match(r"\s*BEGIN\s*,?\s*BULK", line.text, re.IGNORECASE)]
+    begins = [i for i, line in enumerate(lines) if _BEGIN.match(line.text)]
     for line in lines[begins[0] + 1 if begins else 0 :]:
         if line.text.upper().startswith("ENDDATA"):
             return
@@ -121,7 +131,7 @@ def _lines(path: Path, depth: int = 0, home: Path | None = None) -> Iterator[Lin
         line = Line(text.partition("$")[0].rstrip(), path, number)
         if not line.text.strip():
             continue
-        if not re.match(r"\s*INCLUDE\b", line.text, re.IGNORECASE):
+        if not _INCLUDE.match(line.text):
             yield line
             continue
         while line.text.count("'") == 1:  # the name continues in the next line
@@ -152,10 +162,10 @@ def _split(line: Line) -> tuple[str, list[str], str]:
             mark = fields.pop()
         fields = fields[:width]
     else:
-        text = text.expandtabs(8)
+        text = text.expandtabs(8) if "\t" in text else text
         head = text[:8].strip()
         width = 4 if "*" in head else 8
         size = 64 // width
-        fields = [text[i : i + size].strip() for i in range(8, 72, size)]
+        fields = [text[i : i + size].strip() for i in _STARTS[width]]
         mark = text[72:80].strip()
     return head, fields + [""] * (width - len(fields)), mark.upper()
