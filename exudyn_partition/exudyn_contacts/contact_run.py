@@ -136,6 +136,15 @@ class ContactRun:
         return float(self._mechanics.lam.take(self._mechanics.index).sum())
 
     @property
+    def energy(self) -> float:
+        """Energy that the contact stores in the state that was evaluated last, and that it has dissipated [J]."""
+        looped = None if self._group is None else self._group.looped
+        if looped is not None:  # without friction and plastic zones
+            return float(looped.stored[self._place])
+        zones = self._mechanics.zones
+        return self._mechanics.stored() + self._dissipated() + (0.0 if zones is None else zones.work())
+
+    @property
     def group(self) -> GroupRun:
         """Contacts whose forces are found together with this one's."""
         assert self._group is not None
@@ -443,8 +452,8 @@ class GroupRun:
 
     def add_force(self, total: Array) -> None:
         """Add the generalised forces of all members to those on the model's coordinates, (nq,)."""
-        if self._looped is not None:
-            total += self._looped.force
+        if self.looped is not None:
+            total += self.looped.force
             return
         for member in self._within:
             member.add_force(total)
@@ -471,14 +480,14 @@ class GroupRun:
         self._q = self._frozen = None
 
     @property
-    def _looped(self) -> FrozenContacts | None:
+    def looped(self) -> FrozenContacts | None:
         """Results of compiled loops in the last evaluation; None if the mechanics made it."""
         return None if self._q is None else self._frozen
 
     @property
     def values(self) -> Array | None:
         """Values of the sensors `sForce` of all members, (n, 6); None if their mechanics have them."""
-        return None if self._looped is None else self._looped.values
+        return None if self.looped is None else self.looped.values
 
     def publish(self, data: Array) -> None:
         """Write these values to where the sensors read them, among the model's data coordinates."""

@@ -245,6 +245,14 @@ class ModelRun:
         self._spent_s += time.perf_counter() - begin
         return total
 
+    def contact_force(self) -> Array:
+        """Generalised forces of all contacts within the step in the state that was evaluated last, (nq,)."""
+        total = np.zeros_like(self._total)
+        for group in self._within:
+            if group.pushes:
+                group.add_force(total)
+        return total
+
     def publish(self, mbs: MainSystem) -> None:
         """Write the values of sensors `sForce` to the data that they read, in the state that was evaluated last."""
         data = mbs.systemData.GetDataCoordinates(copy=False)

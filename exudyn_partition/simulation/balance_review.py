@@ -24,6 +24,7 @@ _TAKEN = 2e-2  # share of the largest energy that damping of steps, and strong d
 _AT_REST = 1e-3  # share of the largest energy: a run that ends with less kinetic energy has reached a state at rest
 _STRONG = 0.2  # damping ratio of a mode above which its damping is strong
 _MANY_TIMES = 10  # ratio to the expected value above which a share in percent is not useful
+_OFF_IN_CONTACT = 1e-3  # share of the energy of the largest velocities that long steps may make or lose in contact
 _LOOKED_AT = 256  # largest number of samples that are checked
 _ROUND_OFF = 1e-11  # share of the speed of one body size in a period of f_cut: slower motion is round-off
 _PACKAGE = __name__.partition(".")[0]
@@ -46,6 +47,18 @@ def warn_of_balance(mbs: MainSystem, result: Result) -> None:
             _warn_of_momentum(item, result, np.flatnonzero(free))
     if not others.not_told and not exchanges and not any(map(_lacks_inertia, result.bodies)):
         _warn_of_energy(result, balance, some, free)
+
+
+def warn_of_long_steps(share: float) -> None:
+    """Warn if steps that grew in lasting contact made or lost a share of the energy of the largest velocities."""
+    if abs(share) > _OFF_IN_CONTACT:
+        warnings.warn(
+            f"steps that grew in lasting contact have {'made' if share > 0 else 'lost'} {abs(share):.2%} of the energy "
+            "of the largest velocities: the work of the contact forces in them differs from what contacts store and "
+            "dissipate. Take a smaller velocity_tolerance",
+            ModelLimitWarning,
+            stacklevel=3,
+        )
 
 
 def _is_of_user(entry: ItemEntry | None) -> bool:

@@ -33,7 +33,8 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
-from .balance_review import warn_of_balance
+from .balance_review import warn_of_balance, warn_of_long_steps
+from .contact_work import ContactWork
 from .continuation import RunEnd, accelerated, keep_end, last_end, origin_of, started_from
 from .hooks import begun, cause, controlled, residual, unsettled, watched
 from .joint_checks import OpenJoints, check_start
@@ -157,7 +158,7 @@ def solve_dynamic(
     """
     last = _end_of(mbs, start_time) if validate_flag("go_on", go_on) else None
     with interruptible(), started_from(mbs, last):  # from before the first step until the last check of results
-        result, open_joints = _run(
+        result, open_joints, made = _run(
             mbs,
             last,
             end_time=end_time,
@@ -178,7 +179,9 @@ def solve_dynamic(
             result = reviewed(mbs, result)
             if not open_joints.warn(result):  # no balance includes the energy that closes them
                 warn_of_balance(mbs, result)
-            if not adaptive:
+            if adaptive:
+                warn_of_long_steps(made)
+            else:
                 warn_of_turns(result)
         return replace(result, warnings=tuple(warned))
 
@@ -200,8 +203,8 @@ def _run(
     velocity_tolerance: float | None,
     settings: SimulationSettings,
     progress: Progress | None,
-) -> tuple[Result, OpenJoints]:
-    """Run of `solve_dynamic`: the result without a review, and the joints that were open at its start.
+) -> tuple[Result, OpenJoints, float]:
+    """Run of `solve_dynamic`: the result without a review, the joints that were open at its start, and `share_made`.
 
     `last` is the end from which the run goes on, if the user chose that.
     """
@@ -284,6 +287,8 @@ def _run(
     keep_end(mbs, control, end)
     result = replace(samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
     _log.debug("%s steps in %.4g s: %s", watch.steps, time_s, result.work)
+    made = 0.0 if control is None else control.share_made
+    _log.debug("long steps in contact made %.2g of the energy", made)
     if beyond:  # a run that a hook ends has a sample too many, of the step that was not made
         result = cut(result, int(np.searchsorted(result.t, end_time + _ROUNDING * step)))
     if status == "finished" and end_time - mbs.systemData.GetTime() > 0.5 * step:
@@ -291,7 +296,7 @@ def _run(
         status, message = "interrupted", "interrupted by the user" if watch.interrupted else user
     elif status == "finished" and progress is not None:
         progress(1.0)
-    return replace(result, status=status, message=message), open_joints
+    return replace(result, status=status, message=message), open_joints, made
 
 
 def _end_of(mbs: MainSystem, start_time: float | None) -> RunEnd:
@@ -453,4 +458,5 @@ def _step_control(
         gap_tolerance=gap_tolerance,
         unresolved=unresolved,
         velocity_tolerance=velocity_tolerance,
+        work=None if method == "explicit" else ContactWork.of(mbs, contacts),
     )

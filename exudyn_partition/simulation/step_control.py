@@ -17,6 +17,7 @@ from ..frames.floating import FloatingKinematics
 from ..prediction.default_step import STEPS_A_PERIOD, resolving_step
 from ..support.arrays import Array, consecutive
 from ..support.checks import validate_array, validate_type
+from .contact_work import ContactWork
 from .velocity_error import BodyMotion, VelocityError
 
 State = Callable[[PartitionBody], tuple[Array, Array, Array]]
@@ -235,6 +236,8 @@ class StepControl:
         Share of the bodies' largest kinetic energy so far: vibration with less energy need not be resolved.
     velocity_tolerance : float, optional
         Error of velocities that a step in lasting contact may have. Default: steps do not grow in contact.
+    work : ContactWork, optional
+        Sums the work of contacts in the steps that are longer than in an impact. Default: nothing does.
     """
 
     def __init__(
@@ -249,10 +252,11 @@ class StepControl:
         gap_tolerance: float | None = None,
         unresolved: float = UNRESOLVED,
         velocity_tolerance: float | None = None,
+        work: ContactWork | None = None,
     ) -> None:
         self.contacts, self.bodies, self._state, self._run_of = contacts, bodies, state, run_of
         self.step, self.longest, self.gap_tolerance = step, longest, gap_tolerance
-        self.unresolved, self._tolerance = unresolved, velocity_tolerance
+        self.unresolved, self._tolerance, self._work = unresolved, velocity_tolerance, work
         self._was_open = [False] * len(contacts)
         self._next, self._largest_energy, self._at_least = 0.0, 0.0, 0.0
         self._errors: VelocityError | None = None
@@ -263,6 +267,11 @@ class StepControl:
     def pace(self) -> Pace:
         """What the control knows."""
         return Pace(self._next, self._largest_energy, self._errors, tuple(self._closings))
+
+    @property
+    def share_made(self) -> float:
+        """Energy that long steps have made in contact, by that of the largest changes of velocity; lost below zero."""
+        return self._work.made / self._errors.energy if self._work and self._errors and self._work.made else 0.0
 
     def go_on(self, pace: Pace) -> None:
         """Go on with the `pace` of an earlier run."""
@@ -277,6 +286,8 @@ class StepControl:
             self._closings = [self._closing(i, last, was_open=was) for i, was in enumerate(was_open)]
             if not all(self._was_open):
                 self._judge(last, self._tolerance, changed=was_open != self._was_open)
+            if self._work is not None:
+                self._work.after(last, closed=not all(self._was_open), counts=last > _SAME * self.step)
         self._judged = None
         last, self._at_least = max(last, self._at_least / GROWTH), 0.0
         self._next = self._allowed_step(last)

@@ -80,6 +80,11 @@ class VelocityError:
         none = np.zeros(len(masses))
         return cls(tolerance, np.concatenate(masses), firsts, now.q_t, 0.0, none, now.q_tt)
 
+    @property
+    def energy(self) -> float:
+        """Kinetic energy of all bodies' largest changes of velocity [J], at least a small share of what is stored."""
+        return max(0.5 * float(self.squares.sum()), _STORED * self.stored)
+
     def of(self, step: float, now: BodyMotion) -> float:
         """Error of a step [s] that ends in this motion."""
         errors = (step / 12) ** 2 * self._squares(now.q_tt - self.before)

@@ -1,0 +1,67 @@
+"""Energy that long steps make or lose in contact: work of its forces against what it stores, rubs off and yields.
+
+The work is summed within the steps, by the trapezoidal rule over the velocities with which the solver moves the bodies.
+So samples may be further apart, and loads, springs and joints need not be known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ..exudyn_contacts.model_run import runs_of
+from ..exudyn_contacts.partition_contact import PartitionContact
+from ..support.arrays import Array
+from ..support.foreign import MainSystem
+
+
+class _End(NamedTuple):
+    """End of a step: generalised forces of all contacts, (nq,); velocities, (nq,); what contacts hold and took [J]."""
+
+    force: Array
+    q_t: Array
+    energy: float
+
+
+class ContactWork:
+    """Work of the contacts in the steps of a run, against the energy that they hold and that they took.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    contacts : sequence of PartitionContact
+
+    Attributes
+    ----------
+    made : float
+        Energy for which nothing accounts, in the steps that count so far [J]; below zero if it was lost.
+    """
+
+    def __init__(self, mbs: MainSystem, contacts: Sequence[PartitionContact]) -> None:
+        self._mbs, self._contacts, self.made = mbs, contacts, 0.0
+        self._last: _End | None = None
+
+    @classmethod
+    def of(cls, mbs: MainSystem, contacts: Sequence[PartitionContact]) -> ContactWork | None:
+        """The work of these contacts; None if not all of their work and energy is known.
+
+        Carriers of rigid surfaces take work that their bodies give. Multipliers store nothing.
+        """
+        known = all(contact.carrier is None and not contact.mechanics.ahead for contact in contacts)
+        return cls(mbs, contacts) if known and contacts else None
+
+    def after(self, step: float, *, closed: bool, counts: bool) -> None:
+        """Take a step [s] into account that has just ended, with contacts `closed` or all open.
+
+        Steps that are as short as in an impact need not count.
+        """
+        if not closed:
+            self._last = None
+            return
+        run = runs_of(self._mbs).now(self._mbs)
+        energy = sum(run.of(contact).energy for contact in self._contacts)
+        end = _End(run.contact_force(), self._mbs.systemData.GetODE2Coordinates_t(), energy)
+        if counts and self._last is not None:
+            work = 0.25 * step * float((end.force + self._last.force) @ (end.q_t + self._last.q_t))
+            self.made += end.energy - self._last.energy + work
+        self._last = end
