@@ -209,7 +209,7 @@ class YieldingPatches(Zones):
             own = np.split(p, sizes)
             respond(pushed + self._moved(rows, own))
             each = zip(self.zones, self._on_patches(rows), own, strict=True)
-            answers = [zone.answer(force, part) for (_, zone), force, part in each]
+            answers = [zone.answer(force, part if tried else None) for (_, zone), force, part in each]
             found = np.concatenate(answers)
             size = np.linalg.norm([zone.size(one) for (_, zone), one in zip(self.zones, answers, strict=True)])
             change = float(np.linalg.norm(found - p))

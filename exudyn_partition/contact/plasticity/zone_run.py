@@ -279,15 +279,15 @@ class ZoneRun:
         self._moved_patch = self._p @ self.flexibility.of_patch
         self.generalised = np.asarray(self.motion.kinematics.rows.T @ self._p)
         self._energy, self._strain = self._present_energy(), None
-        self._hold(np.zeros(len(self._p)))
+        self._hold(np.zeros(len(self._p)), np.zeros(len(self._p)))
 
     def _present_energy(self) -> float:
         return self.zone.own_energy(self.present) - 0.5 * float(self._p @ self._moved)
 
-    def _hold(self, step: Array) -> None:
-        """Take the present state as the committed one, after a step of the pseudo-forces, (3 nz,) [N]."""
+    def _hold(self, step: Array, moved: Array) -> None:
+        """Take the present state as committed, after a step of the pseudo-forces, (3 nz,) [N], that has moved nodes."""
         self._last = self._p, self._moved, self.generalised, self._energy
-        self._step_before, self._begin = step, None
+        self._step_before, self._step_moved, self._begin = step, moved, None
 
     def commit(self) -> None:
         """Accept the present state."""
@@ -295,12 +295,13 @@ class ZoneRun:
             step = self._p - self._last[0]
             self.committed, self.flows, self._strain = self.present, False, self._found[1]
             self._moved_patch = self.moved_patch(step[self._active.dofs])
-            self._hold(step)
+            self._hold(step, self._moved - self._last[1])
             self._margin, self._goes_on = -np.inf, self._flows_on
         else:
             self._strain = None
             if self._step_before.any():
-                self._step_before, self._goes_on = np.zeros(len(self._p)), False
+                self._step_before = self._step_moved = np.zeros(len(self._p))
+                self._goes_on = False
         self._committed_at, self._committed_work = self._at, self.work
 
     def back(self) -> None:
@@ -347,17 +348,30 @@ class ZoneRun:
             self._choose(self._near(excess, flow))
         return True
 
-    def answer(self, force: Array, change: Array) -> Array:
+    def answer(self, force: Array, change: Array | None = None) -> Array:
         """Change of the pseudo-forces on the active nodes, (m,) [N], that follows from a guessed change.
 
-        `force`, (r,) [N], are the forces on the patch.
+        Parameters
+        ----------
+        force : (r,) array
+            Forces on the patch [N].
+        change : (m,) array, optional
+            Default: `guess`, whose displacements are known.
         """
         moved, before = self._beginning()
         self._at = self._at[0], force
-        moved = moved + self._active.by_patch(force) + self._active.answer(change)
-        state, strain, led_to = self._active.part.answer(moved, before)
+        by_flow = self._active.answer(change) if change is not None else self._guess_moved()
+        state, strain, led_to = self._active.part.answer(moved + self._active.by_patch(force) + by_flow, before)
         self._found = state, strain
         return led_to
+
+    def _guess_moved(self) -> Array:
+        """Displacements of active nodes, (m,) [m], due to `guess`."""
+        step, guess = self._step_before, self.guess
+        if np.count_nonzero(step) > np.count_nonzero(guess):  # nodes that are not active any more
+            return self._active.answer(guess)
+        found: Array = self._step_moved[self._active.dofs]
+        return found
 
     def _beginning(self) -> tuple[Array, PlasticState]:
         """Displacements of active nodes without patch forces and flow in this step, (m,) [m], and committed state."""
@@ -381,7 +395,7 @@ class ZoneRun:
         if excess.max() > 0:
             flow = int(np.count_nonzero(excess > 0)) + len(active.points) // 2
             self._choose(self._chosen | self._near(excess, flow))
-            self._step_before = self._p - self._last[0]
+            self._step_before, self._step_moved = self._p - self._last[0], self._moved - self._last[1]
             return False
         self._energy = self._present_energy()
         flow = int(np.count_nonzero(state.equivalent > before.equivalent))
