@@ -356,7 +356,7 @@ def _estimate(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
         result["left_out"] = ["first yield: no yield stress is known (fourth number of a material)"]
     else:
         result |= {"yield_ratio": found.yield_ratio, "yield_force_N": found.yield_force}
-        result["yield_speed_m_s"] = found.yield_speed
+        result |= {"yield_speed_m_s": found.yield_speed, "plastic_radius_m": found.plastic_radius}
         if found.yield_ratio > 1:
             warnings.warn(found.stress.advice(("the first body", "the second body")), YieldWarning, stacklevel=2)
     if math.isfinite(found.duration):

@@ -220,8 +220,9 @@ class Partition:
             Directions in which the basis knows the flexibility of the patch: along the line of contact, which is
             enough without friction, or in all three.
         plastic_radius : float, optional
-            Elements this near to `center` may yield [m], if the material has `hardening`. Begin with two contact radii;
-            a warning tells if flow reaches the edge. Cost grows with the square of their nodes. Default: `radius`.
+            Elements this near to `center` may yield [m], if the material has `hardening`. `hertz.impact` tells how far
+            flow may reach: take its `plastic_radius`, and the size of an element. A warning tells if flow reaches the
+            edge. Default: `radius`.
         name : str
             To tell patches of one body apart.
 

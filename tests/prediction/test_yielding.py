@@ -77,6 +77,26 @@ def test_at_the_speed_of_first_yield_bodies_yield(impedance):
     assert again.yield_ratio == pytest.approx(1, rel=2e-3)
 
 
+@pytest.mark.parametrize("speed", [0.01, 0.5, 5.0])
+def test_the_plastic_zone_is_as_large_as_the_impact(speed):
+    """Twice as large bodies at the same speed have twice as large stress fields; faster ones flow further around."""
+    found, twice, slower = (
+        hertz.impact(mass, v, R, math.inf, HARD, SOFT)
+        for mass, v, R in ((0.03, speed, 0.01), (0.24, speed, 0.02), (0.03, 0.9 * speed, 0.01))
+    )
+    assert twice.plastic_radius == pytest.approx(2 * found.plastic_radius, rel=1e-9)
+    share, before = (one.plastic_radius / one.contact_radius for one in (found, slower))
+    assert share >= before * (1 - 1e-9) > 1.0  # an elastic contact is stressed most at half of its radius
+    assert (share > 1.01 * before) == (found.yield_ratio > 2)
+
+
+def test_in_a_soft_body_flow_reaches_further():
+    found = [hertz.impact(0.03, 1.0, 0.01, math.inf, HARD, one).plastic_radius for one in (SOFT, HARD, UNKNOWN)]
+    assert found[0] > 1.5 * found[1]
+    assert found[1] > hertz.impact(0.03, 1.0, 0.01, math.inf, HARD, UNKNOWN).contact_radius
+    assert hertz.impact(0.03, 0.5, 0.01, math.inf, UNKNOWN).plastic_radius is None
+
+
 def test_waves_alone_limit_the_force():
     found = hertz.impact(math.inf, 0.5, 0.01, math.inf, SOFT, impedance=1e3)
     assert found.yield_speed == pytest.approx(found.yield_force / 1e3, rel=1e-6)

@@ -167,7 +167,7 @@ class FreeBodyFlexibility:
         """Elastic flexibility of some dofs, (k,) int array, by the fronts that they reach."""
         fronts = self._factor.kept(selection(dofs, len(self._rigid)))
         at, moved, work = self._rigid[dofs], self._moved[dofs], self._mass_rigid.T @ self._moved
-        held = np.eye(len(dofs))[:, np.isin(dofs, self._held)]  # what is held does not move, but its equation does
+        held = selection(np.flatnonzero(np.isin(dofs, self._held)), len(dofs)).T.toarray()  # its equation does move
         own, one, none = held.T @ (fronts @ held), np.eye(len(work)), np.zeros_like(work)
         weights = scipy.linalg.block_diag(np.block([[(work + work.T) / 2, -one], [-one, none]]), -own)
         return KeptFlexibility(fronts, np.hstack([at, moved, held]), weights)

@@ -1,0 +1,171 @@
+"""Plastic zones of thousands of nodes: time and memory off-line and on-line, and the same results as with a dense zone.
+
+A steel ball of 10 mm on an aluminium disc of 50 x 10 mm (Y 200 MPa, H 500 MPa) at 0.6 m/s; steps of 0.4 us over the
+first 60 us, in nearly all of which the disc flows. The zone has 2.6 contact radii, those of a plastic contact, and
+elements of a third of that radius in the middle. Each case runs in a process of its own, so that its peak memory is
+its own. Coarser elements make a zone of some 800 nodes, whose products are dense; finer ones 10 000.
+Reference: the same run with the zone's dense flexibility, on a mesh of 1800 zone nodes: another sparse solver, which
+has no fronts to keep. Quantity: relative L2 error of the force, relative error of plastic work; processor time of the
+reduction of the disc, and its peak memory with meshing; processor time of the run, by that at 800 nodes times the ratio
+of the nodes.
+Limits: 1e-4 each; 25 s and 3e9 bytes, for 10 000 nodes 60 s and 4e9 bytes; the ratio is told, without a limit.
+
+    python -m validation.inelastic.zones [--only CASE ...]
+
+Cases are kept in zones.json. Without `--only` all run again; `--only` alone judges what is kept.
+"""
+
+import argparse
+import json
+import math
+import resource
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import exudyn as exu
+import netgen.occ as occ
+import numpy as np
+from rich.console import Console
+
+import exudyn_partition as ep
+from exudyn_partition.algebra.sparse.multifrontal import Factorisation
+from exudyn_partition.algebra.sparse.solver import SparseFactors, solved_by
+from validation.contact import scenes
+from validation.inelastic.impact import ALUMINIUM, STEEL
+
+RESULTS = Path(__file__).with_suffix(".json")
+RADIUS, DISC, THICKNESS, SPEED, F_CUT = 10e-3, 25e-3, 10e-3, 0.6, 150e3
+END, STEP, ZONE = 60e-6, 0.4e-6, 2.6
+SMALL, SAME, THIRD, LARGE = "800 nodes", "as a dense zone", "elements of a third", "10 000 nodes"
+SHARES = {SMALL: 0.55, SAME: 0.42, THIRD: 1 / 3, LARGE: 0.208}  # size of elements by the contact radius
+LIMITS = {"force": 1e-4, "work": 1e-4, "offline_s": 25.0, "memory_GB": 3.0, "large_offline_s": 60.0, "large_GB": 4.0}
+
+
+class WithoutFronts(SparseFactors):
+    """The own solver as one that has no fronts to keep: a zone then has one dense front."""
+
+    def __init__(self, matrix):
+        self._own = Factorisation(matrix)
+
+    def solve(self, rhs):
+        """Solve, see `SparseFactors`."""
+        return self._own.solve(rhs)
+
+    def inverse_at(self, rows):
+        """Inverse at some rows, see `SparseFactors`."""
+        return self._own.inverse_at(rows)
+
+    def negative_pivots(self):
+        """Negative pivots, see `SparseFactors`."""
+        return self._own.negative_pivots()
+
+
+def scene(share):
+    """FE models and partitions of ball and disc; the ball stands above z = 0."""
+    mass = ep.hertz.effective(4 / 3 * np.pi * RADIUS**3 * STEEL.rho, np.pi * DISC**2 * THICKNESS * ALUMINIUM.rho)
+    elastic = ep.hertz.impact(mass, SPEED, RADIUS, math.inf, STEEL, ALUMINIUM)
+    a = max(elastic.contact_radius, np.sqrt(elastic.peak_force / (2.8 * np.pi * ALUMINIUM.yield_stress)))
+    ball = occ.Sphere(occ.Pnt(0, 0, RADIUS), RADIUS)
+    disc = occ.Cylinder(occ.Pnt(0, 0, -THICKNESS), occ.Z, DISC, THICKNESS)
+    found = []
+    for shape, material, h_far, h, sign in ((ball, STEEL, 4e-3, a / 2, -1), (disc, ALUMINIUM, 6e-3, share * a, 1)):
+        fem = ep.fe_model(shape, material, maxh=h_far, refine=[ep.Refine((0, 0, 0), 1.7 * a, h)], grading=0.6)
+        plastic, reach = {"plastic_radius": ZONE * a} if material.plastic else {}, (1.65 + 1.5 * share) * a
+        found.append((fem, ep.Partition.ball(fem, (0, 0, 0), reach, direction=(0, 0, sign), **plastic)))
+    return found
+
+
+def run(bodies, end=END):
+    """Contact, result and processor time of the ball that falls on the disc."""
+    mbs = exu.SystemContainer().AddSystem()
+    ball = ep.CreatePartitionBody(mbs, bodies[0], initialVelocity=[0, 0, -SPEED], name="ball")
+    disc = ep.CreatePartitionBody(mbs, bodies[1], name="disc")
+    contact = ep.CreatePartitionContact(mbs, ball, disc)
+    mbs.Assemble()
+    begin = time.process_time()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ep.errors.YieldWarning)  # of the ball, which has no yield stress
+        result = ep.solve_dynamic(mbs, end_time=end, step=STEP)
+    return contact, result, time.process_time() - begin
+
+
+def case(name):
+    """One mesh: reduction and run; once more with a dense zone, if it is to be the same."""
+    models = scene(SHARES[name])
+    ball, begin, wall = ep.reduce(*models[0], f_cut=F_CUT), time.process_time(), time.perf_counter()
+    disc = ep.reduce(*models[1], f_cut=F_CUT)
+    found = {
+        "zone_nodes": len(models[1][1].patches[0].plastic.nodes),
+        "dofs": models[1][0].n_dofs,
+        "offline_cpu_s": time.process_time() - begin,
+        "offline_wall_s": time.perf_counter() - wall,
+        "memory_GB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9,
+        "zone_MB": disc.basis.zones[0].own.fronts.store.nbytes / 1e6,
+    }
+    run((ball, disc), 5 * STEP)  # loads what is compiled
+    runs = [run((ball, disc)) for _ in range(2)]
+    contact, result, _ = runs[0]
+    force, work = contact.force(result), contact.plastic.work(result)
+    found |= {
+        "online_cpu_s": min(one[-1] for one in runs),
+        "plastic_steps": int(np.count_nonzero(np.diff(work) > 0)),
+        "peak_N": force.max(),
+        "work_J": work[-1],
+        "online_GB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9,
+    }
+    if name == SAME:
+        with solved_by(WithoutFronts):
+            contact, result, online = run((ball, ep.reduce(*models[1], f_cut=F_CUT)))
+        dense = contact.force(result)
+        found["force"] = np.linalg.norm(force - dense) / np.linalg.norm(dense)
+        found["work"] = abs(work[-1] / contact.plastic.work(result)[-1] - 1)
+        found["dense_online_cpu_s"] = online
+    return found
+
+
+def measured(name):
+    """One case in a process of its own."""
+    command = [sys.executable, "-m", "validation.inelastic.zones", "--case", name]
+    process = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+    return json.loads(process.stdout.splitlines()[-1])
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "--only", nargs="*", choices=SHARES, default=[*SHARES], help="cases to run anew; others are kept"
+    )
+    parser.add_argument("--case", choices=SHARES, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.case:
+        print(json.dumps(case(options.case), default=float))
+        return
+    begin, console = time.perf_counter(), Console(width=150)
+    cases = json.loads(RESULTS.read_text())["cases"] if RESULTS.exists() else {}
+    for name in options.only:
+        cases[name] = measured(name)
+        console.print(name, cases[name])
+        RESULTS.write_text(json.dumps({"cases": cases}, indent=1) + "\n")
+    if lacking := SHARES.keys() - cases.keys():
+        sys.exit(f"not yet run: {', '.join(sorted(lacking))}")
+    small, same, third, large = (cases[name] for name in SHARES)
+    by_nodes = third["zone_nodes"] / small["zone_nodes"]
+    found = {
+        "force": same["force"],
+        "work": same["work"],
+        "offline_s": third["offline_cpu_s"],
+        "memory_GB": third["online_GB"],
+        "large_offline_s": large["offline_cpu_s"],
+        "large_GB": large["online_GB"],
+        "online_by_nodes": third["online_cpu_s"] / small["online_cpu_s"] / by_nodes,
+    }
+    failed = [f"{key} {found[key]:.3g}, limit {limit:g}" for key, limit in LIMITS.items() if found[key] > limit]
+    result = {"found": found, "limits": LIMITS, "cases": cases, "time_s": time.perf_counter() - begin}
+    scenes.finish(__file__, result, failed)
+
+
+if __name__ == "__main__":
+    main()
