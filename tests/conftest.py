@@ -6,6 +6,7 @@ from pathlib import Path
 import exudyn as exu
 import netgen.occ as occ
 import pytest
+from browser import browser, opened  # noqa: F401  # fixtures
 from oracles import MARBLE_RADIUS, SPHERE_MATERIAL, SPHERE_RADIUS, TOP, box, end, hexahedra, without_numba, write
 
 import exudyn_partition as ep

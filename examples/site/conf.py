@@ -6,16 +6,18 @@ from pathlib import Path
 
 from docutils import nodes
 from latex2mathml.converter import convert
+from numpydoc.xref import DEFAULT_LINKS
 
 import exudyn_partition
 
 project = "exudyn_partition"
 author = "The exudyn_partition developers"
 release = exudyn_partition.__version__
-extensions = ["myst_nb", "numpydoc", "sphinx.ext.autosummary", "sphinx_design"]
+extensions = ["myst_nb", "numpydoc", "sphinx.ext.autosummary", "sphinx.ext.viewcode", "sphinx_design"]
 html_math_renderer = "mathml"  # which browsers show by themselves, without a script from elsewhere
 exclude_patterns = ["templates"]
 html_theme = "furo"
+html_static_path, html_css_files = ["static"], ["site.css"]
 html_title = f"exudyn_partition {release}"
 myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 4
@@ -26,6 +28,12 @@ nb_merge_streams = True
 templates_path = ["templates"]
 autodoc_typehints = "none"  # docstrings have the types, with shapes and units
 numpydoc_show_class_members = False
+numpydoc_xref_param_type = True  # types of parameters lead to their pages
+numpydoc_xref_ignore = "all"  # but those that follow
+numpydoc_xref_aliases = {name: name for name in DEFAULT_LINKS}  # which lead to other sites
+numpydoc_xref_aliases |= {
+    name: f"exudyn_partition.{name}" for name in exudyn_partition.__all__ if name[0].isupper() and not name.isupper()
+}
 linkcheck_timeout, linkcheck_retries = 20, 2  # seconds; of `-b linkcheck`, which asks the pages that ours link to
 
 
@@ -34,6 +42,36 @@ def links_as_on_the_site(app, relative_path, parent_docname, content):
     text = re.sub(r"\]\(examples/site/([\w-]+\.md)", r"](\1", content[0])
     text = re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|#|[\w-]+\.md)[^)]+\)", r"\1", text)
     content[0] = text.replace("](#limits)", "](limits.md)")
+
+
+def examples():
+    """Lines of the short examples in api_examples.py, by the name that they show."""
+    blocks = re.split(
+        r"^# %% ?(.*)\n", Path(__file__).with_name("api_examples.py").read_text(encoding="utf-8"), flags=re.M
+    )
+    shown = {}
+    for names, block in zip(blocks[3::2], blocks[4::2], strict=True):  # after the imports
+        shown |= dict.fromkeys(names.split(", "), block.strip().splitlines())
+    return shown
+
+
+def add_example(app, what, name, thing, options, lines):
+    """Show the example of a public name beneath its docstring."""
+    short = (
+        re.sub(r"^exudyn_partition\.(?:.*\.)?", "", name)
+        if what == "module"
+        else name.removeprefix("exudyn_partition.")
+    )
+    short = {"compare": "report"}.get(short, short) if what == "module" else short
+    if short in EXAMPLES:
+        lines += [
+            "",
+            ".. rubric:: Example",
+            "",
+            ".. code-block:: python",
+            "",
+            *(f"   {line}" for line in EXAMPLES[short]),
+        ]
 
 
 def write_formula(translator, node):
@@ -51,10 +89,14 @@ def run_the_notebook_or_not(app, config):
     config.nb_execution_mode = "force" if config.run_examples else "off"
 
 
+EXAMPLES = examples()
+
+
 def setup(app):
     """Connect what writes pages, and what changes them as they are read."""
     app.add_html_math_renderer("mathml", (write_formula, None), (write_formula, None))
     app.add_config_value("run_examples", True, "env", [bool])
     app.connect("config-inited", run_the_notebook_or_not)
     app.connect("builder-inited", runpy.run_path(str(Path(__file__).with_name("gallery.py")))["write_pages"])
+    app.connect("autodoc-process-docstring", add_example, priority=900)  # after numpydoc
     app.connect("include-read", links_as_on_the_site)

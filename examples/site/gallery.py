@@ -1,9 +1,11 @@
-"""Pages of the gallery: each example is run with `--quick`; its page shows figures, moving bodies, output and source.
+"""Pages of the gallery: figures and output of each example at full size, moving bodies, and source.
 
-`python -m sphinx -D run_examples=0 ...` writes the pages without a run, for builds that only check text and links.
+Results at full size are those that `python validation/gallery.py` has kept. The build itself runs the examples with
+`--quick`, for the moving bodies. `python -m sphinx -D run_examples=0 ...` runs none: its pages lack these.
 """
 
 import ast
+import json
 import os
 import re
 import shutil
@@ -35,6 +37,7 @@ GROUPS = {
     ),
     "Accuracy and studies": ("choose_accuracy", "parameter_study", "restitution_map"),
 }
+FULL = json.loads((EXAMPLES.parent / "validation" / "gallery.json").read_text(encoding="utf-8"))
 SCENES = "moving"  # folder of the pages with moving bodies, in the site
 
 
@@ -43,17 +46,16 @@ def write_pages(app):
     FOLDER.mkdir(exist_ok=True)
     if sorted(name for names in GROUPS.values() for name in names) != sorted(NAMES):
         raise ExtensionError(f"gallery.py: GROUPS must hold each example of examples/README.md once: {NAMES}")
-    printed = dict.fromkeys(NAMES, "")
     if app.config.run_examples:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            printed = dict(zip(NAMES, pool.map(run, NAMES), strict=True))
+            list(pool.map(run, NAMES))
     scenes = FOLDER / "extra" / SCENES
     scenes.mkdir(parents=True, exist_ok=True)
     for name in NAMES:
         for path in (FOLDER / name).glob("*.html"):
             shutil.copy(path, scenes / f"{name}.html")
     app.config.html_extra_path.append(str(scenes.parent))
-    pages = {"index": index(), **{name: page(name, printed[name]) for name in NAMES}}
+    pages = {"index": index(), **{name: page(name) for name in NAMES}}
     for name, text in pages.items():
         (FOLDER / f"{name}.md").write_text(text, encoding="utf-8")
     notebook = (EXAMPLES / "tutorial.ipynb").read_text(encoding="utf-8")
@@ -79,11 +81,18 @@ def index():
 
 
 def card(name):
-    """An example's first sentence, beneath its first figure."""
-    figures = sorted(path.name for path in (FOLDER / name).glob("*.png"))
-    picture = [f":img-top: {name}/{figures[0]}", f":img-alt: figure of {name}"] if figures else []
+    """An example's first sentence, beneath its first figure, and what it takes."""
+    picture = [f":img-top: ../full/{FULL[name]['figures'][0]}", f":img-alt: figure of {name}"]
     return "\n".join([f":::{{grid-item-card}} {title(name)}", f":link: {name}", ":link-type: doc", *picture, "",
-                      said(name).split("\n\n")[0].replace("\n", " "), ":::", ""])  # fmt: skip
+                      said(name).split("\n\n")[0].replace("\n", " "), "", f"*{taken(name)}*", ":::", ""])  # fmt: skip
+
+
+def taken(name):
+    """Time and memory of an example at full size."""
+    full = FULL[name]
+    seconds = full["processor_s"] or full["seconds"]
+    time = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+    return f"{time} of a processor, {full['memory_GB']:.1f} GB" if full["memory_GB"] else time
 
 
 def title(name):
@@ -97,27 +106,29 @@ def said(name):
 
 
 def run(name):
-    """Run an example; returns what it printed, without the path of its figure."""
+    """Run an example, for its moving bodies."""
     logging.getLogger(__name__).info("running %s.py", name)
     command = [sys.executable, str(EXAMPLES / f"{name}.py"), "--quick", "--out", str(FOLDER / name)]
     environment = {**os.environ, "MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1"}
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, env=environment, check=True)
+        subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, env=environment, check=True)
     except (subprocess.CalledProcessError, subprocess.TimeoutExpired) as error:
         raise ExtensionError(f"examples/{name}.py failed: {error}\n{(error.stderr or '')[-2000:]}") from error
-    return "\n".join(line for line in done.stdout.splitlines() if not line.endswith(".png"))
 
 
-def page(name, printed):
-    """A page: what the example is, its figures, what it printed, and its source."""
+def page(name):
+    """A page: what the example is, its figures, what it printed, its moving bodies, and its source."""
+    full = FULL[name]
     parts = [f"# {title(name)}", said(name)]
+    parts += [
+        f"`python examples/{name}.py` needs the [base installation](../start.md) alone. With version "
+        f"{full['version']} ({full['date']}) it took {taken(name)}, drew and printed:"
+    ]
+    parts += [f"```{{image}} ../full/{figure}\n:alt: {figure}\n```" for figure in full["figures"]]
+    parts += [f"```text\n{full['printed']}\n```"]
     if (FOLDER / "extra" / SCENES / f"{name}.html").exists():
         frame = f'src="../{SCENES}/{name}.html" title="moving bodies" loading="lazy"'
+        parts += ["The bodies move here as with `--quick`, on a coarser mesh and over a shorter time:"]
         parts += [f'```{{raw}} html\n<iframe {frame} style="width:100%;height:560px;border:0"></iframe>\n```']
-    if printed:
-        figures = sorted(path.name for path in (FOLDER / name).glob("*.png"))
-        parts += [f"With `--quick`, `python examples/{name}.py` draws and prints:"]
-        parts += [f"```{{image}} {name}/{figure}\n:alt: {figure}\n```" for figure in figures]
-        parts += [f"```text\n{printed}\n```"]
     parts += [f"```{{literalinclude}} ../../{name}.py\n:language: python\n```"]
     return "\n\n".join(parts) + "\n"

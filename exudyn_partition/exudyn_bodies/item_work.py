@@ -231,10 +231,9 @@ class Others:
     driven: bool
 
     @classmethod
-    def of(cls, mbs: MainSystem) -> Others:
-        """Items of a model, as they are."""
+    def of(cls, mbs: MainSystem, *, told: bool = False) -> Others:
+        """Items of a model, as they are; `told` is whether a sensor has their work."""
         held = registered(mbs)
-        told = held.work is not None
         acted_on, not_told, driven = set[int](), [], False
         each = {number: _numbers({number: item}) for number, item in held.bodies.items()}
         everything = _numbers(held.bodies)

@@ -37,7 +37,7 @@ def warn_of_balance(mbs: MainSystem, result: Result) -> None:
     free = _free(result)
     some = np.unique(np.r_[0, _some(np.arange(len(free))), _some(np.flatnonzero(free)), len(free) - 1])
     balance = Balance.of(result, some)
-    others, exchanges = Others.of(mbs), any(map(_exchanges, result.contacts))
+    others, exchanges = Others.of(mbs, told=result.item_work is not None), any(map(_exchanges, result.contacts))
     if not others.driven and not exchanges:  # otherwise energy that was taken may come back
         _warn_of_damping(result, balance)
     if any(map(_is_of_user, (mbs.GetPreStepUserFunction(), mbs.GetPostStepUserFunction()))):

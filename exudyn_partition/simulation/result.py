@@ -97,7 +97,7 @@ class Result:
     warnings : tuple of str, optional
         Texts of the warnings after the run. Default: not known.
     item_work : WorkSensor, optional
-        Sensor of work, if the model has one.
+        Sensor of work, if the model has one that was read at all times.
     marks : tuple of ItemMark, optional
         Description of the model, for a result that was read without it.
     newmark : Newmark, optional
@@ -171,7 +171,8 @@ class Result:
                 "item: expected what CreatePartitionBody() or CreatePartitionContact() returns, got "
                 f"{type(item).__name__}"
             )
-        if item not in (*self.bodies, *self.contacts, self.item_work):
+        seldom = isinstance(item, WorkSensor) and int(number) in self.seldom
+        if item not in (*self.bodies, *self.contacts, self.item_work) and not seldom:
             raise InputError(
                 f"result: expected one of the model that {called(item)} belongs to, got one of another model, or of "
                 "a run before it was added; take what solve_dynamic or collect returns for its own"
@@ -588,7 +589,8 @@ def _joined(result: Result, t: Array, kept: Mapping[int, Array]) -> Result:
         if number in kept
     }
     seldom = frozenset(number for number in result.sensors if number not in kept)
-    return replace(result, t=times[order], sensors=joined, seldom=seldom)
+    of_work = None if result.item_work is None or int(result.item_work.number) in seldom else result.item_work
+    return replace(result, t=times[order], sensors=joined, seldom=seldom, item_work=of_work)
 
 
 def cut(result: Result, count: int) -> Result:

@@ -138,3 +138,22 @@ def test_a_sensor_from_before_a_reset_is_forgotten(bar):
     result = ep.solve_dynamic(mbs, end_time=1e-5, step=1e-6)
     with pytest.raises(InputError, match="expected one of the model that this sensor of work belongs to"):
         before.work(result)
+
+
+def test_a_run_by_exudyn_that_reads_the_sensor_seldom_can_be_collected(mbs, bodies):
+    """The contacts keep all steps, the sensor of work does not: the balance does without it."""
+    striker = ep.CreatePartitionBody(
+        mbs, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -1.0], gravity=GRAVITY.tolist()
+    )
+    target = ep.CreatePartitionBody(mbs, bodies[1])
+    contact = ep.CreatePartitionContact(mbs, striker, target, rows="node-to-segment")
+    sensor = ep.CreateWorkSensor(mbs)
+    mbs.Assemble()
+    settings = exu.SimulationSettings()
+    settings.solution.file.write = False
+    settings.timeIntegration.endTime, settings.timeIntegration.numberOfSteps = 40e-6, 80
+    mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.VelocityVerlet)
+    result = ep.collect(mbs)
+    assert contact.force(result).max() > 0
+    with pytest.raises(InputError, match=r"read sensor \d+ less often"):
+        sensor.work(result)

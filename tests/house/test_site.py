@@ -1,6 +1,8 @@
 """The site: its programs run, its reference has every public name, and it builds without a warning where Sphinx is."""
 
 import inspect
+import json
+import os
 import re
 import subprocess
 import sys
@@ -114,14 +116,68 @@ def test_links_between_pages_lead_to_a_heading():
             assert not anchor or anchor in anchors, (name, page, anchor)
 
 
-def test_the_site_builds_without_a_warning(tmp_path):
-    """Nothing in it comes from elsewhere when a page is shown; formulas are MathML."""
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """Folder of the site, built without a warning and without a run of the examples."""
     for package in ("sphinx", "myst_nb", "numpydoc", "furo", "sphinx_design", "latex2mathml"):
         pytest.importorskip(package)
-    command = [sys.executable, "-m", "sphinx", "-W", "-q", "-D", "run_examples=0", str(SITE), str(tmp_path / "site")]
+    folder = tmp_path_factory.mktemp("built") / "site"
+    command = [sys.executable, "-m", "sphinx", "-W", "-q", "-D", "run_examples=0", str(SITE), str(folder)]
     subprocess.run(command, check=True)
-    assert (tmp_path / "site" / "reference" / "exudyn_partition.reduce.html").is_file()
-    pages = {path.name: path.read_text() for path in (tmp_path / "site").rglob("*.html")}
+    return folder
+
+
+def test_each_page_of_the_reference_has_an_example_and_its_source(site):
+    pages = [path for path in (site / "reference").glob("*.html")]
+    assert len(pages) == len(ep.__all__)
+    for path in pages:
+        text = path.read_text()
+        assert ">Example</p>" in text, path.name
+        assert "[source]" in text or "Module" in text or path.stem.split(".")[-1] in ("STEEL", "ALUMINIUM"), path.name
+    contact = (site / "reference" / "exudyn_partition.CreatePartitionContact.html").read_text()
+    assert 'href="exudyn_partition.RigidPlane.html' in contact  # types lead to their pages
+
+
+def test_examples_of_the_reference_run(tmp_path):
+    """In a process of their own: they are one program."""
+    command = [sys.executable, str(SITE / "api_examples.py")]
+    environment = {**os.environ, "MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_the_gallery_has_a_picture_and_the_costs_of_each_example():
+    kept = json.loads((ROOT / "validation" / "gallery.json").read_text())
+    names = {path.stem for path in (ROOT / "examples").glob("*.py")}
+    assert set(kept) == names
+    for name, one in kept.items():
+        assert one["figures"], name
+        assert all((SITE / "full" / figure).stat().st_size < 200_000 for figure in one["figures"]), name
+        assert one["seconds"] > 0, name
+    assert {path.name for path in (SITE / "full").iterdir()} == {f for one in kept.values() for f in one["figures"]}
+
+
+@pytest.mark.parametrize("width", [1300, 390])
+def test_no_name_is_broken_in_the_sidebar_and_phones_need_no_scrolling(site, opened, width):
+    for name in ("reference/exudyn_partition.CreatePartitionContact.html", "gallery/index.html"):
+        page, faults = opened(site / name, width=width, ready="document.readyState === 'complete'")
+        lines = page.evaluate(
+            """[...document.querySelectorAll('.sidebar-tree a, .toc-tree a')].map(link => {
+                const range = document.createRange();
+                range.selectNodeContents(link);
+                const tops = [...range.getClientRects()].map(box => Math.round(box.top / 8));
+                return [link.textContent.trim(), new Set(tops).size];
+            })"""
+        )
+        assert len(lines) > 20
+        assert [text for text, count in lines if count > 1 and " " not in text] == []
+        assert page.evaluate("document.documentElement.scrollWidth") == width
+        assert faults == []
+
+
+def test_nothing_in_the_site_comes_from_elsewhere(site):
+    """When a page is shown; formulas are MathML."""
+    pages = {path.name: path.read_text() for path in site.rglob("*.html")}
     assert pages["theory.html"].count("<math ") > 200
     for name, text in pages.items():
         assert not re.findall(
