@@ -256,6 +256,7 @@ EXPERIMENTS = (
     "granular_chain",
     "sdnl111",
     "cgs4",
+    "lame",
 )  # scripts of experiments/
 SCENES = ("rod_on_plate", "block_on_block", "two_spheres", "crank_slider")  # of error_against_time
 CASES = {

@@ -71,6 +71,12 @@ def experiments():
               "experiments.sdnl111", of_rows(bars["rows"][-1:]))  # fmt: skip
     yield Row(ANALYTIC, "block pushed up a slope (NAFEMS CGS-4)", "force when it slides",
               percent(wedge["found"]["ratio"]), "equilibrium", "experiments.cgs4", of_rows(wedge["rows"]))  # fmt: skip
+    fit = stored("experiments/lame")
+    yield Row(ANALYTIC, "hub pressed on a rigid and on an elastic shaft", "pressure, hoop stress",
+              f"{percent(fit['found']['pressure'])}, {percent(fit['found']['hoop'])}", "Lame", "experiments.lame",
+              of_rows(fit["rows"]))  # fmt: skip
+    yield Row(ANALYTIC, "the same, friction 0.12, pulled off", "pull-off force", percent(fit["found"]["pull"]),
+              "coefficient times Lame's pressure", "experiments.lame")  # fmt: skip
     yield Row(ANALYTIC, "chain of beads", "speed of the wave", percent(chain["found"]["point masses"]),
               "point masses on Hertz springs", "experiments.granular_chain", of_rows(chain["rows"]))  # fmt: skip
     time = cost(kharaz["offline_s"], kharaz["online_s"] / kharaz["impacts"])

@@ -63,6 +63,10 @@ class Gaps:
         Whether an Exudyn body carries the rigid surface.
     between : (d np, d np) array or None
         Residual flexibility between the patches of both sides [m/N], if they are patches of one body.
+    clearance : float
+        Smallest gap of the rows as the sides are placed [m].
+    pressed : bool
+        Whether an overlap of the sides as they are placed is meant. Load steps close it.
     """
 
     sides: tuple[Side, ...]
@@ -73,12 +77,23 @@ class Gaps:
     faced: bool = True
     carried: bool = False
     between: Array | None = None
+    clearance: float
+    pressed: bool = False
     searches: int = 0
     _all: ContactPoints  # of the slave
     _start: Stage
     _loaded: dict[int, LoadedNodes]
     _q: Array
     _places: list[Array] | None  # of the nodes that are followed at the last coordinates, once they are known
+
+    @property
+    def overlap(self) -> float:
+        """Largest overlap of the rows as the sides are placed [m], if it is meant; else zero."""
+        return max(-self.clearance, 0.0) if self.pressed else 0.0
+
+    def placed_rows(self) -> tuple[ContactPoints, Array, Array]:
+        """Points of the rows as the sides are placed, normals there, (p, 3), and gaps of the rows, (nr,) [m]."""
+        raise NotImplementedError
 
     def fresh(self) -> Self:
         """Return the same rows in their start state, for another run; constant data are shared."""

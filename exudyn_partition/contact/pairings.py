@@ -58,10 +58,11 @@ class Pairing:
     problem: Complementarity | None = None
 
     @classmethod
-    def of(cls, slave: Side, master: Side, kind: RowKind, itself: bool = False) -> Pairing:
+    def of(cls, slave: Side, master: Side, kind: RowKind, itself: bool = False, *, pressed: bool = False) -> Pairing:
         """Pair two sides, or return their earlier pairing in the same relative place.
 
-        `itself`: both are patches of one body in the model, so that each moves the other's nodes.
+        `itself`: both are patches of one body in the model, so that each moves the other's nodes. `pressed`: they may
+        overlap.
 
         Raises
         ------
@@ -69,24 +70,24 @@ class Pairing:
             See `rows.pair_surfaces`.
         """
         kept = KEPT.setdefault(slave.kinematics.body, [])
-        key = (kind, itself, *_attitude(slave), weakref.ref(master.kinematics.body), *_attitude(master))
+        key = (kind, itself, pressed, *_attitude(slave), weakref.ref(master.kinematics.body), *_attitude(master))
         points = np.vstack([slave.surface.points, master.surface.points])
         places, rounding = points - master.surface.points[0], _ROUNDING * abs(points).max()
         for i, (known, pairing) in enumerate(kept):
             if known == key and abs(pairing.places - places).max() <= rounding:
                 kept.append(kept.pop(i))
                 return pairing
-        kept.append((key, cls._found(slave, master, kind, places)))
+        kept.append((key, cls._found(slave, master, kind, places, pressed)))
         del kept[:-_MOST]
         return kept[-1][1]
 
     @classmethod
-    def _found(cls, slave: Side, master: Side, kind: RowKind, places: Array) -> Pairing:
+    def _found(cls, slave: Side, master: Side, kind: RowKind, places: Array, pressed: bool) -> Pairing:
         points, pose = contact_points(slave.surface, kind), np.zeros(slave.n + master.n)
         if slave.surface.wanders or master.surface.wanders:
-            return cls(points, pair_wandering(slave.surface, master.surface, kind), pose, places)
+            return cls(points, pair_wandering(slave.surface, master.surface, kind, pressed=pressed), pose, places)
         try:
-            rows = pair_surfaces(slave.surface, master.surface, kind)
+            rows = pair_surfaces(slave.surface, master.surface, kind, pressed=pressed)
         except EmptyRegionError:
             # Floating bodies may turn until their patches face each other.
             pose = _facing_pose((slave, master))

@@ -57,6 +57,9 @@ class PatchContact:
         Memory of the last accepted step.
     since : float
         Start of the present step [s].
+    opening : float
+        How much of an overlap that is meant is still open [m]: surfaces stand apart by that much more than they are
+        placed. Load steps take it to zero.
     h : (nr,) array
         Gaps at the last answer [m], see `stored`.
     """
@@ -93,6 +96,10 @@ class PatchContact:
         result.rows = self.rows.fresh(self.gaps.fresh())
         result.law = self.law.fresh(result.rows)
         result._reset()
+        if method == "static":
+            result.opening = self.gaps.overlap
+            if self.gaps.overlap:
+                result.least_gap = self.gaps.clearance + result.opening
         if self.zones is not None:
             result.zones = self.zones.for_run(result, method)
         return result
@@ -100,7 +107,7 @@ class PatchContact:
     def _reset(self) -> None:
         self._n_nodes = len(self.gaps.slave.surface.points)
         self.memory = FrictionMemory.none(self._n_nodes)
-        self.least_gap, self.since = np.inf, -math.inf
+        self.least_gap, self.since, self.opening = np.inf, -math.inf, 0.0
         self._answered, self._closed_before = False, False
         self._same = 0  # number of answers of compiled loops with the same closed rows
         self._evaluated_at = np.empty(0)
@@ -178,9 +185,10 @@ class PatchContact:
 
     def force(self, q: Array, motion: Motion | None = None) -> Array:
         """Generalised contact force, (n,), at the coordinates q, (n,), of slave and master."""
-        problem = self.law.closed_problem() if self.index.size and self.zones is None else None
+        quick = self.index.size and self.zones is None and self.opening == 0.0
+        problem = self.law.closed_problem() if quick else None
         if problem is None:
-            gap = self.gaps.at(q)
+            gap = self.gap_at(q)
         else:
             gap, found = self.gaps.pressed_at(q, problem)
             if found is not None:  # the same rows are closed
@@ -190,6 +198,11 @@ class PatchContact:
                 return force
         self.answer(gap, motion=motion)
         return self.generalised()
+
+    def gap_at(self, q: Array) -> Array:
+        """Gaps of the present rows, (nr,) [m], at coordinates q, (n,), with the present `opening`."""
+        gap = self.gaps.at(q)
+        return gap + self.opening if self.opening else gap
 
     def answer(self, gap: Array, pushed: Array | None = None, motion: Motion | None = None) -> None:
         """Find the forces on the present rows from their gaps, (nr,) [m], and from their sliding.

@@ -43,6 +43,8 @@ class PatchGaps(Gaps):
     kind : {"integrated", "node-to-segment"}
     between : (d np, d np) array, optional
         See `Gaps`.
+    pressed : bool
+        Whether the patches may overlap at the start.
 
     Raises
     ------
@@ -52,12 +54,21 @@ class PatchGaps(Gaps):
 
     _stood_at: Array | None
 
-    def __init__(self, slave: Side, master: Side, kind: RowKind = "integrated", between: Array | None = None) -> None:
+    def __init__(
+        self,
+        slave: Side,
+        master: Side,
+        kind: RowKind = "integrated",
+        between: Array | None = None,
+        *,
+        pressed: bool = False,
+    ) -> None:
         self.sides, self._kind, self.between = (slave, master), kind, between
-        self._pairing = pairing = Pairing.of(slave, master, kind, itself=between is not None)
+        self._pairing = pairing = Pairing.of(slave, master, kind, itself=between is not None, pressed=pressed)
         self._all, self._start_q, self._loaded = pairing.points, pairing.pose, {}
         self.n, self.faced = len(pairing.pose), not pairing.pose.any()
         self.size, self.approach = pairing.rows.facet_size, pairing.rows.approach
+        self.clearance, self.pressed = float(pairing.rows.gap.min()), pressed
         self.witnesses = [witnesses_of(side.surface) for side in self.sides]
         self._start = self._at_start()
         self.reset()
@@ -66,6 +77,11 @@ class PatchGaps(Gaps):
         """Go back to the pairs at the start, before a new run."""
         self._since, self._stood_at = 0, None
         self._take(self._start, self._start_q)
+
+    def placed_rows(self) -> tuple[ContactPoints, Array, Array]:
+        """See `Gaps.placed_rows`."""
+        rows = self._pairing.rows
+        return rows.points, rows.normals, rows.gap
 
     def follow(self) -> None:
         """Follow the present rows from now on, even if they are frozen."""

@@ -150,11 +150,13 @@ class RigidGaps(Gaps):
         Returns the place of that frame, (3,) [m], and its rotation matrix, (3, 3). Default: the frame of space.
     motion : callable, optional
         Returns the velocity of that place [m/s] and the angular velocity in space [rad/s], (3,) each. Default: at rest.
+    pressed : bool
+        Whether the patch may start inside the surface.
 
     Raises
     ------
     PenetrationError
-        If the patch starts inside the surface.
+        If the patch starts inside the surface, unless `pressed`.
     InputError
         If the patch faces away from the surface.
     """
@@ -166,6 +168,8 @@ class RigidGaps(Gaps):
         kind: RowKind = "integrated",
         pose: Callable[[], tuple[Array, Array]] | None = None,
         motion: Callable[[], tuple[Array, Array]] | None = None,
+        *,
+        pressed: bool = False,
     ) -> None:
         self.surface, self._pose, self._motion, self.sides = surface, pose, motion, (slave,)
         self.carried = pose is not None
@@ -176,6 +180,7 @@ class RigidGaps(Gaps):
         self._start_q, self._loaded = np.zeros(self.n), {}
         self._start, gap = self._stage_at(self._rows_at_start(), [slave.surface.points])
         self._take(self._start, self._start_q)
+        self.pressed, self.clearance = pressed, float(gap.min())
         self._check_start(gap)
         if linear:
             no_drift = np.zeros((0, self.n)), np.zeros(0)
@@ -183,6 +188,11 @@ class RigidGaps(Gaps):
             start = self._start.rows, self._start.normals, self._start.shares
             self._start = Frozen(*start, LinearGaps(H, gap, *no_drift, 0.0))
         self.stage = self._start.again()
+
+    def placed_rows(self) -> tuple[ContactPoints, Array, Array]:
+        """See `Gaps.placed_rows`."""
+        gap, normals = self._projected(self._all.at(self.whole.surface.points), self.carrier_pose)
+        return self._all, normals, self._all.average(gap)
 
     def _rows_at_start(self) -> PresentRows:
         """Rows at the start."""
@@ -283,7 +293,7 @@ class RigidGaps(Gaps):
                 f"master: the slave's patch, with outward normal {direction}, faces away from the rigid "
                 f"surface; the normal there is {-self.approach}. Turn the normal, or choose another patch"
             )
-        if gap[deepest] < -PENETRATION_TOLERANCE * self.size:
+        if not self.pressed and gap[deepest] < -PENETRATION_TOLERANCE * self.size:
             raise PenetrationError(
                 f"{np.count_nonzero(gap < 0)} of {len(gap)} contact rows start inside the rigid surface, the worst by "
                 f"{-gap[deepest]:.4g} m at {surface.points[self.row_nodes[deepest]]} m. Move the body by at least that "

@@ -95,6 +95,18 @@ class Side:
         start = np.zeros(body.n_dofs)
         return replace(side, surface=side._placed(start, surface.direction))
 
+    @property
+    def outward(self) -> Array:
+        """Outward unit normals at the patch's nodes, at the start, (np, 3)."""
+        nodes = np.arange(len(self.surface.points))[:, None]
+        return self.surface.normals_at(nodes, np.ones(nodes.shape))
+
+    def grown(self, ways: Array) -> Side:
+        """Return the side with its surface moved outwards at the start, by a way at each node, (np,) [m]."""
+        by, axes = ways[:, None] * self.outward, self.kinematics.frame(np.zeros(self.n))[1]
+        surface = replace(self.surface, points=self.surface.points + by)
+        return replace(self, surface=surface, kinematics=self.kinematics.displaced(by @ axes))
+
     def part(self, facets: Array, nodes: Array) -> Side:
         """Return the side that follows some facets, (k,) int array, and some more nodes of its patch, (m,) int array.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -14,6 +14,7 @@ from ..contact.formulations.formulation import Formulation
 from ..contact.gaps import Gaps
 from ..contact.patch_contact import PatchContact
 from ..contact.patch_gaps import PatchGaps
+from ..contact.press_fit import fitted
 from ..contact.profile import RigidProfile
 from ..contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
 from ..contact.rigid_mesh import RigidMesh
@@ -28,6 +29,7 @@ from ..support.checks import validate_choice, validate_items, validate_positive
 from ..support.foreign import MainSystem, ObjectIndex
 from ..surfaces.near import near_patches, opposite_parts
 from ..surfaces.points import ROWS, RowKind
+from ..surfaces.rows import PENETRATION_TOLERANCE
 
 Passes = Literal["finer", "given"]
 PASSES: tuple[Passes, ...] = get_args(Passes)
@@ -35,6 +37,7 @@ BodyPatch = tuple[PartitionBody, int]  # a body and the number of one of its pat
 
 _RIGID = (RigidPlane, RigidSphere, RigidCylinder, RigidProfile, RigidMesh)
 _DIGITS = 1e-5  # share of a facet's size: round-off of places in space above which gaps are not known
+_MEANT = "Or, if the overlap is meant, as that of a press fit, give interference=, which solve_static closes"
 _FINER = 0.9  # slave and master change places if the master's facets are smaller than this share of the slave's
 
 
@@ -81,6 +84,7 @@ def plan_contact(
     masterBody: ObjectIndex | None = None,
     stiffness: float | None = None,
     friction: float | Coulomb | None = None,
+    interference: float | Literal["placed"] | None = None,
     name: str = "",
 ) -> ContactPlan:
     """Check the options of a contact, see `CreatePartitionContact`, and return its plan; the model stays as it is.
@@ -111,11 +115,22 @@ def plan_contact(
     chosen.check([item.body for item, _ in sides])
     for side in placed:
         _check_wandering(side)
-    if rigid is None:
-        gaps = _between(bodies, sides, placed, kind)
+
+    def gaps_of(placed: Sequence[Side], pressed: bool) -> Gaps:
+        if rigid is None:
+            return _between(bodies, sides, placed, kind, pressed)
+        return _to_rigid(mbs, placed[0], rigid, kind, masterBody, pressed)
+
+    if interference is None:
+        gaps = gaps_of(placed, False)
     else:
-        gaps = _to_rigid(mbs, placed[0], rigid, kind, masterBody)
+        gaps = _pressed(gaps_of, placed, interference)
     mechanics = PatchContact(gaps, chosen, coulomb)
+    if interference is not None and mechanics.ahead:
+        raise InputError(
+            "interference: load steps of solve_static close it, and multipliers have no statics. Take "
+            "formulation='compliance' or 'penalty'"
+        )
     carrier = None if masterBody is None else Carrier(mbs, masterBody)
     return ContactPlan(name, tuple(sides), rigid, chosen, mechanics, carrier, masterBody)
 
@@ -239,23 +254,45 @@ def _check_wandering(side: Side) -> None:
         )
 
 
+def _pressed(
+    gaps_of: Callable[[Sequence[Side], bool], Gaps], placed: Sequence[Side], interference: float | Literal["placed"]
+) -> Gaps:
+    """Gaps of a press fit, see `CreatePartitionContact`; `gaps_of` returns those of sides that may overlap."""
+    by_place = isinstance(interference, str) and interference == "placed"
+    overlap = 0.0 if by_place else validate_positive("interference", interference, "m")
+    as_placed = gaps_of(placed, True)
+    if by_place:
+        if as_placed.overlap <= PENETRATION_TOLERANCE * as_placed.size:
+            raise InputError(
+                f"interference: expected bodies that overlap as they are placed, but their gap is "
+                f"{as_placed.clearance:.3g} m. Give the interference as a length in m"
+            )
+        return as_placed
+    slave = fitted(as_placed, overlap)
+    return gaps_of([slave, *placed[1:]], True)
+
+
 def _between(
-    bodies: Sequence[PartitionBody], sides: Sequence[BodyPatch], placed: Sequence[Side], rows: RowKind
+    bodies: Sequence[PartitionBody], sides: Sequence[BodyPatch], placed: Sequence[Side], rows: RowKind, pressed: bool
 ) -> Gaps:
     """Gaps between two patches."""
     (slave, patch), (master, other_patch) = sides
     between = slave.body.flexibility(patch, other_patch) if slave == master else None
     kind = WanderingGaps if any(side.surface.wanders for side in placed) else PatchGaps
     try:
-        return kind(placed[0], placed[1], rows, between)
+        return kind(placed[0], placed[1], rows, between, pressed=pressed)
     except PenetrationError as error:
         first, second = (repr(item.name) if item.name else str(bodies.index(item)) for item in (slave, master))
-        raise PenetrationError(f"the slave is body {first}, the master body {second}; {error}") from error
+        raise PenetrationError(f"the slave is body {first}, the master body {second}; {error}. {_MEANT}") from error
 
 
-def _to_rigid(mbs: MainSystem, slave: Side, rigid: RigidSurface, rows: RowKind, carried_by: ObjectIndex | None) -> Gaps:
+def _to_rigid(
+    mbs: MainSystem, slave: Side, rigid: RigidSurface, rows: RowKind, carried_by: ObjectIndex | None, pressed: bool
+) -> Gaps:
     """Gaps between a patch and a rigid surface."""
     kind = WanderingRigidGaps if slave.surface.wanders else RigidGaps
-    if carried_by is None:
-        return kind(slave, rigid, rows)
-    return kind(slave, rigid, rows, pose(mbs, carried_by), motion(mbs, carried_by))
+    moving = () if carried_by is None else (pose(mbs, carried_by), motion(mbs, carried_by))
+    try:
+        return kind(slave, rigid, rows, *moving, pressed=pressed)
+    except PenetrationError as error:
+        raise PenetrationError(f"{error}. {_MEANT}") from error

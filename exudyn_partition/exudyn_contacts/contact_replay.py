@@ -22,7 +22,8 @@ def nodal_forces(contact: ModelContact, result: RunSamples) -> list[Array]:
     mechanics = contact.mechanics
     if mechanics.gaps.carried:
         return _kept_of_carried(contact, result)
-    if mechanics.friction is not None or mechanics.zones is not None:
+    pressed = mechanics.gaps.overlap and result.method == "static"  # then forces depend on the load step
+    if mechanics.friction is not None or mechanics.zones is not None or pressed:
         return _kept_on_nodes(contact, result)
     if not mechanics.elastic:
         raise InputError("nodal_forces: multipliers are not known from coordinates; row_forces has what was stored")

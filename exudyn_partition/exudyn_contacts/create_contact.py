@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from typing import overload
+from typing import Literal, overload
 
 from ..algebra.coulomb import Coulomb
 from ..contact.formulations.choices import FormulationName
@@ -42,6 +42,7 @@ def CreatePartitionContact(
     masterBody: ObjectIndex | None = ...,
     stiffness: float | None = ...,
     friction: float | Coulomb | None = ...,
+    interference: float | Literal["placed"] | None = ...,
     name: str = ...,
 ) -> PartitionContact: ...
 @overload
@@ -55,6 +56,7 @@ def CreatePartitionContact(
     passes: Passes = ...,
     stiffness: float | None = ...,
     friction: float | Coulomb | None = ...,
+    interference: float | Literal["placed"] | None = ...,
     name: str = ...,
 ) -> list[PartitionContact]: ...
 def CreatePartitionContact(
@@ -70,6 +72,7 @@ def CreatePartitionContact(
     masterBody: ObjectIndex | None = None,
     stiffness: float | None = None,
     friction: float | Coulomb | None = None,
+    interference: float | Literal["placed"] | None = None,
     within: float | None = None,
     name: str = "",
 ) -> PartitionContact | list[PartitionContact]:
@@ -114,6 +117,12 @@ def CreatePartitionContact(
         Coefficient of friction, or `Coulomb(static, kinetic, decay)`. Patches with residual flexibility need
         axes="xyz". For how rows stick, see `compliance`, `penalty`, `explicit_multipliers` and `implicit_multipliers`
         in `contact.formulations`. Default: frictionless.
+    interference : float or "placed", optional
+        Press fit: how far the surfaces overlap before they are pressed onto each other, as the radius of a shaft minus
+        that of its bore [m]. The slave's surface is moved along its normals until the deepest overlap is that, so
+        that bodies may be drawn touching or overlapping. "placed" takes the overlap as the bodies are placed.
+        `solve_static` closes the overlap in its load steps; with `update_initial=True`, further runs begin pressed.
+        Default: bodies that overlap are refused.
     within : float, optional
         For a sequence of bodies: distance up to which two patches get a contact [m]. Default: the radius of the smaller
         patch, from its centre to its farthest node.
@@ -137,7 +146,8 @@ def CreatePartitionContact(
         return [
             CreatePartitionContact(
                 mbs, body, other, formulation=formulation, rows=rows, passes=passes, slavePatch=patch,
-                masterPatch=other_patch, stiffness=stiffness, friction=friction, name=name and f"{name} {i}",
+                masterPatch=other_patch, stiffness=stiffness, friction=friction, interference=interference,
+                name=name and f"{name} {i}",
             )
             for i, ((body, patch), (other, other_patch)) in enumerate(found, 1)
         ]  # fmt: skip
@@ -155,6 +165,7 @@ def CreatePartitionContact(
         masterBody=masterBody,
         stiffness=stiffness,
         friction=friction,
+        interference=interference,
         name=name,
     )
     return _build(mbs, plan)

@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 
 from ..contact.formulations.formulation import Method, Together
+from ..contact.patch_contact import PatchContact
 from ..errors import RunError
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import coordinate_slices, latest_solver, method_of, registered
@@ -111,6 +112,7 @@ class ModelRun:
             self._groups.append(GroupRun(members, together))
             if joints is None and members[0].forward is not None:
                 self._steppers.append(MultiplierStep(members))
+        self._openings: list[tuple[PatchContact, float]] | None = None  # at the start of a static run
         self._within = [group for group in self._groups if group.acts_within]
         self.acts_within = bool(self._within)
         if joints is not None:
@@ -191,7 +193,7 @@ class ModelRun:
         return self._runs.get(id(contact))
 
     def resume(self, initial: Array, earlier: Sequence[ModelRun]) -> ModelRun | None:
-        """Let contacts that remember go on from the end of earlier runs of any method, if that is the initial state.
+        """Let contacts that remember, or are pressed, go on from the end of earlier runs, if that is the initial state.
 
         `initial`, (nq,), are the model's initial coordinates. Return the first run from which a contact goes on.
         """
@@ -205,6 +207,12 @@ class ModelRun:
                     and last.force is not None
                     and run.mechanics.resume(last.mechanics, run.of(initial))
                 ):
+                    found = found or before
+                    break
+            for before in earlier if run.mechanics.gaps.overlap else ():  # what is closed stays closed
+                last = before.find(contact)
+                if last is not None and before.has_steps and before.ended_in(initial):
+                    run.mechanics.opening = min(run.mechanics.opening, last.mechanics.opening)
                     found = found or before
                     break
         return found
@@ -228,6 +236,8 @@ class ModelRun:
             self.keep_last_step(mbs, t)
         self.at, total = t, None
         q = mbs.systemData.GetODE2Coordinates(copy=False)
+        if self.method == "static" and t > self._began:
+            self._press(mbs, t)
         for group in self._within:
             group.evaluate(mbs, t, q)
             if group.pushes:
@@ -252,6 +262,17 @@ class ModelRun:
             if group.pushes:
                 group.add_force(total)
         return total
+
+    def _press(self, mbs: MainSystem, t: float) -> None:
+        """Close overlaps that are meant, in proportion to the static time t."""
+        if self._openings is None:
+            pressed = [run.mechanics for run in self._runs.values() if run.mechanics.opening]
+            self._openings = [(mechanics, mechanics.opening) for mechanics in pressed]
+        if self._openings:
+            solver = mbs.sys["staticSolver"].it
+            left = (solver.endTime - t) / (solver.endTime - solver.startTime)
+            for mechanics, opening in self._openings:
+                mechanics.opening = opening * min(left, 1.0) if left > _ROUND_OFF else 0.0
 
     def publish(self, mbs: MainSystem) -> None:
         """Write the values of sensors `sForce` to the data that they read, in the state that was evaluated last."""

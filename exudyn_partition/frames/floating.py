@@ -96,6 +96,12 @@ class FloatingKinematics:
         result.nodes, result.arms, result.rows = self.nodes[index], self.arms[index], self.rows[node_dofs(index)]
         return result
 
+    def displaced(self, by: Array) -> FloatingKinematics:
+        """See `Kinematics.displaced`."""
+        result = copy.copy(self)
+        result.arms = self.arms + by
+        return result
+
     def frame(self, q: Array) -> tuple[Array, Array]:
         """See `Kinematics.frame`; the origin is the centre of mass."""
         return self.origin + q[..., :3], rotation_matrix(self.rotation + q[..., 3:6]) @ self.node_axes.T

@@ -48,6 +48,12 @@ class InertialKinematics:
         result.rows = self.rows[node_dofs(index)]
         return result
 
+    def displaced(self, by: Array) -> InertialKinematics:
+        """See `Kinematics.displaced`."""
+        result = copy.copy(self)
+        result.arms, result.start = self.arms + by, self.start + by
+        return result
+
     def frame(self, q: Array) -> tuple[Array, Array]:
         """See `Kinematics.frame`; the origin is the centre of mass at the start."""
         origin, axes = self.position + self.body.centre_of_mass, np.eye(3)

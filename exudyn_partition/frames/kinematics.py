@@ -65,6 +65,9 @@ class Kinematics(Protocol):
     def some(self, index: Array) -> Kinematics:
         """Kinematics of some of its nodes, (k,) int array of their places in `nodes`."""
 
+    def displaced(self, by: Array) -> Kinematics:
+        """Kinematics of places beside its nodes, which move with them; `by`, (k, 3) [m], is in the body's axes."""
+
     @property
     def from_basis(self) -> sp.csr_matrix:
         """(n_dofs, n_dofs) matrix: the coordinates' velocities by those of the body's basis, at the start."""

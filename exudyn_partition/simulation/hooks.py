@@ -31,7 +31,9 @@ _OVER = 1e-6  # share of a step: a run that has less time left is at its end
 _ROUNDINGS = 8  # number of roundings of a patch's places that reach its forces
 _FAR = 1e-3  # share of a facet's size: largest motion in an iteration of bodies that springs hold
 _SLOW = 0.1  # rad/s, frequency of bodies on such springs if forces are balanced
+_PRESSED = 0.03  # of f_cut: frequency of bodies on such springs if contacts press them from the start
 _BALANCED = 1e-6  # share of the first forces that may stay without balance
+_BALANCED_BY_FACETS = 1e-4  # the same of press fits: facets push bodies that nothing holds along their surfaces
 _FUNCTION = re.compile(r"\w+::\w*[uU]serFunction\b")  # name of a user function in a report of Exudyn
 _RETURNED = re.compile(r"Unable to cast Python instance of type <class '(?:\w+\.)*(\w+)'>")
 _TERMINATED = "SolveDynamic terminated"  # Exudyn's only message if steps do not converge
@@ -48,21 +50,28 @@ def residual(mbs: MainSystem) -> float:
     Residuals are generalised forces: those of modes are forces over the square root of a mass.
 
     Gaps are differences of places in space and have their rounding errors. A stiff patch turns them into forces, and no
-    iteration reaches a smaller residual. The stiffness of n rows against equal forces is n^2 / (1' F 1).
+    iteration reaches a smaller residual.
     """
     bodies, contacts = partition_items(mbs)
     goal = max((_RESIDUAL * _by_size(item) for item in bodies), default=0.0)
     for contact in contacts:
-        gaps = contact.mechanics.gaps
-        if not contact.mechanics.compliant or any(side.flexibility is None for side in gaps.sides):
-            continue
-        n = len(gaps.row_nodes)
-        yielding = float(gaps.flexibility(np.arange(n)).sum())
-        extent = max(_largest_place(side) for side in gaps.sides)
-        if yielding > 0.0:
-            of_unit = max(_norm_of_weight(item) / item.body.total_mass for item, _ in contact.sides)
-            goal = max(goal, _ROUNDINGS * np.finfo(float).eps * extent * n**2 / yielding * of_unit)
+        extent = max(_largest_place(side) for side in contact.mechanics.gaps.sides)
+        goal = max(goal, _ROUNDINGS * np.finfo(float).eps * extent * _force_by_depth(contact))
     return goal or require("exudyn").SimulationSettings().timeIntegration.newton.absoluteTolerance
+
+
+def _force_by_depth(contact: PartitionContact) -> float:
+    """Norm of the generalised forces of a uniform depth of all rows [N/m]; zero if it is not known.
+
+    The stiffness of n rows against equal forces is n^2 / (1' F 1).
+    """
+    gaps = contact.mechanics.gaps
+    if not contact.mechanics.compliant or any(side.flexibility is None for side in gaps.sides):
+        return 0.0
+    n = len(gaps.row_nodes)
+    yielding = float(gaps.flexibility(np.arange(n)).sum())
+    of_unit = max(_norm_of_weight(item) / item.body.total_mass for item, _ in contact.sides)
+    return n**2 / yielding * of_unit if yielding > 0.0 else 0.0
 
 
 def _by_size(item: PartitionBody) -> float:
@@ -255,14 +264,17 @@ def held(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
     stiffness is in proportion to the residual, as in the method of Levenberg and Marquardt. So no iteration moves a
     body far. Forces count as balanced if they are below `_BALANCED` of those at the start of the step: contact along
     directions that turn with a body pushes it a little aside. Exudyn would base its tolerance on the largest residual
-    of all iterations.
+    of all iterations. Bodies that are pressed together from the start cannot fly apart, so that weak springs do, which
+    change Newton's method little.
     """
     items, contacts = partition_items(mbs)
     way = _FAR * min((contact.slave_facet_size for contact in contacts), default=1.0)
     newton, start = settings.staticSolver.newton, _Start()
-    own_after_newton, own_tolerance = user_function(mbs.GetPostNewtonUserFunction()), newton.relativeTolerance
+    own_after_newton = user_function(mbs.GetPostNewtonUserFunction())
+    own_tolerance, own_absolute = newton.relativeTolerance, newton.absoluteTolerance
     refused = 2 * settings.staticSolver.discontinuous.iterationTolerance
-    goal = max(own_tolerance, _BALANCED)
+    of_overlaps = max((contact.mechanics.gaps.overlap * _force_by_depth(contact) for contact in contacts), default=0.0)
+    goal = max(own_tolerance, _BALANCED_BY_FACETS if of_overlaps else _BALANCED)
     former = {}
 
     def after_newton(mbs: MainSystem, t: float) -> list[float]:
@@ -275,14 +287,18 @@ def held(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
         number = item["oGenericODE2"]
         former[number] = user_function(mbs.GetObjectParameter(number, "jacobianUserFunction"))
         mass = sp.diags(item.kinematics.mass, format="csr")
-        spring = _with_spring(mass, 1 / (way * item.body.total_mass), start, former[number])
+        by_residual, least = 1 / (way * item.body.total_mass), _SLOW
+        if of_overlaps:
+            by_residual, least = 0.0, _PRESSED * 2 * np.pi * item.body.f_cut
+        spring = _with_spring(mass, by_residual, least, start, former[number])
         mbs.SetObjectParameter(number, "jacobianUserFunction", spring)
     mbs.SetPostNewtonUserFunction(after_newton)
     newton.relativeTolerance = goal
+    newton.absoluteTolerance = max(own_absolute, goal * of_overlaps)
     try:
         yield
     finally:
-        newton.relativeTolerance = own_tolerance
+        newton.relativeTolerance, newton.absoluteTolerance = own_tolerance, own_absolute
         mbs.SetPostNewtonUserFunction(own_after_newton or 0)
         for number, function in former.items():
             mbs.SetObjectParameter(number, "jacobianUserFunction", function or 0)
@@ -296,11 +312,12 @@ class _Start:
 
 
 def _with_spring(
-    mass: sp.csr_matrix, by_residual: float, start: _Start, own_function: UserFunction | None
+    mass: sp.csr_matrix, by_residual: float, least: float, start: _Start, own_function: UserFunction | None
 ) -> UserFunction:
     """User function for a Jacobian: adds a spring's stiffness to the result of another function.
 
-    The stiffness is `mass`, (n, n), times the square of a frequency. This square grows in proportion to the residual.
+    The stiffness is `mass`, (n, n), times the square of a frequency. This square grows in proportion to the residual,
+    from that of `least` [rad/s].
     """
     container = require("exudyn").MatrixContainer
 
@@ -311,7 +328,7 @@ def _with_spring(
         residual = solver.conv.residual
         if solver.it.newtonSteps == 1:
             start.residual = residual
-        stiffness = (by_residual * residual + _SLOW**2) * fODE2
+        stiffness = (by_residual * residual + least**2) * fODE2
         if own_function is None:
             return container(stiffness * mass)
         result = own_function(mbs, t, i, q, q_t, fODE2, fODE2_t)

@@ -61,10 +61,12 @@ def _warn_of_overlap(contact: PartitionContact, result: Result) -> None:
     else:
         return
     within = ", within the tolerance of meshes" if depth <= PENETRATION_TOLERANCE * size else ""
+    remedy = "Move one by that much (referencePosition, or the initial coordinates)"
+    if contact.mechanics.gaps.pressed:
+        remedy = "Press them together first, by ep.solve_static(mbs, update_initial=True)"
     warnings.warn(
-        f"{called(contact)} starts with an overlap of {depth:.3g} m{within}, but {energy}: it throws them apart. Move "
-        "one by that much (referencePosition, or the initial coordinates). If the run goes on from a state of another "
-        "model in which they were pressed together, ignore this",
+        f"{called(contact)} starts with an overlap of {depth:.3g} m{within}, but {energy}: it throws them apart. "
+        f"{remedy}. If the run goes on from a state of another model in which they were pressed together, ignore this",
         ModelLimitWarning,
         stacklevel=6,
     )

@@ -51,6 +51,11 @@ _REMEDY = (
     "at the start, or set settings.staticSolver.stabilizerODE2term. Else take more load_steps; a spring's preload does "
     "not grow with them: give it as a load, and the spring no offset"
 )
+_PARTS = 16  # of a load step of a press fit: shortest one before bodies are held by springs without forces
+_PRESSED = (
+    "In a press fit, hold one body wholly; contact without friction does not hold the other one along and around the "
+    "axis, where facets push it aside"
+)
 
 
 def solve_static(
@@ -66,7 +71,8 @@ def solve_static(
 
     Plain `mbs.SolveStatic` works too, with `collect` for its results. This function also checks the model, shows
     progress, keeps the results so far at Ctrl-C, and warns. The static time goes from 0 to 1. With friction, forces
-    depend on the path of the loads.
+    depend on the path of the loads. Overlaps of contacts with `interference=` close in proportion to the static time,
+    unless the model already is in the state in which a run has closed them.
 
     For natural frequencies about the equilibrium with closed contact, set `update_initial=True`. Then call Exudyn's
     `mbs.ComputeODE2Eigenvalues(convert2Frequencies=True)`. It linearises about the initial state: rows that are closed
@@ -426,14 +432,17 @@ def _run(
             return watch.steps, watch.interrupted, None
 
         begin = time.perf_counter()
-        steps, interrupted, error = attempt(contextlib.nullcontext())
-        if error is not None and steps <= 1 and not interrupted and "terminated due to errors" in cause(error):
-            _log.info("no equilibrium in the first load step: again, held by springs without forces")
+        pressed = any(contact.mechanics.gaps.overlap for contact in partition_items(mbs)[1])
+        steps, interrupted, error = attempt(_divided(settings, step / _PARTS) if pressed else contextlib.nullcontext())
+        again = error is not None and (pressed or steps <= 1) and not interrupted
+        if again and error is not None and "terminated due to errors" in cause(error):
+            _log.info("no equilibrium: again, held by springs without forces")
             steps, interrupted, error = attempt(held(mbs, settings))
+        remedy = f"{_REMEDY}. {_PRESSED}" if pressed else _REMEDY
         if error is not None and steps <= 1:
-            raise RunError(f"mbs: Exudyn finds no equilibrium: {cause(error)}. {_REMEDY}") from error
+            raise RunError(f"mbs: Exudyn finds no equilibrium: {cause(error)}. {remedy}") from error
         if error is not None:
-            status, message = "unstable", f"the solver stopped: {cause(error)}. {_REMEDY}"
+            status, message = "unstable", f"the solver stopped: {cause(error)}. {remedy}"
         time_s = time.perf_counter() - begin
     result = replace(samples(mbs), step=step, steps=steps, method="static", time_s=time_s)
     if status == "finished" and end - mbs.systemData.GetTime() > 0.5 * step:
@@ -444,6 +453,17 @@ def _run(
     if status == "finished" and update_initial:
         mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), exu.ConfigurationType.Initial)
     return replace(result, status=status, message=message)
+
+
+@contextlib.contextmanager
+def _divided(settings: SimulationSettings, least: float) -> Iterator[None]:
+    """Divide load steps no further than to a length: a body that nothing holds does not settle in shorter ones."""
+    static = settings.staticSolver
+    own, static.minimumStepSize = static.minimumStepSize, max(least, static.minimumStepSize)
+    try:
+        yield
+    finally:
+        static.minimumStepSize = own
 
 
 def _warn_if_neutral(mbs: MainSystem) -> None:

@@ -196,7 +196,12 @@ def near_rows(
 
 
 def pair_wandering(
-    slave: Surface, master: Surface, rows: RowKind = "integrated", placed_by: str = "referencePosition"
+    slave: Surface,
+    master: Surface,
+    rows: RowKind = "integrated",
+    placed_by: str = "referencePosition",
+    *,
+    pressed: bool = False,
 ) -> ContactRows:
     """Pair what is nearest of two patches, of which contact wanders over one at least.
 
@@ -207,7 +212,7 @@ def pair_wandering(
     EmptyRegionError
         If the parts of the patches that are nearest do not face each other.
     PenetrationError
-        If a pair overlaps.
+        If a pair overlaps, unless `pressed`: then pairs are found where the slave is.
     """
     everything, size = contact_points(slave, rows), master.facet_size
     approach, way = np.zeros(3), 0.0
@@ -229,6 +234,8 @@ def pair_wandering(
         clearance = float(found.gap[nearest])
         if attempt == 0:
             approach = -found.normal[nearest]
+            if pressed and clearance < -PENETRATION_TOLERANCE * size:
+                return near_rows(points, part, other, approach)[0]
             if clearance < -PENETRATION_TOLERANCE * size:
                 raise PenetrationError(
                     f"{np.count_nonzero(found.gap[paired] < 0)} of {len(places)} contact points start inside the other "

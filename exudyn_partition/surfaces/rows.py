@@ -111,7 +111,12 @@ def facing(projection: Projection, direction: Array, size: float) -> Array:
 
 
 def pair_surfaces(
-    slave: Surface, master: Surface, rows: RowKind = "integrated", placed_by: str = "referencePosition"
+    slave: Surface,
+    master: Surface,
+    rows: RowKind = "integrated",
+    placed_by: str = "referencePosition",
+    *,
+    pressed: bool = False,
 ) -> ContactRows:
     """Pair every contact point of the slave with the point of the master's patch that it will touch.
 
@@ -126,13 +131,15 @@ def pair_surfaces(
         See module `points`.
     placed_by : str
         What a user changes to move a body, for messages.
+    pressed : bool
+        Whether pairs may overlap. They are then found where the slave is.
 
     Raises
     ------
     EmptyRegionError
         If no contact point faces a master facet.
     PenetrationError
-        If a pair overlaps.
+        If a pair overlaps, unless `pressed`.
     """
     points = contact_points(slave, rows)
     places = points.at(slave.points)
@@ -143,6 +150,8 @@ def pair_surfaces(
         projection = closest_points(places + way * approach, facets)
         paired = facing(projection, slave.direction, size)
         if way == 0.0 and paired.any() and projection.gap[paired].min() < -PENETRATION_TOLERANCE * size:
+            if pressed:
+                return rows_of(points, projection, paired, slave, master, approach)
             gap = projection.gap[paired]
             worst = np.flatnonzero(paired)[gap.argmin()]
             raise PenetrationError(

@@ -5,10 +5,12 @@ import pickle
 import weakref
 
 import numpy as np
+import pytest
 from oracles import compliant, floating, inertial
 
 from exudyn_partition.contact import pairings
 from exudyn_partition.contact.patch_gaps import PatchGaps
+from exudyn_partition.errors import PenetrationError
 
 
 def copy_of(body):
@@ -32,7 +34,9 @@ def test_a_second_contact_in_the_same_places_pairs_nothing_and_is_the_same(round
 def test_other_places_frames_and_bodies_have_their_own_pairs(round_body, flat_body, monkeypatch):
     slave, other = copy_of(round_body), copy_of(flat_body)
     pair, calls = pairings.pair_surfaces, []
-    monkeypatch.setattr(pairings, "pair_surfaces", lambda *args: calls.append(args) or pair(*args))
+    monkeypatch.setattr(
+        pairings, "pair_surfaces", lambda *args, **options: calls.append(args) or pair(*args, **options)
+    )
     sides = [(inertial, (0, 0, 0)), (inertial, (0, 0, 1e-5)), (inertial, (1e-4, 0, 0)), (floating, (0, 0, 0))]
     for _ in range(2):
         made = [PatchGaps(frame(slave, place), inertial(flat_body)) for frame, place in sides]
@@ -40,6 +44,13 @@ def test_other_places_frames_and_bodies_have_their_own_pairs(round_body, flat_bo
     assert len(calls) == len(made)
     lifted = made[1].at(np.zeros(made[1].n)) - made[0].at(np.zeros(made[0].n))
     np.testing.assert_allclose(lifted[:5], 1e-5, rtol=1e-3)
+
+
+def test_pairs_that_may_overlap_are_kept_apart_from_those_that_may_not(round_body, flat_body):
+    slave = copy_of(round_body)
+    assert PatchGaps(inertial(slave, (0, 0, -1e-5)), inertial(flat_body), pressed=True).overlap > 0
+    with pytest.raises(PenetrationError):
+        PatchGaps(inertial(slave, (0, 0, -1e-5)), inertial(flat_body))
 
 
 def test_pairs_elsewhere_in_space_are_the_same(round_body, flat_body, monkeypatch):

@@ -473,6 +473,7 @@ CALLS = {
         passes=v.choice.but(**{"two passes": "two"})("finer"),
         masterBody=Kind({"text": "x", "negative": -1, "beyond": 999, "half": 1.5, "True": True, "a body": the.item}),
         stiffness=v.positive.or_none,
+        interference=v.positive.or_none.but(**{"apart as placed": "placed", "metres": 1.0}),
     ),
     "RigidPlane": dict(normal=v.direction),
     "RigidSphere": {},

@@ -58,6 +58,7 @@ class Coupled:
         self._remembering = [contact for contact in self.contacts if contact.remembers]
         self._since: list[float] = []
         self._carried = [contact for contact in self.contacts if contact.gaps.carried]
+        self._pressed = [contact for contact in self.contacts if contact.gaps.overlap]
 
     def for_run(self, contacts: Sequence[PatchContact]) -> Self:
         """Return the same object for the contacts of a run; the flexibility between patches is shared."""
@@ -91,9 +92,10 @@ class Coupled:
             self._since = since
             self._remember()
         more = [contact.gaps.carrier_pose for contact in self._carried]
+        more += [np.atleast_1d(contact.opening) for contact in self._pressed]
         at = np.concatenate([state, since, *more]) if since or more else state
         if self._at is None or not _equal(at, self._at):
-            gaps = [contact.gaps.at(q) for contact, q in zip(self.contacts, coordinates(), strict=True)]
+            gaps = [contact.gap_at(q) for contact, q in zip(self.contacts, coordinates(), strict=True)]
             self._find(gaps)
             self._at, self._forces = at.copy(), [contact.generalised() for contact in self.contacts]
         return self._forces
@@ -168,7 +170,7 @@ class CoupledContacts(Coupled):
     def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> FrozenContacts | None:
         """See `Coupled`."""
         gaps = [contact.gaps for contact in self.contacts]
-        if any(each.moving for each in gaps) or not loops.at_once():
+        if any(each.moving for each in gaps) or not loops.at_once() or any(each.opening for each in self._pressed):
             return None
         if last is None or not last.has_pairs_of(gaps):
             for law in self._laws:

@@ -27,7 +27,7 @@ class Runaway:
 
     carried = remembers = elastic = False
     d = 1
-    friction, since = None, 0.0
+    friction, since, overlap = None, 0.0, 0.0
     node_areas, memory = np.ones(1), SimpleNamespace(forces=np.zeros(1))
 
     def __init__(self):
@@ -41,7 +41,7 @@ class Runaway:
     def forces(self):
         return self.lam[:, None]
 
-    def at(self, q):
+    def gap_at(self, q):
         return q
 
     def standing(self):
@@ -97,7 +97,7 @@ class Roaming(Spring):
 
     node_areas, row_nodes = np.ones(2), np.zeros(1, dtype=int)
 
-    def at(self, q):
+    def gap_at(self, q):
         self.row_nodes = q[:1].astype(int)
         return q[1:]
 
