@@ -6,8 +6,6 @@ a row has three directions, d = 3. Without, it has its normal alone, d = 1. No o
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import scipy.sparse as sp
@@ -67,14 +65,18 @@ class Motion(Protocol):
 
 
 class Places:
-    """Places of the rows. Expensive values are computed when they are needed first.
+    """Places of the rows.
 
     Parameters
     ----------
     gap : (nr,) array
         Gaps [m], including the displacements due to other contacts and plastic zones.
-    way, last, mu : callables
-        Return the attributes of these names.
+    way : (nr, d - 1) array
+        How far rows have slid along their tangents since the last accepted step [m].
+    last : (nr, 3) array
+        Forces along normal and tangents at the end of the last accepted step [N]; zero without friction.
+    mu : (nr,) array
+        Coefficients of friction in this step; zero without friction.
     problem : RowProblem, optional
         How forces move the rows in the coming step, for laws that act ahead of steps. For these laws, places are those
         at the end of the step without forces.
@@ -87,31 +89,16 @@ class Places:
     def __init__(
         self,
         gap: Array,
+        way: Array,
+        last: Array,
+        mu: Array,
         *,
-        way: Callable[[], Array],
-        last: Callable[[], Array],
-        mu: Callable[[], Array],
         problem: RowProblem | None = None,
         motion: Motion | None = None,
         since: float = 0.0,
     ) -> None:
-        self.gap, self.motion, self.since, self._problem = gap, motion, since, problem
-        self._way, self._last, self._mu = way, last, mu
-
-    @cached_property
-    def way(self) -> Array:
-        """How far rows have slid along their tangents since the last accepted step, (nr, d - 1) [m]."""
-        return self._way()
-
-    @cached_property
-    def last(self) -> Array:
-        """Forces along normal and tangents at the end of the last accepted step, (nr, 3) [N]; zero without friction."""
-        return self._last()
-
-    @cached_property
-    def mu(self) -> Array:
-        """Coefficients of friction in this step, (nr,); zero without friction."""
-        return self._mu()
+        self.gap, self.way, self.last, self.mu = gap, way, last, mu
+        self.motion, self.since, self._problem = motion, since, problem
 
     @property
     def problem(self) -> RowProblem:

@@ -247,14 +247,7 @@ class PatchContact:
         return self._places(gap, None, None)
 
     def _places(self, gap: Array, pushed: Array | None, motion: Motion | None) -> Places:
-        self._at = Places(
-            gap,
-            way=lambda: self._way(pushed),
-            last=lambda: self.last,
-            mu=lambda: self.coefficients,
-            motion=motion,
-            since=self.since,
-        )
+        self._at = Places(gap, self._way(pushed), self.last, self.coefficients, motion=motion, since=self.since)
         return self._at
 
     def _way(self, pushed: Array | None) -> Array:
@@ -320,13 +313,7 @@ class PatchContact:
     def press(self, gap: Array) -> tuple[float, int]:
         """Stored energy [J] and number of closed rows for gaps of the present rows, (nr,) [m], without friction."""
         n = len(gap)
-        places = Places(
-            gap,
-            way=lambda: np.zeros((n, self.rows.d - 1)),
-            last=lambda: np.zeros((n, 3)),
-            mu=lambda: np.zeros(n),
-        )
-        self.take(self.law.answer(places))
+        self.take(self.law.answer(Places(gap, np.zeros((n, self.rows.d - 1)), np.zeros((n, 3)), np.zeros(n))))
         return self.law.stored(gap, self.forces), len(self.index)
 
     def potential(self, q: Array) -> float:

@@ -362,14 +362,12 @@ class ForwardIncrement:
         if self._step != self._solved_step:
             self._exchange()
         assert self._problem is not None
-        contacts = [one.contact for one in self.rows]
-        places = Places(
-            h[:, 0],
-            way=lambda: h[:, 1:],
-            last=lambda: np.concatenate([contact.last for contact in contacts]),
-            mu=lambda: np.concatenate([contact.coefficients for contact in contacts]),
-            problem=self._problem,
-        )
+        contacts, n = [one.contact for one in self.rows], len(h)
+        last, mu = np.zeros((n, 3)), np.zeros(n)
+        if self.d > 1:
+            last = np.concatenate([contact.last for contact in contacts])
+            mu = np.concatenate([contact.coefficients for contact in contacts])
+        places = Places(h[:, 0], h[:, 1:], last, mu, problem=self._problem)
         self._answer = contacts[0].law.answer(places)
         self._reached = h + self._problem.moved_by(self._answer.on_rows)
         return self._answer.on_rows

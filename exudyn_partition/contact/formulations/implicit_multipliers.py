@@ -243,13 +243,7 @@ class StepImpulses:
     def _answer(self, problem: RowProblem, w: Array, last: Array) -> None:
         """Find the forces from w and from the forces for which w was computed, (nr, d) each."""
         contact, h = self.contact, w - problem.moved_by(last)
-        places = Places(
-            h[:, 0],
-            way=lambda: h[:, 1:],
-            last=lambda: contact.last,
-            mu=lambda: contact.coefficients,
-            problem=problem,
-        )
+        places = Places(h[:, 0], h[:, 1:], contact.last, contact.coefficients, problem=problem)
         forces = contact.law.answer(places)
         if self._same(problem, forces.on_rows, last):
             closed, state = last[:, 0] > 0.0, forces.state
