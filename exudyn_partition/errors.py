@@ -78,7 +78,7 @@ class UnitsWarning(PartitionWarning):
 
 
 class MeshQualityWarning(PartitionWarning):
-    """A mesh with nodes or elements that look damaged, or that misses the volume of its shape."""
+    """A mesh with nodes or elements that look damaged or are badly shaped, or that misses the volume of its shape."""
 
 
 class ContactPatchWarning(PartitionWarning):

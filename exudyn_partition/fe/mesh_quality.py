@@ -20,13 +20,29 @@ _BENT = 0.35  # largest distance of a node from its place on a straight edge, by
 _FLAT = 0.01  # least shape quality of an element, by the mean of its neighbours
 
 
-def check_mesh(fem: FEModel) -> None:
+_OF_SHAPE = (
+    "Small edges, thin walls and sharp corners of a shape make such elements, and so do large sizes at curves. "
+    "Take a smaller maxh, a Refine there, or a shape without such places"
+)
+_OF_FILE = (
+    "Is the file damaged? Checked were volume and inertia against the surface's, places of nodes, and shapes of "
+    "elements; mesh anew if this place is not as you drew it"
+)
+
+
+def check_mesh(fem: FEModel, *, meshed: bool = False) -> None:
     """Check that the parts of a mesh fit together.
 
     Volume and second moments of the elements must be those of the space inside the surface, which the divergence
     theorem gives. Then there are warnings of nodes far from all nodes around them, of elements much flatter than their
     neighbours, and of mid-side nodes far from the middle of their edge. A node that was moved by less than the size of
     an element is not found.
+
+    Parameters
+    ----------
+    fem : FEModel
+    meshed : bool
+        Whether its mesh was just made of a shape, so that no file can be damaged.
 
     Raises
     ------
@@ -59,8 +75,7 @@ def check_mesh(fem: FEModel) -> None:
             x, y, z = points[0]
             warnings.warn(
                 f"mesh: {len(found)} {said}, the first is {found[0]} (counted from 0) at ({x:.4g}, {y:.4g}, {z:.4g}). "
-                "Is the file damaged? Checked were volume and inertia against the surface's, places of nodes, and "
-                "shapes of elements; mesh anew if this place is not as you drew it",
+                + (_OF_SHAPE if meshed else _OF_FILE),
                 MeshQualityWarning,
                 stacklevel=3,
             )

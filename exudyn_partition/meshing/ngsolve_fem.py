@@ -186,7 +186,7 @@ def fe_model(
         raise MemoryLimitError(
             "mesh: its matrices do not fit into memory. Take larger elements far from the contact, or order=1"
         ) from error
-    check_mesh(fem)
+    check_mesh(fem, meshed=is_shape)
     _LOG.info("FE model: %d nodes, %d elements of order %d", fem.n_nodes, len(fem.cells), fem.order)
     _LOG.debug("FE model: %d entries in the stiffness, resolves %.4g Hz", fem.stiffness.nnz, fem.resolved_frequency)
     if is_shape and fem.order > 1:
