@@ -21,6 +21,7 @@ from ..support.checks import (
     validate_vector,
     validate_whole,
 )
+from .elements import centres_of
 from .faces import middle
 from .facets import nodal_area
 from .material import Material
@@ -49,14 +50,20 @@ class PlasticRegion:
         The elements, as nodes of the body.
     border : (k,) int array
         Nodes that they share with other elements.
+    hexahedra : bool
+        Whether rows of cells are those of hexahedra, see `fe.elements`; those of 8 nodes always are.
     """
 
     cells: Array
     border: Array
+    hexahedra: bool = field(default=False, metadata={"added": True})
 
     def __post_init__(self) -> None:
         check_indices("cells", self.cells, (None, None))
         check_indices("border", self.border, (None,))
+        validate_flag("hexahedra", self.hexahedra)
+        if self.cells.shape[1] == 8:
+            object.__setattr__(self, "hexahedra", True)
         read_only(self.cells, self.border)
 
     @property
@@ -73,15 +80,10 @@ def plastic_region(fem: FEModel, center: Array, radius: float) -> PlasticRegion:
     EmptyRegionError
         If there is none.
     InputError
-        If the elements are not known, of another kind, or of several materials.
+        If the elements are not known, or of several materials.
     """
     fem.need_cells("plastic flow")
-    if fem.hexahedra and [kind.name for kind, _ in fem.kinds] != ["hexahedron"]:
-        raise InputError(
-            f"plastic_radius: expected tetrahedra, or hexahedra with 8 nodes alone, got {fem}. Give an elastic "
-            "material, or mesh the body with tetrahedra"
-        )
-    away = np.linalg.norm(fem.points[fem.cells].mean(axis=1) - center, axis=1)
+    away = np.linalg.norm(centres_of(fem.points, fem.cells, fem.hexahedra) - center, axis=1)
     within = away <= radius
     if not within.any():
         raise EmptyRegionError(
@@ -94,7 +96,7 @@ def plastic_region(fem: FEModel, center: Array, radius: float) -> PlasticRegion:
             "several materials or moduli. Take a smaller radius"
         )
     border = np.intersect1d(fem.cells[within], fem.cells[~within])
-    return PlasticRegion(fem.cells[within], border)
+    return PlasticRegion(fem.cells[within], border, fem.hexahedra)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,10 +20,10 @@ import scipy.sparse as sp
 from ..fe.material import Material
 from ..fe.model import FEModel, node_dofs
 from ..fe.partition import Partition
-from ..fe.shapes import integration_gradients, integration_weights
 from ..support.arrays import Array
+from .integration import at_points
 
-_LOCKING = (8, 10)  # nodes of the elements with several integration points that lock
+_LOCKING = (8, 10)  # nodes of the elements that lock, beside all that are kept as hexahedra
 LEFT = 0.1  # share of the stiffness that stays; from 0.02 to 0.5 the forces settle
 
 
@@ -38,15 +38,15 @@ def with_free_zones(fem: FEModel, partition: Partition) -> FEModel:
     return fem
 
 
-def locks(nodes: int) -> bool:
+def locks(nodes: int, hexahedra: bool) -> bool:
     """Whether elements of a number of nodes lock in plastic flow.
 
     Cubic tetrahedra do not, and linear ones have one integration point.
     """
-    return nodes in _LOCKING
+    return hexahedra or nodes in _LOCKING
 
 
-def mean_dilatation(points: Array, cells: Array) -> tuple[Array, Array, Array]:
+def mean_dilatation(points: Array, cells: Array, hexahedra: bool) -> tuple[Array, Array, Array]:
     """Volumes of the integration points of c elements, their dilatations by nodal displacements, and the mean of these.
 
     Returns
@@ -54,11 +54,8 @@ def mean_dilatation(points: Array, cells: Array) -> tuple[Array, Array, Array]:
     (c, q), (c, q, 3k) and (c, 3k) arrays
         [m3, 1/m, 1/m]
     """
-    k = cells.shape[1]
-    derivatives = integration_gradients(k)
-    jacobian = np.einsum("cka,qkj->cqaj", points[cells], derivatives)
-    dilatation = (derivatives @ np.linalg.inv(jacobian)).reshape(len(cells), -1, 3 * k)
-    volume = integration_weights(k) * np.linalg.det(jacobian)
+    gradient, volume = at_points(points, cells, hexahedra, exact=True)
+    dilatation = gradient.reshape(*volume.shape, -1)
     return volume, dilatation, np.einsum("cq,cqi->ci", volume, dilatation) / volume.sum(axis=1)[:, None]
 
 
@@ -68,9 +65,9 @@ def with_mean_dilatation(fem: FEModel, cells: Array, material: Material) -> FEMo
     Elements that do not lock stay as they are.
     """
     k = cells.shape[1]
-    if not locks(k):
+    if not locks(k, fem.hexahedra):
         return fem
-    volume, dilatation, mean = mean_dilatation(fem.points, cells)
+    volume, dilatation, mean = mean_dilatation(fem.points, cells, fem.hexahedra)
     apart = dilatation - mean[:, None]
     bulk = material.lame + 2 / 3 * material.shear_modulus
     change = (LEFT - 1) * bulk * np.einsum("cq,cqi,cqj->cij", volume, apart, apart, optimize=True)

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from ..fe.elements import centres_of
 from ..fe.material import Material
 from ..fe.model import node_dofs
 from ..fe.patches import PlasticRegion
-from ..fe.shapes import integration_gradients, integration_weights
 from ..support.arrays import Array
 from . import loops
 from .flow import Flow, PlasticState
+from .integration import at_points
 
 if TYPE_CHECKING:
     from typing import Self
@@ -62,14 +63,12 @@ class PlasticZone:
         self.nodes, own = np.unique(region.cells, return_inverse=True)
         own = own.reshape(region.cells.shape)
         self.flow = Flow(material)
-        derivatives = integration_gradients(region.cells.shape[1])
-        jacobian = np.einsum("cka,qkj->cqaj", points[region.cells], derivatives)
-        gradient = derivatives @ np.linalg.inv(jacobian)  # (c, q, k, 3)
+        gradient, volume = at_points(points, region.cells, region.hexahedra)
         q, k = gradient.shape[1:3]
-        self.weight = (integration_weights(k) * np.linalg.det(jacobian)).ravel()
+        self.weight = volume.ravel()
         self.gradient, self.own = gradient.reshape(-1, k, 3), np.repeat(own, q, axis=0)
         self.border = np.repeat(np.isin(region.cells, region.border).any(axis=1), q)
-        self._places = np.repeat(points[region.cells].mean(axis=1), q, axis=0)
+        self._places = np.repeat(centres_of(points, region.cells, region.hexahedra), q, axis=0)
 
     @cached_property
     def strain(self) -> sp.csr_matrix:

@@ -40,11 +40,11 @@ class ZoneStress:
 
     def __init__(self, fem: FEModel, region: PlasticRegion, material: Material) -> None:
         self._fem, self._region, self._k = fem, region, region.cells.shape[1]
-        if self._k not in TET_NODES:
+        if region.hexahedra:
             raise MeshError("cells: expected tetrahedra; the stress in a plastic zone of hexahedra is not recovered")
         self._shear, self._bulk = material.shear_modulus, material.lame + 2 / 3 * material.shear_modulus
         self._nodes = fem.points[region.cells]
-        self._mean = mean_dilatation(fem.points, region.cells)[2].reshape(len(region.cells), self._k, 3)
+        self._mean = mean_dilatation(fem.points, region.cells, False)[2].reshape(len(region.cells), self._k, 3)
         numbers = {cell.tobytes(): i for i, cell in enumerate(region.cells)}
         self._number = np.full(len(fem.cells), -1)
         for cell in np.flatnonzero(np.isin(fem.cells, region.nodes).all(axis=1)):
@@ -109,7 +109,7 @@ class ZoneStress:
 
     def _apart(self, number: Array, local: Array) -> Array:
         """theta_e - theta at a point in each of m elements by displacements of its nodes, (m, k, 3) [1/m]."""
-        if not locks(self._k):
+        if not locks(self._k, False):
             return np.zeros((len(number), self._k, 3))
         derivatives, nodes = tetrahedron_functions(local, self._k)[1], self._nodes[number]
         gradient = derivatives @ np.linalg.inv(np.einsum("mka,mkj->maj", nodes, derivatives))

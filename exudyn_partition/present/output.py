@@ -168,8 +168,8 @@ def write_plastic_zones(folder: str | Path, contact: PartitionContact, result: R
             np.add.at(weight, shares, zone.weight[:, None])
             strain, stress = (at_nodes / weight[:, None]).T
             fields = {"plastic_strain": strain, "residual_von_mises": stress, "displacement": moved}
-            ((kind, _),) = kinds_of(cells, cells.shape[1] == 8)  # of one kind, see `plastic_region`
-            write_vtu(new / file, item.body.points[zone.nodes], [(kind.name, cells)], fields)
+            blocks = [(k.name, cells[rows][:, k.columns]) for k, rows in kinds_of(cells, region.hexahedra)]
+            write_vtu(new / file, item.body.points[zone.nodes], blocks, fields)
     return [Path(folder) / file for file in files]
 
 

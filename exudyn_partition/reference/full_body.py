@@ -12,9 +12,9 @@ from ..errors import InputError
 from ..fe.model import MASSES, FEModel, MassKind, node_dofs
 from ..fe.partition import Partition, number_of_patch
 from ..fe.patches import Patch, PlasticRegion
-from ..fe.shapes import integration_weights
 from ..plasticity.dilatation import with_free_zones, with_mean_dilatation
 from ..plasticity.flow import PlasticState, validate_state
+from ..plasticity.integration import points_an_element
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_choice, validate_type, validate_vector
 from ..surfaces.surface import Surface
@@ -90,8 +90,9 @@ class FullBody:
         if self.plastic_state is not None:
             if not self.yields:
                 raise InputError("plastic_state: this body cannot yield; give hardening= to its Material")
-            k = self.region.cells.shape[1]
-            validate_state("plastic_state", self.plastic_state, len(self.region.cells) * len(integration_weights(k)))
+            cells = self.region.cells
+            n = len(cells) * points_an_element(cells, self.region.hexahedra)
+            validate_state("plastic_state", self.plastic_state, n)
 
     @property
     def yields(self) -> bool:
@@ -104,7 +105,7 @@ class FullBody:
     def region(self) -> PlasticRegion:
         """Elements that may yield."""
         if self.plastic == "everywhere":
-            return PlasticRegion(self.fem.cells, np.empty(0, dtype=np.int64))
+            return PlasticRegion(self.fem.cells, np.empty(0, dtype=np.int64), self.fem.hexahedra)
         assert self.contact.plastic is not None
         return self.contact.plastic
 

@@ -241,7 +241,7 @@ def test_regions_go_along_with_elements_that_are_put_in_order(tmp_path):
     np.testing.assert_array_equal(fem.regions.E == ep.STEEL.E, centres > SIZE[2] / 2)
 
 
-def test_plastic_zones_and_cubic_elements_are_told_apart(models):
+def test_hexahedra_and_cubic_elements_are_told_apart(models):
     """A row of 20 nodes is a hexahedron or a cubic tetrahedron; the model says which."""
     fem = models("hexahedron", (1, 1, 2), by=0.0)
     assert repr(fem).startswith(f"FEModel({fem.n_nodes} nodes, 2 hexahedra of order 2")
@@ -249,10 +249,42 @@ def test_plastic_zones_and_cubic_elements_are_told_apart(models):
     with pytest.raises((InputError, MeshError)):
         ep.FEModel(*parts)
     assert ep.FEModel(*parts, hexahedra=True).facets.shape == (10, 8)
-    soft = ep.Material(E=210e9, nu=0.3, rho=7800.0, yield_stress=3e8, hardening=1e9)
-    plastic = ep.FEModel(*parts[:5], soft, {}, hexahedra=True)
-    with pytest.raises(InputError, match="plastic_radius: expected tetrahedra, or hexahedra with 8 nodes alone, got"):
-        ep.Partition.ball(plastic, TOP, 6e-3)
+
+
+SOFT = ep.Material(E=210e9, nu=0.3, rho=7800.0, yield_stress=3e8, hardening=1e9)
+
+
+def dented(fem, folder):
+    """Force of a block that hits a round rigid body and yields, and its plastic work; pictures of the zone."""
+    region = ep.Partition.ball(fem, TOP, 4.5e-3, direction=(0, 0, 1), plastic_radius=4e-3)
+    body = ep.reduce(fem, region, basis="residual", f_cut=1e5)
+    body.save(folder / "body.npz")
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, ep.load_body(folder / "body.npz"), initialVelocity=[0, 0, 2.0])
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidSphere((0, 0, SIZE[2] + 0.2 + 1e-8), 0.2))
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=16e-6, step=2.5e-7)
+    ep.output.write_plastic_zones(folder / "zone", contact, result)
+    zone = meshio.read(folder / "zone" / "zone_slave.vtu")
+    assert zone.point_data["plastic_strain"].max() > 1e-3
+    assert {block.type for block in zone.cells} <= {kind.name for kind, _ in fem.kinds}
+    return contact.force(result), contact.plastic.work(result)[-1]
+
+
+def test_zones_of_every_kind_yield_as_those_of_tetrahedra(tmp_path):
+    refine = [ep.Refine(TOP, 5e-3, 1.4e-3)]
+    expected, work = dented(ep.fe_model(box(*SIZE), SOFT, maxh=5e-3, refine=refine), tmp_path)
+    for kind in ("hexahedron", "mixed"):
+        points, cells = hexahedra(6, 12, 9)
+        points, blocks = split(points, cells, kinds_along(points, cells, kind))
+        fine = np.abs(points - [0, 0, SIZE[2]]) / (SIZE * [0.5, 0.5, 1])  # elements become small at the contact
+        points = np.sign(points - TOP) * fine ** [1.4, 1.4, 1.8] * SIZE * [0.5, 0.5, 1] + TOP
+        points, blocks = quadratic(points, blocks)
+        fem = ep.fe_model(write_deck(tmp_path / "mesh.inp", points, *blocks), SOFT)
+        force, own = dented(fem, tmp_path)
+        assert force.max() == pytest.approx(expected.max(), rel=0.015)
+        assert force.sum() == pytest.approx(expected.sum(), rel=0.03)  # first touch differs by the facets' size
+        assert own == pytest.approx(work, rel=0.06)
 
 
 def test_a_model_of_matrices_may_have_hexahedra(models):

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from oracles import box, each_way
+from oracles import SIZE, box, each_way, hexahedra, quadratic, split, write_deck
 
 import exudyn_partition as ep
 from exudyn_partition.contact.plasticity.zone_run import OrderedRows
@@ -18,15 +18,25 @@ MATERIAL = ep.Material(E=70e9, nu=0.33, rho=2700.0, yield_stress=200e6, hardenin
 CENTER = (0, 0, 4e-3)
 
 
-@pytest.fixture(scope="module", params=[1, 2, 3])
-def model(request):
-    fem = ep.fe_model(
-        box(10e-3, 12e-3, 4e-3),
-        dataclasses.replace(MATERIAL, nu=0.3),
-        maxh=2.5e-3 if request.param < 3 else 4e-3,
-        order=request.param,
-    )
-    return fem, ep.Partition.ball(fem, CENTER, 2e-3, plastic_radius=3e-3)
+def mixed(path, order, material):
+    """The same box of wedges beside hexahedra on pyramids on tetrahedra."""
+    points, cells = hexahedra(3, 4, 3)
+    _, y, z = (points[cells].mean(axis=1) / SIZE).T
+    kinds = np.select([y < 0, z > 0.6, z > 0.3], ["wedge", "hexahedron", "pyramid"], "foot")
+    found = split(points * [1.0, 0.6, 4 / 30], cells, kinds)
+    points, blocks = quadratic(*found) if order == 2 else found
+    return ep.fe_model(write_deck(path, points, *blocks), material, order=order)
+
+
+@pytest.fixture(scope="module", params=[1, 2, 3, "mixed 1", "mixed 2"])
+def model(request, tmp_path_factory):
+    material = dataclasses.replace(MATERIAL, nu=0.3)
+    if isinstance(request.param, str):
+        fem = mixed(tmp_path_factory.mktemp("zone") / "box.inp", int(request.param[-1]), material)
+    else:
+        maxh = 2.5e-3 if request.param < 3 else 4e-3
+        fem = ep.fe_model(box(10e-3, 12e-3, 4e-3), material, maxh=maxh, order=request.param)
+    return fem, ep.Partition.ball(fem, CENTER, 2.2e-3, plastic_radius=3e-3)
 
 
 @pytest.fixture(scope="module")
