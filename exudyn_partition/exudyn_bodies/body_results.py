@@ -221,8 +221,7 @@ class BodyResults(Item[ItemIndex]):
     def energy(self, result: Samples) -> Array:
         """Kinetic and strain energy, (n,) [J]."""
         q = self.coordinates(result)
-        elastic = self.kinematics.elastic(q)
-        strain = np.einsum("ij,ij->i", elastic, (self.body.stiffness @ elastic.T).T) / 2
+        strain = self.body.strain_energy(self.kinematics.elastic(q))
         value: Array = self.kinematics.kinetic_energy(q, self.coordinates_t(result)) + strain
         return value
 

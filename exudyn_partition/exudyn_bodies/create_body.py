@@ -28,7 +28,7 @@ from .markers import EXUDYN_COLOUR
 from .model import registry, validate_model, validate_new_name
 from .partition_body import PartitionBody
 from .unchanged import made
-from .user_functions import RIGID, Functions, coupling_functions, inertia_functions
+from .user_functions import RIGID, Functions, coupling_functions, inertia_functions, stiffening_functions
 
 _ORIGIN = (0.0, 0.0, 0.0)
 _EARTH, _NEAR_EARTH = 9.81, 5e-3  # m/s2, and by how much less or more people take
@@ -97,7 +97,8 @@ def CreatePartitionBody(
         Angular velocity in global axes [rad/s].
     inertiaTerms : collection of str
         Inertia forces of a floating frame to keep, from `TERMS`: "gyroscopic", "coriolis", "centrifugal" and
-        "coupling". Default: all. `left_out` of the returned body says what is missing.
+        "coupling". Default: all; bodies with geometric stiffness do without "coupling". `left_out` of the returned
+        body says what is missing.
     gravity : (3,)
         Acceleration of gravity [m/s2], applied as a constant force.
     plasticStates : dict of int or str to PlasticState, optional
@@ -321,7 +322,9 @@ def _add_inertial(
     said = ("large rotation, and the inertia forces of a rotating frame (frame='floating')",)
     item = PartitionBody(body, name, kinematics, said, **indices)
     diagonal = sp.diags(np.r_[body.basis.omega**2, np.zeros(body.n_dofs - body.n_shapes)], format="csr")
-    functions = {}
+    functions: Functions = {}
+    if body.stiffening is not None:
+        functions = stiffening_functions(exu, item, body.stiffening)
     if "nNodal" in indices:
         functions = coupling_functions(exu, item, body.stiffness - diagonal, damping)
     item["oGenericODE2"] = _add_object(mbs, item, body.mass, diagonal, functions, damping)
@@ -339,6 +342,8 @@ def _add_floating(
 ) -> PartitionBody:
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     body, inertia = kinematics.body, kinematics.inertia
+    if body.stiffening is not None:
+        terms = [term for term in terms if term != "coupling"]  # see FloatingKinematics.on_constant_mass
     axes = kinematics.frame(np.zeros(body.n_dofs))[1] @ kinematics.node_axes
     indices = {
         "nRigid": mbs.AddNode(
@@ -351,7 +356,11 @@ def _add_floating(
     }
     if body.n_dofs > RIGID:  # a compact body may have no elastic coordinates
         indices["nModal"] = _add_node(mbs, np.zeros(body.n_dofs - RIGID))
-    said = [f"{sentence} (inertiaTerms)" for term, sentence in TERMS.items() if term not in terms]
+    said = [
+        sentence + " (inertiaTerms)" * (body.stiffening is None or term != "coupling")
+        for term, sentence in TERMS.items()
+        if term not in terms
+    ]
     if "coupling" in terms:
         said.append("the change of the body's inertia by its deformation, for forces of other items")
     item = PartitionBody(body, name, kinematics, tuple(said), **indices)
@@ -364,7 +373,9 @@ def _add_floating(
         stiffness = sp.csr_matrix((body.n_dofs,) * 2)
     else:
         omega_squared = body.basis.omega**2
-        functions = inertia_functions(exu, item.nodes, InertiaForces(inertia, omega_squared[RIGID:].__mul__, terms))
+        forces = InertiaForces(inertia, omega_squared[RIGID:].__mul__, terms)
+        stiffening = None if body.stiffening is None else body.stiffening.without_rigid()
+        functions = inertia_functions(exu, item.nodes, forces, stiffening=stiffening)
         stiffness = sp.diags(omega_squared, format="csr")
     item["oGenericODE2"] = _add_object(mbs, item, mass, stiffness, functions, damping)
     return item

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from ..errors import RunError
 from ..frames.damping import Damping
 from ..frames.inertia_forces import InertiaForces
+from ..reduction.geometric_stiffness import GeometricStiffness
 from ..support.arrays import Array
 from ..support.foreign import Coordinates, Exudyn, ItemIndex, MainSystem, MatrixContainer, NodeIndex, UserFunction
 from .model import BodyItem, coordinate_slices
@@ -46,8 +47,9 @@ def inertia_functions(
     forces: InertiaForces,
     stiffness: Callable[[], Array] | None = None,
     damping: Damping | None = None,
+    stiffening: GeometricStiffness | None = None,
 ) -> Functions:
-    """User functions for inertia forces of a floating frame; with elastic forces and damping if they are given."""
+    """User functions for inertia forces of a floating frame; with the other forces of the body that are given."""
     start_of_step = exu.ConfigurationType.StartOfStep
 
     def end_velocities(mbs: MainSystem, t: float, z: Array, middle: Array) -> Array:
@@ -75,12 +77,15 @@ def inertia_functions(
         result = np.zeros(RIGID + len(z))
         if stiffness is not None:
             result[RIGID:] = -forces.elastic(z)
+        geometric = None if stiffening is None else stiffening.force(z)
+        if geometric is not None:
+            result[RIGID:] -= geometric
         if np.count_nonzero(v):  # none in a static solution
             if damping is not None:
                 result -= damping.force(np.asarray(q_t))
             if _runs_verlet(mbs, t):
                 v = end_velocities(mbs, t, z, v)
-            result[3:] += forces.force(v[:3], z, v[3:])
+            result[3:] += forces.force(v[:3], z, v[3:], geometric)
         return result
 
     def jacobian(
@@ -93,6 +98,8 @@ def inertia_functions(
         result[3:, RIGID:] -= fODE2 * by_z
         if stiffness is not None:
             result[RIGID:, RIGID:] += fODE2 * stiffness()
+        if stiffening is not None:
+            result[RIGID:, RIGID:] += fODE2 * stiffening.tangent(z)
         if damping is not None:
             result += (fODE2_t * damping.matrix()).toarray()
         return _sparse(exu, result)
@@ -106,6 +113,21 @@ def _sparse(exu: Exudyn, matrix: Array) -> MatrixContainer:
     container = exu.MatrixContainer()
     container.SetWithSparseMatrix(np.column_stack([*where, matrix[where]]), *matrix.shape)
     return container
+
+
+def stiffening_functions(exu: Exudyn, item: BodyItem, stiffening: GeometricStiffness) -> Functions:
+    """User functions for the geometric stiffness of a body in an inertial frame; see `coupling_functions`."""
+
+    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
+        (own,) = coordinate_slices(mbs, item)
+        return -stiffening.force(mbs.systemData.GetODE2Coordinates(copy=False)[own])
+
+    def jacobian(
+        mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
+    ) -> MatrixContainer:
+        return _sparse(exu, fODE2 * stiffening.tangent(np.asarray(q)))
+
+    return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
 
 
 def coupling_functions(exu: Exudyn, item: BodyItem, stiffness: sp.csr_matrix, damping: Damping | None) -> Functions:

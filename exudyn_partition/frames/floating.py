@@ -160,8 +160,10 @@ class FloatingKinematics:
         return result
 
     def accelerations(self, q: Array, forces: Array | sp.csr_matrix) -> Array:
-        """See `Kinematics.accelerations`; with the mass that q gives."""
+        """See `Kinematics.accelerations`; with the mass that q gives, see `on_constant_mass`."""
         J, C = self.inertia.of_place(q[6:])
+        if self.body.stiffening is not None:
+            J, C = self.inertia.tensor, np.zeros_like(C)
         omega_t = np.linalg.solve(J - C @ C.T, forces[3:6] - C @ forces[6:])
         return np.concatenate([forces[:3] / self.body.total_mass, omega_t, forces[6:] - C.T @ omega_t])
 
@@ -208,8 +210,12 @@ class FloatingKinematics:
     def on_constant_mass(self, q: Array, force: Array) -> Array:
         """Forces that act on the constant mass diag(m, J, 1) as `force` acts on the true mass: same accelerations.
 
-        `InertiaForces` does the same for inertia and elastic forces.
+        `InertiaForces` does the same for inertia and elastic forces. Of a body with geometric stiffness all forces act
+        on the constant mass. Those of joints are not known, and bear what spins or is pressed: elastic forces balance
+        them, and so must have the same torque on the deformed body. That torque is as large as geometric stiffness.
         """
+        if self.body.stiffening is not None:
+            return force
         return loops.on_constant_mass(self.inertia, q[6:], force)
 
     def weight(self, gravity: Array) -> Array:

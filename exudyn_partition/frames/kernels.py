@@ -212,9 +212,9 @@ def _solved(A: Array, b: Array) -> Array:
 
 @compiled
 def inertia_force(
-    integrals: Array, cross: Array, tensor: Array, elastic: Array, omega: Array, z: Array, z_t: Array
+    integrals: Array, cross: Array, tensor: Array, elastic: Array, coupling: bool, omega: Array, z: Array, z_t: Array
 ) -> Array:
-    """Torque and forces on the elastic coordinates, (3 + n,), with all terms; see `InertiaForces.force`.
+    """Torque and forces on the elastic coordinates, (3 + n,), with all other terms; see `InertiaForces.force`.
 
     Parameters
     ----------
@@ -224,6 +224,7 @@ def inertia_force(
         Inertia of the undeformed body.
     elastic : (n,) array
         K z.
+    coupling : bool
     omega, z, z_t : (3,), (n,), (n,) array
     """
     n = len(z)
@@ -260,6 +261,10 @@ def inertia_force(
     torque[0] = r * y - q * w - (J_t[0] * p + J_t[5] * q + J_t[4] * r)
     torque[1] = p * w - r * x - (J_t[5] * p + J_t[1] * q + J_t[3] * r)
     torque[2] = q * x - p * y - (J_t[4] * p + J_t[3] * q + J_t[2] * r)
+    result = np.zeros(3 + n)
+    if not coupling:
+        result[:3], result[3:] = torque, force
+        return result
     A[0, 0], A[1, 1], A[2, 2] = J[0], J[1], J[2]
     A[1, 2], A[0, 2], A[0, 1] = J[3], J[4], J[5]
     for a in range(3):
@@ -268,7 +273,6 @@ def inertia_force(
             for b in range(a, 3):
                 A[a, b] -= C[a, i] * C[b, i]
     omega_t = _solved(A, torque)
-    result = np.zeros(3 + n)
     for a in range(3):
         for b in range(3):
             result[a] += tensor[a, b] * omega_t[b]

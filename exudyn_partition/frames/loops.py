@@ -99,15 +99,15 @@ def on_constant_mass(inertia: Inertia, z: Array, force: Array) -> Array:
 
 
 def inertia_force(
-    inertia: Inertia, elastic: Callable[[Array], Array], omega: Array, z: Array, z_t: Array
+    inertia: Inertia, elastic: Callable[[Array], Array], coupling: bool, omega: Array, z: Array, z_t: Array
 ) -> Array | None:
-    """Torque [N m] and forces on elastic coordinates, (3 + n,), with all terms, see `InertiaForces.force`.
+    """Torque [N m] and forces on elastic coordinates, (3 + n,), with or without coupling, see `InertiaForces.force`.
 
     None if no loop does it in one call; then the terms are added one by one. `elastic` returns K z, (n,).
     """
     if isinstance(inertia, InertiaIntegrals) and (compiled := kernels("frames")):
         integrals = inertia.inertia, inertia.cross, inertia.tensor
-        found: Array = compiled.inertia_force(*integrals, elastic(z), omega, z, z_t)
+        found: Array = compiled.inertia_force(*integrals, elastic(z), coupling, omega, z, z_t)
         return found
     return None
 

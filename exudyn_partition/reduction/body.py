@@ -40,12 +40,14 @@ from ..support.files import replacing, writable
 from ..surfaces.surface import Surface
 from .basis import ReducedBasis
 from .estimate import Estimate
-from .inertia import InertiaIntegrals
+from .geometric_stiffness import GeometricStiffness
+from .inertia import PAIRS, InertiaIntegrals
 from .loads import patch_slice
 from .matrices import BodyMatrices, ContactRows
 from .sid import Frame, sid_lines
 
 _SAME_PLACE = 1e-8  # by the body's size or mass: round-off of meshes that were made twice
+_INSIDE = {"check_fem", "check_inside", "check_nodes", "fingerprint", "has_inside", "stiffening", "strain_energy"}
 _SAME_ENERGY = 1e-4  # of shapes, which are eigenmodes but for the tolerance of their search
 
 
@@ -80,6 +82,8 @@ class ReducedBody:
         Of several the one with the largest volume; None if the body is from a file of before it was stored.
     fingerprint : (4,) array or None
         `FEModel.matrix_fingerprint` of the FE model, by which `check_fem` knows it; None as for `material`.
+    stiffening : GeometricStiffness or None
+        Geometric stiffness, if `reduce` was asked for it.
     """
 
     basis: ReducedBasis
@@ -96,6 +100,7 @@ class ReducedBody:
     estimate: Estimate | None = None
     material: Material | None = field(default=None, metadata={"added": True})
     fingerprint: Array | None = field(default=None, metadata={"added": True})
+    stiffening: GeometricStiffness | None = field(default=None, metadata={"added": True})
 
     def __post_init__(self) -> None:
         validate_type("basis", self.basis, ReducedBasis, "BASES")
@@ -134,6 +139,9 @@ class ReducedBody:
         if self.fingerprint is not None:
             check_floats("fingerprint", self.fingerprint, (4,))
             read_only(self.fingerprint)
+        if self.stiffening is not None:
+            validate_type("stiffening", self.stiffening, GeometricStiffness, "reduce(geometric_stiffness=True)")
+            check_floats("stiffening.states", self.stiffening.states, (None, self.n_dofs))
 
     @property
     def n_dofs(self) -> int:
@@ -159,6 +167,13 @@ class ReducedBody:
             known = all(material and material.yield_stress is not None for material in elastic)
             said.append(f"plastic deformation (yield_stress= of Material {'tells' if known else 'would tell'} of it)")
         said.append("strain and stress, which `recovery` computes on request")
+        if self.stiffening is None:
+            said.append(
+                "geometric stiffness: tension and rotation do not stiffen, compression does not soften "
+                "(geometric_stiffness=True of reduce)"
+            )
+        else:
+            said.append("geometric stiffness of forces elsewhere than on patches, interfaces and distributed loads")
         inside = "the shapes inside the body, which was saved without them (save with inside=True keeps them)"
         return (*said, *[inside] * (not self.has_inside))
 
@@ -361,6 +376,11 @@ class ReducedBody:
         u[self.basis.nodal] += q[self.n_shapes :].reshape(-1, 3)
         return u
 
+    def strain_energy(self, q: Array) -> Array:
+        """Strain energy, (...) [J], of coordinates q, (..., n_dofs); with geometric stiffness to the fourth order."""
+        energy: Array = np.sum(q * (self.stiffness @ q.reshape(-1, self.n_dofs).T).T.reshape(q.shape), axis=-1) / 2
+        return energy if self.stiffening is None else energy + self.stiffening.energy(q)
+
     def nearest_node(self, point: Vector) -> int:
         """Index of the node nearest to `point`, (3,) [m], in the body's own coordinates; see `places.nearest_node`."""
         return nearest_node(self.points, point)
@@ -409,6 +429,54 @@ class ReducedBody:
         """
         interface = interface_named(self.partition, name, "name")
         return interface.motion @ self.rows(interface.nodes)
+
+    def centrifugal_load(self, angular_velocity: Vector) -> Array:
+        """Generalised centrifugal forces, (n_dofs,), of rotation about an axis through the centre of mass.
+
+        Those of another axis also accelerate the body as a whole, which stresses nothing.
+
+        Parameters
+        ----------
+        angular_velocity : (3,)
+            In the axes of the mesh [rad/s].
+
+        Raises
+        ------
+        InputError
+            If it is no vector of three numbers, or the basis keeps nodes.
+        """
+        omega = validate_vector("angular_velocity", angular_velocity)
+        if len(self.basis.nodal):
+            raise InputError(f"body: basis {self.basis.name!r} keeps nodes; take 'residual', which has its modes")
+        products = np.outer(omega, omega)
+        weights = [products[pair] * (1 if pair[0] == pair[1] else 2) for pair in PAIRS]
+        torque = np.r_[np.zeros(3), -np.cross(omega, self.inertia.tensor @ omega)]
+        on_elastic = np.asarray(weights) @ self.inertia.inertia[:, 0, 1:]
+        return np.asarray(np.r_[np.linalg.solve(self.rigid[:6].T, torque), on_elastic])
+
+    def geometric_stiffness(self, load: Vector) -> Array:
+        """Geometric stiffness, (n_dofs, n_dofs) [of energy], of a load; inertia balances what supports do not.
+
+        It is linear in the load, so that a support's reaction must be in it. For a strut, `load` is P times the
+        difference of the axial rows of its ends, see `interface_rows`. For rotation see `centrifugal_load`.
+
+        Parameters
+        ----------
+        load : (n_dofs,) array
+            Generalised forces on the coordinates.
+
+        Raises
+        ------
+        InputError
+            If the body was reduced without geometric stiffness, or the load has another shape.
+        """
+        load = validate_array("load", load, (self.n_dofs,))
+        if self.stiffening is None:
+            raise InputError("body: it has no geometric stiffness; reduce it with geometric_stiffness=True")
+        elastic = self.basis.omega > 0
+        return self.stiffening.of_load(
+            self.stiffening.states[:, elastic] @ (load[elastic] / self.basis.omega[elastic] ** 2)
+        )
 
     def matrices(self) -> BodyMatrices:
         """Matrices of the body for other codes: mass, stiffness, and rows of its patches, interfaces and loads.
@@ -518,7 +586,10 @@ class ReducedBody:
         FILE.save(path, self if validate_flag("inside", inside) else self.without_inside())
 
     def __dir__(self) -> list[str]:
-        return for_users(self, {"check_fem", "check_inside", "check_nodes", "fingerprint", "has_inside"})
+        return for_users(
+            self,
+            _INSIDE,
+        )
 
     def __repr__(self) -> str:
         return (
@@ -553,6 +624,7 @@ FILE = Format(
         KeptFlexibility,
         KeptFronts,
         InertiaIntegrals,
+        GeometricStiffness,
         Estimate,
         Material,
         Partition,

@@ -1,8 +1,9 @@
 """Links under compression: the force between two interfaces of a body, compared with the load that buckles it.
 
-In reality an axial force softens a link against bending (P-delta). A reduced body is linear and does not show that. Its
-bending stiffness is wrong by the ratio of the force and the buckling load. Both follow from the body itself, since its
-static answer to forces and moments between two interfaces is exact.
+An axial force softens a link against bending (P-delta). A reduced body without geometric stiffness is linear and does
+not show that. Its bending stiffness is wrong by the ratio of the force and the buckling load. Both follow from the body
+itself, since its static answer to forces and moments between two interfaces is exact. With geometric stiffness, what is
+left out is of the order of squared slopes.
 
 S. P. Timoshenko, J. M. Gere, Theory of Elastic Stability, 1961, sections 1.11 and 2.1.
 
@@ -42,6 +43,11 @@ class Link:
     force: Array
     buckling_load: float
     period: float
+
+    def tension(self, elastic: Array) -> Array:
+        """Tension, (...) [N], by coordinates (..., n_dofs) of the motion within the frame."""
+        tension: Array = elastic @ self.force
+        return tension
 
 
 def links(body: ReducedBody) -> list[Link]:
@@ -89,10 +95,30 @@ def compression(link: Link, t: Array, elastic: Array) -> Array:
     elastic : (n, n_dofs) array
         Coordinates of the motion within the frame.
     """
-    impulse = np.r_[0.0, np.cumsum(np.diff(t) * _middles(-(elastic @ link.force)))]
+    impulse = np.r_[0.0, np.cumsum(np.diff(t) * _middles(-link.tension(elastic)))]
     # The force before the start is zero.
     compression: Array = (impulse - np.interp(t - link.period, t, impulse)) / link.period
     return compression
+
+
+def squared_slope(body: ReducedBody, link: Link, deformed: Array) -> Array:
+    """Mean square of the slopes of a bent link, (n,) [rad2], of a body with geometric stiffness.
+
+    It is twice the shortening by its length, which the geometric stiffness of a unit tension has.
+
+    Parameters
+    ----------
+    body : ReducedBody
+    link : Link
+    deformed : (n, n_dofs) array
+        Coordinates of the deformation alone.
+    """
+    first, second = (body.partition.find_interface(name).position for name in link.ends)
+    length = np.linalg.norm(second - first)
+    rows = [body.interface_rows(name)[:3] for name in link.ends]
+    stiffness = body.geometric_stiffness((second - first) / length @ (rows[1] - rows[0]))
+    slope: Array = np.einsum("ti,ij,tj->t", deformed, stiffness, deformed, optimize=True) / length
+    return slope
 
 
 def _middles(x: Array) -> Array:

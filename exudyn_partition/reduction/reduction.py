@@ -9,6 +9,7 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TypedDict
 
@@ -23,15 +24,18 @@ from ..fe.partition import Partition, check_one_line, number_of_patch
 from ..fe.patches import Patch
 from ..plasticity.dilatation import with_free_zones
 from ..support.cache import cached
-from ..support.checks import validate_callable, validate_choice, validate_positive, validate_type
+from ..support.checks import validate_callable, validate_choice, validate_flag, validate_positive, validate_type
 from ..support.progress import Progress, shown
 from . import basis as bases
 from .basis import BasisName, ReducedBasis
 from .body import FILE, ReducedBody
 from .estimate import Estimate, Sliding, grow_to_tolerance, warn_if_missed
 from .free_body import AdaptedSpace
+from .geometric_stiffness import GeometricStiffness, with_centrifugal_loads
 from .inertia import InertiaIntegrals
 from .memory import watched
+
+Models = Sequence[tuple[FEModel, Partition]]
 
 _LOG = logging.getLogger(__name__)
 
@@ -56,6 +60,7 @@ def reduce(
     basis: BasisName = "contact-adapted",
     speed: float | None = None,
     duration: float | None = None,
+    geometric_stiffness: bool = False,
     progress: Progress | None = None,
     cache: bool | str | Path = False,
 ) -> ReducedBody:
@@ -79,6 +84,9 @@ def reduce(
         only the motion that contacts and interfaces excite, with the same residual flexibility.
     speed, duration : float, optional
         Speed and duration of the impact for `tolerance` [m/s], [s]; see `reduce_pair`. Default of the speed: 1 m/s.
+    geometric_stiffness : bool
+        Whether tension and rotation stiffen the body, and compression softens it: see `ReducedBody.geometric_stiffness`
+        and module `geometric_stiffness`. The basis then also has the static answers to centrifugal loads.
     progress : callable, optional
         Called with the share done, 0 to 1. Default: a bar on the terminal, if it takes more than two seconds.
     cache : bool or path
@@ -115,6 +123,8 @@ def reduce(
     _validate_partition(fem, partition)
     validate_choice("basis", basis, BASES)
     _validate_progress(progress)
+    if validate_flag("geometric_stiffness", geometric_stiffness):
+        _check_stiffening(fem, basis)
     if len(partition.nodes) == fem.n_nodes and basis != "free":
         raise InputError(
             f"partition: the impact region holds all {fem.n_nodes} nodes, so that nothing is left for basis {basis!r}. "
@@ -132,6 +142,9 @@ def reduce(
         )
     # Everything that changes the body must be in `inputs`.
     inputs: dict[str, object] = {"fem": fem, "partition": partition, "basis": basis}
+    if geometric_stiffness:
+        inputs["geometric_stiffness"] = True
+    models = [(fem, partition)]
     if f_cut is not None:
         for name, value in (("speed", speed), ("duration", duration)):
             if value is not None:
@@ -141,7 +154,8 @@ def reduce(
         f_cut = _resolved(fem, f_cut)
         inputs |= {"f_cut": f_cut}
         with shown(progress, "reduce") as report:
-            body = cached(cache, inputs, FILE, lambda: _reduce(fem, partition, f_cut, basis, report))
+            truncated = partial(_reduce, f_cut=f_cut, basis=basis, progress=report)
+            body = cached(cache, inputs, FILE, lambda: _made(models, truncated, geometric_stiffness)[0])
         if body.n_dofs == body.rigid.shape[1]:
             bases.warn_if_far_below(fem, f_cut)
     else:
@@ -150,12 +164,13 @@ def reduce(
         for number in range(len(partition.patches)):
             check_one_line(partition, number, "tolerance")
         options = _impact_options(tolerance, _SPEED if speed is None else speed, duration)
-        models, patches = [(fem, partition)], [[i] for i in range(len(partition.patches))]
+        patches = [[i] for i in range(len(partition.patches))]
         if not patches:
             raise InputError("tolerance: the partition has no contact patch whose force could be judged; give f_cut")
         inputs |= options
         with shown(progress, "reduce to a tolerance") as report:
-            (body,) = cached(cache, inputs, FILE, lambda: reduce_to_tolerance(models, patches, options, report))
+            grown = partial(reduce_to_tolerance, patches=patches, options=options, progress=report)
+            (body,) = cached(cache, inputs, FILE, lambda: _made(models, grown, geometric_stiffness))
         warn_if_missed(body.estimate)
     return body
 
@@ -170,6 +185,7 @@ def reduce_pair(
     patches: tuple[int | str | None, int | str | None] = (None, None),
     friction: float | Coulomb | None = None,
     tangential_speed: float | None = None,
+    geometric_stiffness: bool = False,
     progress: Progress | None = None,
     cache: bool | str | Path = False,
 ) -> tuple[ReducedBody, ReducedBody]:
@@ -195,7 +211,7 @@ def reduce_pair(
         With it the impact is oblique, and the tangential force is within the tolerance too. Patches need axes="xyz".
     tangential_speed : float, optional
         Speed of the slave across the line of contact [m/s]; only with friction, and needed there.
-    progress, cache :
+    geometric_stiffness, progress, cache :
         As for `reduce`.
 
     Returns
@@ -233,10 +249,46 @@ def reduce_pair(
     if sliding is not None:
         options["sliding"] = sliding
     inputs = {"slave": slave, "master": master, "patches": tuple(numbers), **options}
+    if validate_flag("geometric_stiffness", geometric_stiffness):
+        inputs["geometric_stiffness"] = True
+        for fem, _ in models:
+            _check_stiffening(fem, "contact-adapted")
     with shown(progress, "reduce a pair") as report:
-        first, second = cached(cache, inputs, FILE, lambda: reduce_to_tolerance(models, [numbers], options, report))
+        grown = partial(reduce_to_tolerance, patches=[numbers], options=options, progress=report)
+        first, second = cached(cache, inputs, FILE, lambda: _made(models, grown, geometric_stiffness))
     warn_if_missed(first.estimate)
     return first, second
+
+
+def _check_stiffening(fem: FEModel, basis: BasisName) -> None:
+    """Raise unless a body may have geometric stiffness."""
+    fem.need_cells("geometric stiffness")
+    if basis == "free":
+        raise InputError(
+            "geometric_stiffness: basis 'free' keeps nodes, for which there is none; take basis='residual', which has "
+            "the same modes, or 'contact-adapted'"
+        )
+
+
+def _made(
+    models: Models, make: Callable[[Models], tuple[ReducedBody, ...]], geometric_stiffness: bool
+) -> tuple[ReducedBody, ...]:
+    """Bodies that `make` reduces; those with geometric stiffness also know centrifugal loads."""
+    if not geometric_stiffness:
+        return make(models)
+    begin = time.perf_counter()
+    loaded = [(fem, with_centrifugal_loads(fem, partition)) for fem, partition in models]
+    bodies = make(loaded)
+    with one_blas_thread():
+        found = [
+            GeometricStiffness.of(*model, body.basis.shapes, body.basis.omega)
+            for model, body in zip(loaded, bodies, strict=True)
+        ]
+    share = (time.perf_counter() - begin) / len(bodies)
+    return tuple(
+        replace(body, partition=partition, stiffening=stiffening, reduce_s=share)
+        for body, (_, partition), stiffening in zip(bodies, models, found, strict=True)
+    )
 
 
 def _validate_progress(progress: Progress | None) -> None:
@@ -310,18 +362,17 @@ def _impact_options(tolerance: float | None, speed: float, duration: float | Non
     }
 
 
-def _reduce(
-    fem: FEModel, partition: Partition, f_cut: float, basis: BasisName, progress: Progress | None
-) -> ReducedBody:
+def _reduce(models: Models, f_cut: float, basis: BasisName, progress: Progress | None) -> tuple[ReducedBody]:
     begin = time.perf_counter()
+    ((fem, partition),) = models
     with watched([(fem, partition)], basis), one_blas_thread():
         fem = with_free_zones(fem, partition)
         reduced = BASES[basis](fem, partition, f_cut, progress)
-        return _body(fem, partition, reduced, f_cut, begin)
+        return (_body(fem, partition, reduced, f_cut, begin),)
 
 
 def reduce_to_tolerance(
-    models: Sequence[tuple[FEModel, Partition]],
+    models: Models,
     patches: Sequence[Sequence[int]],
     options: ImpactOptions,
     progress: Progress | None = None,

@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import ModelLimitWarning, StoppedRunWarning
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import partition_items
-from ..reduction.buckling import compression, links
+from ..reduction.buckling import compression, links, squared_slope
 from ..support.arrays import Array
 from ..support.foreign import MainSystem
 from .contact_review import warn_of_contacts
@@ -25,6 +25,10 @@ _LARGEST_DEFORMATION = 0.1  # share of a body's size; linear elasticity is not v
 _GROWTH = 1e3  # ratio to a body's largest energy so far, which unstable steps exceed and large strain does not
 _LARGEST_ROTATION = 0.1  # rad, for a body in an inertial frame
 _LARGEST_COMPRESSION = 0.1  # share of the buckling load of a link
+_LARGEST_LEFT = 0.02  # share of a link's bending that geometric stiffness leaves out
+# That share by the mean square of slopes: a hinged column bears so much more than Euler's load when it has buckled
+# (tests/exudyn_bodies/test_stiffening.py). An elastica bears a quarter.
+_LEFT_BY_SLOPES = 2.0
 _LARGEST_TURN = 1.0  # rad, for a floating frame in a step: six steps for a full turn
 
 
@@ -64,7 +68,7 @@ def reviewed(mbs: MainSystem, result: Result) -> Result:
         for item, share in zip(bodies, shares, strict=True):
             if item.frame == "inertial":
                 _warn_of_rotation(item, result)
-            _warn_of_compression(item, result)
+            (_warn_of_compression if item.body.stiffening is None else _warn_of_slopes)(item, result)
             _warn_of_strain(item, result, share[: len(result.t)])
         warn_of_contacts(contacts, result)
     return result
@@ -123,7 +127,9 @@ def _warn_of_strain(item: PartitionBody, result: Result, share: Array) -> None:
 
 def _warn_of_compression(item: PartitionBody, result: Result) -> None:
     for link in links(item.body):
-        force = compression(link, result.t, item.kinematics.elastic(item.coordinates(result)))
+        elastic = item.kinematics.elastic(item.coordinates(result))
+        # The time of statics is no time in which a pulse ends before the link bends.
+        force = -link.tension(elastic) if result.method == "static" else compression(link, result.t, elastic)
         share = force.max() / link.buckling_load
         if share > _LARGEST_COMPRESSION:
             when = result.t[int((force > _LARGEST_COMPRESSION * link.buckling_load).argmax())]
@@ -132,8 +138,26 @@ def _warn_of_compression(item: PartitionBody, result: Result) -> None:
                 f"{called(item)} is compressed between its interfaces {between}, from t = {when:.6g} s on by up to "
                 f"{force.max():.4g} N, {share:.2g} of the {link.buckling_load:.4g} N at which it buckles, hinged at "
                 "both ends (a quarter of them, if one end is clamped and the other free). Its bending is linear; in "
-                "truth it is softer by that share, so that frequencies and deflections are off. Divide the link into "
-                "several bodies, or keep the force below a tenth",
+                "truth it is softer by that share, so that frequencies and deflections are off. Reduce it with "
+                "geometric_stiffness=True, or keep the force below a tenth",
+                ModelLimitWarning,
+                stacklevel=4,
+            )
+
+
+def _warn_of_slopes(item: PartitionBody, result: Result) -> None:
+    """Warn of links that bend so far that geometric stiffness does not suffice."""
+    for link in links(item.body):
+        deformed = item.kinematics.deformed(item.coordinates(result))
+        left = _LEFT_BY_SLOPES * squared_slope(item.body, link, deformed)
+        if left.max() > _LARGEST_LEFT:
+            when = result.t[int((left > _LARGEST_LEFT).argmax())]
+            between = " and ".join(map(repr, link.ends))
+            warnings.warn(
+                f"{called(item)} bends between its interfaces {between}, from t = {when:.6g} s on by slopes of up to "
+                f"{np.sqrt(left.max() / _LEFT_BY_SLOPES):.2g} rad, root mean square. Geometric stiffness is linear in "
+                f"loads and right for small slopes: its resistance to bending is wrong by about {left.max():.2g}. Has "
+                "it buckled? Divide it into several bodies, or lower the load",
                 ModelLimitWarning,
                 stacklevel=4,
             )

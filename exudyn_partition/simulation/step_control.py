@@ -371,8 +371,7 @@ class StepControl:
         """Energy that bodies and contacts store at present [J]."""
         stored = sum(self._run_of(contact).mechanics.stored() for contact in self.contacts)
         for item in self.bodies:
-            elastic = item.kinematics.elastic(self._state(item)[0])
-            stored += 0.5 * float(elastic @ (item.body.stiffness @ elastic))
+            stored += float(item.body.strain_energy(item.kinematics.elastic(self._state(item)[0])))
         return stored
 
     def _until_contact(self, contact: PartitionContact) -> float:

@@ -164,7 +164,7 @@ ARGUMENTS = {
     "cache": v.path_out.but("folder", "no folder", "/proc", "pipe", "400 characters", "device")(False),
     # The rest
     **each("showMarkers verbose superElement bodyFixed hollow inside correct load_factor update_initial", v.flag),
-    **each("go_on adaptive static_answer", v.flag),
+    **each("go_on adaptive static_answer geometric_stiffness", v.flag),
     **each("progress loadUserFunction loadVectorUserFunction", v.function),
     "refine": Kind({"text": "x", "number": 1, "tuples": [((0, 0, 0), 1, 1)], "Nones": [None]}, ()),
     "settings": Kind({"text": "x", "number": 1, "dict": {}, "a model": the.mbs}),
@@ -430,6 +430,8 @@ CALLS = {
     "ReducedBody.surface": dict(patch=0),
     "ReducedBody.flexibility": dict(patch=0, other=v.patch),
     "ReducedBody.interface_rows": dict(name=v.choice("pin")),
+    "ReducedBody.centrifugal_load": dict(angular_velocity=v.vector),
+    "ReducedBody.geometric_stiffness": dict(load=v.motion.but("nan")(Made(lambda s: np.zeros(s.body.n_dofs)))),
     "CreatePartitionBody": dict(
         mbs=Made(Scene.empty),
         frame=v.choice.or_none("floating"),
@@ -799,8 +801,12 @@ NOT_CALLED = {
     "ReducedBody.check_inside": _INSIDE,
     "ReducedBody.check_nodes": _INSIDE,
     "ReducedBody.shape_rows": _INSIDE,
+    "ReducedBody.strain_energy": _INSIDE,
 }
-NOT_EVERYWHERE = {"view.show": "it needs a screen"}  # right calls that may fail
+NOT_EVERYWHERE = {
+    "view.show": "it needs a screen",
+    "ReducedBody.geometric_stiffness": "it needs a body that was reduced with it",
+}  # right calls that may fail
 # First arguments that may be given for each other, as they are alike.
 EXCHANGEABLE = {
     "Rayleigh(alpha and beta swapped)",
