@@ -323,6 +323,8 @@ CASES = {
     "plastic_front": Case("inelastic/front.py", limits(("tolerance 0.1", "tolerance 0.01", "full_fe_quicker")),
                           figures=("inelastic_front.png",)),
     "plastic_large": Case("inelastic/large.py", limits(("force", "work", "offline", "memory_GB"))),
+    "plastic_zones": Case("inelastic/zones.py", limits(
+        ("force", "work", "offline_s", "memory_GB", "large_offline_s", "large_GB"))),
     "zone_radius": Case("inelastic/zone_radius.py", limits(("reached",))),
     "plastic_nodes": Case("inelastic/nodal_region.py", limits(("contact-adapted", "all nodes", "balance")), quick=None),
     "indentation": Case("inelastic/indentation.py",

@@ -20,6 +20,7 @@ _GB = 1e9
 # Numbers in factors and fronts while they are made, over n^(4/3): 41 for a cube of 113 000 dofs, 18 to 25 for bodies
 # with a refined patch, 9 for a thin plate.
 _FILL = 25
+_FILL_OF_ZONE = 42  # numbers in the fronts of a plastic zone, which is compact: 40 to 45 for 800 to 3300 nodes
 _BESIDE = 1.5  # factors of the stiffness, with those of a shifted matrix in single precision beside them
 _ENTRY = 12  # bytes of an entry of a sparse matrix and its index
 _DENSE_BLOCKS = 5  # of right-hand sides at a time
@@ -50,7 +51,7 @@ def needed(models: Sequence[tuple[FEModel, Partition]], basis: str) -> float:
 def _zone(patch: Patch) -> float:
     """Memory of the flexibility of a patch's plastic zone [bytes]."""
     n = 0 if patch.plastic is None else 3 * len(patch.plastic.nodes)
-    return float(8 * (_FILL * n ** (4 / 3) + n * len(patch.nodes) * patch.n_axes))
+    return float(8 * (_FILL_OF_ZONE * n ** (4 / 3) + n * len(patch.nodes) * patch.n_axes))
 
 
 def _factors(fem: FEModel) -> float:

@@ -1,5 +1,7 @@
 """Memory of a reduction: told before it is asked for, named where it runs out."""
 
+from dataclasses import replace
+
 import pytest
 
 import exudyn_partition as ep
@@ -25,6 +27,18 @@ def test_memory_is_told_before_it_is_asked_for(block, top, monkeypatch):
     ):
         with pytest.raises(MemoryLimitError, match="three elements per contact radius are enough"):
             reduction()
+
+
+def test_a_plastic_zone_is_told_without_a_square_of_its_nodes(block):
+    """At most 2.5 times what is kept of the zone; a dense matrix of it would be told as more."""
+    soft = replace(block, material=replace(block.material, yield_stress=200e6, hardening=500e6))
+    part = ep.Partition.ball(soft, (0, 0, 0.03), 4e-3, plastic_radius=12e-3)
+    (zone,), n = ep.reduce(soft, part, f_cut=80e3).basis.zones, 3 * len(part.patches[0].plastic.nodes)
+    elastic = replace(part, patches=(replace(part.patches[0], plastic=None),))
+    told, without = (memory.needed([(soft, one)], "contact-adapted") for one in (part, elastic))
+    assert 0.5 < (told - without) / (zone.own.fronts.store.nbytes + zone.of_patch.nbytes) < 2.5
+    assert memory.needed([(soft, part)], "free") == memory.needed([(soft, elastic)], "free")
+    assert told - without < 8 * n**2
 
 
 def test_memory_that_runs_out_is_named(block, top, monkeypatch):

@@ -1,6 +1,6 @@
 """How far plastic flow reaches in an impact, and whether `hertz.impact(...).plastic_radius` is wide enough for it.
 
-A steel ball of 10 mm falls on an aluminium disc of 50 x 20 mm, at 0.1 to 5 m/s and for other yield stresses. The zone
+A steel ball of 20 mm falls on an aluminium disc of 50 x 20 mm, at 0.1 to 5 m/s and for other yield stresses. The zone
 is half as wide again as the estimate, and elements at the contact have two fifths of its radius.
 Quantity: the radius about the first contact in which all flow lies, and that of 99.9 % of plastic strain times volume,
 by the estimate; and that by the radius of Hertz's contact.

@@ -29,6 +29,7 @@ _FEW = 16  # besides the points that flow, at most as many plus 2 * _FEW are act
 # Nodes of a zone up to which products are dense, and 3 to 4 times as quick. To make the rows of so many nodes takes a
 # second, and grows with more than the square of their number; time of products by fronts grows little faster than it.
 _MOST_DENSE = 1500
+_BLOCK = 64  # columns whose stresses are found together: of all rows of a large patch they would take gigabytes
 _SPARE = 4  # points are chosen again if so many times the flowing points and _FEW are active
 
 
@@ -241,8 +242,12 @@ class ZoneRun:
 
     def _largest(self, columns: Array) -> Array:
         """Largest von Mises stress anywhere for each column of nodal displacements, (m,) [Pa]."""
-        squares = np.asarray(self.zone.strain @ columns).reshape(len(self.zone), 6, -1) ** 2
-        value: Array = self.zone.flow.of_strain(np.sqrt(squares.sum(axis=1).max(axis=0, initial=0.0)))
+        largest = np.zeros(columns.shape[1])
+        for first in range(0, len(largest), _BLOCK):
+            some = slice(first, first + _BLOCK)
+            strains = np.asarray(self.zone.strain @ columns[:, some]).reshape(len(self.zone), 6, -1)
+            largest[some] = np.einsum("gik,gik->gk", strains, strains).max(axis=0, initial=0.0)
+        value: Array = self.zone.flow.of_strain(np.sqrt(largest))
         return value
 
     def for_run(self, kind: type) -> Self:
@@ -260,7 +265,7 @@ class ZoneRun:
             self._own = OrderedRows(self.flexibility, kind)
         else:
             self._own = own.single() if np.dtype(kind) == np.float32 else own
-        self._of_patch: Array = self.flexibility.of_patch.astype(kind)
+        self._of_patch: Array = self.flexibility.of_patch.astype(kind, copy=False)
 
     def reset(self) -> None:
         """Go back to the start."""
