@@ -5,8 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from ..fe.elements import Kind, kinds_of
-from ..fe.shapes import integration_gradients, integration_weights
+from ..fe.shapes import integration_gradients, integration_points, integration_weights
 from ..support.arrays import Array
+
+
+def flow_places(kind: Kind) -> Array:
+    """Local coordinates, (q, 3), of the points of `flow_rule`."""
+    if not kind.hexahedral:
+        return integration_points(len(kind.nodes))
+    if kind.name == "hexahedron":  # each point is the one nearest to a corner
+        return np.asarray(0.5 + (kind.nodes - 0.5) / np.sqrt(3))
+    return kind.gauss(2)[0]
 
 
 def flow_rule(kind: Kind) -> tuple[Array, Array]:

@@ -10,19 +10,19 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import MeshError
+from ..fe.elements import Kind, kinds_of
 from ..fe.material import Material
 from ..fe.model import FEModel
 from ..fe.patches import PlasticRegion
-from ..fe.shapes import ORDERS, TET_NODES, integration_points, tetrahedron_functions
 from ..support.arrays import Array
 from .dilatation import LEFT, locks, mean_dilatation
+from .integration import flow_places
 
 _FROM_MANDEL = np.array([1, 1, 1, *[np.sqrt(0.5)] * 3])
 
 
 class ZoneStress:
-    """Stress in the tetrahedra of a plastic zone.
+    """Stress in the elements of a plastic zone.
 
     With the strain eps, its dilatation theta, and the plastic strain eps_p, which is known at the integration points
     and a polynomial between them, the stress is
@@ -40,17 +40,19 @@ class ZoneStress:
 
     def __init__(self, fem: FEModel, region: PlasticRegion, material: Material) -> None:
         self._fem, self._region, self._k = fem, region, region.cells.shape[1]
-        if region.hexahedra:
-            raise MeshError("cells: expected tetrahedra; the stress in a plastic zone of hexahedra is not recovered")
+        self._kinds = kinds_of(region.cells, region.hexahedra)
+        self._kind = np.empty(len(region.cells), dtype=np.int64)  # of each element, among these
+        for i, (_, rows) in enumerate(self._kinds):
+            self._kind[rows] = i
         self._shear, self._bulk = material.shear_modulus, material.lame + 2 / 3 * material.shear_modulus
-        self._nodes = fem.points[region.cells]
-        self._mean = mean_dilatation(fem.points, region.cells, False)[2].reshape(len(region.cells), self._k, 3)
+        self._mean = mean_dilatation(fem.points, region.cells, region.hexahedra)[2].reshape(
+            len(region.cells), self._k, 3
+        )
         numbers = {cell.tobytes(): i for i, cell in enumerate(region.cells)}
         self._number = np.full(len(fem.cells), -1)
         for cell in np.flatnonzero(np.isin(fem.cells, region.nodes).all(axis=1)):
             self._number[cell] = numbers.get(fem.cells[cell].astype(region.cells.dtype).tobytes(), -1)
-        at = integration_points(self._k)
-        self._to_polynomial = np.linalg.pinv(_polynomials(at, self._k))
+        self._to_polynomial = [np.linalg.pinv(_polynomials(flow_places(kind), kind)) for kind, _ in self._kinds]
         self._mass_around: Array | None = None
 
     def rows(self, cell: Array, local: Array) -> sp.csr_matrix:
@@ -90,16 +92,20 @@ class ZoneStress:
         """
         fem, cells = self._fem, self._region.cells
         if self._mass_around is None:
-            self._mass_around = np.bincount(fem.cells.ravel(), np.repeat(fem.cell_mass, self._k), fem.n_nodes)
-        total, everything = np.zeros((fem.n_nodes, 6)), np.arange(len(cells))
+            self._mass_around = np.zeros(fem.n_nodes)
+            for kind, rows in fem.kinds:
+                of_nodes = fem.cells[rows][:, kind.columns]
+                np.add.at(self._mass_around, of_nodes, fem.cell_mass[rows, None])
+        total = np.zeros((fem.n_nodes, 6))
         mass = np.zeros(len(cells))
         mass[self._number[self._number >= 0]] = fem.cell_mass[self._number >= 0]
-        for local, nodes in zip(TET_NODES[self._k], cells.T, strict=True):
-            at = np.broadcast_to(local, (len(cells), 3))
-            stress = -self._plastic(everything, at, strain)
-            dilatation = np.einsum("cka,cka->c", self._apart(everything, at), displacement[cells])
-            stress[:, :3] += self._bulk * dilatation[:, None]
-            np.add.at(total, nodes, mass[:, None] * stress)
+        for kind, rows in self._kinds:
+            for local, column in zip(kind.nodes, kind.columns, strict=True):
+                at = np.broadcast_to(local, (len(rows), 3))
+                stress = -self._plastic(rows, at, strain)
+                dilatation = np.einsum("cka,cka->c", self._apart(rows, at), displacement[cells[rows]])
+                stress[:, :3] += self._bulk * dilatation[:, None]
+                np.add.at(total, cells[rows][:, column], mass[rows, None] * stress)
         return total / self._mass_around[:, None]
 
     def _inside(self, cell: Array) -> tuple[Array, Array]:
@@ -109,25 +115,36 @@ class ZoneStress:
 
     def _apart(self, number: Array, local: Array) -> Array:
         """theta_e - theta at a point in each of m elements by displacements of its nodes, (m, k, 3) [1/m]."""
-        if not locks(self._k, False):
-            return np.zeros((len(number), self._k, 3))
-        derivatives, nodes = tetrahedron_functions(local, self._k)[1], self._nodes[number]
-        gradient = derivatives @ np.linalg.inv(np.einsum("mka,mkj->maj", nodes, derivatives))
-        apart: Array = (1 - LEFT) * (self._mean[number] - gradient)
+        apart = np.zeros((len(number), self._k, 3))
+        if not locks(self._k, self._region.hexahedra):
+            return apart
+        for kind, own in self._each(number):
+            derivatives = kind.functions(local[own])[1]
+            nodes = self._fem.points[self._region.cells[number[own]][:, kind.columns]]
+            gradient = derivatives @ np.linalg.inv(np.einsum("mka,mkj->maj", nodes, derivatives))
+            apart[own] = (1 - LEFT) * (self._mean[number[own]] - kind.on_row(gradient))
         return apart
+
+    def _each(self, number: Array) -> list[tuple[Kind, Array]]:
+        """Kinds of some elements of the zone, each with the places of its own among them."""
+        found = [(kind, np.flatnonzero(self._kind[number] == i)) for i, (kind, _) in enumerate(self._kinds)]
+        return [(kind, own) for kind, own in found if len(own)]
 
     def _plastic(self, number: Array, local: Array, strain: Array) -> Array:
         """2 G eps_p at a point in each of m elements, (m, 6) [Pa]."""
-        coefficients = self._to_polynomial @ strain.reshape(len(self._region.cells), -1, 6)[number]
-        value = np.einsum("mp,mpv->mv", _polynomials(local, self._k), coefficients)
+        value, of_cells = np.zeros((len(number), 6)), strain.reshape(len(self._region.cells), -1, 6)
+        for i, (kind, _) in enumerate(self._kinds):
+            own = np.flatnonzero(self._kind[number] == i)
+            coefficients = self._to_polynomial[i] @ of_cells[number[own]]
+            value[own] = np.einsum("mp,mpv->mv", _polynomials(local[own], kind), coefficients)
         return np.asarray(2 * self._shear * _FROM_MANDEL * value)
 
 
-def _polynomials(local: Array, n_nodes: int) -> Array:
-    """Polynomials of the strain in a straight tetrahedron at local coordinates, (m, 3): (m, 1, 4 or 10)."""
+def _polynomials(local: Array, kind: Kind) -> Array:
+    """Polynomials of the strain in a straight element at local coordinates, (m, 3): (m, 1, 4 or 10)."""
     columns = [np.ones(len(local))]
-    if ORDERS[n_nodes] > 1:
+    if kind.order > 1 or kind.corners > 4:
         columns += [*local.T]
-    if ORDERS[n_nodes] > 2:
+    if kind.order > 2:
         columns += [local[:, i] * local[:, j] for i in range(3) for j in range(i, 3)]
     return np.column_stack(columns)

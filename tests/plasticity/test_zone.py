@@ -9,9 +9,12 @@ from oracles import SIZE, box, each_way, hexahedra, quadratic, split, write_deck
 import exudyn_partition as ep
 from exudyn_partition.contact.plasticity.zone_run import OrderedRows
 from exudyn_partition.errors import EmptyRegionError, InputError
+from exudyn_partition.fe.elements import kinds_of
 from exudyn_partition.fe.model import node_dofs, rigid_modes
 from exudyn_partition.plasticity.flow import PlasticState
+from exudyn_partition.plasticity.integration import flow_places, points_an_element
 from exudyn_partition.plasticity.zone import PlasticZone
+from exudyn_partition.plasticity.zone_stress import ZoneStress
 from exudyn_partition.reduction.free_body import FreeBody
 
 MATERIAL = ep.Material(E=70e9, nu=0.33, rho=2700.0, yield_stress=200e6, hardening=500e6)
@@ -179,3 +182,41 @@ def test_zone_by_default_and_where_it_is_refused(model):
         ep.Partition.ball(fem, CENTER, 2e-3, plastic_radius=1e-6)
     with pytest.raises(InputError, match="knows no plastic zones"):
         ep.reduce(fem, ep.Partition.ball(fem, CENTER, 2e-3), f_cut=60e3, basis="craig-bampton")
+
+
+def of_mandel(strain):
+    """Strains in Mandel's notation as tensors in the order xx, yy, zz, yz, xz, xy."""
+    return strain * [1, 1, 1, *[np.sqrt(0.5)] * 3]
+
+
+def test_stress_of_a_plastic_strain_that_is_linear_in_space(model):
+    """What it takes from Hooke's law is right at the points where it is known, in elements of each kind."""
+    fem, partition = model
+    region, shear = partition.patches[0].plastic, fem.material.shear_modulus
+    rows = {cell.tobytes(): i for i, cell in enumerate(fem.cells)}
+    slope, constant = np.random.default_rng(5).normal(size=(6, 3)), np.arange(6.0)
+    q = points_an_element(region.cells, region.hexahedra)
+    strain = np.zeros((len(region.cells), q, 6))
+    known = kinds_of(region.cells, region.hexahedra)
+    for kind, own in known:
+        functions = kind.functions(flow_places(kind))[0]
+        at = np.einsum("qn,cnd->cqd", functions, fem.points[region.cells[own][:, kind.columns]])
+        strain[own] = 1e-3 * (constant + 100 * at @ slope.T)
+    stress = ZoneStress(fem, region, fem.material)
+    for kind, own in known:
+        cell = np.repeat([rows[fem_cell.tobytes()] for fem_cell in region.cells[own].astype(fem.cells.dtype)], q)
+        found = stress.taken(cell, np.tile(flow_places(kind), (len(own), 1)), strain.reshape(-1, 6))
+        np.testing.assert_allclose(found, 2 * shear * of_mandel(strain[own].reshape(-1, 6)), rtol=1e-9, atol=1e-3)
+        uniform = stress.rows(cell, np.tile(flow_places(kind), (len(own), 1)))
+        assert abs(uniform @ (fem.points @ np.random.default_rng(6).normal(size=(3, 3))).ravel()).max() < 1e-3 * shear
+
+
+def test_nodal_stress_of_a_uniform_plastic_strain(model):
+    """In a zone that is the whole body, all nodes have it."""
+    fem, _ = model
+    region = ep.Partition.ball(fem, CENTER, 2.2e-3, plastic_radius=0.1).patches[0].plastic
+    n = len(region.cells) * points_an_element(region.cells, region.hexahedra)
+    own = 1e-3 * np.array([1.0, -2.0, 1.0, 0.3, 0.4, -0.5])
+    found = ZoneStress(fem, region, fem.material).at_nodes(np.zeros((fem.n_nodes, 3)), np.tile(own, (n, 1)))
+    expected = -2 * fem.material.shear_modulus * of_mandel(own)
+    np.testing.assert_allclose(found, np.tile(expected, (fem.n_nodes, 1)), rtol=1e-9)
