@@ -255,6 +255,7 @@ EXPERIMENTS = (
     "chung_ooi",
     "granular_chain",
     "sdnl111",
+    "cgs1",
     "cgs4",
     "lame",
 )  # scripts of experiments/

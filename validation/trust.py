@@ -71,6 +71,10 @@ def experiments():
               "experiments.sdnl111", of_rows(bars["rows"][-1:]))  # fmt: skip
     yield Row(ANALYTIC, "block pushed up a slope (NAFEMS CGS-4)", "force when it slides",
               percent(wedge["found"]["ratio"]), "equilibrium", "experiments.cgs4", of_rows(wedge["rows"]))  # fmt: skip
+    line = stored("experiments/cgs1")
+    yield Row(ANALYTIC, "cylinder on a block (NAFEMS CGS-1)", "half width, largest pressure",
+              f"{percent(line['found']['half_width'])}, {percent(line['found']['pressure'])}", "line Hertz",
+              "experiments.cgs1", of_rows(line["rows"]))  # fmt: skip
     fit = stored("experiments/lame")
     yield Row(ANALYTIC, "hub pressed on a rigid and on an elastic shaft", "pressure, hoop stress",
               f"{percent(fit['found']['pressure'])}, {percent(fit['found']['hoop'])}", "Lame", "experiments.lame",
