@@ -36,6 +36,10 @@ class ZoneFlexibility:
         check_floats("of_patch", self.of_patch, (len(self.own), None))
         read_only(self.of_patch)
 
+    def __getstate__(self) -> dict[str, object]:
+        """Return the fields alone, for pickle: rows are found again."""
+        return {"own": self.own, "of_patch": self.of_patch}
+
     def rows(self, dofs: Array) -> Array:
         """Displacements of all nodes by unit forces on some of their dofs, (k,): (k, 3 nz) [m/N], which are kept."""
         known, rows = self._rows

@@ -1,6 +1,7 @@
 """The plastic zone of a patch: strains and forces of its elements, and the flexibility of its nodes."""
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -150,6 +151,17 @@ def test_a_saved_body_keeps_its_zones_in_every_bit(model, tmp_path):
     forces = np.random.default_rng(4).standard_normal(len(zone.own))
     np.testing.assert_array_equal(same.own @ forces, zone.own @ forces)
     np.testing.assert_array_equal(same.of_patch, zone.of_patch)
+
+
+def test_what_a_run_finds_of_a_zone_is_not_pickled(model):
+    """Dense rows and views of fronts would be many times the zone."""
+    (zone,) = ep.reduce(*model, f_cut=60e3).basis.zones
+    size, forces = len(pickle.dumps(zone)), np.random.default_rng(6).standard_normal(len(zone.own))
+    moved, rows = zone.own @ forces, zone.rows(np.arange(30))
+    kept = pickle.dumps(zone)
+    assert len(kept) == size
+    np.testing.assert_array_equal(pickle.loads(kept).own @ forces, moved)
+    np.testing.assert_array_equal(pickle.loads(kept).rows(np.arange(30)), rows)
 
 
 @pytest.mark.parametrize(("kind", "rounding"), [(float, 1e-12), (np.float32, 1e-4)])

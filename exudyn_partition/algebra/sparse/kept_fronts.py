@@ -6,7 +6,7 @@ last. The solution at the same rows needs no others. So the rest of the factors 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -85,6 +85,10 @@ class KeptFronts:
             inverse, below = entries[: k * k].reshape((k, k), order="F"), entries[k * k :].reshape((m, k), order="F")
             fronts.append(Factor(slice(start, end), changes, inverse, self.signs[start:end], below))
         return Factors(fronts, self.store, self._begins, self.starts, self.ends, self.changes, self.signs)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Return the fields alone, for pickle: each front has views of them."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def __len__(self) -> int:
         return len(self.rows)
