@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,6 +19,7 @@ from .model_run import ModelRun, Runs
 from .partition_contact import PartitionContact, partition_items
 
 _TOUCHING = 1e-3  # share of a facet's size: rows with smaller gaps touch
+_ROUNDING = 1e-11  # share of a facet's size: rows that are no deeper are closed by rounding
 
 Block = tuple[Rows, Array, Array]  # a part of a matrix, (k, l), and its rows, (k,), and columns, (l,)
 
@@ -60,7 +61,8 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
         run = runs.now(mbs)
         run.force(mbs, t)
         contacts = partition_items(mbs)[1]
-        blocks = [*_of_each(mbs, run, contacts, fODE2), *_of_groups(mbs, run, contacts, fODE2)]
+        stuck = {c: K for c in contacts if (K := _stuck(mbs, run.of(c))) is not None}
+        blocks = [*_of_each(run, contacts, stuck, fODE2), *_of_groups(mbs, run, contacts, stuck, fODE2)]
         return exu.MatrixContainer(_assembled(blocks, run.dofs))
 
     return mbs.AddObject(
@@ -106,46 +108,58 @@ def _assembled(blocks: Sequence[Block], dofs: Array) -> sp.csr_matrix:
     return sp.csr_matrix((values, (rows, columns)), shape=(n, n))
 
 
-def _of_each(mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionContact], by_q: float) -> Iterator[Block]:
+def _of_each(
+    model: ModelRun, contacts: Sequence[PartitionContact], stuck: Mapping[PartitionContact, Array], by_q: float
+) -> Iterator[Block]:
     """Stiffness of each contact on the coordinates of its bodies; `_of_groups` has that of contacts solved together."""
     for contact in contacts:
         run = model.of(contact)
-        K = _own_stiffness(mbs, run, by_q)
+        K = stuck[contact] if contact in stuck else _own_stiffness(run)
         if K is not None:
-            yield K, run.dofs, run.dofs
+            yield by_q * K, run.dofs, run.dofs
 
 
-def _own_stiffness(mbs: MainSystem, run: ContactRun, by_q: float) -> Rows | None:
-    """Return -by_q dF/dq, (n, n), of a contact's force F; None if it is zero. Contacts give no slope by velocities."""
+def _own_stiffness(run: ContactRun) -> Rows | None:
+    """Return -dF/dq, (n, n), of a contact's force F; None if it is zero. Contacts give no slope by velocities."""
     mechanics = run.mechanics
-    if mechanics.compliant and not mechanics.index.size:
-        if _touches(mbs, run) and (closed := mechanics.closed_stiffness()) is not None:
-            return by_q * closed
-        if mechanics.zones is None:
-            return None
-    return by_q * mechanics.tangent() if run.group.together is None or not mechanics.index.size else None
+    if mechanics.compliant and not mechanics.index.size and mechanics.zones is None:
+        return None
+    return mechanics.tangent() if run.group.together is None or not mechanics.index.size else None
 
 
-def _touches(mbs: MainSystem, run: ContactRun) -> bool:
-    """Whether rows of an open contact just touch, in the first iteration of a load step.
+def _stuck(mbs: MainSystem, run: ContactRun) -> Array | None:
+    """Stiffness with all rows closed, (n, n), of a contact that just touches, in the first iteration of a load step.
 
-    An open contact has no stiffness. A block that only stands on another one would then have no equilibrium under its
-    load.
+    None for others. An open contact has no stiffness, and one in which rounding has closed some rows has too little.
+    Then a block that only stands on another one would have no equilibrium under its load.
     """
-    if not run.mechanics.least_gap < _TOUCHING * run.mechanics.gaps.size:
-        return False
+    mechanics = run.mechanics
+    size = mechanics.gaps.size
+    if not (mechanics.compliant and -_ROUNDING * size <= mechanics.least_gap < _TOUCHING * size):
+        return None
     solver = latest_solver(mbs)
-    return solver is not None and method_of(solver) == "static" and bool(solver.it.newtonSteps == 1)
+    if solver is None or method_of(solver) != "static" or solver.it.newtonSteps != 1:
+        return None
+    return mechanics.closed_stiffness()
 
 
-def _of_groups(mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionContact], by_q: float) -> Iterator[Block]:
-    """Stiffness of and between contacts that are solved together, and between contacts and carriers of surfaces."""
+def _of_groups(
+    mbs: MainSystem,
+    model: ModelRun,
+    contacts: Sequence[PartitionContact],
+    stuck: Mapping[PartitionContact, Array],
+    by_q: float,
+) -> Iterator[Block]:
+    """Stiffness of and between contacts that are solved together, and between contacts and carriers of surfaces.
+
+    Those that are `stuck` are left out.
+    """
     for group in {id(contact.group): contact.group for contact in contacts}.values():
         run, alone = model.of(group[0]).group, group[0].together is None
         closed = {
             place: _closed_rows(mbs, model.of(contact), contact)
             for place, contact in enumerate(group)
-            if contact.mechanics.compliant and model.of(contact).mechanics.index.size
+            if contact.mechanics.compliant and contact not in stuck and model.of(contact).mechanics.index.size
             if not alone or _carrying_nodes(contact)
         }
         for (j, k), K in run.stiffness({j: H for j, (H, _) in closed.items()}).items():
