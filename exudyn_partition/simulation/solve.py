@@ -38,6 +38,7 @@ from .contact_work import ContactWork
 from .continuation import RunEnd, accelerated, keep_end, last_end, origin_of, started_from
 from .hooks import begun, cause, controlled, residual, unsettled, watched
 from .joint_checks import OpenJoints, check_start
+from .lasting_review import tell_what_rings
 from .result import Result, cut, samples
 from .review import noted, reviewed, warn_of_turns
 from .stability import limit_of, stability_limit
@@ -181,6 +182,7 @@ def solve_dynamic(
                 warn_of_balance(mbs, result)
             if adaptive:
                 warn_of_long_steps(made)
+                tell_what_rings(result)
             else:
                 warn_of_turns(result)
         return replace(result, warnings=tuple(warned))

@@ -1,5 +1,7 @@
 """Steps that grow in lasting contact: at rest, struck, dropped, lifted; forces and impulses stay as they are."""
 
+import re
+
 import exudyn as exu
 import exudyn.itemInterface as items
 import numpy as np
@@ -119,3 +121,25 @@ def test_growing_steps_go_on(round_body, frame):
     rest = run(mbs, 150e-6, go_on=True)
     assert len(first.t) + len(rest.t) - 1 == pytest.approx(len(whole.t), rel=0.1)
     assert contact.force(rest)[-1] == pytest.approx(contact.force(whole)[-1], rel=1e-3)
+
+
+def test_what_rings_for_long_is_logged_with_its_frequency_and_energy(round_body, caplog):
+    """A ball without damping swings on its contact: by crossings of its mean height, and by its velocity's square."""
+    caplog.set_level("INFO", logger="exudyn_partition")
+    mbs, ball, contact = standing(round_body, pulse=(0.0, 20e-6, -100.0), damping=None, spring=1e8)
+    ep.solve_static(mbs, update_initial=True)
+    result = run(mbs, 0.6e-3, velocity_tolerance=1e-5)
+    (said,) = (record.getMessage() for record in caplog.records if "rings at" in record.getMessage())
+    told = re.search(r"rings at (\S+) kHz .* with (\S+) of the largest energy", said)
+    late = result.t > 0.1e-3
+    force = contact.force(result)[late] - contact.force(result)[late].mean()
+    period = 2 * (result.t[late][-1] - result.t[late][0]) / np.count_nonzero(np.diff(np.sign(force)))
+    assert 1e3 * float(told[1]) == pytest.approx(1 / period, rel=0.1)
+    energy = ball.energy(result) + contact.energy(result)
+    kinetic = 0.5 * ball.momentum(result)[late, 2] ** 2 / round_body.total_mass
+    assert float(told[2]) == pytest.approx(2 * kinetic.mean() / energy.max(), rel=0.3)
+    caplog.clear()
+    mbs, *_ = standing(round_body, spring=1e8)
+    ep.solve_static(mbs, update_initial=True)
+    run(mbs, 0.6e-3)
+    assert not [record for record in caplog.records if "rings at" in record.getMessage()]

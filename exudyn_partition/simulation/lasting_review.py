@@ -1,0 +1,66 @@
+"""What rings in lasting contact, and keeps adaptive steps as short as in an impact."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.signal import detrend
+
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.balance import has_all_steps
+from ..exudyn_contacts.partition_contact import PartitionContact
+from ..results.impacts import closed_spans
+from ..support.arrays import Array
+from .result import Result, called
+
+_log = logging.getLogger(__name__)
+
+_LONG = 1000  # steps of an impact: what is closed for longer lasts
+_MOST = 0.5  # share of these steps that are not longer than in an impact
+_SAME = 1.01  # ratio of steps that are the same
+_PERIODS = 10  # of the ringing, over which its energy is averaged
+
+
+def tell_what_rings(result: Result) -> None:
+    """Log each contact whose ringing kept most steps of an adaptive run short: frequency and share of the energy."""
+    if not has_all_steps(result) or result.method != "implicit":
+        return
+    largest = 0.0
+    for contact in result.contacts:
+        force = contact.force(result)
+        for first, last in closed_spans(force):
+            t = result.t[first : last + 1]
+            short = np.count_nonzero(np.diff(t) < _SAME * result.step)
+            if t[-1] - t[0] < _LONG * result.step or short < _MOST * len(t):
+                continue
+            frequency = ringing_frequency(t, force[first : last + 1], result.step)
+            if not largest:
+                of_bodies = [body.energy(result) for body in result.bodies]
+                whole = np.sum([*of_bodies, *(each.energy(result) for each in result.contacts)], axis=0)
+                largest = max(float(whole.max()), np.finfo(float).tiny)
+            swings = _swinging(contact, result, max(t[0], t[-1] - _PERIODS / frequency), t[-1])
+            _log.info(
+                "%s: rings at %.3g kHz from t = %.4g to %.4g s, at the end with %.2g of the largest energy, and keeps "
+                "%s steps as short as in an impact. If its parts have damping, say so by damping= of "
+                "CreatePartitionBody: steps grow when the ringing is gone",
+                called(contact), 1e-3 * frequency, t[0], t[-1], swings / largest, short,
+            )  # fmt: skip
+
+
+def ringing_frequency(t: Array, force: Array, step: float) -> float:
+    """Frequency at which a force at times t, (n,), varies most about its trend [Hz]; `step` is the shortest [s]."""
+    equal = np.linspace(t[0], t[-1], max(16, round((t[-1] - t[0]) / step)))
+    varying = detrend(np.interp(equal, t, force)) * np.hanning(len(equal))
+    spectrum = abs(np.fft.rfft(varying, 4 * len(equal)))
+    frequencies = np.fft.rfftfreq(4 * len(equal), equal[1] - equal[0])
+    above = frequencies > 2 / (t[-1] - t[0])  # slower changes are no ringing
+    return float(frequencies[above][spectrum[above].argmax()])
+
+
+def _swinging(contact: PartitionContact, result: Result, start: float, end: float) -> float:
+    """Energy of a contact's bodies in what their velocities vary about their trend [J]: twice the mean kinetic one."""
+    some = result.at(result.t[(result.t >= start) & (result.t <= end)])
+    bodies: Sequence[PartitionBody] = [item for item, _ in contact.sides]
+    return float(sum((detrend(b.coordinates_t(some), axis=0) ** 2).mean(axis=0) @ b.kinematics.mass for b in bodies))
