@@ -39,7 +39,7 @@ class ContactWork:
 
     def __init__(self, mbs: MainSystem, contacts: Sequence[PartitionContact]) -> None:
         self._mbs, self._contacts, self.made = mbs, contacts, 0.0
-        self._last: _End | None = None
+        self._begin: _End | None = None
 
     @classmethod
     def of(cls, mbs: MainSystem, contacts: Sequence[PartitionContact]) -> ContactWork | None:
@@ -50,18 +50,19 @@ class ContactWork:
         known = all(contact.carrier is None and not contact.mechanics.ahead for contact in contacts)
         return cls(mbs, contacts) if known and contacts else None
 
-    def after(self, step: float, *, closed: bool, counts: bool) -> None:
-        """Take a step [s] into account that has just ended, with contacts `closed` or all open.
+    def begin_step(self) -> None:
+        """Begin a step whose work counts, in the model's present state."""
+        self._begin = self._now()
 
-        Steps that are as short as in an impact need not count.
-        """
-        if not closed:
-            self._last = None
+    def end_step(self, step: float) -> None:
+        """End a step [s] in the model's present state; it counts if it was begun."""
+        if self._begin is None:
             return
+        begin, end, self._begin = self._begin, self._now(), None
+        work = 0.25 * step * float((begin.force + end.force) @ (begin.q_t + end.q_t))
+        self.made += end.energy - begin.energy + work
+
+    def _now(self) -> _End:
         run = runs_of(self._mbs).now(self._mbs)
         energy = sum(run.of(contact).energy for contact in self._contacts)
-        end = _End(run.contact_force(), self._mbs.systemData.GetODE2Coordinates_t(), energy)
-        if counts and self._last is not None:
-            work = 0.25 * step * float((end.force + self._last.force) @ (end.q_t + self._last.q_t))
-            self.made += end.energy - self._last.energy + work
-        self._last = end
+        return _End(run.contact_force(), self._mbs.systemData.GetODE2Coordinates_t(), energy)

@@ -442,7 +442,10 @@ def _step_control(
     def state(item: PartitionBody) -> tuple[Array, Array, Array]:
         data, own = mbs.systemData, places[item]
         views = data.GetODE2Coordinates, data.GetODE2Coordinates_t, data.GetODE2Coordinates_tt
-        q, q_t, q_tt = (np.concatenate([get(copy=False)[some] for some in own]) for get in views)
+        if len(own) == 1:
+            q, q_t, q_tt = [get(copy=False)[own[0]].copy() for get in views]
+        else:
+            q, q_t, q_tt = [np.concatenate([get(copy=False)[some] for some in own]) for get in views]
         return q, q_t, q_tt
 
     runs = runs_of(mbs)

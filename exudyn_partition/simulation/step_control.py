@@ -18,7 +18,7 @@ from ..prediction.default_step import STEPS_A_PERIOD, resolving_step
 from ..support.arrays import Array, consecutive
 from ..support.checks import validate_array, validate_type
 from .contact_work import ContactWork
-from .velocity_error import BodyMotion, VelocityError
+from .velocity_error import BodyMotion, Judgement, VelocityError
 
 State = Callable[[PartitionBody], tuple[Array, Array, Array]]
 
@@ -261,7 +261,7 @@ class StepControl:
         self._next, self._largest_energy, self._at_least = 0.0, 0.0, 0.0
         self._errors: VelocityError | None = None
         self._closings: list[Closing | None] = [None] * len(contacts)
-        self._judged: tuple[BodyMotion, float] | None = None  # end and error of the step that was just taken
+        self._judged: Judgement | None = None  # of the step that was just taken
 
     @property
     def pace(self) -> Pace:
@@ -286,11 +286,13 @@ class StepControl:
             self._closings = [self._closing(i, last, was_open=was) for i, was in enumerate(was_open)]
             if not all(self._was_open):
                 self._judge(last, self._tolerance, changed=was_open != self._was_open)
-            if self._work is not None:
-                self._work.after(last, closed=not all(self._was_open), counts=last > _SAME * self.step)
+            if self._work is not None and last > _SAME * self.step:
+                self._work.end_step(last)
         self._judged = None
         last, self._at_least = max(last, self._at_least / GROWTH), 0.0
         self._next = self._allowed_step(last)
+        if self._work is not None and self._next > _SAME * self.step and not all(self._was_open):
+            self._work.begin_step()
         return self._next
 
     def _open(self) -> list[bool]:
@@ -299,13 +301,13 @@ class StepControl:
 
     def _judge(self, last: float, tolerance: float, *, changed: bool) -> None:
         """Take the error of a step in contact into account, and whether contacts have opened or closed in it."""
-        now, error = self._judged or (self._motion(), None)
+        now = self._judged.now if self._judged else self._motion()
         if begins := self._errors is None:
             self._errors = VelocityError.at_start(tolerance, [item.kinematics.mass for item in self.bodies], now)
         if begins or changed:
             self._errors = self._errors.jumped(self.step, now, self._stored())
         else:
-            self._errors = self._errors.after(last, now, self._errors.of(last, now) if error is None else error)
+            self._errors = self._errors.after(last, self._judged or self._errors.judged(last, now))
 
     def _closing(self, i: int, last: float, *, was_open: bool) -> Closing | None:
         """Contact number i since it closed, after a step [s]; None if it is open, or was closed at the start."""
@@ -356,15 +358,15 @@ class StepControl:
             return None
         if opened and taken > _LIFTED * self.step:
             return max(0.5 * taken, self.step)
-        now = self._motion()
-        error = self._errors.of(taken, now)
-        self._judged = now, error
-        shorter = self._errors.shorter_step(taken, error, self._share)
+        self._judged = self._errors.judged(taken, self._motion())
+        shorter = self._errors.shorter_step(taken, self._judged.error, self._share)
         return None if shorter is None else max(shorter, self.step)
 
     def _motion(self) -> BodyMotion:
         """Present motion of all bodies."""
         states = [self._state(item) for item in self.bodies]
+        if len(states) == 1:
+            return BodyMotion(*states[0][1:])
         return BodyMotion(*(np.concatenate([state[i] for state in states]) for i in (1, 2)))
 
     def _stored(self) -> float:

@@ -36,6 +36,23 @@ class BodyMotion(NamedTuple):
     q_tt: Array
 
 
+class Judgement(NamedTuple):
+    """The end of a step.
+
+    Parameters
+    ----------
+    now : BodyMotion
+    squares : (nb,) array
+        Twice the kinetic energy of each body's largest change of velocity until then [J].
+    error : float
+        Error of the step.
+    """
+
+    now: BodyMotion
+    squares: Array
+    error: float
+
+
 @dataclass(frozen=True, eq=False)
 class VelocityError:
     """Error of velocities in the steps so far: a value from which the next step follows.
@@ -87,17 +104,21 @@ class VelocityError:
 
     def of(self, step: float, now: BodyMotion) -> float:
         """Error of a step [s] that ends in this motion."""
-        errors = (step / 12) ** 2 * self._squares(now.q_tt - self.before)
-        squares = self._moved(now)
-        scale = np.maximum(np.sqrt(squares * squares.sum()), 2 * _STORED * self.stored)
-        if (scale > 0).all():
-            return math.sqrt(float((errors / scale).max()))
-        return math.inf if errors.any() else 0.0
+        return self.judged(step, now).error
 
-    def after(self, step: float, now: BodyMotion, error: float) -> VelocityError:
-        """Return the errors after a step [s] that was accepted, and ended in this motion with this error."""
-        rate = max(_FADING * self.rate, error / step**2)
-        return replace(self, squares=self._moved(now), before=now.q_tt, rate=rate)
+    def judged(self, step: float, now: BodyMotion) -> Judgement:
+        """Error of a step [s] that ends in this motion, with the motion."""
+        errors, squares = self._squares(now.q_tt - self.before), self._moved(now)
+        scale = np.maximum(np.sqrt(squares * squares.sum()), 2 * _STORED * self.stored)
+        if scale.all():
+            return Judgement(now, squares, step / 12 * math.sqrt((errors / scale).max()))
+        return Judgement(now, squares, math.inf if errors.any() else 0.0)
+
+    def after(self, step: float, end: Judgement) -> VelocityError:
+        """Return the errors after a step [s] that was accepted with this end."""
+        rate = max(_FADING * self.rate, end.error / step**2)
+        same = self.tolerance, self.mass, self.firsts, self.start, self.stored
+        return VelocityError(*same, end.squares, end.now.q_tt, rate)
 
     def jumped(self, step: float, now: BodyMotion, stored: float) -> VelocityError:
         """Return the errors where a contact has closed or opened: no step longer than `step` [s] may follow at once.

@@ -38,7 +38,8 @@ def test_the_work_of_long_steps_is_what_the_balance_lacks(round_body, frame, fri
     def after_step(mbs, t):
         if not works:
             works.append(ContactWork.of(mbs, [contact]))
-        works[0].after(step, closed=True, counts=t > 0)
+        works[0].end_step(step)
+        works[0].begin_step()
         return True
 
     mbs.SetPostStepUserFunction(after_step)

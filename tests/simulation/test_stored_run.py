@@ -79,6 +79,16 @@ def saved(mbs, bodies, tmp_path):
     return ball, contact, result, tmp_path / "run.npz"
 
 
+def test_a_pickled_result_has_no_meshes(saved):
+    """Its size is that of what was recorded: it is smaller than each of the bodies."""
+    _, contact, result, _ = saved
+    bodies = [len(pickle.dumps(item.body)) for item in result.bodies]
+    recorded = sum(samples.nbytes for samples in result.sensors.values()) + 12 * contact.row_forces(result).nnz
+    size = len(pickle.dumps(result))
+    assert size < 0.5 * min(bodies)
+    assert size < 4 * recorded
+
+
 @pytest.mark.parametrize("how", ["file", "pickle", "file of a pickle"])
 def test_a_result_is_read_without_its_model(saved, tmp_path, how):
     """It has what was told of the run, to the bit, and names what it has not."""

@@ -16,7 +16,7 @@ def at_start(masses, q_t, stored=0.0):
 
 def after(errors, step, q_t, q_tt):
     now = BodyMotion(np.asarray(q_t, dtype=float), np.asarray(q_tt, dtype=float))
-    return errors.after(step, now, errors.of(step, now))
+    return errors.after(step, errors.judged(step, now))
 
 
 class Oscillator:
@@ -56,8 +56,9 @@ def test_steps_become_as_long_as_the_tolerance_allows_an_oscillator(share):
         t += h
         _, v, a = swing.exact(t)
         now = BodyMotion(np.array([0.0, v]), np.array([0.0, a]))
-        found.append(errors.of(h, now))
-        errors = errors.after(h, now, found[-1])
+        end = errors.judged(h, now)
+        found.append(end.error)
+        errors = errors.after(h, end)
         h = errors.next_step(h)
         steps.append(h)
     allowed = np.sqrt(12 * 0.5 * TOLERANCE / share)
