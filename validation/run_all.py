@@ -160,6 +160,18 @@ def ringing(d):
     ]  # fmt: skip
 
 
+def lasting(d):
+    limits, each = d["limits"], {row["name"]: row for row in d["scenes"]}
+    timed = ("valve", "block", "crank slider")
+    rest = max(abs(row["now"]["rest_error"]) for row in d["scenes"])
+    return [
+        *(Row(f"{name}: time", "steps of an impact", limits[name], each[name]["time"]) for name in timed),
+        Row("pressed: steps", "", limits["steps"], each["pressed"]["now"]["steps"]),
+        Row("first impacts", "steps of an impact", limits["impulse"], max(row["impulse"] for row in d["scenes"])),
+        Row("force at rest", "weight and spring", limits["rest"], rest),
+    ]
+
+
 def formulations(d):
     own = [c for c in d["cases"] if c["formulation"] == "compliance"]
     worst = max(own, key=lambda c: abs(c["impulse"]))
@@ -287,6 +299,7 @@ CASES = {
     "bouncing": Case("contact/bouncing.py", bouncing),
     "bouncing_bar": Case("contact/bouncing_bar.py", bouncing_bar, figures=("contact_bouncing_bar.png",)),
     "ringing": Case("contact/ringing.py", ringing),
+    "lasting": Case("contact/lasting.py", lasting),
     "formulations": Case("contact/formulations.py", formulations),
     "friction_half_space": Case("friction/half_space.py", limits(("maw", "force", "stick_radius", "loss")), quick=(),
                                 figures=("friction_half_space.png",)),
