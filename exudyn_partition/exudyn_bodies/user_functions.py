@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import RunError
+from ..frames import loops
 from ..frames.damping import Damping
 from ..frames.inertia_forces import InertiaForces
 from ..reduction.geometric_stiffness import GeometricStiffness
@@ -77,15 +78,14 @@ def inertia_functions(
         result = np.zeros(RIGID + len(z))
         if stiffness is not None:
             result[RIGID:] = -forces.elastic(z)
-        geometric = None if stiffening is None else stiffening.force(z)
-        if geometric is not None:
-            result[RIGID:] -= geometric
+        if stiffening is not None:
+            result[RIGID:] -= loops.stiffening_force(stiffening, z)
         if np.count_nonzero(v):  # none in a static solution
             if damping is not None:
                 result -= damping.force(np.asarray(q_t))
             if _runs_verlet(mbs, t):
                 v = end_velocities(mbs, t, z, v)
-            result[3:] += forces.force(v[:3], z, v[3:], geometric)
+            result[3:] += forces.force(v[:3], z, v[3:])
         return result
 
     def jacobian(
@@ -120,7 +120,7 @@ def stiffening_functions(exu: Exudyn, item: BodyItem, stiffening: GeometricStiff
 
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
         (own,) = coordinate_slices(mbs, item)
-        return -stiffening.force(mbs.systemData.GetODE2Coordinates(copy=False)[own])
+        return -loops.stiffening_force(stiffening, mbs.systemData.GetODE2Coordinates(copy=False)[own])
 
     def jacobian(
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float

@@ -75,7 +75,7 @@ class InertiaForces:
         """Coriolis forces on the elastic coordinates, (n,)."""
         return 2 * (omega @ self._inertia.crossed(z_t)) if self.coriolis else np.zeros_like(z_t)
 
-    def force(self, omega: Array, z: Array, z_t: Array, more: Array | None = None) -> Array:
+    def force(self, omega: Array, z: Array, z_t: Array) -> Array:
         """Torque in the body's axes [N m] and forces on the elastic coordinates, (3 + n,).
 
         Parameters
@@ -84,12 +84,9 @@ class InertiaForces:
             Angular velocity in the body's axes [rad/s].
         z, z_t : (n,) array
             Elastic coordinates and their velocities.
-        more : (n,) array, optional
-            Forces of the deformation beside `elastic`, with the same sign.
         """
-        elastic = self.elastic if more is None else lambda z: self.elastic(z) + more
         if self._all:
-            found = loops.inertia_force(self._inertia, elastic, self.coupling, omega, z, z_t)
+            found = loops.inertia_force(self._inertia, self.elastic, self.coupling, omega, z, z_t)
             if found is not None:
                 return found
         by_place, J, C, cross_t = self._inertia.products(z, z_t)
@@ -103,7 +100,7 @@ class InertiaForces:
         if self.centrifugal:
             force += _products(omega) @ by_place
         if self.coupling:
-            omega_t = np.linalg.solve(J - C @ C.T, torque - C @ (force - elastic(z)))
+            omega_t = np.linalg.solve(J - C @ C.T, torque - C @ (force - self.elastic(z)))
             torque, force = self.tensor @ omega_t, force - C.T @ omega_t
         return np.concatenate([torque, force])
 

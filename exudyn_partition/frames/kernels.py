@@ -284,6 +284,25 @@ def inertia_force(
 
 
 @compiled
+def stiffening_force(states: Array, matrices: Array, q: Array) -> Array:
+    """Forces of geometric stiffness, (n,), by states (m, n) and matrices (m, n, n); see `GeometricStiffness.force`."""
+    m, n = states.shape
+    result = np.zeros(n)
+    for k in range(m):
+        turned = np.zeros(n)
+        for j in range(n):
+            for i in range(n):  # innermost, so that it is done in vectors: the matrices are symmetric
+                turned[i] += matrices[k, j, i] * q[j]
+        amplitude, stretch = 0.0, 0.0
+        for i in range(n):
+            amplitude += states[k, i] * q[i]
+            stretch += turned[i] * q[i] / 2
+        for i in range(n):
+            result[i] += (amplitude + stretch) * turned[i] + stretch * states[k, i]
+    return result
+
+
+@compiled
 def _turning(x: float, y: float, z: float) -> Array:
     """Matrix of the cross product with a vector, (3, 3)."""
     turn = np.zeros((3, 3))

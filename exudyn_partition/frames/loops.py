@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..reduction.geometric_stiffness import GeometricStiffness
 from ..reduction.inertia import InertiaIntegrals
 from ..support.arrays import Array
 from ..support.compiled import kernels
@@ -103,11 +104,11 @@ def inertia_force(
 ) -> Array | None:
     """Torque [N m] and forces on elastic coordinates, (3 + n,), with or without coupling, see `InertiaForces.force`.
 
-    None if no loop does it in one call; then the terms are added one by one. `elastic` returns K z, (n,).
+    None if no loop does it in one call; then the terms are added one by one. `elastic` returns K z, (n,), for coupling.
     """
     if isinstance(inertia, InertiaIntegrals) and (compiled := kernels("frames")):
         integrals = inertia.inertia, inertia.cross, inertia.tensor
-        found: Array = compiled.inertia_force(*integrals, elastic(z), coupling, omega, z, z_t)
+        found: Array = compiled.inertia_force(*integrals, elastic(z) if coupling else z, coupling, omega, z, z_t)
         return found
     return None
 
@@ -118,6 +119,14 @@ def inertia_derivatives(inertia: Inertia, omega: Array, z: Array, z_t: Array) ->
         found: tuple[Array, Array] = compiled.inertia_derivatives(inertia.inertia, inertia.cross, omega, z, z_t)
         return found
     return None
+
+
+def stiffening_force(stiffening: GeometricStiffness, q: Array) -> Array:
+    """Forces of geometric stiffness, (n,), see `GeometricStiffness.force`, at coordinates q, (n,)."""
+    if compiled := kernels("frames"):
+        found: Array = compiled.stiffening_force(stiffening.states, stiffening.matrices, q)
+        return found
+    return stiffening.force(q)
 
 
 def fixed(start: Array, rows: Array, active: Array) -> Fixed | None:

@@ -62,6 +62,8 @@ class GeometricStiffness:
         check_floats("states", self.states, (None, None))
         m, n = self.states.shape
         check_floats("matrices", self.matrices, (m, n, n))
+        for name in ("states", "matrices"):
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
         read_only(self.states, self.matrices)
 
     @classmethod
@@ -91,25 +93,25 @@ class GeometricStiffness:
 
     def without_rigid(self) -> GeometricStiffness:
         """The same for deformation alone, in mean axes: without the six rigid shapes, which stand first."""
-        return GeometricStiffness(self.states[:, 6:], np.ascontiguousarray(self.matrices[:, 6:, 6:]))
+        return GeometricStiffness(self.states[:, 6:], self.matrices[:, 6:, 6:])
 
-    def _turned(self, q: Array) -> Array:
-        """Each matrix times q, (m, n)."""
-        m, n = self.states.shape
-        return np.asarray(self.matrices.reshape(m * n, n) @ q).reshape(m, n)
+    def _answer(self, q: Array) -> tuple[Array, Array, Array]:
+        """Amplitudes a + s, (m,), their part s, (m,), and each matrix times q, (m, n)."""
+        turned = self.matrices @ q
+        stretch = turned @ q / 2
+        return self.states @ q + stretch, stretch, turned
 
     def force(self, q: Array) -> Array:
         """Generalised forces, (n,), beside K q, that oppose the deformation."""
-        turned = self._turned(q)
-        stretch = turned @ q / 2
-        force: Array = (self.states @ q + stretch) @ turned + stretch @ self.states
+        amplitudes, stretch, turned = self._answer(q)
+        force: Array = amplitudes @ turned + stretch @ self.states
         return force
 
     def tangent(self, q: Array) -> Array:
         """Derivative of `force`, (n, n)."""
-        turned = self._turned(q)
+        amplitudes, _, turned = self._answer(q)
         mixed = self.states.T @ turned
-        tangent: Array = self.of_load(self.states @ q + turned @ q / 2) + mixed + mixed.T + turned.T @ turned
+        tangent: Array = self.of_load(amplitudes) + mixed + mixed.T + turned.T @ turned
         return tangent
 
     def energy(self, q: Array) -> Array:

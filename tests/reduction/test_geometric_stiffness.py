@@ -1,13 +1,15 @@
 """Geometric stiffness of loads: virials, Euler's columns and rotating beams, and an energy with its derivatives."""
 
+import exudyn as exu
 import netgen.occ as occ
 import numpy as np
 import pytest
 import scipy.linalg
-from oracles import box, hexahedra, split, write_deck
+from oracles import box, each_way, hexahedra, split, write_deck
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError
+from exudyn_partition.frames.loops import stiffening_force
 
 LENGTH, WIDTH, HEIGHT = 0.3, 0.010, 0.006
 EULER = np.pi**2 * ep.ALUMINIUM.E * WIDTH * HEIGHT**3 / 12 / LENGTH**2
@@ -34,6 +36,12 @@ def model(request):
 @pytest.fixture(scope="module")
 def column(model):
     return ep.reduce(*model, f_cut=5e3, geometric_stiffness=True)
+
+
+@pytest.fixture(scope="module")
+def block_model():
+    fem = ep.fe_model(box(0.01, 0.01, 0.01), ep.STEEL, maxh=5e-3)
+    return fem, ep.Partition.ball(fem, (0, 0, 0.01), 3e-3)
 
 
 def stress_integral(body, load):
@@ -121,6 +129,24 @@ def test_force_and_tangent_are_derivatives_of_an_energy_above_zero(column):
     change = (stiffening.force(more) - stiffening.force(less)) / (2 * small)
     assert change == pytest.approx(stiffening.tangent(q) @ way, rel=1e-4, abs=1e-6 * abs(change).max())
     assert column.strain_energy(np.array([q, way])) == pytest.approx([column.strain_energy(x) for x in (q, way)])
+
+
+def test_compiled_forces_are_those_of_numpy(column):
+    q = np.random.default_rng(1).normal(size=column.n_dofs) * 1e-4
+    compiled, plain = each_way(lambda: stiffening_force(column.stiffening, q))
+    np.testing.assert_allclose(compiled, plain, rtol=1e-9, atol=1e-12 * abs(plain).max())
+
+
+def test_a_compact_body_may_have_nothing_to_stiffen(block_model):
+    """All its modes lie above: it has no states of stress, and runs."""
+    fem, partition = block_model
+    body = ep.reduce(fem, partition, f_cut=2e3, geometric_stiffness=True)
+    assert body.strain_energy(np.ones(body.n_dofs)) >= 0
+    for frame in ("inertial", "floating"):
+        mbs = exu.SystemContainer().AddSystem()
+        ep.CreatePartitionBody(mbs, body, frame=frame, initialVelocity=[0, 0, 1.0])
+        mbs.Assemble()
+        assert ep.solve_dynamic(mbs, end_time=1e-5, step=1e-6, method="implicit").status == "finished"
 
 
 def test_without_it_bodies_are_as_before(model):
