@@ -277,9 +277,9 @@ def _fallen(mbs: MainSystem, q: Array, falling: Sequence[PartitionBody], contact
             at = np.concatenate([q[own] for own in contact.slices(mbs)])
             for item in items:
                 if item in ways:
-                    down = [ways[item] if other is item else np.zeros(other.kinematics.mass.shape) for other in items]
+                    down = [ways[item] if other == item else np.zeros(other.kinematics.mass.shape) for other in items]
                     distance = time_to_contact(contact, at, np.concatenate(down))  # at a speed of one
-                    other = next((one for one in items if one is not item), None)
+                    other = next((one for one in items if one != item), None)
                     beneath[item].append((distance, other if other in ways else None))
         depths = _depths(beneath)
         for item, depth in depths.items():
