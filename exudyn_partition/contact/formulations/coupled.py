@@ -165,7 +165,7 @@ class CoupledContacts(Coupled):
         super()._begin()
         self._fields = RowFields([contact.rows for contact in self.contacts], self._exchange)
         self._joint = BlockComplementarity(len(self.contacts), self._exchange.core)
-        self._some: dict[int, tuple[Array, Array, Array]] = {}
+        self._some: dict[int, tuple[int, Array, Array]] = {}
 
     def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> FrozenContacts | None:
         """See `Coupled`."""
@@ -256,10 +256,10 @@ class CoupledContacts(Coupled):
         )
 
     def _fields_of(self, j: int, rows: Array) -> Array:
-        """`_rows_by_fields` of some rows, (na, m); the same array for the same rows."""
+        """Displacements of some rows in the fields, (na, m); the same array for the same rows."""
         fields, known = self._fields.of(j), self._some.get(j)
-        if known is None or known[0] is not fields or not _equal(known[1], rows):
-            known = self._some[j] = fields, rows, _of(fields, rows)
+        if known is None or known[0] != self._fields.made[j] or not _equal(known[1], rows):
+            known = self._some[j] = self._fields.made[j], rows, _of(fields, rows)
         return known[2]
 
     def _pushed_gap(self, j: int, gap: Array) -> Array:
@@ -367,7 +367,7 @@ def between(closed: Sequence[slice], directions: Sequence[Array], fields: RowFie
 
 def _equal(a: Array, b: Array) -> bool:
     """Whether two vectors are the same; np.array_equal takes several times as long for short ones."""
-    return a is b or (len(a) == len(b) and bool((a == b).all()))
+    return len(a) == len(b) and bool((a == b).all())
 
 
 def _of(values: Array, rows: Array) -> Array:
