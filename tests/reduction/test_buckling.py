@@ -73,3 +73,16 @@ def test_a_column_under_load(column, frame, share, warns):
         assert force[-1] == pytest.approx(share * EULER, rel=0.05)
     else:
         assert ep.solve_dynamic(mbs, **options).status == "finished"
+
+
+def test_a_column_in_statics_is_told_its_whole_load(column):
+    """Not a mean over static time, in which the load grows."""
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, column, name="column")
+    ground = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.AddObject(items.ObjectGround())))
+    foot, head = (item.CreateInterfaceMarker(mbs, name) for name in ("foot", "head"))
+    mbs.AddObject(items.GenericJoint(markerNumbers=[ground, foot], constrainedAxes=[1] * 6))
+    mbs.AddLoad(items.LoadForceVector(markerNumber=head, loadVector=[0, 0, -0.3 * EULER]))
+    mbs.Assemble()
+    with pytest.warns(ModelLimitWarning, match=rf"by up to {0.3 * EULER:.4g} N"):
+        ep.solve_static(mbs, load_steps=1)
