@@ -64,7 +64,6 @@ _VOIGT[[3, 4, 5], [2, 2, 1], [1, 0, 0]] = 1.0
 _OVERSHOOT = 0.05
 _NEWTON_STEPS = 20
 _CONVERGED = 1e-9  # local coordinates
-_NUMBERS_AT_ONCE = 8_000_000  # in one array, while strains at nodes are found
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,8 +234,7 @@ def nodal_strain(fem: FEModel, displacement: Array) -> Array:
     InputError
     """
     displacement = _validate_field(fem, displacement)
-    strain: Array = _nodal_means(fem, displacement[None], np.arange(fem.n_nodes))[0]
-    return strain
+    return np.asarray(_strains(_mean_slopes(fem, displacement[None], np.arange(fem.n_nodes), 1.0))[0])
 
 
 def nodal_stress(fem: FEModel, displacement: Array) -> Array:
@@ -264,37 +262,60 @@ def nodal_stress(fem: FEModel, displacement: Array) -> Array:
 
 def nodal_stresses(fem: FEModel, displacements: Array, nodes: Array) -> Array:
     """`nodal_stress` of m displacement fields, (m, n, 3) [m], at some nodes, (k,) int: (m, k, 6) [Pa]."""
-    return _nodal_means(fem, displacements, nodes, _elasticity(fem, np.arange(len(fem.cells))))
+    shear, lame = fem.elastic.shear_modulus, fem.elastic.lame
+    if np.ndim(shear) == np.ndim(lame) == 0:
+        slopes = _mean_slopes(fem, displacements, nodes, 1.0)
+        sheared, stretched = shear * slopes, lame * slopes
+    else:
+        sheared, stretched = (_mean_slopes(fem, displacements, nodes, scale) for scale in (shear, lame))
+    stress = _strains(sheared) * [2.0, 2.0, 2.0, 1.0, 1.0, 1.0]
+    stress[..., :3] += np.einsum("kama->mk", stretched)[..., None]
+    return stress
 
 
-def _nodal_means(fem: FEModel, displacements: Array, nodes: Array, stiffness: Array | None = None) -> Array:
-    """Strain at nodes, (m, k, 6); or stress, if the elements' matrices of Hooke's law are given, (ne, 6, 6) [Pa]."""
-    fields, place = len(displacements), np.full(fem.n_nodes, -1)
+def _strains(slopes: Array) -> Array:
+    """Strains, (m, k, 6), from derivatives of m displacement fields at k nodes, see `_mean_slopes`."""
+    strain: Array = np.einsum("vab,kbma->mkv", _VOIGT, slopes)
+    return strain
+
+
+def _mean_slopes(fem: FEModel, displacements: Array, nodes: Array, scale: float | Array) -> Array:
+    """Derivatives of displacement fields at nodes: means over their elements there, weighted by mass.
+
+    One sparse matrix finds them for all fields.
+
+    Parameters
+    ----------
+    fem : FEModel
+    displacements : (m, n, 3) array
+        [m]
+    nodes : (k,) int array
+    scale : float or (ne,) array
+        Factor of the derivatives in each element.
+
+    Returns
+    -------
+    (k, 3, m, 3) array
+        Entry (i, b, j, a) is the derivative of component a of field j along axis b at node i.
+    """
+    place, weight = np.full(fem.n_nodes, -1), np.zeros(len(nodes))
     place[nodes] = np.arange(len(nodes))
-    total, weight = np.zeros((len(nodes), 6 * fields)), np.zeros((len(nodes), 1))
-    is_around = np.asarray((place[fem.cells] >= 0).any(axis=1))
-    size = max(1, _NUMBERS_AT_ONCE // (18 * fields * fem.cells.shape[1]))
-    parts = [
-        (kind, cells)
-        for kind, rows in fem.kinds
-        for around in [rows[is_around[rows]]]
-        for cells in np.split(around, range(size, len(around), size))
-    ]
-    for kind, cells in parts:
+    rows, columns, values = [], [], []
+    scales = np.broadcast_to(scale, len(fem.cells))
+    for kind, cells in fem.kinds:
         of_nodes = fem.cells[cells][:, kind.columns]
         element, corner = np.nonzero(place[of_nodes] >= 0)
-        cell, own = cells[element], of_nodes[element]
+        cell, own, here = cells[element], of_nodes[element], place[of_nodes[element, corner]]
         gradient = _gradients_of(kind, fem.points[own], kind.nodes[corner])
-        u = displacements[:, own].transpose(1, 2, 0, 3).reshape(*own.shape, -1)
-        slopes = (gradient.swapaxes(1, 2) @ u).reshape(len(cell), 3, fields, 3)
-        strain = np.einsum("vab,mbfa->mvf", _VOIGT, slopes)
-        if stiffness is not None:
-            strain = stiffness[cell] @ strain
-        here, number = np.unique(place[of_nodes[element, corner]], return_inverse=True)
-        gather = sp.csr_matrix((fem.cell_mass[cell], (number, np.arange(len(cell)))), shape=(len(here), len(cell)))
-        total[here] += gather @ strain.reshape(len(cell), -1)
-        weight[here] += gather.sum(axis=1)
-    return (total / weight).reshape(len(nodes), 6, fields).transpose(2, 0, 1)
+        values.append(((fem.cell_mass[cell] * scales[cell])[:, None, None] * gradient).ravel())
+        rows.append(np.broadcast_to(3 * here[:, None, None] + np.arange(3), gradient.shape).ravel())
+        columns.append(np.broadcast_to(own[:, :, None], gradient.shape).ravel())
+        weight += np.bincount(here, fem.cell_mass[cell], minlength=len(nodes))
+    where = np.concatenate(rows), np.concatenate(columns)
+    derivatives = sp.csr_matrix((np.concatenate(values), where), shape=(3 * len(nodes), fem.n_nodes))
+    slopes = derivatives @ displacements.transpose(1, 0, 2).reshape(fem.n_nodes, -1)
+    slopes /= np.repeat(weight, 3)[:, None]
+    return np.asarray(slopes).reshape(len(nodes), 3, -1, 3)
 
 
 def von_mises(stress: Array) -> Array:
