@@ -127,6 +127,10 @@ class ContactRun:
         found = None if self._group is None else self._group.values
         return not (self._mechanics.index.size if found is None else found[self._place, 1])
 
+    def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
+        """See `PatchContact.closing`. The mechanics find it from the coordinates, and need no results of loops."""
+        return self._mechanics.closing(q, q_t, q_tt)
+
     @property
     def normal_force(self) -> float:
         """Sum of the normal forces in the state that was evaluated last [N]."""

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..algebra.products import dense
-from ..contact.patch_contact import PatchContact
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.contact_run import ContactRun
 from ..exudyn_contacts.partition_contact import PartitionContact
@@ -85,14 +84,11 @@ def time_to_contact(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array
     mechanics = contact.mechanics.for_run("explicit")
     if mechanics.gaps.at(q).min(initial=0.0) < 0.0:
         return 0.0
-    return _first_touch(mechanics, q, q_t, np.zeros_like(q) if q_tt is None else q_tt)[0]
+    return _first_touch(*mechanics.closing(q, q_t, np.zeros_like(q) if q_tt is None else q_tt))[0]
 
 
-def _first_touch(mechanics: PatchContact, q: Array, q_t: Array, q_tt: Array) -> tuple[float, float]:
-    """Time to contact [s] and speed of approach then [m/s]."""
-    if mechanics.index.size:
-        return 0.0, 0.0
-    gap, rate, acceleration = mechanics.closing(q, q_t, q_tt)
+def _first_touch(gap: Array, rate: Array, acceleration: Array) -> tuple[float, float]:
+    """Time to contact [s] and speed of approach then [m/s], see `PatchContact.closing`."""
     times = first_root(gap, rate, acceleration)
     first = int(times.argmin()) if len(times) else 0
     if not len(times) or not math.isfinite(times[first]):
@@ -116,9 +112,10 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
     if not contact.compliant or contact.mechanics.needs_motion:
         return math.inf  # the contact has no flexibility of its own
     mechanics = contact.mechanics.for_run("explicit")
-    time, speed = _first_touch(mechanics, q, q_t, q_tt)
+    closing = mechanics.closing(q, q_t, q_tt)
+    time, speed = _first_touch(*closing)
     # Rows that follow the motion are few: forces need only these. A deep impact closes all rows that can touch next.
-    gap = mechanics.closing(q, q_t, q_tt)[0][: len(mechanics.gaps.row_nodes)]
+    gap = closing[0][: len(mechanics.gaps.row_nodes)]
     if not math.isfinite(time) or speed <= 0 or not len(gap):
         return math.inf
     H = dense(mechanics.gaps.jacobian(np.arange(len(gap))))
@@ -378,7 +375,7 @@ class StepControl:
 
     def _until_contact(self, contact: PartitionContact) -> float:
         q, q_t, q_tt = (np.concatenate(parts) for parts in zip(*map(self._rigid, contact.sides), strict=True))
-        time, speed = _first_touch(self._run_of(contact).mechanics, q, q_t, q_tt)
+        time, speed = _first_touch(*self._run_of(contact).closing(q, q_t, q_tt))
         touching = self.step
         if self.gap_tolerance is not None and speed > 0:
             touching = min(touching, self.gap_tolerance / speed)
