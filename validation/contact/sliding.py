@@ -94,7 +94,7 @@ def drag(bodies, options):
         "jump_step_m": WAY / (STATES - 1) / SUBSTEPS,
         "rows": run.n_rows,
         "at_edge": run.at_edge,
-        "nodes_across": 4 * A / run.mechanics.gaps.size,
+        "nodes_across": 4 * A / run.law.gaps.size,
         "state_ms": 1e3 * run_s / STATES,
         "x_m": list(x),
         "force_N": list(force),

@@ -36,12 +36,12 @@ class Mirrored(Squares):
         mbs = exu.SystemContainer().AddSystem()
         contact = ep.CreatePartitionContact(mbs, ep.CreatePartitionBody(mbs, body), ep.RigidPlane(), friction=MU)
         law = contact.mechanics.for_run("explicit")
-        F = regularised(law.tangential.flexibility())
+        F = regularised(law.rows.flexibility())
         F[::3] *= np.arange(F.shape[1]) % 3 == 0  # normal forces alone move rows along the normal ...
         F[:, ::3] *= (np.arange(F.shape[0]) % 3 == 0)[:, None]  # ... and nothing else
         self.flexibility, self.problem = F, FrictionProblem(F)
         self.height, self.area = law.gaps.at(np.zeros(body.n_dofs)), law.gaps.area
-        tangents = law.tangential.tangents
+        tangents = law.rows.tangents
         self.along = tangents[:, :, 0]  # the load's direction on each row's tangents
         nr = len(self.height)
         self.mu, self.place = np.full(nr, MU), np.zeros((nr, 2))

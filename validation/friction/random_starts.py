@@ -42,7 +42,7 @@ def patch():
     law = contact.mechanics.for_run("explicit")
     gap = law.gaps.at(np.zeros(body.n_dofs))
     places = law.gaps.slave.surface.points[law.gaps.row_nodes, :2]
-    return gap - gap.min(), places, regularised(law.tangential.flexibility())
+    return gap - gap.min(), places, regularised(law.rows.flexibility())
 
 
 def violation(F, h, mu, lam):
