@@ -94,7 +94,7 @@ def watched(models: Sequence[tuple[FEModel, Partition]], basis: str) -> Iterator
         warnings.warn(
             f"fem: reducing {sizes} needs some {need / _GB:.3g} GB of memory; {free / _GB:.3g} GB are free. {remedy}",
             MemoryWarning,
-            stacklevel=7,  # the caller of reduce or reduce_pair
+            stacklevel=8,  # the caller of reduce or reduce_pair
         )
     try:
         yield

@@ -12,6 +12,7 @@ from oracles import quadratic as with_middles
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, MeshError, UnitsWarning
+from exudyn_partition.fe.consistency import check_elements
 from exudyn_partition.fe.given_matrices import check_surface, enclosed_volume
 from exudyn_partition.meshing.ngsolve_fem import surplus_of
 
@@ -356,11 +357,13 @@ def test_matrices_of_several_materials(of_two):
 
 def test_elements_that_are_inside_out_beside_integration_points_are_named():
     """A mid-side node far off turns a corner; volumes of such elements differ between codes by where they look."""
-    fem = ep.fe_model(box(0.01, 0.01, 0.01), ep.STEEL, maxh=0.1)
+    fem = ep.fe_model(box(0.01, 0.01, 0.01), ep.STEEL, maxh=0.01)
     points = np.array(fem.points)
     cell = fem.cells[0]
     a, b = cell[:2]
     points[cell[4]] = points[a] + 0.2 * (points[b] - points[a])
-    given = [points, fem.cells, fem.mass, fem.stiffness, 1.05 * fem.cell_mass, ep.STEEL, {}]
+    masses = 1.05 * fem.cell_mass
     with pytest.raises(MeshError, match=r"elements are inside out in a corner, .* Take a smaller maxh"):
-        ep.FEModel(*given)
+        check_elements(points, fem.cells, fem.hexahedra, masses, fem.mass, fem.stiffness, fem.elastic)
+    with pytest.raises(InputError, match="cell_mass: expected density times volume"):
+        check_elements(fem.points, fem.cells, fem.hexahedra, masses, fem.mass, fem.stiffness, fem.elastic)

@@ -161,6 +161,19 @@ class CoupledContacts(Coupled):
     `BlockComplementarity`. A contact enters if it is closed, or if the others close it.
     """
 
+    def __init__(self, contacts: Sequence[PatchContact], links: Callable[[], Sequence[Link]]) -> None:
+        super().__init__(contacts, links)
+        if len(contacts) == 1:
+            self._compile()
+
+    def _compile(self) -> None:
+        """Evaluate a contact alone at the start, so that loops are compiled before a run begins."""
+        n = self.contacts[0].gaps.n
+        alone = self.for_run(self.contacts).frozen([np.arange(n)], None)
+        if alone is not None:
+            alone.evaluate(np.zeros(n))
+            alone.evaluate(np.zeros(n))  # the lowest rows alone
+
     def _begin(self) -> None:
         super()._begin()
         self._fields = RowFields([contact.rows for contact in self.contacts], self._exchange)
