@@ -3,8 +3,8 @@
     python validation/gallery.py [NAME ...]
 
 Runs each example of `examples/` in a process of its own, one after the other, which takes half an hour. It writes
-gallery.json beside this file, and the figures, with fewer colours, into `examples/site/full/`. The site's build reads
-both, and runs the examples with `--quick` alone.
+gallery.json beside this file, and the figures, curves with fewer colours, into `examples/site/full/`. The site's build
+reads both, and runs the examples with `--quick` alone.
 """
 
 import argparse
@@ -59,7 +59,9 @@ def keep_figures(name, folder):
     for path in found:
         picture = PIL.Image.open(path).convert("RGB")
         picture.thumbnail((WIDTH, WIDTH))
-        picture.quantize(COLOURS).save(FIGURES / f"{name}-{path.stem}.png", optimize=True)
+        if path.stem != "bodies":  # a palette makes bands of its colours
+            picture = picture.quantize(COLOURS)
+        picture.save(FIGURES / f"{name}-{path.stem}.png", optimize=True)
     return [f"{name}-{path.stem}.png" for path in found]
 
 

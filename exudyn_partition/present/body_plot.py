@@ -1,6 +1,7 @@
 """Pictures of bodies by matplotlib alone: what a partition selects, and a run's bodies at one time.
 
-Triangles are drawn from back to front, in the view of `direction`, without perspective.
+Triangles are drawn from back to front, in the view of `direction`, without perspective. Large ones are split before,
+for the middle of a large triangle does not tell what it hides.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ _STEEL, _RIGID = (0.87, 0.89, 0.91), (0.6, 0.6, 0.63)
 _LIGHT = np.array([0.3, 0.45, 0.84])  # towards the lamp: to the right, upwards, to the viewer
 _DARKEST = 0.55  # brightness of what the lamp does not reach
 _VIEW = (1.0, -1.6, 0.8)
+_PIECES = 50  # all that is drawn is at least so many times as long as a piece of a triangle
+_SEAM = 0.5  # pt: lines of a triangle's own colour cover the seam to its neighbours
 _LARGEST, _LEAST, _AROUND = (6.0, 4.6), (2.4, 2.0), (1.6, 1.0)  # inches: of what is drawn, and of what is around it
 
 
@@ -184,13 +187,29 @@ def _draw(axes: Axes, surfaces: Sequence[tuple[Array, Array]]) -> None:
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
     bright = _DARKEST + (1 - _DARKEST) * abs(normals @ _LIGHT)
-    order = np.argsort(corners[:, :, 2].mean(axis=1))
-    shown = np.clip(colours * bright[:, None], 0, 1)[order]
+    pieces, owner = _split(corners, float(np.ptp(corners, axis=(0, 1)).max()) / _PIECES)
+    order = np.argsort(pieces[:, :, 2].mean(axis=1))
+    shown = np.clip(colours * bright[:, None], 0, 1)[owner[order]]
     polygons = require("matplotlib.collections").PolyCollection(
-        corners[order, :, :2], facecolors=shown, edgecolors=shown, linewidths=0.2
-    )
+        pieces[order, :, :2], facecolors=shown, edgecolors=shown, linewidths=_SEAM, antialiased=False
+    )  # smooth edges would let through what lies behind
     axes.add_collection(polygons)
     axes.autoscale_view()
+
+
+def _split(corners: Array, longest: float) -> tuple[Array, Array]:
+    """Halve triangles, (k, 3, 3), until no edge is longer; returns the pieces, (n, 3, 3), and whose they are, (n,)."""
+    owner, done = np.arange(len(corners)), []
+    while len(corners):
+        edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+        large = edges.max(axis=1) > longest
+        done.append((corners[~large], owner[~large]))
+        first = edges[large].argmax(axis=1)[:, None] + np.arange(3)  # the corners from the longest edge on
+        a, b, c = np.take_along_axis(corners[large], first[..., None] % 3, axis=1).swapaxes(0, 1)
+        middle = (a + b) / 2
+        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+        owner = np.tile(owner[large], 2)
+    return np.concatenate([piece for piece, _ in done]), np.concatenate([number for _, number in done])
 
 
 def _finish(axes: Axes, own: bool) -> Axes:

@@ -30,7 +30,8 @@ WINDOW = (1024, 768)
 _LARGEST_SCALE = 1e12  # of deformation: pictures are drawn in single precision
 _MOST_PIXELS = 8192  # along a side: for larger pictures Exudyn may run out of memory and end the process
 
-_STEPS = 32  # of the colour bar, and of a surface along each side
+_STEPS = 32  # of the colour bar, and of a surface along each straight side
+_SIDES = 96  # of a round surface
 _GREY = (0.6, 0.6, 0.63, 1.0)
 _NEARLY_ROUND = 2.2  # rad: a cylinder that is drawn so far to either side is drawn whole
 _BEYOND = 0.65  # half the side of a rigid surface that is drawn, by the size of the bodies
@@ -258,13 +259,13 @@ def _surface(surface: object, places: Array) -> tuple[Array, Array] | None:
     if isinstance(surface, RigidMesh):
         return surface.points, surface.triangles
     grid = _grid_on(surface, places)
-    return None if grid is None else (grid.reshape(-1, 3), _grid_triangles(len(grid)))
+    return None if grid is None else (grid.reshape(-1, 3), _grid_triangles(*grid.shape[:2]))
 
 
 def _grid_on(surface: object, places: Array) -> Array | None:
-    """Grid of points, (m, m, 3) [m], on a rigid surface, as far as bodies at `places`, (n, 3), extend."""
+    """Grid of points, (m, n, 3) [m], on a rigid surface, as far as bodies at `places`, (k, 3), extend."""
     middle, half = places.mean(axis=0), _BEYOND * float(np.ptp(places, axis=0).max())
-    share = np.linspace(-1.0, 1.0, _STEPS + 1)
+    share, round_share = (np.linspace(-1.0, 1.0, count + 1) for count in (_STEPS, _SIDES))
     if isinstance(surface, RigidCylinder | RigidProfile):
         along = _BEYOND * float(np.ptp(places @ surface.axis))
     if isinstance(surface, RigidPlane):
@@ -275,19 +276,19 @@ def _grid_on(surface: object, places: Array) -> Array | None:
         towards = _unit(middle - surface.center)
         one, two = _across(towards)
         polar = min(np.pi, 2 * half / surface.radius) * (share[:, None, None] + 1) / 2
-        around = np.pi * share[:, None]
+        around = np.pi * round_share[:, None]
         side = np.cos(around) * one + np.sin(around) * two
         grid = surface.center + surface.radius * (np.cos(polar) * towards + np.sin(polar) * side)
     elif isinstance(surface, RigidCylinder):
         foot = surface.point + ((middle - surface.point) @ surface.axis) * surface.axis
         towards = _unit(middle - foot) if np.linalg.norm(middle - foot) else _across(surface.axis)[0]
         reach = 2 * half / surface.radius
-        around = (np.pi if reach > _NEARLY_ROUND else reach) * share[:, None, None]
+        around = (np.pi if reach > _NEARLY_ROUND else reach) * round_share[:, None, None]
         side = np.cos(around) * towards + np.sin(around) * np.cross(surface.axis, towards)
         grid = foot + surface.radius * side + along * share[:, None] * surface.axis
     elif isinstance(surface, RigidProfile):
         foot = surface.point + ((middle - surface.point) @ surface.axis) * surface.axis
-        around = np.linspace(0, len(surface.curve), len(share)).astype(int) % len(surface.curve)
+        around = np.linspace(0, len(surface.curve), len(round_share)).astype(int) % len(surface.curve)
         side = surface.curve[around] @ surface.plane.T
         grid = foot + side[:, None] + along * share[:, None] * surface.axis
     else:
@@ -295,12 +296,12 @@ def _grid_on(surface: object, places: Array) -> Array | None:
     return np.asarray(grid)
 
 
-def _grid_triangles(m: int) -> Array:
-    """Triangles between the points of a grid, (m, m), by their numbers."""
-    corner = (m * np.arange(m - 1)[:, None] + np.arange(m - 1)).ravel()
+def _grid_triangles(m: int, n: int) -> Array:
+    """Triangles between the points of a grid, (m, n), by their numbers."""
+    corner = (n * np.arange(m - 1)[:, None] + np.arange(n - 1)).ravel()
     return np.vstack([
-        np.column_stack([corner, corner + 1, corner + m]),
-        np.column_stack([corner + 1, corner + m + 1, corner + m]),
+        np.column_stack([corner, corner + 1, corner + n]),
+        np.column_stack([corner + 1, corner + n + 1, corner + n]),
     ])  # fmt: skip
 
 

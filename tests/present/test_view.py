@@ -114,6 +114,22 @@ def test_rigid_surfaces_are_drawn_where_bodies_touch_them(round_body, surface):
     assert nearest < 0.05 * size
 
 
+@pytest.mark.parametrize(
+    "surface", [ep.RigidCylinder((0, 0, -0.006), (1, 0.3, 0), 0.006), ep.RigidSphere((0, 0, -0.005), 0.005)]
+)
+def test_round_surfaces_look_round(round_body, surface):
+    """Middles of the drawn triangles are nowhere further inside than a polygon of 48 sides is."""
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, round_body)
+    ep.CreatePartitionContact(mbs, item, surface, rows="node-to-segment")
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=1e-6, step=0.5e-6)
+    (shape,) = rigid_shapes(result, result.t[-1:], {item: item.body.points[None]})
+    triangles = shape.points[shape.triangles]
+    for place in (triangles.mean(axis=1), triangles[:, :2].mean(axis=1)):
+        assert -surface.project(place)[0].min() < (1 - np.cos(np.pi / 48)) * surface.radius
+
+
 def test_a_carried_surface_is_drawn_where_its_carrier_is(round_body):
     SC = exu.SystemContainer()
     mbs = SC.AddSystem()
