@@ -58,7 +58,7 @@ def count_impacts(mbs, ball):
         if t >= next_look[0]:
             next_look[0] = t + PERIOD / 10
             way = ball.kinematics.momentum(mbs.systemData.GetODE2Coordinates_t())[2]
-            count[0] += way * last[0] < 0
+            count[0] += bool(way * last[0] < 0)
             last[0] = way
         return True
 
