@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
@@ -10,6 +12,8 @@ from ..errors import MeshError
 from ..support.arrays import Array
 from .halves import joined
 from .shapes import QUADS
+
+Naming = Callable[[Array], str]  # names elements by their rows, for messages
 
 # Flat triangles that a facet is split into, by the number of its nodes.
 FLAT_TRIANGLES = {
@@ -89,7 +93,13 @@ def nodal_area(points: Array, facets: Array) -> Array:
     return total
 
 
-def check_neighbours(cells: Array, faces: Array, number: Array) -> None:
+def counted(rows: Array) -> str:
+    """Name elements by their rows."""
+    listed = (" and " if len(rows) == 2 else ", ").join(map(str, rows))
+    return f"element{'s' * (len(rows) > 1)} {listed} (counted from 0)"
+
+
+def check_neighbours(cells: Array, faces: Array, number: Array, said: Naming = counted) -> None:
     """Refuse elements that are there twice, that share a face with two others, or that lie on their neighbour's side.
 
     Parameters
@@ -100,12 +110,14 @@ def check_neighbours(cells: Array, faces: Array, number: Array) -> None:
         Nodes of all elements' faces, outward.
     number : (ne, faces an element) int array
         Numbers that equal faces have in common; -1 where there is none.
+    said : callable
+        Names elements in the messages.
 
     Raises
     ------
     MeshError
     """
-    check_conforming(faces, number)
+    check_conforming(faces, number, said)
     real = number.ravel() >= 0
     count = np.bincount(number.ravel()[real])
     by_faces = np.sort(number, axis=1)
@@ -113,16 +125,16 @@ def check_neighbours(cells: Array, faces: Array, number: Array) -> None:
     same = np.flatnonzero((np.diff(by_faces[order], axis=0) == 0).all(axis=1))
     if len(same):
         raise MeshError(
-            f"cells: {len(same)} of {len(cells)} elements are there twice, the first are elements "
-            f"{order[same[0]]} and {order[same[0] + 1]} (counted from 0), of the same nodes. Their mass and stiffness "
+            f"cells: {len(same)} of {len(cells)} elements are there twice, the first are "
+            f"{said(np.sort(order[same[0] : same[0] + 2]))}, of the same nodes. Their mass and stiffness "
             "would count twice; remove them"
         )
     crowded = (count > 2) & ~covered_quads(faces, number)
     if crowded.any():
         owners = np.flatnonzero((number == crowded.argmax()).any(axis=1))
         raise MeshError(
-            f"cells: {np.count_nonzero(crowded)} faces belong to more than two elements, the first to elements "
-            f"{', '.join(map(str, owners))} (counted from 0), so that some of them overlap. Remove those, or mesh anew"
+            f"cells: {np.count_nonzero(crowded)} faces belong to more than two elements, the first to "
+            f"{said(owners)}, so that some of them overlap. Remove those, or mesh anew"
         )
     # Outward faces of two neighbours turn opposite ways.
     faces = faces[real]
@@ -136,7 +148,7 @@ def check_neighbours(cells: Array, faces: Array, number: Array) -> None:
         owners = np.flatnonzero((number == overlapping[0]).any(axis=1))
         raise MeshError(
             f"cells: {len(overlapping)} pairs of elements overlap, for both lie on the same side of the face that "
-            f"they share, the first are elements {' and '.join(map(str, owners))} (counted from 0). A node lies where "
+            f"they share, the first are {said(owners)}. A node lies where "
             "it does not belong, or the order of nodes is wrong; mesh anew"
         )
 
@@ -148,7 +160,7 @@ def covered_quads(faces: Array, number: Array) -> Array:
     return np.asarray((np.bincount(of) == 3) & (np.bincount(of, ~is_folded) == 1))
 
 
-def check_conforming(faces: Array, number: Array) -> None:
+def check_conforming(faces: Array, number: Array, said: Naming = counted) -> None:
     """Refuse quadrilaterals that triangles cover in part, or quadratic ones, which would leave a crack between them.
 
     Parameters
@@ -157,6 +169,8 @@ def check_conforming(faces: Array, number: Array) -> None:
         Nodes of all elements' faces.
     number : (ne, faces an element) int array
         Numbers that equal faces have in common; -1 where there is none.
+    said : callable
+        Names elements in the message.
 
     Raises
     ------
@@ -174,15 +188,48 @@ def check_conforming(faces: Array, number: Array) -> None:
     if len(met):
         owner = np.repeat(np.arange(len(number)), number.shape[1])[alone][is_folded][met[0]]
         raise MeshError(
-            f"cells: {len(met)} triangles of elements lie on quadrilaterals of others, the first is of element {owner} "
-            "(counted from 0). Their edges fit, but their displacements do not; put pyramids between them"
+            f"cells: {len(met)} triangles of elements lie on quadrilaterals of others, the first is of "
+            f"{said(np.array([owner]))}. Their edges fit, but their displacements do not; put pyramids between them"
+        )
+
+
+def check_connected(face: Array, said: Naming | None = None) -> None:
+    """Refuse elements in several parts: a common edge is a hinge, which leaves a motion without stiffness.
+
+    Parameters
+    ----------
+    face : (ne, faces an element) int array
+        Numbers that equal faces have in common; -1 where there is none.
+    said : callable, optional
+        Names the first element of each part in the message.
+
+    Raises
+    ------
+    MeshError
+    """
+    part = _part_of(face)
+    sizes = np.bincount(part)
+    if len(sizes) > 1:
+        largest = np.argsort(-sizes, kind="stable")[:5]
+        more = ", ..." if len(sizes) > 5 else ""
+        first = np.unique(part, return_index=True)[1][largest]
+        raise MeshError(
+            f"cells: expected one connected body, got {len(sizes)} parts that share no face, of "
+            f"{', '.join(map(str, sizes[largest]))}{more} elements"
+            f"{f', which begin with {said(first)}{more}' if said else ''}. Merge coincident nodes "
+            "where they touch, or make one FE model of each"
         )
 
 
 def part_sizes(face: Array) -> Array:
     """Number of elements of each part that is connected through faces, (ne, faces an element), largest first."""
+    return np.sort(np.bincount(_part_of(face)))[::-1]
+
+
+def _part_of(face: Array) -> Array:
+    """Number of each element's part, (ne,)."""
     real = face.ravel() >= 0
     owner = np.repeat(np.arange(len(face)), face.shape[1])[real]
     of = sp.csr_matrix((np.ones(len(owner)), (owner, face.ravel()[real])))
-    part = connected_components(of @ of.T, directed=False)[1]
-    return np.sort(np.bincount(part))[::-1]
+    part: Array = connected_components(of @ of.T, directed=False)[1]
+    return part

@@ -29,7 +29,7 @@ from ..support.checks import (
 )
 from .consistency import check_elements, check_symmetric, integrals, largest_entry, plain_matrix
 from .elements import HEXAHEDRA, Kind, faces_of, kinds_of
-from .facets import check_neighbours, facet_corners, part_sizes
+from .facets import check_connected, check_neighbours, facet_corners
 from .given_matrices import (
     cells_beneath,
     check_against_surface,
@@ -177,14 +177,7 @@ class FEModel:
             if unused:
                 raise MeshError(f"points: {unused} nodes belong to no element; remove them")
         check_neighbours(self.cells, *self._faces)
-        # Parts must share faces: a common edge is a hinge, which leaves a motion without stiffness.
-        parts = part_sizes(self._faces[1])
-        if len(parts) > 1:
-            raise MeshError(
-                f"cells: expected one connected body, got {len(parts)} parts that share no face, of "
-                f"{', '.join(map(str, parts[:5]))}{', ...' if len(parts) > 5 else ''} elements. Merge coincident nodes "
-                "where they touch, or make one FE model of each"
-            )
+        check_connected(self._faces[1])
         self._check_rigid_motion()
         self._check_boundaries()
         check_elements(points, cells, self.hexahedra, self.cell_mass, self.mass, self.stiffness, self.elastic)

@@ -310,21 +310,23 @@ def _kind(name: str, line: Line, only_solids: bool) -> tuple[str | None, int, in
 
 
 def _rows(block: Block, name: str, n: int, most: int) -> Iterator[tuple[Line, list[int]]]:
-    """Line, number and nodes of each element, which may continue in lines that follow.
+    """First line, number and nodes of each element, which may continue in lines that follow.
 
     One that stands on a line of its own may have up to `most` nodes.
     """
     pending: list[int] = []
+    begin = block.line
     for line in block.data:
+        begin = begin if pending else line
         allowed = n if pending else most
         pending += line.integers
         if len(pending) > allowed + 1 and n:
-            raise line.refuse(f"element {pending[0]} of TYPE={name} has {len(pending) - 1} nodes, expected {n}")
+            raise begin.refuse(f"element {pending[0]} of TYPE={name} has {len(pending) - 1} nodes, expected {n}")
         if len(pending) > n:
-            yield line, pending if n else pending[:1]
+            yield begin, pending if n else pending[:1]
             pending = []
     if pending:
-        raise block.data[-1].refuse(f"element {pending[0]} of TYPE={name} has {len(pending) - 1} nodes, expected {n}")
+        raise begin.refuse(f"element {pending[0]} of TYPE={name} has {len(pending) - 1} nodes, expected {n}")
 
 
 def _rectangular(places: Array, system: str, line: Line) -> Array:

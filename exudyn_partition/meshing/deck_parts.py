@@ -202,13 +202,16 @@ class Assembly:
 
     def mesh(self, path: Path) -> FileMesh:
         """Mesh of all parts, with their surfaces and sets, and the materials of their sections."""
-        bodies = [
-            p.name or "no part" for p in self._placed if any(b.kind in SOLIDS for s in p.scopes for b in s.elements)
-        ]
+        bodies: dict[str, Elements] = {}  # the first solid elements of each
+        for p in self._placed:
+            for block in (b for s in p.scopes for b in s.elements if b.kind in SOLIDS and len(b.labels)):
+                bodies.setdefault(p.name or "no part", block)
         if len(bodies) > 1:
+            first = ", ".join(f"element {b.labels[0]} ({b.lines[0].where})" for b in bodies.values())
             raise MeshError(
                 f"{path}: expected one body, got solid elements of {len(bodies)} parts in place, which share no node: "
-                f"{', '.join(map(repr, bodies))}. Export each alone, and connect the bodies in Exudyn"
+                f"{', '.join(map(repr, bodies))}, which begin with {first}. Export each alone, and connect "
+                "the bodies in Exudyn"
             )
         cells = {kind: np.concatenate([rows for _, _, rows in found]) for kind, found in self._of_kind.items()}
         _tell_of_integration(path, [block for _, block, _ in self._blocks])
@@ -390,8 +393,10 @@ def _check_elements_once(blocks: list[Elements]) -> None:
     found, count = np.unique(labels, return_counts=True)
     if (count > 1).any():
         twice = found[count > 1][0]
-        line = next(block.line for block in reversed(blocks) if twice in block.labels)
-        raise line.refuse(f"element {twice} is there already. Give each element a number of its own")
+        block = next(block for block in reversed(blocks) if twice in block.labels)
+        raise block.lines[np.flatnonzero(block.labels == twice)[-1]].refuse(
+            f"element {twice} is there already. Give each element a number of its own"
+        )
 
 
 def _tell_of_integration(path: Path, blocks: list[Elements]) -> None:

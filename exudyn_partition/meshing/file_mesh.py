@@ -56,6 +56,10 @@ class Origins(NamedTuple):
         """Name an element for messages."""
         return f"element {self.labels[row]} ({self.paths[row]}, line {self.lines[row]})"
 
+    def all_said(self, rows: Array) -> str:
+        """Name elements for messages."""
+        return (" and " if len(rows) == 2 else ", ").join(map(self.said, rows))
+
 
 class CellRegions(NamedTuple):
     """Regions of a mesh: what they are, their names, and the number of each element's region, (ne,) int.

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..errors import InputError, MeshError, MeshQualityWarning, MissingPackageError
 from ..fe.elements import Kind, faces_of, kinds_named, kinds_of, rows_of_cells
+from ..fe.facets import check_connected, check_neighbours
 from ..support.arrays import Array
 from ..support.checks import read_only, validate_array, validate_file
 from ..support.foreign import Meshio, MeshioMesh
@@ -25,7 +26,7 @@ from ..support.optional import require
 from .abaqus_decks import read_abaqus
 from .collapsed import as_they_are, with_middles
 from .deck_materials import DeckMaterial
-from .file_mesh import FACE_CORNERS, CellRegions, FileMesh, refuse_regions
+from .file_mesh import FACE_CORNERS, CellRegions, FileMesh, Origins, refuse_regions
 from .gmsh_files import in_groups
 from .mesh_counts import counts_said
 from .nastran_decks import ENDINGS, is_bulk_data, read_nastran
@@ -113,7 +114,7 @@ def read_mesh(path: Path, several: bool = False, only_solids: bool = False) -> V
     if not any(set(solids) <= kinds for kinds in _ORDERS):
         raise MeshError(
             f"{path}: expected some of {', '.join(sorted(_ORDERS[0]))}, or of {', '.join(sorted(_ORDERS[1]))}, got "
-            f"{_listing(solids)}. Mesh the body with elements of one order, best tetra10"
+            f"{_listing(solids)}{_first_of_orders(file)}. Mesh the body with elements of one order, best tetra10"
         )
     points = validate_array(f"points of {path}", file.points, (None, 3))
     blocks, start = [], 0
@@ -130,12 +131,18 @@ def read_mesh(path: Path, several: bool = False, only_solids: bool = False) -> V
     regions = _regions(path, file, several, len(cells))
     by_kind = np.concatenate([rows for _, rows in kinds_of(cells, hexahedra)])
     cells, regions = cells[by_kind], regions._replace(number=regions.number[by_kind])
+    faces_of_all = faces_of(cells, hexahedra)
+    if file.origins is not None:
+        origins = file.origins.at(by_kind)
+        check_neighbours(cells, *faces_of_all, origins.all_said)
+        check_connected(faces_of_all[1], origins.all_said)
+        _check_middles(cells, hexahedra, origins)
     used, numbers = np.unique(cells, return_inverse=True)
     if len(used) < len(points):
         _LOG.info("%s: left out %d nodes of no volume element", path, len(points) - len(used))
     number_of = np.full(len(points), -1)
     number_of[used] = np.arange(len(used))
-    faces = _named_faces(file, cells, hexahedra)
+    faces = _named_faces(file, *faces_of_all, 4 if hexahedra else 3)
     faces = {name: number_of[rows][(number_of[rows] >= 0).all(axis=1)] for name, rows in faces.items()}
     return VolumeMesh(points[used], numbers.reshape(cells.shape), faces, regions, hexahedra, file.materials)
 
@@ -318,6 +325,37 @@ def _check_nodes(path: Path, n: int, cells: Array, said: Said) -> None:
         )
 
 
+def _first_of_orders(file: FileMesh) -> str:
+    """Name the first element of each order in a deck, for a message."""
+    origins = file.origins
+    if origins is None:
+        return ""
+    counts = [len(rows) for rows in file.solids.values()]
+    starts = dict(zip(file.solids, np.cumsum([0, *counts[:-1]]), strict=True))
+    own = [[start for kind, start in starts.items() if kind in kinds] for kinds in _ORDERS]
+    first = [min(rows, key=lambda row: int(origins.lines[row])) for rows in own if rows]
+    return f", the first of each order are {origins.all_said(np.array(first))}"
+
+
+def _check_middles(cells: Array, hexahedra: bool, origins: Origins) -> None:
+    """Refuse elements of a deck that have different nodes on the edge that they share."""
+    kinds = [(kind, rows, cells[rows][:, kind.columns]) for kind, rows in kinds_of(cells, hexahedra) if kind.order == 2]
+    if not kinds:
+        return
+    ends = np.concatenate([np.sort(own[:, kind.edges], axis=2).reshape(-1, 2) for kind, _, own in kinds])
+    middle = np.concatenate([own[:, kind.corners :].ravel() for kind, _, own in kinds])
+    owner = np.concatenate([np.repeat(rows, len(kind.edges)) for kind, rows, _ in kinds])
+    _, first, number = np.unique(ends @ [cells.max() + 1, 1], return_index=True, return_inverse=True)
+    other = np.flatnonzero(middle != middle[first[number]])
+    if len(other):
+        pair = np.array([owner[first[number[other[0]]]], owner[other[0]]])
+        raise MeshError(
+            f"mesh: {len(np.unique(number[other]))} edges have several mid-side nodes, expected one each that all "
+            f"elements on an edge share, the first is one of {origins.all_said(pair)}. Merge coincident nodes or mesh "
+            "anew"
+        )
+
+
 def _outward(path: Path, points: Array, kind: Kind, cells: Array, said: Said, each: bool) -> Array:
     """Cells of positive volume; all of a kind, or `each` one, are mirrored if they have the other convention."""
     bad = inverted(points, cells, kind)
@@ -351,16 +389,14 @@ def inverted(points: Array, cells: Array, kind: Kind) -> Array:
     return np.flatnonzero(determinant.min(axis=1) <= _NO_VOLUME * extent**3)
 
 
-def _named_faces(file: FileMesh, cells: Array, hexahedra: bool) -> dict[str, Array]:
+def _named_faces(file: FileMesh, all_faces: Array, number: Array, corners: int) -> dict[str, Array]:
     """Corner nodes of the faces that have names, or whose corners are in a set of nodes."""
-    corners = 4 if hexahedra else 3
     faces = {}
     for name, found in file.faces.items():
         fitting = [rows for rows in found if rows.shape[1] <= corners]
         padded = [rows if rows.shape[1] == corners else rows[:, [0, 1, 2, 2]] for rows in fitting]
         if padded:
             faces[name] = np.concatenate(padded).astype(np.int64)
-    all_faces, number = faces_of(cells, hexahedra)
     of_cells = all_faces[number.ravel() >= 0, :corners]
     for name, nodes in file.node_sets.items():
         within = np.zeros(len(file.points), dtype=bool)

@@ -217,7 +217,7 @@ def test_decks_of_one_body(tmp_path, text):
         (deck(after="*ELEMENT, TYPE=SPRINGA, ELSET=t\n8, 1, 2"), "line 18: elements of TYPE=SPRINGA are not read"),
         (deck(after="*ELEMENT, TYPE=C3D8\n8, 1, 2, 3\n"), "line 19: element 8 of TYPE=C3D8 has 3 nodes, expected 8"),
         (deck(after="*ELEMENT, TYPE=C3D4\n8, 1, 2, 3, 4, 5\n"), "line 19: element 8 of TYPE=C3D4 has 5 nodes, expec"),
-        (deck(after="*ELEMENT, TYPE=C3D8\n2, 1, 2, 3, 4, 5, 6, 7, 8"), "line 18: element 2 is there already"),
+        (deck(after="*ELEMENT, TYPE=C3D8\n2, 1, 2, 3, 4, 5, 6, 7, 8"), "line 19: element 2 is there already"),
         (deck(after="*ELEMENT, TYPE=C3D8\n3, 1, 2, 3, 4, 5, 6, 7, 77"), "the first is element 3 with node 77"),
         (deck(after="*ELEMNT, TYPE=c3d8\n9, 1, 2, 3, 4, 5, 6, 7, 8"), r"line 18: expected \*ELEMENT with TYPE=c3d8"),
         (deck(after="*NSET, NSET=a\n99999999999999999\n"), "line 19: expected whole numbers up to"),
@@ -252,7 +252,10 @@ def test_several_instances_are_refused_by_their_names(tmp_path):
     line = "*INSTANCE, NAME=bar-1, PART=bar\n"
     path = tmp_path / "deck.inp"
     path.write_text(INSIDE.replace(line, line + "*END INSTANCE\n" + line.replace("bar-1", "bar-2") + "1., 0., 0.\n"))
-    with pytest.raises(MeshError, match="solid elements of 2 parts in place, which share no node: 'bar-1', 'bar-2'"):
+    at = 1 + path.read_text().splitlines().index(elements(CELLS).splitlines()[0])
+    begin = re.escape(", ".join([f"element 1 ({path}, line {at})"] * 2))
+    message = f"solid elements of 2 parts in place, which share no node: 'bar-1', 'bar-2', which begin with {begin}"
+    with pytest.raises(MeshError, match=message):
         ep.fe_model(path, ep.STEEL)
 
 

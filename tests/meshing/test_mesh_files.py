@@ -2,6 +2,7 @@
 
 import io
 import logging
+import re
 import sys
 import threading
 
@@ -10,7 +11,7 @@ import meshio
 import netgen.occ as occ
 import numpy as np
 import pytest
-from oracles import SIZE, TOP, box, hexahedra, write
+from oracles import SIZE, TOP, box, hexahedra, quadratic, split, write, write_deck
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.krylov import eigenmodes, mass_normalised
@@ -318,6 +319,43 @@ def test_parts_that_an_edge_joins_are_a_hinge(tmp_path):
     used, numbers = np.unique(cells[[0, beside]], return_inverse=True)
     path = write(tmp_path / "mesh.vtu", points[used], numbers.reshape(2, 8))
     refused(path, "expected one connected body, got 2 parts that share no face, of 1, 1 elements")
+
+
+TETRAHEDRA = np.array([[0, 1, 2, 3], [0, 2, 1, 4], [0, 1, 2, 5]])
+CORNERS = 0.01 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1], [0.3, 0.3, 2.0]])
+CORNERS_AND_FAR = np.vstack([CORNERS, CORNERS + 0.1])
+
+
+def quadratic_bar():
+    """Two hexahedra, of which the second has a node of its own on an edge of the face between them."""
+    points, ((kind, cells),) = quadratic(*split(*hexahedra(1, 1, 2), ["hexahedron"] * 2))
+    shared = np.intersect1d(cells[0, 8:], cells[1, 8:])[0]
+    cells[1, cells[1] == shared] = len(points)
+    return np.vstack([points, points[shared]]), [(kind, cells)]
+
+
+@pytest.mark.parametrize(
+    ("points", "blocks", "said"),
+    [
+        (CORNERS_AND_FAR, [("tetra", TETRAHEDRA[[0]] + 6), ("tetra", TETRAHEDRA[:2])],
+         r"got 2 parts that share no face, of 2, 1 elements, which begin with element 2 (line 17) and element 1 "
+         "(line 15). Merge coincident"),
+        (CORNERS_AND_FAR, [("tetra", TETRAHEDRA[:1]), ("tetra10", np.arange(10)[None])],
+         "got 1 tetra, 1 tetra10, the first of each order are element 1 (line 15) and element 2 (line 17). Mesh the"),
+        (CORNERS, [("tetra", TETRAHEDRA[[0, 1, 1]])],
+         "the first are element 2 (line 10) and element 3 (line 11), of the same nodes"),
+        (CORNERS, [("tetra", TETRAHEDRA)],
+         "the first to element 1 (line 9), element 2 (line 10), element 3 (line 11), so that some of them overlap"),
+        (CORNERS, [("tetra", TETRAHEDRA[[0, 2]])],
+         "face that they share, the first are element 1 (line 9) and element 2 (line 10). A node lies"),
+        (*quadratic_bar(),
+         "1 edges have several mid-side nodes, expected one each that all elements on an edge share, the first is one "
+         "of element 1 (line 36) and element 2 (line 38). Merge"),
+    ],
+)  # fmt: skip
+def test_decks_of_no_one_body_are_refused_by_their_elements_lines(tmp_path, points, blocks, said):
+    path = write_deck(tmp_path / "deck.inp", points, *blocks)
+    refused(path, re.escape(said.replace("(line", f"({path}, line")))
 
 
 def test_mid_side_nodes_that_neighbours_do_not_share(small, tmp_path):

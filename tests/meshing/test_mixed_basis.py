@@ -1,5 +1,7 @@
 """Bodies of hexahedra, wedges, pyramids and mixed elements: matrices, frequencies, recovery, contact and files."""
 
+import re
+
 import exudyn as exu
 import meshio
 import numpy as np
@@ -192,7 +194,11 @@ def test_triangles_on_a_quadrilateral(tmp_path):
     half = [blocks[0], (blocks[1][0], blocks[1][1][:1])]
     for places, found in (quadratic(points, blocks), (points, half)):
         path = write_deck(tmp_path / "cracked.inp", places, *found)
-        with pytest.raises(MeshError, match="triangles of elements lie on quadrilaterals of others"):
+        at = 1 + next(i for i, line in enumerate(path.read_text().splitlines()) if line.startswith("2, ") and i > 2)
+        message = (
+            f"triangles of elements lie on quadrilaterals of others, the first is of element 2 ({path}, line {at})"
+        )
+        with pytest.raises(MeshError, match=re.escape(message)):
             ep.fe_model(path, ep.STEEL)
     path = write_deck(tmp_path / "joined.inp", points, *blocks)
     with pytest.warns(MeshQualityWarning, match="1 quadrilaterals of elements meet two triangles each"):
