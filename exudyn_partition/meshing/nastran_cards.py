@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import InputError
+from ..errors import InputError, MeshError
 from .deck_lines import Line
 
 _MARK = re.compile(r"[+*]([A-Za-z]\w*)?$")  # of a continuation at the end of a line in free fields; no number
@@ -16,6 +16,8 @@ _BEGIN = re.compile(r"\s*BEGIN\s*,?\s*BULK", re.IGNORECASE)
 _INCLUDE = re.compile(r"\s*INCLUDE\b", re.IGNORECASE)
 _EXPONENT = re.compile(r"(?<=[\d.])([+-]\d+)$")  # without its E
 _STARTS = {4: range(8, 72, 16), 8: range(8, 72, 8)}  # of fixed fields, by their number
+_TIMES = re.compile(r"=\(?(\d{1,6})\)?", re.ASCII)  # how often the card before repeats once more
+_ADDED = re.compile(r"\*\(?([^*()]+)\)?")  # to a field of the card before
 _DEEPEST = 20  # files that include files
 
 
@@ -59,20 +61,20 @@ class Card:
 def cards(path: Path) -> list[Card]:
     """Cards between BEGIN BULK, or the begin of a file without it, and ENDDATA, those of included files in their place.
 
+    Those that repeat the card before, by =, are written out.
+
     Raises
     ------
     InputError
         If there are none.
     MeshError
-        If a file that it includes is not there, or a line continues no card.
+        If a file that it includes is not there, a line continues no card, or a card with continuations is repeated.
     """
     split = [(line, *_split(line)) for line in _bulk(path)]
     known = {text for _, _, _, mark in split for text in _marks(mark)} - {""}
     found: list[Card] = []
     loose: list[tuple[str, Card]] = []  # continuations that stand elsewhere, by their mark
     for line, name, fields, mark in split:
-        if name[:1] == "=":
-            raise line.refuse("expected each card in full, got one that repeats the one before, by =")
         if name and name[0] not in "+*":
             # meshio writes CTETRA_ for ten nodes
             found.append(Card(name.rstrip("*_").upper(), fields, line, mark))
@@ -88,7 +90,51 @@ def cards(path: Path) -> list[Card]:
     if not found:
         raise InputError(f"source: {path}: expected bulk data of Nastran, got no cards")
     _join(found, loose)
-    return found
+    return _in_full(found) if any(card.name[:1] == "=" for card in found) else found
+
+
+def _in_full(found: list[Card]) -> list[Card]:
+    """Cards with those in full that repeat the one before: "=" with changes, and "=n" for n more with the same ones."""
+    full: list[Card] = []
+    changes = None
+    for card in found:
+        if card.name[:1] != "=":
+            full.append(card)
+            changes = None
+            continue
+        times = _TIMES.fullmatch(card.name)
+        if card.name == "=":
+            changes = card
+        if not full or changes is None or not (card is changes or times):
+            raise _not_in_full(card)
+        for _ in range(int(times[1]) if times else 1):
+            full.append(_changed(full[-1], changes, card.line))
+    return full
+
+
+def _changed(before: Card, changes: Card, line: Line) -> Card:
+    """Card with the fields of the one before: "=" keeps one, "==" all that follow, and "*x" adds x."""
+    if any(before.fields[8:]) or any(changes.fields[8:]) or changes.mark:  # whose continuations would be meant
+        raise _not_in_full(changes)
+    fields = []
+    for i, text in enumerate(changes.fields, 1):
+        if text == "==":
+            fields += before.fields[i - 1 :]
+            break
+        added = _ADDED.fullmatch(text)
+        if added:
+            old, new = (Card(before.name, [""] * (i - 1) + [one], line) for one in (before.field(i), added[1]))
+            whole = all(_WHOLE.fullmatch(one) for one in (before.field(i) or "0", added[1]))
+            text = str(old.integer(i, 0) + new.integer(i)) if whole else repr(old.real(i) + new.real(i))
+        fields.append(before.field(i) if text == "=" else text)
+    return Card(before.name, fields, line)
+
+
+def _not_in_full(card: Card) -> MeshError:
+    return card.line.refuse(
+        "expected each card in full, got one that repeats the one before, by =. It is read where both have no "
+        "continuation, with =, ==, *(x) and =(n)"
+    )
 
 
 def _marks(mark: str) -> tuple[str, str]:

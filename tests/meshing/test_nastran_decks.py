@@ -108,6 +108,35 @@ def test_one_bar_in_many_forms(tmp_path, name):
     assert fem.total_mass == pytest.approx(7800 * SIZE.prod(), rel=1e-2 if "expo" in name else 1e-3)
 
 
+LEVELS = "GRID,{0},,{1},{2},0.\n=,*(3),=,=,=,*(.05),==\n=(2)\n"
+REPEATED = "".join(LEVELS.format(*node) for node in [(1, 0, 0), (2, 0.1, 0), (3, 0, 0.1)])
+
+
+@pytest.mark.parametrize(
+    "wedges",
+    [
+        "CPENTA,1,1,1,2,3,4,5,6\n=,*(1),=,*(3),*(3),*3,*3,*3,*3\n=1\n",
+        fixed(["CPENTA", *"11123456"]) + 2 * fixed(["=", "*1", "=", *["*(3)"] * 6]),
+        fixed(["CPENTA", *"11123456"]) + "=,2,=,4,5,6,7,8,9\n=,3,=,*3,*3,*3,*3,*3,*3\n",
+    ],
+)
+def test_cards_that_repeat_the_one_before(tmp_path, wedges):
+    path = tmp_path / "deck.bdf"
+    path.write_text(bulk(REPEATED, wedges))
+    fem = ep.fe_model(path, ep.STEEL)
+    np.testing.assert_allclose(fem.points, [[*xy, z / 20] for xy in ((0, 0), (0.1, 0), (0, 0.1)) for z in range(4)])
+    assert [kind.name for kind, _ in fem.kinds] == ["wedge"]
+    assert len(fem.cells) == 3
+    assert fem.total_mass == pytest.approx(7800 * 0.005 * 0.15, rel=1e-12)
+
+
+def test_parts_of_a_deck_are_named_by_their_lines(tmp_path):
+    path = tmp_path / "deck.bdf"
+    path.write_text(bulk(REPEATED, "CPENTA,1,1,1,2,3,4,5,6\nCPENTA,8,1,7,8,9,10,11,12\n"))
+    with pytest.raises(MeshError, match=r"got 2 parts .*element 1 \(.*, line 14\) and element 8 \(.*, line 15\)\. Mer"):
+        ep.fe_model(path, ep.STEEL)
+
+
 def test_included_files(tmp_path):
     (tmp_path / "mesh").mkdir()
     (tmp_path / "mesh" / "a long name.inc").write_text(grids() + "INCLUDE more.inc\n")
@@ -221,6 +250,11 @@ def test_systems_in_systems(tmp_path, axes, by_nodes):
         (["GRID,999,5,1.,2.,3.\nCORD1R,5,1,2,3\n"], "line 6: there is no node 1"),
         (["GRID,999,,1.,2.,3.,,,,,5\n"], "line 5: expected at most 8 fields after the name"),
         (["=,*(1),==\n"], "line 5: expected each card in full, got one that repeats"),
+        (["GRID,900,,9.,9.,9.\n=(2)\n"], "line 6: expected each card in full, got one that repeats"),
+        (["GRID,900,,9.,9.,9.\n=,*(1),==\n=(x)\n"], "line 7: expected each card in full, got one that repeats"),
+        (["GRID,900,,9.,9.,9.\n=,*(x),==\n"], "line 6: expected a number in field 2 of GRID, got 'X'"),
+        (["CHEXA,99,1,7,10,13,16,19,22\n,25,28\n=,*(1),==\n"], "line 7: expected each card in full, got one that"),
+        (["CPENTA,99,1,7,10,13,16,19,22\n=,*(1),=,=,=,=,=,=,*1\n+,7\n"], "line 6: expected each card in full, got"),
         ([fixed(["PLOAD4", *range(9)], mark=("+P1", "+P2"))], "line 6: the continuation 'P2' belongs to no card"),
     ],
 )
