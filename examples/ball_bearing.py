@@ -85,7 +85,9 @@ def main(argv=None):
     (options.out / "result.json").write_text(json.dumps(result, indent=2))
     picture = options.out / "ball_bearing.png"
     draw(bearing, moving, forces, by_springs, (shaft, places)).savefig(picture, dpi=120)
-    ep.plot.bodies(moving, moving.t[-1], direction=(0.5, -1, 1.5)).figure.savefig(options.out / "bodies.png", dpi=150)
+    balls = [(ball, fem) for ball in bearing.balls]
+    axes = ep.plot.bodies(moving, moving.t[-1], balls, colour="von_mises", scale=1, direction=(0, -0.3, 1))
+    axes.figure.savefig(options.out / "bodies.png", dpi=150)
     moving.scene(options.out / "moving.html", title="ball bearing")
     for key in ("dofs", "fe_dofs", "peak_force_N", "stribeck", "error", "steps", "time"):
         print(f"{key}: {result[key]}")

@@ -94,7 +94,9 @@ def main(argv=None):
     (options.out / "result.json").write_text(json.dumps(result, indent=2))
     picture = options.out / "cam_follower.png"
     draw(mechanism, run, lift_off).savefig(picture, dpi=120)
-    ep.plot.bodies(run).figure.savefig(options.out / "bodies.png", dpi=150)
+    shown = [(mechanism.cam, parts[0][0]), (mechanism.follower, parts[1][0])]
+    axes = ep.plot.bodies(run, bodies=shown, colour="von_mises", direction=(0, -0.3, 1))  # nearly along the shaft
+    axes.figure.savefig(options.out / "bodies.png", dpi=150)
     run.scene(options.out / "moving.html", title="cam and follower")
     for key in ("dofs", "fe_dofs", "contact_nodes", "steps", "lift_off_speed_rad_s", "parts_at_rad_s", "error.force"):
         print(f"{key}: {result[key]}")

@@ -93,7 +93,11 @@ def main(argv=None):
     picture = options.out / "crank_slider.png"
     results.draw_histories(found).savefig(picture, dpi=150)
     results.draw_motion(found, mechanism.start).savefig(options.out / "mechanism.png", dpi=120)
-    ep.plot.bodies(run).figure.savefig(options.out / "bodies.png", dpi=150)
+    shown = [(item, fem) for item, (fem, _) in zip((mechanism.link, *mechanism.blocks), models, strict=True)]
+    axes = ep.plot.bodies(run, bodies=shown, colour="von_mises", scale=1, direction=(0, -1, 0.3))
+    heads = 1e3 * mechanism.start.heads[1] + np.array([-30, 30])
+    axes.set(xlim=heads, ylim=(-15, 15), adjustable="box")
+    axes.figure.savefig(options.out / "bodies.png", dpi=150)
     run.scene(options.out / "moving.html", title="crank-slider")
     show(result)
     print(picture.resolve())

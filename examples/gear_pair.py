@@ -3,8 +3,7 @@
 The flanks of some teeth of each gear are one contact patch (`ep.Partition.surface`), and one contact finds which of
 them touch. In the first run the wheel stands still, and the torque on the pinion changes its sign. The teeth leave
 their flanks, cross the backlash and hit the others. In the second run the wheel turns slowly by a tooth. The force on
-each tooth and the transmission error show where one pair of teeth bears, and where two do. The model is
-models/gear_pair.py.
+each tooth and the transmission error show where one pair of teeth bears, where two. The model: models/gear_pair.py.
 """
 
 import argparse
@@ -52,17 +51,16 @@ def slow_turn(bodies, gears, first, last, duration, steps):
 def draw(gears, histories):
     """Force on each tooth, and way of the pinion into the wheel, of both runs."""
     fig, panels = plt.subplots(2, 2, figsize=(12, 7), sharex="col", layout="constrained")
-    for (above, below), (x, teeth, way) in zip(panels.T, histories, strict=True):
+    labels = "time [ms]", "turn of the pinion, by a tooth"
+    for (above, below), label, (x, teeth, way) in zip(panels.T, labels, histories, strict=True):
         for name, force in teeth.items():
             above.plot(x, force / 1e3, lw=1, label=f"flank {name} of the pinion")
         above.set(ylabel="force on a tooth [kN]")
         above.legend(fontsize="small")
         below.plot(x, 1e6 * way)
-        below.set(ylabel="transmission error [um]")
+        below.set(xlabel=label, ylabel="transmission error [um]")
     panels[1, 0].axhspan(-2e6 * shapes.play(), 0, color="0.9", label="backlash")
     panels[1, 0].legend(fontsize="small")
-    panels[1, 0].set(xlabel="time [ms]")
-    panels[1, 1].set(xlabel="turn of the pinion, by a tooth")
     return fig
 
 
@@ -88,9 +86,8 @@ def main(argv=None):
     ways, teeth = zip(*[(pair.way(run), pair.tooth_forces(run, nodes)) for pair, run in (back, slow)], strict=True)
     turned = first + slow[1].sensor(slow[0].turns[0])[:, 0] / tooth
     error = (slow[0].contact.force(slow[1]) * gears[0].base / TORQUE - 1)[slow[1].steps // 2 :]
-    times = [*np.diff(clock), back[1].time_s + slow[1].time_s]
     result = {
-        "time": dict(zip(("fem_s", "reduce_s", "online_s"), times, strict=True)),
+        "time": dict(fem_s=clock[1] - clock[0], reduce_s=clock[2] - clock[1], online_s=back[1].time_s + slow[1].time_s),
         "status": [back[1].status, slow[1].status],
         "dofs": sum(body.n_dofs for body in bodies),
         "fe_dofs": sum(body.fe_dofs for body in bodies),
@@ -109,7 +106,10 @@ def main(argv=None):
     (options.out / "result.json").write_text(json.dumps(result, indent=2))
     picture = options.out / "gear_pair.png"
     draw(gears, [(1e3 * back[1].t, teeth[0], ways[0]), (turned, teeth[1], ways[1])]).savefig(picture, dpi=120)
-    ep.plot.bodies(slow[1]).figure.savefig(options.out / "bodies.png", dpi=150)
+    fems = [(body, parts[gear][0]) for body, gear in zip(slow[1].bodies, gears, strict=True)]
+    axes = ep.plot.bodies(slow[1], bodies=fems, colour="von_mises", scale=1, direction=(0, -0.3, 1))
+    axes.set(xlim=(20, 60), ylim=(-12, 14), adjustable="box")  # where the teeth meet
+    axes.figure.savefig(options.out / "bodies.png", dpi=150)
     slow[1].scene(options.out / "moving.html", title="gears that turn slowly")
     shown = {key: result[key] for key in ("dofs", "fe_dofs", "steps", "error.force", "transmission_error_m")}
     print(json.dumps(shown), picture.resolve(), sep="\n")

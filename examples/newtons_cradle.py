@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 import exudyn_partition as ep
 
 R, SPEED = 0.010, 0.5  # [m], [m/s]
-POLES = {"back": (0, 0, -R), "front": (0, 0, R)}
+POLES = {"back": (-R, 0, 0), "front": (R, 0, 0)}
 
 
 def reduced_ball(h):
@@ -60,7 +60,7 @@ def main(argv=None):
     mbs = exu.SystemContainer().AddSystem()
     balls = []
     for i in range(options.balls):
-        place, velocity = [0, 0, 2 * R * i], [0, 0, 0 if i else SPEED]
+        place, velocity = [2 * R * i, 0, 0], [0 if i else SPEED, 0, 0]
         balls.append(
             ep.CreatePartitionBody(mbs, body, name=f"ball {i + 1}", referencePosition=place, initialVelocity=velocity)
         )
@@ -70,7 +70,7 @@ def main(argv=None):
     run = ep.solve_dynamic(mbs, end_time=alone.duration * options.balls)
 
     force = np.column_stack([contact.force(run) for contact in contacts])
-    velocity = np.column_stack([ball.momentum(run)[:, 2] for ball in balls]) / body.total_mass
+    velocity = np.column_stack([ball.momentum(run)[:, 0] for ball in balls]) / body.total_mass
     expected_force, expected_velocity = hertz_chain(body.total_mass, options.balls, run.t)
     energy = sum(item.energy(run) for item in (*balls, *contacts))
     result = {
@@ -107,7 +107,8 @@ def main(argv=None):
     below.set(ylabel="velocity of the centre of mass [m/s]", xlabel="time [µs]")
     picture = options.out / "newtons_cradle.png"
     figure.savefig(picture, dpi=150)
-    ep.plot.bodies(run).figure.savefig(options.out / "bodies.png", dpi=150)
+    middle = run.t[velocity[:, options.balls // 2].argmax()]  # when that ball is fastest
+    ep.plot.bodies(run, middle, direction=(0, -1, 0.3)).figure.savefig(options.out / "bodies.png", dpi=150)
     run.scene(options.out / "moving.html", title="Newton's cradle")
     print(json.dumps({key: result[key] for key in ("dofs", "fe_dofs", "time", "velocity_after_m_per_s", "error")}))
     print(picture.resolve())

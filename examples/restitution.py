@@ -25,7 +25,7 @@ BALL = 4 / 3 * math.pi * RADIUS**3 * ep.STEEL.rho, WIDTH**2 * THICKNESS * PLATE.
 
 
 def bodies(speed, elements):
-    """Ball and plate with meshes for this speed, and how long contact would last by Hertz [s]."""
+    """Ball and plate with meshes for this speed, the plate's FE model, and how long contact would last by Hertz [s]."""
     hertz = ep.hertz.impact(ep.hertz.effective(*BALL), speed, RADIUS, math.inf, ep.STEEL, PLATE)
     # Plastic contact is as wide as a mean pressure of some 2.8 times the yield stress makes it.
     a = max(hertz.contact_radius, math.sqrt(hertz.peak_force / (2.8 * math.pi * PLATE.yield_stress)))
@@ -39,7 +39,7 @@ def bodies(speed, elements):
         reach = 1.15 * a + (h if sign < 0 else 2 * h)
         part = ep.Partition.ball(fem, (0, 0, 0), reach, direction=(0, 0, sign), **zone)
         found.append(ep.reduce(fem, part, f_cut=F_CUT))
-    return found, hertz.duration
+    return found, fem, hertz.duration
 
 
 def fall(pair, speed, end):
@@ -57,8 +57,7 @@ def outcome(items, contact, result, speed):
     energy = [item.energy(result) for item in items]
     speeds = [item.momentum(result)[-1, 2] / item.body.total_mass for item in items]
     rigid = sum(0.5 * item.body.total_mass * v**2 for item, v in zip(items, speeds, strict=True))
-    work, start = contact.plastic.work(result)[-1], sum(energy)[0]
-    stored = contact.energy(result)[-1]
+    work, stored, start = contact.plastic.work(result)[-1], contact.energy(result)[-1], sum(energy)[0]
     found = {
         "speed_m_s": speed,
         "restitution": (speeds[0] - speeds[1]) / speed,
@@ -101,7 +100,7 @@ def main(argv=None):
     options = parser.parse_args(argv)
     found, forces = [], []
     for speed in (0.2, 1.0) if options.quick else SPEEDS:
-        pair, duration = bodies(speed, 1.3 if options.quick else 2.0)
+        pair, fem, duration = bodies(speed, 1.3 if options.quick else 2.0)
         items, contact, run = fall(pair, speed, 2 * duration)
         found.append(outcome(items, contact, run, speed))
         forces.append((run.t, contact.force(run)))
@@ -109,10 +108,11 @@ def main(argv=None):
     result = {"impacts": found, "left_out": [*pair[1].left_out, *contact.left_out], "versions": ep.versions()}
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "result.json").write_text(json.dumps(result, indent=2))
-    picture = options.out / "restitution.png"
-    draw(found, forces).savefig(picture, dpi=150)
-    ep.plot.bodies(run, colour="deformation").figure.savefig(options.out / "bodies.png", dpi=150)
-    print(picture.resolve())
+    draw(found, forces).savefig(options.out / "restitution.png", dpi=150)
+    axes = ep.plot.bodies(run, run.t[-1], [(items[1], fem)], colour="deformation", end=found[-1]["dent_m"])
+    axes.set(xlim=(-3, 3), ylim=(-2, 2), adjustable="box")  # what is left: the dent
+    axes.figure.savefig(options.out / "bodies.png", dpi=150)
+    print((options.out / "restitution.png").resolve())
     return result
 
 

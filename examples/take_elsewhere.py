@@ -96,7 +96,8 @@ def main(argv=None):
     axes.legend()
     picture = options.out / "take_elsewhere.png"
     figure.savefig(picture, dpi=150)
-    ep.plot.bodies(run).figure.savefig(options.out / "bodies.png", dpi=150)
+    axes = ep.plot.bodies(run, bodies=[(run.bodies[0], fem)], colour="deformation", direction=(1, -1.6, 0.2))
+    axes.figure.savefig(options.out / "bodies.png", dpi=150)
     print(f"{force.max():.1f} N by both codes; they differ by {result['error']['force']:.1e} of it")
     print(picture.resolve())
     return result

@@ -162,17 +162,18 @@ def _drawn(
 
 
 class _Strip(NamedTuple):
-    """Picture of the forces over time, and the columns of its first and last time [s]."""
+    """Picture of the forces over time, the columns of its first and last time [s], and the rows of its curves."""
 
     picture: Array
     columns: tuple[float, float]
+    rows: tuple[int, int]
     times: tuple[float, float]
 
     def at(self, t: float) -> Array:
         """The picture with a mark at a time [s]."""
         column = round(float(np.interp(t, self.times, self.columns)))
         picture = self.picture.copy()
-        picture[:, max(0, column - 1) : column + 1] = (200, 60, 40)
+        picture[slice(*self.rows), max(0, column - 1) : column + 1] = (200, 60, 40)
         return picture
 
 
@@ -180,13 +181,13 @@ def _strip(motion: Motion, width: int, height: int) -> _Strip:
     """Draw the curve of the forces."""
     figure = require("matplotlib.figure").Figure(figsize=(width / _INCH, height / _INCH), dpi=_INCH)
     canvas = require("matplotlib.backends.backend_agg").FigureCanvasAgg(figure)
-    left, below = 66 / width, 40 / height  # room for numbers and names of the axes
-    axes = figure.add_axes((left, below, 1 - left - 20 / width, max(0.2, 1 - below - 8 / height)))
+    left, below, above = 66 / width, 22 / height, 20 / height  # room for numbers and names of the axes
+    axes = figure.add_axes((left, below, 1 - left - 20 / width, max(0.1, 1 - below - above)))
     for name, force in motion.forces.items():
         axes.plot(1e3 * motion.force_t, force, linewidth=1.4, label=plain(name))
     axes.set_xlim(1e3 * motion.force_t[0], 1e3 * motion.force_t[-1])
-    axes.set_xlabel("t [ms]", fontsize=9, labelpad=1)
-    axes.text(0.01, 0.9, "contact force [N]", fontsize=8, va="top", transform=axes.transAxes)
+    axes.margins(y=0.1)  # the largest force stays off the frame
+    axes.set_title("contact force [N] over t [ms]", fontsize=8, loc="left", pad=3)
     axes.tick_params(labelsize=8)
     if len(motion.forces) > 1:
         axes.legend(fontsize=7, loc="upper right")
@@ -194,7 +195,8 @@ def _strip(motion: Motion, width: int, height: int) -> _Strip:
     picture = np.asarray(canvas.buffer_rgba())[..., :3].copy()
     times = float(motion.force_t[0]), float(motion.force_t[-1])
     first, last = (float(axes.transData.transform((1e3 * t, 0.0))[0]) for t in times)
-    return _Strip(picture, (first, last), times)
+    frame = axes.get_window_extent()
+    return _Strip(picture, (first, last), (height - int(frame.y1), height - int(frame.y0)), times)
 
 
 def _write_mp4(path: Path, pictures: Iterator[Array], pixels: list[int], period: float) -> None:

@@ -34,6 +34,9 @@ def test_frames_show_the_motion_and_the_force(run, tmp_path):
     for picture in pictures:
         strip = picture[-60:]
         red = (abs(strip - (200, 60, 40)).sum(axis=2) == 0).all(axis=0)
+        assert red.sum() == 0  # the mark stays within the frame, off the numbers beneath
+        strip = picture[-60:-24]
+        red = (abs(strip - (200, 60, 40)).sum(axis=2) == 0).any(axis=0)
         marks.append(np.flatnonzero(red).mean())
     # The mark moves with time, at equal distances.
     np.testing.assert_allclose(np.diff(marks), np.diff(marks)[0], atol=1.0)
