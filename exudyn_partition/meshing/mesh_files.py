@@ -161,9 +161,12 @@ def _regions(path: Path, file: FileMesh, several: bool, n: int) -> CellRegions:
                 refuse_regions(path, regions.kind, [repr(name) for name in regions.names])
         return CellRegions.one(n)
     regions = next(iter(file.regions), CellRegions.one(n))
-    outside = np.count_nonzero(regions.number < 0)
-    if outside:
-        raise MeshError(f"{path}: {outside} of {n} elements are in no {regions.kind}; expected a material for each")
+    outside = np.flatnonzero(regions.number < 0)
+    if len(outside):
+        first = "" if file.origins is None else f", the first is {file.origins.said(outside[0])}"
+        raise MeshError(
+            f"{path}: {len(outside)} of {n} elements are in no {regions.kind}{first}; expected a material for each"
+        )
     return regions
 
 
