@@ -86,7 +86,7 @@ def main(argv=None):
     picture = options.out / "ball_bearing.png"
     draw(bearing, moving, forces, by_springs, (shaft, places)).savefig(picture, dpi=120)
     balls = [(ball, fem) for ball in bearing.balls]
-    axes = ep.plot.bodies(moving, moving.t[-1], balls, colour="von_mises", scale=1, direction=(0, -0.3, 1))
+    axes = ep.plot.bodies(moving, moving.t[-1], balls, colour="von_mises", end=20e6, scale=1, direction=(0, -0.3, 1))
     axes.figure.savefig(options.out / "bodies.png", dpi=150)
     moving.scene(options.out / "moving.html", title="ball bearing")
     for key in ("dofs", "fe_dofs", "peak_force_N", "stribeck", "error", "steps", "time"):
