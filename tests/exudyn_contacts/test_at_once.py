@@ -236,9 +236,9 @@ def test_pairs_that_stop_to_slide_go_on_in_loops(marble):
 @pytest.mark.skipif(not compiles(), reason="numba does not load here")
 def test_contacts_that_fly_tell_the_smallest_gap(marble, monkeypatch):
     """As long as all are open, their lowest rows are enough. Laws that are looked at have all rows."""
+    laws, alone, runs, group, size = grouped(marble)
     evaluate_rows, counted = FrozenContacts.evaluate_rows, []
     monkeypatch.setattr(FrozenContacts, "evaluate_rows", lambda self, q: counted.append(step) or evaluate_rows(self, q))
-    laws, alone, runs, group, size = grouped(marble)
     for step in range(300):
         away = size * ((-0.01 if 100 <= step < 120 else 0.01) + 1e-5 * step)
         q = (marble.rigid[:, 2] * away * [[0], [1], [2]]).ravel()
