@@ -264,12 +264,12 @@ def nodal_stresses(fem: FEModel, displacements: Array, nodes: Array) -> Array:
     """`nodal_stress` of m displacement fields, (m, n, 3) [m], at some nodes, (k,) int: (m, k, 6) [Pa]."""
     shear, lame = fem.elastic.shear_modulus, fem.elastic.lame
     if np.ndim(shear) == np.ndim(lame) == 0:
-        slopes = _mean_slopes(fem, displacements, nodes, 1.0)
-        sheared, stretched = shear * slopes, lame * slopes
+        strain = _strains(_mean_slopes(fem, displacements, nodes, 1.0))
+        stress, dilatation = shear * strain, lame * strain[..., :3].sum(axis=-1)
     else:
-        sheared, stretched = (_mean_slopes(fem, displacements, nodes, scale) for scale in (shear, lame))
-    stress = _strains(sheared) * [2.0, 2.0, 2.0, 1.0, 1.0, 1.0]
-    stress[..., :3] += np.einsum("kama->mk", stretched)[..., None]
+        stress, stretched = (_strains(_mean_slopes(fem, displacements, nodes, scale)) for scale in (shear, lame))
+        dilatation = stretched[..., :3].sum(axis=-1)
+    stress[..., :3] = 2 * stress[..., :3] + dilatation[..., None]
     return stress
 
 
