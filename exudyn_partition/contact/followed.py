@@ -27,6 +27,7 @@ from .side import Side
 from .stages import NOTHING, Pair, PresentRows, Pressed, Shares, Stage
 
 if TYPE_CHECKING:
+    from ..frames.kernels import Fixed
     from ..surfaces.moving_kernels import Followed as CompiledRows
 
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the surface bulges around a contact
@@ -141,6 +142,12 @@ class FollowedRows(PresentRows):
         self.search, self.index, self._rigid, self._witnesses = search, index, rigid, witnesses
 
     @cached_property
+    def fixed(self) -> tuple[Fixed, Fixed] | None:
+        """Data with which compiled loops place the nodes of both sides; None if a frame moves, see `Side.fixed`."""
+        slave, master = (side.fixed for side in self.sides)
+        return None if slave is None or master is None else (slave, master)
+
+    @cached_property
     def compiled(self) -> CompiledRows:
         """Data with which compiled loops follow the rows."""
         search = self.search
@@ -205,11 +212,11 @@ class Followed(Stage):
 
     def generalised(self, lam: Array) -> Array | None:
         """See `Stage.generalised`; one compiled call if no frame moves."""
-        slave, master = (side.fixed for side in self.rows.sides)
-        if slave is None or master is None or not (self._alone and loops.at_once()):
+        fixed = self.rows.fixed
+        if fixed is None or not (self._alone and loops.at_once()):
             return None
         moving = self.rows.search.pairs.moving(self.rows.points, self.rows.index)
-        return loops.generalised(moving, lam, self.normals, slave, master)
+        return loops.generalised(moving, lam, self.normals, *fixed)
 
     def advance(self, pair: Pair, q: Array, asked: tuple[Any, ...] | None = None) -> tuple[Stage, Array]:
         """See `Stage.advance`; rows are chosen again when others may close."""
@@ -263,9 +270,8 @@ class Followed(Stage):
         """Do the same as `_follow` in one compiled call."""
         rows, bounds, pressed = self.rows, (BULGE, NEAR * pair.size), None
         how = reach, FOLLOWED, STEPS, pair.size, *bounds
-        slave, master = (side.fixed for side in rows.sides)
-        if places is None and slave is not None and master is not None:
-            found = loops.pressed_at(q, slave, master, rows.compiled, how, asked or _NOT_ASKED)
+        if places is None and rows.fixed is not None:
+            found = loops.pressed_at(q, *rows.fixed, rows.compiled, how, asked or _NOT_ASKED)
             here, normals, of_points, lost, gap, least, others, lam, force, settled = found
             pressed = (lam, force, least) if settled else None
         else:
