@@ -432,11 +432,7 @@ class GroupRun:
         self._find_whether_pushes()
 
     def _find_whether_pushes(self) -> None:
-        self.pushes = False
-        for member in self._within:
-            if member.pushes:
-                self.pushes = True
-                return
+        self.pushes = any(member.pushes for member in self._within)
 
     def _find_by_loops(self, t: float, q: Array) -> bool:
         """Find the forces by compiled loops, if the group has them and all pairs are frozen; returns whether it did."""
