@@ -36,8 +36,9 @@ def _runs_verlet(mbs: MainSystem, t: float) -> bool:
     solver = mbs.sys.get("dynamicSolver")
     if solver is None:
         raise RunError(
-            "mbs: a body with frame='floating' needs to know Exudyn's solver; leave storeSolver=True in "
-            "mbs.SolveDynamic, or put a solver of your own into mbs.sys['dynamicSolver']"
+            "mbs: a body with frame='floating' that moves needs to know Exudyn's solver; leave storeSolver=True in "
+            "mbs.SolveDynamic, or put a solver of your own into mbs.sys['dynamicSolver']. For statics take "
+            "ep.solve_static, in which bodies are at rest"
         )
     return "VelocityVerlet" in solver.GetSolverName() and solver.it.currentTime == t
 

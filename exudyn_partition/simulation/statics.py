@@ -74,6 +74,9 @@ def solve_static(
     depend on the path of the loads. Overlaps of contacts with `interference=` close in proportion to the static time,
     unless the model already is in the state in which a run has closed them.
 
+    All bodies are at rest in it, so that dampers and inertia give no force. Velocities of the initial state remain
+    there, and a dynamic run begins with them.
+
     For natural frequencies about the equilibrium with closed contact, set `update_initial=True`. Then call Exudyn's
     `mbs.ComputeODE2Eigenvalues(convert2Frequencies=True)`. It linearises about the initial state: rows that are closed
     there stay closed.
@@ -190,12 +193,11 @@ def settle(
     chosen = _resting(mbs, everything, bodies)
     check_start(mbs, settings, progress)
     data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
-    start, speeds = data.GetODE2Coordinates(initial), data.GetODE2Coordinates_t(initial)
+    start = data.GetODE2Coordinates(initial)
     others = Others.of(mbs).bodies
     falling = [item for item in chosen if id(item) not in others]
     kept = [item for item in everything if item not in chosen and id(item) not in others]
     rest = _fallen(mbs, start.copy(), falling, contacts)
-    data.SetODE2Coordinates_t(np.zeros_like(speeds), initial)
     try:
         with interruptible(), _weightless(mbs, [item for item in kept if item.weight is not None]):
             for _ in range(_MOST_MOORINGS):
@@ -220,7 +222,6 @@ def settle(
         raise
     finally:
         data.SetODE2Coordinates(rest, initial)
-        data.SetODE2Coordinates_t(speeds, initial)
     return replace(result, warnings=tuple(warned))
 
 
@@ -414,7 +415,7 @@ def _run(
     _log.info("%s load steps to %.6g", load_steps, end)
     status, message = "finished", "reached the full load"
     bar = progress_bar("load steps", after=LONG) if progress is None else contextlib.nullcontext(progress)
-    with one_blas_thread(), bar as report:
+    with one_blas_thread(), _at_rest(mbs), _quiet(static.verboseMode == 0), bar as report:
 
         def attempt(more: contextlib.AbstractContextManager[None]) -> tuple[int, bool, Exception | None]:
             """Run Exudyn; returns the number of load steps, whether the user asked to stop, and the error."""
@@ -453,6 +454,30 @@ def _run(
     if status == "finished" and update_initial:
         mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), exu.ConfigurationType.Initial)
     return replace(result, status=status, message=message)
+
+
+@contextlib.contextmanager
+def _at_rest(mbs: MainSystem) -> Iterator[None]:
+    """Begin with all velocities zero within the block; after it, the initial and the last state have them again."""
+    data, configurations = mbs.systemData, require("exudyn").ConfigurationType
+    speeds = data.GetODE2Coordinates_t(configurations.Initial)
+    data.SetODE2Coordinates_t(np.zeros_like(speeds), configurations.Initial)
+    try:
+        yield
+    finally:
+        for state in (configurations.Initial, configurations.Current):
+            data.SetODE2Coordinates_t(speeds, state)
+
+
+@contextlib.contextmanager
+def _quiet(asked: bool) -> Iterator[None]:
+    """Keep Exudyn's text of a failure off the terminal: a second try may succeed, and our own error tells the cause."""
+    config = require("exudyn").config
+    own, config.printToConsole = config.printToConsole, config.printToConsole and not asked
+    try:
+        yield
+    finally:
+        config.printToConsole = own
 
 
 @contextlib.contextmanager

@@ -86,6 +86,39 @@ def test_a_preloaded_run_begins_at_rest(mbs, bodies, method):
     assert abs(item.momentum(result)).max() < 1e-5 * FORCE * 20e-6
 
 
+@pytest.mark.parametrize("update_initial", [False, True])
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_velocities_of_the_start_have_no_forces_in_statics(mbs, bodies, frame, update_initial):
+    """The ball turns and flies, with a damper and inertia of its turning; its equilibrium is that of one at rest."""
+    forces, velocity, omega = [], [0.3, 0, -0.5], [0, 20.0, 0]
+    for moves in (1.0, 0.0):
+        mbs.Reset()
+        item = ep.CreatePartitionBody(
+            mbs, bodies[0], name="ball", frame=frame, referencePosition=[0, 0, 0],
+            initialVelocity=moves * np.array(velocity), initialAngularVelocity=moves * np.array(omega),
+        )  # fmt: skip
+        contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), name="floor")
+        if frame == "inertial":
+            springs(mbs, item, SPRING)
+            press(mbs, item, FORCE)
+        else:
+            held = mbs.AddMarker(items.MarkerNodeRigid(nodeNumber=item["nRigid"]))
+            mbs.AddObject(
+                items.ObjectConnectorRigidBodySpringDamper(
+                    markerNumbers=[ground(mbs), held],
+                    stiffness=np.diag([1e7, 1e7, SPRING, 1e3, 1e3, 1e3]),
+                    damping=np.diag([1e3] * 3 + [1.0] * 3),
+                )
+            )
+            mbs.AddLoad(items.LoadForceVector(markerNumber=held, loadVector=[0, 0, -FORCE]))
+        mbs.Assemble()
+        start = mbs.systemData.GetODE2Coordinates_t(exu.ConfigurationType.Initial)
+        forces.append(contact.force(ep.solve_static(mbs, load_steps=2, update_initial=update_initial))[-1])
+        np.testing.assert_array_equal(mbs.systemData.GetODE2Coordinates_t(exu.ConfigurationType.Initial), start)
+    assert forces[0] == pytest.approx(forces[1], rel=1e-9)
+    assert forces[0] > 0.5 * FORCE
+
+
 @pytest.mark.parametrize("method", ["explicit", "implicit"])
 def test_a_preloaded_run_goes_on_with_what_sticks(mbs, round_body, method):
     """Friction holds the ball against a force along the plane; without its memory, the ball would start to swing."""
@@ -155,8 +188,11 @@ def test_a_block_shortens_as_a_bar(mbs, bricks, axes, frame):
 
 @pytest.mark.filterwarnings("ignore:no contact closed in any load step")
 @pytest.mark.parametrize(("frame", "gravity"), [("inertial", 0.0), ("inertial", 1e4), ("floating", 9.81)])
-def test_a_block_that_only_stands_carries_its_weight(mbs, bricks, frame, gravity):
-    """Nothing holds it against sliding and turning, and no force makes it slide or turn; without weight, it rests."""
+def test_a_block_that_only_stands_carries_its_weight(mbs, bricks, frame, gravity, capfd):
+    """Nothing holds it against sliding and turning, and no force makes it slide or turn; without weight, it rests.
+
+    The first try of Exudyn's solver fails, without a word of that on the terminal.
+    """
     body = ep.reduce(bricks, ep.Partition.ball(bricks, (0, 0, 0), 0.015), f_cut=30e3)
     item = ep.CreatePartitionBody(mbs, body, name="block", frame=frame, gravity=[0, 0, -gravity])
     contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane())
@@ -166,6 +202,8 @@ def test_a_block_that_only_stands_carries_its_weight(mbs, bricks, frame, gravity
     np.testing.assert_allclose(contact.force(result)[1:], body.total_mass * gravity, rtol=1e-6)
     moved = item.rigid_motion(item.coordinates(result))
     assert abs(moved[-1, :2]).max() <= abs(moved[-1, 2])
+    assert "FAILED" not in capfd.readouterr().out
+    assert exu.config.printToConsole
 
 
 def test_frequencies_about_the_equilibrium_are_those_of_its_stiffness(mbs, bodies):
