@@ -9,6 +9,7 @@ import contextlib
 import logging
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,7 +27,7 @@ from ..plasticity.zone_flexibility import ZoneFlexibility
 from ..support.arrays import Array
 from ..support.progress import Progress
 from .loads import attached_loads, patch_rows, patch_slice, resultants, unit_loads
-from .tied import tie
+from .tied import TiedModel, tie
 
 _LOG = logging.getLogger(__name__)
 
@@ -86,34 +87,8 @@ class FreeBody:
             )
         self.rigid = mass_normalised(self.model.rigid_modes, self.model.mass)
         K, M = self.model.stiffness, self.model.mass
-        self._analysis = Analysis(lambda: sp.csr_matrix(K.astype(bool) + M.astype(bool)), self._zone_edges)
-
-    def _zone_edges(self, pattern: sp.csr_matrix) -> list[Array]:
-        """Coordinates around the plastic zones: eliminated last, they let each be solved for without what is outside.
-
-        `pattern` is that of the stiffness, or more. Meshes get coarser outwards, so that a wider edge has fewer nodes.
-        """
-        edges: list[Array] = []
-        for patch in self.partition.patches:
-            if patch.plastic is None:
-                continue
-            self.zone_dofs(patch)
-            points = self.fem.points
-            away = np.linalg.norm(points - points[patch.nodes].mean(axis=0), axis=1)
-            edges.append(self._edge(pattern, away <= _EDGE * away[patch.plastic.nodes].max()))
-        return edges
-
-    def _edge(self, pattern: sp.csr_matrix, inside: Array) -> Array:
-        """Fewest coordinates, by nodes, that part the nodes inside, (n,) bool, from the others."""
-        first = self.model.column[::3]
-        nodes = np.flatnonzero(first >= 0)
-        graph = pattern[first[nodes]][:, first[nodes]]
-        inside = inside[nodes]
-        touching = (graph @ inside > 0) & (graph @ ~inside > 0)
-        edge = least_cover(graph, np.flatnonzero(inside & touching), np.flatnonzero(~inside & touching))
-        dofs = self.model.column[node_dofs(nodes[edge])]
-        found: Array = dofs[dofs >= 0]
-        return found
+        edges = partial(_zone_edges, fem, partition, self.model)  # no method: a cycle would keep all factors
+        self._analysis = Analysis(lambda: sp.csr_matrix(K.astype(bool) + M.astype(bool)), edges)
 
     def flexibility(self) -> FreeBodyFlexibility:
         """Its elastic flexibility; this costs a factorisation."""
@@ -139,14 +114,47 @@ class FreeBody:
         InputError
             If a rigid interface holds some of them.
         """
-        assert patch.plastic is not None
-        dofs = self.model.column[node_dofs(patch.plastic.nodes)]
-        if (dofs < 0).any():
-            raise InputError(
-                f"partition: a rigid interface holds nodes of the plastic zone of patch {patch.name!r}. Make "
-                "plastic_radius smaller, or the interface kind='averaged'"
-            )
-        return dofs
+        return _zone_dofs(self.model, patch)
+
+
+def _zone_edges(fem: FEModel, partition: Partition, model: TiedModel, pattern: sp.csr_matrix) -> list[Array]:
+    """Coordinates around the plastic zones: eliminated last, they let each be solved for without what is outside.
+
+    `pattern` is that of the stiffness, or more. Meshes get coarser outwards, so that a wider edge has fewer nodes.
+    """
+    edges: list[Array] = []
+    for patch in partition.patches:
+        if patch.plastic is None:
+            continue
+        _zone_dofs(model, patch)
+        away = np.linalg.norm(fem.points - fem.points[patch.nodes].mean(axis=0), axis=1)
+        edges.append(_edge(model, pattern, away <= _EDGE * away[patch.plastic.nodes].max()))
+    return edges
+
+
+def _edge(model: TiedModel, pattern: sp.csr_matrix, inside: Array) -> Array:
+    """Fewest coordinates, by nodes, that part the nodes inside, (n,) bool, from the others."""
+    first = model.column[::3]
+    nodes = np.flatnonzero(first >= 0)
+    graph = pattern[first[nodes]][:, first[nodes]]
+    inside = inside[nodes]
+    touching = (graph @ inside > 0) & (graph @ ~inside > 0)
+    edge = least_cover(graph, np.flatnonzero(inside & touching), np.flatnonzero(~inside & touching))
+    dofs = model.column[node_dofs(nodes[edge])]
+    found: Array = dofs[dofs >= 0]
+    return found
+
+
+def _zone_dofs(model: TiedModel, patch: Patch) -> Array:
+    """Coordinates of the nodes of a patch's plastic zone, (3 nz,) int array; see `FreeBody.zone_dofs`."""
+    assert patch.plastic is not None
+    dofs = model.column[node_dofs(patch.plastic.nodes)]
+    if (dofs < 0).any():
+        raise InputError(
+            f"partition: a rigid interface holds nodes of the plastic zone of patch {patch.name!r}. Make "
+            "plastic_radius smaller, or the interface kind='averaged'"
+        )
+    return dofs
 
 
 class AdaptedSpace(FreeBody):
