@@ -14,7 +14,7 @@ from ..contact.plasticity.zone_run import ZoneMotion, deformed_at_rest
 from ..errors import InputError, UnitsWarning
 from ..fe.partition import number_of_patch
 from ..frames.damping import Damping, ModeDamping, Ratios, Rayleigh, damping_of
-from ..frames.floating import FloatingKinematics
+from ..frames.floating import ActingMass, FloatingKinematics
 from ..frames.inertia_forces import TERMS, InertiaForces, InertiaTerm
 from ..frames.inertial import InertialKinematics
 from ..frames.kinematics import FRAMES, FrameChoice
@@ -97,8 +97,9 @@ def CreatePartitionBody(
         Angular velocity in global axes [rad/s].
     inertiaTerms : collection of str
         Inertia forces of a floating frame to keep, from `TERMS`: "gyroscopic", "coriolis", "centrifugal" and
-        "coupling". Default: all; bodies with geometric stiffness do without "coupling". `left_out` of the returned
-        body says what is missing.
+        "coupling". Default: all. "coupling" is left out where joints, springs or loads act, and of bodies with
+        geometric stiffness: see `FloatingKinematics.on_constant_mass`. `left_out` of the returned body says what is
+        missing.
     gravity : (3,)
         Acceleration of gravity [m/s2], applied as a constant force.
     plasticStates : dict of int or str to PlasticState, optional
@@ -344,6 +345,8 @@ def _add_floating(
     body, inertia = kinematics.body, kinematics.inertia
     if body.stiffening is not None:
         terms = [term for term in terms if term != "coupling"]  # see FloatingKinematics.on_constant_mass
+    elif "coupling" not in terms:
+        kinematics.acting = ActingMass(constant=True, settled=True)
     axes = kinematics.frame(np.zeros(body.n_dofs))[1] @ kinematics.node_axes
     indices = {
         "nRigid": mbs.AddNode(
@@ -362,20 +365,22 @@ def _add_floating(
         if term not in terms
     ]
     if "coupling" in terms:
-        said.append("the change of the body's inertia by its deformation, for forces of other items")
+        said.append("where joints, springs or loads act: the change of the body's inertia by its deformation")
     item = PartitionBody(body, name, kinematics, tuple(said), **indices)
     mass = sp.block_diag(
         [body.total_mass * sp.identity(3), inertia.tensor, sp.identity(body.n_dofs - RIGID)], format="csr"
     )
     if len(body.basis.nodal):
         forces = InertiaForces(inertia, kinematics.elastic_force, terms)
-        functions = inertia_functions(exu, item.nodes, forces, lambda: kinematics.elastic_stiffness, damping)
+        functions = inertia_functions(
+            exu, item, kinematics.acting, forces, lambda: kinematics.elastic_stiffness, damping
+        )
         stiffness = sp.csr_matrix((body.n_dofs,) * 2)
     else:
         omega_squared = body.basis.omega**2
         forces = InertiaForces(inertia, omega_squared[RIGID:].__mul__, terms)
         stiffening = None if body.stiffening is None else body.stiffening.without_rigid()
-        functions = inertia_functions(exu, item.nodes, forces, stiffening=stiffening)
+        functions = inertia_functions(exu, item, kinematics.acting, forces, stiffening=stiffening)
         stiffness = sp.diags(omega_squared, format="csr")
     item["oGenericODE2"] = _add_object(mbs, item, mass, stiffness, functions, damping)
     return item

@@ -12,12 +12,13 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from ..errors import InputError
+from ..frames.floating import ActingMass
 from ..support.arrays import Array
 from ..support.checks import validate_result
 from ..support.foreign import ItemEntry, ItemIndex, MainSystem, SensorIndex
 from ..support.optional import require
 from .joints import HOLONOMIC
-from .model import WORK, BodyItem, Registry, Samples, coordinate_slices, registered
+from .model import WORK, BodyItem, Registry, Samples, coordinate_slices, is_ours, registered
 
 Power = Callable[[MainSystem, Array, Array], float]  # of the model, its velocities, and which of these are of bodies
 
@@ -251,6 +252,21 @@ class Others:
                 driven |= entry.get("objectType") in HOLONOMIC
                 not_told += [] if sensed else [f"{entry['name']} ({entry.get('objectType') or entry['loadType']})"]
         return cls(frozenset(acted_on), tuple(not_told), driven)
+
+
+def acts_on_constant_mass(mbs: MainSystem, item: BodyItem, acting: ActingMass) -> bool:
+    """Whether forces on a body act on its constant mass; it is looked at again when the model has other items.
+
+    They do if Exudyn alone knows some of them: those of joints, springs and loads, but not of gravity.
+    """
+    items = mbs.systemData.NumberOfObjects(), mbs.systemData.NumberOfLoads()
+    if not acting.settled and items != acting.items:
+        own = _numbers({0: item})
+        acting.constant, acting.items = False, items
+        for entry, nodes, markers in _others(mbs, registered(mbs)):
+            known = entry.get("loadType") == "MassProportional" or is_ours(entry.get("forceUserFunction"))
+            acting.constant |= not known and _touches(markers, nodes, own)
+    return acting.constant
 
 
 def _others(mbs: MainSystem, held: Registry) -> Iterator[tuple[ItemEntry, set[int], list[ItemEntry]]]:

@@ -27,6 +27,7 @@ from ..support.foreign import (
 from ..support.optional import require
 
 REGISTRY = "exudynPartition"  # key in mbs.sys
+_PACKAGE = f"{__name__.partition('.')[0]}."
 WORK = "work of items"  # name of the sensor of `CreateWorkSensor`
 
 
@@ -163,6 +164,12 @@ def coordinate_slices(mbs: MainSystem, item: BodyItem) -> list[slice]:
 def user_function(entry: ItemEntry | None) -> UserFunction | None:
     """User function that Exudyn's Get...UserFunction or GetObjectParameter returns, if there is one."""
     return entry["function"] if isinstance(entry, dict) else None
+
+
+def is_ours(entry: ItemEntry | None) -> bool:
+    """Whether such a user function is there and is one of this library."""
+    function = user_function(entry)
+    return function is not None and str(getattr(function, "__module__", "")).startswith(_PACKAGE)
 
 
 def start_of_step(mbs: MainSystem) -> float:

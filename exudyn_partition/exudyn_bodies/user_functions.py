@@ -11,10 +11,12 @@ import scipy.sparse as sp
 from ..errors import RunError
 from ..frames import loops
 from ..frames.damping import Damping
+from ..frames.floating import ActingMass
 from ..frames.inertia_forces import InertiaForces
 from ..reduction.geometric_stiffness import GeometricStiffness
 from ..support.arrays import Array
-from ..support.foreign import Coordinates, Exudyn, ItemIndex, MainSystem, MatrixContainer, NodeIndex, UserFunction
+from ..support.foreign import Coordinates, Exudyn, ItemIndex, MainSystem, MatrixContainer, UserFunction
+from .item_work import acts_on_constant_mass
 from .model import BodyItem, coordinate_slices
 
 Functions = dict[str, UserFunction]  # by their parameter names in ObjectGenericODE2
@@ -45,14 +47,15 @@ def _runs_verlet(mbs: MainSystem, t: float) -> bool:
 
 def inertia_functions(
     exu: Exudyn,
-    nodes: list[NodeIndex],
+    item: BodyItem,
+    acting: ActingMass,
     forces: InertiaForces,
     stiffness: Callable[[], Array] | None = None,
     damping: Damping | None = None,
     stiffening: GeometricStiffness | None = None,
 ) -> Functions:
     """User functions for inertia forces of a floating frame; with the other forces of the body that are given."""
-    start_of_step = exu.ConfigurationType.StartOfStep
+    start_of_step, nodes = exu.ConfigurationType.StartOfStep, item.nodes
 
     def end_velocities(mbs: MainSystem, t: float, z: Array, middle: Array) -> Array:
         """Velocities at the end of a step of VelocityVerlet, from those in its middle, which the solver gives.
@@ -86,6 +89,7 @@ def inertia_functions(
                 result -= damping.force(np.asarray(q_t))
             if _runs_verlet(mbs, t):
                 v = end_velocities(mbs, t, z, v)
+            forces.coupling = not acts_on_constant_mass(mbs, item, acting)
             result[3:] += forces.force(v[:3], z, v[3:])
         return result
 

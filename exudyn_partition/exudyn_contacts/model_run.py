@@ -14,6 +14,7 @@ import numpy as np
 from ..contact.formulations.formulation import Method, Together
 from ..contact.patch_contact import PatchContact
 from ..errors import RunError
+from ..exudyn_bodies.item_work import acts_on_constant_mass
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import coordinate_slices, latest_solver, method_of, registered
 from ..exudyn_bodies.other_bodies import OtherBodies
@@ -87,6 +88,10 @@ class ModelRun:
         self._contacts, self._spent_s, self._began = [*contacts], 0.0, t
         self.method, self.at = method, t
         self.ended: tuple[float, Array] | None = None
+        items = [*{id(item): item for contact in contacts for item, _ in contact.sides}.values()]
+        for item in items:
+            if isinstance(item.kinematics, FloatingKinematics):
+                acts_on_constant_mass(mbs, item, item.kinematics.acting)
         known: Known = {}
         self._runs: dict[int, ContactRun] = {}
         for contact in contacts:
@@ -128,7 +133,6 @@ class ModelRun:
                 stepper.go_on(last_served[served], known, t)
         self._counted = 0, 0  # counts of the earlier run, from which this one goes on
         self._counted = self.active_set_iterations, self.pair_searches
-        items = {id(item): item for contact in contacts for item, _ in contact.sides}.values()
         self._floating = [
             (as_slice(np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])), item.kinematics)
             for item in items

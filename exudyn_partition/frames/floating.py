@@ -10,6 +10,7 @@ Theory: examples/site/theory.md, "Floating frame".
 from __future__ import annotations
 
 import copy
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -27,6 +28,25 @@ from .kinematics import NO_NODES, node_fields
 from .mean_axes import MeanAxes
 from .nodal_inertia import NodalInertia
 from .rotations import rotation_matrix
+
+
+@dataclass
+class ActingMass:
+    """The mass that forces on a body act on: one for all copies of its kinematics.
+
+    Parameters
+    ----------
+    constant : bool
+        Whether it is that of the undeformed body, as if deformation did not change it.
+    settled : bool
+        Whether it stays so, whatever acts on the body.
+    items : (int, int)
+        Numbers of objects and loads that the model had when this was looked at.
+    """
+
+    constant: bool
+    settled: bool
+    items: tuple[int, int] = (0, 0)
 
 
 class FloatingKinematics:
@@ -52,6 +72,11 @@ class FloatingKinematics:
     node_rotation : (3,) array, optional
         Rotation vector of the node's axes at the start [rad]; default: the body's.
 
+    Attributes
+    ----------
+    acting : ActingMass
+        See `on_constant_mass`; constant for a body with geometric stiffness.
+
     Raises
     ------
     InputError
@@ -76,6 +101,7 @@ class FloatingKinematics:
         self.inertia = _inertia(body, self.mean_axes).turned(self.node_axes)
         self.mass = np.r_[np.full(3, body.total_mass), np.diag(self.inertia.tensor), np.ones(body.n_dofs - 6)]
         self.origin = position + axes @ body.centre_of_mass
+        self.acting = ActingMass(constant=body.stiffening is not None, settled=body.stiffening is not None)
         self._of(nodes)
 
     def _of(self, nodes: Array) -> None:
@@ -162,7 +188,7 @@ class FloatingKinematics:
     def accelerations(self, q: Array, forces: Array | sp.csr_matrix) -> Array:
         """See `Kinematics.accelerations`; with the mass that q gives, see `on_constant_mass`."""
         J, C = self.inertia.of_place(q[6:])
-        if self.body.stiffening is not None:
+        if self.acting.constant:
             J, C = self.inertia.tensor, np.zeros_like(C)
         omega_t = np.linalg.solve(J - C @ C.T, forces[3:6] - C @ forces[6:])
         return np.concatenate([forces[:3] / self.body.total_mass, omega_t, forces[6:] - C.T @ omega_t])
@@ -210,11 +236,12 @@ class FloatingKinematics:
     def on_constant_mass(self, q: Array, force: Array) -> Array:
         """Forces that act on the constant mass diag(m, J, 1) as `force` acts on the true mass: same accelerations.
 
-        `InertiaForces` does the same for inertia and elastic forces. Of a body with geometric stiffness all forces act
-        on the constant mass. Those of joints are not known, and bear what spins or is pressed: elastic forces balance
-        them, and so must have the same torque on the deformed body. That torque is as large as geometric stiffness.
+        `InertiaForces` does the same for inertia and elastic forces, if all other forces on the body are known. Exudyn
+        has those of joints, springs and loads act on the constant mass. Then all forces must: elastic forces balance
+        them in a steady state, and on the true mass would leave a torque, force times deflection. That torque is as
+        large as geometric stiffness, and free bodies alone have none.
         """
-        if self.body.stiffening is not None:
+        if self.acting.constant:
             return force
         return loops.on_constant_mass(self.inertia, q[6:], force)
 

@@ -48,8 +48,8 @@ class InertiaForces:
 
     The true mass changes with deformation and would have to be factorised in every step. Instead, accelerations by
     inertia and elastic forces are computed here with the true mass, and returned times the constant mass. This takes
-    one 3 x 3 solve, because the elastic mass is the identity. Outer forces are not known here and act on the constant
-    mass. They miss the change of inertia, whose relative size is that of the deformation.
+    one 3 x 3 solve, because the elastic mass is the identity. Outer forces must then do the same. Where some act on the
+    constant mass, so must all, without `coupling`: see `FloatingKinematics.on_constant_mass`.
 
     Parameters
     ----------

@@ -9,14 +9,14 @@ from scipy.integrate import cumulative_trapezoid
 
 from ..errors import ModelLimitWarning
 from ..exudyn_bodies.item_work import Others
-from ..exudyn_bodies.model import user_function
+from ..exudyn_bodies.model import is_ours, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.balance import STEPS, Balance, doubt, has_all_steps
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..frames.damping import ModeDamping
 from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array
-from ..support.foreign import ItemEntry, MainSystem
+from ..support.foreign import MainSystem
 from .result import Result, called
 
 _OFF = 1e-2  # share of the bodies' largest energy, or largest change of momentum, that may be missing
@@ -40,7 +40,8 @@ def warn_of_balance(mbs: MainSystem, result: Result) -> None:
     others, exchanges = Others.of(mbs, told=result.item_work is not None), any(map(_exchanges, result.contacts))
     if not others.driven and not exchanges:  # otherwise energy that was taken may come back
         _warn_of_damping(result, balance)
-    if any(map(_is_of_user, (mbs.GetPreStepUserFunction(), mbs.GetPostStepUserFunction()))):
+    functions = mbs.GetPreStepUserFunction(), mbs.GetPostStepUserFunction()
+    if any(user_function(entry) is not None and not is_ours(entry) for entry in functions):
         return  # a user function may have changed anything
     for item in result.bodies:
         if id(item) not in others.bodies:
@@ -59,11 +60,6 @@ def warn_of_long_steps(share: float) -> None:
             ModelLimitWarning,
             stacklevel=3,
         )
-
-
-def _is_of_user(entry: ItemEntry | None) -> bool:
-    function = user_function(entry)
-    return function is not None and not str(getattr(function, "__module__", "")).startswith(f"{_PACKAGE}.")
 
 
 def _lacks_inertia(item: PartitionBody) -> bool:
