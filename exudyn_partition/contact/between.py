@@ -38,7 +38,7 @@ class HasRows(Protocol):
 
 
 class FlexibilityBetween:
-    """Changes of the gaps of one contact that forces on the rows of another cause.
+    """Motion of the rows of one contact that forces on the rows of another cause.
 
     Rows of a side are kept while they move little, because the many neighbours of a contact all need them.
 
@@ -55,6 +55,14 @@ class FlexibilityBetween:
         for j, side, k, other, between in links:
             self._links.setdefault((j, k), []).append((side, other, between))
         self._kept: dict[tuple[int, int], tuple[Standing, Array, Array]] = {}
+        self._sides = {(j, side) for j, side, *_ in links}
+        self._made = [0] * len(rows)
+
+    def made(self) -> list[int]:
+        """How often the rows of each contact were found, after a look whether they have moved since."""
+        for j, side in self._sides:
+            self._rows(j, side)
+        return self._made
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
@@ -62,7 +70,10 @@ class FlexibilityBetween:
         return [*self._links]
 
     def of(self, j: int, rows: Array, k: int, others: Array) -> Array:
-        """Changes of gaps of some rows of contact j due to unit forces on some rows of contact k, (na, nb) [m/N]."""
+        """Motion of some rows of contact j due to unit forces on some rows of contact k, (na, nb) [m/N].
+
+        Of contacts with friction, `rows` and `others` are numbers of directions, see `tangential`.
+        """
         result = np.zeros((len(rows), len(others)))
         for side, other, between in self._links.get((j, k), []):
             (left, used), (right, pushing) = self._rows(j, side), self._rows(k, other)
@@ -70,7 +81,7 @@ class FlexibilityBetween:
         return result
 
     def moved(self, j: int, k: int, others: Array, forces: Array) -> Array:
-        """Changes of gaps of all present rows of contact j due to forces on some rows of contact k, (nr,) [m]."""
+        """Motion of all present rows of contact j due to forces on some rows of contact k, (d nr,) [m]."""
         result: Array = np.zeros(1)
         for side, other, between in self._links.get((j, k), []):
             (left, used), (right, pushing) = self._rows(j, side), self._rows(k, other)
@@ -84,6 +95,7 @@ class FlexibilityBetween:
             found = sp.csr_matrix(self._contacts[j].side_rows(side))
             used = np.unique(found.indices)
             kept = self._kept[j, side] = standing, found[:, used].toarray(), used
+            self._made[j] += 1
         return kept[1:]
 
 

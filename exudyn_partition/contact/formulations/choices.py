@@ -19,7 +19,7 @@ from ..law import Law, RowDirections
 from ..patch_contact import PatchContact
 from .compliance import compliance
 from .coupled import Coupled, CoupledContacts, SharedPatches
-from .coupled_friction import CoupledFriction
+from .coupled_friction import CoupledFriction, SharedFriction
 from .coupled_zones import CoupledZones
 from .explicit_multipliers import Multipliers
 from .formulation import Formulation, Links, SharedBody
@@ -53,9 +53,9 @@ class Compliance(Formulation):
         return compliance(rows)
 
     def couples(self, contact: PatchContact, other: PatchContact, shared: SharedBody) -> bool:
-        """See `Formulation`; frictionless elastic contacts may share a patch."""
+        """See `Formulation`; contacts may share a patch unless they yield."""
         alike = isinstance(other.formulation, Compliance)
-        if not (alike and contact.elastic and other.elastic):
+        if not alike or _flows(contact) or _flows(other):
             super().couples(contact, other, shared)
         return alike and _coupling(shared) > _COUPLED
 
@@ -64,15 +64,16 @@ class Compliance(Formulation):
         elastic = all(contact.elastic for contact in contacts)
         if len(contacts) == 1 and not (elastic and contacts[0].gaps.may_freeze):
             return None
+        flows = any(map(_flows, contacts))
         if not links.shared:
-            flows = any(contact.zones is not None or not contact.law.elastic for contact in contacts)
             return (CoupledContacts if elastic else CoupledZones if flows else CoupledFriction)(contacts, links)
-        if not elastic:
+        if flows:
             raise InputError(
-                "friction: contacts that share a patch, and all that are solved together with them, are frictionless "
-                "and elastic. Make a patch for each contact (Partition.ball(...) | Partition.ball(...))"
+                "slave, master: contacts that share a patch, and all that are solved together with them, are elastic, "
+                "but one of these has plastic zones. Make a patch for each contact (Partition.ball(...) | "
+                "Partition.ball(...)), or take a material without hardening"
             )
-        return SharedPatches(contacts, links)
+        return (SharedPatches if elastic else SharedFriction)(contacts, links)
 
 
 class Lagrange(Formulation):
@@ -159,6 +160,11 @@ def formulation_of(choice: FormulationName | Formulation, stiffness: float | Non
         return choice
     name = validate_choice("formulation", choice, NAMES)
     return Penalty(stiffness) if name == "penalty" else Compliance() if name == "compliance" else Lagrange()
+
+
+def _flows(contact: PatchContact) -> bool:
+    """Whether a contact yields, so that its forces depend on more than places and friction."""
+    return contact.zones is not None or not contact.law.elastic
 
 
 def _names(bodies: Sequence[ReducedBody]) -> str:

@@ -49,6 +49,11 @@ class Coupled:
     def _exchange(self) -> Exchange:
         return Exchange.of(self._links())
 
+    @cached_property
+    def _all_links(self) -> Sequence[Link]:
+        """Flexibilities between sides in full, where few fields are not enough."""
+        return self._links()
+
     def _prepare(self) -> None:
         """Compute the data that all runs share."""
         self._exchange  # noqa: B018 - the property keeps its value
@@ -289,10 +294,6 @@ class SharedPatches(CoupledContacts):
     Rows of one patch move each other through its full flexibility, not through a few fields. So the flexibility between
     all rows that can close is set up. It is kept while these rows stay the same and move little.
     """
-
-    @cached_property
-    def _all_links(self) -> Sequence[Link]:
-        return self._links()
 
     def _prepare(self) -> None:
         self._all_links  # noqa: B018 - the property keeps its value

@@ -15,13 +15,15 @@ from ...algebra.block_friction import BlockFlexibility, BlockFriction
 from ...algebra.complementarity import Complementarity
 from ...errors import ComplementarityError
 from ...support.arrays import Array, consecutive
-from ..between import RowFields
+from ..between import FlexibilityBetween, RowFields
 from ..law import Forces, Places
 from ..patch_contact import PatchContact
 from .compliance import ClosingRows, FrictionalCompliance
 from .coupled import Coupled
 
 _PASSES = 100
+_ONE_PLACE = 0.9  # correlation of directions of two contacts, above which they count as the same
+_SOFTER = 1e-3  # of their own flexibility: what such directions get in addition
 _SMALL = 1e-3  # of a contact's own flexibility: smaller fields of others are left out of factors
 
 
@@ -35,10 +37,18 @@ class CoupledFriction(Coupled):
     def _begin(self) -> None:
         super()._begin()
         self._parts = [_Part(contact) for contact in self.contacts]
+        self._problem: BlockFriction | None = None  # of the rows that can close
+        self._made: list[int] = []  # `_rows_made` of the rows in the problem
+        self._begin_between()
+
+    def _begin_between(self) -> None:
+        """Begin with what moves contacts by forces on others."""
         self._fields = RowFields([contact.rows for contact in self.contacts], self._exchange)
         self._amplitudes = [np.zeros(1) for _ in self.contacts]  # of the fields that push each contact
-        self._problem: BlockFriction | None = None  # of the rows that can close
-        self._made: list[int] = []  # `RowFields.made` of the fields in the problem
+
+    def _rows_made(self) -> Sequence[int]:
+        """How often the rows of each contact were found for the flexibility between contacts."""
+        return self._fields.made
 
     def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
         """See `Coupled`; unsymmetric where rows slip."""
@@ -112,9 +122,9 @@ class CoupledFriction(Coupled):
             Of all these rows [m].
         """
         forces = np.concatenate([f[rows] for f, rows in zip(last, near, strict=True)])
-        own = [part.flexibility() for part in self._parts]
-        if self._problem is None or self._made != self._fields.made or any(other for _, other in own):
-            self._made = [*self._fields.made]
+        own, made = [part.flexibility() for part in self._parts], self._rows_made()
+        if self._problem is None or self._made != made or any(other for _, other in own):
+            self._made = [*made]
             F = self._flexibility(near, [F for F, _ in own])
             if self._problem is None:
                 self._problem = BlockFriction(F)
@@ -158,13 +168,90 @@ class CoupledFriction(Coupled):
         found = self._problem.solve(h, mu)
         for part in self._parts:
             part.count(self._problem.iterations - made)
-        rows, core = consecutive([len(part.closing.index) for part in self._parts]), self._exchange.core
-        pushing = [found[part].ravel() @ W for part, W in zip(rows, self._near_fields, strict=True)]
+        self._keep(np.split(found, np.cumsum([len(part.closing.index) for part in self._parts])[:-1]))
+        return found
+
+    def _keep(self, found: Sequence[Array]) -> None:
+        """Keep how the forces on the rows that can close, (k, 3) of each contact [N], push the others."""
+        core = self._exchange.core
+        pushing = [lam.ravel() @ W for lam, W in zip(found, self._near_fields, strict=True)]
         self._amplitudes = [
             sum((core[j, k] @ pushing[k] for k in others), np.zeros(1))
             for j, others in sorted(self._exchange.neighbours.items())
         ]
-        return found
+
+
+class SharedFriction(CoupledFriction):
+    """Contacts without yield, of which some have friction and some share a patch.
+
+    Rows of one patch move each other through its full flexibility, as in `coupled.SharedPatches`. So the problem has
+    one block, with all rows that can close.
+    """
+
+    def _prepare(self) -> None:
+        self._all_links  # noqa: B018 - the property keeps its value
+
+    def _begin_between(self) -> None:
+        self._between = FlexibilityBetween([contact.rows for contact in self.contacts], self._all_links)
+        # Last forces along the directions, at the slave's nodes, (np, d) of each contact.
+        self._pressing = [np.zeros((len(contact.node_areas), contact.rows.d)) for contact in self.contacts]
+
+    def _rows_made(self) -> Sequence[int]:
+        return self._between.made()
+
+    def _pushed(self, gaps: list[Array]) -> list[Array]:
+        pushed, pressing = [*gaps], [*map(self._present, range(len(gaps)))]
+        for j, k in self._between.pairs:
+            directions, forces = pressing[k]
+            if len(forces) and len(gaps[j]):
+                moved = self._between.moved(j, k, directions, forces)
+                pushed[j] = pushed[j] + moved[:: self.contacts[j].rows.d]
+        return pushed
+
+    def _present(self, k: int) -> tuple[Array, Array]:
+        """Directions of the present rows of a contact that press, and the last forces along them [N]."""
+        forces = self._pressing[k][self.contacts[k].row_nodes]
+        index = np.flatnonzero(forces.any(axis=1))
+        return self.contacts[k].rows.directions(index), forces[index].ravel()
+
+    def _flexibility(self, near: Sequence[Array], own: Sequence[Array]) -> BlockFlexibility:
+        at = consecutive([len(F) for F in own])
+        F, some = np.zeros((at[-1].stop,) * 2), self._directions()
+        for part, block in zip(at, own, strict=True):
+            F[part, part] = block
+        for j, k in self._between.pairs:
+            between = self._between.of(j, some[j], k, some[k])
+            F[at[j], at[k]] = self._parts[j].spread(self._parts[k].spread(between.T).T)
+        _soften_redundant(F, [(at[j], at[k]) for j, k in self._between.pairs])
+        return BlockFlexibility([F], {}, [np.zeros((len(F), 0))], np.zeros((0, 0)))
+
+    def _keep(self, found: Sequence[Array]) -> None:
+        for pressing, part, lam in zip(self._pressing, self._parts, found, strict=True):
+            pressing[:] = 0.0
+            pressing[part.contact.row_nodes[part.closing.index]] = lam[:, : part.contact.rows.d]
+
+    def _directions(self) -> list[Array]:
+        """Directions of the rows that can close, (d k,) of each contact."""
+        return [part.contact.rows.directions(part.closing.index) for part in self._parts]
+
+
+def _soften_redundant(F: Array, blocks: Sequence[tuple[slice, slice]]) -> None:
+    """Soften directions of two contacts that are one place of a body, as of an edge that two planes press.
+
+    Such rows have more directions than their node can move, and cones of friction leave many answers. Those of
+    softer rows are single, and hardly differ.
+
+    Parameters
+    ----------
+    F : (n, n) array
+        Flexibility of all rows [m/N]. Its diagonal is changed.
+    blocks : sequence of (slice, slice)
+        Directions of two contacts that move each other.
+    """
+    size, soft = np.sqrt(F.diagonal()), np.zeros(len(F), dtype=bool)
+    for one, other in blocks:
+        soft[one] |= (abs(F[one, other]) > _ONE_PLACE * np.outer(size[one], size[other])).any(axis=1)
+    F.flat[:: len(F) + 1] *= 1.0 + _SOFTER * soft
 
 
 class _Part:

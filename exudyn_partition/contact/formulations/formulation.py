@@ -158,8 +158,8 @@ class Formulation:
             raise InputError(
                 f"body {shared.name!r}: its patch {shared.patches[0]} already has the contact {shared.other!r}. Each "
                 "contact would use all of its residual flexibility. Make a patch for each contact "
-                "(Partition.ball(...) | Partition.ball(...)), or take formulation='compliance' without friction and "
-                "plastic zones, or basis='free' with formulation='lagrange'"
+                "(Partition.ball(...) | Partition.ball(...)), or take formulation='compliance' without plastic zones, "
+                "or basis='free' with formulation='lagrange'"
             )
         return False
 
