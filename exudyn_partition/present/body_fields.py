@@ -13,7 +13,7 @@ from ..exudyn_bodies.static_part import zone_stresses
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.facets import by_shape, facet_corners
-from ..fe.model import FEModel
+from ..fe.model import FEModel, node_dofs
 from ..fe.shapes import linear_shares
 from ..plasticity.strain_history import StrainHistory
 from ..plasticity.zone_stress import ZoneStress
@@ -189,38 +189,45 @@ class BodyFields:
         """Fields at coordinates q and velocities q_t, (m, n_dofs), with the static answer to what contacts do."""
         kinematics, axes = self.kinematics, self.kinematics.frame(q)[1]
         displacement, deformation = kinematics.displacements(q), kinematics.deformation(q)
-        answer = None if acting is None else self._answer(acting)
-        if answer is not None:
+        moved, answer = self._answer(acting)
+        if len(moved):
             shown = answer[:, self.nodes] if self._stressed else answer
-            deformation = deformation + shown
-            displacement = displacement + shown @ axes.swapaxes(1, 2)
+            deformation[moved] += shown
+            displacement[moved] += shown @ axes[moved].swapaxes(1, 2)
         data = {"displacement": displacement, "deformation": deformation @ axes.swapaxes(1, 2)}
         if "velocity" in self.names:
             data["velocity"] = kinematics.velocities(q, q_t)
         if self.fem is not None and self._stressed:
-            whole = np.array([self.body.displacement(one) for one in kinematics.elastic(q)])
-            if answer is not None:
-                whole += answer
+            whole = self._everywhere(kinematics.elastic(q))
+            whole[..., moved] += answer.transpose(1, 2, 0)
             stress = nodal_stresses(self.fem, whole, self.nodes)
             if acting is not None:
                 self._zones = self._zones or zone_stresses(self.body, self.fem)
                 for patch, strains in acting.strains.items():
                     zone = self._zones[patch]
-                    for value, within, strain in zip(stress, whole, strains, strict=True):
-                        value += zone.at_nodes(within, strain)[self.nodes]
+                    for i, strain in enumerate(strains):
+                        stress[i] += zone.at_nodes(whole[..., i], strain)[self.nodes]
             data |= {"stress": stress, "von_mises": von_mises(stress)}
         return {name: data[name] for name in self.names if name in data}
 
-    def _answer(self, acting: Acting) -> Array | None:
-        """Static answer to what contacts do, (m, k, 3) [m]: at all nodes if stress is wanted, else at those shown."""
-        moved = np.flatnonzero(acting.forces.any(axis=(1, 2)))
-        if self.fem is None or self.body.basis.flexibility is None or not len(moved):
-            return None
-        self._static = self._static or StaticAnswer(self.fem, self.body)
+    def _everywhere(self, q: Array) -> Array:
+        """Displacements of all nodes, (n, 3, m) [m], of coordinates in the basis, (m, n_dofs)."""
+        count = self.body.n_shapes
+        found: Array = self.body.shape_rows() @ q[:, :count].T
+        found[node_dofs(self.body.basis.nodal)] += q[:, count:].T
+        return found.reshape(-1, 3, len(q))
+
+    def _answer(self, acting: Acting | None) -> tuple[Array, Array]:
+        """Samples at which contacts act, (j,) int, and the static answer to it then, (j, k, 3) [m].
+
+        It is that of all nodes if stress is wanted, else of those shown.
+        """
         nodes = np.arange(len(self.body.points)) if self._stressed else self.nodes
-        answer = np.zeros((len(acting.forces), len(nodes), 3))
-        answer[moved] = self._static(acting.forces[moved], None if self._stressed else nodes)
-        return answer
+        moved = np.zeros(0, dtype=int) if acting is None else np.flatnonzero(acting.forces.any(axis=(1, 2)))
+        if acting is None or self.fem is None or self.body.basis.flexibility is None or not len(moved):
+            return moved[:0], np.zeros((0, len(nodes), 3))
+        self._static = self._static or StaticAnswer(self.fem, self.body)
+        return moved, self._static(acting.forces[moved], None if self._stressed else nodes)
 
 
 def contact_loads(contacts: Iterable[PartitionContact], result: Result) -> list[Load]:

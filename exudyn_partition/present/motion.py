@@ -188,7 +188,7 @@ def motion_of(
     run = result.at(frames)
     chosen = shown_bodies(result.bodies, bodies)
     wanted = _colours(result, chosen, colours)
-    names = ["displacement", "deformation", *(_SOURCES.get(colour, colour) for colour in wanted)]
+    names = ["deformation", *(_SOURCES.get(colour, colour) for colour in wanted)]
     pieces = [BodyFields(entry, list(dict.fromkeys(names)), surface=True) for entry in chosen]
     loads = contact_loads(result.contacts, run) if any(piece.fem is not None for piece in pieces) else []
     moved = []
@@ -198,7 +198,7 @@ def motion_of(
             for name, values in data.items():
                 fields.setdefault(name, []).append(values)
             if progress is not None:
-                progress((i + len(fields["displacement"]) / len(run.t)) / len(pieces))
+                progress((i + len(fields["deformation"]) / len(run.t)) / len(pieces))
         found = {name: np.array(values) for name, values in fields.items()}
         moved.append(_body(piece, piece.item.name or f"body {i}", run, wanted, found))
     force = {contact.name or f"contact {i}": contact.force(result) for i, contact in enumerate(result.contacts)}
@@ -236,17 +236,17 @@ def _body(piece: BodyFields, name: str, run: Result, wanted: Sequence[Colour], f
     """Motion of one body from its fields in the axes of space, (m, n, ...)."""
     kinematics, q = piece.kinematics, piece.item.coordinates(run)
     origin, axes = kinematics.frame(q)
-    rigid = piece.points + found["displacement"] - found["deformation"]
+    undeformed = piece.points + kinematics.displacements(q[0]) - kinematics.deformation(q[0]) @ axes[0].T
     if kinematics.linear:  # small rotations are within the frame
         motion = kinematics.rigid_motion(q)
         place, turn = origin + motion[:, :3], np.eye(3) + np.cross(np.eye(3), motion[:, None, 3:])
     else:
         place, turn = origin, axes
     back = np.linalg.inv(turn).swapaxes(1, 2)
-    points, deformation = (rigid[0] - place[0]) @ back[0], found["deformation"] @ back
+    points, deformation = (undeformed - place[0]) @ back[0], found["deformation"] @ back
     colours: dict[Colour, Array] = {}
     for colour in wanted:
-        values = found.get(_SOURCES.get(colour, colour), np.zeros(rigid.shape[:2]))
+        values = found.get(_SOURCES.get(colour, colour), np.zeros(deformation.shape[:2]))
         colours[colour] = np.linalg.norm(values, axis=2) if values.ndim == 3 else values
     triangles = flat_triangles(piece.cells)[0]
     return BodyMotion(name, points, triangles, place, turn, not kinematics.linear, deformation, colours)

@@ -3,7 +3,8 @@
 (async () => {
   const $ = id => document.getElementById(id);
   const facts = JSON.parse($("facts").textContent);
-  const bytes = Uint8Array.from(atob($("data").textContent.trim()), c => c.charCodeAt(0));
+  const letters = atob($("data").textContent.trim()), bytes = new Uint8Array(letters.length);
+  for (let i = 0; i < letters.length; i++) bytes[i] = letters.charCodeAt(i);  // a callback each takes ten times as long
   const unpacked = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
   const block = await new Response(unpacked).arrayBuffer();
   $("data").textContent = "";

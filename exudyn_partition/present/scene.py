@@ -32,6 +32,7 @@ from .motion import LABELS, BodyMotion, Colour, Motion, motion_of
 
 _TEMPLATE = "scene_page.html"
 _TOLERANCE = 5e-3  # largest error of a node's place, relative to the largest deformation of its body
+_ROUNDED = 2e-4  # step of a shape's entries, likewise: rounded numbers are packed smaller
 _CREASE = np.cos(np.radians(35))  # beyond this angle neighbours have normals of their own: an edge is seen
 _LEVELS = 255  # of colours: square roots, since contacts have many times the stress of a wave
 _CURVE = 1000  # points of the curve of forces
@@ -194,7 +195,7 @@ def _map() -> list[list[int]]:
 def _packed(body: BodyMotion, middle: Array, motion: Motion, blob: _Blob) -> JSON:
     """One body for the page, its arrays in the blob."""
     shapes, amplitudes = few_shapes(body.deformation)
-    steps = np.maximum(abs(shapes).max(axis=(1, 2)), 1e-300) / np.iinfo(np.int16).max
+    steps = _steps(shapes, amplitudes, float(abs(body.deformation).max()))
     triangles, nodes = split_at_edges(body.points, body.triangles)
     levels = []
     for name, values in body.colours.items():
@@ -212,6 +213,14 @@ def _packed(body: BodyMotion, middle: Array, motion: Motion, blob: _Blob) -> JSO
         "turn": blob.put(body.turn, "f4"),
         "colours": [blob.put(values, "u1") for values in levels],
     }
+
+
+def _steps(shapes: Array, amplitudes: Array, largest: float) -> Array:
+    """Steps, (r,), to which entries of shapes, (r, n, 3), are rounded: no finer than the largest deformation asks."""
+    finest = abs(shapes).max(axis=(1, 2)) / np.iinfo(np.int16).max
+    enough = _ROUNDED * largest / np.maximum(abs(amplitudes).max(axis=0), 1e-300)
+    steps: Array = np.maximum(np.maximum(finest, enough), 1e-300)
+    return steps
 
 
 def _packed_shape(shape: RigidShape, middle: Array, blob: _Blob) -> JSON:

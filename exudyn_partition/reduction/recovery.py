@@ -234,7 +234,8 @@ def nodal_strain(fem: FEModel, displacement: Array) -> Array:
     InputError
     """
     displacement = _validate_field(fem, displacement)
-    return np.asarray(_strains(_mean_slopes(fem, displacement[None], np.arange(fem.n_nodes), 1.0))[0])
+    strain = _strains(_mean_slopes(fem, displacement[..., None], np.arange(fem.n_nodes), 1.0))
+    return np.ascontiguousarray(strain[..., 0].T)
 
 
 def nodal_stress(fem: FEModel, displacement: Array) -> Array:
@@ -256,26 +257,30 @@ def nodal_stress(fem: FEModel, displacement: Array) -> Array:
     InputError
     """
     displacement = _validate_field(fem, displacement)
-    stress: Array = nodal_stresses(fem, displacement[None], np.arange(fem.n_nodes))[0]
-    return stress
+    return np.ascontiguousarray(nodal_stresses(fem, displacement[..., None], np.arange(fem.n_nodes))[0])
 
 
 def nodal_stresses(fem: FEModel, displacements: Array, nodes: Array) -> Array:
-    """`nodal_stress` of m displacement fields, (m, n, 3) [m], at some nodes, (k,) int: (m, k, 6) [Pa]."""
+    """`nodal_stress` of m displacement fields, (n, 3, m) [m], at some nodes, (k,) int: (m, k, 6) [Pa]."""
     shear, lame = fem.elastic.shear_modulus, fem.elastic.lame
     if np.ndim(shear) == np.ndim(lame) == 0:
-        strain = _strains(_mean_slopes(fem, displacements, nodes, 1.0))
-        stress, dilatation = shear * strain, lame * strain[..., :3].sum(axis=-1)
+        stress = _strains(_mean_slopes(fem, displacements, nodes, 1.0))
+        dilatation = lame * stress[:3].sum(axis=0)
+        stress *= shear
     else:
         stress, stretched = (_strains(_mean_slopes(fem, displacements, nodes, scale)) for scale in (shear, lame))
-        dilatation = stretched[..., :3].sum(axis=-1)
-    stress[..., :3] = 2 * stress[..., :3] + dilatation[..., None]
-    return stress
+        dilatation = stretched[:3].sum(axis=0)
+    stress[:3] *= 2
+    stress[:3] += dilatation
+    return stress.transpose(2, 1, 0)
 
 
 def _strains(slopes: Array) -> Array:
-    """Strains, (m, k, 6), from derivatives of m displacement fields at k nodes, see `_mean_slopes`."""
-    strain: Array = np.einsum("vab,kbma->mkv", _VOIGT, slopes)
+    """Strains, (6, k, m), from derivatives of m displacement fields at k nodes, see `_mean_slopes`."""
+    strain = np.empty((6, len(slopes), slopes.shape[-1]))
+    strain[:3] = np.einsum("kaam->akm", slopes)
+    for own, (a, b) in zip(strain[3:], ((1, 2), (0, 2), (0, 1)), strict=True):
+        np.add(slopes[:, b, a], slopes[:, a, b], out=own)
     return strain
 
 
@@ -287,7 +292,7 @@ def _mean_slopes(fem: FEModel, displacements: Array, nodes: Array, scale: float 
     Parameters
     ----------
     fem : FEModel
-    displacements : (m, n, 3) array
+    displacements : (n, 3, m) array
         [m]
     nodes : (k,) int array
     scale : float or (ne,) array
@@ -295,8 +300,8 @@ def _mean_slopes(fem: FEModel, displacements: Array, nodes: Array, scale: float 
 
     Returns
     -------
-    (k, 3, m, 3) array
-        Entry (i, b, j, a) is the derivative of component a of field j along axis b at node i.
+    (k, 3, 3, m) array
+        Entry (i, b, a, j) is the derivative of component a of field j along axis b at node i.
     """
     place, weight = np.full(fem.n_nodes, -1), np.zeros(len(nodes))
     place[nodes] = np.arange(len(nodes))
@@ -312,10 +317,9 @@ def _mean_slopes(fem: FEModel, displacements: Array, nodes: Array, scale: float 
         columns.append(np.broadcast_to(own[:, :, None], gradient.shape).ravel())
         weight += np.bincount(here, fem.cell_mass[cell], minlength=len(nodes))
     where = np.concatenate(rows), np.concatenate(columns)
-    derivatives = sp.csr_matrix((np.concatenate(values), where), shape=(3 * len(nodes), fem.n_nodes))
-    slopes = derivatives @ displacements.transpose(1, 0, 2).reshape(fem.n_nodes, -1)
-    slopes /= np.repeat(weight, 3)[:, None]
-    return np.asarray(slopes).reshape(len(nodes), 3, -1, 3)
+    mean = np.concatenate(values) / weight[where[0] // 3]
+    derivatives = sp.csr_matrix((mean, where), shape=(3 * len(nodes), fem.n_nodes))
+    return np.asarray(derivatives @ displacements.reshape(fem.n_nodes, -1)).reshape(len(nodes), 3, 3, -1)
 
 
 def von_mises(stress: Array) -> Array:
