@@ -343,12 +343,14 @@ def _moored(mbs: MainSystem, items: Sequence[PartitionBody], q: Array) -> Iterat
         stiffness, force = item.as_made["stiffnessMatrix"], mbs.GetObjectParameter(number, "forceVector")
         former.append((number, stiffness, force))
         at = np.concatenate([q[own] for own in coordinate_slices(mbs, item)])
-        mbs.SetObjectParameter(number, "stiffnessMatrix", container(sp.csr_matrix(stiffness + springs)))
+        item.as_made["stiffnessMatrix"] = sp.csr_matrix(stiffness + springs)  # no change by the user
+        mbs.SetObjectParameter(number, "stiffnessMatrix", container(item.as_made["stiffnessMatrix"]))
         mbs.SetObjectParameter(number, "forceVector", force + springs @ at)
     try:
         yield
     finally:
-        for number, stiffness, force in former:
+        for item, (number, stiffness, force) in zip(items, former, strict=True):
+            item.as_made["stiffnessMatrix"] = stiffness
             mbs.SetObjectParameter(number, "stiffnessMatrix", container(sp.csr_matrix(stiffness)))
             mbs.SetObjectParameter(number, "forceVector", force)
 

@@ -3,6 +3,7 @@
 import warnings
 
 import exudyn as exu
+import exudyn.itemInterface as items
 import numpy as np
 import pytest
 
@@ -55,6 +56,22 @@ def test_a_flat_body_stands(mbs, standing, friction):
     result = ep.solve_dynamic(mbs, end_time=0.1e-3)
     np.testing.assert_allclose(contact.force(result), G * standing.total_mass, rtol=1e-5)
     assert np.ptp(block.kinematics.rigid_motion(block.coordinates(result)), axis=0).max() < 1e-12
+
+
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_a_body_with_markers_settles(mbs, block, standing, frame):
+    """Its markers check in each run that the user changed nothing; the springs of `settle` are no change."""
+    head = ep.Partition.interface(block, "head", plane=((0, 0, 0.03), (0, 0, 1)))
+    body = ep.reduce(block, standing.partition | head, f_cut=80e3)
+    item = ep.CreatePartitionBody(mbs, body, gravity=GRAVITY, frame=frame, referencePosition=[0, 0, 1e-3])
+    place, weight = exu.OutputVariableType.Position, G * body.total_mass
+    marker = item.CreateInterfaceMarker(mbs, "head")
+    mbs.AddSensor(items.SensorMarker(markerNumber=marker, outputVariableType=place, storeInternal=True))
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane())
+    mbs.Assemble()
+    assert contact.force(ep.settle(mbs))[-1] == pytest.approx(weight, rel=1e-6)
+    result = ep.solve_dynamic(mbs, end_time=0.1e-3)
+    np.testing.assert_allclose(contact.force(result), weight, rtol=1e-4)
 
 
 def test_what_stands_on_another_falls_with_it(mbs, kept_pair):
