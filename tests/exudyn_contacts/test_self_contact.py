@@ -8,16 +8,18 @@ from oracles import relative
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.complementarity import Complementarity, regularised
+from exudyn_partition.algebra.friction import OPEN, SLIP, STICK
 from exudyn_partition.algebra.products import dense
 from exudyn_partition.algebra.sparse.multifrontal import Factorisation
 from exudyn_partition.errors import EmptyRegionError, InputError
 from exudyn_partition.reference.full_body import rows_on_dofs
 from exudyn_partition.reference.integrator import HHT
-from exudyn_partition.reference.laws import Frictionless
+from exudyn_partition.reference.laws import Frictional, Frictionless
 from exudyn_partition.surfaces.rows import pair_surfaces
 
 ARM, THICK, MOUTH, R, CLEARANCE = 20e-3, 4e-3, 3e-3, 20e-3, 5e-6  # of the clip, and of the tip on its lower arm [m]
 END, STEP, SPEED = 120e-6, 0.25e-6, 1.0  # [s], [s], of the arms to each other [m/s]
+FRICTION = 0.3
 TIP, FACE = (17e-3, 0, -CLEARANCE), (17e-3, 0, 0)
 
 
@@ -47,11 +49,19 @@ def folded(clip):
     return ep.reduce(clip[0], ep.Partition.surface(clip[0], inside, axes="xyz", name="mouth"), f_cut=200e3)
 
 
-def closing(body):
-    """Velocities of the coordinates, (n_dofs,), of the lowest shape that closes the clip, with SPEED."""
+@pytest.fixture(scope="module")
+def rough(clip):
+    """The clip with two patches that have friction."""
+    tip = ep.Partition.ball(clip[0], TIP, 1e-3, direction=(0, 0, 1), axes="xyz", name="tip")
+    face = ep.Partition.ball(clip[0], FACE, 1e-3, direction=(0, 0, -1), axes="xyz", name="face")
+    return ep.reduce(clip[0], tip | face, f_cut=200e3)
+
+
+def closing(body, axis=2):
+    """Velocities of the coordinates, (n_dofs,), of the lowest shape that moves the ends to each other, with SPEED."""
     shapes, (tip, face) = np.eye(body.n_dofs), [patch.nodes for patch in body.partition.patches]
-    moved = [body.displacement(shape)[:, 2] for shape in shapes]
-    speed = np.array([z[tip].mean() - z[face].mean() for z in moved])
+    moved = [body.displacement(shape)[:, axis] for shape in shapes]
+    speed = np.array([x[tip].mean() - x[face].mean() for x in moved])
     first = np.flatnonzero(np.abs(speed) > 0.5 * np.abs(speed).max())[0]
     return shapes[first] * SPEED / speed[first]
 
@@ -75,24 +85,28 @@ def reduced(body, velocity, method, step, **options):
     return result, item, contact
 
 
-def full_rows(fem, partition):
-    """Gaps [m] and rows on all dofs of the full FE model, csr (m, 3n)."""
+def full_rows(fem, partition, friction=None):
+    """Law of the contact, and its rows on all dofs of the full FE model, csr (m, 3n)."""
     sides = [ep.reference.FullBody(fem, partition, patch=name) for name in ("tip", "face")]
-    patch_nodes = [len(side.contact.nodes) for side in sides]
-    law = Frictionless(pair_surfaces(*(side.surface for side in sides)), patch_nodes, 0)
-    return law.rows.gap, sum(rows_on_dofs(side, rows) for side, rows in zip(sides, law.matrices, strict=True))
+    given = pair_surfaces(*(side.surface for side in sides)), [len(side.contact.nodes) for side in sides]
+    steps = round(END / STEP)
+    if friction is None:
+        law = Frictionless(*given, steps)
+    else:
+        law = Frictional(*given, steps, friction=ep.Coulomb(friction), step=STEP)
+    return law, sum(rows_on_dofs(side, rows) for side, rows in zip(sides, law.matrices, strict=True))
 
 
-def full(fem, partition, velocity):
-    """Force over the run of the full FE model with the same rows."""
-    gap, G = full_rows(fem, partition)
+def full(fem, partition, velocity, friction=None):
+    """Forces over the run of the full FE model with the same rows, as a history."""
+    law, G = full_rows(fem, partition, friction)
     steps = HHT(fem.mass, fem.stiffness, G, STEP, velocity=velocity)
-    contact, force = Complementarity(regularised(steps.compliance())), np.zeros(round(END / STEP) + 2)
-    for i in range(1, len(force) - 1):  # a step's force is that of its middle
-        lam = contact.solve(gap + steps.predict())
+    law.begin(regularised(steps.compliance()))
+    for n in range(1, round(END / STEP) + 1):
+        lam = law.forces(steps.predict())
         steps.correct(lam)
-        force[i] = lam.sum()
-    return STEP * np.arange(len(force) - 1), (force[1:] + force[:-1]) / 2
+        law.record(lam, n)
+    return law.history(STEP * np.arange(n + 1), {}, {})
 
 
 def test_modes_and_rows_have_the_flexibility_of_the_full_model(clip):
@@ -116,11 +130,60 @@ def test_modes_and_rows_have_the_flexibility_of_the_full_model(clip):
 @pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ModelLimitWarning")  # a coarse mesh, both have it
 def test_ends_of_a_clip_meet(clip, body):
     """Explicit and implicit steps, against the full FE model."""
-    t_full, expected = full(*clip, body.displacement(closing(body)).ravel())
-    assert expected.max() > 10.0
+    expected = full(*clip, body.displacement(closing(body)).ravel())
+    assert expected.force.max() > 10.0
     for method, step in (("explicit", None), ("implicit", STEP)):
         result, _, contact = reduced(body, closing(body), method, step)
-        assert relative(np.interp(t_full, result.t, contact.force(result)), expected) < 0.01, method
+        assert relative(np.interp(expected.t, result.t, contact.force(result)), expected.force) < 0.01, method
+
+
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ModelLimitWarning")
+@pytest.mark.parametrize(
+    ("shear", "sticks", "method", "step", "frame"),
+    [(0.4, True, "explicit", None, "floating"), (1.0, False, "implicit", STEP, "inertial")],
+)
+def test_ends_of_a_clip_rub(clip, rough, shear, sticks, method, step, frame):
+    """They stick or slip as those of the full FE model; a clip alone keeps its momentum."""
+    start = closing(rough) + shear * closing(rough, axis=1)
+    expected = full(*clip, rough.displacement(start).ravel(), FRICTION)
+    result, item, contact = reduced(rough, start, method, step, frame=frame, friction=FRICTION)
+    found = contact.force(result), *contact.friction.tangential_force(result).T[:2]
+    assert abs(found[2]).max() > 10.0
+    assert (contact.friction.stuck_rows(result).max() > 3) == sticks
+    for force, other in zip(found, (expected.force, *expected.tangential_force.T[:2]), strict=True):
+        assert relative(np.interp(expected.t, result.t, force), other) < 0.02
+    assert contact.dissipated_energy(result)[-1] == pytest.approx(expected.dissipated[-1], rel=0.02)
+    impulse = found[0].max() * END
+    assert abs(item.momentum(result)).max() < 1e-12 * impulse
+    if frame == "floating":
+        assert abs(item.angular_momentum(result)).max() < 1e-11 * impulse * ARM
+
+
+def test_friction_turns_with_the_clip(rough):
+    """It closes, rubs and opens in a frame that turns by radians as in one at rest, and moves no frame."""
+    item, contact = model(rough, "floating", friction=FRICTION)[1:]
+    kinematics, n = item.kinematics, rough.n_dofs
+    shapes = [kinematics.from_basis @ closing(rough, axis=axis) for axis in (2, 1)]
+    ways = [(7e-6, 0), (10e-6, 1e-6), (12e-6, 4e-6), (11e-6, 2e-6), (8e-6, -3e-6), (2e-6, 0)]
+    found = []
+    for turn in (np.zeros(3), np.array([0.3, -0.5, 0.4])):
+        law, forces, states = contact.mechanics.for_run("implicit"), [], set()
+        law.gaps.follow()
+        for step, (close, shear) in enumerate(ways):
+            deformed = kinematics.moved(np.zeros(n), (close * shapes[0] + shear * shapes[1]) / SPEED)
+            q = kinematics.moved(deformed, np.r_[3e-3 * step * turn, step * turn, np.zeros(n - 6)])
+            law.commit(1e-6 * step)
+            on_both = law.force(np.tile(q, 2)).reshape(2, n)
+            on_frame = on_both.sum(axis=0)[:6]
+            size = abs(on_both[:, :3]).max()
+            assert abs(on_frame[:3]).max() <= 1e-12 * size
+            assert abs(on_frame[3:]).max() <= 1e-12 * size * ARM
+            forces.append(law.forces)
+            states |= {*law.state.tolist()}
+        assert states == {OPEN, STICK, SLIP}
+        assert not forces[-1].any()
+        found.append(np.concatenate(forces))
+    assert relative(found[1], found[0]) < 1e-9
 
 
 @pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ModelLimitWarning")
@@ -128,23 +191,30 @@ def test_ends_of_a_clip_meet(clip, body):
 def test_a_patch_that_folds_is_named_twice(clip, body, folded, frame):
     """The arms are found in it, whose forces are those of the full FE model; with friction the energy balances."""
     velocity = body.displacement(closing(body)).ravel()
-    t_full, expected = full(*clip, velocity)
+    expected = full(*clip, velocity)
     shapes = np.array([folded.displacement(shape).ravel() for shape in np.eye(folded.n_dofs)])
     weighted = clip[0].mass @ shapes.T
     start = np.linalg.solve(shapes @ weighted, weighted.T @ velocity)
     result, _, contact = reduced(folded, start, "explicit", None, frame=frame)
-    assert relative(np.interp(t_full, result.t, contact.force(result)), expected) < 0.01
+    assert relative(np.interp(expected.t, result.t, contact.force(result)), expected.force) < 0.01
     # The arms shear too.
     aside = shapes.reshape(folded.n_dofs, -1, 3)[:, :, 1]
     tip, face = (patch.nodes for patch in clip[1].patches)
     speed = aside[:, tip].mean(axis=1) - aside[:, face].mean(axis=1)
     first = np.flatnonzero(np.abs(speed) > 0.5 * np.abs(speed).max())[0]
     start[first] += SPEED / speed[first]
-    result, item, contact = reduced(folded, start, "implicit", STEP / 2, frame=frame, friction=0.3)
+    result, item, contact = reduced(folded, start, "implicit", STEP / 2, frame=frame, friction=FRICTION)
     energy, lost = item.energy(result) + contact.energy(result), contact.dissipated_energy(result)
     assert lost[-1] > 0.1 * energy[0]
     assert abs(energy[-1] + lost[-1] - energy[0]) < 5e-4 * energy[0]
-    assert abs(item.momentum(result)).max() < 1e-9 * contact.force(result).max() * END
+    assert abs(item.momentum(result)).max() < 1e-12 * contact.force(result).max() * END
+    if frame == "floating":
+        expected = full(*clip, folded.displacement(start).ravel(), FRICTION)
+        for force, other in (
+            (contact.force(result), expected.force),
+            (contact.friction.tangential_force(result)[:, 1], expected.tangential_force[:, 1]),
+        ):
+            assert relative(np.interp(expected.t, result.t, force), other) < 0.02
 
 
 @pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ModelLimitWarning")  # a coarse mesh
@@ -196,13 +266,10 @@ def test_a_clip_on_a_ball_touches_itself(clip, frame, axes):
     assert relative(np.concatenate([law.lam for law in group.contacts]), expected) < 1e-6
 
 
-def test_the_flexibility_does_not_depend_on_the_number_of_modes(clip):
+def test_the_flexibility_does_not_depend_on_the_number_of_modes(clip, rough):
     """Along the normals and both tangents: what modes leave out is across the mouth too."""
-    fem, found = clip[0], []
-    tip = ep.Partition.ball(fem, TIP, 1e-3, direction=(0, 0, 1), axes="xyz")
-    face = ep.Partition.ball(fem, FACE, 1e-3, direction=(0, 0, -1), axes="xyz")
-    for f_cut in (20e3, 200e3):
-        body = ep.reduce(fem, tip | face, f_cut=f_cut)
+    found = []
+    for body in (rough, ep.reduce(clip[0], rough.partition, f_cut=20e3)):
         law = model(body, friction=0.3)[2].mechanics
         every = np.arange(len(law.gaps.row_nodes))
         H = law.rows.jacobian(every)
