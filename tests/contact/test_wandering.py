@@ -15,6 +15,7 @@ from exudyn_partition.contact.rigid import RigidGaps, RigidPlane
 from exudyn_partition.contact.wandering import WanderingGaps, WanderingRigidGaps
 from exudyn_partition.errors import EmptyRegionError, InputError, PenetrationError
 
+MU = 0.3
 R, WIDTH, DEEP = 5e-3, 3e-3, 60e-6  # coarse facets are hollow: their rows close late
 
 
@@ -109,7 +110,7 @@ def test_friction_of_parts_is_that_of_small_patches(disc, plate, rim, face):
     spot = ep.reduce(plate[0], ep.Partition.ball(plate[0], (0, 0, 0), 3e-3, axes="xyz"), f_cut=20e3)
     found = []
     for gaps, slave, master in ((PatchGaps, tip, spot), (WanderingGaps, rim, face)):
-        law = compliant(gaps(inertial(slave), inertial(master)), Coulomb(0.3)).for_run("implicit")
+        law = compliant(gaps(inertial(slave), inertial(master)), Coulomb(MU)).for_run("implicit")
         law.gaps.follow()
         for step, x in enumerate((0.0, 0.2e-6, 0.4e-6)):
             q = np.r_[moved(inertial(slave), [x, -DEEP, 0]), np.zeros(master.n_dofs)]
@@ -118,6 +119,51 @@ def test_friction_of_parts_is_that_of_small_patches(disc, plate, rim, face):
         found.append(law.resultant())
     assert found[0][0] < -1
     np.testing.assert_allclose(found[1], found[0], rtol=1e-3, atol=1e-3 * found[0][1])
+
+
+def slid(rim, face, places):
+    """Forces on a disc with friction, (n, 3) [N], its work [J], and rows that were closed, at angles and places x."""
+    law = compliant(WanderingGaps(floating(rim, (0, 1e-6, 0)), inertial(face)), Coulomb(MU)).for_run("implicit")
+    found, rows = [], set()
+    for step, (angle, x) in enumerate(places):
+        q = np.r_[turned(rim, angle, [x, -DEEP - 1e-6, 0]), np.zeros(face.n_dofs)]
+        law.commit(1e-6 * step)
+        law.evaluate(SimpleNamespace(q=q, q_t=np.zeros(len(q)), step=1e-6, start=1e-6 * step))
+        found.append(law.resultant())
+        rows |= {*law.row_nodes[law.index].tolist()}
+    return np.array(found), law.dissipated(), rows
+
+
+@pytest.mark.parametrize("spin", [-1.0, 1.0])
+def test_a_disc_that_slides_while_it_wanders_over_both_surfaces(rim, face, spin):
+    """Friction is that of Coulomb at every place, against the slip, and takes the force times the way."""
+    angles = np.linspace(0.0, 0.9, 46)
+    places = [(spin * angle, 0.5 * R * angle) for angle in angles]  # the rim's speed is +-R of the angle's
+    forces, taken, rows = slid(rim, face, places)
+    assert len(rows) > 12
+    pressed, along = forces[3:, 1], forces[3:, 0]
+    assert pressed.min() > 20
+    side = np.sign(0.5 + spin)  # a disc that turns by +z moves its lowest point along +x
+    np.testing.assert_allclose(along, -side * MU * pressed, rtol=5e-4)  # rows slip aside a little
+    ways = np.diff(angles) * R * abs(0.5 + spin)
+    push = abs(forces[:, 0])
+    assert taken == pytest.approx(0.5 * ways @ (push[1:] + push[:-1]), rel=0.03)
+
+
+def test_friction_of_parts_is_that_of_the_whole_surfaces_wherever_contact_wanders(rim, face, monkeypatch):
+    """While the disc rolls, creeps, slides and rolls back, rows come and go: none is forgotten or kept too long."""
+    angles = 0.6 * np.sin(np.linspace(0, np.pi, 40))
+    places = [(-angle, R * angle * (1.0 + 0.05 * np.sin(7 * angle))) for angle in angles]
+    parts, taken, rows = slid(rim, face, places)
+    monkeypatch.setattr(wandering, "WINDOW", 1e3)
+    whole, expected, others = slid(rim, face, places)
+    np.testing.assert_allclose(parts, whole, rtol=0, atol=1e-7 * whole.max())
+    assert taken == pytest.approx(expected, rel=1e-6)
+    assert rows == others
+    ratio = parts[:, 0] / parts[:, 1]
+    assert ratio.min() < -0.02
+    assert ratio.max() > 0.02
+    assert abs(ratio).min() < 0.5 * MU
 
 
 def test_spots_appear_and_vanish(rim):
