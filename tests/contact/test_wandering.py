@@ -9,6 +9,7 @@ from oracles import box, compliant, floating, inertial, moved, relative
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.coulomb import Coulomb
+from exudyn_partition.algebra.friction import SLIP
 from exudyn_partition.contact import wandering
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.rigid import RigidGaps, RigidPlane
@@ -164,6 +165,30 @@ def test_friction_of_parts_is_that_of_the_whole_surfaces_wherever_contact_wander
     assert ratio.min() < -0.02
     assert ratio.max() > 0.02
     assert abs(ratio).min() < 0.5 * MU
+
+
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ModelLimitWarning")  # a coarse mesh, few rows close
+@pytest.mark.parametrize(("method", "step"), [("explicit", None), ("implicit", 0.4e-6)])
+def test_a_spinning_disc_that_bounces_is_driven_by_friction_alone(rim, face, mbs, method, step):
+    """In impacts all around its rim: the impulses along the face are those across it times the coefficient."""
+    weight, gravity = rim.total_mass, np.array([0, -2e4, 0])
+    spins = {"initialVelocity": [0, -0.5, 0], "initialAngularVelocity": [0, 0, 4000.0]}
+    disc = ep.CreatePartitionBody(mbs, rim, frame="floating", referencePosition=[0, 2e-6, 0], gravity=gravity, **spins)
+    plate = ep.CreatePartitionBody(mbs, face, frame="floating")
+    contact = ep.CreatePartitionContact(mbs, disc, plate, friction=MU, passes="given")
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=300e-6, method=method, step=step)
+    slips = (contact.friction.states(result) == SLIP).any(axis=0)
+    assert np.ptp(rim.points[rim.partition.patches[0].nodes[slips], 0]) > 0.5 * R
+    across, along = (
+        np.trapezoid(force, result.t)
+        for force in (contact.force(result), contact.friction.tangential_force(result)[:, 0])
+    )
+    assert along == pytest.approx(-MU * across, rel=1e-3)
+    assert along / weight < -0.3
+    momentum = disc.momentum(result) + plate.momentum(result)
+    fallen = weight * gravity * result.t[-1]
+    assert abs(momentum[-1] - momentum[0] - fallen).max() < 1e-9 * abs(fallen).max()
 
 
 def test_spots_appear_and_vanish(rim):
