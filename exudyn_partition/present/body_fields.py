@@ -98,6 +98,7 @@ class BodyFields:
             got = " and ".join(type(x).__name__ for x in (entry if isinstance(entry, tuple) else (entry,)))
             raise InputError(
                 f"bodies: expected what CreatePartitionBody returns, or pairs (body, fem) with its FE model, got {got}"
+                "; bodies of a file come with their model, Result.load(path, mbs)"
             )
         self.item, self.fem = pair
         self.names, self.body = names, self.item.body

@@ -501,16 +501,13 @@ class Result:
             body, point, *fem = entry
             validate_type("points", body, PartitionBody, "CreatePartitionBody()")
             velocity[name] = body.velocity(self, point, fem=fem[0] if fem else None)
-        bodies = [item.body for item, _ in contact.sides]
-        info = {
-            "label": f"{bodies[0].basis.name}, {self.method}",
-            "dofs": sum(body.n_dofs for body in bodies),
-            "contact_nodes": contact.n_rows,
-            "step_s": self.step,
-            "steps": self.steps,
-            "time_s": self.time_s,
-            "status": self.status,
-        }
+        info = {"step_s": self.step, "steps": self.steps, "time_s": self.time_s, "status": self.status}
+        if isinstance(contact, StoredContact):
+            info["label"] = self.method
+        else:
+            bodies = [item.body for item, _ in contact.sides]
+            info["label"] = f"{bodies[0].basis.name}, {self.method}"
+            info |= {"dofs": sum(body.n_dofs for body in bodies), "contact_nodes": contact.n_rows}
         of_friction = {}
         if contact.friction:
             of_friction = {

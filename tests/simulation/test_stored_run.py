@@ -111,6 +111,12 @@ def test_a_result_is_read_without_its_model(saved, tmp_path, how):
     for name in ("coordinates", "coordinates_t", "energy", "momentum"):
         np.testing.assert_array_equal(getattr(same_ball, name)(loaded), getattr(ball, name)(result))
     assert (same_contact.name, same_ball.name) == ("tip", "ball")
+    of_file, of_run = loaded.history(same_contact), result.history(contact)
+    np.testing.assert_array_equal(of_file.force, of_run.force)
+    assert ep.compare(of_file, of_run).error["force"] == 0.0
+    assert len(ep.plot.force(None, loaded).lines) > 0
+    with pytest.raises(InputError, match=r"bodies of a file come with their model, Result.load\(path, mbs"):
+        ep.plot.bodies(loaded)
     for missing in (
         lambda: same_contact.nodal_forces(loaded),
         lambda: same_contact.impacts(loaded),
