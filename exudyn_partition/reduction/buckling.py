@@ -7,7 +7,7 @@ left out is of the order of squared slopes.
 
 S. P. Timoshenko, J. M. Gere, Theory of Elastic Stability, 1961, sections 1.11 and 2.1.
 
-Theory: examples/site/theory.md, "Compression".
+Theory: examples/site/theory.md, "Compression and rotation".
 """
 
 from __future__ import annotations
@@ -95,10 +95,14 @@ def compression(link: Link, t: Array, elastic: Array) -> Array:
     elastic : (n, n_dofs) array
         Coordinates of the motion within the frame.
     """
-    impulse = np.r_[0.0, np.cumsum(np.diff(t) * _middles(-link.tension(elastic)))]
-    # The force before the start is zero.
-    compression: Array = (impulse - np.interp(t - link.period, t, impulse)) / link.period
-    return compression
+    return mean_over(link.period, t, -link.tension(elastic))
+
+
+def mean_over(period: float, t: Array, x: Array) -> Array:
+    """Means, (n,), of a quantity at times t over the last period [s]; before the start it was zero."""
+    sums = np.r_[0.0, np.cumsum(np.diff(t) * _middles(x))]
+    mean: Array = (sums - np.interp(t - period, t, sums)) / period
+    return mean
 
 
 def squared_slope(body: ReducedBody, link: Link, deformed: Array) -> Array:

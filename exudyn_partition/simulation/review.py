@@ -20,11 +20,12 @@ from ..support.arrays import Array
 from ..support.foreign import MainSystem
 from .contact_review import warn_of_contacts
 from .result import Result, called, cut
+from .spin_review import warn_of_spin
 
 _LARGEST_DEFORMATION = 0.1  # share of a body's size; linear elasticity is not valid far below it
 _GROWTH = 1e3  # ratio to a body's largest energy so far, which unstable steps exceed and large strain does not
 _LARGEST_ROTATION = 0.1  # rad, for a body in an inertial frame
-_LARGEST_COMPRESSION = 0.1  # share of the buckling load of a link
+_LARGEST_AXIAL = 0.1  # compression or tension of a link, by its buckling load
 _LARGEST_LEFT = 0.02  # share of a link's bending that geometric stiffness leaves out
 # That share by the mean square of slopes: a hinged column bears so much more than Euler's load when it has buckled
 # (tests/exudyn_bodies/test_stiffening.py). An elastica bears a quarter.
@@ -68,7 +69,11 @@ def reviewed(mbs: MainSystem, result: Result) -> Result:
         for item, share in zip(bodies, shares, strict=True):
             if item.frame == "inertial":
                 _warn_of_rotation(item, result)
-            (_warn_of_compression if item.body.stiffening is None else _warn_of_slopes)(item, result)
+            if item.body.stiffening is None:
+                _warn_of_axial_forces(item, result)
+                warn_of_spin(mbs, item, result)
+            else:
+                _warn_of_slopes(item, result)
             _warn_of_strain(item, result, share[: len(result.t)])
         warn_of_contacts(contacts, result)
     return result
@@ -125,24 +130,26 @@ def _warn_of_strain(item: PartitionBody, result: Result, share: Array) -> None:
         )
 
 
-def _warn_of_compression(item: PartitionBody, result: Result) -> None:
+def _warn_of_axial_forces(item: PartitionBody, result: Result) -> None:
+    """Warn of compression and tension that should change the bending of a body without geometric stiffness."""
     for link in links(item.body):
         elastic = item.kinematics.elastic(item.coordinates(result))
         # The time of statics is no time in which a pulse ends before the link bends.
         force = -link.tension(elastic) if result.method == "static" else compression(link, result.t, elastic)
-        share = force.max() / link.buckling_load
-        if share > _LARGEST_COMPRESSION:
-            when = result.t[int((force > _LARGEST_COMPRESSION * link.buckling_load).argmax())]
-            between = " and ".join(map(repr, link.ends))
-            warnings.warn(
-                f"{called(item)} is compressed between its interfaces {between}, from t = {when:.6g} s on by up to "
-                f"{force.max():.4g} N, {share:.2g} of the {link.buckling_load:.4g} N at which it buckles, hinged at "
-                "both ends (a quarter of them, if one end is clamped and the other free). Its bending is linear; in "
-                "truth it is softer by that share, so that frequencies and deflections are off. Reduce it with "
-                "geometric_stiffness=True, or keep the force below a tenth",
-                ModelLimitWarning,
-                stacklevel=4,
-            )
+        between = " and ".join(map(repr, link.ends))
+        for own, how, changed in ((force, "compressed", "softer"), (-force, "pulled", "stiffer")):
+            share = own.max() / link.buckling_load
+            if share > _LARGEST_AXIAL:
+                when = result.t[int((own > _LARGEST_AXIAL * link.buckling_load).argmax())]
+                warnings.warn(
+                    f"{called(item)} is {how} between its interfaces {between}, from t = {when:.6g} s on by up to "
+                    f"{own.max():.4g} N, {share:.2g} of the {link.buckling_load:.4g} N at which it buckles, hinged at "
+                    "both ends (a quarter of them, if one end is clamped and the other free). Its bending is linear; "
+                    f"in truth it is {changed} by that share, so that frequencies and deflections are off. Reduce it "
+                    "with geometric_stiffness=True, or keep the force below a tenth",
+                    ModelLimitWarning,
+                    stacklevel=4,
+                )
 
 
 def _warn_of_slopes(item: PartitionBody, result: Result) -> None:
