@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from typing import Self
 
 
+_HELD = 0.75  # share of closed rows: if no more slip, those that stick hold the contact
+_LEAST_WAY = 1e-3  # of the longest: secants count no shorter ones, which may be zero
+
+
 class PatchContact:
     """A contact in a run: its rows, the forces on them, and its memory of the last accepted step.
 
@@ -305,6 +309,24 @@ class PatchContact:
             H = self.row_jacobian()
             K = dense(H.T @ (self.law.stiffness() @ H))
         return K if self.zones is None else self.zones.tangent(K)
+
+    def slip_secants(self, H: Array) -> Array:
+        """Stiffness, (m, m), if friction opposed slips in proportion to the ways of rows; zero where many rows stick.
+
+        `H`, (d na, m), is the derivative of the places of closed rows.
+        """
+        slipping = np.flatnonzero(self.state[self.index] == SLIP)
+        K = np.zeros((H.shape[1],) * 2)
+        if len(slipping) <= _HELD * len(self.index):
+            return K
+        rows = self.index[slipping]
+        forces, ways = self.forces[rows, 1:], np.hypot(*self._at.way[rows].T)
+        size = np.hypot(*forces.T)
+        some = (size > 0.0) & (ways > 0.0)
+        directions = forces[some] / size[some, None]
+        along = np.einsum("it,itm->im", directions, H.reshape(-1, 3, len(K))[slipping[some], 1:])
+        secants = size[some] / np.maximum(ways[some], _LEAST_WAY * ways.max())
+        return np.asarray(along.T @ (secants[:, None] * along))
 
     def closed_stiffness(self) -> Array | None:
         """Stiffness with all rows closed, (n, n), which limits explicit steps; None if it sets no limit."""

@@ -63,6 +63,8 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
         contacts = partition_items(mbs)[1]
         stuck = {c: K for c in contacts if (K := _stuck(mbs, run.of(c))) is not None}
         blocks = [*_of_each(run, contacts, stuck, fODE2), *_of_groups(mbs, run, contacts, stuck, fODE2)]
+        if run.slip_secants is not None:
+            blocks += _of_slips(mbs, run, contacts, run.slip_secants.share(mbs.sys["staticSolver"]) * fODE2)
         return exu.MatrixContainer(_assembled(blocks, run.dofs))
 
     return mbs.AddObject(
@@ -170,6 +172,15 @@ def _of_groups(
                 elif zones is not None:
                     K[own, own] = zones.tangent(K[own, own])
             yield by_q * K, closed[j][1], closed[k][1]
+
+
+def _of_slips(mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionContact], by_q: float) -> Iterator[Block]:
+    """Stiffness along slips, see `SlipSecants`."""
+    for contact in contacts:
+        run = model.of(contact)
+        if run.mechanics.friction is not None and run.mechanics.index.size:
+            H, dofs = _closed_rows(mbs, run, contact)
+            yield by_q * run.mechanics.slip_secants(H), dofs, dofs
 
 
 def _closed_rows(mbs: MainSystem, run: ContactRun, contact: PartitionContact) -> tuple[Array, Array]:

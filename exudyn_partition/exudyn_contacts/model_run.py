@@ -27,6 +27,7 @@ from .central_differences import MultiplierStep
 from .contact_run import ContactRun, GroupRun
 from .contact_samples import ModelContact
 from .run_record import RunRecord, sensors_keep_all
+from .slip_secants import SlipSecants
 
 _log = logging.getLogger(__name__)
 
@@ -73,6 +74,8 @@ class ModelRun:
         Record of where Exudyn's own bodies are, for pictures.
     unsampled : bool
         Whether the model has no contact whose sensor would keep this record.
+    slip_secants : SlipSecants or None
+        Adds to the Jacobian, if a static run needs it.
     """
 
     def __init__(
@@ -103,6 +106,7 @@ class ModelRun:
                 run.go_on(last, t, known)
         self._all_ask = all(run.place is None for run in self._runs.values())
         self.record = RunRecord(t, keep)
+        self.slip_secants: SlipSecants | None = None
         carriers = [contact.carrier.body for contact in contacts if contact.carrier is not None]
         self.others, self.unsampled = OtherBodies(mbs, map(int, carriers)), not contacts
         self._steppers: list[MultiplierStep] = []

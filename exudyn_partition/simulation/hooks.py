@@ -19,6 +19,7 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.contact_object import called_if_needed
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
+from ..exudyn_contacts.slip_secants import SlipSecants
 from ..support.arrays import Array
 from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContainer, SimulationSettings, UserFunction
 from ..support.interrupt import Interrupt, interruptible
@@ -254,6 +255,13 @@ def kept_apart(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
         yield
     finally:
         mbs.SetPostNewtonUserFunction(own_after_newton or 0)
+
+
+@contextlib.contextmanager
+def slips_opposed(mbs: MainSystem) -> Iterator[None]:
+    """Add a stiffness along slips to the Jacobian of the static run that has begun, see `SlipSecants`."""
+    runs_of(mbs).now(mbs).slip_secants = SlipSecants()
+    yield
 
 
 @contextlib.contextmanager

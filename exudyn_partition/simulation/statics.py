@@ -30,7 +30,7 @@ from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
 from .continuation import keep_end
-from .hooks import begun, cause, held, kept_apart, residual, watched
+from .hooks import begun, cause, held, kept_apart, residual, slips_opposed, watched
 from .joint_checks import check_start
 from .result import Result, called, samples
 from .review import noted, reviewed
@@ -48,9 +48,11 @@ _STIFF = 100.0  # square of the springs' frequency, by that of a pendulum
 _MOST_DENSE = 1000  # largest number of coordinates for this check, which computes all eigenvalues
 _REMEDY = (
     "What nothing holds before contact closes has no equilibrium: hold it by joints or soft springs, let bodies touch "
-    "at the start, or set settings.staticSolver.stabilizerODE2term. Else take more load_steps; a spring's preload does "
-    "not grow with them: give it as a load, and the spring no offset"
+    "at the start, or set settings.staticSolver.stabilizerODE2term. Nor has a stack that tips over, because the weight "
+    "above a face lies beside it. Else take more load_steps; a spring's preload does not grow with them: give it as a "
+    "load, and the spring no offset"
 )
+_UNSETTLED, _SINGULAR = "terminated due to errors", "Jacobian seems to be singular"  # what Exudyn says then
 _PARTS = 16  # of a load step of a press fit: shortest one before bodies are held by springs without forces
 _PRESSED = (
     "In a press fit, hold one body wholly; contact without friction does not hold the other one along and around the "
@@ -437,10 +439,17 @@ def _run(
         begin = time.perf_counter()
         pressed = any(contact.mechanics.gaps.overlap for contact in partition_items(mbs)[1])
         steps, interrupted, error = attempt(_divided(settings, step / _PARTS) if pressed else contextlib.nullcontext())
-        again = error is not None and (pressed or steps <= 1) and not interrupted
-        if again and error is not None and "terminated due to errors" in cause(error):
-            _log.info("no equilibrium: again, held by springs without forces")
-            steps, interrupted, error = attempt(held(mbs, settings))
+        others = [
+            ("with a stiffness along slips", slips_opposed(mbs), (_UNSETTLED, _SINGULAR)),
+            ("held by springs without forces", held(mbs, settings), (_UNSETTLED,)),
+        ]
+        if all(contact.mechanics.friction is None for contact in partition_items(mbs)[1]):
+            del others[0]
+        for how, other, said in others:
+            again = error is not None and (pressed or steps <= 1) and not interrupted
+            if again and error is not None and any(text in cause(error) for text in said):
+                _log.info("no equilibrium: again, %s", how)
+                steps, interrupted, error = attempt(other)
         remedy = f"{_REMEDY}. {_PRESSED}" if pressed else _REMEDY
         if error is not None and steps <= 1:
             raise RunError(f"mbs: Exudyn finds no equilibrium: {cause(error)}. {remedy}") from error

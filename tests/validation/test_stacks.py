@@ -14,9 +14,10 @@ def blocks():
 
 
 @pytest.mark.filterwarnings("ignore::exudyn_partition.errors.PartitionWarning")  # of explicit steps, and of edges
-@pytest.mark.parametrize("seed", [4, 5, 11, 14])
+@pytest.mark.parametrize("seed", [4, 5, 11, 14, 25, 50, 54, 122, 182])
 def test_random_stacks_run_and_keep_the_cone(blocks, seed):
-    weights, cone = stacks.random_stack(blocks, seed)
+    """From 25 on, a whole face slips on the way to the rest: there the tangents of friction lead far away."""
+    weights, cone, _ = stacks.random_stack(blocks, seed)
     assert weights < 1e-8
     assert cone < 1e-9
 

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 import exudyn_partition as ep
 from exudyn_partition.algebra.complementarity import regularised
 from exudyn_partition.algebra.friction import SLIP, STICK, FrictionProblem
+from exudyn_partition.algebra.products import dense
 from exudyn_partition.contact.formulations.choices import Compliance, Penalty
 from exudyn_partition.contact.patch_contact import PatchContact
 from exudyn_partition.contact.patch_gaps import PatchGaps
@@ -66,6 +67,22 @@ def test_a_large_shift_slips_at_the_limit_against_its_direction(law, direction):
     limit = MU * law.lam.sum()
     np.testing.assert_allclose(tangential(law)[:2], -limit * np.array(direction), atol=2e-2 * limit)
     np.testing.assert_allclose(np.linalg.norm(law.traction[law.index], axis=1), MU * law.lam[law.index], rtol=1e-8)
+
+
+def test_secants_of_slips_times_the_way_are_friction(law):
+    law = begin(law)
+    shift = pressed(law, (3 * DEPTH, -4 * DEPTH)) - pressed(law)
+    law.force(pressed(law) + shift)
+    H = dense(law.row_jacobian())
+    opposing, friction = -law.slip_secants(H) @ shift, H.T @ np.where([0, 1, 1], law.forces[law.index], 0.0).ravel()
+    np.testing.assert_allclose(opposing, friction, atol=2e-2 * abs(friction).max())
+
+
+def test_rows_that_stick_need_no_secants(law):
+    law = begin(law)
+    law.force(pressed(law, (1e-3 * DEPTH, 0)))
+    assert (law.state == STICK).any()
+    assert not law.slip_secants(dense(law.row_jacobian())).any()
 
 
 def test_no_row_is_beyond_the_limit_and_none_that_sticks_moves(law):
