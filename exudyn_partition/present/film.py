@@ -185,7 +185,8 @@ def _strip(motion: Motion, width: int, height: int) -> _Strip:
     axes = figure.add_axes((left, below, 1 - left - 20 / width, max(0.1, 1 - below - above)))
     for name, force in motion.forces.items():
         axes.plot(1e3 * motion.force_t, force, linewidth=1.4, label=plain(name))
-    axes.set_xlim(1e3 * motion.force_t[0], 1e3 * motion.force_t[-1])
+    if motion.force_t[-1] > motion.force_t[0]:  # one instant, as of result.at(3), has no curve
+        axes.set_xlim(1e3 * motion.force_t[0], 1e3 * motion.force_t[-1])
     axes.margins(y=0.1)  # the largest force stays off the frame
     axes.set_title("contact force [N] over t [ms]", fontsize=8, loc="left", pad=3)
     axes.tick_params(labelsize=8)

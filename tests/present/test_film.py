@@ -59,6 +59,12 @@ def test_kinds_of_films(run, tmp_path):
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
 
 
+def test_one_instant(run, tmp_path, recwarn):
+    with Image.open(run.at([40e-6]).film(tmp_path / "run.gif", size=(120, 80))) as film:
+        assert film.n_frames >= 1
+    assert len(recwarn) == 0
+
+
 def test_what_is_refused(run, tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"path: expected .*mp4.*got '.avi'"):
         run.film(tmp_path / "run.avi")
