@@ -103,6 +103,7 @@ def run(model, end_time, step, scheme="contact-adapted", free_step=2e-4):
     newton = settings.timeIntegration.newton
     newton.absoluteTolerance, newton.relativeTolerance = 1e-8, 1e-5  # forces do not change, iterations are saved
     newton.modifiedNewtonContractivity = 0.02  # a new Jacobian takes less time than more iterations with an old one
+    newton.numericalDifferentiation.jacobianConnectorDerivative = False  # a small part of it, which takes most time
     # Undamped vibration after the impact has less than 1 % of the energy. Without contact it is not resolved.
     adaptive = {"adaptive": True, "free_step": free_step, "unresolved": 1e-2}
     return ep.solve_dynamic(model.mbs, end_time=end_time, step=step, method="implicit", settings=settings, **adaptive)

@@ -9,6 +9,7 @@ users need not know it beforehand.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -203,7 +204,7 @@ class PatchGaps(Gaps):
         """Least gap, or a lower bound [m]: if the patches are apart, the gap between balls around them."""
         centres = x_s.mean(axis=0), x_m.mean(axis=0)
         radii = [np.linalg.norm(x - centre, axis=1).max() for x, centre in zip((x_s, x_m), centres, strict=True)]
-        between = float(np.linalg.norm(centres[1] - centres[0]) - sum(radii))
+        between = math.dist(*centres) - float(sum(radii))
         return between if between > 0 else self.project(x_s, x_m)[1]
 
     def project(self, x_s: Array, x_m: Array) -> tuple[ContactRows, float]:

@@ -150,7 +150,7 @@ def add_guard(mbs: MainSystem, item: AttachableBody, check: Callable[[MainSystem
         latest = t
         if turning is not None:
             first = mbs.GetNodeODE2Index(node)
-            angle = float(np.linalg.norm(turning @ mbs.systemData.GetODE2Coordinates(copy=False)[first : first + n]))
+            angle = math.hypot(*(turning @ mbs.systemData.GetODE2Coordinates(copy=False)[first : first + n]))
             if angle > _TORN:
                 raise RunError(
                     f"body {name!r} has rotated by {angle:.2g} rad at t = {t:.6g} s, and its frame is inertial, "

@@ -317,7 +317,7 @@ def _rotation_vector(name: str, matrix: object) -> Array:
 def _add_inertial(
     mbs: MainSystem, kinematics: InertialKinematics, name: str, q_t: Array, damping: Damping | None
 ) -> PartitionBody:
-    exu, body = require("exudyn"), kinematics.body
+    body = kinematics.body
     parts = {"nModal": q_t[: body.n_shapes], "nNodal": q_t[body.n_shapes :]}
     indices = {key: _add_node(mbs, part) for key, part in parts.items() if len(part)}
     said = ("large rotation, and the inertia forces of a rotating frame (frame='floating')",)
@@ -325,9 +325,9 @@ def _add_inertial(
     diagonal = sp.diags(np.r_[body.basis.omega**2, np.zeros(body.n_dofs - body.n_shapes)], format="csr")
     functions: Functions = {}
     if body.stiffening is not None:
-        functions = stiffening_functions(exu, item, body.stiffening)
+        functions = stiffening_functions(item, body.stiffening)
     if "nNodal" in indices:
-        functions = coupling_functions(exu, item, body.stiffness - diagonal, damping)
+        functions = coupling_functions(item, body.stiffness - diagonal, damping)
     item["oGenericODE2"] = _add_object(mbs, item, body.mass, diagonal, functions, damping)
     return item
 

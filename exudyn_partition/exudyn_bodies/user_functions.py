@@ -13,9 +13,11 @@ from ..frames import loops
 from ..frames.damping import Damping
 from ..frames.floating import ActingMass
 from ..frames.inertia_forces import InertiaForces
+from ..frames.kinematics import Rows
 from ..reduction.geometric_stiffness import GeometricStiffness
 from ..support.arrays import Array
 from ..support.foreign import Coordinates, Exudyn, ItemIndex, MainSystem, MatrixContainer, UserFunction
+from ..support.optional import require
 from .item_work import acts_on_constant_mass
 from .model import BodyItem, coordinate_slices
 
@@ -64,6 +66,8 @@ def inertia_functions(
         frequency. The remaining half step takes the accelerations at the start of the step. Only elastic and Coriolis
         forces are updated, because they change fast and their change is known.
         """
+        if not (np.isfinite(z).all() and np.isfinite(middle).all()):
+            raise RunError("coordinates of a body with frame='floating' are not finite: the run has become unstable")
         data = mbs.systemData
         own = _velocities_at(tuple([mbs.GetNodeODE2Index(node) for node in nodes]), len(z))
         q, q_t, q_tt = (
@@ -107,20 +111,28 @@ def inertia_functions(
             result[RIGID:, RIGID:] += fODE2 * stiffening.tangent(z)
         if damping is not None:
             result += (fODE2_t * damping.matrix()).toarray()
-        return _sparse(exu, result)
+        return sparse_container(*terms(result), len(result))
 
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
 
 
-def _sparse(exu: Exudyn, matrix: Array) -> MatrixContainer:
-    """Exudyn's sparse form of a matrix, (n, n); by way of SciPy it would take much longer than its terms."""
-    where = np.nonzero(matrix)
-    container = exu.MatrixContainer()
-    container.SetWithSparseMatrix(np.column_stack([*where, matrix[where]]), *matrix.shape)
+def terms(matrix: Rows) -> tuple[Array, Array, Array]:
+    """Rows, columns and values of the terms of a matrix that are not zero."""
+    if sp.issparse(matrix):
+        found = sp.coo_matrix(matrix)
+        return found.row, found.col, found.data
+    rows, columns = np.nonzero(matrix)
+    return rows, columns, matrix[rows, columns]
+
+
+def sparse_container(rows: Array, columns: Array, values: Array, n: int) -> MatrixContainer:
+    """Exudyn's sparse form of an (n, n) matrix from its terms, which are summed; SciPy's would take much longer."""
+    container = require("exudyn").MatrixContainer()
+    container.SetWithSparseMatrix(np.column_stack([rows, columns, values]), n, n)
     return container
 
 
-def stiffening_functions(exu: Exudyn, item: BodyItem, stiffening: GeometricStiffness) -> Functions:
+def stiffening_functions(item: BodyItem, stiffening: GeometricStiffness) -> Functions:
     """User functions for the geometric stiffness of a body in an inertial frame; see `coupling_functions`."""
 
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
@@ -130,12 +142,12 @@ def stiffening_functions(exu: Exudyn, item: BodyItem, stiffening: GeometricStiff
     def jacobian(
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
     ) -> MatrixContainer:
-        return _sparse(exu, fODE2 * stiffening.tangent(np.asarray(q)))
+        return sparse_container(*terms(fODE2 * stiffening.tangent(np.asarray(q))), len(q))
 
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
 
 
-def coupling_functions(exu: Exudyn, item: BodyItem, stiffness: sp.csr_matrix, damping: Damping | None) -> Functions:
+def coupling_functions(item: BodyItem, stiffness: sp.csr_matrix, damping: Damping | None) -> Functions:
     """User functions for the part of stiffness and damping that is not diagonal.
 
     The force reads Exudyn's coordinates in place, because converting the list that a user function receives costs more
@@ -161,6 +173,6 @@ def coupling_functions(exu: Exudyn, item: BodyItem, stiffness: sp.csr_matrix, da
         result = fODE2 * stiffness
         if damping_matrix is not None:
             result = result + fODE2_t * damping_matrix
-        return exu.MatrixContainer(sp.csr_matrix(result))
+        return sparse_container(*terms(result), result.shape[0])
 
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}

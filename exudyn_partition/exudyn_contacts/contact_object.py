@@ -6,15 +6,16 @@ import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-import scipy.sparse as sp
 
 from ..algebra.products import dense
 from ..exudyn_bodies.model import latest_solver, method_of, user_function
+from ..exudyn_bodies.user_functions import sparse_container, terms
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContainer, NodeIndex, ObjectIndex
 from ..support.optional import require
 from .contact_run import ContactRun
+from .contact_samples import ModelContact
 from .model_run import ModelRun, Runs
 from .partition_contact import PartitionContact, partition_items
 
@@ -44,7 +45,7 @@ def add_to_object(
 
 
 def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIndex:
-    exu, items = require("exudyn"), require("exudyn.itemInterface")
+    items = require("exudyn.itemInterface")
 
     # Exudyn passes coordinates as lists. Reading the model's own array is quicker. Returning a list is quicker, too.
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
@@ -60,12 +61,12 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
     ) -> MatrixContainer:
         run = runs.now(mbs)
         run.force(mbs, t)
-        contacts = partition_items(mbs)[1]
+        contacts = run.contacts
         stuck = {c: K for c in contacts if (K := _stuck(mbs, run.of(c))) is not None}
         blocks = [*_of_each(run, contacts, stuck, fODE2), *_of_groups(mbs, run, contacts, stuck, fODE2)]
         if run.slip_secants is not None:
             blocks += _of_slips(mbs, run, contacts, run.slip_secants.share(mbs.sys["staticSolver"]) * fODE2)
-        return exu.MatrixContainer(_assembled(blocks, run.dofs))
+        return sparse_container(*_assembled(blocks, run.dofs), len(run.dofs))
 
     return mbs.AddObject(
         items.ObjectGenericODE2(
@@ -96,22 +97,20 @@ def called_if_needed(mbs: MainSystem, run: ModelRun) -> Iterator[None]:
         mbs.SetObjectParameter(number, name, own)
 
 
-def _assembled(blocks: Sequence[Block], dofs: Array) -> sp.csr_matrix:
-    """Sum of blocks on some coordinates of the model, csr (n, n); `dofs`, (n,), are their numbers."""
-    n = len(dofs)
-    if not blocks:
-        return sp.csr_matrix((n, n))
-    place = np.zeros(dofs.max() + 1, dtype=int)
-    place[dofs] = np.arange(n)
-    parts = [(sp.coo_matrix(K), place[rows], place[columns]) for K, rows, columns in blocks]  # without zeros
-    values = np.concatenate([K.data for K, _, _ in parts])
-    rows = np.concatenate([rows[K.row] for K, rows, _ in parts])
-    columns = np.concatenate([columns[K.col] for K, _, columns in parts])
-    return sp.csr_matrix((values, (rows, columns)), shape=(n, n))
+def _assembled(blocks: Sequence[Block], dofs: Array) -> tuple[Array, Array, Array]:
+    """Rows, columns and values of the sum of blocks on some coordinates; `dofs`, (n,), are their numbers."""
+    place = np.zeros(dofs.max() + 1, dtype=np.int64)
+    place[dofs] = np.arange(len(dofs))
+    found = [(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0))]
+    for K, of_rows, of_columns in blocks:
+        rows, columns, values = terms(K)
+        found.append((place[of_rows[rows]], place[of_columns[columns]], values))
+    rows, columns, values = map(np.concatenate, zip(*found, strict=True))
+    return rows, columns, values
 
 
 def _of_each(
-    model: ModelRun, contacts: Sequence[PartitionContact], stuck: Mapping[PartitionContact, Array], by_q: float
+    model: ModelRun, contacts: Sequence[ModelContact], stuck: Mapping[ModelContact, Array], by_q: float
 ) -> Iterator[Block]:
     """Stiffness of each contact on the coordinates of its bodies; `_of_groups` has that of contacts solved together."""
     for contact in contacts:
@@ -148,8 +147,8 @@ def _stuck(mbs: MainSystem, run: ContactRun) -> Array | None:
 def _of_groups(
     mbs: MainSystem,
     model: ModelRun,
-    contacts: Sequence[PartitionContact],
-    stuck: Mapping[PartitionContact, Array],
+    contacts: Sequence[ModelContact],
+    stuck: Mapping[ModelContact, Array],
     by_q: float,
 ) -> Iterator[Block]:
     """Stiffness of and between contacts that are solved together, and between contacts and carriers of surfaces.
@@ -174,7 +173,7 @@ def _of_groups(
             yield by_q * K, closed[j][1], closed[k][1]
 
 
-def _of_slips(mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionContact], by_q: float) -> Iterator[Block]:
+def _of_slips(mbs: MainSystem, model: ModelRun, contacts: Sequence[ModelContact], by_q: float) -> Iterator[Block]:
     """Stiffness along slips, see `SlipSecants`."""
     for contact in contacts:
         run = model.of(contact)
@@ -183,7 +182,7 @@ def _of_slips(mbs: MainSystem, model: ModelRun, contacts: Sequence[PartitionCont
             yield by_q * run.mechanics.slip_secants(H), dofs, dofs
 
 
-def _closed_rows(mbs: MainSystem, run: ContactRun, contact: PartitionContact) -> tuple[Array, Array]:
+def _closed_rows(mbs: MainSystem, run: ContactRun, contact: ModelContact) -> tuple[Array, Array]:
     """Closed rows on the coordinates of bodies and carrier, (na, m), and numbers of these in the model, (m,)."""
     H, nodes = dense(run.mechanics.row_jacobian()), _carrying_nodes(contact)
     if contact.carrier is None or not nodes:
@@ -192,6 +191,6 @@ def _closed_rows(mbs: MainSystem, run: ContactRun, contact: PartitionContact) ->
     return H, np.concatenate([run.dofs, *(mbs.systemData.GetNodeLTGODE2(node) for node in nodes)])
 
 
-def _carrying_nodes(contact: PartitionContact) -> list[NodeIndex]:
+def _carrying_nodes(contact: ModelContact) -> list[NodeIndex]:
     """Nodes of the body that carries the rigid surface."""
     return [] if contact.carrier is None else contact.carrier.nodes

@@ -56,6 +56,7 @@ class ModelRun:
 
     Attributes
     ----------
+    contacts : list of PartitionContact
     record : RunRecord
     dofs : (n,) int array
         Numbers of the coordinates on which contacts may act, in the order of Exudyn's object of contacts.
@@ -88,7 +89,7 @@ class ModelRun:
         keep: bool,
         earlier: ModelRun | None = None,
     ) -> None:
-        self._contacts, self._spent_s, self._began = [*contacts], 0.0, t
+        self.contacts, self._spent_s, self._began = [*contacts], 0.0, t
         self.method, self.at = method, t
         self.ended: tuple[float, Array] | None = None
         items = [*{id(item): item for contact in contacts for item, _ in contact.sides}.values()]
@@ -206,7 +207,7 @@ class ModelRun:
         `initial`, (nq,), are the model's initial coordinates. Return the first run from which a contact goes on.
         """
         found = None
-        for contact in self._contacts:
+        for contact in self.contacts:
             run = self.of(contact)
             for before in earlier if run.mechanics.remembers else ():
                 last = before.find(contact)
@@ -304,7 +305,7 @@ class ModelRun:
         if self.others:
             self.others.keep(mbs, t, start_of_step=True)
         found: dict[int, list[float]] = {}
-        for contact in self._contacts:
+        for contact in self.contacts:
             run = self.of(contact)
             found[int(contact["sForce"])] = run.force_values()
             if "sFriction" in contact:

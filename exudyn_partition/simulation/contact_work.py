@@ -40,6 +40,7 @@ class ContactWork:
     def __init__(self, mbs: MainSystem, contacts: Sequence[PartitionContact]) -> None:
         self._mbs, self._contacts, self.made = mbs, contacts, 0.0
         self._begin: _End | None = None
+        self._end: _End | None = None  # of the last step, if the next one has not begun
 
     @classmethod
     def of(cls, mbs: MainSystem, contacts: Sequence[PartitionContact]) -> ContactWork | None:
@@ -51,14 +52,16 @@ class ContactWork:
         return cls(mbs, contacts) if known and contacts else None
 
     def begin_step(self) -> None:
-        """Begin a step whose work counts, in the model's present state."""
-        self._begin = self._now()
+        """Begin a step whose work counts, in the model's present state, after `end_step` in the same state, if any."""
+        self._begin, self._end = self._end or self._now(), None
 
     def end_step(self, step: float) -> None:
-        """End a step [s] in the model's present state; it counts if it was begun."""
+        """End a step [s] in the model's present state, each of the run's; it counts if it was begun."""
+        self._end = None
         if self._begin is None:
             return
         begin, end, self._begin = self._begin, self._now(), None
+        self._end = end
         work = 0.25 * step * float((begin.force + end.force) @ (begin.q_t + end.q_t))
         self.made += end.energy - begin.energy + work
 

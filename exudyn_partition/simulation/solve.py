@@ -343,6 +343,8 @@ def _own_settings(mbs: MainSystem, method: Integrator) -> SimulationSettings:
     # Stiff springs on light bodies have round-off above Exudyn's 1e-10, which Newton's method would never reach.
     if method == "implicit":
         integration.newton.absoluteTolerance = residual(mbs)
+        # Exudyn finds this small part of the Jacobian of a spring on an interface by differences of all coordinates.
+        integration.newton.numericalDifferentiation.jacobianConnectorDerivative = False
     # Where rows open or close, a new Jacobian costs less than the iterations that an old one takes.
     integration.newton.modifiedNewtonContractivity = _CONTRACTIVITY
     # Verlet's accelerations at the end of a step are those of the next one. This option would compute them twice.

@@ -254,6 +254,7 @@ class StepControl:
         self.contacts, self.bodies, self._state, self._run_of = contacts, bodies, state, run_of
         self.step, self.longest, self.gap_tolerance = step, longest, gap_tolerance
         self.unresolved, self._tolerance, self._work = unresolved, velocity_tolerance, work
+        self._floating = [item for item in bodies if isinstance(item.kinematics, FloatingKinematics)]
         self._was_open = [False] * len(contacts)
         self._next, self._largest_energy, self._at_least = 0.0, 0.0, 0.0
         self._errors: VelocityError | None = None
@@ -283,7 +284,7 @@ class StepControl:
             self._closings = [self._closing(i, last, was_open=was) for i, was in enumerate(was_open)]
             if not all(self._was_open):
                 self._judge(last, self._tolerance, changed=was_open != self._was_open)
-            if self._work is not None and last > _SAME * self.step:
+            if self._work is not None:
                 self._work.end_step(last)
         self._judged = None
         last, self._at_least = max(last, self._at_least / GROWTH), 0.0
@@ -391,8 +392,7 @@ class StepControl:
 
     def _turning_step(self) -> float:
         """Step that resolves rotation [s]."""
-        spins = (self._state(item)[1][3:6] for item in self.bodies if isinstance(item.kinematics, FloatingKinematics))
-        fastest = max((math.hypot(*spin) for spin in spins), default=0.0)
+        fastest = max((math.hypot(*self._state(item)[1][3:6]) for item in self._floating), default=0.0)
         return 2 * np.pi / (STEPS_A_PERIOD * fastest) if fastest else math.inf
 
     def _resolving_step(self) -> float:

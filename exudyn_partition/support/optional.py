@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import sys
 from types import ModuleType
 
 import numpy as np
@@ -12,6 +13,8 @@ from ..errors import MissingPackageError
 
 def require(package: str, distribution: str | None = None) -> ModuleType:
     """Import `package`, or raise `MissingPackageError` with the pip line, where it may have another name."""
+    if (found := sys.modules.get(package)) is not None:
+        return found
     try:
         with np.printoptions():  # some packages change how all numbers are printed
             return importlib.import_module(package)

@@ -136,6 +136,7 @@ def as_in_example():
     settings.solution.file.write, settings.timeIntegration.verboseMode = False, 0
     newton = settings.timeIntegration.newton
     newton.absoluteTolerance, newton.relativeTolerance, newton.modifiedNewtonContractivity = 1e-8, 1e-5, 0.02
+    newton.numericalDifferentiation.jacobianConnectorDerivative = False
     return {"step": 2e-6, "free_step": 2e-4, "unresolved": 1e-2, "settings": settings}
 
 

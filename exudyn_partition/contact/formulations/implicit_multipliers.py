@@ -96,7 +96,8 @@ class StepImpulses:
         self._learned = False
         self._given = np.zeros((n, 4 if self._tangential else 1))  # forces at the last evaluation, at the slave's nodes
         self._accepted = self._given.copy()  # the same at the end of the last step
-        self._status = np.zeros(n, dtype=np.int8)  # of the last answer, at the slave's nodes
+        self._open = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int8)
+        self._last = self._open  # nodes of the rows in the last answer, and whether they were open, stuck or slipped
         self._impulse = np.zeros(7)  # up to the start of the step
         self._problem: RowProblem | None = None
         self._rates_then = np.full((n, 3), np.nan)  # slip rates at the end of the last step, in the tangents' axes
@@ -228,7 +229,7 @@ class StepImpulses:
     def _fly(self, q_t: Array) -> None:
         """Leave all rows open; with friction, record the slip rates of rows that may touch soon."""
         self.contact.open_rows()
-        self._status[:] = OPEN
+        self._last = self._open
         if self._tangential is not None:
             near = self.contact.least_gap < self.gaps.size
             self._rates = self._tangential.rates(q_t) if near else None
@@ -252,8 +253,7 @@ class StepImpulses:
             forces = Forces(last, np.flatnonzero(closed), state)
         contact.take(forces)
         nodes = self.gaps.row_nodes
-        self._status[:] = OPEN
-        self._status[nodes] = contact.state
+        self._last = nodes, contact.state
         if self._tangential is not None:
             self._given = by_nodes(self._tangential, contact.lam, contact.traction, len(self._given))
         else:
@@ -358,8 +358,15 @@ class StepImpulses:
             F = regularised(step * weights.by_q_t(step) * weights.share * base)
             if self._problem is None:
                 self._problem = RowProblem(self.rows.d, F)
-            self._problem.replace(F, self._status[gaps.row_nodes], self.contact.last)
+            self._problem.replace(F, self._guess(), self.contact.last)
         return self._problem
+
+    def _guess(self) -> Array:
+        """Whether the present rows were open, stuck or slipped in the last answer, (nr,) int8."""
+        (nodes, state), at_nodes = self._last, np.full(len(self._given), OPEN, dtype=np.int8)
+        at_nodes[nodes] = state
+        value: Array = at_nodes[self.gaps.row_nodes]
+        return value
 
 
 def _in_step(side: Side, step: float, weights: GeneralizedAlpha) -> Array:
