@@ -73,7 +73,7 @@ class Surface:
     def normal_here(self) -> Array:
         """Mean unit normal of the facets in their present places, (3,)."""
         total = area_vectors(self.points, self.facets).sum(axis=0)
-        normal: Array = total / np.linalg.norm(total)
+        normal: Array = total / math.hypot(*total)
         return normal
 
     def normals_at(self, nodes: Array, weights: Array) -> Array:
