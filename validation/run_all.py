@@ -316,6 +316,7 @@ CASES = {
                 figures=("wandering_cam.png",)),
     "gears": Case("wandering/gears.py", gears, figures=("wandering_gears.png",)),
     "large_patch": Case("benchmarks/large_patch.py", limits(("memory_GB", "file_MB", "ratio"))),
+    "thin_patch": Case("benchmarks/thin_patch.py", limits(("ratio", "frequency", "mobility"))),
     "friction_at_rest": Case("friction/at_rest.py", limits(("force", "stick_radius", "loss")),
                              figures=("friction_at_rest.png",)),
     "friction_kharaz": Case("friction/kharaz.py", limits(("spin", "energy")), figures=("friction_kharaz.png",)),

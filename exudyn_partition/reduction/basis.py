@@ -260,6 +260,7 @@ def contact_adapted(fem: FEModel, partition: Partition, f_cut: float, progress: 
     """Build the contact-adapted basis: Krylov vectors of the scene's loads, and the residual flexibility of the rest.
 
     Loads are uniform tractions on each patch, a twist of patches with all axes, and the resultants of each interface.
+    Over a large patch many cells have uniform tractions; these are mixed to few loads, see `loads.leading`.
     The basis begins with the static answers to them. Vectors of block Lanczos on (K + s M)^-1 M with s = (pi f_cut)^2,
     from the same loads, follow; then comes Rayleigh-Ritz. Without the static answers, the Krylov vectors would find the
     lowest modes last, and the residual flexibility would until then contain their large compliance.

@@ -26,7 +26,7 @@ from ..fe.patches import Patch
 from ..plasticity.zone_flexibility import ZoneFlexibility
 from ..support.arrays import Array
 from ..support.progress import Progress
-from .loads import attached_loads, patch_rows, patch_slice, resultants, unit_loads
+from .loads import attached_loads, leading, patch_rows, patch_slice, resultants, unit_loads
 from .tied import TiedModel, tie
 
 _LOG = logging.getLogger(__name__)
@@ -37,6 +37,7 @@ LARGE = 20_000  # dofs, from which on memory and time of factors matter
 ROUGH = 1e-3  # largest relative error of Krylov vectors, in the norm of energy
 _EDGE = 1.25  # radius of what is eliminated last around a plastic zone, by its own
 SETTLED = 0.1  # largest relative change of a load's mobility over the band, by the last growth
+_MIXED_GROWTH, _MIXED_SETTLED = 0.25, 0.1  # a space of mixed loads grows by this share, and settles to this of others
 _MEMORY = 0.02  # decay rate of the mobility's Laplace variable, by the frequency, so that no single resonance decides
 # Laplace variables at which the mobility is compared, by 2 pi f_cut: over the whole band, and over each octave below.
 _BAND = _MEMORY + 1j * np.linspace(0.0, 1.0, 201)[1:, None]
@@ -187,11 +188,11 @@ class AdaptedSpace(FreeBody):
                 "partition: expected a contact patch, an interface or a load, got none: nothing moves the body"
             )
         super().__init__(fem, partition)
-        self.loads = np.asarray(
-            (unit_loads(fem, partition) @ self.model.expand).T @ resultants(fem, partition, f_shift)
-        )
+        self._combined = resultants(fem, partition, f_shift)
+        self.loads = ((unit_loads(fem, partition) @ self.model.expand).T @ self._combined).tocsc()
+        self._leading: Array = (self.loads @ leading(partition, self._combined)).toarray()
         flexibility = self.flexibility()
-        self._lead = flexibility(self.loads)
+        self._lead = flexibility(self._leading)
         factors = self._factors(_shift(f_shift))
         with ThreadPoolExecutor(1) as second_core:
             static = second_core.submit(self.static_answers, flexibility)
@@ -208,7 +209,7 @@ class AdaptedSpace(FreeBody):
         """Begin the Krylov space with these factors."""
         self._settled: tuple[float, float] | None = None
         lead = orthonormal_complement(self._lead, self.model.mass, self.rigid)
-        start = _shift(f_shift), self.rigid, self.loads, lead
+        start = _shift(f_shift), self.rigid, self._leading, lead
         self.krylov = BlockKrylov(factors.solve, self.model.mass, *start)
         self.krylov.grow(2 * _GROWTH)
 
@@ -224,7 +225,7 @@ class AdaptedSpace(FreeBody):
 
         if model.n >= LARGE:
             with contextlib.suppress(IndefiniteMatrixError):
-                factors, load = factorise(matrix, analysis=self._analysis, single=True), self.loads[:, 0]
+                factors, load = factorise(matrix, analysis=self._analysis, single=True), self._leading[:, 0]
                 answer = factors.solve(load)
                 left = load - model.stiffness @ answer - shift * (model.mass @ answer)
                 if left @ factors.solve(left) <= ROUGH**2 * (load @ answer):  # by energies
@@ -241,13 +242,15 @@ class AdaptedSpace(FreeBody):
         """
         krylov, omega_cut = self.krylov, 2 * np.pi * f_cut
         s = omega_cut * np.vstack([_BAND, _OCTAVES])
-        static = np.einsum("ij,ij->j", self.loads, self._lead)
-        rest = s * static + np.sum((self.rigid.T @ self.loads) ** 2, axis=0) / s
+        rest = s * self._work() + np.sum((self.loads.T @ self.rigid) ** 2, axis=1) / s
+        step, enough, share = max(_GROWTH, self._leading.shape[1]), settled, 0.0
+        if self._leading.shape[1] < self.loads.shape[1]:  # few vectors at a time, for many modes, change little
+            enough, share = _MIXED_SETTLED * settled, _MIXED_GROWTH
         mobility = np.zeros(rest.shape, dtype=complex)
         while True:
             omega, combination = krylov.rayleigh_ritz(self.model.stiffness)
             keep = omega < DROP_ABOVE * omega_cut
-            participation = (combination[:, keep].T @ (krylov.vectors.T @ self.loads)) ** 2
+            participation = ((self.loads.T @ krylov.vectors) @ combination[:, keep]).T ** 2
             # The modes' answer without their static answer, at Laplace variables s.
             previous, mobility = mobility, s * ((1 / (omega[keep] ** 2 + s**2) - 1 / omega[keep] ** 2) @ participation)
             changes, whole = abs(mobility - previous), abs(mobility + rest)
@@ -257,14 +260,23 @@ class AdaptedSpace(FreeBody):
                 np.sqrt(np.mean((changes[octaves] / whole[octaves]) ** 2, axis=0)),
             )
             if progress:
-                progress(min(1.0, settled / change.max()) if change.any() else 1.0)
+                progress(min(1.0, enough / change.max()) if change.any() else 1.0)
             size = krylov.size
             _LOG.debug("Krylov space: %d vectors, the mobility changed by %.3g", size, change.max())
-            if change.max() <= settled or (  # or there is no more to find
-                not krylov.grow(size + max(_GROWTH, self.loads.shape[1])) and krylov.size == size
+            if change.max() <= enough or (  # or there is no more to find
+                not krylov.grow(size + max(step, int(share * size))) and krylov.size == size
             ):
                 self._settled = f_cut, settled
                 return
+
+    def _work(self) -> Array:
+        """Work of each load on its own static answer, (p,)."""
+        n, combined = len(self.static.at_patches), self._combined
+        of_patches = combined[:n].multiply(self.static.at_patches @ combined[:n]).sum(axis=0)
+        attached = attached_loads(self.fem, self.partition.interfaces, self.partition.loads) @ self.model.expand
+        of_attached = attached.multiply(self.static.of_attached.T).sum(axis=1)  # each is a load by itself
+        work: Array = np.asarray(of_patches).ravel() + combined[n:].T @ np.asarray(of_attached).ravel()
+        return work
 
     def has_settled(self, f_cut: float, settled: float) -> bool:
         """Whether the space has grown up to `f_cut`, with a change of mobilities of at most `settled`."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse as sp
 
 from ..errors import InputError
@@ -16,6 +15,7 @@ from ..fe.patches import Interface, LoadPattern, Patch
 from ..support.arrays import Array
 
 _FEWEST = 8  # load patterns on a patch over which contact wanders, in each direction
+_MIXED = 32  # loads to which the cells of all such patches are mixed, if they are more than twice as many
 _CELL = 1 / 8  # radius of the cell of a pattern, by the shortest wave at the truncation frequency
 
 
@@ -84,8 +84,8 @@ def unit_loads(fem: FEModel, partition: Partition) -> sp.csr_matrix:
     return sp.vstack([patch_rows(fem, partition), attached], format="csr")
 
 
-def resultants(fem: FEModel, partition: Partition, f_cut: float = 0.0) -> Array:
-    """(r + 6 i + l, p) combinations of `unit_loads` with unit resultants.
+def resultants(fem: FEModel, partition: Partition, f_cut: float = 0.0) -> sp.csc_matrix:
+    """(r + 6 i + l, p) sparse combinations of `unit_loads` with unit resultants.
 
     These are uniform tractions on each patch, each resultant of interfaces, and each distributed load. A patch with all
     axes, as friction needs them, is also twisted about its direction: by tractions that grow with the distance from its
@@ -95,19 +95,36 @@ def resultants(fem: FEModel, partition: Partition, f_cut: float = 0.0) -> Array:
     the basis answers forces anywhere on it. No node is further from the middle of its cell than an eighth of the
     shortest wave at `f_cut` [Hz], and there are at least eight cells.
     """
-    blocks = []
+    blocks = [sp.csc_matrix((0, 0))]
     for patch in partition.patches:
         share = nodal_area(fem.points, patch.facets)[patch.nodes]
         if patch.wanders:
-            blocks.append(np.kron(_cells(fem, patch, share, f_cut), np.eye(patch.n_axes)))
+            blocks.append(sp.kron(_cells(fem, patch, share, f_cut), sp.identity(patch.n_axes)))
             continue
         uniform = np.kron((share / share.sum())[:, None], np.eye(patch.n_axes))
         blocks.append(uniform if patch.axes == "normal" else np.hstack([uniform, _twist(fem, patch, share)]))
-    resultants: Array = scipy.linalg.block_diag(*blocks, np.eye(6 * len(partition.interfaces) + len(partition.loads)))
-    return resultants
+    attached = sp.identity(6 * len(partition.interfaces) + len(partition.loads))
+    return sp.block_diag([*blocks, attached], format="csc")
 
 
-def _cells(fem: FEModel, patch: Patch, share: Array, f_cut: float) -> Array:
+def leading(partition: Partition, resultants: sp.csc_matrix) -> sp.csc_matrix:
+    """(p, k) combinations of the loads of `resultants` that lead a Krylov space: these loads if they are few.
+
+    Many cells of patches over which contact wanders are mixed at random to few loads, which excite the same modes: a
+    space of all cells would have several vectors for each, but far fewer modes are found.
+    """
+    rows = [np.full(len(patch.nodes) * patch.n_axes, patch.wanders, dtype=float) for patch in partition.patches]
+    wanders = np.concatenate([np.empty(0), *rows])
+    cells = abs(resultants[: len(wanders)]).T @ wanders > 0
+    n_cells = int(cells.sum())
+    if n_cells <= 2 * _MIXED:
+        return sp.identity(resultants.shape[1], format="csc")
+    mix = np.zeros((len(cells), _MIXED))
+    mix[cells] = np.random.default_rng(0).choice([-1.0, 1.0], (n_cells, _MIXED)) / np.sqrt(n_cells)
+    return sp.hstack([mix, sp.identity(len(cells), format="csc")[:, ~cells]], format="csc")
+
+
+def _cells(fem: FEModel, patch: Patch, share: Array, f_cut: float) -> sp.csc_matrix:
     """(np, m) shares of a patch's nodes in the uniform pressures on cells; `share`, (np,), are areas of its nodes.
 
     Each new middle is the node furthest from all others, so that cells are about equally wide.
@@ -124,9 +141,8 @@ def _cells(fem: FEModel, patch: Patch, share: Array, f_cut: float) -> Array:
             break
         cell[nearer], distance[nearer] = count, away[nearer]
         count += 1
-    shares = np.zeros((len(points), count))
-    shares[np.arange(len(points)), cell] = share
-    return np.asarray(shares / shares.sum(axis=0))
+    values = share / np.bincount(cell, share, count)[cell]
+    return sp.csc_matrix((values, (np.arange(len(points)), cell)), (len(points), count))
 
 
 def _shortest_wave(fem: FEModel, frequency: float) -> float:

@@ -98,3 +98,47 @@ def test_static_answers_of_all_rows_are_never_held_at_once(monkeypatch):
     tracemalloc.stop()
     assert peak < 0.4 * 8 * fem.n_dofs * rows.shape[0]
     assert relative(static.at_patches, rows @ flexibility(rows.T.toarray())) < 1e-12
+
+
+@pytest.fixture(scope="module")
+def tube():
+    """A thin tube, and its whole outer face: more cells of load patterns than modes."""
+    solid = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, r=0.02, h=0.03)
+    solid -= occ.Cylinder(occ.Pnt(0, 0, -1), occ.Z, r=0.019, h=2)
+    fem = ep.fe_model(solid, ep.STEEL, maxh=4e-3)
+    return fem, ep.Partition.surface(fem, cylinder=((0, 0, 0), (0, 0, 1), 0.02))
+
+
+@pytest.fixture(scope="module")
+def all_modes(tube):
+    """The same with all its modes below 60 kHz, which were counted."""
+    return ep.reduce(*tube, f_cut=60e3, basis="residual")
+
+
+def test_a_space_grows_with_the_modes_and_not_with_the_rows_of_a_large_patch(tube, all_modes):
+    """Several vectors for each cell were 12 times as much work at four times the frequency."""
+    f_cut, exact = 40e3, all_modes.basis.omega[6:]
+    space = free_body.AdaptedSpace(*tube, f_cut)
+    space.grow(f_cut)
+    assert space.loads.shape[1] > 500
+    assert space.krylov.size < 5 * len(exact) < 400
+    found, inside = space.pairs(f_cut).omega, exact < 2 * np.pi * f_cut
+    assert len(found) >= len(exact) - 2  # near 60 kHz, where nothing is promised
+    np.testing.assert_allclose(found[: inside.sum()], exact[inside], rtol=1e-5)
+
+
+def test_mobility_of_each_node_of_a_large_patch_is_that_of_all_modes_and_of_the_full_model(tube, all_modes):
+    """Normal forces on single nodes, which no load of the space is like."""
+    (fem, part), f_cut = tube, 40e3
+    adapted, rows, some = ep.reduce(fem, part, f_cut=f_cut), loads.patch_rows(fem, part), slice(None, None, 97)
+    for share in (0.05, 0.5, 0.95):
+        s = 2 * np.pi * f_cut * share * (0.02 + 1j)
+        found = []
+        for body in (adapted, all_modes):
+            on_shapes = rows[some] @ body.basis.shapes
+            modal = (on_shapes / (body.basis.omega**2 + s**2)) @ on_shapes.T
+            found.append(modal + body.basis.flexibility[some, some])
+        assert relative(*found) < 0.05 * free_body.SETTLED
+    dynamic, forces = (fem.stiffness + s**2 * fem.mass).tocsc(), rows[some].T.toarray().astype(complex)
+    full = rows[some] @ scipy.sparse.linalg.splu(dynamic, permc_spec="MMD_AT_PLUS_A").solve(forces)
+    assert relative(found[0], full) < free_body.SETTLED
