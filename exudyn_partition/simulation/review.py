@@ -21,6 +21,7 @@ from ..support.foreign import MainSystem
 from .contact_review import warn_of_contacts
 from .result import Result, called, cut
 from .spin_review import warn_of_spin
+from .yield_review import warn_of_bending
 
 _LARGEST_DEFORMATION = 0.1  # share of a body's size; linear elasticity is not valid far below it
 _GROWTH = 1e3  # ratio to a body's largest energy so far, which unstable steps exceed and large strain does not
@@ -75,6 +76,7 @@ def reviewed(mbs: MainSystem, result: Result) -> Result:
             else:
                 _warn_of_slopes(item, result)
             _warn_of_strain(item, result, share[: len(result.t)])
+            warn_of_bending(item, result)
         warn_of_contacts(contacts, result)
     return result
 

@@ -1,0 +1,108 @@
+"""Bodies that would yield away from their contacts, as links that bend: by the strain of their surfaces.
+
+The kept shapes are right there, and the surface bears no load. So its strain tells the whole stress, and bending and
+torsion are largest on it. Beneath contacts, the Hertz-equivalent pressure decides instead.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from ..errors import YieldWarning
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..fe.facets import by_shape, flat_triangles
+from ..fe.material import Material
+from ..fe.shapes import QUADS, shape_functions
+from ..support.arrays import Array
+from .result import Result, called
+
+_FACETS, _SAMPLES = 4000, 32  # largest number of facets, and of samples, that are looked at
+_AROUND = 1.0  # width around a patch where its contact decides, by the patch's size
+_MASS = 0.05  # share by which mass may differ from volume times density: bodies of several materials differ by more
+_FLAT = 1e-3  # height of a facet by its first edge below which its strain is round-off
+
+
+def warn_of_bending(item: PartitionBody, result: Result) -> None:
+    """Warn of a body whose surface would yield away from contacts and interfaces."""
+    body, material = item.body, item.body.material
+    if material is None or material.yield_stress is None or body.n_dofs == 6:
+        return
+    if any(patch.material for patch in body.partition.patches) or not _of_one_material(item, material):
+        return
+    facets = body.facets[_far_from_loads(item)]
+    facets = facets[:: len(facets) // _FACETS + 1]
+    deformed = item.kinematics.deformed(item.coordinates(result))
+    energy = body.strain_energy(deformed)
+    some = np.unique(np.r_[np.argsort(energy)[-_SAMPLES:], np.linspace(0, len(energy) - 1, _SAMPLES).astype(int)])
+    stress, places = surface_stress(item, facets, deformed[some], material)
+    if not stress.size or stress.max() <= material.yield_stress:
+        return
+    top, place = np.unravel_index(stress.argmax(), stress.shape)
+    warnings.warn(
+        f"{called(item)} at t = {result.t[some[top]]:.6g} s: the von Mises stress of its surface reaches "
+        f"{stress.max():.4g} Pa at {places[place]} m of its mesh, away from its contacts, "
+        f"{stress.max() / material.yield_stress:.3g} times the yield stress of {material.yield_stress:.4g} Pa. Bodies "
+        "yield in plastic zones beneath their patches alone, so that this one springs back. Lower the load, or take a "
+        "stronger shape or material",
+        YieldWarning,
+        stacklevel=4,
+    )
+
+
+def surface_stress(item: PartitionBody, facets: Array, deformed: Array, material: Material) -> tuple[Array, Array]:
+    """Von Mises stress of a free surface, (m, k) [Pa], in the middles of facets, and these, (k, 3) [m].
+
+    Parameters
+    ----------
+    item : PartitionBody
+    facets : (k, n) int array
+        Facets of the body.
+    deformed : (m, n_dofs) array
+        Coordinates of the deformation.
+    material : Material
+    """
+    found, middles = np.empty((len(deformed), len(facets))), np.empty((len(facets), 3))
+    modulus = material.E / (1 - material.nu**2)
+    for rows, columns in by_shape(facets):
+        own = facets[rows][:, columns]
+        middle = np.full((1, 2), 1 / 2 if len(columns) in QUADS else 1 / 3)
+        value, by_r, by_s = shape_functions(middle, len(columns))[0]
+        nodes, at = np.unique(own, return_inverse=True)
+        moved = np.asarray(item.body.rows(nodes) @ deformed.T).T.reshape(len(deformed), len(nodes), 3)
+        moved, points = moved[:, at.reshape(own.shape)], item.body.points[own]
+        along, aside = by_r @ points, by_s @ points  # tangents
+        length = np.linalg.norm(along, axis=1)
+        x, normal = along / length[:, None], np.cross(along, aside)
+        y = np.cross(normal / np.linalg.norm(normal, axis=1)[:, None], x)
+        by_x = (by_r @ moved) / length[:, None]
+        by_y = (by_s @ moved - np.sum(aside * x, axis=1)[:, None] * by_x) / np.sum(aside * y, axis=1)[:, None]
+        xx, yy, xy = np.sum(by_x * x, axis=2), np.sum(by_y * y, axis=2), np.sum(by_x * y + by_y * x, axis=2)
+        sx, sy = modulus * (xx + material.nu * yy), modulus * (yy + material.nu * xx)
+        found[:, rows] = np.sqrt(sx**2 + sy**2 - sx * sy + 3 * (material.shear_modulus * xy) ** 2)
+        middles[rows] = value @ points
+    return found, middles
+
+
+def _of_one_material(item: PartitionBody, material: Material) -> bool:
+    """Whether the body's mass is that of its volume in this material."""
+    a, b, c = np.moveaxis(item.body.points[flat_triangles(item.body.facets)[0]] - item.body.centre_of_mass, 1, 0)
+    volume = abs(np.einsum("kd,kd->", a, np.cross(b, c))) / 6
+    return bool(abs(material.rho * volume / item.body.total_mass - 1) < _MASS)
+
+
+def _far_from_loads(item: PartitionBody) -> Array:
+    """Which facets lie away from patches, plastic zones and interfaces, (nf,) bool: their strain is not local."""
+    points, near = item.body.points, np.zeros(len(item.body.points), dtype=bool)
+    for patch in item.body.partition.patches:
+        size = np.ptp(points[patch.nodes], axis=0).max()
+        near |= KDTree(points[patch.nodes]).query(points)[0] < _AROUND * size
+        if patch.plastic is not None:
+            near[patch.plastic.nodes] = True
+    for interface in item.body.partition.interfaces:
+        near[interface.nodes] = True
+    a, b, c = np.moveaxis(points[item.body.facets[:, :3]], 1, 0)
+    flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) < _FLAT * np.linalg.norm(b - a, axis=1) ** 2
+    return np.asarray(~near[item.body.facets].any(axis=1) & ~flat)
