@@ -62,6 +62,7 @@ _VOIGT[[3, 4, 5], [2, 2, 1], [1, 0, 0]] = 1.0
 
 # How far outside a point may lie, as a share of an element's height: facets differ from a curved surface.
 _OVERSHOOT = 0.05
+_FLAT = 0.1  # volume of a cell near a node, by that in its middle, below which it knows no strain at that node
 _NEWTON_STEPS = 20
 _CONVERGED = 1e-9  # local coordinates
 
@@ -218,6 +219,8 @@ def stress_rows(fem: FEModel, points: Array) -> sp.csr_matrix:
 def nodal_strain(fem: FEModel, displacement: Array) -> Array:
     """Strain field: at each node, the mean of the strains of its elements there, weighted by mass.
 
+    An element that curved sides nearly flatten at a node counts there with the strain in its middle.
+
     Parameters
     ----------
     fem : FEModel
@@ -311,7 +314,7 @@ def _mean_slopes(fem: FEModel, displacements: Array, nodes: Array, scale: float 
         of_nodes = fem.cells[cells][:, kind.columns]
         element, corner = np.nonzero(place[of_nodes] >= 0)
         cell, own, here = cells[element], of_nodes[element], place[of_nodes[element, corner]]
-        gradient = _gradients_of(kind, fem.points[own], kind.nodes[corner])
+        gradient = _gradients_at_nodes(kind, fem.points[own], corner)
         values.append(((fem.cell_mass[cell] * scales[cell])[:, None, None] * gradient).ravel())
         rows.append(np.broadcast_to(3 * here[:, None, None] + np.arange(3), gradient.shape).ravel())
         columns.append(np.broadcast_to(own[:, :, None], gradient.shape).ravel())
@@ -382,6 +385,17 @@ def _gradients_of(kind: Kind, nodes: Array, local: Array) -> Array:
     """Derivatives of the shape functions in space [1/m], of cells with `nodes`; both (m, nodes of a cell, 3)."""
     _, derivatives = kind.functions(local)
     return derivatives @ np.linalg.inv(np.einsum("mka,mkj->maj", nodes, derivatives))
+
+
+def _gradients_at_nodes(kind: Kind, nodes: Array, corner: Array) -> Array:
+    """`_gradients_of` m cells at one of their nodes each, (m,) int; in their middles where they are nearly flat there.
+
+    Curved sides can flatten a cell at a node so far that its derivatives there are a hundred times what they are around.
+    """
+    local, middle = kind.nodes[corner], np.broadcast_to(kind.middle, (len(corner), 3))
+    here, within = (np.einsum("mka,mkj->maj", nodes, kind.functions(at)[1]) for at in (local, middle))
+    flat = abs(np.linalg.det(here)) < _FLAT * abs(np.linalg.det(within))
+    return _gradients_of(kind, nodes, np.where(flat[:, None], middle, local))
 
 
 def _by_kind(fem: FEModel, cell: Array) -> list[tuple[Kind, Array]]:
