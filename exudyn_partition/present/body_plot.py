@@ -1,7 +1,8 @@
 """Pictures of bodies by matplotlib alone: what a partition selects, and a run's bodies at one time.
 
 Triangles are drawn from back to front, in the view of `direction`, without perspective. Large ones are split before,
-for the middle of a large triangle does not tell what it hides.
+for the middle of a large triangle does not tell what it hides. Colours and light change within a triangle, so that
+round bodies look round.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ from ..support.foreign import Axes
 from ..support.optional import require
 from .body_fields import Shown
 from .graphics import peak_time, time_of, validate_scale
-from .motion import COLOUR_NAMES, LABELS, Colour, motion_of
+from .motion import COLOUR_NAMES, LABELS, Colour, motion_of, pressing_at
 from .plot_input import axes_of, check_samples, plain
-from .scene import colour_map
+from .scene import colour_map, split_at_edges
 
 _STEEL, _RIGID = (0.87, 0.89, 0.91), (0.6, 0.6, 0.63)
 _LIGHT = np.array([0.3, 0.45, 0.84])  # towards the lamp: to the right, upwards, to the viewer
@@ -31,6 +32,8 @@ _DARKEST = 0.55  # brightness of what the lamp does not reach
 _VIEW = (1.0, -1.6, 0.8)
 _PIECES = 50  # all that is drawn is at least so many times as long as a piece of a triangle
 _SEAM = 0.5  # pt: lines of a triangle's own colour cover the seam to its neighbours
+_RING, _RING_COLOUR = 13.0, "#0072d6"  # pt: circles around contacts that press, in a colour that no map has
+_ARROWS = 34.0, 20.0  # pt: place of the arrows along the axes of space, from the corner, and their length
 _LARGEST, _LEAST, _AROUND = (6.0, 4.6), (2.4, 2.0), (1.6, 1.0)  # inches: of what is drawn, and of what is around it
 
 
@@ -77,9 +80,9 @@ def selection(fem: FEModel, partition: Partition, *, axes: Axes = None, directio
         if not chosen.any():  # nodes of a line, or inside
             axes.plot(*(1e3 * fem.points[nodes] @ turn[:, :2]).T, ".", color=colour, markersize=3, zorder=3)
     triangles, owner = flat_triangles(facets)
-    _draw(axes, [(1e3 * fem.points[triangles] @ turn, colours[owner])])
+    _draw(axes, [_lit(fem.points, triangles, np.repeat(colours[owner][:, None], 3, axis=1), turn)])
     axes.legend(handles=handles, fontsize="small", loc="upper left")  # the best place is sought for seconds
-    return _finish(axes, own)
+    return _finish(axes, own, turn)
 
 
 def bodies(
@@ -116,7 +119,7 @@ def bodies(
     Returns
     -------
     matplotlib.axes.Axes
-        In mm, with a colour bar beside it.
+        In mm, with a colour bar beside it, and circles around the contacts that press.
 
     Raises
     ------
@@ -135,16 +138,23 @@ def bodies(
     shades = require("matplotlib.cm").ScalarMappable(norm, colour_map())
     drawn = []
     for body in motion.bodies:
-        values = many * body.colours[colour][0][body.triangles].mean(axis=1)
-        drawn.append((1e3 * body.at(0, scale)[body.triangles] @ turn, shades.to_rgba(values)[:, :3]))
+        shown = shades.to_rgba(many * body.colours[colour][0])[:, :3][body.triangles]
+        drawn.append(_lit(body.at(0, scale), body.triangles, shown, turn))
     for shape in motion.rigid:
-        corners = shape.at(0)[shape.triangles]
-        drawn.append((1e3 * corners @ turn, np.tile(_RIGID, (len(corners), 1))))
+        drawn.append(_lit(shape.at(0), shape.triangles, np.tile(_RIGID, (len(shape.triangles), 3, 1)), turn))
     _draw(axes, drawn)
     axes.figure.colorbar(shades, ax=axes, label=plain(f"{label} [{unit}]"), extend="max", shrink=0.8)
-    said = "" if scale == 1 else f"\ndeformed x {scale:g}: bodies may seem to overlap"
-    axes.set_title(f"t = {1e3 * motion.t[0]:.4g} ms{said}", fontsize="small")
-    return _finish(axes, own)
+    pressing = pressing_at(result, at, scale)
+    for place, _ in pressing:
+        axes.plot(*(1e3 * place @ turn)[:2], "o", mfc="none", mec=_RING_COLOUR, ms=_RING, mew=1.8, zorder=3)
+    said = [f"t = {1e3 * motion.t[0]:.4g} ms"]
+    if pressing:
+        which = "circle: contact force" if len(pressing) == 1 else "circles: contact forces, up to"
+        said.append(f"{which} {max(force for _, force in pressing):.3g} N")
+    if scale != 1:
+        said.append(f"deformed x {scale:g}: bodies may seem to overlap")
+    axes.set_title("\n".join(said), fontsize="small")
+    return _finish(axes, own, turn)
 
 
 def _selected(partition: Partition) -> list[tuple[str, Array, Array | None]]:
@@ -180,43 +190,72 @@ def _turn(direction: Sequence[float]) -> Array:
     return np.column_stack([right, np.cross(towards, right), towards])
 
 
-def _draw(axes: Axes, surfaces: Sequence[tuple[Array, Array]]) -> None:
-    """Draw triangles, (k, 3, 3) along the directions of `_turn`, in colours, (k, 3), from back to front."""
-    corners, colours = (np.concatenate(parts) for parts in zip(*surfaces, strict=True))
-    a, b, c = corners.swapaxes(0, 1)
-    normals = np.cross(b - a, c - a)
+def _lit(points: Array, triangles: Array, colours: Array, turn: Array) -> Array:
+    """What is drawn of a surface: places [mm], normals and colours of the corners of its triangles, (k, 3, 9).
+
+    `points` are in space, (n, 3) [m], `colours` of each corner, (k, 3, 3). Places and normals are along the directions
+    of `_turn`.
+    """
+    split, nodes = split_at_edges(points, triangles)
+    a, b, c = points[triangles].swapaxes(0, 1)
+    across = np.repeat(np.cross(b - a, c - a), 3, axis=0)
+    normals: Array = np.column_stack([np.bincount(split.ravel(), along, minlength=len(nodes)) for along in across.T])
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+    return np.concatenate([1e3 * points[triangles] @ turn, normals[split] @ turn, colours], axis=2)
+
+
+def _draw(axes: Axes, surfaces: Sequence[Array]) -> None:
+    """Draw triangles, (k, 3, 9) each, see `_lit`, from back to front."""
+    corners = np.concatenate(surfaces)
+    pieces = _split(corners, float(np.ptp(corners[..., :3], axis=(0, 1)).max()) / _PIECES)
+    middles = pieces.mean(axis=1)
+    pieces, middles = (values[np.argsort(middles[:, 2])] for values in (pieces, middles))
+    normals = middles[:, 3:6] * np.where(middles[:, [5]] < 0, -1.0, 1.0)  # of sheets, both sides are seen
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
-    bright = _DARKEST + (1 - _DARKEST) * abs(normals @ _LIGHT)
-    pieces, owner = _split(corners, float(np.ptp(corners, axis=(0, 1)).max()) / _PIECES)
-    order = np.argsort(pieces[:, :, 2].mean(axis=1))
-    shown = np.clip(colours * bright[:, None], 0, 1)[owner[order]]
+    bright = _DARKEST + (1 - _DARKEST) * np.maximum(normals @ _LIGHT, 0.0)
+    shown = np.clip(middles[:, 6:] * bright[:, None], 0, 1)
     polygons = require("matplotlib.collections").PolyCollection(
-        pieces[order, :, :2], facecolors=shown, edgecolors=shown, linewidths=_SEAM, antialiased=False
+        pieces[:, :, :2], facecolors=shown, edgecolors=shown, linewidths=_SEAM, antialiased=False
     )  # smooth edges would let through what lies behind
     axes.add_collection(polygons)
     axes.autoscale_view()
 
 
-def _split(corners: Array, longest: float) -> tuple[Array, Array]:
-    """Halve triangles, (k, 3, 3), until no edge is longer; returns the pieces, (n, 3, 3), and whose they are, (n,)."""
-    owner, done = np.arange(len(corners)), []
+def _split(corners: Array, longest: float) -> Array:
+    """Halve triangles, (k, 3, m), until no edge is longer in the first three of their m entries: (n, 3, m)."""
+    done = []
     while len(corners):
-        edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+        edges = np.linalg.norm((np.roll(corners, -1, axis=1) - corners)[..., :3], axis=2)
         large = edges.max(axis=1) > longest
-        done.append((corners[~large], owner[~large]))
+        done.append(corners[~large])
         first = edges[large].argmax(axis=1)[:, None] + np.arange(3)  # the corners from the longest edge on
         a, b, c = np.take_along_axis(corners[large], first[..., None] % 3, axis=1).swapaxes(0, 1)
         middle = (a + b) / 2
         corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
-        owner = np.tile(owner[large], 2)
-    return np.concatenate([piece for piece, _ in done]), np.concatenate([number for _, number in done])
+    return np.concatenate(done)
 
 
-def _finish(axes: Axes, own: bool) -> Axes:
-    """Label the axes; a figure of our `own` gets the shape of what is drawn."""
+def _axis_along(way: Array) -> str:
+    """Name of the axis of space along a unit vector, (3,), with its sign; empty if there is none."""
+    most = int(abs(way).argmax())
+    return "-" * bool(way[most] < 0) + "xyz"[most] if abs(way[most]) > 1 - 1e-9 else ""
+
+
+def _finish(axes: Axes, own: bool, turn: Array) -> Axes:
+    """Name the axes, and show those of space; a figure of our `own` gets the shape of what is drawn."""
     axes.set_aspect("equal", adjustable="datalim" if own else None)  # slender bodies leave room at their sides
-    axes.set_xlabel("to the right [mm]")
-    axes.set_ylabel("upwards [mm]")
+    names = [_axis_along(way) for way in turn[:, :2].T]
+    axes.set_xlabel(f"{names[0] or 'across the picture'} [mm]")
+    axes.set_ylabel(f"{names[1] or 'up the picture'} [mm]")
+    if not all(names):
+        start, length = _ARROWS
+        style = {"arrowstyle": "-|>", "color": "0.25", "shrinkA": 0, "shrinkB": 0}
+        for name, way in zip("xyz", length * turn[:, :2], strict=True):
+            ends = {"xy": tuple(start + way), "xytext": (start, start), "xycoords": "axes points"}
+            axes.annotate("", **ends, textcoords="axes points", arrowprops=style, zorder=4)
+            if np.linalg.norm(way) > length / 4:
+                at = tuple(start + way * (1 + 7 / np.linalg.norm(way)))
+                axes.annotate(name, at, xycoords="axes points", ha="center", va="center", fontsize="small", zorder=4)
     if own:
         wide, high = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
         inches = np.minimum(np.array([wide, high]) * min(_LARGEST[0] / wide, _LARGEST[1] / high), _LARGEST)

@@ -252,20 +252,33 @@ def _body(piece: BodyFields, name: str, run: Result, wanted: Sequence[Colour], f
     return BodyMotion(name, points, triangles, place, turn, not kinematics.linear, deformation, colours)
 
 
+def pressing_at(result: Result, time: float, scale: float = 1.0) -> list[tuple[Array, float]]:
+    """Where contacts press at a time, (3,) [m], with the deformation scaled, and their forces [N]."""
+    now = result.at([time])
+    forces = [(contact, float(contact.force(now)[0])) for contact in result.contacts]
+    return [(_spot(contact, now, scale), force) for contact, force in forces if force > 0]
+
+
 def _spots(result: Result) -> list[Array]:
-    """Where each contact that presses does so at its peak, (3,) [m]: the middle of its pressures, or of its patch."""
+    """Where each contact that presses does so at its peak, (3,) [m]."""
     spots = []
     for contact in result.contacts:
         force = contact.force(result)
         if force.any():
-            peak = result.at([float(result.t[int(force.argmax())])])
-            item, patch = contact.sides[0]
-            nodes = item.body.partition.patches[patch].nodes
-            pressure = _pressure(peak, contact)
-            weight = np.zeros(len(nodes)) if pressure is None else pressure.toarray()[0, : len(nodes)]
-            place = item.kinematics.at(nodes).place(item.coordinates(peak)[0])
-            spots.append(np.average(place, axis=0, weights=weight if weight.any() else None))
+            spots.append(_spot(contact, result.at([float(result.t[int(force.argmax())])])))
     return spots
+
+
+def _spot(contact: PartitionContact, now: Result, scale: float = 1.0) -> Array:
+    """Where a contact presses at one time, (3,) [m]: the middle of its pressures, or of its patch."""
+    item, patch = contact.sides[0]
+    nodes = item.body.partition.patches[patch].nodes
+    pressure = _pressure(now, contact)
+    weight = np.zeros(len(nodes)) if pressure is None else pressure.toarray()[0, : len(nodes)]
+    kinematics, (q,) = item.kinematics.at(nodes), item.coordinates(now)
+    place = kinematics.place(q) + (scale - 1) * kinematics.deformation(q) @ kinematics.frame(q)[1].T
+    spot: Array = np.average(place, axis=0, weights=weight if weight.any() else None)
+    return spot
 
 
 def _pressure(result: Result, contact: PartitionContact) -> sp.csr_matrix | None:

@@ -390,7 +390,7 @@ def _gradients_of(kind: Kind, nodes: Array, local: Array) -> Array:
 def _gradients_at_nodes(kind: Kind, nodes: Array, corner: Array) -> Array:
     """`_gradients_of` m cells at one of their nodes each, (m,) int; in their middles where they are nearly flat there.
 
-    Curved sides can flatten a cell at a node so far that its derivatives there are a hundred times what they are around.
+    Curved sides can flatten a cell at a node so far that derivatives there are a hundred times those around.
     """
     local, middle = kind.nodes[corner], np.broadcast_to(kind.middle, (len(corner), 3))
     here, within = (np.einsum("mka,mkj->maj", nodes, kind.functions(at)[1]) for at in (local, middle))

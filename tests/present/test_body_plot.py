@@ -7,6 +7,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from oracles import TOP
 from scipy.ndimage import binary_erosion
+from scipy.spatial import cKDTree
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError
@@ -78,10 +79,39 @@ def test_bodies_stand_where_they_are(mbs, bodies):
     corners, _ = polygons(axes)
     # Seen along x: y to the right, z upwards. The ball stands on the block, 20 mm high.
     assert corners[..., 1].max() == pytest.approx(1e3 * (TOP[2] + 0.02 - 5e-6), abs=1e-3)
-    assert axes.get_xlabel() == "to the right [mm]"
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("y [mm]", "z [mm]")
+    assert axes.get_title().count("\n") == 0  # nothing presses
+    assert not axes.lines
     (bar,) = (other for other in axes.figure.axes if other is not axes)
     assert bar.get_ylabel() == "speed [m/s]"
     assert bar.get_ylim() == (0.0, 2.0)
+
+
+@pytest.mark.parametrize("scale", [1.0, 100.0])
+def test_a_contact_that_presses_has_a_circle_and_its_force(mbs, bodies, scale):
+    ball = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=[0.003, 0, 0], initialVelocity=[0, 0, -1.0])
+    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane((0, 0, 0)))
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=2e-5, step=0.5e-6)
+    axes = ep.plot.bodies(result, direction=(0, -1, 0), scale=scale)
+    (circle,) = axes.lines
+    np.testing.assert_allclose(np.ravel(circle.get_data()), [3.0, 0.0], atol=0.02 * 20)  # mm; the ball is 20 mm wide
+    assert f"{contact.force(result).max():.3g} N" in axes.get_title()
+    axes = ep.plot.bodies(result, direction=(1, -1.6, 0.8), scale=scale)
+    assert [text.get_text() for text in axes.texts if text.get_text()] == ["x", "y", "z"]
+    assert ep.plot.bodies(result, direction=(0, 1, 0)).get_xlabel() == "-x [mm]"
+
+
+def test_light_on_a_ball_shows_no_facets(sphere):
+    axes = ep.plot.selection(*sphere, direction=(0, -1, 0))
+    corners, colours = (values[len(values) // 2 :] for values in polygons(axes))  # its front comes last
+    middle, radius = (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2, np.ptp(corners[..., 0]) / 2
+    inside = np.linalg.norm(corners.mean(axis=1) - middle, axis=1) < 0.7 * radius
+    grey = inside & (np.ptp(colours, axis=1) < 0.05)  # of no patch
+    middles, bright = corners.mean(axis=1)[grey], colours[grey].mean(axis=1)
+    distance, near = cKDTree(middles).query(middles, 2)
+    change = abs(bright - bright[near[:, 1]]) / (distance[:, 1] / radius)
+    assert np.percentile(change, 95) < 1.0  # of light by a turn of one radian; facets have steps of several
 
 
 def test_what_is_refused(block, sphere):
