@@ -1,4 +1,4 @@
-"""A crank, a link and a sliding block from one STEP file: joints in their bores, and a stop that the block hits.
+"""A crank, a link and a sliding block from one STEP file: joints in their bores, and a round stop that the block hits.
 
 `ep.read_step` names the solids before anything is meshed, `ep.fe_models` meshes them in place, and `cylinder=` finds
 bores that have no name. A torque turns the crank from rest. Until the impact, work is the energy of rigid bodies.
@@ -15,7 +15,7 @@ from models.crank_assembly import rigid_speed, write_results, write_step
 
 PINS = {"shaft": (0.0, 0.0, 0.0), "crank pin": (0.05, 0.0, 0.0), "block pin": (0.2, 0.0, 0.0)}  # [m]
 OF = {"crank": ("shaft", "crank pin"), "link": ("crank pin", "block pin"), "block": ("block pin",)}
-NOSE, GAP, TORQUE = (0.18, 0.0, 0.018), 1e-3, 2.0  # [m], [m], [N m]
+NOSE, GAP, STOP, TORQUE = (0.18, 0.0, 0.018), 1e-3, 6e-3, 2.0  # [m], [m], radius [m], [N m]
 HINGE, ALONG, SLIDE = [1, 1, 1, 1, 1, 0], [1, 1, 0, 0, 0, 0], [0, 1, 1, 1, 1, 1]  # axes that joints hold
 
 
@@ -47,7 +47,7 @@ def main(argv=None):
     ):  # fmt: skip
         mbs.AddObject(items.GenericJoint(markerNumbers=[markers[one, pin], markers[other, pin]], constrainedAxes=axes))
     mbs.AddLoad(items.Torque(markerNumber=markers["crank", "shaft"], loadVector=[0, 0, TORQUE]))
-    stop = ep.RigidPlane(point=(NOSE[0] - GAP, 0, 0), normal=(1, 0, 0))
+    stop = ep.RigidSphere(center=(NOSE[0] - GAP - STOP, 0, NOSE[2]), radius=STOP)
     contact = ep.CreatePartitionContact(mbs, bodies["block"], stop)
     mbs.Assemble()
     run = ep.solve_dynamic(mbs, end_time=9e-3, step=2e-6 if not options.quick else 4e-6, method="implicit")

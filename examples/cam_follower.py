@@ -47,15 +47,18 @@ def summary(mechanism, run, lift_off):
 
 
 def draw(mechanism, run, lift_off):
-    """Force and speed over time, and the rim's places where the force acts."""
-    fig, (above, below) = plt.subplots(2, 1, figsize=(9, 7), sharex=True, layout="constrained")
+    """Force over time, whole and without the peaks, and the shaft's speed."""
+    fig, (whole, above, below) = plt.subplots(3, 1, figsize=(9, 9), sharex=True, layout="constrained")
     turn, speed, _ = mechanism.drive.turn(run.t)
     rigid, t = mechanism.rigid_force(run.t), 1e3 * run.t
-    above.plot(t, mechanism.contact.force(run) / 1e3, lw=0.8, label="flexible bodies in contact")
-    above.plot(t, rigid / 1e3, "k--", lw=1, label="rigid bodies that cannot part")
-    above.axhline(0, color="0.7", lw=0.8)
-    above.set(ylabel="contact force [kN]", ylim=(1.2e-3 * min(rigid.min(), 0) - 0.2, 1.8e-3 * rigid.max()))
-    above.legend(fontsize="small")
+    for panel in (whole, above):
+        panel.plot(t, mechanism.contact.force(run) / 1e3, lw=0.8, label="flexible bodies in contact")
+        panel.plot(t, rigid / 1e3, "k--", lw=1, label="rigid bodies that cannot part")
+        panel.axhline(0, color="0.7", lw=0.8)
+    low, high = 1.2e-3 * min(rigid.min(), 0) - 0.2, 1.8e-3 * rigid.max()
+    whole.set(ylabel="contact force [kN]")
+    above.set(ylabel=f"the same up to {high:.2g} kN", ylim=(low, high))
+    whole.legend(fontsize="small", loc="upper left")
     below.plot(t, speed / lift_off, label="speed of the shaft, by the lift-off speed")
     below.plot(t, turn / (2 * np.pi), label="turns")
     below.axhline(1, color="0.7", lw=0.8)

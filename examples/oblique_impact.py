@@ -92,8 +92,10 @@ def main(argv=None):
     reference.save(options.out / "reference.npz")
     picture = options.out / "oblique_impact.png"
     results.figure(runs, reference, COMPARED, FRICTION).savefig(picture, dpi=150)
-    ep.plot.bodies(runs["45 degrees"][-1]).figure.savefig(options.out / "bodies.png", dpi=150)
-    runs["45 degrees"][-1].scene(options.out / "moving.html", title="oblique impact, 45 degrees")
+    items, _, run = runs["45 degrees"]
+    axes = ep.plot.bodies(run, bodies=list(zip(items, fems, strict=True)), colour="von_mises")
+    axes.figure.savefig(options.out / "bodies.png", dpi=150)
+    run.scene(options.out / "moving.html", title="oblique impact, 45 degrees")
     show(result)
     print(picture.resolve())
     return result

@@ -95,9 +95,7 @@ def main(argv=None):
         middle.plot(1e3 * one.t, item.velocity(one, end) @ options.down, linewidth=1, label=label)
     middle.set(xlabel="time [ms]", ylabel="speed of the far end, downwards [m/s]")
     middle.legend(loc="upper left")
-    right.imshow(ep.view.picture(run, run.t[-1], [(part, fem)], field="velocity", scale=200, size=(900, 700)))
-    right.set_title(f"t = {1e3 * run.t[-1]:.3g} ms")
-    right.set_axis_off()
+    ep.plot.bodies(run, run.t[-1], [(part, fem)], axes=right, scale=200)
     picture = options.out / "own_part.png"
     figure.savefig(picture, dpi=150)
     ep.plot.bodies(run, bodies=[(part, fem)], colour="von_mises").figure.savefig(options.out / "bodies.png", dpi=150)

@@ -89,18 +89,19 @@ def main(argv=None):
     wall, (tilt, speed) = time.perf_counter() - begin, TESTED
     law, flexible = maps[LENGTHS[0]].law(), ep.restitution_map(pair(h, LENGTHS[0], tilt), speed=speed)
     spins = [rigid_bounce(mesh(LENGTHS[0], tilt, h), tilt, speed, law)[2], flexible["spin"].item()]
-    axes = plt.subplots(layout="constrained", figsize=(7, 4.5))[1]
     theory = json.loads((Path(__file__).parent / "restitution_map_theory.json").read_text())
-    for (length, found), color in zip(maps.items(), ("C0", "C1", "C2"), strict=False):
-        axes.plot(theory["tilt"], theory[f"{1e3 * length:.0f} mm"], "--", color=color, lw=1.2)
+    figure, panels = plt.subplots(1, len(maps), layout="constrained", figsize=(11, 4), sharey=True, squeeze=False)
+    for axes, (length, found) in zip(panels[0], maps.items(), strict=True):
+        axes.plot(theory["tilt"], theory[f"{1e3 * length:.0f} mm"], "--", lw=1.2, label="beam theory")
         e, contacts = found["restitution"][:, -1].ravel(), found["contacts"][:, -1].ravel()
-        axes.plot(found.place, e, "o", color=color, ms=9, mfc="white", label=f"{1e3 * length:g} mm")
+        axes.plot(found.place, e, "C0o", ms=10, mfc="white", label="computed; how many contacts")
         for x, y, count in zip(found.place, e, contacts, strict=True):
             axes.annotate(f"{count:.0f}", (x, y), ha="center", va="center", fontsize=7)
-    axes.axhline(1, color="k", ls=":", lw=1, label="rigid")
-    axes.set(xlabel="tilt from the plane [degrees]", ylabel="coefficient of restitution", ylim=(0, 1.05))
-    axes.legend(title="dashed: beam theory; numbers: contacts", fontsize=8)
-    axes.figure.savefig(options.out / "restitution_map.png", dpi=150)
+        axes.axhline(1, color="k", ls=":", lw=1, label="rigid")
+        axes.set(xlabel="tilt from the plane [degrees]", ylim=(0, 1.05), title=f"bar of {1e3 * length:g} mm")
+    panels[0, 0].legend(loc="lower left", fontsize=8)
+    figure.supylabel("coefficient of restitution")
+    figure.savefig(picture := (options.out / "restitution_map.png").resolve(), dpi=150)
     told, impacts = ("restitution", "contacts", "peak_force", "balance"), []
     for length, found in maps.items():
         impacts.append({"length_m": length, "speed_m_s": SPEED, "tilt": found.place.tolist()})
@@ -109,10 +110,8 @@ def main(argv=None):
     result = {"impacts": impacts, "law_error": law.error, "spin_rigid_rad_s": spins[0], "spin_flexible_rad_s": spins[1]}
     result |= {"new": new, "time": {"wall_s": wall}, "versions": ep.versions()}
     (options.out / "result.json").write_text(json.dumps(result, indent=2, default=float))
-    print(
-        f"{new} impacts in {wall:.0f} s; the spin of the rigid bar is {spins[0] / spins[1] - 1:+.2%} off the flexible"
-    )
-    print((options.out / "restitution_map.png").resolve())
+    off = spins[0] / spins[1] - 1
+    print(f"{new} impacts in {wall:.0f} s; the spin of the rigid bar is {off:+.2%} off the flexible", picture, sep="\n")
     return result
 
 

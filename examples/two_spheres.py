@@ -108,7 +108,7 @@ def main(argv=None):
     picture = options.out / "two_spheres.png"
     figure.savefig(picture, dpi=150)
     shown = [(upper, models[0][0]), (lower, models[1][0])]
-    axes = ep.plot.bodies(run, bodies=shown, colour="von_mises", end=20e6, scale=1, direction=(1, -1.6, 0))
+    axes = ep.plot.bodies(run, bodies=shown, colour="von_mises", end=20e6, scale=1, direction=(0, -1, 0))
     axes.figure.savefig(options.out / "bodies.png", dpi=150)
     print(json.dumps({key: result[key] for key in ("dofs", "fe_dofs", "time", "error")}, indent=2))
     print(picture.resolve())

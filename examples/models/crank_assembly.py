@@ -64,7 +64,9 @@ def write_results(folder, machine, fems, bodies, contact, run, rigid):
     axes.plot(1e3 * run.t, force)
     axes.set(xlabel="time [ms]", ylabel="contact force [N]")
     fig.savefig(folder / "assembly.png")
-    ep.plot.bodies(run).figure.savefig(folder / "bodies.png", dpi=150)
+    shown = [(bodies[name], fem) for name, fem in fems.items()]
+    axes = ep.plot.bodies(run, bodies=shown, colour="von_mises", end=150e6, direction=(-0.7, -1.6, 0.8))
+    axes.figure.savefig(folder / "bodies.png", dpi=150)
     run.scene(folder / "moving.html", title="assembly of a STEP file")
     result = {
         "solids": list(machine.names), "dofs": sum(b.body.n_dofs for b in bodies.values()), "steps": run.steps,

@@ -72,9 +72,10 @@ def draw_histories(found):
 
 
 def draw_motion(found, start):
-    """Figure of the mechanism at eight times."""
-    figure, axes = plt.subplots(4, 2, figsize=(10, 9), layout="constrained")
-    for panel, i in zip(axes.ravel(), np.searchsorted(found["t"], np.linspace(0, found["t"][-1], 8)), strict=True):
+    """Figure of the mechanism at six times, that of the largest contact force among them."""
+    figure, axes = plt.subplots(3, 2, figsize=(10, 7), sharex=True, sharey=True, layout="constrained")
+    instants = np.sort([found["force"].argmax(), *np.searchsorted(found["t"], np.linspace(0, found["t"][-1], 5))])
+    for panel, i in zip(axes.ravel(), instants, strict=True):
         angle = found["angle"][i]
         pin = -CRANK * np.cos(angle), -CRANK * np.sin(angle)
         backs = start.place + found["slider"][i], start.heads[1] + LENGTHS[1] + found["block_4"][i]
@@ -87,6 +88,13 @@ def draw_motion(found, start):
             panel.fill(*np.vstack([[back, -RADIUS], outline, [back, RADIUS]]).T, colour)
         coil = np.linspace(0, 1, 60)
         panel.plot(backs[1] + coil * (0.62 - backs[1]), 0.01 * np.sin(12 * np.pi * coil), "0.5")
-        panel.set(xlim=(-0.17, 0.64), ylim=(-0.17, 0.17), aspect="equal", xlabel="x [m]", ylabel="y [m]")
-        panel.set_title(f"{1e3 * found['t'][i]:.1f} ms, {math.degrees(angle):.0f} deg")
+        panel.set(xlim=(-0.17, 0.64), ylim=(-0.18, 0.18), aspect="equal")
+        touch = f", contact force {1e-3 * found['force'][i]:.3g} kN" if found["force"][i] > 0 else ""
+        panel.set_title(f"{1e3 * found['t'][i]:.1f} ms, crank at {math.degrees(angle):.0f} degrees{touch}")
+        panel.label_outer()
+    names = {"crank": (-0.12, 0.03), "link": (0.03, 0.03), "block 3": (0.18, 0.03), "block 4": (0.44, 0.03)}
+    for name, at in (*names.items(), ("spring and damper", (0.43, -0.06))):
+        axes[0, 0].annotate(name, at, fontsize="small")
+    figure.supxlabel("x [m]")
+    figure.supylabel("y [m]")
     return figure

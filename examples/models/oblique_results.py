@@ -45,10 +45,11 @@ def figure(runs, reference, compared, friction):
             row[0].plot(1e3 * known.t, -known.tangential_force[:, 0], color="0.7", linewidth=3)
             row[1].plot(known.velocity["tip"][:, 0], known.velocity["tip"][:, 2], color="0.7", linewidth=3)
         row[0].plot(t, history.force, "C0-", label="normal")
+        row[0].plot(t, friction * history.force, color="gold", linewidth=4, label="limit of friction")
         row[0].plot(t, -contact.friction.tangential_force(result)[:, 0], "C3--", label="tangential")
-        row[0].plot(t, friction * history.force, "k:", linewidth=0.8, label="limit of friction")
         row[0].set(xlabel="time [ms]", ylabel="force [N]", title=name)
-        row[0].legend(fontsize="small")
+        row[0].set_ylim(top=1.35 * history.force.max())  # room for the legend
+        row[0].legend(fontsize="small", ncols=2, loc="upper left")
         tip = history.velocity["tip"]
         row[1].plot(tip[:, 0], tip[:, 2], "C0-", linewidth=1)
         row[1].plot(*tip[0, [0, 2]], "ko", markersize=4)

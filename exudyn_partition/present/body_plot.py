@@ -150,7 +150,8 @@ def bodies(
     said = [f"t = {1e3 * motion.t[0]:.4g} ms"]
     if pressing:
         which = "circle: contact force" if len(pressing) == 1 else "circles: contact forces, up to"
-        said.append(f"{which} {max(force for _, force in pressing):.3g} N")
+        most = max(force for _, force in pressing)
+        said.append(f"{which} {1e-3 * most:.3g} kN" if most >= 1e4 else f"{which} {most:.4g} N")
     if scale != 1:
         said.append(f"deformed x {scale:g}: bodies may seem to overlap")
     axes.set_title("\n".join(said), fontsize="small")

@@ -84,9 +84,12 @@ def stick(axes: Axes, result: Result, time: float | None = None, *, contact: Par
         rows = state == kind
         axes.scatter(*x[rows].T, s=14, color=color, marker=marker, label=f"{label} ({np.count_nonzero(rows)} rows)")
     closed = state > 0
+    axes.margins(0.1, 0.22)  # room for the legend above, and the length of the arrows below
     if arrows[closed].any():
-        axes.quiver(*x[closed].T, *arrows[closed].T, color="0.35", width=0.004, zorder=0)
-    axes.legend(fontsize="small")
+        drawn = axes.quiver(*x[closed].T, *arrows[closed].T, color="0.35", width=0.004, zorder=0)
+        longest = float(f"{np.linalg.norm(arrows[closed], axis=1).max():.1g}")
+        axes.quiverkey(drawn, 0.08, 0.05, longest, f"{longest:g} N", labelpos="E", coordinates="axes")
+    axes.legend(fontsize="small", loc="upper center", ncols=len(_STATES))
     return _finish(axes, contact, sample)
 
 
