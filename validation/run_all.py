@@ -323,6 +323,8 @@ CASES = {
     "friction_oblique": Case("friction/oblique.py", limits(
         ("normal", "tangential", "velocity_tip", "energy", "momentum", "ms_a_step", "free_flight")),
         figures=("friction_oblique.png",)),
+    "friction_clip": Case("friction/clip.py", limits(("normal", "tangential", "work", "momentum", "turning")), quick=(),
+                          figures=("friction_clip.png",)),
     "friction_front": Case("friction/front.py", limits(("tolerance 0.1", "tolerance 0.01", "full_fe_quicker")),
                            figures=("friction_front.png",)),
     "markers": Case("joints/markers.py", markers),

@@ -134,6 +134,11 @@ def others():
               percent(plastic["force"], plastic["rebound"]), "full FE", "inelastic.impact")  # fmt: skip
     yield Row(FULL, "rod on plate, friction", "normal, tangential force",
               f"{percent(rough['normal'])}, {percent(rough['tangential'])}", "full FE", "friction.oblique")  # fmt: skip
+    clip = stored("friction/clip")["found"]
+    yield Row(FULL, "clip that closes on itself and rubs", "normal, tangential force",
+              f"{percent(clip['normal'])}, {percent(clip['tangential'])}", "full FE", "friction.clip")  # fmt: skip
+    yield Row(OTHER, "clip that rubs, in a frame that turns", "force", f"{clip['turning']:.0e}", "the frame at rest",
+              "friction.clip")  # fmt: skip
     spins = stored("joints/rotation")["found"]
     yield Row(OTHER, "bodies that turn freely", "energy, angular momentum",
               f"{max(spins['energy'], spins['angular_momentum']):.0e}", "conservation", "joints.rotation")  # fmt: skip
