@@ -295,6 +295,7 @@ CASES = {
     "bars": Case("contact/bars.py", bars, figures=("contact_bars.png",)),
     "sliding": Case("contact/sliding.py", lambda d: [Row("ways beyond the ripple's limit", "smooth force", 0,
                     len(d["beyond_limits"]))], figures=("contact_sliding.png",)),
+    "sharp_edges": Case("contact/sharp_edges.py", limits(()), figures=("contact_sharp_edges.png",)),
     "oblique": Case("contact/oblique.py", oblique),
     "bouncing": Case("contact/bouncing.py", bouncing),
     "bouncing_bar": Case("contact/bouncing_bar.py", bouncing_bar, figures=("contact_bouncing_bar.png",)),

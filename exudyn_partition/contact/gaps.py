@@ -245,8 +245,13 @@ class Gaps:
         return self.sides[0]
 
     @property
+    def n_all(self) -> int:
+        """Number of rows of the whole patch."""
+        return len(self._all.row_nodes)
+
+    @property
     def node_areas(self) -> Array:
-        """(np,) array: area of the row of each node of the slave's patch [m2]; zero for a node without a row."""
+        """(np,) array: area of the row of each node of the slave's patch [m2]; zero without a row, or on an edge."""
         areas = np.zeros(len(self.slave.surface.points))
         areas[self._all.row_nodes] = self._all.area
         return areas

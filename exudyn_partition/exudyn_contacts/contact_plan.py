@@ -30,6 +30,7 @@ from ..support.foreign import MainSystem, ObjectIndex
 from ..surfaces.near import near_patches, opposite_parts
 from ..surfaces.points import ROWS, RowKind
 from ..surfaces.rows import PENETRATION_TOLERANCE
+from ..surfaces.surface import Surface
 
 Passes = Literal["finer", "given"]
 PASSES: tuple[Passes, ...] = get_args(Passes)
@@ -111,7 +112,7 @@ def plan_contact(
         given.append((other, number_of_patch(other.body.partition, masterPatch, "masterPatch")))
     if first == other:
         _check_itself(first, [patch for _, patch in given], chosen)
-    sides, placed = _placed(given, passes)
+    sides, placed = _placed(given, passes, chosen)
     chosen.check([item.body for item, _ in sides])
     for side in placed:
         _check_wandering(side)
@@ -219,18 +220,31 @@ def _check_itself(item: PartitionBody, patches: Sequence[int], formulation: Form
         )
 
 
-def _placed(given: Sequence[BodyPatch], passes: Passes) -> tuple[Sequence[BodyPatch], list[Side]]:
+def _placed(
+    given: Sequence[BodyPatch], passes: Passes, formulation: Formulation
+) -> tuple[Sequence[BodyPatch], list[Side]]:
     """Slave and master, and the places of their patches in space."""
     placed = [Side.of(item.kinematics, patch, item.plastic_states.get(patch)) for item, patch in given]
+    if not formulation.edges:
+        placed = [replace(side, surface=side.surface.without_edges) for side in placed]
     if len(given) > 1 and given[0] == given[1]:
         parts = opposite_parts(placed[0].surface)
         placed = [replace(side, surface=part) for side, part in zip(placed, parts, strict=True)]
     for side in placed:
         _check_digits(side)
-    sizes = [side.surface.facet_size for side in placed]
-    if passes == "finer" and len(sizes) > 1 and sizes[1] < _FINER * sizes[0]:
+    if passes == "finer" and len(placed) > 1 and _are_better_turned(*(side.surface for side in placed)):
         return given[::-1], placed[::-1]
     return given, placed
+
+
+def _are_better_turned(slave: Surface, master: Surface) -> bool:
+    """Whether slave and master should change places: rows are at the sharp edges, and at the finer facets of the slave.
+
+    The master's edges have no rows.
+    """
+    if bool(len(slave.sharp)) != bool(len(master.sharp)):
+        return bool(len(master.sharp))
+    return bool(master.facet_size < _FINER * slave.facet_size)
 
 
 def _check_digits(side: Side) -> None:

@@ -162,11 +162,8 @@ class PartitionContact(Item[Any]):
     @property
     def n_rows(self) -> int:
         """Number of rows that the contact starts with."""
-        return (
-            len(self.mechanics.node_areas.nonzero()[0])
-            if self.mechanics.gaps.moving
-            else len(self.mechanics.gaps.row_nodes)
-        )
+        gaps = self.mechanics.gaps
+        return len(gaps.row_nodes) if not gaps.moving else gaps.n_all
 
     @property
     def slave_facet_size(self) -> float:

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import MeshError
 from ..support.arrays import Array
-from .halves import joined
+from .halves import in_halves, joined
 from .shapes import QUADS
 
 Naming = Callable[[Array], str]  # names elements by their rows, for messages
@@ -62,6 +62,11 @@ def unfolded(facets: Array) -> Array:
     """Facets of a patch: triangles among quadrilaterals as such, if there are no others."""
     parts = by_shape(facets)
     return facets if len(parts) > 1 else facets[:, parts[0][1]]
+
+
+def of_one_shape(facets: Array) -> Array:
+    """Facets of a patch with one set of shape functions: in halves if there are triangles and quadrilaterals."""
+    return in_halves(facets) if len(by_shape(facets)) > 1 else facets
 
 
 def flat_triangles(facets: Array) -> tuple[Array, Array]:

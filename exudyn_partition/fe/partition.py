@@ -24,7 +24,8 @@ from ..support.checks import (
     validate_type,
     validate_vector,
 )
-from .facets import unfolded
+from .edges import sharp_nodes
+from .facets import of_one_shape, unfolded
 from .facing import connected, facing_facets
 from .model import FEModel, same_mesh
 from .patch_facets import Faces, ball_facets, local_normals, mean_direction, show, smooth_rim, widened
@@ -277,7 +278,7 @@ class Partition:
         cylinder: Cylinder | None = None,
         plane: Plane | None = None,
         near: Vector | None = None,
-        axes: PatchAxes = "normal",
+        axes: PatchAxes | None = None,
         name: str = "",
     ) -> Partition:
         """Contact patch of whole faces, over which contact may wander: the rim of a cam, a gear's flanks, a guide.
@@ -299,9 +300,10 @@ class Partition:
             Instead: flat faces in a plane, through a point [m], with this outward normal.
         near : (3,) array, optional
             A point [m]: of these faces the one nearest to it; alone, of all faces. Faces end at edges of 30 degrees.
-        axes : {"normal", "xyz"}
+        axes : {"normal", "xyz"}, optional
             Directions in which the basis knows the flexibility of the nodes: along their normals, which is enough
-            without friction, or in all three.
+            without friction where the surface is smooth, or in all three. Default: in all three if faces of the patch
+            meet at a convex edge of more than 30 degrees.
         name : str
             To tell patches of one body apart.
 
@@ -318,9 +320,12 @@ class Partition:
             If a cylinder or a plane catches several faces.
         """
         validate_type("fem", fem, FEModel, "fe_model()")
-        validate_choice("axes", axes, AXES)
+        if axes is not None:
+            validate_choice("axes", axes, AXES)
         number = selected_facets(fem, faces, cylinder, plane, near)
         facets = unfolded(fem.facets[number])
+        if axes is None:
+            axes = "xyz" if len(sharp_nodes(fem.points, of_one_shape(facets))) else "normal"
         normals, size = local_normals(fem.points, facets), np.ptp(fem.points[facets], axis=(0, 1))
         line, rim = mean_direction(fem.points, facets), smooth_rim(fem, number, normals)
         material = None if fem.regions is None else fem.material_beneath(number)
@@ -329,15 +334,15 @@ class Partition:
 
     @overload
     @classmethod
-    def facing(cls, fems: Sequence[FEModel], *, within: float, axes: PatchAxes = "normal") -> list[Partition]: ...
+    def facing(cls, fems: Sequence[FEModel], *, within: float, axes: PatchAxes | None = None) -> list[Partition]: ...
     @overload
     @classmethod
     def facing(
-        cls, fems: Mapping[str, FEModel], *, within: float, axes: PatchAxes = "normal"
+        cls, fems: Mapping[str, FEModel], *, within: float, axes: PatchAxes | None = None
     ) -> dict[str, Partition]: ...
     @classmethod
     def facing(
-        cls, fems: Sequence[FEModel] | Mapping[str, FEModel], *, within: float, axes: PatchAxes = "normal"
+        cls, fems: Sequence[FEModel] | Mapping[str, FEModel], *, within: float, axes: PatchAxes | None = None
     ) -> list[Partition] | dict[str, Partition]:
         """Contact patches of an assembly, wherever two of its bodies come near each other.
 
@@ -352,7 +357,7 @@ class Partition:
         within : float
             Distance up to which facets belong to a patch [m]. It should be above the gaps and the play of the assembly,
             and leave room for what slides.
-        axes : {"normal", "xyz"}
+        axes : {"normal", "xyz"}, optional
             See `surface`.
 
         Returns
@@ -374,7 +379,8 @@ class Partition:
         ]
         if len(models) < 2 or len(set(map(id, models))) < len(models):
             raise InputError(f"fems: expected at least two FE models, each of them once, got {len(models)}")
-        validate_choice("axes", axes, AXES)
+        if axes is not None:
+            validate_choice("axes", axes, AXES)
         within = validate_positive("within", within, "m")
         found = []
         for name, fem, near in zip(names, models, facing_facets(models, within), strict=True):
@@ -388,7 +394,7 @@ class Partition:
         return dict(zip(names, found, strict=True)) if isinstance(fems, Mapping) else found
 
     @classmethod
-    def _near_others(cls, fem: FEModel, near: Mapping[str, Array], axes: PatchAxes) -> Partition:
+    def _near_others(cls, fem: FEModel, near: Mapping[str, Array], axes: PatchAxes | None) -> Partition:
         """Patches of facets near others, (k,) int each, by the names of the others."""
         number = np.unique(np.concatenate([*near.values()]))
         part = connected(fem.facets[number])

@@ -21,7 +21,8 @@ _LARGE = 0.1  # share of the largest impulse: smaller impacts are not checked
 _STEPS_AN_IMPACT = 8  # fewer implicit steps do not resolve an impact
 _SAMPLES_AN_IMPACT = 4  # with fewer samples, the force of the impact is not known
 _FEW_ROWS = 2  # so few closed rows at the peak of a force do not resolve it
-_ASIDE = np.radians(30)  # angle from a patch's line of contact
+_ASIDE = np.radians(30)  # angle from a patch's line of contact, or from the normals of its nodes
+_SHARE_ASIDE = 0.1  # of the force that may be beyond this angle from the normals
 _FAR, _NEARER = 20.0, 0.01  # distance over the bodies' size that may be a wrong unit; share of it travelled
 _LISTED = 5  # largest number of contacts that a warning lists
 _LOOKED_AT = 64  # largest number of samples at which velocities, and places beside patches, are checked
@@ -125,6 +126,17 @@ def _warn_of_few_rows(contact: PartitionContact, result: Result) -> None:
         return
     if top == len(force) - 1 and result.method != "static":
         return  # a growing contact begins with one row
+    nodes = contact.row_forces(result.at(result.t[[top]])).nonzero()[1]
+    if np.isin(nodes, contact.mechanics.gaps.slave.surface.sharp).all():
+        warnings.warn(
+            f"{called(contact)} at t = {result.t[top]:.6g} s: only a sharp corner or edge touches at the peak of the "
+            f"force, {force[top]:.4g} N. The stress there has no limit, so that no mesh resolves it: with finer facets "
+            f"the corner is softer. Impulse and motion are right; peak and duration are those of facets of "
+            f"{contact.slave_facet_size:.3g} m. Where they matter, round the corner, by a radius that facets resolve",
+            ModelLimitWarning,
+            stacklevel=5,
+        )
+        return
     warnings.warn(
         f"{called(contact)} at t = {result.t[top]:.6g} s: {closed[top]} of {contact.n_rows} rows "
         f"{'is' if closed[top] == 1 else 'are'} closed at the peak of the force, {force[top]:.4g} N. The contact is "
@@ -143,9 +155,12 @@ def _warn_of_direction(contact: PartitionContact, result: Result) -> None:
     force = contact.force_on_slave(result)[top]
     if not force.any():
         return
-    for (item, number), name, sign in zip(contact.sides, contact.side_names, (-1, 1), strict=False):
+    for side, ((item, number), name, sign) in enumerate(zip(contact.sides, contact.side_names, (-1, 1), strict=False)):
         patch = item.body.partition.patches[number]
-        if item.body.basis.flexibility is None or patch.wanders or patch.axes != "normal":
+        if item.body.basis.flexibility is None or patch.axes != "normal":
+            continue
+        if patch.wanders:
+            _warn_of_normals(contact, side, result, top)
             continue
         line = item.kinematics.frame(item.coordinates(result)[top])[1] @ patch.direction
         aside = np.arccos(np.clip(sign * force @ line / np.linalg.norm(force), -1, 1))
@@ -158,6 +173,25 @@ def _warn_of_direction(contact: PartitionContact, result: Result) -> None:
                 ModelLimitWarning,
                 stacklevel=5,
             )
+
+
+def _warn_of_normals(contact: PartitionContact, side: int, result: Result, top: int) -> None:
+    """Warn of forces aside from the normals of their nodes, at the sample `top`: at sharp edges these are means."""
+    now, (item, number) = result.at(result.t[[top]]), contact.sides[side]
+    forces = contact.nodal_forces(now)[side][0]
+    normals = item.body.partition.patches[number].node_normals @ item.kinematics.frame(item.coordinates(now)[0])[1].T
+    sizes = np.linalg.norm(forces, axis=1)
+    # An even pressure pulls at corners of some quadratic facets.
+    aside = sizes[abs(np.einsum("kd,kd->k", forces, normals)) < np.cos(_ASIDE) * sizes].sum() / sizes.sum()
+    if aside > _SHARE_ASIDE:
+        warnings.warn(
+            f"{called(contact)} at t = {result.t[top]:.6g} s: {aside:.0%} of the force on {contact.side_names[side]} "
+            "is more than 30 degrees off the normals of its nodes, as at edges between faces. The patch yields along "
+            "these normals only, so that forces and pressures there are wrong. Leave axes= out of Partition.surface, "
+            'which takes "xyz" for a patch with sharp edges',
+            ModelLimitWarning,
+            stacklevel=6,
+        )
 
 
 def _warn_of_far(contact: PartitionContact, result: Result) -> bool:

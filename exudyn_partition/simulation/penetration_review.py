@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-import scipy.sparse as sp
 
 from ..contact.formulations.choices import Penalty
 from ..contact.rigid import RigidGaps
@@ -17,6 +16,7 @@ from ..fe.facets import area_vectors, facet_corners
 from ..support.arrays import Array
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from ..surfaces.surface import Surface
+from .crossing_edges import looked_at, neighbours, warn_of_edges
 from .result import Result, called
 
 _ENERGY = 1e-2  # energy that overlap at the start may store, as a share of the bodies' largest energy
@@ -24,7 +24,6 @@ _MOVED = 0.1  # share of the stored energy: with less kinetic energy, bodies res
 _ROUND_OFF = 1e-7  # overlap that is round-off, as a share of a facet's size
 _DEEP = 0.15  # depth to which bodies may be pressed into each other, as a share of the radius of the contact area
 _DEEP_OF_SOFT, _SOFT = 0.01, 0.1  # the same for a penalty whose stiffness is below this second share of the default
-_LOOKED_AT, _STARTS = 64, 16  # largest number of samples, and of times of contact, at which nodes are checked
 _SHARP = 0.4  # rad, angle from a facet's normal to the mean one at its node: corners and edges have more
 _BENEATH, _BENEATH_SHARP = 0.05, 1e-3  # depth of a node with no closed row around it, as a share of a facet's size
 
@@ -34,6 +33,7 @@ def warn_of_penetration(contact: PartitionContact, result: Result) -> None:
     _warn_of_overlap(contact, result)
     _warn_of_depth(contact, result)
     _warn_of_sinking(contact, result)
+    warn_of_edges(contact, result)
 
 
 def _warn_of_overlap(contact: PartitionContact, result: Result) -> None:
@@ -112,12 +112,10 @@ def _warn_of_sinking(contact: PartitionContact, result: Result) -> None:
         dents = dent_motion(contact, result)
     except InputError:
         return
-    side, force = gaps.whole, contact.force(result)
-    starts = np.flatnonzero(np.diff((force > 0).astype(int)) > 0)[:_STARTS]
-    chosen = np.unique(np.r_[starts, np.linspace(0, len(force) - 1, min(len(force), _LOOKED_AT)).astype(int)])
+    side, chosen = gaps.whole, looked_at(contact, result)
     now = result.at(result.t[chosen])
     closed = contact.row_forces(now)
-    allowed, around = _allowed_depth(side.surface), _neighbours(side.surface)
+    allowed, around = _allowed_depth(side.surface), neighbours(side.surface)
     (item, number), q = contact.sides[0], contact.slave.coordinates(now)
     for i, sample in enumerate(chosen):
         own = dents(int(sample))
@@ -136,8 +134,9 @@ def _warn_of_sinking(contact: PartitionContact, result: Result) -> None:
             f"{called(contact)} at t = {result.t[sample]:.6g} s: {depth[worst]:.3g} m of {called(item)} are below the "
             f"rigid surface at {places[worst]} m, with no closed row around: a corner, an edge or a tip of patch "
             f"{repr(patch.name) if patch.name else number} that is smaller than its facets. Integrated rows are means "
-            "around nodes, which close there too late, so that it sinks in without a force. Take "
-            "rows='node-to-segment', finer facets there, or a rounded edge",
+            "around nodes, which close there too late, so that it sinks in without a force. Nodes at edges have rows "
+            "of their own if the patch has the faces on both sides (Partition.surface) and there is no penalty. Or "
+            "take rows='node-to-segment', finer facets there, or a rounded edge",
             ContactPatchWarning,
             stacklevel=6,
         )
@@ -159,11 +158,3 @@ def _allowed_depth(surface: Surface) -> Array:
     for nodes in facets.T:
         np.minimum.at(cosine, nodes, np.einsum("fd,fd->f", normals, mean[nodes]))
     return np.asarray(size * np.where(cosine < np.cos(_SHARP), _BENEATH_SHARP, _BENEATH))
-
-
-def _neighbours(surface: Surface) -> sp.csr_matrix:
-    """Number of facets that two nodes share, (np, np)."""
-    nf, k = surface.facets.shape
-    cells = surface.facets.ravel(), np.repeat(np.arange(nf), k)
-    of_facets = sp.csr_matrix((np.ones(nf * k), cells), shape=(len(surface.points), nf))
-    return sp.csr_matrix(of_facets @ of_facets.T)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..fe.edges import edge_middles
 from ..fe.shapes import QUADS, TABLES, shape_functions
 from ..support.arrays import Array
 from ..support.twins import Known, copied
@@ -15,7 +16,7 @@ from . import loops
 from .points import ContactPoints
 from .projection import Projection, newton_step
 from .rows import EDGE_TOLERANCE
-from .surface import Surface, closest_points, edge_middles
+from .surface import Surface, closest_points
 from .vectors import cross
 
 if TYPE_CHECKING:

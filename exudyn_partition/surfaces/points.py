@@ -6,7 +6,7 @@ pressure has no share at the vertices, so forces vary strongly from node to node
 Integrated rows take a weighted mean of the gap for each node; the weight is a hat function. The Kuhn-Tucker conditions
 hold for each mean. Multipliers are then piecewise linear, displacements linear, quadratic or cubic, and integrals are
 those over the slave's facets. Quadratic triangles are split into the four between their nodes, cubic ones into nine, so
-that all hats are positive (Puso, Laursen and Solberg 2008).
+that all hats are positive (Puso, Laursen and Solberg 2008). Nodes at sharp edges have rows of their own, see `edges`.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from ..fe.shapes import FACET_NODES, linear_shares
 from ..support.arrays import Array
 from ..support.checks import validate_choice
 from . import loops
+from .edges import beside_edges
 from .surface import Surface
 
 RowKind = Literal["integrated", "node-to-segment"]
@@ -48,7 +49,7 @@ class ContactPoints:
     row_nodes : (nr,) int array
         Patch node that each row belongs to.
     area : (nr,) array
-        Area that each row stands for [m2]; their sum is the patch's.
+        Area that each row stands for [m2]; their sum is the patch's. Rows of nodes at sharp edges have none.
     pressures : (np, np) csr matrix
         Pressure around the patch's nodes, by the forces of the rows [1/m2]. Integrated rows: the mean over the hat
         function of each node. Node-to-segment: the mean over hats of the facets' corners, because nodal forces of
@@ -168,18 +169,9 @@ def contact_points(surface: Surface, rows: RowKind) -> ContactPoints:
         where = np.broadcast_arrays(facets[:, None, :], points[:, :, None])
         weighted = sp.csr_matrix((share.ravel(), [x.ravel() for x in where]), shape=(n, area.size))
         weighted.eliminate_zeros()
-        # Forces make a pressure at the points; its mean over each hat is the result.
-        inverse = sp.diags(np.divide(1.0, hat_area, out=np.zeros(n), where=hat_area > 0), format="csr")
-        pressures = inverse @ weighted @ sp.diags(1 / area.ravel()) @ weighted.T @ inverse
-        return ContactPoints(
-            nodes=np.repeat(facets, len(weight), axis=0),
-            weights=np.tile(shape, (nf, 1)),
-            mean=sp.csr_matrix(inverse @ weighted)[used],
-            row_nodes=used,
-            area=hat_area[used],
-            pressures=sp.csr_matrix(pressures),
-            facets=sp.kron(sp.identity(nf), np.ones((1, len(weight))), format="csc"),
-        )
+        of_facets = sp.kron(sp.identity(nf), np.ones((1, len(weight))), format="csc")
+        carriers = np.repeat(facets, len(weight), axis=0), np.tile(shape, (nf, 1))
+        return _integrated(surface, weighted, area.ravel(), carriers, of_facets)
     of_corners = corner_hats(surface)
     corner_area = of_corners @ hat_area
     inverse = sp.diags(np.divide(1.0, corner_area, out=np.zeros(n), where=corner_area > 0))
@@ -194,6 +186,64 @@ def contact_points(surface: Surface, rows: RowKind) -> ContactPoints:
         pressures=sp.csr_matrix(inverse @ of_corners),
         facets=of_facets[:, used],
     )
+
+
+def _integrated(
+    surface: Surface, hats: sp.csr_matrix, area: Array, carriers: tuple[Array, Array], facets: sp.csc_matrix
+) -> ContactPoints:
+    """Integrated rows, and rows of the nodes at sharp edges.
+
+    Parameters
+    ----------
+    surface : Surface
+    hats : (np, p) csr matrix
+        Hats of the nodes at the integration points, times `area`.
+    area : (p,) array
+        Area of each integration point [m2].
+    carriers : (p, k) int array, (p, k) array
+        Nodes of each point's facet, and their shape functions there.
+    facets : (nf, p) csc matrix
+        Whether each facet has each point.
+    """
+    n, used, sharp = len(surface.points), np.unique(surface.facets), np.intersect1d(surface.sharp, surface.facets)
+    weighted = beside_edges(hats, facets, area, sharp) if len(sharp) else hats
+    of_rows = np.asarray(weighted.sum(axis=1)).ravel()
+    mean = sp.diags(_inverse(of_rows), format="csr") @ weighted
+    at_node = sp.csr_matrix((np.ones(len(sharp)), (sharp, np.arange(len(sharp)))), shape=(n, len(sharp)))
+    facet, column, around = _places_of(surface.facets, sharp)
+    at_edges = hats[sharp]
+    # A facet all of whose nodes are at edges has no other rows: its area belongs to them.
+    carried = np.asarray(weighted.sum(axis=0)).ravel() > 0
+    of_rows[sharp] = at_edges @ (~carried)
+    # Forces make a pressure at the points; its mean over each hat is the result. Those at edges act on their own hats.
+    pressing = sp.csr_matrix(weighted + sp.csr_matrix(at_node @ at_edges))
+    to_pressure = sp.diags(1 / area) @ pressing.T @ sp.diags(_inverse(np.asarray(pressing.sum(axis=1)).ravel()))
+    pressures = sp.diags(_inverse(np.asarray(hats.sum(axis=1)).ravel())) @ hats @ to_pressure
+    nodes, weights = carriers
+    return ContactPoints(
+        nodes=np.vstack([nodes[carried], surface.facets[facet]]),
+        weights=np.vstack([weights[carried], np.eye(nodes.shape[1])[column]]),
+        mean=sp.csr_matrix(sp.hstack([mean[:, carried], at_node]))[used],
+        row_nodes=used,
+        area=of_rows[used],
+        pressures=sp.csr_matrix(pressures),
+        facets=sp.csc_matrix(sp.hstack([facets[:, carried], around])),
+    )
+
+
+def _inverse(values: Array) -> Array:
+    """Inverses, and zeros of zeros."""
+    return np.divide(1.0, values, out=np.zeros(len(values)), where=values > 0)
+
+
+def _places_of(facets: Array, nodes: Array) -> tuple[Array, Array, sp.csc_matrix]:
+    """A facet of each of some nodes, (k,), its column there, and which facets have the node, (nf, k)."""
+    facet, column = np.nonzero(np.isin(facets, nodes))
+    number = np.searchsorted(nodes, facets[facet, column])
+    _, first = np.unique(number, return_index=True)
+    around = sp.csc_matrix((np.ones(len(facet)), (facet, number)), shape=(len(facets), len(nodes)))
+    around.data[:] = 1.0  # a node may be in several columns of a facet in halves
+    return facet[first], column[first], around
 
 
 def corner_hats(surface: Surface) -> sp.csr_matrix:

@@ -186,10 +186,12 @@ def rows_of(
     """Rows of the points that are paired (a mask), by their projection on the master."""
     kept, size = points.restricted(paired), master.facet_size
     # Rows are also at the edge beside points that project past the rim of the master's patch, where its surface
-    # continues, and beside points on the patch that face it too obliquely.
+    # continues, and beside points on the patch that face it too obliquely. At a sharp edge, one side always may.
     past_rim = np.isin(master.facets[projection.facet], master.rim).any(axis=1)
-    lost = ~paired & (past_rim | (projection.offset <= EDGE_TOLERANCE * size))
-    beside = np.unique(slave.facets[points.facets @ lost > 0])
+    within = projection.offset <= EDGE_TOLERANCE * size
+    kinds = ~paired & past_rim & ~within, ~paired & within
+    past, aslant = (np.unique(slave.facets[points.facets @ lost > 0]) for lost in kinds)
+    beside = np.union1d(past, np.setdiff1d(aslant, slave.sharp))
     facet = projection.facet[paired]
     return ContactRows(
         points=kept,

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ..errors import ComplementarityError
-from ..fe.facets import area_vectors, by_shape, facet_corners
-from ..fe.halves import in_halves
+from ..fe.edges import edge_middles, neighbours_across, sharp_nodes
+from ..fe.facets import area_vectors, facet_corners, of_one_shape
 from ..fe.patches import Patch
-from ..fe.shapes import corners_of, shape_functions
+from ..fe.shapes import shape_functions
 from ..support.arrays import Array
 from . import loops
 from .projection import Projection
@@ -42,6 +42,8 @@ class Surface:
         Whether the user gave `direction`. If not, it follows from the mesh.
     wanders : bool
         Whether contact wanders over the patch, so that its normals decide and not `direction`.
+    sharp : (k,) int array
+        Rows of `points` on sharp edges, where integrated rows are the gaps of nodes; see `points`.
     """
 
     points: Array
@@ -51,15 +53,22 @@ class Surface:
     nodes: Array
     direction_given: bool = False
     wanders: bool = False
+    sharp: Array = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     @classmethod
     def of(cls, points: Array, patch: Patch, position: Array) -> Surface:
         """Contact patch of a body with the nodes `points`, (n, 3) [m], shifted by `position`, (3,) [m]."""
         nodes = patch.nodes
         facets, rim = (np.searchsorted(nodes, part) for part in (patch.facets, patch.rim))
-        if len(by_shape(facets)) > 1:
-            facets = in_halves(facets)
-        return cls(points[nodes] + position, facets, patch.direction, rim, nodes, patch.direction_given, patch.wanders)
+        facets = of_one_shape(facets)
+        places, given = points[nodes] + position, patch.direction_given
+        found = cls(places, facets, patch.direction, rim, nodes, given, patch.wanders)
+        return replace(found, sharp=sharp_nodes(places, facets))
+
+    @property
+    def without_edges(self) -> Surface:
+        """The same patch without rows of its own at sharp edges."""
+        return replace(self, sharp=self.sharp[:0])
 
     @property
     def flatness(self) -> float:
@@ -79,6 +88,8 @@ class Surface:
     def normals_at(self, nodes: Array, weights: Array) -> Array:
         """Unit normals at points, (p, 3): means over the facets around their nodes, in their present places.
 
+        Beside a sharp edge the normals of points within a facet do not turn towards the other face.
+
         Parameters
         ----------
         nodes : (p, k) int array
@@ -91,7 +102,14 @@ class Surface:
             each = (vectors[:, axis, None] * self._first).ravel()
             around[:, axis] = np.bincount(self.facets.ravel(), each, minlength=len(around))
         around /= np.maximum(np.linalg.norm(around, axis=1), 1e-300)[:, None]
-        normals = np.einsum("pk,pkd->pd", weights, around[nodes])
+        of_nodes = around[nodes]
+        if len(self.sharp) and nodes.shape[1] > 1:
+            sharp, within = np.zeros(len(around), dtype=bool), weights.max(axis=1) < 1
+            sharp[self.sharp] = True
+            own = area_vectors(self.points, nodes)
+            own /= np.maximum(np.linalg.norm(own, axis=1), 1e-300)[:, None]
+            of_nodes = np.where((sharp[nodes] & within[:, None])[:, :, None], own[:, None], of_nodes)
+        normals = np.einsum("pk,pkd->pd", weights, of_nodes)
         return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None])
 
     @cached_property
@@ -113,14 +131,7 @@ class Surface:
 
         Two (nf, number of edges) arrays; the neighbour is -1 where there is none.
         """
-        corners = facet_corners(self.facets)
-        edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
-        order = np.lexsort(edges.T)
-        same = np.flatnonzero((edges[order[1:]] == edges[order[:-1]]).all(axis=1))
-        other = np.full(len(edges), -1)
-        other[order[same]], other[order[same + 1]] = order[same + 1], order[same]
-        facet, edge = np.divmod(other, corners.shape[1])
-        return facet.reshape(corners.shape), edge.reshape(corners.shape)
+        return neighbours_across(self.facets)
 
     @cached_property
     def turns(self) -> Array:
@@ -129,12 +140,6 @@ class Surface:
         tangents = np.einsum("ein,fnd->fedi", shape_functions(middles, n_nodes)[:, 1:], self.points[self.facets])
         turns: Array = np.linalg.pinv(tangents[self.neighbours]) @ tangents
         return turns
-
-
-def edge_middles(facets: Array) -> Array:
-    """Local coordinates of the middles of a facet's edges, (number of edges, 2)."""
-    corners = corners_of(facets)
-    return (corners + np.roll(corners, -1, axis=0)) / 2
 
 
 def nearest_places(tree: cKDTree, points: Array, count: int = 1) -> Array:

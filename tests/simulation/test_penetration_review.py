@@ -196,16 +196,18 @@ def cube():
 
 
 @pytest.mark.parametrize(
-    ("turn", "rows", "told"),
+    ("turn", "options", "told"),
     [
-        ([0.2, 0.4, 0.6], "integrated", True),
-        ([np.pi / 4, 0, 0], "integrated", True),
-        ([0.2, 0.4, 0.6], "node-to-segment", False),
-        ([0, 0, 0], "integrated", False),
+        ([0.2, 0.4, 0.6], {"formulation": "penalty"}, True),
+        ([np.pi / 4, 0, 0], {"formulation": "penalty"}, True),
+        ([0.2, 0.4, 0.6], {"formulation": "penalty", "rows": "node-to-segment"}, False),
+        ([0.2, 0.4, 0.6], {}, False),
+        ([np.pi / 4, 0, 0], {}, False),
+        ([0, 0, 0], {}, False),
     ],
 )
-def test_a_corner_or_edge_that_sinks_into_a_rigid_surface_is_told(cube, turn, rows, told):
-    """A cube falls on its corner, its edge or its face."""
+def test_a_corner_or_edge_that_sinks_into_a_rigid_surface_is_told(cube, turn, options, told):
+    """A cube falls on its corner, its edge or its face; the rows of a penalty layer are all means around nodes."""
     fem, body = cube
     turned = Rotation.from_euler("xyz", turn).as_matrix()
     lowest = (fem.points @ turned.T)[:, 2].min()
@@ -219,7 +221,7 @@ def test_a_corner_or_edge_that_sinks_into_a_rigid_surface_is_told(cube, turn, ro
         referenceRotationMatrix=turned,
         initialVelocity=[0, 0, -1.0],
     )
-    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), rows=rows)
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), **options)
     mbs.Assemble()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -231,3 +233,44 @@ def test_a_corner_or_edge_that_sinks_into_a_rigid_surface_is_told(cube, turn, ro
         assert "of body 'cube' are below the rigid surface" in str(said[0].message)
         assert not contact.force(result).any()
         assert contact.gap(result)[-1] == pytest.approx(-1e-3, rel=0.02)
+
+
+TURNS = {
+    "edges that cross": ([np.pi / 4, 0, 0], [0, np.pi / 4, 0]),
+    "a corner of the master": ([0, 0, 0], [0.2, 0.4, 0.6]),
+    "a corner of the slave": ([0.2, 0.4, 0.6], [0, 0, 0]),
+    "faces": ([0, 0, 0], [0, 0, 0]),
+}
+
+
+@pytest.mark.filterwarnings("ignore:.*only a sharp corner or edge touches")
+@pytest.mark.parametrize("case", TURNS)
+def test_edges_that_no_row_holds_are_told(cube, case):
+    """One cube falls on another one: edges that cross, and corners of the master, sink in without a force."""
+    (fem, body), told = cube, case not in ("a corner of the slave", "faces")
+    turns = [Rotation.from_euler("xyz", turn).as_matrix() for turn in TURNS[case]]
+    mbs, meet = exu.SystemContainer().AddSystem(), []
+    for turn, up in zip(turns, (-1, 1), strict=True):  # the middle of the lowest points, and of the highest ones
+        points = fem.points @ turn.T
+        height = up * points[:, 2]
+        meet.append(points[np.isclose(height, height.max(), atol=1e-9)].mean(axis=0))
+    upper, lower = (
+        ep.CreatePartitionBody(
+            mbs, body, name=name, frame="floating", referencePosition=place, referenceRotationMatrix=turn,
+            initialVelocity=[0, 0, speed],
+        )
+        for name, turn, place, speed in (
+            ("upper", turns[0], [0.02, 0.01, 1e-6] - meet[0], -1.0), ("lower", turns[1], -meet[1], 0.0),
+        )
+    )  # fmt: skip
+    contact = ep.CreatePartitionContact(mbs, upper, lower, passes="given")
+    mbs.Assemble()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        result = ep.solve_dynamic(mbs, end_time=1e-3 if told else 2e-4, method="implicit", step=1e-5)
+    assert contact.force(result).any() != told
+    said = [w for w in caught if "a sharp edge of body 'lower'" in str(w.message)]
+    assert bool(said) == told
+    if told:
+        assert said[0].category is ContactPatchWarning
+        assert "no closed row around" in str(said[0].message)

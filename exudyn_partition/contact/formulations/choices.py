@@ -120,6 +120,7 @@ class Penalty(Formulation):
     """
 
     friction = True
+    edges = False  # a layer holds by its area
 
     def __init__(self, stiffness: float | None = None) -> None:
         self.stiffness = None if stiffness is None else validate_positive("stiffness", stiffness, "N/m3")

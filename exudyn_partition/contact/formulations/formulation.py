@@ -108,11 +108,14 @@ class Formulation:
         Whether its law has friction.
     plastic : bool
         Whether its law can have plastic zones beneath the patches.
+    edges : bool
+        Whether integrated rows of nodes at sharp edges are the gaps of these nodes. Such rows have no area.
     """
 
     rows: RowKind = "integrated"
     friction = False
     plastic = False
+    edges = True
 
     def check(self, bodies: Sequence[ReducedBody]) -> None:
         """Raise InputError if the bases of the bodies do not suit the formulation; here all do."""

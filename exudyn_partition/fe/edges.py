@@ -1,0 +1,60 @@
+"""Edges between the facets of a patch: middles, neighbours across them, and which are sharp."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..support.arrays import Array
+from .facets import facet_corners
+from .shapes import corners_of, shape_functions
+
+_SHARP = math.cos(math.radians(30))  # between the normals on both sides of an edge: below, the edge is sharp
+
+
+def edge_middles(facets: Array) -> Array:
+    """Local coordinates of the middles of a facet's edges, (number of edges, 2)."""
+    corners = corners_of(facets)
+    return (corners + np.roll(corners, -1, axis=0)) / 2
+
+
+def neighbours_across(facets: Array) -> tuple[Array, Array]:
+    """Neighbour across each facet's edges 01, 12, ..., and the number of the shared edge in the neighbour.
+
+    Two (nf, number of edges) arrays; the neighbour is -1 where there is none.
+    """
+    corners = facet_corners(facets)
+    edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+    order = np.lexsort(edges.T)
+    same = np.flatnonzero((edges[order[1:]] == edges[order[:-1]]).all(axis=1))
+    other = np.full(len(edges), -1)
+    other[order[same]], other[order[same + 1]] = order[same + 1], order[same]
+    facet, edge = np.divmod(other, corners.shape[1])
+    return facet.reshape(corners.shape), edge.reshape(corners.shape)
+
+
+def sharp_edges(points: Array, facets: Array) -> tuple[Array, Array]:
+    """Facets with convex edges at which the surface turns by more than 30 degrees, (k,), and the edges' numbers, (k,).
+
+    Each edge is there twice, in both facets. Normals are those of the curved facets at the middle of their edge, so
+    that coarse meshes of round bodies have no sharp edges. Facets of both shapes are in halves, see `halves`.
+    """
+    across, its_edge = neighbours_across(facets)
+    shape = shape_functions(edge_middles(facets), facets.shape[1])
+    place, a, b = np.einsum("ein,fnd->ifed", shape, points[facets])
+    normals = np.cross(a, b)
+    normals /= np.maximum(np.linalg.norm(normals, axis=2), 1e-300)[:, :, None]
+    facet, edge = np.nonzero(across >= 0)
+    other, own = across[facet, edge], normals[facet, edge]
+    turns = np.einsum("kd,kd->k", own, normals[other, its_edge[facet, edge]]) < _SHARP
+    away = points[facet_corners(facets[other])].mean(axis=1) - place[facet, edge]
+    sharp = turns & (np.einsum("kd,kd->k", own, away) < 0)
+    return facet[sharp], edge[sharp]
+
+
+def sharp_nodes(points: Array, facets: Array) -> Array:
+    """Nodes on `sharp_edges`, ascending, (k,)."""
+    facet, edge = sharp_edges(points, facets)
+    one, two = facets[facet], facets[neighbours_across(facets)[0][facet, edge]]
+    return np.unique(one[(one[:, :, None] == two[:, None, :]).any(axis=2)])

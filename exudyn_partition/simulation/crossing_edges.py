@@ -1,0 +1,162 @@
+"""Warnings about sharp edges that no row holds: edges of two bodies that cross, and corners of the master."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.spatial import cKDTree
+
+from ..errors import ContactPatchWarning
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.partition_contact import PartitionContact
+from ..fe.edges import neighbours_across, sharp_edges
+from ..fe.facets import area_vectors
+from ..fe.shapes import corners_of, shape_functions
+from ..support.arrays import Array
+from ..surfaces.surface import Surface, closest_points
+from .result import Result, called
+
+_LOOKED_AT, _STARTS = 64, 16  # largest number of samples, and of times of contact, at which nodes are checked
+_WITHIN = 0.01  # depth of an edge within another body, as a share of a facet's size
+_ROUND_OFF = 1e-7  # of a facet's size
+_ALIKE = 1e-3  # sine of the angle between edges below which they do not cross
+_NOWHERE = 0.0, np.zeros(3)
+
+
+def looked_at(contact: PartitionContact, result: Result) -> Array:
+    """Samples at which nodes are checked, among them those before the first times of contact, (k,) int."""
+    force = contact.force(result)
+    starts = np.flatnonzero(np.diff((force > 0).astype(int)) > 0)[:_STARTS]
+    return np.unique(np.r_[starts, np.linspace(0, len(force) - 1, min(len(force), _LOOKED_AT)).astype(int)])
+
+
+def neighbours(surface: Surface) -> sp.csr_matrix:
+    """Number of facets that two nodes share, (np, np)."""
+    nf, k = surface.facets.shape
+    cells = surface.facets.ravel(), np.repeat(np.arange(nf), k)
+    of_facets = sp.csr_matrix((np.ones(nf * k), cells), shape=(len(surface.points), nf))
+    return sp.csr_matrix(of_facets @ of_facets.T)
+
+
+def warn_of_edges(contact: PartitionContact, result: Result) -> None:
+    """Warn of a sharp edge of the master within the slave where no row is closed."""
+    if not isinstance(contact.master, PartitionBody) or contact.master == contact.slave:
+        return
+    surfaces = [item.body.surface(np.zeros(3), number) for item, number in contact.sides]
+    if not len(surfaces[1].sharp):
+        return
+    chosen = looked_at(contact, result)
+    now = result.at(result.t[chosen])
+    closed, around = contact.row_forces(now), neighbours(surfaces[0])
+    pressed = np.maximum(-result.sensor_of(contact, contact["sForce"])[chosen, 5], 0.0)
+    x_s, x_m = (
+        item.kinematics.at(surface.nodes).place(item.coordinates(now))
+        for (item, _), surface in zip(contact.sides, surfaces, strict=True)
+    )
+    edges, size = [_Edges.of(surface) for surface in surfaces], min(surface.facet_size for surface in surfaces)
+    for i, sample in enumerate(chosen):
+        held = np.zeros(len(surfaces[0].points), dtype=bool)
+        held[closed[i].indices[closed[i].data > 0]] = True
+        held |= around @ held > 0
+        found = _deepest_corner(surfaces, x_s[i], x_m[i], held), _deepest_crossing(edges, x_s[i], x_m[i], held)
+        depth, place = max(found, key=lambda one: one[0])
+        if not _WITHIN * size < depth - pressed[i] < size:
+            continue
+        slave, master = contact.side_names
+        warnings.warn(
+            f"{called(contact)} at t = {result.t[sample]:.6g} s: a sharp edge of {master} is {depth:.3g} m within "
+            f"{slave} at {place} m, with no closed row around. Rows are those of the slave, {slave}: faces of {master} "
+            f"hold its edges, but nothing holds edges that cross, or edges of {master}. Round one of them by a radius "
+            f"that facets resolve; or, if a corner of {master} meets a face, give {master} first, with passes='given'",
+            ContactPatchWarning,
+            stacklevel=6,
+        )
+        return
+
+
+@dataclass(frozen=True, eq=False)
+class _Edges:
+    """Sharp edges of a surface, each in two straight pieces.
+
+    Parameters
+    ----------
+    facets : (nf, n) int array
+        All facets.
+    beside : (k, 2) int array
+        Both facets of each edge.
+    weights : (k, 3, n) array
+        Shape functions of the first of them at start, middle and end of the edge.
+    """
+
+    facets: Array
+    beside: Array
+    weights: Array
+
+    @classmethod
+    def of(cls, surface: Surface) -> _Edges:
+        """Find those of a surface at the start."""
+        facet, edge = sharp_edges(surface.points, surface.facets)
+        other = neighbours_across(surface.facets)[0][facet, edge]
+        once = facet < other
+        start = corners_of(surface.facets)
+        end = np.roll(start, -1, axis=0)
+        local = np.stack([start, (start + end) / 2, end], axis=1)[edge[once]]
+        shape = shape_functions(local.reshape(-1, 2), surface.facets.shape[1])[:, 0]
+        beside = np.stack([facet, other], axis=1)[once]
+        return cls(surface.facets, beside, shape.reshape(len(beside), 3, surface.facets.shape[1]))
+
+    def at(self, points: Array) -> tuple[Array, Array]:
+        """Ends, (2 k, 2, 3) [m], and outward normals, (2 k, 3), of the pieces at places of the nodes, (np, 3) [m]."""
+        x = self.weights @ points[self.facets[self.beside[:, 0]]]
+        normals = area_vectors(points, self.facets)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+        ends = np.stack([x[:, :2], x[:, 1:]], axis=2).reshape(-1, 2, 3)
+        return ends, np.repeat(normals[self.beside].sum(axis=1), 2, axis=0)
+
+    def held(self, nodes: Array) -> Array:
+        """Whether the facets of each piece have one of some nodes, (np,) bool: (2 k,) bool."""
+        return np.repeat(nodes[self.facets[self.beside]].any(axis=(1, 2)), 2)
+
+
+def _deepest_crossing(edges: list[_Edges], x_s: Array, x_m: Array, held: Array) -> tuple[float, Array]:
+    """Largest depth to which edges of both surfaces have passed each other [m], zero if none have, and its place."""
+    (a, n_a), (b, n_b) = (one.at(x) for one, x in zip(edges, (x_s, x_m), strict=True))
+    if not len(a) or not len(b):
+        return _NOWHERE
+    reach = sum(np.linalg.norm(x[:, 1] - x[:, 0], axis=1).max() for x in (a, b)) / 2
+    near = cKDTree(a.mean(axis=1)).query_ball_tree(cKDTree(b.mean(axis=1)), reach)
+    i = np.repeat(np.arange(len(a)), [len(found) for found in near])
+    j = np.fromiter(chain.from_iterable(near), dtype=np.int64, count=len(i))
+    one, two, apart = a[i, 1] - a[i, 0], b[j, 1] - b[j, 0], a[i, 0] - b[j, 0]
+    pairs = (one, one), (one, two), (two, two), (apart, one), (apart, two)
+    aa, ab, bb, wa, wb = (np.einsum("kd,kd->k", *pair) for pair in pairs)
+    squared = aa * bb - ab**2
+    crossing = squared > _ALIKE**2 * aa * bb
+    squared[~crossing] = 1.0
+    s, t = (ab * wb - bb * wa) / squared, (aa * wb - ab * wa) / squared
+    way = apart + s[:, None] * one - t[:, None] * two  # from the master's edge to the slave's
+    crossing &= (s > 0) & (s < 1) & (t > 0) & (t < 1) & ~edges[0].held(held)[i]
+    crossing &= (np.einsum("kd,kd->k", way, n_b[j]) < 0) & (np.einsum("kd,kd->k", way, n_a[i]) > 0)
+    if not crossing.any():
+        return _NOWHERE
+    depth = np.where(crossing, np.linalg.norm(way, axis=1), 0.0)
+    worst = int(depth.argmax())
+    return float(depth[worst]), a[i[worst], 0] + s[worst] * one[worst]
+
+
+def _deepest_corner(surfaces: list[Surface], x_s: Array, x_m: Array, held: Array) -> tuple[float, Array]:
+    """Largest depth of the master's nodes at edges within the slave [m], zero if none is, and its place, (3,)."""
+    corners = x_m[surfaces[1].sharp]
+    corners = corners[((corners > x_s.min(axis=0)) & (corners < x_s.max(axis=0))).all(axis=1)]
+    if not len(corners):
+        return _NOWHERE
+    facets, size = surfaces[0].facets, surfaces[0].facet_size
+    found = closest_points(corners, x_s[facets])
+    passed = held[facets[found.facet]].any(axis=1) | (found.offset > _ROUND_OFF * size)
+    depth = np.where(passed, 0.0, -found.gap)
+    worst = int(depth.argmax())
+    return float(depth[worst]), corners[worst]

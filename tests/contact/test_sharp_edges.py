@@ -1,0 +1,200 @@
+"""Sharp edges and corners: rows there close at the touch, and the faces beside them carry an even pressure."""
+
+import exudyn.itemInterface as items
+import netgen.occ as occ
+import numpy as np
+import pytest
+from oracles import box, ground
+from scipy.spatial.transform import Rotation
+
+import exudyn_partition as ep
+from exudyn_partition.errors import ModelLimitWarning
+from exudyn_partition.surfaces.points import contact_points
+
+SIDE, SPEED, GAP, FORCE = 0.02, 1.0, 1e-6, 1e3
+CORNER, EDGE, SLIGHT = (1.0, 2.0, 3.0), (0.0, 1.0, 2.0), (0.02, 0.03, 1.0)  # normals of planes that a cube meets
+TURN = Rotation.from_euler("xyz", [0.2, 0.4, 0.6])
+A_CORNER = pytest.mark.filterwarnings("ignore:.*only a sharp corner or edge touches")
+
+
+def skin(shape):
+    for face in shape.faces:
+        face.name = "skin"
+    return shape
+
+
+@pytest.fixture(scope="module")
+def cube():
+    """A steel cube about the origin; its patch is the whole skin."""
+    fem = ep.fe_model(skin(box(SIDE, SIDE, SIDE).Move((0, 0, -SIDE / 2))), ep.STEEL, maxh=SIDE / 2)
+    return ep.reduce(fem, ep.Partition.surface(fem, "skin", name="skin"), f_cut=1e5)
+
+
+@pytest.fixture(scope="module")
+def on_corner():
+    """The same cube, which stands on a corner."""
+    turn = TURN.as_rotvec()
+    axis = occ.Axis(occ.Pnt(0, 0, 0), occ.Dir(*turn))
+    shape = box(SIDE, SIDE, SIDE).Move((0, 0, -SIDE / 2)).Rotate(axis, np.degrees(np.linalg.norm(turn)))
+    fem = ep.fe_model(skin(shape), ep.STEEL, maxh=SIDE / 2)
+    return ep.reduce(fem, ep.Partition.surface(fem, "skin", name="skin"), f_cut=8e4)
+
+
+@pytest.fixture(scope="module")
+def plate():
+    """A plate with finer facets whose upper face is in the plane z = 0."""
+    shape = box(0.06, 0.06, 0.03).Move((0, 0, -0.03))
+    fem = ep.fe_model(shape, ep.STEEL, maxh=0.012, refine=[ep.Refine((0, 0, 0), radius=6e-3, h=3e-3)])
+    return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), radius=0.012, axes="xyz"), f_cut=8e4)
+
+
+def lowest(points, normal):
+    """Middle of the points that are lowest along a normal, (3,)."""
+    heights = points @ normal
+    return points[np.isclose(heights, heights.min(), rtol=0, atol=1e-9)].mean(axis=0)
+
+
+def fall(mbs, cube, plane, frame="floating", method="implicit", **options):
+    """A cube falls on a rigid plane along its normal: body, contact, result, normal, and where it touches."""
+    normal = np.array(plane) / np.linalg.norm(plane)
+    place = lowest(cube.points, normal)
+    item = ep.CreatePartitionBody(mbs, cube, frame=frame, initialVelocity=-SPEED * normal)
+    surface = ep.RigidPlane(place - GAP * normal, normal)
+    contact = ep.CreatePartitionContact(mbs, item, surface, **options)
+    mbs.Assemble()
+    step = {"step": 2e-7} if method == "implicit" else {}
+    return item, contact, ep.solve_dynamic(mbs, end_time=5e-5, method=method, **step), normal, place
+
+
+@A_CORNER
+@pytest.mark.parametrize(
+    ("plane", "frame", "method", "options"),
+    [
+        (CORNER, "floating", "implicit", {}),
+        (CORNER, "inertial", "explicit", {}),
+        (CORNER, "floating", "explicit", {"friction": 0.2}),
+        (EDGE, "inertial", "implicit", {}),
+        (EDGE, "floating", "implicit", {"friction": 0.2}),
+        (SLIGHT, "floating", "implicit", {}),
+        (SLIGHT, "inertial", "explicit", {"rows": "node-to-segment"}),
+    ],
+)
+def test_a_force_acts_while_a_corner_or_edge_touches(mbs, cube, plane, frame, method, options):
+    """From the touch on, and with the impulse of rigid bodies."""
+    item, contact, result, normal, place = fall(mbs, cube, plane, frame, method, **options)
+    force, deep = contact.force(result), contact.gap(result) < 0
+    np.testing.assert_array_equal(force[1:] > 0, deep[1:])
+    first = result.t[np.argmax(force > 0)]
+    assert GAP / SPEED <= first <= GAP / SPEED + 2 * result.step
+    (impact,) = contact.impacts(result)
+    energy = item.energy(result) + contact.energy(result) + contact.dissipated_energy(result)
+    assert abs(energy / energy[0] - 1).max() < 0.01
+    momentum = item.momentum(result)
+    np.testing.assert_allclose((momentum[-1] - momentum[0]) @ normal, impact.impulse, rtol=1e-3)
+    if "friction" not in options:
+        arm, mass = np.cross(place, normal), cube.total_mass
+        apparent = 1 / (1 / mass + arm @ arm / (mass * SIDE**2 / 6))
+        assert impact.impulse == pytest.approx(apparent * (impact.speed_before + impact.speed_after), rel=0.01)
+        if plane != EDGE:  # a corner is so soft that hardly anything vibrates
+            assert impact.impulse == pytest.approx(2 * apparent * SPEED, rel=0.01)
+
+
+@A_CORNER
+@pytest.mark.parametrize(
+    ("frame", "method", "friction"), [("floating", "implicit", None), ("inertial", "explicit", 0.3)]
+)
+def test_a_corner_meets_the_face_of_another_body(mbs, cube, on_corner, plate, frame, method, friction):
+    """It is the slave although the plate is finer and given first; both bodies together lose no momentum."""
+    if frame == "inertial":
+        body, turn = on_corner, np.eye(3)
+    else:
+        body, turn = cube, TURN.as_matrix()
+    place = lowest(body.points @ turn.T, np.array([0.0, 0.0, 1.0]))
+    lower = ep.CreatePartitionBody(mbs, plate, name="plate")
+    upper = ep.CreatePartitionBody(
+        mbs, body, name="cube", frame=frame, referencePosition=[*-place[:2], GAP - place[2]],
+        initialVelocity=[0, 0, -SPEED], **({} if frame == "inertial" else {"referenceRotationMatrix": turn}),
+    )  # fmt: skip
+    contact = ep.CreatePartitionContact(mbs, lower, upper, friction=friction)
+    assert contact.slave.name == "cube"
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=6e-5, method=method, **({"step": 4e-7} if method == "implicit" else {}))
+    force = contact.force(result)
+    np.testing.assert_array_equal(force[1:] > 0, contact.gap(result)[1:] < 0)
+    assert GAP / SPEED <= result.t[np.argmax(force > 0)] <= GAP / SPEED + 2 * result.step
+    momenta = [item.momentum(result) for item in (upper, lower)]
+    np.testing.assert_allclose(momenta[0] + momenta[1], [momenta[0][0]] * len(force), atol=1e-9)
+    energy = sum(item.energy(result) for item in (upper, lower))
+    energy = energy + contact.energy(result) + contact.dissipated_energy(result)
+    assert abs(energy / energy[0] - 1).max() < 0.01
+    assert np.trapezoid(force, result.t) == pytest.approx(momenta[0][-1, 2] - momenta[0][0, 2], rel=1e-3)
+    assert force[-1] == 0
+
+
+def column(sign, all_around):
+    """A bar above or below the plane z = 0; its patch is its end, and perhaps the sides beside it."""
+    shape = box(SIDE, SIDE, 2 * SIDE).Move((0, 0, 0 if sign > 0 else -2 * SIDE))
+    fem = ep.fe_model(shape, ep.STEEL, maxh=SIDE / (2 if sign > 0 else 2.5))
+    near = abs(fem.points[fem.facets, 2]).max(axis=1) < (1.6 * SIDE if all_around else 1e-9)
+    head = np.flatnonzero(np.isclose(fem.points[:, 2], sign * 2 * SIDE))
+    part = ep.Partition.surface(fem, near) | ep.Partition.interface(fem, "head", head, kind="averaged")
+    return ep.reduce(fem, part, f_cut=4e4)
+
+
+@pytest.mark.parametrize(("frame", "master"), [("inertial", "plane"), ("floating", "plane"), ("inertial", "bar")])
+def test_a_face_between_sharp_edges_bears_an_even_pressure(mbs, frame, master):
+    """Pressed on a plane, or on a bar whose mesh does not match."""
+    upper = ep.CreatePartitionBody(mbs, column(1, True), frame=frame)
+    other = ep.RigidPlane() if master == "plane" else ep.CreatePartitionBody(mbs, column(-1, False), frame=frame)
+    contact = ep.CreatePartitionContact(mbs, upper, other)
+    for item, sign, held in ((upper, 1, [1, 1, 0, 1, 1, 1]), (other, -1, [1] * 6)):
+        if item is not other or master != "plane":
+            head = item.CreateInterfaceMarker(mbs, "head")
+            guide = items.GenericJoint(markerNumbers=[ground(mbs, (0, 0, sign * 2 * SIDE)), head])
+            guide.constrainedAxes = held
+            mbs.AddObject(guide)
+            if sign > 0:
+                mbs.AddLoad(items.LoadForceVector(markerNumber=head, loadVector=[0, 0, -FORCE]))
+    mbs.Assemble()
+    result = ep.solve_static(mbs, load_steps=2)
+    surface = contact.mechanics.gaps.slave.surface
+    inner = np.isclose(surface.points[:, 2], 0, atol=1e-6) & (abs(surface.points[:, :2]).max(axis=1) < 0.49 * SIDE)
+    pressure = contact.pressure(result).toarray()[-1, inner] / (FORCE / SIDE**2)
+    assert inner.any()
+    np.testing.assert_allclose(pressure, 1.0, rtol=1e-6 if master == "plane" else 0.03)
+    assert contact.area(result)[-1] == pytest.approx(SIDE**2, rel=1e-6)
+    at_edges = contact.row_forces(result).toarray()[-1, surface.sharp]
+    assert at_edges.sum() < (1e-6 if master == "plane" else 0.02) * FORCE
+
+
+def test_a_penalty_layer_has_no_rows_of_edges(mbs, cube):
+    """Its force is that of an area."""
+    item = ep.CreatePartitionBody(mbs, cube, referencePosition=[0, 0, 1e-3])
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane((0, 0, -SIDE / 2)), formulation="penalty")
+    assert not len(contact.mechanics.gaps.slave.surface.sharp)
+
+
+def test_mean_normals_at_edges_are_told(mbs):
+    """The patch then yields along them only; without the option it yields along all axes."""
+    fem = ep.fe_model(box(SIDE, SIDE, SIDE).Move((0, 0, -SIDE / 2)), ep.STEEL, maxh=SIDE / 2)
+    faces = np.arange(len(fem.facets))
+    assert ep.Partition.surface(fem, faces).patches[0].axes == "xyz"
+    body = ep.reduce(fem, ep.Partition.surface(fem, faces, axes="normal"), f_cut=8e4)
+    with pytest.warns(ModelLimitWarning, match="more than 30 degrees off the normals of its nodes"):
+        fall(mbs, body, EDGE)
+
+
+def test_uniform_pressure_needs_no_force_at_edges(cube):
+    """The rows of all other nodes make the nodal forces of a uniform pressure."""
+    surface = cube.surface(np.zeros(3))
+    points = contact_points(surface, "integrated")
+    at_edges = np.isin(points.row_nodes, surface.sharp)
+    assert at_edges.sum() == np.count_nonzero((np.isclose(abs(cube.points), SIDE / 2)).sum(axis=1) > 1)
+    assert not points.area[at_edges].any()
+    on_nodes = np.zeros(len(surface.points))
+    np.add.at(on_nodes, points.nodes, points.weights * (points.mean.T @ points.area)[:, None])
+    plain = contact_points(surface.without_edges, "integrated")
+    expected = np.zeros(len(surface.points))
+    np.add.at(expected, plain.nodes, plain.weights * (plain.mean.T @ plain.area)[:, None])
+    np.testing.assert_allclose(on_nodes, expected, atol=1e-12 * expected.max())
+    np.testing.assert_allclose(points.pressures @ points.area, 1.0, rtol=1e-12)
