@@ -24,6 +24,7 @@ _FEW_ROWS = 2  # so few closed rows at the peak of a force do not resolve it
 _ASIDE = np.radians(30)  # angle from a patch's line of contact, or from the normals of its nodes
 _SHARE_ASIDE = 0.1  # of the force that may be beyond this angle from the normals
 _FAR, _NEARER = 20.0, 0.01  # distance over the bodies' size that may be a wrong unit; share of it travelled
+_LARGE_STRAIN = 0.1  # equivalent plastic strain
 _LISTED = 5  # largest number of contacts that a warning lists
 _LOOKED_AT = 64  # largest number of samples at which velocities, and places beside patches, are checked
 _BESIDE, _DEEP = 500, 1e-3  # number of nodes beside a patch that are checked; depth of one over the body's size
@@ -40,6 +41,7 @@ def warn_of_contacts(contacts: Sequence[PartitionContact], result: Result) -> No
         _warn_of_missing(contact, result)
         _warn_of_passing(contact, result)
         _warn_of_zone(contact, result)
+        _warn_of_plastic_strain(contact, result)
     rings = {i: found for i, contact in enumerate(contacts) if (found := contact.ringing(result)) is not None}
     by_faces = {}
     for i, contact in enumerate(contacts):
@@ -278,6 +280,23 @@ def _warn_of_zone(contact: PartitionContact, result: Result) -> None:
         YieldWarning,
         stacklevel=5,
     )
+
+
+def _warn_of_plastic_strain(contact: PartitionContact, result: Result) -> None:
+    """Warn of plastic strain at which the theory of small strain does not hold."""
+    for side, run in contact.plastic.zones:
+        reached = contact.plastic.states(result)[SIDES[side]].equivalent
+        if reached.max(initial=0.0) > _LARGE_STRAIN:
+            place = run.zone.place(reached == reached.max())[0]
+            warnings.warn(
+                f"{called(contact)}: the equivalent plastic strain of {contact.side_names[side]} has reached "
+                f"{reached.max():.2g}, at {place} m of its mesh. Above {_LARGE_STRAIN:g} the theory of small strain, "
+                "by which it flows, is off by shares of that size. Check speed and material, or take the numbers as "
+                "rough",
+                YieldWarning,
+                stacklevel=5,
+            )
+            return
 
 
 def _warn_of_near_zones(contacts: Sequence[PartitionContact], result: Result) -> None:

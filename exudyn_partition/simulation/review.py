@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from ..reduction.buckling import compression, links, squared_slope
 from ..support.arrays import Array
 from ..support.foreign import MainSystem
 from .contact_review import warn_of_contacts
+from .dent_review import warn_of_dents
 from .result import Result, called, cut
 from .spin_review import warn_of_spin
 from .yield_review import warn_of_bending
@@ -31,6 +32,8 @@ _LARGEST_LEFT = 0.02  # share of a link's bending that geometric stiffness leave
 # That share by the mean square of slopes: a hinged column bears so much more than Euler's load when it has buckled
 # (tests/exudyn_bodies/test_stiffening.py). An elastica bears a quarter.
 _LEFT_BY_SLOPES = 2.0
+_LASTING, _LARGEST_RINGING = 1000.0, 0.1  # rad, phase of a vibration that lasts; its share of the largest energy
+_LOOKED_AT = 256  # largest number of samples of which energies are taken
 _LARGEST_TURN = 1.0  # rad, for a floating frame in a step: six steps for a full turn
 
 
@@ -77,7 +80,9 @@ def reviewed(mbs: MainSystem, result: Result) -> Result:
                 _warn_of_slopes(item, result)
             _warn_of_strain(item, result, share[: len(result.t)])
             warn_of_bending(item, result)
+            _warn_of_undamped(item, bodies, result)
         warn_of_contacts(contacts, result)
+        warn_of_dents(mbs, bodies)
     return result
 
 
@@ -170,6 +175,33 @@ def _warn_of_slopes(item: PartitionBody, result: Result) -> None:
                 ModelLimitWarning,
                 stacklevel=4,
             )
+
+
+def _warn_of_undamped(item: PartitionBody, bodies: Sequence[PartitionBody], result: Result) -> None:
+    """Warn of vibration that lasts so long that damping of structures would have ended it.
+
+    Twice the mean kinetic energy of a mode is that of its vibration.
+    """
+    half, omega = (result.t[-1] - result.t[0]) / 2, item.body.basis.omega[6:]
+    if item.damping is not None or len(item.body.basis.nodal) or result.method == "static":
+        return
+    last = omega * half > _LASTING
+    parts = [(result.t > end - half / 2) & (result.t <= end) for end in (result.t[-1] - half, result.t[-1])]
+    if not last.any() or not all(part.any() for part in parts):
+        return
+    squares = item.coordinates_t(result)[:, 6:][:, last] ** 2
+    energy = min(float(squares[part].mean(axis=0).sum()) for part in parts)
+    some = result.at(result.t[:: len(result.t) // _LOOKED_AT + 1])
+    largest = float(np.sum([each.energy(some) for each in bodies], axis=0).max())
+    if energy > _LARGEST_RINGING * largest:
+        warnings.warn(
+            f"{called(item)} vibrates without damping: in the second half of the run, {energy / largest:.2g} of the "
+            f"bodies' largest energy is in modes from {omega[last].min() / (2 * np.pi):.4g} Hz on, which have swung "
+            f"{_LASTING / (2 * np.pi):.0f} times and more. A damping ratio of 0.001, which is little for a structure, "
+            "would have ended that. Give damping= to CreatePartitionBody, see the page 'Damping' of the documentation",
+            ModelLimitWarning,
+            stacklevel=4,
+        )
 
 
 def warn_of_turns(result: Result) -> None:

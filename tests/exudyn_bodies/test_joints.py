@@ -147,6 +147,16 @@ def test_forces_act_on_the_true_mass_where_all_are_known(mbs, arm_body):
     assert not item.kinematics.acting.constant
 
 
+def test_bodies_tell_what_mass_forces_act_on(mbs, arm, arm_body):
+    """In a floating frame; a body with geometric stiffness keeps its mass whatever acts on it."""
+    item = ep.CreatePartitionBody(mbs, arm_body, frame="floating")
+    assert any("where joints, springs or loads act: the change of the body's inertia" in said for said in item.left_out)
+    stiffened = ep.reduce(*arm, f_cut=F_CUT, geometric_stiffness=True)
+    other = ep.CreatePartitionBody(mbs, stiffened, frame="floating")
+    assert any(said.startswith("inertia that changes with deformation") for said in other.left_out)
+    assert other.kinematics.acting.constant
+
+
 def test_joint_forces_near_zero_rotation_keep_their_digits(arm_body):
     """Exudyn's composition of small rotation vectors loses half of them, which short steps turn into forces."""
     forces = []

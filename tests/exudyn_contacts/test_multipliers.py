@@ -8,9 +8,7 @@ import scipy.sparse as sp
 from oracles import TOP, collide, ctrl_c_after
 
 import exudyn_partition as ep
-from exudyn_partition.errors import (
-    StoppedRunWarning,
-)
+from exudyn_partition.errors import StepSizeError, StoppedRunWarning
 from exudyn_partition.exudyn_contacts.partition_contact import partition_items
 
 
@@ -25,6 +23,14 @@ def nodal_impact(mbs, nodal_bodies):
     contact = ep.CreatePartitionContact(mbs, striker, target, formulation="lagrange", name="tip")
     mbs.Assemble()
     return striker, target, contact
+
+
+def test_multipliers_take_explicit_steps_of_nanoseconds(mbs, nodal_bodies):
+    """On these coarse meshes below a tenth of a microsecond: the kept nodes vibrate far above f_cut."""
+    nodal_impact(mbs, nodal_bodies)
+    assert ep.stability_limit(mbs) < 2e-7
+    with pytest.raises(StepSizeError, match="above the stability limit"):
+        ep.solve_dynamic(mbs, end_time=1e-5, step=1e-6, method="explicit")
 
 
 def test_multipliers_conserve_momentum_and_agree_with_compliance(nodal_bodies, impact):

@@ -231,6 +231,21 @@ def test_flow_at_the_edge_of_the_zone_warns(models):
     assert np.linalg.norm(place) < 0.6e-3
 
 
+@pytest.mark.parametrize(("strain", "told"), [(0.2, True), (0.05, False)])
+def test_plastic_strain_that_is_not_small_is_told(bodies, run, strain, told):
+    """Of an earlier impact too."""
+    (state,) = run[1].plastic.states(run[2]).values()
+    mbs = exu.SystemContainer().AddSystem()
+    before = {0: replace(state, strain=0 * state.strain, equivalent=np.full(len(state.equivalent), strain))}
+    plate = ep.CreatePartitionBody(mbs, bodies[1], plasticStates=before)
+    ep.CreatePartitionContact(mbs, plate, ep.RigidPlane((0, 0, 1e-3), (0, 0, -1)))
+    mbs.Assemble()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        ep.solve_dynamic(mbs, end_time=1e-7)
+    assert any(f"has reached {strain}" in str(w.message) for w in caught) == told
+
+
 @pytest.mark.parametrize(("distance", "near"), [(2.1, True), (4.0, False)])
 def test_flow_of_two_zones_near_each_other_warns(distance, near):
     """What the zones do not feel is known from the whole body: the stress that the strain of one makes in the other."""
