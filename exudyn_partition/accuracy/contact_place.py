@@ -51,11 +51,14 @@ class ContactPlace:
         Outward unit normal of the first body there.
     curvatures : (float, float)
         Principal relative curvatures, the smaller one first [1/m].
+    along : (3,) array
+        Unit tangent of the smaller one, along which the contact is longest.
     """
 
     points: tuple[Array, ...]
     normal: Array
     curvatures: tuple[float, float]
+    along: Array
 
     @property
     def radius(self) -> float:
@@ -115,7 +118,7 @@ def contact_place(
         )
     reach = _REACH * size
     for _ in range(_ROUNDS):
-        curvatures = np.linalg.eigvalsh(relative_curvature(probes, feet, normals[0], reach))
+        curvatures, axes = np.linalg.eigh(relative_curvature(probes, feet, normals[0], reach))
         low, high = map(float, curvatures)
         if high * size < 1e-3 or low < high / _SLENDER:
             raise InputError(
@@ -123,7 +126,7 @@ def contact_place(
                 f"{high:.3g} per metre at {point} m: they touch along a line or an area. Mesh these bodies yourself "
                 "and take reduce_pair"
             )
-        place = ContactPlace(tuple(feet), normals[0], (low, high))
+        place = ContactPlace(tuple(feet), normals[0], (low, high), axes[:, 0] @ tangents_of(normals[0]))
         circle = radius_of(place.radius)
         if place.semi_axes(circle)[0] > _LARGEST * size:
             raise InputError(
@@ -236,7 +239,7 @@ class _OfShape:
         normal: Array = self._scale * foot - middle
         normal /= np.linalg.norm(normal)
         for _ in range(_TURNS):
-            tangents = np.linalg.svd(normal[None])[2][1:]
+            tangents = tangents_of(normal)
             starts = foot + reach * np.vstack([tangents, -tangents]) + 2 * reach * normal
             ahead, behind = self.depths(starts, -normal, reach).reshape(2, 2)
             normal = normal + (ahead - behind) / (2 * reach) @ tangents
@@ -261,9 +264,15 @@ class _OfShape:
         return value
 
 
+def tangents_of(normal: Array) -> Array:
+    """Two unit vectors across a normal and each other, (2, 3)."""
+    value: Array = np.linalg.svd(normal[None])[2][1:]
+    return value
+
+
 def relative_curvature(probes: Sequence[_Probe], feet: Sequence[Array], normal: Array, reach: float) -> Array:
-    """Matrix of relative curvatures in the tangent plane, (2, 2) [1/m], by the gap on two circles."""
-    tangents = np.linalg.svd(normal[None])[2][1:]
+    """Matrix of relative curvatures by `tangents_of` the normal, (2, 2) [1/m], by the gap on two circles."""
+    tangents = tangents_of(normal)
     angle = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     x, y = places = reach * np.vstack([circle, 0.5 * circle]).T

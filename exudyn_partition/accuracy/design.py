@@ -1,8 +1,9 @@
 """From two shapes to bodies whose total error in their impact is below a tolerance: `design_impact`.
 
-A first look with a coarse mesh gives the force, and with it the contact radius and the frequencies. Rules
-(`mesh_rules`) turn these into meshes. The bodies are reduced to a part of the tolerance, and the error of their meshes
-is estimated (`mesh_error`). What makes the largest error is refined, until the sum is below the tolerance over 1.25.
+A first look with a coarse mesh gives the force, and with it the size of the contact, the frequencies, and a truncation
+that keeps a part of the tolerance. Rules (`mesh_rules`) turn these into meshes. The bodies are reduced, and the error
+of their meshes is estimated (`mesh_error`). What makes the largest error is refined, until the sum is below the
+tolerance over 1.25.
 """
 
 from __future__ import annotations
@@ -68,7 +69,8 @@ def design_impact(
     contact : (3,) array
         Where they touch, after scaling [m]. Both surfaces are smooth there and touch at a point.
     tolerance : float
-        Of contact force and velocities: relative error in the L2 norm over `duration`; 0.002 to 0.2.
+        Of the contact force and of the velocities of whole bodies: relative error in the L2 norm over `duration`;
+        0.002 to 0.2. Velocities of single points may be worse; `ImpactDesign.look` has an estimate of these.
     duration : float, optional
         [s]; default: 30 crossings of a longitudinal wave through the larger body.
     scale : float

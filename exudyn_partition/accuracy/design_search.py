@@ -13,12 +13,11 @@ import numpy as np
 
 from ..algebra.blas_threads import one_blas_thread
 from ..errors import InputError, MemoryLimitError, MeshError, PartitionError
-from ..meshing.netgen_mesh import CURVATURE
 from ..meshing.ngsolve_fem import surplus_of
 from ..meshing.surplus import Surplus
 from ..prediction.hertz import contact_radius
-from ..reduction.estimate import frequency_for, grow_to_tolerance, settled_for
-from ..reduction.free_body import AdaptedSpace
+from ..reduction.estimate import Estimate, frequency_for, grow_to_tolerance, settled_for
+from ..reduction.free_body import SETTLED, AdaptedSpace
 from ..reduction.memory import fits_together, watched
 from ..reduction.reduction import bodies_of
 from ..support.machine import beside_other_work
@@ -28,24 +27,23 @@ from .correction import Finer
 from .impact_design import TRUST, ImpactDesign, Look
 from .impact_scene import Model, Scene, first_circle
 from .mesh_error import estimate_of
-from .mesh_rules import Sizes, count_of_dofs, curvature_for, energy_frequency, first_sizes, sizes_by_rule
+from .mesh_rules import MISSED, Sizes, count_of_dofs, curvature_for, energy_frequency, first_sizes, sizes_by_rule
 from .modal_pair import impact_of
 
 _LOG = logging.getLogger(__name__)
 
-_FIRST_LOOK = 0.15  # tolerance of the reduction on the first meshes
 _TRUNCATION = 0.45  # share of the tolerance that the reduction gets; its estimate is then below 0.3
 _TOP = 2.2  # f_top by the f_cut that the last reduction foretells: twice that, and a tenth more to be safe
 _COARSER, _COARSEST = 8, 4.0  # factor and end of the rules' tolerance while their meshes do not fit
 _LOOKS = 6  # most meshes, the first look included
 _COUNTS = 0.3  # parts of the error below this share of the largest one are not refined
+_MOST_TRUNCATION = 0.4  # of the tolerance, which truncation and step take from it, for the next meshes
 _LEAST_BUDGET = 0.2  # of the tolerance, for the meshes
 _AIM = 0.8  # of the budget, which the next mesh is to keep
-_RESOLVE = 0.5  # ratio by which a mesh that resolves too little is to become better
 _FINER = 4  # steps of the default one, to tell the error of the step
 _SETTLED = 0.2  # relative change of the contact radius after which both contacts are meshed anew
 
-_MESHINGS, _SMALLER = 4, 0.9  # tries after a mesh that cannot be used, and elements of each by those before
+_MESHINGS, _SMALLER = 4, 0.87  # tries after a mesh that cannot be used, and elements of each by those before
 
 
 class Search:
@@ -57,20 +55,21 @@ class Search:
         self.best: ImpactDesign | None = None
         self.models: dict[int, tuple[Sizes, float, Model]] = {}  # of each body
         self.spaces: dict[int, AdaptedSpace] = {}
+        self.share = _TRUNCATION * scene.tolerance
 
     def run(self, progress: Progress | None) -> ImpactDesign:
         """Look, refine, and look again."""
         scene, place = self.scene, self.scene.place
         sides = [sides_of(shape) for shape in scene.shapes]
         circle = first_circle(scene.shapes, scene.materials, scene.speed, place.radius)
-        sizes = [first_sizes(own, place.semi_axes(circle)[1]) for own in sides]
-        first = self.look_at(sizes, circle, _FIRST_LOOK, estimated=False)
+        sizes = [first_sizes(own, place.semi_axes(circle)) for own in sides]
+        first = self.look_at(sizes, circle, estimated=False)
         fems = [self.models[i][2][0] for i in range(len(sizes))]
-        circle, near, limit = first.circle, place.semi_axes(first.circle)[1], ""
+        circle, axes, limit = first.circle, place.semi_axes(first.circle), ""
 
         def by_rule(tolerance: float) -> list[Sizes]:
             rules = [
-                sizes_by_rule(fem, own, first.frequency, near, tolerance, slave=i == 0, corrected=scene.left < 1)
+                sizes_by_rule(fem, own, first.frequency, axes, tolerance, slave=i == 0, corrected=scene.left < 1)
                 for i, (fem, own) in enumerate(zip(fems, sides, strict=True))
             ]
             return [
@@ -84,7 +83,7 @@ class Search:
             if progress:
                 progress(len(self.looks) / _LOOKS)
             try:
-                look = self.look_at(sizes, circle, _TRUNCATION * scene.tolerance)
+                look = self.look_at(sizes, circle)
             except PartitionError as error:
                 if self.best is not None:
                     limit = str(error)
@@ -104,7 +103,7 @@ class Search:
         assert self.best is not None
         return replace(self.best, looks=tuple(self.looks), limit=limit)
 
-    def look_at(self, sizes: Sequence[Sizes], circle: float, tolerance: float, estimated: bool = True) -> Look:
+    def look_at(self, sizes: Sequence[Sizes], circle: float, estimated: bool = True) -> Look:
         """Mesh, reduce, and estimate; what did not change since the last look is taken over.
 
         The second core meshes and assembles the second body, and what the next order adds, while the first is reduced.
@@ -117,27 +116,15 @@ class Search:
         with ThreadPoolExecutor(1) as second_core, one_blas_thread():
             others = [second_core.submit(self.make_model, i, sizes[i], circle, one_thread=True) for i in anew[1:]]
             surpluses = [second_core.submit(self.surplus, i) for i in range(n)] if estimated else []
-            for i in anew[:1] if others else ():
-                model = self.models[i][2]
-                with watched([model], "contact-adapted"):
-                    self.spaces[i] = self.grown_space(model, tolerance, keep=estimated and fits_together([model]))
+            if others:
+                self.spaces[anew[0]] = self.grown_space(self.models[anew[0]][2], estimated)
             for other in others:
                 other.result()
             sizes, models = [self.models[i][0] for i in range(n)], [self.models[i][2] for i in range(n)]
             with watched(models, "contact-adapted"):
-                spaces, truncation = grow_to_tolerance(
-                    models,
-                    [[0] * n],
-                    tolerance=tolerance,
-                    speed=scene.speed,
-                    duration=self.duration,
-                    rigid=None if rigid is None else lambda points: rigid.project(points)[0],
-                    known=[self.spaces.get(i) for i in range(n)],
-                    keep=estimated and fits_together(models),
-                    f_top=self.first_top(tolerance),
-                )
+                truncation = self.truncate(models, estimated)
+                spaces = [self.spaces[i] for i in range(n)]
                 bodies = bodies_of(spaces, truncation, begin)
-            self.spaces = dict(enumerate(spaces))
         times["reduce"], begin = time.perf_counter() - begin, time.perf_counter()
         self.duration = duration = truncation.duration
         with one_blas_thread():
@@ -149,7 +136,7 @@ class Search:
                     Finer(*pair, space.elastic, surplus.result())
                     for pair, space, surplus in zip(pairs, spaces, surpluses, strict=True)
                 ]
-                mesh = estimate_of(sides, impact_now, scene.speed, duration, finers, scene.left)
+                mesh = estimate_of(sides, impact_now, scene.speed, duration, finers, scene.left, whole=True)
                 if scene.left < 1:
                     bodies = tuple(finer.corrected(0) for finer in finers)
             step = impact_now.step(truncation.f_cut)
@@ -157,6 +144,11 @@ class Search:
             at, coarse, _ = impact_now.run(duration, step)
         times["estimate"] = time.perf_counter() - begin
         force, peak, place = force[:, 0], float(force.max()), scene.place
+        step_error = float(np.linalg.norm(np.interp(t, at, coarse[:, 0]) - force) / np.linalg.norm(force))
+        if estimated and (known := self.known) is not None:  # with the step of the first look
+            longer = max(0.0, step_error - self.looks[0].step_error)
+            truncation = replace(known, force=known.force + longer)
+            bodies = tuple(replace(body, estimate=truncation) for body in bodies)
         if not peak > 0:
             raise InputError(
                 f"duration: the bodies do not press on each other within {duration:.3g} s; take a longer one"
@@ -171,7 +163,7 @@ class Search:
             truncation=truncation,
             mesh=mesh,
             step=step,
-            step_error=float(np.linalg.norm(np.interp(t, at, coarse[:, 0]) - force) / np.linalg.norm(force)),
+            step_error=step_error,
             seconds=times,
         )
         self.looks.append(look)
@@ -215,17 +207,54 @@ class Search:
             except MeshError:  # curved sides turned elements inside out, or an element within is flat
                 if not again:
                     raise
-                other = replace(own, far=_SMALLER * own.far) if own.curvature == CURVATURE else own
-                other = replace(other, curvature=CURVATURE)
+                other = replace(own, far=_SMALLER * own.far, curvature=own.curvature / _SMALLER)
                 return self.make_model(i, other, circle, one_thread=one_thread, again=again - 1)
         return {"mesh": meshed - begin, "assemble": time.perf_counter() - meshed}
 
-    def grown_space(self, model: Model, tolerance: float, keep: bool) -> AdaptedSpace:
-        """The space of a body as `grow_to_tolerance` grows it first, for most other bodies."""
-        f_top = min(self.first_top(tolerance), 2 * model[0].resolved_frequency)
-        space = AdaptedSpace(*model, f_top, keep=keep)
-        space.grow(f_top, settled=settled_for(tolerance))
-        space.krylov.finish()
+    @property
+    def known(self) -> Estimate | None:
+        """What truncates all later meshes: the first one's choice, if it kept its share of the tolerance.
+
+        The dynamics of bodies up to f_cut depend little on the mesh, so that later ones need no richer bodies for it.
+        """
+        if not self.looks:
+            return None
+        first = self.looks[0].truncation
+        resolved = min(fem.resolved_frequency for _, _, (fem, _) in self.models.values())
+        return None if first.limit or resolved < first.f_cut else first
+
+    def truncate(self, models: Sequence[Model], estimated: bool) -> Estimate:
+        """Grow the spaces of both bodies, and choose a truncation."""
+        if estimated and (known := self.known) is not None:
+            for i, model in enumerate(models):
+                if i not in self.spaces:
+                    self.spaces[i] = self.grown_space(model, estimated)
+            return known
+        rigid = self.scene.rigid
+        spaces, truncation = grow_to_tolerance(
+            models,
+            [[0] * len(models)],
+            tolerance=self.share,
+            speed=self.scene.speed,
+            duration=self.duration,
+            rigid=None if rigid is None else lambda points: rigid.project(points)[0],
+            known=[self.spaces.get(i) for i in range(len(models))],
+            keep=estimated and fits_together(models),
+            f_top=self.first_top,
+            whole=True,
+            once=not estimated,
+        )
+        self.spaces = dict(enumerate(spaces))
+        return truncation
+
+    def grown_space(self, model: Model, estimated: bool) -> AdaptedSpace:
+        """The space of a body, up to what is needed."""
+        known = self.known if estimated else None
+        f_top = min(self.first_top, 2 * model[0].resolved_frequency) if known is None else known.f_cut
+        with watched([model], "contact-adapted"):
+            space = AdaptedSpace(*model, f_top, keep=estimated and fits_together([model]))
+            space.grow(f_top, settled=settled_for(self.share) if estimated else SETTLED)
+            space.krylov.finish()
         return space
 
     def surplus(self, i: int) -> Surplus:
@@ -233,22 +262,22 @@ class Search:
         with beside_other_work():
             return surplus_of(self.models[i][2][0])
 
-    def first_top(self, tolerance: float) -> float:
+    @property
+    def first_top(self) -> float:
         """Frequency up to which the bodies are to be known, by the last reduction [Hz]."""
         least = self.scene.least_top
         if not self.looks:
             return least
         last = self.looks[-1].truncation
-        if last.tolerance <= tolerance:
-            return max(least, last.f_top)
-        return max(least, _TOP * frequency_for(last.f_cut, last.error, tolerance))
+        return max(least, _TOP * frequency_for(last.f_cut, last.error, self.share))
 
     def refined(self, look: Look) -> list[Sizes]:
         """Smaller elements where the estimate is largest."""
         assert look.mesh is not None
         parts = {("far", i): x for i, x in enumerate(look.mesh.far)}
         parts |= {("near", i): x for i, x in enumerate(look.mesh.local)}
-        budget = max(self.scene.tolerance / TRUST - look.truncation.error, _LEAST_BUDGET * self.scene.tolerance)
+        taken = min(look.truncation.error, _MOST_TRUNCATION * self.scene.tolerance)
+        budget = max(self.scene.tolerance / TRUST - taken - max(look.missed), _LEAST_BUDGET * self.scene.tolerance)
         worst = max(parts.values())
         active = {key: x for key, x in parts.items() if x >= _COUNTS * worst}
         ratios = {}
@@ -257,8 +286,15 @@ class Search:
             ratios = {key: min(shared / len(active) / x, 1.0) for key, x in active.items()}
         if look.truncation.limit:  # no basis on these meshes is good enough
             weakest = min(self.models, key=lambda i: self.models[i][2][0].resolved_frequency)
-            ratios["far", weakest] = min(_RESOLVE, ratios.get(("far", weakest), 1.0))
+            # Its errors fall with the square of the frequency, as those far from the contact with that of the size.
+            needed = frequency_for(1.0, look.truncation.error, self.share)
+            ratios["far", weakest] = min(needed**-2, ratios.get(("far", weakest), 1.0))
         return [
-            own.finer(ratios.get(("far", i)), ratios.get(("near", i)), self.models[i][2][0].weakest_wall)
-            for i, own in enumerate(look.sizes)
+            self.rounder(own, missed).finer(ratios.get(("far", i)), ratios.get(("near", i)))
+            for i, (own, missed) in enumerate(zip(look.sizes, look.missed, strict=True))
         ]
+
+    def rounder(self, own: Sizes, missed: float) -> Sizes:
+        """Sizes with more elements on curved sides, where a mesh misses too much volume."""
+        needed = curvature_for(own.curvature, missed, self.scene.tolerance)
+        return replace(own, curvature=needed) if missed > MISSED * self.scene.tolerance else own

@@ -16,12 +16,15 @@ from ..meshing.netgen_mesh import ONE_AT_A_TIME, meshed
 from ..meshing.ngsolve_fem import fe_model
 from ..prediction.hertz import effective, impact
 from ..reduction.estimate import FIRST
+from ..support.arrays import Array
 from ..support.foreign import NGSolveMesh, Shape
 from .contact_place import ContactPlace
-from .mesh_rules import GRADING, GRADING_CORRECTED, REACH, REFINED, Sizes
+from .mesh_rules import GRADING, REACH, REFINED, Sizes
 
 Model = tuple[FEModel, Partition]
 
+_CURVED = 2  # order of curved sides: on coarse meshes, cubic ones turn elements inside out
+_ROUND = 1.1  # ratio of semi-axes, up to which a contact counts as round
 _MORE = 1.01  # meshes are a little smaller than their shapes
 
 
@@ -48,11 +51,13 @@ class Scene:
 
     def mesh(self, i: int, sizes: Sizes, circle: float) -> NGSolveMesh:
         """Mesh of a body."""
-        long, _ = self.place.semi_axes(circle)
-        fine = [Refine(self.place.points[i], REFINED * long, sizes.near)] if sizes.near < sizes.far else []
-        grading = GRADING_CORRECTED if self.left < 1 else GRADING[sizes.order]
+        radius, long_axis = self.reach(circle, REFINED)
+        fine = Refine(self.place.points[i], radius, sizes.near, long_axis=long_axis)
+        regions = [fine] if sizes.near < sizes.far else []
         with ONE_AT_A_TIME:
-            return meshed(self.shapes[i], sizes.far, fine, grading, sizes.order, sizes.curvature)
+            mesh = meshed(self.shapes[i], sizes.far, regions, GRADING, sizes.order, sizes.curvature)
+            mesh.Curve(_CURVED)
+            return mesh
 
     def missed(self, i: int, fem: FEModel) -> float:
         """Share of a body's volume that its mesh misses."""
@@ -62,8 +67,16 @@ class Scene:
         """FE model of a body and its partition."""
         fem = fe_model(mesh, self.materials[i], order=sizes.order)
         line = self.place.normal if i == 0 else -self.place.normal
-        reach = REACH[i] * self.place.semi_axes(circle)[0] + sizes.near / 2
-        return fem, Partition.ball(fem, self.place.points[i], reach, direction=line)
+        radius, long_axis = self.reach(circle, REACH[i], sizes.near / 2)
+        return fem, Partition.ball(fem, self.place.points[i], radius, long_axis=long_axis, direction=line)
+
+    def reach(self, circle: float, factor: float, more: float = 0.0) -> tuple[float, Array | None]:
+        """Shorter semi-axis [m] and longer one, (3,) [m], of a region as long and wide as the contact by a factor.
+
+        Contacts that are nearly round get a ball.
+        """
+        long, short = (factor * x + more for x in self.place.semi_axes(circle))
+        return (short, long * self.place.along) if long > _ROUND * short else (long, None)
 
 
 def first_circle(shapes: Sequence[Shape], materials: Sequence[Material], speed: float, radius: float) -> float:

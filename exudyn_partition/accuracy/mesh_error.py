@@ -53,12 +53,14 @@ class MeshEstimate:
         Error of the contact force.
     velocity : float
         Error of the velocities of the bodies, in the norm of the kinetic energy, relative to their change.
+    mean_velocity : float
+        The same of whole bodies, as rigid ones.
     of_bodies : (float, ...)
         Error of the force by the mesh of each body alone, the slave first.
     far, local : (float, ...)
-        The larger error of force and velocity, by what the mesh of each body changes in its modes alone, and in the
-        static answer of its contact alone. So they tell whether to refine far from the contact or near to it. The
-        error of the rows is in that of the slave's contact.
+        The larger error of force and velocity, or of what else the tolerance is for, by what the mesh of each body
+        changes in its modes alone, and in the static answer of its contact alone. So they tell whether to refine far
+        from the contact or near to it. The error of the rows is in that of the slave's contact.
     rows : float
         The larger error of force and velocity by the spacing of the rows; it is in both.
     step : float
@@ -82,6 +84,7 @@ class MeshEstimate:
     rows: float = 0.0
     step: float = 0.0
     carrying: int = 0
+    mean_velocity: float = 0.0
 
     @property
     def error(self) -> float:
@@ -220,10 +223,13 @@ def estimate_of(
     duration: float,
     finers: Sequence[Finer],
     left: float = 1.0,
+    *,
+    whole: bool = False,
 ) -> MeshEstimate:
     """Estimate the error of the meshes, for what `impact_of` returns and what the next order adds to each body.
 
-    Bodies that will be corrected keep only a share `left` of it; that of the rows stays.
+    Bodies that will be corrected keep only a share `left` of it; that of the rows stays. With `whole`, velocities of
+    whole bodies count in what tells where to refine, in place of those of every point.
     """
     f_cut, n = min(side.body.f_cut for side in sides), len(sides)
     loaded = impact.loaded(duration, impact.step(f_cut))
@@ -231,42 +237,48 @@ def estimate_of(
     change_of = _change if left == 1 else _nodal_change
     with ThreadPoolExecutor(n) as pool:  # products of matrices let other threads run
         changes = list(pool.map(change_of, finers, sides, itertools.repeat(rows)))
-    whole = [(True, True)] * n
-    both, _ = _corrected(impact, changes, rows, whole)
+    every = [(True, True)] * n
+    both, _ = _corrected(impact, changes, rows, every)
     step = min(impact.step(f_cut), both.step(f_cut)) / _FINER
     t, force, velocity = impact.run(duration, step)
     at, by_step, _ = impact.run(duration, impact.step(f_cut))
     by_step = np.interp(t, at, by_step[:, 0]) - force[:, 0]
 
-    def change(kept: Sequence[tuple[bool, bool]]) -> tuple[float, float]:
-        """Relative change of force and velocity by some of the corrections."""
+    rigid = impact.omega == 0.0
+
+    def change(kept: Sequence[tuple[bool, bool]]) -> Array:
+        """Relative change of force, velocity and velocity of whole bodies by some of the corrections, (3,)."""
         better_impact, turn = _corrected(impact, changes, rows, kept)
         _, better, better_velocity = better_impact.run(duration, step)
-        force_off, velocity_off = off(better, better_velocity @ turn.T)
-        return left * force_off, left * velocity_off
+        return left * off(better, better_velocity @ turn.T)
 
-    def off(better: Array, better_velocity: Array) -> tuple[float, float]:
-        scale = np.linalg.norm(better_velocity - better_velocity[0])
-        return (
-            float(np.linalg.norm(force - better) / np.linalg.norm(better)),
-            float(np.linalg.norm(velocity - better_velocity) / scale),
-        )
+    def off(better: Array, better_velocity: Array) -> Array:
+        found = [np.linalg.norm(force - better) / np.linalg.norm(better)]
+        for some in (slice(None), rigid):
+            new = better_velocity[:, some]
+            found.append(np.linalg.norm(velocity[:, some] - new) / np.linalg.norm(new - new[0]))
+        return np.array(found)
 
-    def of_each(far: bool, local: bool) -> list[tuple[float, float]]:
+    def of_each(far: bool, local: bool) -> list[Array]:
         return [change([(far, local) if i == j else (False, False) for j in range(n)]) for i in range(n)]
 
-    by_surplus, by_rows, spacing = change(whole), [0.0, 0.0], sides[0].spacing
+    def larger(found: Array) -> float:
+        return float(found[[0, 2 if whole else 1]].max())
+
+    by_surplus, by_rows, spacing = change(every), np.zeros(3), sides[0].spacing
     if spacing > 1:
         _, coarse, coarse_velocity = impact.with_means(sides[0].coarse).run(duration, step)
-        by_rows = [x / math.hypot(spacing**_ROW_RATE, 1) for x in off(coarse, coarse_velocity)]
-    local = [max(one) for one in of_each(False, True)]
+        by_rows = off(coarse, coarse_velocity) / math.hypot(spacing**_ROW_RATE, 1)
+    local = [larger(one) for one in of_each(False, True)]
+    together = np.hypot(by_surplus, by_rows)
     return MeshEstimate(
-        force=math.hypot(by_surplus[0], by_rows[0]),
-        velocity=math.hypot(by_surplus[1], by_rows[1]),
-        of_bodies=tuple(force for force, _ in of_each(True, True)) if n > 1 else by_surplus[:1],
-        far=tuple(map(max, of_each(True, False))),
-        local=(math.hypot(local[0], max(by_rows)), *local[1:]),
-        rows=max(by_rows),
+        force=float(together[0]),
+        velocity=float(together[1]),
+        mean_velocity=float(together[2]),
+        of_bodies=tuple(float(one[0]) for one in (of_each(True, True) if n > 1 else [by_surplus])),
+        far=tuple(map(larger, of_each(True, False))),
+        local=(math.hypot(local[0], larger(by_rows)), *local[1:]),
+        rows=larger(by_rows),
         step=float(np.linalg.norm(by_step) / np.linalg.norm(force)),
         carrying=int(np.count_nonzero(loaded)),
         speed=speed,

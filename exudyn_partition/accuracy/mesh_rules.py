@@ -1,11 +1,14 @@
 """Sizes of elements by rule: from the wavelengths of an impact far from the contact, and from its radius there.
 
-Far: a wave takes four elements. The frequency is the one below which 99 % of the force's energy lies. The wave is a
-bending wave in walls that are thinner than half of it and that few elements span, and a shear wave elsewhere. Elements
-of such walls are cubic: one or two layers of quadratic ones cannot hold the parabolic shear of a plate that bends.
-Round sides take as few elements as keep the volume. Bodies that are corrected have larger elements there.
-Near: quadratic elements of 0.55 contact radii, cubic ones of 0.85, within 1.5 radii; then elements grow. Those of the
-slave are smaller by 0.8, for its facets also carry the rows, which have an error of their own.
+A first look has quadratic elements. All others are cubic: for the same error they take fewer dofs and less time. In
+thin walls quadratic ones cannot hold the parabolic shear.
+Far: a wave takes four elements in walls, fewer elsewhere. The frequency is the one below which 99 % of the force's
+energy lies. The wave is a bending wave in walls that are thinner than half of it and that few elements span, and a
+shear wave elsewhere. Round sides take as few elements as keep the volume. Bodies that are corrected have larger
+elements there.
+Near: elements of 0.72 shorter semi-axes of the contact, within 1.5 semi-axes; then elements grow. In long contacts they
+may be larger. Those of the slave are smaller by 0.8, for its facets also carry the rows, which have an error of their
+own.
 
 These sizes make an error of a few percent at most. The tolerance changes them by the rates below; the estimate decides.
 """
@@ -21,33 +24,36 @@ import scipy.optimize
 from ..errors import FrequencyRangeError
 from ..fe.material import Material
 from ..fe.model import FEModel
-from ..fe.walls import Wall, bending_frequency
+from ..fe.walls import bending_frequency
 from ..meshing.netgen_mesh import CURVATURE
 from ..prediction.spectrum import truncation_frequency
 from ..support.arrays import Array
 from ..support.foreign import NGSolveMesh
 
-GRADING = {2: 0.4, 3: 0.5}  # growth of elements away from the contact, by order
-GRADING_CORRECTED = 0.5  # the same of bodies that are corrected
-REFINED = 1.5  # radius of the refined ball, by the larger semi-axis of the contact
-REACH = (1.5, 2.0)  # radii of the patches of the first and of the second body, by the same; half an element is added
+GRADING = 0.5  # growth of elements away from the contact
+REFINED = 1.5  # semi-axes of the refined region, by those of the contact
+REACH = (1.5, 2.0)  # those of the patches of the first and of the second body; half an element is added
 
-_OF_A_WAVE = 4  # elements
-_LOCAL = {2: 0.55, 3: 0.85}  # elements at the contact, by order and smaller semi-axis
+_OF_A_WAVE, _OF_A_SHEAR_WAVE = 4, 2.7  # elements
+_LOCAL, _FIRST_LOCAL = 0.72, 1.3  # elements at the contact, by its shorter semi-axis; on the first mesh
+_LONG_POWER = 0.3  # of the ratio of semi-axes, which these sizes follow
+_LARGEST = 1.5  # of them at the contact: larger ones have no useful estimate
 _SLAVE = 0.8  # of these at the slave
 # Of bodies that are corrected, by others: far sizes, and those at the slave, whose rows are not corrected.
 _CORRECTED, _SLAVE_CORRECTED = 1.6, 0.85
 _FIRST_LOOK = 12  # elements in the longest side of a body, on its first mesh
 _LAYERS = 1.5  # elements across a wall of the first mesh, from which on quadratic ones are enough
-_FEWEST, _ACROSS = 3, 2  # elements in the longest side of any body, and in the shortest one of a stocky body
+_FEWEST, _ACROSS = 3, 1.3  # elements in the longest side of any body, and in the shortest one of a stocky body
+_FIRST_ACROSS = 2  # the latter on the first mesh
 _ENERGY = 0.1  # amplitude whose square is the energy above the frequency: 1 %
 # Tolerances for which the rules are, and powers of it that far and near sizes follow.
-_FAR_TOLERANCE, _NEAR_TOLERANCE, _FAR_POWER, _NEAR_POWER = 0.04, 0.01, 1 / 3, 1 / 4
-_FAR_RATE, _NEAR_RATE = 2.0, 2.5  # powers by which errors fall with these sizes, at least
+_FAR_TOLERANCE, _NEAR_TOLERANCE, _FAR_POWER, _NEAR_POWER = 0.04, 0.01, 1 / 3, 1 / 3
+_FAR_RATE, _NEAR_RATE = 2.0, 3.3  # powers by which errors fall with these sizes, at least
 MISSED = 0.1  # of the tolerance: share of its volume that a mesh with curved sides may miss
 _COARSE_CURVATURE = 1.3  # elements in a radius of curvature; with fewer, curved sides often turn elements inside out
-_VOLUME_RATE = 3.5  # power of them by which quadratic elements miss less volume
-_LEAST_CHANGE, _MOST_CHANGE = 0.85, 0.45  # of a size in one refinement
+_FINE_CURVATURE = 3.0  # the same at most
+_VOLUME_RATE = 3.5  # power of them by which quadratic sides miss less volume
+_LEAST_CHANGE, _MOST_CHANGE = 0.93, 0.45  # of a size in one refinement
 
 
 @dataclass(frozen=True)
@@ -74,14 +80,9 @@ class Sizes:
     why: str
     curvature: float = CURVATURE
 
-    def finer(self, far: float | None, near: float | None, wall: Wall) -> Sizes:
-        """Smaller elements, by the ratios of allowed and estimated errors, far and near; None leaves a size.
-
-        Quadratic elements become cubic where the error is far and few of them span a `wall`.
-        """
+    def finer(self, far: float | None, near: float | None) -> Sizes:
+        """Smaller elements, by the ratios of allowed and estimated errors, far and near; None leaves a size."""
         sizes = self if (far, near) == (None, None) else replace(self, why="the estimate")
-        if far is not None and self.order == 2 and math.isfinite(wall.thickness):
-            return replace(sizes, order=3, near=self.near * _LOCAL[3] / _LOCAL[2])
         if far is not None:
             sizes = replace(sizes, far=self.far * _factor(far, _FAR_RATE))
         if near is not None:
@@ -94,29 +95,34 @@ def _factor(ratio: float, rate: float) -> float:
     return min(max(math.pow(ratio, 1 / rate), _MOST_CHANGE), _LEAST_CHANGE)
 
 
-def first_sizes(sides: Array, near: float) -> Sizes:
-    """Quadratic elements of a first look, by the sides of a body, (3,) [m], and the smaller semi-axis [m]."""
-    far = max(float(sides.max()) / _FIRST_LOOK, float(sides.min()) / _ACROSS)
-    return Sizes(2, far, near, "a first look", _COARSE_CURVATURE)
+def first_sizes(sides: Array, semi_axes: tuple[float, float]) -> Sizes:
+    """Quadratic elements of a first look, by the sides of a body, (3,) [m], and the semi-axes of the contact [m]."""
+    far = max(float(sides.max()) / _FIRST_LOOK, float(sides.min()) / _FIRST_ACROSS)
+    return Sizes(2, far, _FIRST_LOCAL * _size_at(*semi_axes), "a first look", _COARSE_CURVATURE)
+
+
+def _size_at(long: float, short: float) -> float:
+    """Size to which those of elements at a contact are proportional [m], by its semi-axes."""
+    return short * math.pow(long / short, _LONG_POWER)
 
 
 def curvature_for(curvature: float, missed: float, tolerance: float) -> float:
     """Elements in a radius of curvature that miss little of a body's volume, by the relative share that others miss."""
     needed = curvature * math.pow(missed / (MISSED * tolerance), 1 / _VOLUME_RATE)
-    return min(max(needed, _COARSE_CURVATURE), CURVATURE)
+    return min(max(needed, _COARSE_CURVATURE), _FINE_CURVATURE)
 
 
 def sizes_by_rule(
     fem: FEModel,
     sides: Array,
     frequency: float,
-    near: float,
+    semi_axes: tuple[float, float],
     tolerance: float,
     *,
     slave: bool = False,
     corrected: bool = False,
 ) -> Sizes:
-    """Order and sizes for an impact, by the walls that a first mesh shows; see the module.
+    """Sizes for an impact, by the walls that a first mesh shows; see the module.
 
     Parameters
     ----------
@@ -126,8 +132,8 @@ def sizes_by_rule(
         Of the body [m].
     frequency : float
         Below which the energy of the force lies [Hz].
-    near : float
-        Smaller semi-axis of the contact [m].
+    semi_axes : (float, float)
+        Of the contact, the longer one first [m].
     tolerance : float
         For the whole error.
     slave : bool
@@ -140,15 +146,15 @@ def sizes_by_rule(
     bending = bending_wavelength(frequency, wall.thickness, material)
     far_factor = (tolerance / _FAR_TOLERANCE) ** _FAR_POWER * (_CORRECTED if corrected else 1.0)
     if wall.thickness < min(bending / 2, _LAYERS * wall.element):
-        far, order = bending / _OF_A_WAVE * far_factor, 3
+        far = bending / _OF_A_WAVE * far_factor
         why = f"bending waves of {1e3 * bending:.3g} mm at {1e-3 * frequency:.3g} kHz in {1e3 * wall.thickness:.3g} mm"
     else:
-        far, order = min(shear / _OF_A_WAVE * far_factor, float(sides.min()) / _ACROSS), 2
-        why = f"shear waves of {1e3 * shear:.3g} mm at {1e-3 * frequency:.3g} kHz; or half of the shortest side"
-    local = _LOCAL[order] * near * (tolerance / _NEAR_TOLERANCE) ** _NEAR_POWER
+        far = min(shear / _OF_A_SHEAR_WAVE * far_factor, float(sides.min()) / _ACROSS)
+        why = f"shear waves of {1e3 * shear:.3g} mm at {1e-3 * frequency:.3g} kHz; or the shortest side over {_ACROSS}"
+    local = min(_LOCAL * (tolerance / _NEAR_TOLERANCE) ** _NEAR_POWER, _LARGEST) * _size_at(*semi_axes)
     if slave:
         local *= _SLAVE * (_SLAVE_CORRECTED if corrected else 1.0)
-    return Sizes(order, min(far, float(sides.max()) / _FEWEST), local, why)
+    return Sizes(3, min(far, float(sides.max()) / _FEWEST), local, why)
 
 
 def bending_wavelength(frequency: float, thickness: float, material: Material) -> float:

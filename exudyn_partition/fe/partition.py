@@ -40,6 +40,7 @@ from .patches import (
     load_pattern,
     plastic_region,
 )
+from .places import distance_within, validate_long_axis
 from .selection import Cylinder, Plane, selected_facets
 
 _TOO_LARGE = 10.0  # radius of a ball, by the size of the body within it
@@ -197,6 +198,7 @@ class Partition:
         radius: float,
         *,
         contact_radius: float | None = None,
+        long_axis: Vector | None = None,
         direction: Vector | None = None,
         axes: PatchAxes = "normal",
         plastic_radius: float | None = None,
@@ -214,6 +216,10 @@ class Partition:
         contact_radius : float, optional
             Radius of the contact patch [m], at most `radius`, the default; nodes that can never touch need no rows.
             `hertz.contact_radius` estimates how far a contact reaches.
+        long_axis : (3,) array, optional
+            Longer semi-axis of an ellipsoid in place of the ball [m], a vector from its centre; `radius` is then its
+            size across. The patch is stretched as much. Contacts are ellipses where curvatures differ, as of crossed
+            cylinders of two radii; `ImpactDesign.place` knows them for given shapes.
         direction : (3,) array, optional
             The line of contact, outward. Default: the mean normal of the patch, which depends on the mesh by some
             1e-3 rad. Give a direction for curved patches that start far apart.
@@ -223,7 +229,7 @@ class Partition:
         plastic_radius : float, optional
             Elements this near to `center` may yield [m], if the material has `hardening`. `hertz.impact` tells how far
             flow may reach: take its `plastic_radius`, and the size of an element. A warning tells if flow reaches the
-            edge. Default: `radius`.
+            edge. Default: `radius`, or the length of `long_axis`.
         name : str
             To tell patches of one body apart.
 
@@ -232,7 +238,7 @@ class Partition:
         EmptyRegionError
             If the ball holds no node, no surface facet, or lies outside the body.
         InputError
-            If an argument has a wrong shape or is not finite.
+            If an argument has a wrong shape or is not finite, or `long_axis` is shorter than `radius`.
 
         Warns
         -----
@@ -243,28 +249,37 @@ class Partition:
         validate_choice("axes", axes, AXES)
         center = validate_vector("center", center)
         radius = validate_positive("radius", radius, "m")
+        long_axis = validate_long_axis(long_axis, radius)
+        longest = None if long_axis is None else float(np.linalg.norm(long_axis))
         reach = radius if contact_radius is None else validate_positive("contact_radius", contact_radius, "m")
         if reach > radius:
             raise InputError(f"contact_radius: expected at most radius = {radius:.4g} m, got {reach:.4g} m")
         if plastic_radius is not None:
             plastic_radius = validate_positive("plastic_radius", plastic_radius, "m")
-        distance = np.linalg.norm(fem.points - center, axis=1)
+        distance = distance_within(fem.points, center, radius, long_axis)
         nodes = np.flatnonzero(distance <= radius)
         if not len(nodes):
             raise EmptyRegionError(
-                f"no node lies within {radius:.4g} m of {show(center)}: the nearest is {distance.min():.4g} m away, "
-                f"at {show(fem.points[distance.argmin()])}; the body spans {show(fem.points.min(axis=0))} to "
+                f"no node lies within {radius:.4g} m of {show(center)}: the nearest is "
+                f"{np.linalg.norm(fem.points[distance.argmin()] - center):.4g} m away, at "
+                f"{show(fem.points[distance.argmin()])}; the body spans {show(fem.points.min(axis=0))} to "
                 f"{show(fem.points.max(axis=0))} m, and the largest elements have edges of {fem.max_size:.4g} m. Move "
                 "the center, enlarge the radius or refine the mesh there"
             )
-        _warn_of_size(fem, radius=radius if contact_radius is None else None, plastic_radius=plastic_radius)
-        chosen, line, rim = ball_facets(fem, center, reach, direction, nodes)
+        _warn_of_size(
+            fem,
+            radius=radius if contact_radius is None else None,
+            long_axis=longest if contact_radius is None else None,
+            plastic_radius=plastic_radius,
+        )
+        patch_axis = None if long_axis is None else long_axis * (reach / radius)
+        chosen, line, rim = ball_facets(fem, center, reach, patch_axis, direction, nodes)
         facets = unfolded(fem.facets[chosen])
         material, plastic = fem.material_beneath(chosen), None
         if plastic_radius is not None and not material.plastic:
             raise InputError("plastic_radius: the material is elastic; give hardening= to it, 0 for none")
         if material.plastic:
-            plastic = plastic_region(fem, center, radius if plastic_radius is None else plastic_radius)
+            plastic = plastic_region(fem, center, plastic_radius or longest or radius)
         own, size = None if fem.regions is None else material, np.ptp(fem.points[facets], axis=(0, 1))
         patch = Patch(facets, line, rim, axes, direction is not None, name, plastic, own, extent=size)
         return cls(np.union1d(nodes, facets), (patch,), (), fem.n_nodes, fem.fingerprint)

@@ -11,6 +11,7 @@ from ..support.arrays import Array, Vector
 from ..support.checks import validate_array, validate_choice, validate_vector, validate_whole
 from .facets import area_vectors, by_shape, facet_corners
 from .model import FEModel
+from .places import distance_within
 
 Faces = str | Sequence[str] | Array | Sequence[int] | tuple[Vector, Vector]
 
@@ -19,7 +20,7 @@ _NO_NORMAL = 1e-3  # of the area around a node: its normals cancel each other
 
 
 def ball_facets(
-    fem: FEModel, center: Array, reach: float, direction: Vector | None, nodes: Array
+    fem: FEModel, center: Array, reach: float, long_axis: Array | None, direction: Vector | None, nodes: Array
 ) -> tuple[Array, Array, Array]:
     """Numbers of the facets of a patch within `reach` [m] of a point, its line of contact, (3,), and nodes at its rim.
 
@@ -28,6 +29,8 @@ def ball_facets(
     fem : FEModel
     center : (3,) array
     reach : float
+    long_axis : (3,) array, optional
+        Longer semi-axis of an ellipsoid [m], across which `reach` is.
     direction : (3,) array, optional
         The line of contact that the user gave.
     nodes : (k,) int array
@@ -41,7 +44,7 @@ def ball_facets(
         If the direction does not point out of the patch.
     """
     centres = fem.points[facet_corners(fem.facets)].mean(axis=1)
-    within = np.linalg.norm(centres - center, axis=1) <= reach
+    within = distance_within(centres, center, reach, long_axis) <= reach
     if not within.any():
         raise EmptyRegionError(
             f"no surface facet lies within {reach:.4g} m of {show(center)}, so nothing there can touch: "

@@ -1,4 +1,4 @@
-"""Points of a body by its nodes: the nearest node, and interpolation between the nodes around a point."""
+"""Points of a body by its nodes: the nearest node, those around a point, and interpolation between them."""
 
 from __future__ import annotations
 
@@ -27,6 +27,38 @@ def nearest_node(points: Array, point: Vector) -> int:
             "are given in the body's own coordinates, without referencePosition"
         )
     return int(distance.argmin())
+
+
+def validate_long_axis(long_axis: Vector | None, radius: float) -> Array | None:
+    """Return the longer semi-axis of an ellipsoid as a read-only vector, (3,) [m]; None means a ball of that radius.
+
+    Raises
+    ------
+    InputError
+        If it is shorter than the radius.
+    """
+    if long_axis is None:
+        return None
+    vector = validate_vector("long_axis", long_axis)
+    length = float(np.linalg.norm(vector))
+    if length < radius:
+        raise InputError(
+            f"long_axis: expected a vector of at least radius = {radius:.4g} m, the other semi-axes, got {length:.4g} m"
+        )
+    return vector
+
+
+def distance_within(points: Array, center: Array, radius: float, long_axis: Array | None) -> Array:
+    """Distance of points, (n, 3) [m], from a centre, (n,) [m]: at most `radius` within the ball or the ellipsoid.
+
+    The ellipsoid is round about its long axis; ways along this are shortened to those of the ball.
+    """
+    away = points - center
+    if long_axis is not None:
+        length = np.linalg.norm(long_axis)
+        away = away - np.outer(away @ long_axis / length, (1 - radius / length) * long_axis / length)
+    distance: Array = np.linalg.norm(away, axis=1)
+    return distance
 
 
 def interpolation(points: Array, point: Vector) -> tuple[Array, Array]:

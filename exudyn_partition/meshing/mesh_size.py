@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InputError, MemoryLimitError, UnitsWarning
+from ..fe.places import distance_within, validate_long_axis
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_positive, validate_vector
 from ..support.machine import available_memory
@@ -34,31 +35,44 @@ class Refine:
         Its radius [m].
     h : float
         Element size within it [m]. The nodes of quadratic elements are h / 2 apart.
+    long_axis : (3,) array, optional
+        As for `Partition.ball`: longer semi-axis of an ellipsoid in place of the ball [m]; `radius` is its size across.
     """
 
     center: Array
     radius: float
     h: float
+    long_axis: Array | None = field(default=None, kw_only=True)
 
     if TYPE_CHECKING:  # any three numbers will do; they are kept as arrays
 
-        def __init__(self, center: Vector, radius: float, h: float) -> None: ...
+        def __init__(self, center: Vector, radius: float, h: float, *, long_axis: Vector | None = None) -> None: ...
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "center", validate_vector("center", self.center))
         for name in ("radius", "h"):
             object.__setattr__(self, name, validate_positive(name, getattr(self, name), "m"))
+        object.__setattr__(self, "long_axis", validate_long_axis(self.long_axis, self.radius))
+
+    @property
+    def longest(self) -> float:
+        """Longest semi-axis [m]."""
+        return self.radius if self.long_axis is None else float(np.linalg.norm(self.long_axis))
 
     @property
     def n_points(self) -> float:
         """Number of `points`, estimated without making them."""
-        return 4 / 3 * np.pi * (self.radius / self.h + 0.5) ** 3
+        return 4 / 3 * np.pi * (self.radius / self.h + 0.5) ** 2 * (self.longest / self.h + 0.5)
 
     def points(self) -> Array:
-        """(n, 3) array: a grid of spacing h that fills the ball [m]."""
-        n = int(np.ceil(self.radius / self.h))
-        grid = self.h * np.stack(np.meshgrid(*[np.arange(-n, n + 1)] * 3), axis=-1).reshape(-1, 3)
-        points: Array = self.center + grid[np.linalg.norm(grid, axis=1) <= self.radius]
+        """(n, 3) array: a grid of spacing h that fills the ball, or the ellipsoid along its long axis [m]."""
+        across, along = (int(np.ceil(x / self.h)) for x in (self.radius, self.longest))
+        axes = np.eye(3)
+        if self.long_axis is not None:
+            axes = np.linalg.svd(self.long_axis[None])[2]
+        counts = np.meshgrid(*[np.arange(-n, n + 1) for n in (along, across, across)])
+        grid = self.center + self.h * np.stack(counts, axis=-1).reshape(-1, 3) @ axes
+        points: Array = grid[distance_within(grid, self.center, self.radius, self.long_axis) <= self.radius]
         return points
 
     def n_elements(self, maxh: float, grading: float) -> float:
@@ -73,8 +87,9 @@ class Refine:
         """
         h = min(self.h, maxh)
         around = (maxh - h) / grading * np.linspace(0, 1, 200)
-        integral = np.trapezoid((self.radius + around) ** 2 / (h + grading * around) ** 3, around)
-        return float(_A_VOLUME * 2 * np.pi * (self.radius**3 / (3 * h**3) + integral))
+        shell = (self.radius + around) * (self.radius + 2 * self.longest + 3 * around) / 3
+        integral = np.trapezoid(shell / (h + grading * around) ** 3, around)
+        return float(_A_VOLUME * 2 * np.pi * (self.radius**2 * self.longest / (3 * h**3) + integral))
 
 
 def check_sizes(low: Array, high: Array, maxh: float, regions: Sequence[Refine]) -> float:

@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError, MeshError, UnitsWarning
 from ..fe.patch_facets import show
+from ..fe.places import distance_within
 from ..support.arrays import Array
 from ..support.checks import validate_file, validate_number, validate_path, validate_positive
 from ..support.foreign import NGSolveMesh, Shape, ShapeAssembly, ShapeSurface
@@ -118,7 +119,7 @@ def meshed(
         ) from error
     vertices = mesh.ngmesh.Coordinates()
     for region in regions:
-        distance = np.linalg.norm(vertices - region.center, axis=1).min()
+        distance = distance_within(vertices, region.center, region.radius, region.long_axis).min()
         if distance > region.radius + region.h:
             warnings.warn(
                 f"refine: the ball of radius {region.radius:g} m at {tuple(map(float, region.center))} misses the "

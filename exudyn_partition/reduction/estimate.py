@@ -44,7 +44,7 @@ from ..support.progress import Progress
 from ..surfaces.rows import pair_surfaces
 from ..surfaces.surface import Surface
 from .basis import residual_flexibility
-from .free_body import DROP_ABOVE, AdaptedSpace
+from .free_body import DROP_ABOVE, SETTLED, AdaptedSpace
 from .loads import patch_slice
 
 _LOG = logging.getLogger(__name__)
@@ -89,6 +89,9 @@ class Estimate:
         The same errors by the meshes, which are not in `force` and `velocity`; None until `with_mesh_error`.
     step : float or None
         Error of the force by the default step alone, a part of `force`; None until then.
+    mean_velocity : float or None
+        Error of the velocities of whole bodies, in the norm of their kinetic energy as rigid ones, relative to their
+        change; None where the tolerance is for `velocity`, and a number where it is for this one.
     """
 
     force: float
@@ -103,9 +106,11 @@ class Estimate:
     mesh_force: float | None = field(default=None, metadata={"added": True})
     mesh_velocity: float | None = field(default=None, metadata={"added": True})
     step: float | None = field(default=None, metadata={"added": True})
+    mean_velocity: float | None = field(default=None, metadata={"added": True})
 
     def __post_init__(self) -> None:
-        known = [name for name in ("mesh_force", "mesh_velocity", "step") if getattr(self, name) is not None]
+        added = ("mesh_force", "mesh_velocity", "step", "mean_velocity")
+        known = [name for name in added if getattr(self, name) is not None]
         for name in ("force", "velocity", "tolerance", *known):
             object.__setattr__(self, name, validate_number(name, getattr(self, name)))
             if getattr(self, name) < 0:
@@ -117,8 +122,8 @@ class Estimate:
 
     @property
     def error(self) -> float:
-        """The larger of both."""
-        return max(self.force, self.velocity)
+        """The larger one of force and velocity, for which the tolerance is."""
+        return max(self.force, self.velocity if self.mean_velocity is None else self.mean_velocity)
 
     @property
     def total(self) -> float:
@@ -215,13 +220,15 @@ def _gaps_to_rigid(surface: Surface, fem: FEModel, material: Material, speed: fl
 
 
 def errors(impact: Impact, f_top: float, ladder: Array, duration: float) -> Array:
-    """Estimated errors of force and velocity, (len(ladder), 2), of truncations at `ladder` [Hz].
+    """Estimated errors of force, velocity and velocity of whole bodies, (len(ladder), 3), cut at `ladder` [Hz].
 
     With friction, the error of the force is the larger one of the normal and of the tangential force.
     """
     t, force, velocity = impact.run(duration, impact.step(f_top, _FINER))
     parts = _parts(force)
     scale = np.linalg.norm(velocity - velocity[0])
+    whole = impact.omega == 0.0
+    scale_of_whole = np.linalg.norm((velocity - velocity[0])[:, whole])
     result = []
     for f in ladder:
         coarse, keep = impact.truncated(DROP_ABOVE * 2 * np.pi * f)
@@ -230,7 +237,8 @@ def errors(impact: Impact, f_top: float, ladder: Array, duration: float) -> Arra
         off = [np.linalg.norm(x - part) / np.linalg.norm(part) for x, part in zip(_parts(there), parts, strict=True)]
         velocity_off = -velocity
         velocity_off[:, keep] += np.stack([np.interp(t, at, v) for v in coarse_velocity.T], axis=1)
-        error = max(off), np.linalg.norm(velocity_off) / scale
+        of_whole = np.linalg.norm(velocity_off[:, whole]) / scale_of_whole
+        error = max(off), np.linalg.norm(velocity_off) / scale, of_whole
         result.append(np.array(error) / (1 - (f / f_top) ** 2))
     return np.array(result)
 
@@ -253,6 +261,8 @@ def grow_to_tolerance(
     known: Sequence[AdaptedSpace | None] = (),
     keep: bool = False,
     f_top: float = 0.0,
+    whole: bool = False,
+    once: bool = False,
 ) -> tuple[list[AdaptedSpace], Estimate]:
     """Grow the spaces of one body, or of two that hit each other, until the estimate is below the tolerance.
 
@@ -279,6 +289,10 @@ def grow_to_tolerance(
         As for `AdaptedSpace`.
     f_top : float
         The first one at least [Hz]; it is not below 8 times the frequency of longitudinal waves in the smaller body.
+    whole : bool
+        Whether the tolerance is for the velocities of whole bodies, in place of those of every point.
+    once : bool
+        Whether to look at one f_top alone, with roughly settled spaces: a first look.
 
     Returns
     -------
@@ -294,7 +308,7 @@ def grow_to_tolerance(
             f"duration: expected {shortest:.3g} to {longest:.3g} s, {_SHORTEST:g} to {_LONGEST:g} crossings of a "
             f"longitudinal wave, got {duration!r}"
         )
-    settled = settled_for(tolerance)
+    settled = SETTLED if once else settled_for(tolerance)
     made = list(known) or [None] * len(models)
     while True:
         for i, model in enumerate(models):
@@ -316,21 +330,22 @@ def grow_to_tolerance(
         }
         flat = np.array([other == PLANE and (i, SPHERE) in impacts for i, other in impacts])
         found = np.array([errors(impact, f_top, ladder, duration) for impact in impacts.values()])
-        good = found.max(axis=2) <= tolerance / _AIM
-        _LOG.info("tolerance: at f_cut = %.4g Hz the estimated error is %.3g", ladder[-1], found[:, -1].max())
-        at_end = f_top >= 2 * f_limit * (1 - 1e-9)
+        judged = found[:, :, [0, 2 if whole else 1]]
+        good = judged.max(axis=2) <= tolerance / _AIM
+        _LOG.info("tolerance: at f_cut = %.4g Hz the estimated error is %.3g", ladder[-1], judged[:, -1].max())
+        at_end = once or f_top >= 2 * f_limit * (1 - 1e-9)
         # On a flat patch a plane may make the force ring at any f_top. Go on while its errors fall at least as the
         # first power of the frequency.
-        hopeless = found[flat].max(axis=(0, 2), initial=0.0)
+        hopeless = judged[flat].max(axis=(0, 2), initial=0.0)
         if good[:, -1].all() or at_end or (good[~flat, -1].all() and hopeless[-1] > hopeless[-3] / 2):
             break
-        raised = frequency_for(f_top, found[:, -1].max(), tolerance)
+        raised = frequency_for(f_top, judged[:, -1].max(), tolerance)
         f_top = min(np.clip(raised, 1.5 * f_top, 4.0 * f_top), 2 * f_limit)
     kept = good.all(axis=0) if good[:, -1].all() else good[~flat].all(axis=0)
     # The lowest truncation from which on all are good. If none is, the richest: a least error is by chance.
     n_good = int(np.argmin(np.r_[kept[::-1], False]))
     chosen = len(ladder) - max(1, n_good)
-    worst = found[:, chosen].max(axis=1)
+    worst = judged[:, chosen].max(axis=1)
     estimate = Estimate(
         force=float(found[:, chosen, 0].max()),
         velocity=float(found[:, chosen, 1].max()),
@@ -341,6 +356,7 @@ def grow_to_tolerance(
         against=list(impacts)[int(worst.argmax())][1],
         tolerance=tolerance,
         limit=_limit(bool(good[:, -1].all()), bool(kept[-1]), worst[~flat].max(), f_limit, bool(flat.any())),
+        mean_velocity=float(found[:, chosen, 2].max()) if whole else None,
     )
     _LOG.info("tolerance: f_cut = %.4g Hz is kept, its estimated error is %.3g", estimate.f_cut, estimate.error)
     return spaces, estimate

@@ -13,7 +13,6 @@ from exudyn_partition.accuracy.mesh_rules import (
     energy_frequency,
     sizes_by_rule,
 )
-from exudyn_partition.fe.walls import Wall
 from exudyn_partition.meshing.netgen_mesh import CURVATURE
 
 LONG_WAVE = 100.0  # frequency at which a bending wave is much longer than the plate is thick [Hz]
@@ -27,38 +26,41 @@ def test_long_bending_waves_are_kirchhoff_s():
     assert bending_wavelength(LONG_WAVE, np.inf, material) == np.inf
 
 
-def test_thin_plates_get_cubic_elements_and_blocks_do_not():
-    """Elements follow the wave: at a quarter of the frequency bending waves of a thin plate are twice as long."""
+def test_elements_follow_the_wave_and_the_contact():
+    """At a quarter of the frequency bending waves of a thin plate are twice as long; blocks follow shear waves."""
     sides = np.array([0.08, 0.06, 0.004])
     plate = ep.fe_model(box(*sides), ep.ALUMINIUM, maxh=0.012)
-    fast, slow = (sizes_by_rule(plate, sides, f, 3e-4, 0.04) for f in (4e3, 1e3))
+    axes = (3e-4, 3e-4)
+    fast, slow = (sizes_by_rule(plate, sides, f, axes, 0.04) for f in (4e3, 1e3))
     assert (fast.order, slow.order) == (3, 3)
     assert bending_wavelength(1e3, sides[2], ep.ALUMINIUM) > 1.9 * bending_wavelength(4e3, sides[2], ep.ALUMINIUM)
     assert fast.far == pytest.approx(bending_wavelength(4e3, sides[2], ep.ALUMINIUM) / 4, rel=0.02)
     assert slow.far == sides[0] / 3
     block = ep.fe_model(box(0.03, 0.03, 0.03), ep.STEEL, maxh=0.01)
-    stocky = sizes_by_rule(block, np.full(3, 0.03), 20e3, 3e-4, 0.01)
-    assert (stocky.order, stocky.near) == (2, pytest.approx(0.55 * 3e-4))
-    assert stocky.far <= 0.015
-    assert sizes_by_rule(block, np.full(3, 0.03), 20e3, 3e-4, 0.01, slave=True).near < stocky.near
-    # Quadratic elements that few of span a wall become cubic, and no smaller.
-    better = Sizes(2, 0.01, 3e-4, "").finer(0.5, None, plate.weakest_wall)
-    assert (better.order, better.far) == (3, 0.01)
-    assert better.near == pytest.approx(3e-4 * 0.85 / 0.55)  # at the contact, cubic elements may be that much larger
-    finer = stocky.finer(None, 0.5, block.weakest_wall)
-    assert (finer.order, finer.far) == (2, stocky.far)
-    assert 0.45 * stocky.near <= finer.near <= 0.85 * stocky.near
+    stocky = sizes_by_rule(block, np.full(3, 0.03), 20e3, axes, 0.01)
+    assert stocky.far <= 0.03 / 1.3
+    assert 0 < stocky.near < 3e-4
+    assert sizes_by_rule(block, np.full(3, 0.03), 20e3, axes, 0.01, slave=True).near < stocky.near
+    # A contact that is longer, and as wide, takes elements that are larger, but fewer of them across than along.
+    long = sizes_by_rule(block, np.full(3, 0.03), 20e3, (1.2e-3, 3e-4), 0.01)
+    assert stocky.near < long.near < 2 * stocky.near
+    # The error at the contact falls with the cube of the size, so that the size follows the cube root of the tolerance.
+    rough = sizes_by_rule(block, np.full(3, 0.03), 20e3, axes, 0.04)
+    assert (rough.near / stocky.near) ** 3 == pytest.approx(4)
+    finer = stocky.finer(None, 0.5)
+    assert finer.far == stocky.far
+    assert 0.45 * stocky.near <= finer.near <= 0.93 * stocky.near
 
 
 def test_sizes_follow_the_rates_by_which_errors_fall():
-    """Errors fall with powers of 2 far from the contact and 2.5 at it, within what one refinement changes."""
-    old, thick = Sizes(2, 0.01, 3e-4, ""), Wall(np.inf, np.inf, 2, ep.STEEL)
+    """Errors fall with powers of 2 far from the contact and 3.3 at it, within what one refinement changes."""
+    old = Sizes(3, 0.01, 3e-4, "")
     for allowed in (0.3, 0.5, 0.65):
-        new = old.finer(allowed, allowed, thick)
+        new = old.finer(allowed, allowed)
         assert (new.far / old.far) ** 2 == pytest.approx(allowed)
-        assert (new.near / old.near) ** 2.5 == pytest.approx(allowed)
-    assert old.finer(1e-3, None, thick).far == 0.45 * old.far
-    assert old.finer(None, 0.99, thick).near == 0.85 * old.near
+        assert (new.near / old.near) ** 3.3 == pytest.approx(allowed)
+    assert old.finer(1e-3, None).far == 0.45 * old.far
+    assert old.finer(None, 0.99).near == 0.93 * old.near
 
 
 def test_curved_sides_have_elements_enough_for_the_volume():
@@ -66,7 +68,7 @@ def test_curved_sides_have_elements_enough_for_the_volume():
     missed, tolerance = 2e-3, 0.01
     needed = curvature_for(1.3, missed, tolerance)
     assert missed * (1.3 / needed) ** 3.5 == pytest.approx(0.1 * tolerance)
-    assert curvature_for(1.3, 1.0, tolerance) == CURVATURE
+    assert curvature_for(1.3, 1.0, tolerance) == 1.5 * CURVATURE
     assert curvature_for(2.0, 1e-9, tolerance) == 1.3
 
 

@@ -8,7 +8,7 @@ import pytest
 from oracles import box
 
 import exudyn_partition as ep
-from exudyn_partition.errors import EmptyRegionError, InputError
+from exudyn_partition.errors import EmptyRegionError, InputError, UnitsWarning
 from exudyn_partition.fe.model import mesh_fingerprint, same_mesh
 from exudyn_partition.reference import FullBody
 
@@ -22,6 +22,32 @@ def test_ball_takes_the_nodes_within_it(block):
     centres = block.points[patch.facets[:, :3]].mean(axis=1)
     assert np.linalg.norm(centres - [0, 0, 0.03], axis=1).max() <= 5e-3
     np.testing.assert_allclose(patch.direction, [0, 0, 1], atol=1e-12)
+
+
+def test_an_ellipsoid_is_a_ball_that_is_stretched_along_its_long_axis(block):
+    """Region and patch: their nodes lie within the ball once ways along the axis are shortened by its stretch."""
+    center, axis = np.array([0, 0, 0.03]), np.array([9e-3, 9e-3, 0]) / np.sqrt(2)
+    long = ep.Partition.ball(block, center, 4.5e-3, contact_radius=4e-3, long_axis=axis)
+    along = axis / 9e-3
+
+    def away(points):
+        ways = (points - center) @ along
+        return np.hypot(ways / 2, np.linalg.norm(points - center - np.outer(ways, along), axis=1))
+
+    (patch,) = long.patches
+    centres = block.points[block.facets[:, :3]].mean(axis=1)
+    within = (away(centres) <= 4e-3) & (centres[:, 2] > 0.03 - 1e-9)
+    assert len(patch.facets) == np.count_nonzero(within)
+    assert away(block.points[patch.facets[:, :3]].mean(axis=1)).max() <= 4e-3
+    assert set(np.flatnonzero(away(block.points) <= 4.5e-3)) <= set(long.nodes)
+    round_one = ep.Partition.ball(block, center, 9e-3)
+    assert len(patch.facets) < len(round_one.patches[0].facets)
+    same = ep.Partition.ball(block, center, 9e-3, long_axis=axis)  # as long as it is wide
+    np.testing.assert_array_equal(same.nodes, round_one.nodes)
+    with pytest.raises(InputError, match=r"long_axis: expected .* at least radius = 0\.0045 m, .*got 0\.001 m"):
+        ep.Partition.ball(block, center, 4.5e-3, long_axis=(1e-3, 0, 0))
+    with pytest.warns(UnitsWarning, match="long_axis: 9 m is"):
+        ep.Partition.ball(block, center, 4.5e-3, long_axis=1e3 * axis)
 
 
 def test_direction_can_be_given_within_the_patch_s_half_space(block):

@@ -5,7 +5,7 @@ import pytest
 from oracles import box
 
 import exudyn_partition as ep
-from exudyn_partition.errors import MemoryLimitError, UnitsWarning
+from exudyn_partition.errors import InputError, MemoryLimitError, UnitsWarning
 from exudyn_partition.meshing import mesh_size
 
 BLOCK = box(0.01, 0.02, 0.03)
@@ -31,6 +31,24 @@ def test_the_estimated_number_of_elements(monkeypatch, size, maxh, refine):
     estimated = float(str(caught.value).split("would be about ")[1].split()[0].rstrip(","))
     monkeypatch.undo()
     assert 0.5 < ep.generate_mesh(shape, maxh=maxh, refine=fine).ne / estimated < 2
+
+
+def test_elements_are_fine_in_an_ellipsoid_along_its_long_axis_and_estimated():
+    """At its ends as in its middle, and not beside it, where a ball of that length would have fine elements too."""
+    long = ep.Refine((0, 0, 1), 0.1, 0.05, long_axis=(0.4, 0, 0))
+    mesh = ep.generate_mesh(box(1, 1, 1), maxh=0.3, refine=[long], grading=0.7)
+    assert 0.5 < len(long.points()) / long.n_points < 2
+    vertices = mesh.ngmesh.Coordinates()
+
+    def around(place):
+        return int((abs(vertices - place).max(axis=1) < 0.12).sum())
+
+    ends, middle, beside = [around((x, 0, 1)) for x in (-0.25, 0.25)], around((0, 0, 1)), around((0, 0.4, 1))
+    assert min(ends) > 0.5 * middle
+    assert beside < 0.5 * min(ends)
+    assert mesh.ne < 0.6 * ep.generate_mesh(box(1, 1, 1), maxh=0.3, refine=[ep.Refine((0, 0, 1), 0.4, 0.05)]).ne
+    with pytest.raises(InputError, match="long_axis: expected a vector of at least radius"):
+        ep.Refine((0, 0, 1), 0.1, 0.05, long_axis=(0.05, 0, 0))
 
 
 def test_matrices_beyond_memory_are_refused(monkeypatch, block, tmp_path):

@@ -212,7 +212,7 @@ CALLS = {
     ),
     "Rayleigh": {},
     "Coulomb": dict(static=v.friction(0.3), kinetic=v.number.or_none.but(negative=-0.1, larger=0.4)),
-    "Refine": dict(h=v.positive(1e-4)),
+    "Refine": dict(h=v.positive(1e-4), long_axis=v.direction.or_none.but(shorter=(1e-4, 0.0, 0.0))),
     "generate_mesh": dict(shape=v.own("shape")),
     "fe_model": dict(
         source=v.path_in(the.shape),
@@ -327,6 +327,7 @@ CALLS = {
         center=v.inside,
         radius=4e-3,
         contact_radius=v.positive.or_none.but(larger=1.0),
+        long_axis=v.direction.or_none.but(shorter=(1e-4, 0.0, 0.0)),
         direction=v.direction.or_none,
         axes=v.choice("normal"),
         plastic_radius=v.positive.or_none.but(elastic=1e-3),
