@@ -381,7 +381,7 @@ CASES = {
     "effectivity": Case("mesh/effectivity.py", limits(("largest", "reference"))),
     "promise": Case("mesh/promise.py", limits(("failed", "largest_share"))),
     "correct": Case("mesh/correct.py", limits(())),
-    "by_hand": Case("mesh/by_hand.py", limits(("ratio",))),
+    "by_hand": Case("mesh/by_hand.py", limits(("ratio", "dofs", "share", "true_by_estimated"))),
     "design": Case("mesh/design.py", limits(("failed", "largest_share")),
                    ("--quick", "--out", "{out}/design_quick.json"), ("mesh_design.png",)),
 }  # fmt: skip

@@ -51,6 +51,8 @@ class Scene:
         Radius of the contact [m] and f_cut [Hz] of both references; default: by the finest design.
     correct : bool
         Whether the design corrects the bodies.
+    ellipse : (float, (3,) array)
+        Ratio of the contact's semi-axes, and the direction of the longer one; 1 for a circle.
     share : float
         Of the duration, over which the full FE model runs where all of it takes too long; its steps' time is scaled.
     """
@@ -65,7 +67,15 @@ class Scene:
     layered: tuple = ()
     options: tuple = ()
     correct: bool = False
+    ellipse: tuple = (1.0, (1, 0, 0))
     share: float = 1.0
+
+
+def stretched(scene, radius):
+    """Radius of a contact across, and options of a region that is as long as the contact, by its mean radius."""
+    ratio, along = scene.ellipse
+    short, long = radius / ratio**0.5, radius * ratio**0.5
+    return short, lambda factor: {"long_axis": factor * long * np.array(along)} if ratio > 1 else {}
 
 
 def spheres():
@@ -73,7 +83,7 @@ def spheres():
     radius = 10e-3
     bodies = [(occ.Sphere(occ.Pnt(0, 0, z), radius), scenes.STEEL) for z in (radius, -radius)]
     ends = ((0, 0, 2 * radius), (0, 0, -2 * radius))
-    return Scene(bodies, ends, 0.5, 100e-6, 0.2e-6, ((5e-3, 0.8),) * 2, ((4e-3, 0.65),) * 2)
+    return Scene(bodies, ends, 0.5, 100e-6, 0.2e-6, ((5e-3, 0.6),) * 2, ((4e-3, 0.4),) * 2)
 
 
 def plate():
@@ -85,7 +95,7 @@ def plate():
     sheet = occ.Box(occ.Pnt(-60e-3, -40e-3, -8e-3), occ.Pnt(60e-3, 40e-3, 0))
     bodies = (rod, ep.STEEL), (sheet, ep.ALUMINIUM)
     ends = ((0, 0, length), (0, 0, -8e-3))
-    return Scene(bodies, ends, 0.5, 300e-6, 0.5e-6, ((3.5e-3, 0.8), (7e-3, 0.8)), ((3e-3, 0.65), (4e-3, 0.65)))
+    return Scene(bodies, ends, 0.5, 300e-6, 0.5e-6, ((3.5e-3, 0.6), (7e-3, 0.6)), ((3e-3, 0.45), (4e-3, 0.45)))
 
 
 def rod_on_plate():
@@ -128,17 +138,24 @@ def run(scene, fems, bodies, step):
     return (result.t, contact.force(result), *ends), result.time_s
 
 
+def reference_options(look):
+    """Radius of the contact [m] and f_cut [Hz] of a reference, by a design; f_cut is that of its richest bodies."""
+    f_cut = max(FINER * look.truncation.f_cut, look.truncation.f_top)
+    # Two digits, so that a small change of the design leaves the reference as it is.
+    return [float(f"{x:.1e}") for x in (look.circle, f_cut)]
+
+
 def reference(name, scene, shapes, sizes, radius, f_cut):
     """A run of finer meshes, from out/ if it is there."""
     path = scenes.ROOT / "out" / f"mesh_design_{name}.npz"
     key = json.dumps([scene.ends, sizes, scene.speed, scene.duration, radius, f_cut])
     if path.is_file() and str((kept := np.load(path))["key"]) == key:
         return kept["curves"], int(kept["dofs"])
-    models = []
+    models, (short, long) = [], stretched(scene, radius)
     for (shape, material), (far, near), reach, line in zip(shapes, sizes, REACH, (-1, 1), strict=True):
-        fine = ep.Refine((0, 0, 0), 1.5 * radius, near * radius)
-        fem = ep.fe_model(shape, material, order=3, maxh=far, refine=[fine], grading=0.4)
-        models.append((fem, ep.Partition.ball(fem, (0, 0, 0), reach * radius, direction=(0, 0, line))))
+        fine = ep.Refine((0, 0, 0), 1.5 * short, near * short, **long(1.5))
+        fem = ep.fe_model(shape, material, order=3, maxh=far, refine=[fine], grading=0.5)
+        models.append((fem, ep.Partition.ball(fem, (0, 0, 0), reach * short, direction=(0, 0, line), **long(reach))))
     f_cut = min(f_cut, *(0.99 * fem.resolved_frequency for fem, _ in models))
     bodies = [ep.reduce(*model, f_cut=f_cut) for model in models]
     curves, _ = run(scene, [fem for fem, _ in models], bodies, min(scene.duration / SAMPLES, scene.step))
@@ -193,9 +210,7 @@ def measured(name, scene, tolerances, *, full):
         times["online_cpu_s"] = time.process_time() - cpu
         designs[tolerance] = design, curves, times, any(s.category is ep.errors.ToleranceWarning for s in said)
     finest = designs[min(tolerances)][0]
-    # Two digits, so that a small change of the design leaves the reference as it is.
-    by_design = [float(f"{x:.1e}") for x in (finest.look.circle, FINER * finest.look.truncation.f_cut)]
-    options, (one, other) = scene.options or by_design, scene.layered or [scene.bodies] * 2
+    options, (one, other) = scene.options or reference_options(finest.look), scene.layered or [scene.bodies] * 2
     exact, dofs = reference(name if full else f"{name}_quick", scene, one, scene.fine, *options)
     result = {"reference_dofs": dofs, "duration_s": scene.duration, "runs": []}
     if full:
