@@ -67,7 +67,7 @@ CROSSED = {
         "Bodies with geometric stiffness keep": [
             "exudyn_bodies/test_joints.py::test_bodies_tell_what_mass_forces_act_on"
         ],
-        "A corner or edge of a patch sinks": [
+        "A [sharp edge]": [
             "simulation/test_penetration_review.py::test_a_corner_or_edge_that_sinks_into_a_rigid_surface_is_told"
         ],
         "A warning tells when one does": [
