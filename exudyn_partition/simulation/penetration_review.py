@@ -26,6 +26,7 @@ _DEEP = 0.15  # depth to which bodies may be pressed into each other, as a share
 _DEEP_OF_SOFT, _SOFT = 0.01, 0.1  # the same for a penalty whose stiffness is below this second share of the default
 _SHARP = 0.4  # rad, angle from a facet's normal to the mean one at its node: corners and edges have more
 _BENEATH, _BENEATH_SHARP = 0.05, 1e-3  # depth of a node with no closed row around it, as a share of a facet's size
+_BENEATH_END = 0.005  # the same at an edge of the body where the patch ends
 
 
 def warn_of_penetration(contact: PartitionContact, result: Result) -> None:
@@ -134,9 +135,9 @@ def _warn_of_sinking(contact: PartitionContact, result: Result) -> None:
             f"{called(contact)} at t = {result.t[sample]:.6g} s: {depth[worst]:.3g} m of {called(item)} are below the "
             f"rigid surface at {places[worst]} m, with no closed row around: a corner, an edge or a tip of patch "
             f"{repr(patch.name) if patch.name else number} that is smaller than its facets. Integrated rows are means "
-            "around nodes, which close there too late, so that it sinks in without a force. Nodes at edges have rows "
-            "of their own if the patch has the faces on both sides (Partition.surface) and there is no penalty. Or "
-            "take rows='node-to-segment', finer facets there, or a rounded edge",
+            "around nodes, which close there too late, so that it sinks in without a force. Sharp edges within a patch "
+            "have rows of their own, except those of a penalty: choose the faces on both sides by Partition.surface. "
+            "Or take rows='node-to-segment', finer facets there, or a rounded edge",
             ContactPatchWarning,
             stacklevel=6,
         )
@@ -157,4 +158,8 @@ def _allowed_depth(surface: Surface) -> Array:
     mean /= np.maximum(np.linalg.norm(mean, axis=1), 1e-300)[:, None]
     for nodes in facets.T:
         np.minimum.at(cosine, nodes, np.einsum("fd,fd->f", normals, mean[nodes]))
-    return np.asarray(size * np.where(cosine < np.cos(_SHARP), _BENEATH_SHARP, _BENEATH))
+    share = np.where(cosine < np.cos(_SHARP), _BENEATH_SHARP, _BENEATH)
+    ends = facet_corners(facets)[surface.neighbours[0] < 0]  # the first corner of each edge without a neighbour
+    ends = np.setdiff1d(ends, surface.rim)  # beyond the others the body ends with an edge
+    share[ends] = np.minimum(share[ends], _BENEATH_END)
+    return np.asarray(size * share)

@@ -235,6 +235,27 @@ def test_a_corner_or_edge_that_sinks_into_a_rigid_surface_is_told(cube, turn, op
         assert contact.gap(result)[-1] == pytest.approx(-1e-3, rel=0.02)
 
 
+@pytest.mark.parametrize(("degrees", "told"), [(5.0, True), (0.0, False)])
+def test_an_edge_at_the_end_of_a_patch_that_sinks_is_told(cube, degrees, told):
+    """The patch is the lower face alone, so that its end is no edge between two faces."""
+    fem, _ = cube
+    body = ep.reduce(fem, ep.Partition.surface(fem, plane=((0, 0, -0.05), (0, 0, -1))), f_cut=9e3)
+    turn = Rotation.from_euler("xyz", [np.radians(degrees), 0, 0]).as_matrix()
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(
+        mbs, body, frame="floating", referencePosition=[0, 0, 1e-6 - (fem.points @ turn.T)[:, 2].min()],
+        referenceRotationMatrix=turn, initialVelocity=[0, 0, -1.0],
+    )  # fmt: skip
+    ep.CreatePartitionContact(mbs, item, ep.RigidPlane())
+    mbs.Assemble()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        ep.solve_dynamic(mbs, end_time=1.5e-3 if told else 1e-4, method="implicit", step=1e-5)
+    said = [w for w in caught if "with no closed row around" in str(w.message)]
+    assert bool(said) == told
+    assert not told or "choose the faces on both sides by Partition.surface" in str(said[0].message)
+
+
 TURNS = {
     "edges that cross": ([np.pi / 4, 0, 0], [0, np.pi / 4, 0]),
     "a corner of the master": ([0, 0, 0], [0.2, 0.4, 0.6]),
