@@ -18,6 +18,7 @@ from .complementarity import PATIENCE, ROUNDING, Complementarity
 _SETTLED = 1e-13  # change of what blocks push, relative
 _LOST = 1e-10  # of the norm of blocks: what shared fields may leave out
 _STEPS = 50  # of the iteration; then the equations are solved at once
+LIMITS = ROUNDING, _SETTLED, _STEPS, PATIENCE  # as compiled loops take them
 
 
 class FlatCore(NamedTuple):
@@ -119,10 +120,14 @@ class FlatBlocks(NamedTuple):
         Return False if amplitudes or active rows do not settle soon, or loops are not compiled; then another method has
         to find them.
         """
-        settled = loops.solve_blocks(self, h, ROUNDING, _SETTLED, _STEPS, PATIENCE)
+        settled = loops.solve_blocks(self, h, *LIMITS)
         if not settled:
-            self.active[:], self.n_closed[:], self.amplitudes[:] = False, -1, 0.0  # no guesses for the next time
+            self.forget()
         return settled
+
+    def forget(self) -> None:
+        """Begin the next solution without a guess."""
+        self.active[:], self.n_closed[:], self.amplitudes[:] = False, -1, 0.0
 
 
 class BlockComplementarity:

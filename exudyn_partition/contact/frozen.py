@@ -81,9 +81,9 @@ class FrozenContacts:
         self.whole = self.pushes = True
         if len(q) != len(self.force):
             self.force = np.empty(len(q))
-        if not loops.gaps_of_frozen(self._rows, q, self.h) or not self._blocks.solve(self.h):
+        if not loops.evaluate_frozen(self._rows, self._blocks, q, self.h, self.force, self.values, self.stored):
+            self._blocks.forget()
             return False
-        loops.forces_of_frozen(self._rows, self.h, self.lam, self.pushed, self.force, self.values, self.stored)
         self.pushes = bool(self.values[:, 1].any())
         return True
 

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..algebra.kernels import check_active
+from ..algebra.kernels import check_active, solve_blocks
 from ..frames.kernels import Fixed, add_on_shapes, place_active
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined
 from ..surfaces.moving_kernels import Followed, Moving, follow_rows, forces_on_nodes, gaps_of_rows
 
 if TYPE_CHECKING:
+    from ..algebra.block_complementarity import FlatBlocks
     from .linear_gaps import FlatRows, LowestRows
 
 
@@ -358,3 +359,15 @@ def forces_of_frozen(
         if own_values[1] > 0.0:
             for k in range(n):
                 force[dofs[k]] += own[k]
+
+
+@compiled
+def evaluate_frozen(
+    rows: FlatRows, blocks: FlatBlocks, q: Array, h: Array, force: Array, values: Array, stored: Array,
+    rounding: float, settled: float, steps: int, patience: int,
+) -> bool:  # fmt: skip
+    """Find gaps, forces and values of sensors; return whether all pairs stay frozen and the forces settle."""
+    if not gaps_of_frozen(rows, q, h) or not solve_blocks(blocks, h, rounding, settled, steps, patience):
+        return False
+    forces_of_frozen(rows, h, blocks.lam, blocks.pushed, force, values, stored)
+    return True

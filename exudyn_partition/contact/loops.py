@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from ..algebra.block_complementarity import LIMITS
 from ..algebra.complementarity import ROUNDING
 from ..algebra.loops import check_active
 from ..algebra.products import smallest
@@ -21,6 +22,7 @@ from ..surfaces.points import ContactPoints
 from ..surfaces.vectors import cross
 
 if TYPE_CHECKING:
+    from ..algebra.block_complementarity import FlatBlocks
     from ..frames.kernels import Fixed
     from ..surfaces.moving_kernels import Followed, Moving
     from .linear_gaps import FlatRows, LowestRows
@@ -202,11 +204,6 @@ def generalised(points: Moving, lam: Array, normals: Array, slave: Fixed, master
     return found
 
 
-def gaps_of_frozen(rows: FlatRows, q: Array, h: Array) -> bool:
-    """Set h, (nr,) [m], to the gaps at the model's coordinates q, (nq,); return whether all pairs stay frozen."""
-    return bool(_compiled().gaps_of_frozen(rows, q, h))
-
-
 def fly_on(rows: FlatRows, lowest: LowestRows, q: Array, h: Array, told: Array) -> bool:
     """Write the smallest gap of each contact to `told`, (n, 6); return False if one is closed or pairs slide.
 
@@ -215,11 +212,15 @@ def fly_on(rows: FlatRows, lowest: LowestRows, q: Array, h: Array, told: Array) 
     return bool(_compiled().fly_on(rows, lowest, q, h, told))
 
 
-def forces_of_frozen(
-    rows: FlatRows, h: Array, lam: Array, pushed: Array, force: Array, values: Array, stored: Array
-) -> None:
-    """Set `force`, `values` and `stored` from gaps and forces of all rows, see `frozen.FrozenContacts`."""
-    _compiled().forces_of_frozen(rows, h, lam, pushed, force, values, stored)
+def evaluate_frozen(
+    rows: FlatRows, blocks: FlatBlocks, q: Array, h: Array, force: Array, values: Array, stored: Array
+) -> bool:
+    """Set gaps h, (nr,) [m], forces, and all else from the model's coordinates q, (nq,), see `frozen.FrozenContacts`.
+
+    Return False if pairs begin to slide, or forces do not settle soon. One call for all costs less than its parts,
+    because compiled code takes over each array anew.
+    """
+    return bool(_compiled().evaluate_frozen(rows, blocks, q, h, force, values, stored, *LIMITS))
 
 
 def _compiled() -> ModuleType:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -149,8 +150,14 @@ class InertialKinematics:
 
     def rigid_motion(self, q: Array) -> Array:
         """See `Kinematics.rigid_motion`; found by projection with the mass matrix."""
+        motion: Array = q @ self._projection
+        return motion
+
+    @cached_property
+    def _projection(self) -> Array:
+        """Rigid motion by coordinates, transposed, (n_dofs, 6)."""
         M_rigid = self.body.mass @ self.body.rigid
-        return np.linalg.solve(self.body.rigid.T @ M_rigid, M_rigid.T @ q.T).T
+        return np.linalg.solve(self.body.rigid.T @ M_rigid, M_rigid.T).T
 
     def deformed(self, q: Array) -> Array:
         """See `Kinematics.deformed`."""

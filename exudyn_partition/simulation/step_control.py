@@ -384,11 +384,8 @@ class StepControl:
 
     def _rigid(self, side: tuple[PartitionBody, int]) -> tuple[Array, Array, Array]:
         """State of a body with accelerations of its rigid motion alone: those of vibration change sign too soon."""
-        item = side[0]
-        q, q_t, q_tt = self._state(item)
-        if isinstance(item.kinematics, FloatingKinematics):
-            return q, q_t, np.concatenate([q_tt[:6], np.zeros(len(q) - 6)])
-        return q, q_t, item.body.rigid @ item.kinematics.rigid_motion(q_tt)
+        q, q_t, q_tt = self._state(side[0])
+        return q, q_t, side[0].kinematics.rigid_part(q_tt)
 
     def _turning_step(self) -> float:
         """Step that resolves rotation [s]."""
