@@ -181,6 +181,22 @@ def test_two_sliding_marbles_on_one_patch_as_on_a_patch_each(plate_of, rough_mar
     assert abs(np.subtract(forces[0], forces[2])).max() < 1e-2 * np.max(forces)
 
 
+@pytest.mark.parametrize("patches", [["top", "top"], ["left", "right"]])
+def test_a_run_goes_on_from_another_one_within_the_impacts(plate_of, rough_marble, patches):
+    """By other steps: marbles that stick or slide in a frame that moves still do, with the same forces."""
+    plate, sliding = plate_of(patches[0] == "top", "xyz"), {"along": 0.1, "frictions": (MU, MU), "frame": "floating"}
+    whole, parts = (hit(plate, rough_marble, patches, **sliding) for _ in range(2))
+    expected = ep.solve_dynamic(whole[0], end_time=12e-6, step=0.1e-6)
+    first = ep.solve_dynamic(parts[0], end_time=6e-6, step=0.1e-6)
+    then = ep.solve_dynamic(parts[0], end_time=12e-6, step=0.1e-6, method="implicit", go_on=True)
+    for one, contact in zip(whole[2], parts[2], strict=True):
+        for force in (lambda c, r: c.force(r), lambda c, r: c.friction.tangential_force(r)[:, 0]):
+            size, at_once = abs(force(one, expected)).max(), force(one, expected)
+            assert abs(force(contact, then)[0] - force(contact, first)[-1]) < 0.02 * size
+            gone_on = np.interp(expected.t, then.t, force(contact, then))
+            assert abs(gone_on - at_once)[expected.t >= then.t[0]].max() < 0.03 * size
+
+
 def test_rows_are_made_once_while_they_stay(plate_of, marble, monkeypatch):
     """All neighbours of a contact ask for its rows, in each sweep of each evaluation."""
     _, _, contacts = hit(plate_of(True), marble, ["top", "top"])

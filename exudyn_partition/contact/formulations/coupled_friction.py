@@ -277,9 +277,13 @@ class _Part:
         self._normal = np.zeros(len(contact.node_areas))  # at the end of the last step, without friction
 
     def remember(self) -> None:
-        """Remember the present normal forces as those at the end of the last accepted step."""
-        self._normal[:] = 0.0
-        self._normal[self.contact.row_nodes] = self.contact.lam
+        """Remember the present normal forces as those at the end of the last accepted step.
+
+        A contact with friction has a memory of its own, and other rows than forces where a run resumes it.
+        """
+        if self.contact.friction is None:
+            self._normal[:] = 0.0
+            self._normal[self.contact.row_nodes] = self.contact.lam
 
     def spread(self, A: Array) -> Array:
         """A with three rows for each of the contact's, (3 k, m), from d rows, (d k, m)."""

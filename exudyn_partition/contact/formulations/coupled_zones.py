@@ -41,10 +41,11 @@ class CoupledZones(Coupled):
         return lambda k, way: K[:, closed[k]] @ way
 
     def _remember(self) -> None:
-        """See `Coupled`."""
+        """See `Coupled`. Contacts with friction have a memory of their own, and other rows where a run resumes it."""
         for contact, last in zip(self.contacts, self._last, strict=True):
-            last[:] = 0.0
-            last[contact.row_nodes] = contact.lam
+            if contact.friction is None:
+                last[:] = 0.0
+                last[contact.row_nodes] = contact.lam
 
     def _find(self, gaps: list[Array]) -> None:
         """See `Coupled`."""

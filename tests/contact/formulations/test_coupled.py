@@ -134,6 +134,15 @@ def test_rows_that_a_neighbour_has_again_have_pushed_nothing_in_the_last_step():
     np.testing.assert_allclose(found, [[1, 1, 1], [4, 3, 3], [3, 3, 3], [5, 5, 5]])
 
 
+def test_contacts_with_friction_that_a_run_resumes_have_other_rows_than_forces():
+    """Where they stand is known then, and forces are not yet; such runs used to end with a raw error."""
+    laws = [Listener(), Roaming()]
+    laws[0].node_areas, laws[0].row_nodes, laws[0].lam = np.ones(3), np.arange(3), np.zeros(2)
+    links = [(0, 0, 1, 0, np.ones((3, 1))), (1, 0, 0, 0, np.ones((1, 3)))]
+    together = CoupledZones(laws, lambda: links).for_run(laws)
+    np.testing.assert_allclose(together.forces([np.zeros(1), np.array([0.0, -2.0])])[1], [2.0])
+
+
 MU = 0.3
 WAYS = np.array([  # of a block that is pressed on, pushed along, tilted so that a foot opens, and left where it is [um]
     (0, 0, 0), (0, 0, -1), (0.2, 0, -1), (0.5, 0.1, -1.2), (0.2, 0.4, 0.5), (0.2, 0.4, -0.8), (0.2, 0.4, -0.8)
