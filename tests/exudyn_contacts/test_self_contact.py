@@ -159,6 +159,32 @@ def test_ends_of_a_clip_rub(clip, rough, shear, sticks, method, step, frame):
         assert abs(item.angular_momentum(result)).max() < 1e-11 * impulse * ARM
 
 
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ModelLimitWarning")
+@pytest.mark.parametrize(
+    ("frictions", "method", "step", "frame"),
+    [((FRICTION, FRICTION), "explicit", None, "floating"), ((FRICTION, None), "implicit", 0.2e-6, "inertial")],
+)
+def test_the_tip_meets_a_plane_and_the_face(rough, frictions, method, step, frame):
+    """Both contacts press the same patch at the same time, on the same nodes; energy balances."""
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, rough, frame=frame)
+    patches, plane = {"slavePatch": "tip", "masterPatch": "face"}, ep.RigidPlane((17e-3, 0, -4e-6), (0, 0, -1))
+    own = ep.CreatePartitionContact(mbs, item, item, passes="given", friction=frictions[0], **patches)
+    other = ep.CreatePartitionContact(mbs, item, plane, slavePatch="tip", friction=frictions[1])
+    mbs.Assemble()
+    start = closing(rough) + 0.5 * closing(rough, axis=1)
+    mbs.systemData.SetODE2Coordinates_t(item.kinematics.from_basis @ start, exu.ConfigurationType.Initial)
+    result = ep.solve_dynamic(mbs, end_time=50e-6, step=step, method=method)
+    forces = [contact.force(result) for contact in (own, other)]
+    assert min(force.max() for force in forces) > 50.0
+    assert np.minimum(*forces).max() > 10.0
+    lost = [contact.dissipated_energy(result) for contact in (own, other)]
+    energy = sum(each.energy(result) for each in (item, own, other)) + sum(lost)
+    assert lost[0][-1] > 1e-3 * energy[0]
+    assert (lost[1][-1] > 1e-3 * energy[0]) == (frictions[1] is not None)
+    assert abs(energy / energy[0] - 1).max() < 1e-3
+
+
 def test_friction_turns_with_the_clip(rough):
     """It closes, rubs and opens in a frame that turns by radians as in one at rest, and moves no frame."""
     item, contact = model(rough, "floating", friction=FRICTION)[1:]

@@ -107,6 +107,13 @@ def two_contacts_of_one_name(s):
         ep.CreatePartitionContact(mbs, s.striker, s.struck, name="tip")
 
 
+def one_patch(s, *options):
+    """A model in which two contacts of the upper bar's patch have these options."""
+    mbs = s.apart()
+    for master, more in zip((s.struck, ep.RigidPlane((0, 0, -1e-3))), options, strict=True):
+        ep.CreatePartitionContact(mbs, s.striker, master, **more)
+
+
 def loaded(s, answer):
     """A run of the upper bar with a traction that a function returns."""
     mbs = s.apart()
@@ -180,6 +187,12 @@ SET_UPS = {
     "bodies placed in millimetres": lambda s: run(s.model(referencePosition=(30, 0, 0))[0]),
     "bodies that turn their backs": lambda s: run(s.model(referencePosition=(0, 0, -0.1))[0]),
     "body on itself": lambda s: ep.CreatePartitionContact(s.apart(), s.striker, s.striker),
+    "body on itself by a penalty": lambda s: ep.CreatePartitionContact(
+        s.apart(), s.striker, s.striker, slavePatch=0, masterPatch=0, formulation="penalty"
+    ),
+    "one patch by two formulations": lambda s: one_patch(s, {}, {"formulation": "penalty"}),
+    "one patch by two penalties": lambda s: one_patch(s, {"formulation": "penalty"}, {"formulation": "penalty"}),
+    "one patch with friction but without tangents": lambda s: one_patch(s, {}, {"friction": 0.3}),
     "plane as slave": lambda s: ep.CreatePartitionContact(s.apart(), ep.RigidPlane(), s.striker),
     "bodies instead of items": lambda s: ep.CreatePartitionContact(s.empty(), s.body, s.other_body),
     "items of another model": lambda s: ep.CreatePartitionContact(s.empty(), s.item, s.target),
