@@ -517,7 +517,8 @@ class ReducedBody:
         """Write the body as standard input data (SID) for other multibody codes; see `reduction.sid`.
 
         Frames are those of the interfaces, numbered from 1 on, then of nodes, which have no rotation. There is no
-        contact flexibility in this format: coordinates beyond f_cut are left out.
+        contact flexibility in this format: coordinates beyond f_cut are left out. A body with geometric stiffness has
+        that of forces and moments at its frames, and of rotation.
 
         Parameters
         ----------
@@ -547,14 +548,23 @@ class ReducedBody:
         places = [place for place, _ in moved] + list(self.points[np.asarray(nodes, dtype=int)])
         motions = [np.split(rows, 2) for _, rows in moved] + [[phi, np.zeros(phi.shape)] for phi in of_nodes]
         frames = [
-            Frame(number, place - self.centre_of_mass, *motion)
+            Frame(number, place - self.centre_of_mass, *motion, *map(self._elastic_stiffening, motion))
             for number, (place, motion) in enumerate(zip(places, motions, strict=True), 1)
         ]
-        path = writable(path)
+        doubled = np.array([1 if a == b else 2 for a, b in PAIRS])
+        of_rotation = self._elastic_stiffening(doubled[:, None] * self.inertia.inertia[:, 0, 1:])
+        path, data = writable(path), (self.total_mass, self.inertia, self.basis.omega[6:])
         with replacing(path, "w") as file:
-            for line in sid_lines(self.total_mass, self.inertia, self.basis.omega[6:], frames, self.labels[6:]):
+            for line in sid_lines(*data, frames, self.labels[6:], of_rotation):
                 file.write(f"{line}\n")
         return path
+
+    def _elastic_stiffening(self, loads: Array) -> Array | None:
+        """Geometric stiffness of loads on the elastic shapes, (k, n): (k, n, n), or None if there is none."""
+        if self.stiffening is None:
+            return None
+        rigid = np.zeros((len(loads), 6))
+        return np.array([self.geometric_stiffness(load)[6:, 6:] for load in np.hstack([rigid, loads])])
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -9,6 +9,10 @@ angular momentum: mdCM, Ct and the constant part of Cr are zero, and Me is the i
 
 They are those of `frames.inertia_forces` to the first order in q: quadratic parts of J, and w x C q_t, are left out.
 
+Geometric stiffness of a force f at a frame, K0F, is minus the slope of its phi, for f_q = phi(q)' f; of a moment, K0p,
+minus that of psi. That of rotation, K0w, is in the slope of Oe. Inertia balances each of these loads here, so that
+those of accelerations, K0t and K0r in Ct and Cr, are in them: m (a - g) is the sum of the forces.
+
 O. Wallrapp, Standard input data of flexible members in multibody systems (1993); R. Schwertassek and O. Wallrapp,
 Dynamik flexibler Mehrkörpersysteme (1999), table 6.9.
 """
@@ -38,16 +42,25 @@ class Frame(NamedTuple):
         From the centre of mass, undeformed [m].
     phi, psi : (3, n) array
         Its translations and rotations by the elastic coordinates.
+    of_forces, of_moments : (3, n, n) array, optional
+        Geometric stiffness of unit forces and moments on it.
     """
 
     number: int
     origin: Array
     phi: Array
     psi: Array
+    of_forces: Array | None = None
+    of_moments: Array | None = None
 
 
 def sid_lines(
-    mass: float, inertia: InertiaIntegrals, omega: Array, frames: Sequence[Frame], names: Sequence[str]
+    mass: float,
+    inertia: InertiaIntegrals,
+    omega: Array,
+    frames: Sequence[Frame],
+    names: Sequence[str],
+    of_rotation: Array | None = None,
 ) -> Iterator[str]:
     """Lines of a file of standard input data.
 
@@ -62,6 +75,9 @@ def sid_lines(
     frames : sequence of Frame
     names : sequence of str
         Of the shapes.
+    of_rotation : (6, n, n) array, optional
+        Geometric stiffness of the centrifugal loads of products of angular velocities, in order of `PAIRS`; those of
+        two axes count both.
     """
     n, first, second = len(omega), inertia.inertia[:, 0, 1:], inertia.inertia[:, 1:, 1:]
     yield f"{len(frames):5d}{n:5d}    :No. nodes, No. modes: SI units, mean axes at the centre of mass, no damping"
@@ -78,8 +94,8 @@ def sid_lines(
         yield f"                new node                        = {frame.number:7d}"
         yield "                     rframe                     =    body ref"
         yield from _matrix("origin", n, frame.origin[:, None], frame.phi[:, :, None])
-        yield from _matrix("phi", n, frame.phi)
-        yield from _matrix("psi", n, frame.psi)
+        yield from _matrix("phi", n, frame.phi, None if frame.of_forces is None else -frame.of_forces)
+        yield from _matrix("psi", n, frame.psi, None if frame.of_moments is None else -frame.of_moments)
         yield from _matrix("AP", n, np.eye(3), _turns(frame.psi))
         yield "                end node"
     yield "           end frame"
@@ -94,12 +110,10 @@ def sid_lines(
     yield from _matrix("Me", n, np.eye(n), structure=_IDENTITY)
     yield from _matrix("Gr", n, np.hstack([2 * first[:, j][PLACE] for j in range(n)]))
     yield from _matrix("Ge", n, 2 * couplings.reshape(n, 3 * n))
-    yield from _matrix(
-        "Oe",
-        n,
-        -np.column_stack([share * first[i] for share, i in shares]),
-        -np.stack([share * second[i] for share, i in shares], axis=2),
-    )
+    slopes = -np.stack([share * second[i] for share, i in shares], axis=2)
+    if of_rotation is not None:
+        slopes += np.stack([of_rotation[i] for _, i in shares], axis=2)
+    yield from _matrix("Oe", n, -np.column_stack([share * first[i] for share, i in shares]), slopes)
     yield from _matrix("ksigma", n, np.zeros((n, 1)))
     yield from _matrix("Ke", n, np.diag(omega**2), structure=_DIAGONAL)
     yield from _matrix("De", n, np.zeros((n, n)))

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+import scipy.linalg
 from oracles import box
 from scipy.spatial.transform import Rotation
 
@@ -20,6 +21,11 @@ def body():
     part = ep.Partition.interface(fem, "foot", plane=((0, 0, 0), (0, 0, -1)))
     part |= ep.Partition.interface(fem, "head", plane=((0, 0, LENGTH), (0, 0, 1)), kind="averaged")
     return ep.reduce(fem, part, f_cut=60e3)
+
+
+def skew(place):
+    """Matrix of the cross product with a vector."""
+    return -np.cross(np.eye(3), np.ravel(place)).T
 
 
 class Sid:
@@ -141,6 +147,63 @@ def test_frames_are_interfaces_and_nodes(body, sid, state):
         place = sid.at("origin", q, frame).ravel()
         np.testing.assert_allclose(place, body.points[node] - body.centre_of_mass + phi @ q, rtol=1e-11)
         np.testing.assert_array_equal(sid.at("AP", q, frame), np.eye(3))
+
+
+@pytest.fixture(scope="module")
+def strut(tmp_path_factory):
+    """A slender bar with geometric stiffness, and its file."""
+    fem = ep.fe_model(box(0.010, 0.006, 0.3), ep.ALUMINIUM, maxh=15e-3)
+    part = ep.Partition.interface(fem, "foot", plane=((0, 0, 0), (0, 0, -1)))
+    part |= ep.Partition.interface(fem, "head", plane=((0, 0, 0.3), (0, 0, 1)))
+    strut = ep.reduce(fem, part, f_cut=5e3, geometric_stiffness=True)
+    return strut, Sid(strut.save_sid(tmp_path_factory.mktemp("strut") / "strut.SID_FEM", nodes=[3]))
+
+
+@pytest.mark.parametrize("share", [-1.0, 0.4, 0.8])
+def test_a_strut_of_a_file_has_the_frequency_that_euler_says(strut, share):
+    """Hinged at its frames, with a force that keeps its direction; by small motion about the loaded state."""
+    sid = strut[1]
+    euler = np.pi**2 * ep.ALUMINIUM.E * 0.010 * 0.006**3 / 12 / 0.3**2
+    n, zero = sid.n, np.zeros(sid.n)
+
+    def moving(force, x):
+        """Forces, (3 + n,), on rotation and shapes at turns and shapes x, (3 + n,)."""
+        q, own = x[3:], Rotation.from_rotvec(x[:3]).inv()
+        pushes = [own.apply([0, 0, force]), own.apply([0, 0, -force])]
+        torque = sum(np.cross(sid.at("origin", q, f).ravel(), p) for f, p in zip(sid.frames, pushes, strict=False))
+        shapes = sum(sid.at("phi", q, f).T @ p for f, p in zip(sid.frames, pushes, strict=False))
+        return np.r_[torque, shapes - sid.at("Ke", q) @ q]
+
+    foot, head = (
+        np.hstack([np.vstack([np.eye(3), np.zeros((3, 3))]), np.vstack([-skew(sid.at("origin", zero, f)), np.eye(3)]),
+                   np.vstack([sid.at("phi", zero, f), sid.at("psi", zero, f)])])
+        for f in sid.frames[:2]
+    )  # fmt: skip
+    free = scipy.linalg.null_space(np.vstack([foot[:3], foot[5:], head[:2]]))
+    mass = scipy.linalg.block_diag(sid.mass * np.eye(3), sid.moments(zero), np.eye(n))
+    steps = np.r_[np.full(3, 1e-4), np.full(n, 1e-6)]
+
+    def lowest(force):
+        K = np.zeros((6 + n, 6 + n))
+        for i, step in enumerate(steps):
+            way = step * np.eye(3 + n)[i]
+            K[3:, 3 + i] = -(moving(force, way) - moving(force, -way)) / (2 * step)
+        K = free.T @ K @ free
+        return np.sqrt(scipy.linalg.eigh((K + K.T) / 2, free.T @ mass @ free, eigvals_only=True)[0])
+
+    assert lowest(share * euler) == pytest.approx(lowest(0.0) * np.sqrt(1 - share), rel=5e-3)
+
+
+def test_rotation_stiffens_shapes_of_a_file(strut):
+    """Beside the forces of the floating frame, by what the body's own centrifugal loads do."""
+    body, sid = strut
+    q, omega, zero = np.random.default_rng(0).normal(size=sid.n) * 1e-6, np.array([40.0, -70.0, 30.0]), np.zeros(sid.n)
+    own = InertiaForces(body.inertia, lambda z: 0 * z, [name for name in TERMS if name != "coupling"])
+    stiffness = body.geometric_stiffness(body.centrifugal_load(omega))[6:, 6:]
+    expected = own.force(omega, q, zero)[3:] - stiffness @ q
+    found = sid.right_side(omega, q, zero)[1]
+    np.testing.assert_allclose(found, expected, atol=1e-9 * abs(expected).max())
+    assert abs(stiffness @ q).max() > 1e-6 * abs(expected).max()
 
 
 def test_a_basis_that_keeps_nodes_is_refused(body, tmp_path):
