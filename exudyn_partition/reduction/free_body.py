@@ -34,6 +34,7 @@ _LOG = logging.getLogger(__name__)
 DROP_ABOVE = 1.5  # Ritz pairs above this multiple of f_cut are left to the residual flexibility
 _GROWTH = 10  # Krylov vectors between two looks at the mobility
 LARGE = 20_000  # dofs, from which on memory and time of factors matter
+HUGE = 100_000  # dofs, from which on factors of the static answers are rounded, which takes some percent more time
 ROUGH = 1e-3  # largest relative error of Krylov vectors, in the norm of energy
 _EDGE = 1.25  # radius of what is eliminated last around a plastic zone, by its own
 SETTLED = 0.1  # largest relative change of a load's mobility over the band, by the last growth
@@ -91,14 +92,14 @@ class FreeBody:
         edges = partial(_zone_edges, fem, partition, self.model)  # no method: a cycle would keep all factors
         self._analysis = Analysis(lambda: sp.csr_matrix(K.astype(bool) + M.astype(bool)), edges)
 
-    def flexibility(self) -> FreeBodyFlexibility:
-        """Its elastic flexibility; this costs a factorisation."""
-        return FreeBodyFlexibility(self.model.stiffness, self.model.mass, self.rigid, self._analysis)
+    def flexibility(self, rows: sp.csr_matrix | None = None) -> FreeBodyFlexibility:
+        """Its elastic flexibility; this costs a factorisation. For `rows` see there."""
+        return FreeBodyFlexibility(self.model.stiffness, self.model.mass, self.rigid, self._analysis, rows)
 
     def static_answers(self, flexibility: FreeBodyFlexibility | None = None) -> StaticAnswers:
         """Elastic answers of the free body to the loads of its patches and interfaces."""
         flexibility = flexibility or self.flexibility()
-        rows = (patch_rows(self.fem, self.partition) @ self.model.expand).tocsr()
+        rows = self._patch_rows()
         attached = attached_loads(self.fem, self.partition.interfaces, self.partition.loads) @ self.model.expand
         zones = {number: self.zone_dofs(patch) for number, patch in enumerate(self.partition.patches) if patch.plastic}
         flexibilities = {
@@ -106,6 +107,10 @@ class FreeBody:
             for number, dofs in zones.items()
         }
         return StaticAnswers(flexibility.at(rows), flexibility(attached.T.toarray()), flexibilities)
+
+    def _patch_rows(self) -> sp.csr_matrix:
+        """(r, nz) rows: displacements of the patches' nodes by the coordinates."""
+        return (patch_rows(self.fem, self.partition) @ self.model.expand).tocsr()
 
     def zone_dofs(self, patch: Patch) -> Array:
         """Coordinates of the nodes of a patch's plastic zone, (3 nz,) int array.
@@ -191,6 +196,13 @@ class AdaptedSpace(FreeBody):
         self._combined = resultants(fem, partition, f_shift)
         self.loads = ((unit_loads(fem, partition) @ self.model.expand).T @ self._combined).tocsc()
         self._leading: Array = (self.loads @ leading(partition, self._combined)).toarray()
+        self.elastic: FreeBodyFlexibility | None = None
+        zones = any(patch.plastic for patch in partition.patches)
+        if self.model.n >= HUGE and not keep and not zones:
+            with contextlib.suppress(IndefiniteMatrixError):
+                self._answer(self.flexibility(self._patch_rows()))  # its factors go before others are made
+                self._begin(f_shift, self._factors(_shift(f_shift)))
+                return
         flexibility = self.flexibility()
         self._lead = flexibility(self._leading)
         factors = self._factors(_shift(f_shift))
@@ -199,6 +211,10 @@ class AdaptedSpace(FreeBody):
             self._begin(f_shift, factors)
             self.static = static.result()
         self.elastic = flexibility if keep else None
+
+    def _answer(self, flexibility: FreeBodyFlexibility) -> None:
+        """Find the static answers."""
+        self._lead, self.static = flexibility(self._leading), self.static_answers(flexibility)
 
     def shift_to(self, f_shift: float) -> None:
         """Begin the Krylov space anew, about half of `f_shift` [Hz]."""

@@ -7,8 +7,9 @@ import scipy.sparse.linalg
 from oracles import box
 
 import exudyn_partition as ep
+from exudyn_partition.algebra.sparse import loops, multifrontal
 from exudyn_partition.algebra.sparse.multifrontal import Factorisation
-from exudyn_partition.algebra.sparse.solver import SparseFactors, factorise, solved_by
+from exudyn_partition.algebra.sparse.solver import Refined, SparseFactors, factorise, solved_by
 from exudyn_partition.errors import IndefiniteMatrixError
 
 
@@ -100,3 +101,47 @@ def test_a_plastic_zone_has_the_same_flexibility():
         own.own @ everything, other.own @ everything, rtol=0, atol=1e-8 * abs(own.of_patch).max()
     )
     np.testing.assert_allclose(own.of_patch, other.of_patch, rtol=0, atol=1e-8 * abs(own.of_patch).max())
+
+
+@pytest.mark.parametrize("way", ["loops", "loops in two threads", "NumPy"])
+def test_factors_in_half_of_the_memory_solve_as_well(block, way, monkeypatch):
+    """A matrix that is nearly singular, as it is for a body whose mesh is fine."""
+    if way == "NumPy":
+        monkeypatch.setattr(loops, "kernels", lambda *layer: None)
+    if way == "loops in two threads":
+        monkeypatch.setattr(multifrontal, "TWO_THREADS_FROM", 0)
+    matrix = sp.csr_matrix(block.stiffness + 1e6 * block.mass)
+    rng = np.random.default_rng(0)
+    rhs, places = rng.standard_normal((block.n_dofs, 3)), rng.choice(block.n_dofs, (40, 3))
+    rows = sp.csr_matrix((rng.standard_normal(120), places.ravel(), np.arange(0, 121, 3)), (40, block.n_dofs))
+    exact, light = factorise(matrix), factorise(lambda: matrix, rows=rows)
+    assert isinstance(light, Refined)
+    for found, right in (
+        (light.inverse_at(rows), exact.inverse_at(rows)),
+        (light.inverse_at(rows[::-1]), exact.inverse_at(rows[::-1])),
+        (light.solve(rhs), exact.solve(rhs)),
+        (light.solve(rhs[:, 0]), exact.solve(rhs[:, 0])),
+        (light.energies(rhs), exact.energies(rhs)),
+    ):
+        assert found.shape == right.shape
+        np.testing.assert_allclose(found, right, rtol=0, atol=1e-9 * abs(right).max(initial=0.0))
+    assert light.negative_pivots() == 0
+    assert light.solve(rhs[:, :0]).shape == (block.n_dofs, 0)
+
+
+def test_factors_that_are_too_rough_are_an_error():
+    """Springs of many sizes: more modes are lost in single precision than conjugate gradients find."""
+    sizes = np.geomspace(1.0, 1e-15, 200)
+    turn = np.linalg.qr(np.random.default_rng(0).standard_normal((200, 200)))[0]
+    matrix = sp.csr_matrix((turn * sizes) @ turn.T)
+    with pytest.raises(IndefiniteMatrixError):
+        factorise((matrix + matrix.T) / 2, rows=sp.identity(200, format="csr")[:1]).solve(np.ones(200))
+
+
+def test_another_solver_is_asked_for_rows_as_for_others(block):
+    rows = sp.identity(block.n_dofs, format="csr")[:5]
+    matrix = block.stiffness + 1e9 * block.mass
+    with solved_by(SuperLU):
+        other = factorise(matrix, rows=rows)
+    found, right = other.inverse_at(rows), factorise(matrix).inverse_at(rows)
+    np.testing.assert_allclose(found, right, rtol=0, atol=1e-9 * abs(right).max())

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse.linalg
-from oracles import box, relative
+from oracles import box, end, relative
 
 import exudyn_partition as ep
+from exudyn_partition.algebra.sparse import solver
+from exudyn_partition.errors import IndefiniteMatrixError
 from exudyn_partition.reduction import free_body, loads
 
 
@@ -142,3 +144,41 @@ def test_mobility_of_each_node_of_a_large_patch_is_that_of_all_modes_and_of_the_
     dynamic, forces = (fem.stiffness + s**2 * fem.mass).tocsc(), rows[some].T.toarray().astype(complex)
     full = rows[some] @ scipy.sparse.linalg.splu(dynamic, permc_spec="MMD_AT_PLUS_A").solve(forces)
     assert relative(found[0], full) < free_body.SETTLED
+
+
+@pytest.fixture(scope="module")
+def plain_link(link_with_patch):
+    """The same reduced as ever."""
+    return ep.reduce(*link_with_patch, f_cut=60e3)
+
+
+@pytest.fixture(scope="module")
+def link_with_patch():
+    """A bar with a patch, a rigid and an averaged interface."""
+    fem = ep.fe_model(box(0.010, 0.008, 0.060), ep.STEEL, maxh=4e-3)
+    foot, side = (
+        end(fem, 0.0),
+        np.flatnonzero((fem.points[:, 0] < 1e-6) & (fem.points[:, 2] > 0.02) & (fem.points[:, 2] < 0.03)),
+    )
+    part = ep.Partition.ball(fem, (0.005, 0.004, 0.06), 3e-3) | ep.Partition.interface(fem, "foot", foot)
+    return fem, part | ep.Partition.interface(fem, "side", side, kind="averaged")
+
+
+@pytest.mark.parametrize("rough", [False, True], ids=["rounded factors", "factors that are too rough"])
+def test_static_answers_of_huge_bodies_have_all_digits(link_with_patch, plain_link, rough, monkeypatch):
+    """Their factors are rounded when each front has done its work, and solutions are refined."""
+    monkeypatch.setattr(free_body, "HUGE", 0)
+
+    def refuse(*_):
+        raise IndefiniteMatrixError("too rough")
+
+    if rough:
+        monkeypatch.setattr(solver, "refined", refuse)
+    body = ep.reduce(*link_with_patch, f_cut=60e3)
+    np.testing.assert_allclose(body.basis.omega, plain_link.basis.omega, rtol=1e-9)
+    assert relative(body.basis.flexibility, plain_link.basis.flexibility) < 1e-9
+    rows = [
+        (loads.patch_rows(*link_with_patch) @ one.basis.shapes[:, 6:] / one.basis.omega[6:])
+        for one in (body, plain_link)
+    ]
+    assert relative(*(one @ one.T for one in rows)) < 1e-9

@@ -111,6 +111,8 @@ class FreeBodyFlexibility:
         Mass-normalised rigid modes.
     analysis : Analysis, optional
         Of matrices with entries where the stiffness has them, or more.
+    rows : (r, n) csr matrix, optional
+        The only rows that `at` will be asked for: factors then take half of the memory, see `factorise`.
 
     Attributes
     ----------
@@ -119,13 +121,19 @@ class FreeBodyFlexibility:
     """
 
     def __init__(
-        self, stiffness: sp.csr_matrix, mass: sp.spmatrix, rigid: Array, analysis: Analysis | None = None
+        self,
+        stiffness: sp.csr_matrix,
+        mass: sp.spmatrix,
+        rigid: Array,
+        analysis: Analysis | None = None,
+        rows: sp.csr_matrix | None = None,
     ) -> None:
         self._rigid, self._mass_rigid = rigid, mass @ rigid
         _, held = scipy.linalg.qr(rigid.T, mode="r", pivoting=True)
         self._held = np.sort(held[: rigid.shape[1]])
         self.free = np.delete(np.arange(len(rigid)), self._held)
-        self._factor = factorise(lambda: _uncoupled(stiffness, self._held), analysis=analysis)
+        asked = None if rows is None else self._of_free(rows)
+        self._factor = factorise(lambda: _uncoupled(stiffness, self._held), analysis=analysis, rows=asked)
 
     def __call__(self, loads: Array) -> Array:
         """Elastic displacements of `loads`, (n, k)."""
@@ -152,9 +160,13 @@ class FreeBodyFlexibility:
 
     def held_at(self, rows: sp.csr_matrix) -> Array:
         """Flexibility of some rows, (r, n), of few dofs, with the six dofs held, (r, r)."""
+        return self._factor.inverse_at(self._of_free(rows))
+
+    def _of_free(self, rows: sp.csr_matrix) -> sp.csr_matrix:
+        """Rows, (r, n), without what acts on dofs that are held."""
         free = np.ones(rows.shape[1])
         free[self._held] = 0.0
-        return self._factor.inverse_at(rows @ sp.diags(free))
+        return sp.csr_matrix(rows @ sp.diags(free))
 
     def balanced(self, held: Array, rows: sp.csr_matrix) -> Array:
         """Elastic flexibility of some rows, (r, n), from that of the held body at them, (r, r)."""

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from itertools import pairwise
+from threading import Lock
 
 import numpy as np
 import scipy.linalg
@@ -25,6 +26,7 @@ from .loops import Factor, Factors
 
 _BLOCK = 96  # most right-hand sides that go through the fronts together
 TWO_THREADS_FROM = 2_000_000  # entries of factors; for fewer a second thread is not worth its start
+_REFINED, _MOST_REFINED = 1e-13, 12  # error of a refined solution, in the norm of energy; steps, of which 3 are usual
 _ACCURATE = 1e-6  # relative residual of a solution; 1e-12 and less is usual
 
 
@@ -69,6 +71,14 @@ class Factorisation:
         Keeps what the places of the entries tell, for other matrices with entries in the same places.
     single : bool
         Factors in single precision, of a positive definite matrix: half of the memory, and quicker solutions.
+    rows : (r, n) csr matrix, optional
+        Sparse rows R, for R A^-1 R' of the matrix A, found front by front in double precision. After that each front is
+        rounded to single precision: solutions then need to be refined, see `refined`.
+
+    Attributes
+    ----------
+    at_rows : (r, r) array or None
+        R A^-1 R'.
 
     Raises
     ------
@@ -82,8 +92,9 @@ class Factorisation:
         analysis: Analysis | None = None,
         *,
         single: bool = False,
+        rows: sp.csr_matrix | None = None,
     ) -> None:
-        given = matrix
+        given, asked = matrix, rows
         matrix = sp.csr_matrix(given() if callable(given) else given)
         fronts = find_fronts(matrix) if analysis is None else analysis.fronts
         self._order, self._children = fronts.order, fronts.children
@@ -92,9 +103,10 @@ class Factorisation:
         sizes = [(rows.stop - rows.start, len(below)) for rows, below in zip(spans, fronts.below, strict=True)]
         begins = np.cumsum([0, *(k * (k + m) for k, m in sizes)])
         # In one piece, pages of which are taken when they are written: the memory of updates stays whole.
-        dtype = np.float32 if single else np.float64
-        self._store = store = np.zeros(begins[-1], dtype)
-        self._signs = np.ones(len(self._order), dtype)
+        dtype, kept = (np.float32 if low else np.float64 for low in (single, single or asked is not None))
+        self._store = store = np.zeros(begins[-1], kept)
+        self._signs = np.ones(len(self._order), kept)
+        on_the_way = None if asked is None else _InverseAt(asked, self._order, fronts.starts)
         updates: dict[int, Array] = {}
         factors: dict[int, Factor] = {}
 
@@ -102,17 +114,23 @@ class Factorisation:
             place = np.full(len(self._order), -1)
             for front in numbers.tolist():
                 rows, changes, (k, m), begin = spans[front], fronts.below[front], sizes[front], begins[front]
-                own = store[begin : begin + k * k].reshape((k, k), order="F")
-                below = store[begin + k * k : begin + k * (k + m)].reshape((m, k), order="F")
+                entries = store[begin : begin + k * (k + m)]
+                at_work = entries if on_the_way is None else np.zeros(k * (k + m))
+                own, below = _blocks(at_work, k, m)
                 place[rows], place[changes] = np.arange(k), np.arange(k, k + m)
                 if not loops.put(matrix, rows, place, own, below):
                     raise ValueError("analysis: expected fronts of all entries of the matrix, got those of another one")
                 update = np.zeros((m, m), dtype, order="F")
                 for child in fronts.children[front]:
                     loops.add(updates.pop(child), place[fronts.below[child]], own, below, update)
-                place[rows] = place[changes] = -1
                 if (signs := _eliminate(own, below, update)) is not None:
                     self._signs[rows] = signs
+                if on_the_way is not None:
+                    factor = Factor(rows, changes, own, signs, below)
+                    on_the_way.pass_front(front, factor, fronts.children[front], place)
+                    entries[:] = at_work
+                    own, below = _blocks(entries, k, m)
+                place[rows] = place[changes] = -1
                 factors[front] = Factor(rows, changes, own, signs, below)
                 updates[front] = update
                 del update
@@ -130,6 +148,7 @@ class Factorisation:
         ends = np.cumsum([0, *(len(changes) for changes in fronts.below)])
         places = begins, fronts.starts, ends, np.concatenate(fronts.below)
         self._factors = Factors([factors[front] for front in range(len(spans))], store, *places, self._signs)
+        self.at_rows = None if on_the_way is None else on_the_way.result
         if any(factor.signs is not None for factor in self._factors.fronts):
             self._check(given() if callable(given) else given)
 
@@ -209,32 +228,12 @@ class Factorisation:
 
         Only fronts that a row reaches take part for it, and there is no substitution back.
         """
-        entries, n_fronts = rows.tocoo(), len(self._factors.fronts)
-        rank = np.empty(len(self._order), dtype=np.int64)
-        rank[self._order] = np.arange(len(rank))
-        at, front = rank[entries.col], np.repeat(np.arange(n_fronts), np.diff(self._factors.starts))[rank[entries.col]]
-        sort = np.argsort(front, kind="stable")
-        at, number, value = at[sort], entries.row[sort], entries.data[sort]
-        bounds = np.searchsorted(front[sort], np.arange(n_fronts + 1))
-        result = np.zeros((rows.shape[0],) * 2)
-        place = np.empty(len(self._order), dtype=np.int64)
-        left: dict[int, tuple[Array, Array]] = {}  # by a front on the rows that it changes, and for which of R
-        for front, (span, changes, inverse, signs, below) in enumerate(self._factors.fronts):
-            own, before = slice(*bounds[front : front + 2]), [c for c in self._children[front] if c in left]
-            some = np.unique(np.concatenate([number[own], *(left[child][0] for child in before)]))
-            if not len(some):
-                continue
-            k, m = len(inverse), len(changes)
-            place[span], place[changes] = np.arange(k), np.arange(k, k + m)
-            x = np.zeros((k + m, len(some)))
-            np.add.at(x, (place[at[own]], np.searchsorted(some, number[own])), value[own])
-            for child in before:
-                theirs, pushed = left.pop(child)
-                x[np.ix_(place[self._factors.fronts[child].changes], np.searchsorted(some, theirs))] += pushed
-            y = inverse @ x[:k]
-            left[front] = some, x[k:] - below @ y
-            result[np.ix_(some, some)] += y.T @ y if signs is None else y.T @ (signs[:, None] * y)
-        return result
+        found, place = _InverseAt(rows, self._order, self._factors.starts), np.empty(len(self._order), dtype=np.int64)
+        for front, factor in enumerate(self._factors.fronts):
+            k, m = len(factor.inverse), len(factor.changes)
+            place[factor.rows], place[factor.changes] = np.arange(k), np.arange(k, k + m)
+            found.pass_front(front, factor, self._children[front], place)
+        return found.result
 
     def kept(self, rows: sp.csr_matrix) -> KeptFronts:
         """Cut out the fronts that solve for some rows, rows (k, n) of the identity, by right-hand sides there.
@@ -267,6 +266,82 @@ class Factorisation:
     def negative_pivots(self) -> int:
         """Count the negative pivots: as many as the matrix has negative eigenvalues (Sylvester's law of inertia)."""
         return sum(int(np.count_nonzero(f.signs < 0)) for f in self._factors.fronts if f.signs is not None)
+
+
+class _InverseAt:
+    """R A^-1 R' for sparse rows R, (r, n), by fronts that are passed one by one, children first; in any threads.
+
+    Parameters
+    ----------
+    rows : (r, n) csr matrix
+    order : (n,) int array
+        Rows of the matrix in order of elimination.
+    starts : (nf + 1,) int array
+        Which of these each front eliminates.
+    """
+
+    def __init__(self, rows: sp.csr_matrix, order: Array, starts: Array) -> None:
+        entries, n_fronts = rows.tocoo(), len(starts) - 1
+        rank = np.empty(len(order), dtype=np.int64)
+        rank[order] = np.arange(len(rank))
+        at, front = rank[entries.col], np.repeat(np.arange(n_fronts), np.diff(starts))[rank[entries.col]]
+        sort = np.argsort(front, kind="stable")
+        self._at, self._number, self._value = at[sort], entries.row[sort], entries.data[sort]
+        self._bounds = np.searchsorted(front[sort], np.arange(n_fronts + 1))
+        self._left: dict[int, tuple[Array, Array, Array]] = {}  # by a front: for which of R, where, and what
+        self._lock = Lock()
+        self.result = np.zeros((rows.shape[0],) * 2)
+
+    def pass_front(self, front: int, factor: Factor, children: list[int], place: Array) -> None:
+        """Eliminate the rows R by a front; `place`, (n,), is of each row of the matrix in this front."""
+        own = slice(*self._bounds[front : front + 2])
+        before = [self._left.pop(child) for child in children if child in self._left]
+        number = self._number[own]
+        some = np.unique(np.concatenate([number, *(theirs for theirs, _, _ in before)]))
+        if not len(some):
+            return
+        k, m = len(factor.inverse), len(factor.changes)
+        x = np.zeros((k + m, len(some)))
+        np.add.at(x, (place[self._at[own]], np.searchsorted(some, number)), self._value[own])
+        for theirs, changed, pushed in before:
+            x[np.ix_(place[changed], np.searchsorted(some, theirs))] += pushed
+        y = factor.inverse @ x[:k]
+        self._left[front] = some, factor.changes, x[k:] - factor.below @ y
+        work = y.T @ y if factor.signs is None else y.T @ (factor.signs[:, None] * y)
+        with self._lock:
+            self.result[np.ix_(some, some)] += work
+
+
+def refined(matrix: sp.csr_matrix, factors: Factorisation, rhs: Array) -> Array:
+    """Solve for many right-hand sides, (n, k), by conjugate gradients with rounded factors of the matrix, (n, n).
+
+    Raises
+    ------
+    IndefiniteMatrixError
+        If the factors are too rough.
+    """
+    x, r = np.zeros_like(rhs), rhs.copy()
+    z = factors.solve(r)
+    p, rz = z.copy(), np.einsum("ij,ij->j", r, z)
+    goal = _REFINED**2 * rz  # of the squares of errors, in the norm of energy
+    for _ in range(_MOST_REFINED):
+        if (rz <= goal).all():
+            return x
+        q = matrix @ p
+        curvature = np.einsum("ij,ij->j", p, q)
+        alpha = np.divide(rz, curvature, out=np.zeros_like(rz), where=curvature > 0)
+        x += alpha * p
+        r -= alpha * q
+        z = factors.solve(r)
+        last, rz = rz, np.einsum("ij,ij->j", r, z)
+        p *= np.divide(rz, last, out=np.zeros_like(rz), where=last > 0)
+        p += z
+    raise IndefiniteMatrixError("factors in single precision are too rough for this matrix")
+
+
+def _blocks(entries: Array, k: int, m: int) -> tuple[Array, Array]:
+    """Views of the k rows that a front eliminates, (k, k), and of the m rows that it changes, (m, k)."""
+    return entries[: k * k].reshape((k, k), order="F"), entries[k * k :].reshape((m, k), order="F")
 
 
 def _ordered(matrix: sp.csr_matrix, order: Array) -> sp.csr_matrix:

@@ -15,7 +15,9 @@ import scipy.sparse as sp
 
 from ...support.arrays import Array
 from .kept_fronts import KeptFronts
-from .multifrontal import Analysis, Factorisation
+from .multifrontal import Analysis, Factorisation, refined
+
+_TOGETHER = 32  # right-hand sides that are refined at a time: each needs memory for five vectors
 
 
 class SparseFactors(Protocol):
@@ -43,12 +45,57 @@ class SparseFactors(Protocol):
         return KeptFronts.of_inverse(self.inverse_at(rows))
 
 
+class Refined(SparseFactors):
+    """Factors in single precision that solve as well as those in double precision, by conjugate gradients.
+
+    Parameters
+    ----------
+    matrix : (n, n) csr matrix
+        Positive definite.
+    factors : Factorisation
+        Of it, with `rows`.
+    rows : (r, n) csr matrix
+    """
+
+    def __init__(self, matrix: sp.csr_matrix, factors: Factorisation, rows: sp.csr_matrix) -> None:
+        self._matrix, self._factors, self._rows = matrix, factors, rows
+
+    def solve(self, rhs: Array) -> Array:
+        """Solve for one, (n,), or many, (n, k), right-hand sides.
+
+        Raises
+        ------
+        IndefiniteMatrixError
+            If the factors are too rough.
+        """
+        x = np.empty((len(rhs), rhs.size // len(rhs)), order="F")
+        for first in range(0, x.shape[1], _TOGETHER):
+            some = slice(first, first + _TOGETHER)
+            x[:, some] = refined(self._matrix, self._factors, rhs.reshape(x.shape)[:, some])
+        return x.reshape(rhs.shape)
+
+    def negative_pivots(self) -> int:
+        """Count the negative pivots."""
+        return self._factors.negative_pivots()
+
+    def inverse_at(self, rows: sp.csr_matrix) -> Array:
+        """R A^-1 R', (r, r), for sparse rows R, (r, n): known for those of the factors, else by solutions."""
+        known = self._factors.at_rows
+        if known is not None and rows.shape == self._rows.shape and not (rows != self._rows).nnz:
+            return known
+        return super().inverse_at(rows)
+
+
 Solver: TypeAlias = Callable[[sp.csc_matrix], SparseFactors]
 _others: list[Solver] = []  # those in place of the own one; the last counts
 
 
 def factorise(
-    matrix: sp.spmatrix | Callable[[], sp.spmatrix], analysis: Analysis | None = None, *, single: bool = False
+    matrix: sp.spmatrix | Callable[[], sp.spmatrix],
+    analysis: Analysis | None = None,
+    *,
+    single: bool = False,
+    rows: sp.csr_matrix | None = None,
 ) -> SparseFactors:
     """Factorise a sparse symmetric matrix.
 
@@ -61,6 +108,9 @@ def factorise(
         Keeps what the places of the entries tell the own solver, for other matrices with entries in the same places.
     single : bool
         Whether single precision will do, which another solver than the own one need not have.
+    rows : (r, n) csr matrix, optional
+        What `inverse_at` will be asked for; all other solutions are few. The own solver then finds it on the way, and
+        keeps its factors in half of the memory, see `Refined`.
 
     Raises
     ------
@@ -68,7 +118,10 @@ def factorise(
         If the matrix is singular, or the factors are not accurate; in single precision, if a pivot is not positive.
     """
     if not _others:
-        return Factorisation(matrix, analysis, single=single)
+        if rows is None:
+            return Factorisation(matrix, analysis, single=single)
+        factors = Factorisation(matrix, analysis, rows=rows)
+        return Refined(sp.csr_matrix(matrix() if callable(matrix) else matrix), factors, rows)
     return _others[-1](sp.csc_matrix(matrix() if callable(matrix) else matrix))
 
 

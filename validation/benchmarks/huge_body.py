@@ -1,0 +1,100 @@
+"""Memory and time to reduce a body of 650 000 dofs, beside one of 140 000, and beside an old checkout.
+
+A steel bar of 200 x 40 x 20 mm with a fine patch in the middle of its upper face is reduced with default options, at
+20 kHz. Each reduction runs in a process of its own; its peak of memory is that of `getrusage`, and includes the model
+and all libraries.
+Reference: for the small body, the flexibility between its patch nodes by an old checkout, or None without one. For the
+large one the work: a solution for a pressure on the patch, by conjugate gradients on the full matrices, is done in
+tests on small bodies.
+Quantity: peak of memory, processor time and elapsed time.
+Limits: 9 GB at 650 000 dofs.
+
+    python -m validation.benchmarks.huge_body [--old /path/to/old] [--only 140000 650000]
+
+Results of sizes that are not run again are kept.
+"""
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+RESULTS = Path(__file__).with_suffix(".json")
+LIMITS = {"memory_GB": 9.0}
+SIZES = {"140000": 3.25e-3, "650000": 1.88e-3}  # maxh, by about so many dofs [m]
+LENGTH, WIDTH, HEIGHT, F_CUT = 0.2, 0.04, 0.02, 20e3
+
+
+def part(maxh):
+    """FE model and partition."""
+    import netgen.occ as occ
+
+    import exudyn_partition as ep
+
+    middle = (LENGTH / 2, WIDTH / 2, HEIGHT)
+    fem = ep.fe_model(
+        occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(LENGTH, WIDTH, HEIGHT)), ep.STEEL, maxh=maxh,
+        refine=[ep.Refine(middle, 2e-3, 0.5e-3)],
+    )  # fmt: skip
+    return fem, ep.Partition.ball(fem, middle, 2e-3)
+
+
+def peak():
+    """Most memory of this process so far [GB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
+
+
+def case(maxh):
+    """One reduction."""
+    import exudyn_partition as ep
+
+    ep.reduce(*part(6e-3), f_cut=F_CUT)  # what is compiled at first
+    fem, partition = part(maxh)
+    before, begin, cpu = peak(), time.perf_counter(), time.process_time()
+    body = ep.reduce(fem, partition, f_cut=F_CUT)
+    times = {"time_s": time.perf_counter() - begin, "cpu_s": time.process_time() - cpu}
+    return {
+        "fe_dofs": fem.n_dofs, "rows": len(partition.patch_nodes), "dofs": body.n_dofs, **times,
+        "memory_GB": peak(), "before_GB": before, "flexibility": body.flexibility(0).diagonal()[:3].tolist(),
+        "omega": body.basis.omega[6:9].tolist(),
+    }  # fmt: skip
+
+
+def in_a_process(checkout, maxh):
+    """Result of a case, by the library of a checkout."""
+    process = subprocess.run(
+        [sys.executable, __file__, "--case", str(maxh)], stdout=subprocess.PIPE, text=True, check=True,
+        env=os.environ | {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"},
+    )  # fmt: skip
+    return json.loads(process.stdout.splitlines()[-1])
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--old", type=Path, help="an old checkout, that does the same")
+    parser.add_argument("--only", nargs="+", choices=SIZES, default=list(SIZES))
+    parser.add_argument("--case", type=float, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.case:
+        print(json.dumps(case(options.case)))
+        return
+    result = json.loads(RESULTS.read_text()) if RESULTS.exists() else {"new": {}, "old": {}}
+    checkouts = {"new": Path(__file__).resolve().parents[2]} | ({"old": options.old.resolve()} if options.old else {})
+    for size in options.only:
+        for which, checkout in checkouts.items():
+            result[which][size] = in_a_process(checkout, SIZES[size])
+            print(which, result[which][size], flush=True)
+            RESULTS.write_text(json.dumps(result, indent=1) + "\n")
+    most = max(row["memory_GB"] for row in result["new"].values())
+    failed = [f"memory_GB {most:.3g}"] if most > LIMITS["memory_GB"] else []
+    result |= {"found": {"memory_GB": most}, "limits": LIMITS, "beyond_limits": failed}
+    RESULTS.write_text(json.dumps(result, indent=1) + "\n")
+    sys.exit(f"beyond the stated limits: {'; '.join(failed)}" if failed else 0)
+
+
+if __name__ == "__main__":
+    main()
