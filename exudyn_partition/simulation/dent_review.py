@@ -77,7 +77,9 @@ def _attached(mbs: MainSystem) -> Iterator[tuple[str, ItemEntry, float]]:
 
 def _stiffness(given: object) -> float:
     """Largest translational stiffness of a connector [N/m], by its parameter: a number, three, or a matrix."""
-    values = np.asarray(0.0 if given is None or callable(given) else given, dtype=float)
+    if not isinstance(given, float | int | list | np.ndarray):
+        return 0.0
+    values = np.asarray(given, dtype=float)
     if values.ndim == 2:
         values = np.diag(values)[:3]
     return float(values.max(initial=0.0))

@@ -48,6 +48,8 @@ def warn_of_spin(mbs: MainSystem, item: PartitionBody, result: Result) -> None:
     if _FREE * _HELD * squared.max() < _LARGEST * lowest:
         return
     rows = _rows(mbs, item)
+    if not np.isfinite(rows).all():  # the state at the end of an unstable run, of which the result keeps the start
+        return
     if not len(rows) and _FREE * squared.max() < _LARGEST * lowest:
         return
     q = item.coordinates(result)[-1]

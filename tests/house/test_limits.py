@@ -84,6 +84,7 @@ CROSSED = {
         "That is estimated": ["simulation/test_dent_review.py::test_what_a_sensor_misses_is_told"],
         "A load alone": ["simulation/test_dent_review.py::test_what_a_sensor_misses_is_told"],
         "Without `damping=`, a run": ["simulation/test_review.py::test_vibration_that_lasts_without_damping_is_told"],
+        "Nor do patches with": ["exudyn_contacts/test_shared_patches.py::test_contacts_that_yield_share_no_patch"],
         "A body that [touches itself]": ["exudyn_contacts/test_self_contact.py::test_what_is_not_supported"],
     },
     f"{SITE}/yield-and-plastic-zones.md": {
