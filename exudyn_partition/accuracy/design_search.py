@@ -265,11 +265,11 @@ class Search:
     @property
     def first_top(self) -> float:
         """Frequency up to which the bodies are to be known, by the last reduction [Hz]."""
-        least = self.scene.least_top
         if not self.looks:
-            return least
+            return self.scene.least_top
         last = self.looks[-1].truncation
-        return max(least, _TOP * frequency_for(last.f_cut, last.error, self.share))
+        # A coarse mesh makes truncation look worse than it is: the next one is first tried with the same.
+        return last.f_top if len(self.looks) == 1 else _TOP * frequency_for(last.f_cut, last.error, self.share)
 
     def refined(self, look: Look) -> list[Sizes]:
         """Smaller elements where the estimate is largest."""

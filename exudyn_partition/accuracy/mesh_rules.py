@@ -35,8 +35,8 @@ REFINED = 1.5  # semi-axes of the refined region, by those of the contact
 REACH = (1.5, 2.0)  # those of the patches of the first and of the second body; half an element is added
 
 _OF_A_WAVE, _OF_A_SHEAR_WAVE = 4, 2.7  # elements
-_LOCAL, _FIRST_LOCAL = 0.72, 1.3  # elements at the contact, by its shorter semi-axis; on the first mesh
-_LONG_POWER = 0.3  # of the ratio of semi-axes, which these sizes follow
+_LOCAL, _FIRST_LOCAL = 0.72, 1.0  # elements at the contact, by its shorter semi-axis; on the first mesh
+_LONG_POWER = 0.4  # of the ratio of semi-axes, which these sizes follow
 _LARGEST = 1.5  # of them at the contact: larger ones have no useful estimate
 _SLAVE = 0.8  # of these at the slave
 # Of bodies that are corrected, by others: far sizes, and those at the slave, whose rows are not corrected.
@@ -44,7 +44,7 @@ _CORRECTED, _SLAVE_CORRECTED = 1.6, 0.85
 _FIRST_LOOK = 12  # elements in the longest side of a body, on its first mesh
 _LAYERS = 1.5  # elements across a wall of the first mesh, from which on quadratic ones are enough
 _FEWEST, _ACROSS = 3, 1.3  # elements in the longest side of any body, and in the shortest one of a stocky body
-_FIRST_ACROSS = 2  # the latter on the first mesh
+_FIRST_ACROSS = 3  # the latter on the first mesh
 _ENERGY = 0.1  # amplitude whose square is the energy above the frequency: 1 %
 # Tolerances for which the rules are, and powers of it that far and near sizes follow.
 _FAR_TOLERANCE, _NEAR_TOLERANCE, _FAR_POWER, _NEAR_POWER = 0.04, 0.01, 1 / 3, 1 / 3

@@ -260,7 +260,7 @@ def grow_to_tolerance(
     progress: Progress | None = None,
     known: Sequence[AdaptedSpace | None] = (),
     keep: bool = False,
-    f_top: float = 0.0,
+    f_top: float | None = None,
     whole: bool = False,
     once: bool = False,
 ) -> tuple[list[AdaptedSpace], Estimate]:
@@ -287,8 +287,8 @@ def grow_to_tolerance(
         Spaces of these models from an earlier call, where there are some.
     keep : bool
         As for `AdaptedSpace`.
-    f_top : float
-        The first one at least [Hz]; it is not below 8 times the frequency of longitudinal waves in the smaller body.
+    f_top : float, optional
+        The first one [Hz]; default: 8 times the frequency of longitudinal waves in the smaller body.
     whole : bool
         Whether the tolerance is for the velocities of whole bodies, in place of those of every point.
     once : bool
@@ -300,7 +300,7 @@ def grow_to_tolerance(
     """
     crossing = [np.ptp(fem.points, axis=0).max() / fem.material.bar_wave_speed for fem, _ in models]
     f_limit = min(fem.resolved_frequency for fem, _ in models)
-    f_top = min(max(f_top, FIRST / (2 * min(crossing))), 2 * f_limit)
+    f_top = min(FIRST / (2 * min(crossing)) if f_top is None else f_top, 2 * f_limit)
     duration = _CROSSINGS * max(crossing) if duration is None else duration
     shortest, longest = _SHORTEST * min(crossing), _LONGEST * max(crossing)
     if not shortest <= duration <= longest:
