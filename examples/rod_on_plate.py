@@ -104,9 +104,8 @@ def main(argv=None):
     reference.save(options.out / "reference.npz")
     picture = options.out / "rod_on_plate.png"
     ep.plot.overview(history, reference).savefig(picture, dpi=150)
-    ep.plot.bodies(run, bodies=[(rod, fems[0]), (plate, fems[1])], colour="von_mises").figure.savefig(
-        options.out / "bodies.png", dpi=150
-    )
+    axes = ep.plot.bodies(run, bodies=[(rod, fems[0]), (plate, fems[1])], colour="von_mises", scale=50)
+    axes.figure.savefig(options.out / "bodies.png", dpi=150)
     run.scene(options.out / "moving.html", title="rod on plate")
     show(result)
     print(picture.resolve())

@@ -1,7 +1,9 @@
 """Figures: they show the numbers of the run, with units on every axis."""
 
 import re
+from itertools import pairwise
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -112,6 +114,17 @@ def test_the_pareto_front_leaves_out_what_is_dominated(comparisons):
     front = ep.plot.pareto(None, comparisons, "P1").lines[0].get_xydata()
     np.testing.assert_allclose(front, [[0.1, 4], [0.5, 1]])
     assert ep.report.front(comparisons) == ["coarse", "fine"]
+
+
+def test_numbers_at_the_errors_do_not_overlap(comparisons):
+    axes = ep.plot.pareto(plt.subplots(figsize=(4, 3.5), layout="constrained")[1], comparisons)
+    axes.set_ylim(0.04, 2)
+    axes.figure.canvas.draw()
+    shown = [text for minor in (False, True) for text in axes.get_yticklabels(minor=minor) if text.get_text()]
+    boxes = sorted((text.get_window_extent() for text in shown), key=lambda box: box.y0)
+    boxes = [box for box in boxes if axes.bbox.y0 <= (box.y0 + box.y1) / 2 <= axes.bbox.y1]
+    assert len(boxes) >= 4
+    assert all(lower.y1 <= upper.y0 for lower, upper in pairwise(boxes))
 
 
 def test_pressure_stands_where_the_contact_is(run):
