@@ -17,6 +17,7 @@ from ..fe.model import FEModel, node_dofs
 from ..fe.shapes import linear_shares
 from ..plasticity.strain_history import StrainHistory
 from ..plasticity.zone_stress import ZoneStress
+from ..reduction.body import ReducedBody
 from ..reduction.recovery import nodal_stresses, von_mises
 from ..reduction.static_answer import StaticAnswer
 from ..support.arrays import Array
@@ -73,6 +74,8 @@ class BodyFields:
         Some of `output.FIELDS`.
     surface : bool
         Whether to leave out the elements inside.
+    answers : dict of ReducedBody to StaticAnswer, optional
+        Those that are known; a new one is added. Equal bodies share it, as the balls of a bearing do.
 
     Attributes
     ----------
@@ -90,7 +93,9 @@ class BodyFields:
         without the inside that is needed.
     """
 
-    def __init__(self, entry: Shown, names: Sequence[str], surface: bool) -> None:
+    def __init__(
+        self, entry: Shown, names: Sequence[str], surface: bool, answers: dict[ReducedBody, StaticAnswer] | None = None
+    ) -> None:
         self.item: PartitionBody
         self.fem: FEModel | None
         pair = entry if isinstance(entry, tuple) else (entry, None)
@@ -102,7 +107,7 @@ class BodyFields:
             )
         self.item, self.fem = pair
         self.names, self.body = names, self.item.body
-        self._static: StaticAnswer | None = None
+        self._answers = {} if answers is None else answers
         self._zones: dict[int, ZoneStress] = {}
         if self.fem is None and (_OF_STRESS & {*names} or not surface):
             what = "stress" if surface else "the inside"
@@ -227,8 +232,9 @@ class BodyFields:
         moved = np.zeros(0, dtype=int) if acting is None else np.flatnonzero(acting.forces.any(axis=(1, 2)))
         if acting is None or self.fem is None or self.body.basis.flexibility is None or not len(moved):
             return moved[:0], np.zeros((0, len(nodes), 3))
-        self._static = self._static or StaticAnswer(self.fem, self.body)
-        return moved, self._static(acting.forces[moved], None if self._stressed else nodes)
+        if self.body not in self._answers:
+            self._answers[self.body] = StaticAnswer(self.fem, self.body)
+        return moved, self._answers[self.body](acting.forces[moved], None if self._stressed else nodes)
 
 
 def contact_loads(contacts: Iterable[PartitionContact], result: Result) -> list[Load]:

@@ -16,6 +16,8 @@ from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
+from ..reduction.body import ReducedBody
+from ..reduction.static_answer import StaticAnswer
 from ..support.arrays import Array
 from ..support.checks import validate_choice, validate_integer, validate_number, validate_positive, validate_times
 from .body_fields import BodyFields, Shown, contact_loads, shown_bodies
@@ -54,7 +56,8 @@ def peak_time(result: Result) -> float:
 def pieces_of(held: Sequence[PartitionBody], bodies: Sequence[Shown] | None, field: ViewField) -> list[BodyFields]:
     """Surfaces of the bodies to draw, by default all that are `held`, with what a picture of `field` needs."""
     validate_choice("field", field, UNITS)
-    return [BodyFields(entry, ("displacement", "deformation", field), surface=True)
+    answers: dict[ReducedBody, StaticAnswer] = {}
+    return [BodyFields(entry, ("displacement", "deformation", field), surface=True, answers=answers)
             for entry in shown_bodies(held, bodies)]  # fmt: skip
 
 

@@ -14,6 +14,8 @@ from ..errors import InputError
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.facets import flat_triangles
+from ..reduction.body import ReducedBody
+from ..reduction.static_answer import StaticAnswer
 from ..support.arrays import Array
 from ..support.checks import validate_choice, validate_integer, validate_times
 from ..support.progress import Progress
@@ -189,7 +191,8 @@ def motion_of(
     chosen = shown_bodies(result.bodies, bodies)
     wanted = _colours(result, chosen, colours)
     names = ["deformation", *(_SOURCES.get(colour, colour) for colour in wanted)]
-    pieces = [BodyFields(entry, list(dict.fromkeys(names)), surface=True) for entry in chosen]
+    answers: dict[ReducedBody, StaticAnswer] = {}
+    pieces = [BodyFields(entry, list(dict.fromkeys(names)), surface=True, answers=answers) for entry in chosen]
     loads = contact_loads(result.contacts, run) if any(piece.fem is not None for piece in pieces) else []
     moved = []
     for i, piece in enumerate(pieces):

@@ -23,6 +23,8 @@ from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.elements import kinds_of
 from ..meshing.mesh_files import write_vtu
 from ..plasticity.flow import von_mises as flow_von_mises
+from ..reduction.body import ReducedBody
+from ..reduction.static_answer import StaticAnswer
 from ..support.arrays import Array
 from ..support.checks import validate_callable, validate_choice, validate_flag, validate_result, validate_type
 from ..support.files import filling
@@ -111,7 +113,8 @@ def write_paraview(
     for contact in contacts:
         result.sensor_of(contact, contact["sForce"])  # raises for a contact of another model
     chosen = result.at(times)
-    pieces = [BodyFields(entry, names, surface) for entry in shown_bodies(result.bodies, bodies)]
+    answers: dict[ReducedBody, StaticAnswer] = {}
+    pieces = [BodyFields(entry, names, surface, answers) for entry in shown_bodies(result.bodies, bodies)]
     answered = static_answer and any(piece.fem is not None for piece in pieces)
     loads = contact_loads(contacts, chosen) if answered else []
     entries = []

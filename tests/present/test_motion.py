@@ -63,6 +63,24 @@ def test_stresses_of_many_frames_are_those_of_each(mbs, bodies, block, ball):
             np.testing.assert_allclose(body.at(frame), alone.at(0), atol=1e-12)
 
 
+def test_bodies_of_one_reduction_have_answers_to_their_own_contacts(mbs, bodies, ball):
+    """Two equal balls fall on a plane, one faster: what they share, their stiffness, mixes nothing up."""
+    items = [
+        ep.CreatePartitionBody(mbs, bodies[0], referencePosition=[x, 0, 0], initialVelocity=[0, 0, -speed])
+        for x, speed in ((0.0, 1.0), (0.05, 2.0))
+    ]
+    for item in items:
+        ep.CreatePartitionContact(mbs, item, ep.RigidPlane((0, 0, 0)))
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=10e-6, step=0.5e-6)
+    both = motion_of(result, [(item, ball[0]) for item in items], colours=["von_mises"], frames=3)
+    for item, body in zip(items, both.bodies, strict=True):
+        alone = motion_of(result, [(item, ball[0])], colours=["von_mises"], frames=3).bodies[0]
+        np.testing.assert_allclose(body.colours["von_mises"], alone.colours["von_mises"], rtol=1e-9, atol=1.0)  # Pa
+    first, second = (body.colours["von_mises"][-1].max() for body in both.bodies)
+    assert second > 1.2 * first
+
+
 def test_the_end_of_colours_is_ruled_by_area(spinning):
     motion = motion_of(spinning[-1], frames=5)
     ball = motion.bodies[0]
