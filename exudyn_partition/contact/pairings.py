@@ -113,7 +113,7 @@ def drift_rows(sides: Sequence[Side], shares: Sequence[tuple[Array, Array]], row
 def _attitude(side: Side) -> tuple[object, ...]:
     """Key that distinguishes the patches of a body, and their directions."""
     surface, kinematics = side.surface, side.kinematics
-    arrays = surface.nodes, surface.direction, kinematics.rotation, kinematics.node_axes
+    arrays = surface.nodes, surface.sharp, surface.direction, kinematics.rotation, kinematics.node_axes
     return (kinematics.linear, surface.direction_given, *(array.tobytes() for array in arrays))
 
 

@@ -186,10 +186,11 @@ def rows_of(
     """Rows of the points that are paired (a mask), by their projection on the master."""
     kept, size = points.restricted(paired), master.facet_size
     # Rows are also at the edge beside points that project past the rim of the master's patch, where its surface
-    # continues, and beside points on the patch that face it too obliquely. At a sharp edge, one side always may.
-    past_rim = np.isin(master.facets[projection.facet], master.rim).any(axis=1)
+    # continues, and beside points on the patch that face it too obliquely. At a sharp edge of either, one side always
+    # may: the body ends there, not the patch.
+    past_rim, past_edge = (np.isin(master.facets[projection.facet], n).any(axis=1) for n in (master.rim, master.sharp))
     within = projection.offset <= EDGE_TOLERANCE * size
-    kinds = ~paired & past_rim & ~within, ~paired & within
+    kinds = ~paired & past_rim & ~within, ~paired & within & ~past_edge
     past, aslant = (np.unique(slave.facets[points.facets @ lost > 0]) for lost in kinds)
     beside = np.union1d(past, np.setdiff1d(aslant, slave.sharp))
     facet = projection.facet[paired]

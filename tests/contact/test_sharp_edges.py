@@ -1,5 +1,6 @@
 """Sharp edges and corners: rows there close at the touch, and the faces beside them carry an even pressure."""
 
+import exudyn as exu
 import exudyn.itemInterface as items
 import netgen.occ as occ
 import numpy as np
@@ -9,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition.errors import ModelLimitWarning
+from exudyn_partition.surfaces.near import pair_wandering
 from exudyn_partition.surfaces.points import contact_points
 
 SIDE, SPEED, GAP, FORCE = 0.02, 1.0, 1e-6, 1e3
@@ -167,11 +169,29 @@ def test_a_face_between_sharp_edges_bears_an_even_pressure(mbs, frame, master):
     assert at_edges.sum() < (1e-6 if master == "plane" else 0.02) * FORCE
 
 
-def test_a_penalty_layer_has_no_rows_of_edges(mbs, cube):
-    """Its force is that of an area."""
-    item = ep.CreatePartitionBody(mbs, cube, referencePosition=[0, 0, 1e-3])
-    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane((0, 0, -SIDE / 2)), formulation="penalty")
-    assert not len(contact.mechanics.gaps.slave.surface.sharp)
+@pytest.mark.parametrize("master", ["plane", "plate"])
+def test_a_penalty_layer_has_no_rows_of_edges(cube, plate, master):
+    """Its force is that of an area, also if another model has the same bodies with another formulation."""
+    areas = []
+    for formulation in ("compliance", "penalty", "compliance"):
+        mbs = exu.SystemContainer().AddSystem()
+        item = ep.CreatePartitionBody(mbs, cube, referencePosition=[0, 0, SIDE / 2 + 1e-3])
+        other = ep.RigidPlane() if master == "plane" else ep.CreatePartitionBody(mbs, plate)
+        contact = ep.CreatePartitionContact(mbs, item, other, formulation=formulation, passes="given")
+        points, *_ = contact.mechanics.gaps.placed_rows()
+        areas.append(points.area)
+    assert [bool((area == 0).any()) for area in areas] == [True, False, True]
+
+
+@pytest.mark.parametrize("way", [(0.3, 0.1), (-0.9, 0.5)])
+def test_a_face_that_stands_over_an_edge_has_not_left_a_patch(cube, way):
+    """Beyond a sharp edge of the master there is no surface that the patch does not have."""
+    master = cube.surface(np.zeros(3))
+    slave = cube.surface(np.array([way[0] * SIDE, way[1] * SIDE, SIDE + GAP]))
+    rows = pair_wandering(slave, master)
+    assert len(rows) > 0
+    assert not rows.at_edge.any()
+    np.testing.assert_allclose(rows.gap, GAP, rtol=1e-6)
 
 
 def test_mean_normals_at_edges_are_told(mbs):
