@@ -92,7 +92,7 @@ def mechanism(link_body, block_bodies, scheme="contact-adapted", angle=0.0, cont
     return Mechanism(mbs, rod, blocks, contact, drive, start)
 
 
-def run(model, end_time, step, scheme="contact-adapted", free_step=2e-4):
+def run(model, end_time, step, scheme="contact-adapted", free_step=2e-4, velocity_tolerance=None):
     """Run implicit steps, long in free flight and short in the impact; the paper's scheme runs central differences."""
     if scheme == "paper":
         step = 0.5 * ep.stability_limit(model.mbs)
@@ -105,5 +105,5 @@ def run(model, end_time, step, scheme="contact-adapted", free_step=2e-4):
     newton.modifiedNewtonContractivity = 0.02  # a new Jacobian takes less time than more iterations with an old one
     newton.numericalDifferentiation.jacobianConnectorDerivative = False  # a small part of it, which takes most time
     # Undamped vibration after the impact has less than 1 % of the energy. Without contact it is not resolved.
-    adaptive = {"adaptive": True, "free_step": free_step, "unresolved": 1e-2}
+    adaptive = {"adaptive": True, "free_step": free_step, "unresolved": 1e-2, "velocity_tolerance": velocity_tolerance}
     return ep.solve_dynamic(model.mbs, end_time=end_time, step=step, method="implicit", settings=settings, **adaptive)
