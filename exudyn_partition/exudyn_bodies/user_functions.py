@@ -23,6 +23,7 @@ from .model import BodyItem, coordinate_slices
 
 Functions = dict[str, UserFunction]  # by their parameter names in ObjectGenericODE2
 
+_BOUND = 1e90  # of coordinates and velocities: products of three of them are numbers
 RIGID = 6  # coordinates of a NodeRigidBodyRotVecLG, rotation included
 
 
@@ -66,8 +67,8 @@ def inertia_functions(
         frequency. The remaining half step takes the accelerations at the start of the step. Only elastic and Coriolis
         forces are updated, because they change fast and their change is known.
         """
-        if not (np.isfinite(z).all() and np.isfinite(middle).all()):
-            raise RunError("coordinates of a body with frame='floating' are not finite: the run has become unstable")
+        if not all((abs(x) < _BOUND).all() for x in (z, middle)):
+            raise RunError("coordinates of a body with frame='floating' are beyond all bounds: the run is unstable")
         data = mbs.systemData
         own = _velocities_at(tuple([mbs.GetNodeODE2Index(node) for node in nodes]), len(z))
         q, q_t, q_tt = (

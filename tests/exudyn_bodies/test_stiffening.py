@@ -128,7 +128,8 @@ def test_a_buckled_strut_warns_of_its_slopes(column, frame):
         result = ep.solve_static(mbs, load_steps=4)
     middle = abs(item.displacement(result, (0, HEIGHT / 2, LENGTH / 2))[-1, 1])
     slope = np.pi * middle / LENGTH / np.sqrt(2)  # of a half wave of sine
-    (told,) = [re.search(r"up to ([\d.]+) rad", str(warning.message)) for warning in caught]
+    limits = [warning for warning in caught if warning.category is ModelLimitWarning]  # it would yield, too
+    (told,) = [re.search(r"up to ([\d.]+) rad", str(warning.message)) for warning in limits]
     assert float(told[1]) == pytest.approx(slope, rel=0.05)
 
 
