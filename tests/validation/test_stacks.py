@@ -36,3 +36,12 @@ def test_blocks_rest_on_faces_of_which_rounding_has_closed_a_part():
     found = [contact.force(result)[-1] / (9810.0 * body.total_mass) for contact in contacts]
     np.testing.assert_allclose(found, [4, 3, 2, 1], rtol=1e-6)
     assert result.work.newton_iterations < 15
+
+
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.PartitionWarning")
+def test_a_block_beyond_the_edge_of_another_has_no_rest(blocks):
+    mbs = exu.SystemContainer().AddSystem()
+    places = [[0.0, 0.0, 0.0], [6e-3, 0.0, 8e-3]]  # the lower one ends at 4 mm
+    stacks.stand(mbs, [blocks[0], blocks[0]], places, [0.0, 0.0], [0.3, 0.3], 9810.0)
+    with pytest.raises(ep.errors.RunError, match="tips over, because the weight above a face lies beside it"):
+        ep.solve_static(mbs, load_steps=1)
