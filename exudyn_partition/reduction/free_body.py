@@ -25,6 +25,7 @@ from ..fe.partition import Partition
 from ..fe.patches import Patch
 from ..plasticity.zone_flexibility import ZoneFlexibility
 from ..support.arrays import Array
+from ..support.machine import give_memory_back
 from ..support.progress import Progress
 from .loads import attached_loads, leading, patch_rows, patch_slice, resultants, unit_loads
 from .tied import TiedModel, tie
@@ -201,6 +202,7 @@ class AdaptedSpace(FreeBody):
         if self.model.n >= HUGE and not keep and not zones:
             with contextlib.suppress(IndefiniteMatrixError):
                 self._answer(self.flexibility(self._patch_rows()))  # its factors go before others are made
+                give_memory_back()  # what fronts of all sizes have left between them: as much as factors
                 self._begin(f_shift, self._factors(_shift(f_shift)))
                 return
         flexibility = self.flexibility()
