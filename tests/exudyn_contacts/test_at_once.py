@@ -61,6 +61,7 @@ def with_elements(marble, *options):
                     own[:] = balls[place].kinematics.on_constant_mass(each[place], own)
             return of_sides.ravel()
 
+        force.__module__ = f"{ep.__name__}.contacts"  # as the library's own, it knows the mass that forces act on
         return force
 
     for j, place in enumerate(places):
