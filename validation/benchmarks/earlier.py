@@ -15,9 +15,7 @@ import argparse
 import json
 import os
 import platform
-import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -53,38 +51,23 @@ def case():
         "offline_s": end - begin,
         "processor_s": time.process_time() - used,
         "memory_GB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9,
-        "from": str(Path(ep.__file__).parents[1]),
     }
-
-
-def run(checkout, compiles):
-    """A case in a process of its own, with compiled loops or without."""
-    path = os.pathsep.join([str(checkout), os.environ.get("PYTHONPATH", "")])
-    environment = os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1", "NUMBA_DISABLE_JIT": str(int(not compiles))}
-    command = [sys.executable, __file__, "--case"]
-    process = subprocess.run(command, env=environment, cwd=checkout, stdout=subprocess.PIPE, text=True, check=True)
-    found = json.loads(process.stdout.splitlines()[-1])
-    if found.pop("from") != str(checkout):
-        raise RuntimeError(f"another checkout than {checkout} was imported")
-    return found
 
 
 def measured(old, turns):
     """The quickest turn of each case."""
     from exudyn_partition.support.compiled import compiles
+    from validation.processes import checkout_of, in_a_process  # the earlier version has no such module
 
     if not compiles():
         sys.exit("numba is missing: pip install exudyn-partition[fast]")
-    with tempfile.TemporaryDirectory() as folder:
-        checkout, runs = Path(folder).resolve() / "old", {}
-        subprocess.run(["git", "worktree", "add", "--detach", checkout, old], cwd=ROOT, check=True, capture_output=True)
-        try:
-            for _ in range(turns):
-                for name, where in (("old", checkout), ("new", ROOT), ("new_with_extra", ROOT)):
-                    print(f"{name} ...", file=sys.stderr, flush=True)
-                    runs.setdefault(name, []).append(run(where, compiles=name == "new_with_extra"))
-        finally:
-            subprocess.run(["git", "worktree", "remove", "--force", checkout], cwd=ROOT, check=True)
+    runs = {}
+    with checkout_of(old) as checkout:
+        for _ in range(turns):
+            for name, where in (("old", checkout), ("new", ROOT), ("new_with_extra", ROOT)):
+                print(f"{name} ...", file=sys.stderr, flush=True)
+                plain = {"NUMBA_DISABLE_JIT": str(int(name != "new_with_extra"))}
+                runs.setdefault(name, []).append(in_a_process(__file__, "--case", checkout=where, **plain))
     return {name: min(turns, key=lambda one: one["offline_s"]) for name, turns in runs.items()}
 
 

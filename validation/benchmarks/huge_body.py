@@ -15,9 +15,7 @@ Results of sizes that are not run again are kept.
 
 import argparse
 import json
-import os
 import resource
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -63,15 +61,6 @@ def case(maxh):
     }  # fmt: skip
 
 
-def in_a_process(checkout, maxh):
-    """Result of a case, by the library of a checkout."""
-    process = subprocess.run(
-        [sys.executable, __file__, "--case", str(maxh)], stdout=subprocess.PIPE, text=True, check=True,
-        env=os.environ | {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"},
-    )  # fmt: skip
-    return json.loads(process.stdout.splitlines()[-1])
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--old", type=Path, help="an old checkout, that does the same")
@@ -81,11 +70,13 @@ def main():
     if options.case:
         print(json.dumps(case(options.case)))
         return
+    from validation.processes import ROOT, in_a_process  # an old checkout has no such module
+
     result = json.loads(RESULTS.read_text()) if RESULTS.exists() else {"new": {}, "old": {}}
-    checkouts = {"new": Path(__file__).resolve().parents[2]} | ({"old": options.old.resolve()} if options.old else {})
+    checkouts = {"new": ROOT} | ({"old": options.old.resolve()} if options.old else {})
     for size in options.only:
         for which, checkout in checkouts.items():
-            result[which][size] = in_a_process(checkout, SIZES[size])
+            result[which][size] = in_a_process(__file__, "--case", SIZES[size], checkout=checkout)
             print(which, result[which][size], flush=True)
             RESULTS.write_text(json.dumps(result, indent=1) + "\n")
     most = max(row["memory_GB"] for row in result["new"].values())

@@ -18,10 +18,11 @@ import json
 import math
 import os
 import resource
-import subprocess
 import sys
 import time
 from pathlib import Path
+
+from validation.processes import in_a_process
 
 RESULTS = Path(__file__).with_suffix(".json")
 FACTOR, GROWTH_MB = 1.5, 50.0
@@ -86,17 +87,6 @@ def leak_case():
     return {"dofs": fem.n_dofs, "in_use_MB": used, "growth_MB": used[-1] - used[1]}
 
 
-def in_a_process(*arguments):
-    """Result of this script with other arguments."""
-    process = subprocess.run(
-        [sys.executable, "-m", "validation.benchmarks.memory", *arguments],
-        stdout=subprocess.PIPE,
-        text=True,
-        check=True,
-    )
-    return json.loads(process.stdout.splitlines()[-1])
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--elements", nargs="*", type=float, default=[2.0, 3.0], help="per contact radius")
@@ -108,11 +98,11 @@ def main():
         return
     results = json.loads(RESULTS.read_text()) if RESULTS.exists() else {"peaks": {}, "leak": None}
     for elements in options.elements:
-        results["peaks"][f"{elements:g}"] = case = in_a_process("--case", str(elements))
+        results["peaks"][f"{elements:g}"] = case = in_a_process(__file__, "--case", elements)
         print(case, flush=True)
         RESULTS.write_text(json.dumps(results, indent=1) + "\n")
     if not options.no_leak:
-        results["leak"] = in_a_process("--case", "leak")
+        results["leak"] = in_a_process(__file__, "--case", "leak")
         print(results["leak"])
     failed = [k for k, case in results["peaks"].items() if not 1 / FACTOR < case["ratio"] < FACTOR]
     failed += ["leak"] if results["leak"] and results["leak"]["growth_MB"] > GROWTH_MB else []

@@ -30,7 +30,6 @@ import json
 import os
 import platform
 import resource
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -38,6 +37,8 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+
+from validation.processes import in_a_process
 
 RESULTS = Path(__file__).with_suffix(".json")
 F_CUT, END_TIME, RUNS = 40e3, 1e-3, 10
@@ -156,17 +157,6 @@ def full_case(maxh):
     }
 
 
-def run_case(name):
-    """One case in a process of its own."""
-    process = subprocess.run(
-        [sys.executable, "-m", "validation.benchmarks.size", "--case", name],
-        stdout=subprocess.PIPE,
-        text=True,
-        check=True,
-    )
-    return json.loads(process.stdout.splitlines()[-1])
-
-
 def evaluate(cases):
     """Results of the three sizes, and the limits that do not hold."""
     sizes = [cases[name] for name in MAXH]
@@ -228,7 +218,7 @@ def main():
     for name in options.only:
         begin = time.perf_counter()
         print(f"{name} ...", file=sys.stderr, flush=True)
-        results["cases"][name] = run_case(name) | {"versions": ep.versions()}
+        results["cases"][name] = in_a_process(__file__, "--case", name) | {"versions": ep.versions()}
         print(f"{name}: {time.perf_counter() - begin:.0f} s in all", file=sys.stderr, flush=True)
         results |= {"limits": LIMITS, "machine": {"cpus": os.cpu_count(), "platform": platform.platform()}}
         RESULTS.write_text(json.dumps(results, indent=1) + "\n")

@@ -11,9 +11,7 @@ Limits: at 20 kHz at most twice as long as at 5 kHz, frequencies to 1e-5, mobili
 
 import argparse
 import json
-import os
 import resource
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -70,16 +68,6 @@ def case(f_cut, length, *, checked):
     return found
 
 
-def in_a_process(checkout, *arguments):
-    """Result of this script with other arguments, by the library of a checkout."""
-    process = subprocess.run(
-        [sys.executable, __file__, *arguments],
-        stdout=subprocess.PIPE, text=True, check=True,
-        env=os.environ | {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"},
-    )  # fmt: skip
-    return json.loads(process.stdout.splitlines()[-1])
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--old", type=Path, help="an old checkout, for 5 and 20 kHz")
@@ -90,13 +78,16 @@ def main():
         f_cut, length, checked = options.case
         print(json.dumps(case(float(f_cut), float(length), checked=checked == "checked")))
         return
-    root, length = Path(__file__).resolve().parents[2], LENGTH / 3 if options.quick else LENGTH
+    from validation.processes import in_a_process  # an old checkout has no such module
+
+    length = LENGTH / 3 if options.quick else LENGTH
     rows = {"new": [], "old": []}
     for f_cut in FREQUENCIES:
-        rows["new"].append(in_a_process(root, "--case", str(f_cut), str(length), "checked"))
+        rows["new"].append(in_a_process(__file__, "--case", f_cut, length, "checked"))
         print("new", rows["new"][-1], flush=True)
         if options.old and f_cut in (5e3, 20e3):
-            rows["old"].append(in_a_process(options.old.resolve(), "--case", str(f_cut), str(length), "plain"))
+            arguments = "--case", f_cut, length, "plain"
+            rows["old"].append(in_a_process(__file__, *arguments, checkout=options.old.resolve()))
             print("old", rows["old"][-1], flush=True)
     found = {
         "ratio": rows["new"][2]["cpu_s"] / rows["new"][0]["cpu_s"],

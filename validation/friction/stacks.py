@@ -25,10 +25,7 @@ With `--only random`, scenes at rest are those that stacks.json keeps.
 import argparse
 import contextlib
 import json
-import os
-import subprocess
 import sys
-import tempfile
 import time
 import warnings
 from pathlib import Path
@@ -154,32 +151,15 @@ def case():
     """All scenes at rest of the checkout that is imported."""
     body = block(EDGE, EDGE, EDGE)
     found = {name: at_rest(body, *scene) for name, scene in SCENES.items()}
-    return found | {"table": table(), "from": str(Path(ep.__file__).parents[1])}
-
-
-def run(checkout):
-    """The scenes at rest in a process of its own."""
-    path = os.pathsep.join([str(checkout), os.environ.get("PYTHONPATH", "")])
-    environment = os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, __file__, "--case"]
-    process = subprocess.run(command, env=environment, cwd=checkout, stdout=subprocess.PIPE, text=True, check=True)
-    found = json.loads(process.stdout.splitlines()[-1])
-    if found.pop("from") != str(checkout):
-        raise RuntimeError(f"another checkout than {checkout} was imported")
-    return found
+    return found | {"table": table()}
 
 
 def beside(old, folder=None):
     """Scenes at rest of an earlier version, and of this one: a revision, or a folder that has it."""
-    if folder is not None:
-        return run(Path(folder).resolve()), run(ROOT)
-    with tempfile.TemporaryDirectory() as scratch:
-        checkout = Path(scratch).resolve() / "old"
-        subprocess.run(["git", "worktree", "add", "--detach", checkout, old], cwd=ROOT, check=True, capture_output=True)
-        try:
-            return run(checkout), run(ROOT)
-        finally:
-            subprocess.run(["git", "worktree", "remove", "--force", checkout], cwd=ROOT, check=True)
+    from validation.processes import checkout_of, in_a_process  # an earlier version has no such module
+
+    with contextlib.nullcontext(folder) if folder is not None else checkout_of(old) as checkout:
+        return in_a_process(__file__, "--case", checkout=checkout), in_a_process(__file__, "--case")
 
 
 def blocks():

@@ -19,8 +19,6 @@ import argparse
 import json
 import math
 import resource
-import subprocess
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -31,6 +29,7 @@ from rich.console import Console
 import exudyn_partition as ep
 from validation.contact import scenes
 from validation.inelastic import impact
+from validation.processes import in_a_process
 
 RESULTS = Path(__file__).with_suffix(".json")
 RATIO = 10.0
@@ -101,13 +100,6 @@ def run():
     }
 
 
-def measured(name):
-    """One case in a process of its own."""
-    command = [sys.executable, "-m", "validation.inelastic.large", "--case", name]
-    process = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
-    return json.loads(process.stdout.splitlines()[-1])
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="*", choices=CASES, default=CASES, help="cases to run anew; others are kept")
@@ -119,7 +111,7 @@ def main():
     begin, console = time.perf_counter(), Console(width=150)
     cases = json.loads(RESULTS.read_text())["cases"] if RESULTS.exists() else {}
     for name in options.only:
-        cases[name] = measured(name)
+        cases[name] = in_a_process(__file__, "--case", name)
         console.print(name, cases[name])
         RESULTS.write_text(json.dumps({"cases": cases}, indent=1) + "\n")
     found = {key: cases[RUN][key] for key in ("faster", "force", "work")} if RUN in cases else {}

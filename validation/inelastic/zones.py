@@ -21,7 +21,6 @@ import argparse
 import json
 import math
 import resource
-import subprocess
 import sys
 import time
 import warnings
@@ -37,6 +36,7 @@ from exudyn_partition.algebra.sparse.multifrontal import Factorisation
 from exudyn_partition.algebra.sparse.solver import SparseFactors, solved_by
 from validation.contact import scenes
 from validation.inelastic.impact import ALUMINIUM, STEEL
+from validation.processes import in_a_process
 
 RESULTS = Path(__file__).with_suffix(".json")
 RADIUS, DISC, THICKNESS, SPEED, F_CUT = 10e-3, 25e-3, 10e-3, 0.6, 150e3
@@ -147,13 +147,6 @@ def wider():
     return found | dict(zip(("wide_offline", "wide_online"), wide / as_it_is, strict=True))
 
 
-def measured(name):
-    """One case in a process of its own."""
-    command = [sys.executable, "-m", "validation.inelastic.zones", "--case", name]
-    process = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
-    return json.loads(process.stdout.splitlines()[-1])
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="*", choices=CASES, default=[*CASES], help="cases to run anew; others are kept")
@@ -165,7 +158,7 @@ def main():
     begin, console = time.perf_counter(), Console(width=150)
     cases = json.loads(RESULTS.read_text())["cases"] if RESULTS.exists() else {}
     for name in options.only:
-        cases[name] = measured(name)
+        cases[name] = in_a_process(__file__, "--case", name)
         console.print(name, cases[name])
         RESULTS.write_text(json.dumps({"cases": cases}, indent=1) + "\n")
     if lacking := {*CASES} - cases.keys():
