@@ -30,12 +30,13 @@ def draw(bearing, moving, forces, by_springs, sway):
     left.plot(angle.ravel(), forces.ravel(), ".", ms=2, color="0.5", label="elastic balls, all times")
     left.plot(angle[:, 0], by_springs[:, 0], "k+", label="Hertz springs, at rest")
     left.set(xlabel="angle from the load [degrees]", ylabel="force of a ball [N]", xlim=(-100, 100))
-    for axis, name, style in ((0, "across the load", "C0"), (1, "along the load", "C3")):
-        right.plot(1e3 * moving.t, 1e6 * (sway[0][:, axis] - sway[0][0, axis]), style, label=f"{name}, elastic balls")
-        right.plot(1e3 * moving.t, 1e6 * (sway[1][:, axis] - sway[1][0, axis]), f"{style}--", label="Hertz springs")
-    right.set(xlabel="time [ms]", ylabel="sway of the shaft [um]")
-    for ax in (left, right):
-        ax.legend(fontsize="small")
+    for axis, name, colour in ((0, "across the load", "C0"), (1, "along the load", "C3")):
+        for ways, by, line in zip(sway, ("elastic balls", "Hertz springs"), ("-", "--"), strict=True):
+            way = 1e6 * (ways[:, axis] - ways[0, axis])
+            right.plot(1e3 * moving.t, way, colour + line, label=f"{name}, {by}")
+    right.set(xlabel="time [ms]", ylabel="sway of the shaft [µm]", ymargin=0.2)  # room for the legend
+    left.legend(fontsize="small")
+    right.legend(fontsize="small", ncols=2, loc="upper center")
     return figure
 
 

@@ -111,7 +111,7 @@ def main(argv=None):
     for panel in axes.flat:
         panel.grid(alpha=0.3)
     figure.savefig(picture := options.out / "gauge_and_vibrometer.png", dpi=150)
-    ep.plot.bodies(run, 5e-5, direction=(0, -1, 0)).figure.savefig(options.out / "bodies.png", dpi=150)
+    ep.plot.bodies(run, 5e-5, scale=1, direction=(0, -1, 0)).figure.savefig(options.out / "bodies.png", dpi=150)
     print(json.dumps({key: result[key] for key in ("dofs", "fe_dofs", "time", "error")}), picture.resolve(), sep="\n")
     return result
 

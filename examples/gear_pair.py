@@ -54,11 +54,11 @@ def draw(gears, histories):
     labels = "time [ms]", "turn of the pinion, by a tooth"
     for (above, below), label, (x, teeth, way) in zip(panels.T, labels, histories, strict=True):
         for name, force in teeth.items():
-            above.plot(x, force / 1e3, lw=1, label=f"flank {name} of the pinion")
+            above.plot(x, force / 1e3, lw=1, label=name)
         above.set(ylabel="force on a tooth [kN]")
-        above.legend(fontsize="small")
+        above.legend(fontsize="small", title="of the pinion", title_fontsize="small")
         below.plot(x, 1e6 * way)
-        below.set(xlabel=label, ylabel="transmission error [um]")
+        below.set(xlabel=label, ylabel="transmission error [µm]")
     panels[1, 0].axhspan(-2e6 * shapes.play(), 0, color="0.9", label="backlash")
     panels[1, 0].legend(fontsize="small")
     return fig

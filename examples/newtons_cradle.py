@@ -22,11 +22,11 @@ POLES = {"back": (-R, 0, 0), "front": (R, 0, 0)}
 
 
 def reduced_ball(h):
-    """One ball around the origin with a patch at either pole, reduced; and the number of its FE dofs."""
+    """One ball around the origin with a patch at either pole, reduced; and its FE model."""
     shape = occ.Sphere(occ.Pnt(0, 0, 0), R)
     fem = ep.fe_model(shape, ep.STEEL, maxh=R / 3, refine=[ep.Refine(pole, 0.35e-3, h) for pole in POLES.values()])
     back, front = (ep.Partition.ball(fem, pole, radius=0.6e-3, name=name) for name, pole in POLES.items())
-    return ep.reduce(fem, back | front, f_cut=200e3), fem.n_dofs
+    return ep.reduce(fem, back | front, f_cut=200e3), fem
 
 
 def hertz_chain(mass, balls, t):
@@ -54,7 +54,7 @@ def main(argv=None):
     parser.add_argument("--out", type=Path, default=Path("out/newtons_cradle"), metavar="DIR")
     options = parser.parse_args(argv)
 
-    body, fe_dofs = reduced_ball(0.12e-3 if options.quick else 0.08e-3)
+    body, fem = reduced_ball(0.12e-3 if options.quick else 0.08e-3)
 
     # The same reduced body is placed several times. Each patch has a name.
     mbs = exu.SystemContainer().AddSystem()
@@ -75,7 +75,7 @@ def main(argv=None):
     energy = sum(item.energy(run) for item in (*balls, *contacts))
     result = {
         "dofs": body.n_dofs * options.balls,
-        "fe_dofs": fe_dofs * options.balls,
+        "fe_dofs": fem.n_dofs * options.balls,
         "step_s": run.step,
         "steps": run.steps,
         "time": {"reduce_s": body.reduce_s, "online_s": run.time_s},
@@ -105,10 +105,11 @@ def main(argv=None):
         panel.legend(loc="center right")
     above.set(ylabel="contact force [N]")
     below.set(ylabel="velocity of the centre of mass [m/s]", xlabel="time [µs]")
-    picture = options.out / "newtons_cradle.png"
-    figure.savefig(picture, dpi=150)
+    figure.savefig(picture := options.out / "newtons_cradle.png", dpi=150)
     middle = run.t[velocity[:, options.balls // 2].argmax()]  # when that ball is fastest
-    ep.plot.bodies(run, middle, direction=(0, -1, 0.3)).figure.savefig(options.out / "bodies.png", dpi=150)
+    look = {"colour": "von_mises", "end": 5e6, "scale": 1, "direction": (0, -1, 0)}
+    axes = ep.plot.bodies(run, middle, [(ball, fem) for ball in balls], **look)
+    axes.figure.savefig(options.out / "bodies.png", dpi=150)
     run.scene(options.out / "moving.html", title="Newton's cradle")
     print(json.dumps({key: result[key] for key in ("dofs", "fe_dofs", "time", "velocity_after_m_per_s", "error")}))
     print(picture.resolve())

@@ -93,8 +93,8 @@ def main(argv=None):
     end = fem.points[np.linalg.norm(fem.points - options.at, axis=1).argmax()]  # the farthest point
     for item, one, label in ((part, run, "undamped"), (damped, damped_run, f"damping ratio {options.damping:g}")):
         middle.plot(1e3 * one.t, item.velocity(one, end) @ options.down, linewidth=1, label=label)
-    middle.set(xlabel="time [ms]", ylabel="speed of the far end, downwards [m/s]")
-    middle.legend(loc="upper left")
+    middle.set(xlabel="time [ms]", ylabel="speed of the far end, downwards [m/s]", ymargin=0.15)
+    middle.legend(loc="upper center", ncols=2)
     ep.plot.bodies(run, run.t[-1], [(part, fem)], axes=right, scale=200)
     picture = options.out / "own_part.png"
     figure.savefig(picture, dpi=150)

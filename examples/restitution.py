@@ -109,8 +109,8 @@ def main(argv=None):
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "result.json").write_text(json.dumps(result, indent=2))
     draw(found, forces).savefig(options.out / "restitution.png", dpi=150)
-    axes = ep.plot.bodies(run, run.t[-1], [(items[1], fem)], colour="deformation", end=found[-1]["dent_m"])
-    axes.set(xlim=(-3, 3), ylim=(-2, 2), adjustable="box")  # what is left: the dent
+    axes = ep.plot.bodies(run, run.t[-1], [(items[1], fem)], colour="deformation", end=found[-1]["dent_m"], scale=10)
+    axes.set(xlim=(-3, 3), ylim=(-2, 2), adjustable="box", title=f"dent after an impact at {speed:g} m/s, drawn x 10")
     axes.figure.savefig(options.out / "bodies.png", dpi=150)
     print((options.out / "restitution.png").resolve())
     return result

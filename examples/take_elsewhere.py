@@ -92,7 +92,7 @@ def main(argv=None):
     figure, axes = plt.subplots(layout="constrained")
     axes.plot(1e6 * run.t, force, label="Exudyn")
     axes.plot(1e6 * run.t, elsewhere, "k--", label="SciPy, from the exported matrices")
-    axes.set(xlabel="time [us]", ylabel="contact force [N]")
+    axes.set(xlabel="time [µs]", ylabel="contact force [N]")
     axes.legend()
     picture = options.out / "take_elsewhere.png"
     figure.savefig(picture, dpi=150)

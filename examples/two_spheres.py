@@ -105,13 +105,14 @@ def main(argv=None):
     axes[1].grid(alpha=0.3)
     axes[1].legend(loc="upper right")
     ep.plot.energy(axes[2], run)
-    picture = options.out / "two_spheres.png"
-    figure.savefig(picture, dpi=150)
-    shown = [(upper, models[0][0]), (lower, models[1][0])]
-    axes = ep.plot.bodies(run, bodies=shown, colour="von_mises", end=20e6, scale=1, direction=(0, -1, 0))
-    axes.figure.savefig(options.out / "bodies.png", dpi=150)
-    print(json.dumps({key: result[key] for key in ("dofs", "fe_dofs", "time", "error")}, indent=2))
-    print(picture.resolve())
+    figure.savefig(picture := options.out / "two_spheres.png", dpi=150)
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 5), layout="compressed")
+    shown, look = [(upper, models[0][0]), (lower, models[1][0])], {"colour": "von_mises", "scale": 1}
+    ep.plot.bodies(run, bodies=shown, axes=left, end=10e6, direction=(0, -1, 0), **look)
+    ep.plot.bodies(run, bodies=shown[1:], axes=right, end=1e9, direction=(0, 0, 1), **look)
+    right.set(xlim=(-1, 1), ylim=(-1, 1), title="the lower ball alone, where it is touched")
+    figure.savefig(options.out / "bodies.png", dpi=150, bbox_inches="tight")
+    print(json.dumps({key: result[key] for key in ("dofs", "fe_dofs", "time", "error")}), picture.resolve(), sep="\n")
     return result
 
 

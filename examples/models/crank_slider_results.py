@@ -89,11 +89,16 @@ def draw_motion(found, start):
         coil = np.linspace(0, 1, 60)
         panel.plot(backs[1] + coil * (0.62 - backs[1]), 0.01 * np.sin(12 * np.pi * coil), "0.5")
         panel.set(xlim=(-0.17, 0.64), ylim=(-0.18, 0.18), aspect="equal")
-        touch = f", contact force {1e-3 * found['force'][i]:.3g} kN" if found["force"][i] > 0 else ""
-        panel.set_title(f"{1e3 * found['t'][i]:.1f} ms, crank at {math.degrees(angle):.0f} degrees{touch}")
+        touch = ""
+        if found["force"][i] > 0:
+            touch, head = f", contact force {1e-3 * found['force'][i]:.3g} kN", backs[0] + LENGTHS[0]
+            arrow = {"arrowstyle": "->", "shrinkB": 6}
+            panel.annotate("heads touch", (head, 0), (head, 0.07), arrowprops=arrow, ha="center", fontsize="small")
+        turned = f"{1e3 * found['t'][i]:.1f} ms, crank at {math.degrees(angle):.0f} degrees{touch}"
+        panel.set_title(turned, fontsize="medium")
         panel.label_outer()
     names = {"crank": (-0.12, 0.03), "link": (0.03, 0.03), "block 3": (0.18, 0.03), "block 4": (0.44, 0.03)}
-    for name, at in (*names.items(), ("spring and damper", (0.43, -0.06))):
+    for name, at in (*names.items(), ("spring and damper", (0.39, -0.06))):
         axes[0, 0].annotate(name, at, fontsize="small")
     figure.supxlabel("x [m]")
     figure.supylabel("y [m]")

@@ -45,13 +45,13 @@ class Pair:
         return sum(gear.base * turn for gear, turn in zip(self.gears, turns, strict=True)) - self.start
 
     def tooth_forces(self, result, points):
-        """Forces of the pinion's flanks, (n,) [N] by "upper" or "lower" and number; `points` are its patch nodes."""
+        """Forces of the pinion's flanks, (n,) [N] by tooth and flank; `points` are its patch nodes."""
         forces, (tooth, upper), found = self.contact.row_forces(result), teeth_of(self.gears[0], points), {}
         for number in np.unique(tooth):
             for side, name in ((upper, "upper"), (~upper, "lower")):
                 force = np.asarray(forces[:, np.flatnonzero(side & (tooth == number))].sum(axis=1)).ravel()
                 if force.any():
-                    found[f"{name} {number}"] = force
+                    found[f"tooth {number}, {name} flank"] = force
         return found
 
     def run(self, end_time, step, spectral_radius=0.5):

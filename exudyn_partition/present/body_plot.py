@@ -152,6 +152,8 @@ def bodies(
         which = "circle: contact force" if len(pressing) == 1 else "circles: contact forces, up to"
         most = max(force for _, force in pressing)
         said.append(f"{which} {1e-3 * most:.3g} kN" if most >= 1e4 else f"{which} {most:.4g} N")
+    elif result.contacts:
+        said.append("no contact presses now")
     if scale != 1:
         said.append(f"deformed x {scale:g}: bodies may seem to overlap")
     axes.set_title("\n".join(said), fontsize="small")

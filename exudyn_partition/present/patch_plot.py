@@ -14,6 +14,7 @@ from .graphics import time_of
 from .plot_input import axes_of, contact_of, name_of, plain
 
 _STATES = {STICK: ("sticks", "C0", "o"), SLIP: ("slips", "C3", "^")}
+_LONGEST = 0.12  # of the axes' width: the arrow beside the scale
 
 
 def pressure(axes: Axes, result: Result, time: float | None = None, *, contact: PartitionContact | None = None) -> Axes:
@@ -84,12 +85,14 @@ def stick(axes: Axes, result: Result, time: float | None = None, *, contact: Par
         rows = state == kind
         axes.scatter(*x[rows].T, s=14, color=color, marker=marker, label=f"{label} ({np.count_nonzero(rows)} rows)")
     closed = state > 0
-    axes.margins(0.1, 0.22)  # room for the legend above, and the length of the arrows below
+    axes.margins(0.1, 0.3)  # room for the legend above, and the length of the arrows below
     if arrows[closed].any():
-        drawn = axes.quiver(*x[closed].T, *arrows[closed].T, color="0.35", width=0.004, zorder=0)
         longest = float(f"{np.linalg.norm(arrows[closed], axis=1).max():.1g}")
-        axes.quiverkey(drawn, 0.08, 0.05, longest, f"{longest:g} N", labelpos="E", coordinates="axes")
-    axes.legend(fontsize="small", loc="upper center", ncols=len(_STATES))
+        style = {"scale": longest / _LONGEST, "scale_units": "width", "color": "0.35", "width": 0.004, "zorder": 0}
+        drawn = axes.quiver(*x[closed].T, *arrows[closed].T, **style)
+        tip = 0.04 + _LONGEST
+        axes.quiverkey(drawn, tip, 0.05, longest, f"{longest:g} N", labelpos="E", coordinates="axes")
+    axes.legend(fontsize="small", loc="upper left")
     return _finish(axes, contact, sample)
 
 
@@ -100,14 +103,24 @@ def _sample(result: Result, time: float | None, contact: PartitionContact) -> Re
 
 
 def _across(direction: Array) -> Array:
-    """Two unit vectors across a direction, as columns, (3, 2)."""
-    across: Array = np.linalg.svd(direction[None])[2][1:].T
-    return across
+    """Unit vectors to the right and upwards for who looks at a patch from outside the body, as columns, (3, 2)."""
+    upwards = (0, 1, 0) if abs(direction[2]) > 0.9 else (0, 0, 1)
+    right = np.cross(upwards, direction)
+    right = right / np.linalg.norm(right)
+    return np.column_stack([right, np.cross(direction, right)])
+
+
+def _axis_near(way: Array) -> str:
+    """Name of the body's axis along a unit vector within 2.5 degrees, with its sign; empty if there is none."""
+    most = int(abs(way).argmax())
+    return "-" * bool(way[most] < 0) + "xyz"[most] if abs(way[most]) > 0.999 else ""
 
 
 def _finish(axes: Axes, contact: PartitionContact, sample: Result) -> Axes:
     axes.set_aspect("equal")
     axes.set_title(f"t = {1e3 * sample.t[0]:.4g} ms", fontsize="medium")
-    axes.set_xlabel(f"across the patch of {plain(name_of(contact.sides[0][0], 'the slave'))} [mm]")
-    axes.set_ylabel("across the patch [mm]")
+    item, number = contact.sides[0]
+    ways, body = _across(item.body.partition.patches[number].direction).T, plain(name_of(item, "the slave"))
+    axes.set_xlabel(f"{_axis_near(ways[0]) or 'across the patch'} of {body} [mm]")
+    axes.set_ylabel(f"{_axis_near(ways[1]) or 'up the patch'} of {body} [mm]")
     return axes

@@ -97,7 +97,7 @@ def force(
     for history, style in _layers(history_of(run, contact), reference):
         axes.plot(1e3 * history.t, history.force, label=label_of(history), **style)
     name = "" if isinstance(run, History) else contact_of(run, contact, "run").name
-    return _finish(axes, f"force of contact {plain(name)} [N]" if name else "contact force [N]")
+    return _finish(axes, f"contact force of '{plain(name)}' [N]" if name else "contact force [N]")
 
 
 def velocity(

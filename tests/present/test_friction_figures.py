@@ -5,6 +5,7 @@ import matplotlib.pyplot as plt
 import meshio
 import numpy as np
 import pytest
+from matplotlib.quiver import QuiverKey
 
 import exudyn_partition as ep
 
@@ -28,6 +29,19 @@ def test_stick_and_slip_are_drawn_with_their_numbers(run):
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert labels == [f"sticks ({stuck} rows)", f"slips ({closed - stuck} rows)"]
     plt.close(axes.figure)
+
+
+def test_a_narrow_picture_of_a_patch_keeps_its_legend_and_scale_in_its_frame_and_names_its_axes(run):
+    figure, axes = plt.subplots(figsize=(2.6, 3.2), layout="constrained")
+    ep.plot.stick(axes, run[2])
+    figure.canvas.draw()
+    frame = axes.get_window_extent()
+    (key,) = (artist for artist in axes.artists if isinstance(artist, QuiverKey))
+    for box in (axes.get_legend().get_window_extent(), key.vector.get_tightbbox()):
+        assert frame.x0 <= box.x0
+        assert box.x1 <= frame.x1
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("-x of ball [mm]", "y of ball [mm]")  # from below
+    plt.close(figure)
 
 
 def test_energy_counts_what_friction_takes(run):

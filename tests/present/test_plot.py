@@ -51,6 +51,12 @@ def test_every_axis_has_its_unit(run, comparisons, bodies):
     assert (modes.get_xlabel(), modes.get_ylabel()) == ("number of the shape", "frequency [kHz]")
 
 
+def test_the_label_of_a_force_tells_name_and_kind_apart(run):
+    result, *_, contact = run
+    assert contact.name
+    assert ep.plot.force(None, result).get_ylabel() == f"contact force of '{contact.name}' [N]"
+
+
 def test_a_result_is_drawn_like_its_history(run):
     result, striker, _, contact = run
     history = result.history(contact, {"north pole": (striker, (0, 0, 0.02))})
