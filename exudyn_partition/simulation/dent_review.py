@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ..errors import ModelLimitWarning
+from ..exudyn_bodies.joints import HOLONOMIC
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..fe.partition import Partition
 from ..support.arrays import Array
@@ -61,7 +62,7 @@ def _attached(mbs: MainSystem) -> Iterator[tuple[str, ItemEntry, float]]:
     data = mbs.systemData
     for number in range(data.NumberOfObjects()):
         entry = mbs.GetObject(number)
-        joint = bool(len(data.GetObjectLTGAE(number)))
+        joint = entry["objectType"] in HOLONOMIC  # Exudyn's tables may lack items that were added after the run
         stiffness = np.inf if joint else _stiffness(entry.get("stiffness"))
         for marker in entry.get("markerNumbers", ()) if stiffness > 0 else ():
             yield f"{entry['objectType']} {entry['name']!r}", mbs.GetMarker(marker), stiffness

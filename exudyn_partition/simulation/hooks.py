@@ -35,8 +35,6 @@ _SLOW = 0.1  # rad/s, frequency of bodies on such springs if forces are balanced
 _PRESSED = 0.03  # of f_cut: frequency of bodies on such springs if contacts press them from the start
 _BALANCED = 1e-6  # share of the first forces that may stay without balance
 _BALANCED_BY_FACETS = 1e-4  # the same of press fits: facets push bodies that nothing holds along their surfaces
-_FEW = 2  # iterations of Newton's method in a step for which a Jacobian need not be new
-_KEPT = 0.2  # of the number of coordinates: steps for which a Jacobian is kept at least
 _FUNCTION = re.compile(r"\w+::\w*[uU]serFunction\b")  # name of a user function in a report of Exudyn
 _RETURNED = re.compile(r"Unable to cast Python instance of type <class '(?:\w+\.)*(\w+)'>")
 _TERMINATED = "SolveDynamic terminated"  # Exudyn's only message if steps do not converge
@@ -107,28 +105,6 @@ class Watch:
         return self._interrupt.asked
 
 
-class Jacobians:
-    """Asks for a new Jacobian in implicit steps that take many iterations of Newton's method with an old one.
-
-    Exudyn keeps a Jacobian as long as each iteration makes the residual much smaller. Where bodies turn, each step then
-    takes one iteration more than with a new Jacobian now and then. A new one costs as much as many iterations, and the
-    more, the more coordinates there are. So it stays for a number of steps in proportion to them.
-    """
-
-    def __init__(self, mbs: MainSystem) -> None:
-        self._least = _KEPT * (mbs.systemData.ODE2Size() + mbs.systemData.AEsize())
-        self._count = self._steps = 0
-
-    def before_step(self, mbs: MainSystem) -> None:
-        """Ask for a new Jacobian in the coming step, if the last one took many iterations."""
-        it = mbs.sys["dynamicSolver"].it
-        if it.newtonJacobiCount != self._count:
-            self._count, self._steps = it.newtonJacobiCount, 0
-        self._steps += 1
-        if self._steps > self._least and it.newtonSteps > _FEW:
-            mbs.solverSignalJacobianUpdate = True
-
-
 @contextlib.contextmanager
 def begun(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
     """Begin a run at time t [s], and give contacts and joints the hooks that explicit steps need.
@@ -174,7 +150,7 @@ def watched(
     """
     last_start = None
     own_function = user_function(mbs.GetPreStepUserFunction())
-    runs, kinds, jacobians = runs_of(mbs), require("exudyn").ConfigurationType, Jacobians(mbs)
+    runs, kinds = runs_of(mbs), require("exudyn").ConfigurationType
     next_report = start_time
 
     def before_step(mbs: MainSystem, t: float) -> bool:
@@ -196,8 +172,6 @@ def watched(
         go_on = own_function is None or own_function(mbs, t)
         if not run.idle:
             run.before_step(mbs, t, joined=True)  # after the function, which may have moved joints
-        if run.method == "implicit":
-            jacobians.before_step(mbs)
         watch.steps += start != previous  # steps that are repeated with a shorter length do not count
         last_start = start
         return go_on and not stop  # Exudyn still takes this step, so all its work was done above

@@ -141,13 +141,13 @@ def test_a_stiff_body_moves_like_a_rigid_one(plank, stiffer, f_cut, options):
 
 
 def test_newton_s_method_converges(body):
-    """Two iterations a step; one Jacobian for the run, and in steps of a fiftieth of a radian one in nine steps."""
-    for step, iterations, steps_a_jacobian in ((2e-6, 2.1, 100), (50e-6, 2.5, 9)):
+    """One Jacobian for the run, a few iterations a step, also in steps of a fiftieth of a radian."""
+    for step, iterations in ((2e-6, 3), (50e-6, 6)):
         mbs, item = spin(body)
         result = ep.solve_dynamic(mbs, end_time=200 * step, step=step, method="implicit")
         solver = mbs.sys["dynamicSolver"].it
         assert solver.newtonStepsCount <= iterations * result.steps
-        assert solver.newtonJacobiCount <= result.steps / steps_a_jacobian
+        assert solver.newtonJacobiCount <= 2
         momentum = item.angular_momentum(result)
         assert abs(momentum - momentum[0]).max() < (300 * step) ** 2 * np.linalg.norm(momentum[0])
 
