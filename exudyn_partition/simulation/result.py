@@ -48,6 +48,7 @@ from .stored_run import (
 )
 from .work import Work
 
+_MOST_TIMES = 1_000_000  # more equal times find no other samples
 _TIMES = "t for the times of the samples [s], or time_s for the run time [s]"
 _MEANT = {  # names in other libraries
     "time": _TIMES,
@@ -212,7 +213,8 @@ class Result:
         if not len(self.t):
             raise InputError(f"result: the run kept no samples ({self.message})")
         if isinstance(times, int | np.integer):
-            wanted = np.linspace(self.t[0], self.t[-1], validate_integer("times", times, least=1))
+            count = min(validate_integer("times", times, least=1), _MOST_TIMES)
+            wanted = np.linspace(self.t[0], self.t[-1], count)
         else:
             wanted = validate_times("times", times, self.t)
         middles = (self.t[1:] + self.t[:-1]) / 2

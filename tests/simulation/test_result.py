@@ -30,6 +30,12 @@ def test_a_result_prints_itself_in_a_line(impact):
     assert str(ep.collect(impact[0])) == said
 
 
+@pytest.mark.parametrize("times", [7, 10**4, 10**12])
+def test_more_times_than_samples_are_all_samples(impact, times):
+    result = ep.solve_dynamic(impact[0], end_time=1e-6, step=0.5e-6)
+    np.testing.assert_array_equal(result.at(times).t, result.t)
+
+
 @pytest.mark.parametrize(("name", "meant"), [
     ("time", "t for the times of the samples"), ("force", r"force\(result\) of what CreatePartitionContact returns"),
     ("statuss", "Take status"), ("zzz", "it has .*time_s"),

@@ -360,7 +360,7 @@ CALLS = {
             Made(lambda s: [s.fem, s.other_fem]),
         ),
         within=v.positive(1e-4),
-        axes=v.choice("normal"),
+        axes=v.choice("normal").or_none,
     ),
     "Partition.surface": dict(
         faces=Kind(
@@ -375,7 +375,7 @@ CALLS = {
             },
             np.arange(12),
         ),
-        axes=v.choice("normal"),
+        axes=v.choice("normal").or_none,
         name="rim",
     ),
     "Partition.patch": dict(key=v.patch),
