@@ -155,7 +155,7 @@ class ClosedRows:
         """Forces without the rounding by which they are beyond the law, (3 na,) [N]."""
         lam = lam.reshape(-1, 3)
         lam[:, 0] = np.maximum(lam[:, 0], 0.0)
-        length = np.sqrt(np.einsum("ij,ij->i", lam[:, 1:], lam[:, 1:]))
+        length = np.hypot(lam[:, 1], lam[:, 2])
         lam[:, 1:] *= np.minimum(1.0, self._bound / (length + 1e-300))[:, None]
         return lam
 

@@ -53,7 +53,7 @@ class Side:
     zone: ZoneMotion | None = None
     active: Array | None = None
 
-    @property
+    @cached_property
     def n(self) -> int:
         """Number of coordinates of its body."""
         return self.kinematics.body.n_dofs

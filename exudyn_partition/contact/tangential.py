@@ -187,11 +187,11 @@ class TangentialRows:
 
     def _all_rows(self) -> Rows:
         """Jacobian of all rows while pairs are frozen, (3 nr, n)."""
-        everything = np.arange(len(self.gaps.row_nodes))
-        return self.gaps.stage.once("directed rows", lambda: self._rows_on_coordinates(everything))
+        return self.gaps.stage.once("directed rows", self._rows_on_coordinates)
 
-    def _rows_on_coordinates(self, index: Array) -> Rows:
+    def _rows_on_coordinates(self, index: Array | None = None) -> Rows:
         gaps, parts = self.gaps, []
+        index = np.arange(len(gaps.row_nodes)) if index is None else index
         for place, (side, q) in enumerate(zip(gaps.near_sides, gaps.coordinates, strict=True)):
             used, weights = self._node_weights(place, index)
             G = _directed(used, weights, self.tangents[index], len(side.surface.points))

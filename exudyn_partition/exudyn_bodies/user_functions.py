@@ -23,7 +23,7 @@ from .model import BodyItem, coordinate_slices
 
 Functions = dict[str, UserFunction]  # by their parameter names in ObjectGenericODE2
 
-_BOUND = 1e90  # of coordinates and velocities: products of three of them are numbers
+_BOUND = 1e90  # of the length of coordinates and velocities: products of three of them are numbers
 RIGID = 6  # coordinates of a NodeRigidBodyRotVecLG, rotation included
 
 
@@ -67,7 +67,7 @@ def inertia_functions(
         frequency. The remaining half step takes the accelerations at the start of the step. Only elastic and Coriolis
         forces are updated, because they change fast and their change is known.
         """
-        if not all((abs(x) < _BOUND).all() for x in (z, middle)):
+        if not np.vdot(z, z) + np.vdot(middle, middle) < _BOUND**2:  # NaN is not
             raise RunError("coordinates of a body with frame='floating' are beyond all bounds: the run is unstable")
         data = mbs.systemData
         own = _velocities_at(tuple([mbs.GetNodeODE2Index(node) for node in nodes]), len(z))
@@ -82,7 +82,7 @@ def inertia_functions(
         value: Array = v
         return value
 
-    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
+    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
         z, v = np.asarray(q)[RIGID:], np.asarray(q_t)[3:]
         result = np.zeros(RIGID + len(z))
         if stiffness is not None:
@@ -94,9 +94,10 @@ def inertia_functions(
                 result -= damping.force(np.asarray(q_t))
             if _runs_verlet(mbs, t):
                 v = end_velocities(mbs, t, z, v)
-            forces.coupling = not acts_on_constant_mass(mbs, item, acting)
-            result[3:] += forces.force(v[:3], z, v[3:])
-        return result
+            constant_mass = acts_on_constant_mass(mbs, item, acting)
+            result[3:] += forces.force(v[:3], z, v[3:], constant_mass=constant_mass)
+        values: list[float] = result.tolist()  # Exudyn takes a list faster than an array
+        return values
 
     def jacobian(
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float

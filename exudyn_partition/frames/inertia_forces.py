@@ -75,7 +75,7 @@ class InertiaForces:
         """Coriolis forces on the elastic coordinates, (n,)."""
         return 2 * (omega @ self._inertia.crossed(z_t)) if self.coriolis else np.zeros_like(z_t)
 
-    def force(self, omega: Array, z: Array, z_t: Array) -> Array:
+    def force(self, omega: Array, z: Array, z_t: Array, *, constant_mass: bool = False) -> Array:
         """Torque in the body's axes [N m] and forces on the elastic coordinates, (3 + n,).
 
         Parameters
@@ -84,9 +84,12 @@ class InertiaForces:
             Angular velocity in the body's axes [rad/s].
         z, z_t : (n,) array
             Elastic coordinates and their velocities.
+        constant_mass : bool, optional
+            Leave out `coupling`, because other forces on the body act on the constant mass.
         """
+        coupling = self.coupling and not constant_mass
         if self._all:
-            found = loops.inertia_force(self._inertia, self.elastic, self.coupling, omega, z, z_t)
+            found = loops.inertia_force(self._inertia, self.elastic, coupling, omega, z, z_t)
             if found is not None:
                 return found
         by_place, J, C, cross_t = self._inertia.products(z, z_t)
@@ -99,7 +102,7 @@ class InertiaForces:
             force += 2 * (omega @ cross_t)
         if self.centrifugal:
             force += _products(omega) @ by_place
-        if self.coupling:
+        if coupling:
             omega_t = np.linalg.solve(J - C @ C.T, torque - C @ (force - self.elastic(z)))
             torque, force = self.tensor @ omega_t, force - C.T @ omega_t
         return np.concatenate([torque, force])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -65,7 +66,7 @@ class InertiaIntegrals:
         cross = np.array([yz - yz.T, xz.T - xz, xy - xy.T])
         return cls(np.concatenate([[yy + zz, xx + zz, xx + yy], products]), np.ascontiguousarray(cross[:, 1:, 1:]))
 
-    @property
+    @cached_property
     def tensor(self) -> Array:
         """(3, 3) array: inertia of the undeformed body about its centre of mass [kg m2]."""
         tensor: Array = self.inertia[:, 0, 0][PLACE]

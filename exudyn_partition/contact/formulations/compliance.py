@@ -11,7 +11,7 @@ import numpy as np
 import scipy.linalg
 
 from ...algebra.complementarity import Complementarity, regularised
-from ...algebra.friction import FrictionProblem
+from ...algebra.friction import OPEN, FrictionProblem
 from ...algebra.products import dense
 from ...support.arrays import Array
 from .. import loops
@@ -190,8 +190,8 @@ class FrictionalCompliance(Law):
         problem, before = self.problem, closing.before(at.since, last)
         if before is not None:  # a new step: guess that forces change as they did
             problem.extrapolate(before)
-        h = np.column_stack([at.gap, at.way])[near]
-        h[:, 1:] -= problem.moved_by(last[near])[:, 1:]
+        h = np.empty((len(near), 3))
+        h[:, 0], h[:, 1:] = at.gap[near], at.way[near] - problem.moved_by(last[near])[:, 1:]
         made = problem.iterations
         found = problem.solve(h, at.mu[near])
         self.iterations += problem.iterations - made
@@ -216,7 +216,7 @@ class FrictionalCompliance(Law):
         near, n = closing.index, len(self.rows.gaps.row_nodes)
         forces, states, slips = np.zeros((n, 3)), np.zeros(n, dtype=np.int8), np.zeros((n, 2))
         forces[near], states[near], slips[near] = lam, state, (h + moved)[:, 1:]
-        return Forces(forces, near[np.flatnonzero(state)], states, slips)
+        return Forces(forces, near[state != OPEN], states, slips)
 
     def stored(self, gap: Array, forces: Array) -> float:
         """See `Law`: 1/2 lambda' F lambda."""
