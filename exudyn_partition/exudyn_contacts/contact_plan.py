@@ -27,7 +27,7 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..fe.partition import number_of_patch
 from ..support.checks import validate_choice, validate_items, validate_positive
 from ..support.foreign import MainSystem, ObjectIndex
-from ..surfaces.near import near_patches, opposite_parts
+from ..surfaces.near import edge_meets, near_patches, opposite_parts
 from ..surfaces.points import ROWS, RowKind
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from ..surfaces.surface import Surface
@@ -240,10 +240,15 @@ def _placed(
 def _are_better_turned(slave: Surface, master: Surface) -> bool:
     """Whether slave and master should change places: rows are at the sharp edges, and at the finer facets of the slave.
 
-    The master's edges have no rows.
+    The master's edges have no rows. So the slave is the body whose edge meets a face of the other, or whose patch goes
+    around sharp edges, if that is true of one alone.
     """
-    if bool(len(slave.sharp)) != bool(len(master.sharp)):
-        return bool(len(master.sharp))
+    for of_slave, of_master in (
+        (edge_meets(slave, master), edge_meets(master, slave)),
+        (len(slave.sharp) > len(slave.ends), len(master.sharp) > len(master.ends)),
+    ):
+        if of_slave != of_master:
+            return of_master
     return bool(master.facet_size < _FINER * slave.facet_size)
 
 

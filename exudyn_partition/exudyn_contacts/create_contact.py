@@ -105,7 +105,8 @@ def CreatePartitionContact(
         a facet's size squared over the radius. Default: "integrated", but "node-to-segment" with "lagrange", as in the
         paper: its implicit steps converge better.
     passes : {"finer", "given"}
-        Which body is the slave: the one with the smaller facets, or the one given as the slave.
+        Which body is the slave: the one with the smaller facets, or the one given as the slave. With "finer", a body
+        whose sharp edge meets a face of the other comes first, because the master's edges have no rows.
     slavePatch, masterPatch : int or str, optional
         Number or name of the contact patch, for bodies that have several.
     masterBody : optional

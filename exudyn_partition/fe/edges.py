@@ -7,10 +7,11 @@ import math
 import numpy as np
 
 from ..support.arrays import Array
-from .facets import facet_corners
+from .facets import area_vectors, facet_corners
 from .shapes import corners_of, shape_functions
 
 _SHARP = math.cos(math.radians(30))  # between the normals on both sides of an edge: below, the edge is sharp
+_FLAT = math.cos(0.02)  # between the normals of two facets: above, they are as good as coplanar
 
 
 def edge_middles(facets: Array) -> Array:
@@ -40,6 +41,24 @@ def sharp_edges(points: Array, facets: Array) -> tuple[Array, Array]:
     Each edge is there twice, in both facets. Normals are those of the curved facets at the middle of their edge, so
     that coarse meshes of round bodies have no sharp edges. Facets of both shapes are in halves, see `halves`.
     """
+    facet, edge, turns, convex = _turning(points, facets)
+    return facet[turns & convex], edge[turns & convex]
+
+
+def flat_facets(points: Array, facets: Array) -> Array:
+    """Whether the surface is flat from a facet to those beside it, (nf,) bool; faces end at edges of 30 degrees."""
+    facet, edge, turns, _ = _turning(points, facets)
+    normals = area_vectors(points, facets)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+    other = neighbours_across(facets)[0][facet, edge]
+    bends = ~turns & (np.einsum("kd,kd->k", normals[facet], normals[other]) < _FLAT)
+    flat = np.ones(len(facets), dtype=bool)
+    flat[facet[bends]] = False
+    return flat
+
+
+def _turning(points: Array, facets: Array) -> tuple[Array, Array, Array, Array]:
+    """Facets and their edges where another one follows, (k,) each, where it turns by 30 degrees, and where outwards."""
     across, its_edge = neighbours_across(facets)
     shape = shape_functions(edge_middles(facets), facets.shape[1])
     place, a, b = np.einsum("ein,fnd->ifed", shape, points[facets])
@@ -49,8 +68,7 @@ def sharp_edges(points: Array, facets: Array) -> tuple[Array, Array]:
     other, own = across[facet, edge], normals[facet, edge]
     turns = np.einsum("kd,kd->k", own, normals[other, its_edge[facet, edge]]) < _SHARP
     away = points[facet_corners(facets[other])].mean(axis=1) - place[facet, edge]
-    sharp = turns & (np.einsum("kd,kd->k", own, away) < 0)
-    return facet[sharp], edge[sharp]
+    return facet, edge, turns, np.einsum("kd,kd->k", own, away) < 0
 
 
 def sharp_nodes(points: Array, facets: Array) -> Array:

@@ -28,7 +28,7 @@ from .edges import sharp_nodes
 from .facets import of_one_shape, unfolded
 from .facing import connected, facing_facets
 from .model import FEModel, same_mesh
-from .patch_facets import Faces, ball_facets, local_normals, mean_direction, show, smooth_rim, widened
+from .patch_facets import Faces, ball_facets, local_normals, mean_direction, sharp_ends, show, smooth_rim, widened
 from .patches import (
     AXES,
     Interface,
@@ -302,6 +302,8 @@ class Partition:
         flexibility between all nodes is kept: `axes="normal"` with 5000 nodes are 200 MB, and `axes="xyz"` nine times
         that. Load patterns all over it lead the basis (`loads.resultants`).
 
+        Sharp edges between its faces, and those at which a flat face ends, have contact rows of their own.
+
         Parameters
         ----------
         fem : FEModel
@@ -344,7 +346,8 @@ class Partition:
         normals, size = local_normals(fem.points, facets), np.ptp(fem.points[facets], axis=(0, 1))
         line, rim = mean_direction(fem.points, facets), smooth_rim(fem, number, normals)
         material = None if fem.regions is None else fem.material_beneath(number)
-        patch = Patch(facets, line, rim, axes, name=name, material=material, normals=normals, extent=size)
+        ends = sharp_ends(fem, number)
+        patch = Patch(facets, line, rim, axes, name=name, material=material, normals=normals, extent=size, ends=ends)
         return cls(patch.nodes, (patch,), (), fem.n_nodes, fem.fingerprint)
 
     @overload

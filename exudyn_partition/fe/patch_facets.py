@@ -9,7 +9,8 @@ import numpy as np
 from ..errors import EmptyRegionError, InputError
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_array, validate_choice, validate_vector, validate_whole
-from .facets import area_vectors, by_shape, facet_corners
+from .edges import flat_facets, sharp_nodes
+from .facets import area_vectors, by_shape, facet_corners, of_one_shape, unfolded
 from .model import FEModel
 from .places import distance_within
 
@@ -184,6 +185,19 @@ def smooth_rim(fem: FEModel, number: Array, normals: Array) -> Array:
     `number`, (nf,), are the facets of the patch, `normals`, (k, 3), those of its nodes, ascending.
     """
     return np.unique(_beyond(fem, number, normals)[1])
+
+
+def sharp_ends(fem: FEModel, number: Array) -> Array:
+    """Nodes of a patch of facets `number`, (nf,), on sharp edges of the body at which it ends and is flat, (k,).
+
+    Where a face is curved, its nodes lie further out than its facets by their sag. Rows of their own would close before
+    those of the nodes within.
+    """
+    own = of_one_shape(unfolded(fem.facets[number]))
+    around = fem.facets[np.isin(fem.facets, own).any(axis=1)]
+    on_edges = np.intersect1d(sharp_nodes(fem.points, of_one_shape(unfolded(around))), own)
+    curved = own[~flat_facets(fem.points, own)]
+    return np.setdiff1d(on_edges, np.union1d(curved, sharp_nodes(fem.points, own)))
 
 
 def widened(fem: FEModel, number: Array) -> Array:

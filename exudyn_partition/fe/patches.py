@@ -124,6 +124,8 @@ class Patch:
         Unit outward normals of its nodes, if contact wanders over it; None: `direction` everywhere.
     extent : (3,) array or None
         Lengths along the body's axes [m], for print; None: not known, as of old files.
+    ends : (k,) int array or None
+        Nodes on sharp edges of the body at which it ends, see `patch_facets.sharp_ends`; None: there are none.
     """
 
     facets: Array
@@ -136,6 +138,7 @@ class Patch:
     material: Material | None = field(default=None, metadata={"added": True})
     normals: Array | None = field(default=None, metadata={"added": True})
     extent: Array | None = field(default=None, metadata={"added": True})
+    ends: Array | None = field(default=None, metadata={"added": True})
 
     def __post_init__(self) -> None:
         check_facets(self.facets)
@@ -155,6 +158,9 @@ class Patch:
         if self.extent is not None:
             check_floats("extent", self.extent, (3,))
             read_only(self.extent)
+        if self.ends is not None:
+            check_indices("ends", self.ends, (None,))
+            read_only(self.ends)
 
     def __repr__(self) -> str:
         size = (

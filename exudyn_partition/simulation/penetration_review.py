@@ -135,9 +135,10 @@ def _warn_of_sinking(contact: PartitionContact, result: Result) -> None:
             f"{called(contact)} at t = {result.t[sample]:.6g} s: {depth[worst]:.3g} m of {called(item)} are below the "
             f"rigid surface at {places[worst]} m, with no closed row around: a corner, an edge or a tip of patch "
             f"{repr(patch.name) if patch.name else number} that is smaller than its facets. Integrated rows are means "
-            "around nodes, which close there too late, so that it sinks in without a force. Sharp edges within a patch "
-            "have rows of their own, except those of a penalty: choose the faces on both sides by Partition.surface. "
-            "Or take rows='node-to-segment', finer facets there, or a rounded edge",
+            "around nodes, which close there too late, so that it sinks in without a force. Sharp edges of patches of "
+            "Partition.surface have rows of their own, but not those at which a curved face ends, and none with a "
+            "penalty: choose the faces on both sides. Or take rows='node-to-segment', finer facets there, or a rounded "
+            "edge",
             ContactPatchWarning,
             stacklevel=6,
         )

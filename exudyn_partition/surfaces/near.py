@@ -65,6 +65,21 @@ def near_patches(
     return found
 
 
+def edge_meets(one: Surface, other: Surface) -> bool:
+    """Whether a sharp edge or corner of one patch is where both are nearest to each other, opposite another face."""
+    if not len(one.sharp):
+        return False
+    least, size = np.inf, one.facet_size
+    for surface, opposite in ((other, one), (one, other)):  # the last ones are those of the first patch
+        near = NearParts.of(surface, opposite)
+        found = closest_points(surface.points[near.nodes], opposite.points[opposite.facets[near.master_facets]])
+        normals = surface.normals_at(near.nodes[:, None], np.ones((len(near.nodes), 1)))
+        met = facing_locally(found, normals, opposite.facet_size)
+        least = min(least, float(found.gap[met].min(initial=np.inf)))
+    met &= found.gap <= least + TOUCHING * size
+    return bool(np.isin(near.nodes[met], one.sharp).any())
+
+
 def opposite_parts(surface: Surface) -> tuple[Surface, Surface]:
     """The two parts of a patch that folds which face each other across its narrowest gap.
 

@@ -44,6 +44,8 @@ class Surface:
         Whether contact wanders over the patch, so that its normals decide and not `direction`.
     sharp : (k,) int array
         Rows of `points` on sharp edges, where integrated rows are the gaps of nodes; see `points`.
+    ends : (k,) int array
+        Those of them where the patch ends; the others are between its facets.
     """
 
     points: Array
@@ -54,6 +56,7 @@ class Surface:
     direction_given: bool = False
     wanders: bool = False
     sharp: Array = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    ends: Array = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     @classmethod
     def of(cls, points: Array, patch: Patch, position: Array) -> Surface:
@@ -63,12 +66,15 @@ class Surface:
         facets = of_one_shape(facets)
         places, given = points[nodes] + position, patch.direction_given
         found = cls(places, facets, patch.direction, rim, nodes, given, patch.wanders)
-        return replace(found, sharp=sharp_nodes(places, facets))
+        sharp, ends = sharp_nodes(places, facets), found.ends
+        if patch.ends is not None:
+            ends = np.searchsorted(nodes, patch.ends)
+        return replace(found, sharp=np.union1d(sharp, ends), ends=ends)
 
     @property
     def without_edges(self) -> Surface:
         """The same patch without rows of its own at sharp edges."""
-        return replace(self, sharp=self.sharp[:0])
+        return replace(self, sharp=self.sharp[:0], ends=self.ends[:0])
 
     @property
     def flatness(self) -> float:

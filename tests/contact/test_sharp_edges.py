@@ -1,5 +1,7 @@
 """Sharp edges and corners: rows there close at the touch, and the faces beside them carry an even pressure."""
 
+from itertools import product
+
 import exudyn as exu
 import exudyn.itemInterface as items
 import netgen.occ as occ
@@ -30,6 +32,14 @@ def cube():
     """A steel cube about the origin; its patch is the whole skin."""
     fem = ep.fe_model(skin(box(SIDE, SIDE, SIDE).Move((0, 0, -SIDE / 2))), ep.STEEL, maxh=SIDE / 2)
     return ep.reduce(fem, ep.Partition.surface(fem, "skin", name="skin"), f_cut=1e5)
+
+
+@pytest.fixture(scope="module")
+def one_face():
+    """The same cube; its patch is its lower face alone, which ends at sharp edges."""
+    fem = ep.fe_model(box(SIDE, SIDE, SIDE).Move((0, 0, -SIDE / 2)), ep.STEEL, maxh=SIDE / 2)
+    part = ep.Partition.surface(fem, plane=((0, 0, -SIDE / 2), (0, 0, -1)), axes="xyz", name="skin")
+    return ep.reduce(fem, part, f_cut=1e5)
 
 
 @pytest.fixture(scope="module")
@@ -81,8 +91,10 @@ def fall(mbs, cube, plane, frame="floating", method="implicit", **options):
         (SLIGHT, "inertial", "explicit", {"rows": "node-to-segment"}),
     ],
 )
-def test_a_force_acts_while_a_corner_or_edge_touches(mbs, cube, plane, frame, method, options):
-    """From the touch on, and with the impulse of rigid bodies."""
+@pytest.mark.parametrize("patch", ["cube", "one_face"])
+def test_a_force_acts_while_a_corner_or_edge_touches(mbs, request, patch, plane, frame, method, options):
+    """From the touch on, and with the impulse of rigid bodies; the patch goes around the edge, or ends there."""
+    cube = request.getfixturevalue(patch)
     item, contact, result, normal, place = fall(mbs, cube, plane, frame, method, **options)
     force, deep = contact.force(result), contact.gap(result) < 0
     np.testing.assert_array_equal(force[1:] > 0, deep[1:])
@@ -143,10 +155,11 @@ def column(sign, all_around):
     return ep.reduce(fem, part, f_cut=4e4)
 
 
+@pytest.mark.parametrize("all_around", [True, False])
 @pytest.mark.parametrize(("frame", "master"), [("inertial", "plane"), ("floating", "plane"), ("inertial", "bar")])
-def test_a_face_between_sharp_edges_bears_an_even_pressure(mbs, frame, master):
-    """Pressed on a plane, or on a bar whose mesh does not match."""
-    upper = ep.CreatePartitionBody(mbs, column(1, True), frame=frame)
+def test_a_face_between_sharp_edges_bears_an_even_pressure(mbs, frame, master, all_around):
+    """Pressed on a plane, or on a bar whose mesh does not match; the patch goes around its edges, or ends there."""
+    upper = ep.CreatePartitionBody(mbs, column(1, all_around), frame=frame)
     other = ep.RigidPlane() if master == "plane" else ep.CreatePartitionBody(mbs, column(-1, False), frame=frame)
     contact = ep.CreatePartitionContact(mbs, upper, other)
     for item, sign, held in ((upper, 1, [1, 1, 0, 1, 1, 1]), (other, -1, [1] * 6)):
@@ -183,6 +196,27 @@ def test_a_penalty_layer_has_no_rows_of_edges(cube, plate, master):
     assert [bool((area == 0).any()) for area in areas] == [True, False, True]
 
 
+@A_CORNER
+def test_the_body_whose_edge_meets_a_face_is_the_slave(cube, on_corner, one_face):
+    """Both have sharp edges; each is given first, and passes="given" keeps the order."""
+    up = np.array([0, 0, SIDE / 2])
+    corner = lowest(on_corner.points, np.array([0.0, 0.0, 1.0]))
+    lower_face = ep.fe_model(box(2 * SIDE, 2 * SIDE, SIDE).Move((0, 0, -SIDE)), ep.STEEL, maxh=SIDE / 3)
+    top = ep.Partition.surface(lower_face, plane=((0, 0, 0), (0, 0, 1)), axes="xyz")
+    floor = ep.reduce(lower_face, top, f_cut=3e4)
+    for upper, at, lower, base in (
+        (on_corner, [*up[:2], GAP - corner[2]] - np.r_[corner[:2], 0], cube, -up),  # a corner
+        (one_face, up + np.array([0, 0, GAP]), floor, np.zeros(3)),  # a face, whose edges lie within the other one
+    ):
+        for order, passes in product((1, -1), ("finer", "given")):
+            mbs = exu.SystemContainer().AddSystem()
+            high = ep.CreatePartitionBody(mbs, upper, name="upper", referencePosition=at)
+            low = ep.CreatePartitionBody(mbs, lower, name="lower", referencePosition=base)
+            given = [high, low][::order]
+            slave = ep.CreatePartitionContact(mbs, *given, passes=passes).slave
+            assert slave == (high if passes == "finer" else given[0])
+
+
 @pytest.mark.parametrize("way", [(0.3, 0.1), (-0.9, 0.5)])
 def test_a_face_that_stands_over_an_edge_has_not_left_a_patch(cube, way):
     """Beyond a sharp edge of the master there is no surface that the patch does not have."""
@@ -204,12 +238,14 @@ def test_mean_normals_at_edges_are_told(mbs):
         fall(mbs, body, EDGE)
 
 
-def test_uniform_pressure_needs_no_force_at_edges(cube):
+@pytest.mark.parametrize("patch", ["cube", "one_face"])
+def test_uniform_pressure_needs_no_force_at_edges(request, patch):
     """The rows of all other nodes make the nodal forces of a uniform pressure."""
+    cube = request.getfixturevalue(patch)
     surface = cube.surface(np.zeros(3))
     points = contact_points(surface, "integrated")
     at_edges = np.isin(points.row_nodes, surface.sharp)
-    assert at_edges.sum() == np.count_nonzero((np.isclose(abs(cube.points), SIDE / 2)).sum(axis=1) > 1)
+    assert at_edges.sum() == np.count_nonzero((np.isclose(abs(surface.points), SIDE / 2)).sum(axis=1) > 1)
     assert not points.area[at_edges].any()
     on_nodes = np.zeros(len(surface.points))
     np.add.at(on_nodes, points.nodes, points.weights * (points.mean.T @ points.area)[:, None])

@@ -45,6 +45,45 @@ def test_a_part_of_a_smooth_surface_ends_at_its_rim(disc):
     assert abs(disc.points[half.rim, 1]).max() < 2.5e-3
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_flat_face_ends_at_sharp_edges_and_a_curved_one_has_none(order):
+    """A curved face has its nodes further out than its facets, so that rows of nodes would close too early."""
+    fem = ep.fe_model(occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, r=R, h=WIDTH), ep.STEEL, maxh=2.5e-3, order=order)
+    (flat,) = ep.Partition.surface(fem, plane=((0, 0, 0), (0, 0, -1))).patches
+    (curved,) = ep.Partition.surface(fem, cylinder=((0, 0, 0), (0, 0, 1), R)).patches
+    np.testing.assert_array_equal(flat.ends, np.intersect1d(flat.nodes, curved.nodes))
+    assert flat.ends.size
+    assert not curved.ends.size
+    both = [np.flatnonzero(np.isin(fem.facets, patch.nodes).all(axis=1)) for patch in (flat, curved)]
+    assert not ep.Partition.surface(fem, np.concatenate(both)).patches[0].ends.size
+
+
+def test_a_part_of_a_face_ends_at_the_edges_of_the_body_alone():
+    """Neither where the face goes on, nor at the foot of a step."""
+    step = box(4 * R, 2 * R, R).Move((0, 0, -R)) + box(2 * R, 2 * R, R).Move((R, 0, 0))
+    fem = ep.fe_model(step, ep.STEEL, maxh=R)
+    at = fem.points[fem.facets]
+    part = ep.Partition.surface(fem, (abs(at[..., 2]).max(axis=1) < 1e-9) & (at[..., 1].mean(axis=1) > 0)).patches[0]
+    x, y = fem.points[part.nodes, :2].T
+    foot, cut = np.isclose(x, 0, atol=1e-9), y < R / 2
+    assert foot.any()
+    assert cut.any()
+    np.testing.assert_array_equal(part.ends, part.nodes[np.isclose(x, -2 * R) | np.isclose(y, R)])
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_two_faces_end_at_all_edges_but_their_own(order):
+    """Each of the others has rows up to the corners; the edge between both has rows as such."""
+    fem = ep.fe_model(box(R, R, R), ep.STEEL, maxh=R / 2, order=order)
+    at = fem.points[fem.facets]
+    x, z = abs(at[..., 0] - R / 2).max(axis=1) < 1e-9, abs(at[..., 2]).max(axis=1) < 1e-9
+    (patch,) = ep.Partition.surface(fem, x | z).patches
+    side = np.isclose(abs(fem.points[patch.nodes, 1]), R / 2)
+    x, z = np.isclose(fem.points[patch.nodes, 0], R / 2), np.isclose(fem.points[patch.nodes, 2], 0)
+    far = np.isclose(fem.points[patch.nodes, 0], -R / 2) | np.isclose(fem.points[patch.nodes, 2], R)
+    np.testing.assert_array_equal(patch.ends, patch.nodes[(side | far) & ~(x & z)])
+
+
 def test_ball_patches_have_the_line_of_contact_as_normals(disc):
     (tip,) = ep.Partition.ball(disc, (0, R, 0), 2e-3).patches
     assert not tip.wanders

@@ -237,9 +237,9 @@ def test_a_corner_or_edge_that_sinks_into_a_rigid_surface_is_told(cube, turn, op
 
 @pytest.mark.parametrize(("degrees", "told"), [(5.0, True), (0.0, False)])
 def test_an_edge_at_the_end_of_a_patch_that_sinks_is_told(cube, degrees, told):
-    """The patch is the lower face alone, so that its end is no edge between two faces."""
+    """The patch is a region of the lower face, up to its edges; only patches of faces have rows there."""
     fem, _ = cube
-    body = ep.reduce(fem, ep.Partition.surface(fem, plane=((0, 0, -0.05), (0, 0, -1))), f_cut=9e3)
+    body = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, -0.05), 0.08, direction=(0, 0, -1)), f_cut=9e3)
     turn = Rotation.from_euler("xyz", [np.radians(degrees), 0, 0]).as_matrix()
     mbs = exu.SystemContainer().AddSystem()
     item = ep.CreatePartitionBody(
@@ -253,7 +253,7 @@ def test_an_edge_at_the_end_of_a_patch_that_sinks_is_told(cube, degrees, told):
         ep.solve_dynamic(mbs, end_time=1.5e-3 if told else 1e-4, method="implicit", step=1e-5)
     said = [w for w in caught if "with no closed row around" in str(w.message)]
     assert bool(said) == told
-    assert not told or "choose the faces on both sides by Partition.surface" in str(said[0].message)
+    assert not told or "patches of Partition.surface have rows of their own" in str(said[0].message)
 
 
 TURNS = {

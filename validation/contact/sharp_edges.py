@@ -1,5 +1,8 @@
 """A cube falls on its corner, its edge and a face that is hardly tilted; and faces between sharp edges are pressed.
 
+The patch of the cube is its whole skin, or its lower face alone, which ends at the edge that touches. A face alone is
+also tried with the default `axes`, where it is hardly tilted.
+
 References: the touch of a rigid cube, and its impulse (1 + e) v / (1 / m + r' I^-1 r) with r the arm of the contact
 about the centre of mass, crossed with the normal, and e Newton's coefficient as the motion of the whole body gives it;
 for corners, which are so soft that hardly anything vibrates, with e = 1 too. The full FE model of a cube and a plate
@@ -15,6 +18,7 @@ the bar.
 """
 
 import warnings
+from itertools import product
 
 import exudyn as exu
 import exudyn.itemInterface as items
@@ -32,7 +36,9 @@ from validation.contact import scenes
 SIDE, SPEED, GAP, FORCE = 0.02, 1.0, 1e-6, 1e3
 PLANES = {"corner": (1.0, 2.0, 3.0), "edge": (0.0, 1.0, 2.0), "tilted face": (0.02, 0.03, 1.0)}
 RUNS = [("floating", "implicit", None), ("inertial", "explicit", None), ("floating", "explicit", 0.2)]
+PATCHES = {"skin": PLANES, "face": PLANES, "face, axes as usual": ["tilted face"]}
 MESHES = (10e-3, 5e-3)  # largest elements of the cube
+SHARES = "impulse", "peak"  # of the full FE model
 LIMITS = {
     "depth": 0.01,
     "impulse": 0.01,
@@ -43,17 +49,22 @@ LIMITS = {
 }
 
 
-def cube(maxh, normal=(0.0, 0.0, 1.0), f_cut=1e5):
+def cube(maxh, normal=(0.0, 0.0, 1.0), f_cut=1e5, patch="skin"):
     """FE model, partition and reduced body of a cube about the origin, turned so that a normal becomes the z axis."""
     shape = occ.Box((-SIDE / 2,) * 3, (SIDE / 2,) * 3)
     for face in shape.faces:
         face.name = "skin"
     normal = np.array(normal) / np.linalg.norm(normal)
-    turn = Rotation.align_vectors([[0.0, 0.0, 1.0]], [normal])[0].as_rotvec()
+    turned = Rotation.align_vectors([[0.0, 0.0, 1.0]], [normal])[0]
+    turn = turned.as_rotvec()
     if turn.any():
         shape = shape.Rotate(occ.Axis((0, 0, 0), occ.Dir(*turn)), np.degrees(np.linalg.norm(turn)))
     fem = ep.fe_model(shape, scenes.STEEL, maxh=maxh)
-    part = ep.Partition.surface(fem, "skin")
+    if patch == "skin":
+        part = ep.Partition.surface(fem, "skin")
+    else:
+        axes = "xyz" if patch == "face" else None
+        part = ep.Partition.surface(fem, near=turned.apply([0.0, 0.0, -SIDE / 2]), axes=axes)
     return fem, part, ep.reduce(fem, part, f_cut=f_cut)
 
 
@@ -89,9 +100,9 @@ def on_plane(body, plane, frame, method, friction):
     }  # fmt: skip
 
 
-def on_plate(plane):
+def on_plate(plane, patch):
     """The cube on an elastic plate, reduced and in full: what is compared, and the curves."""
-    fem, part, body = cube(5e-3, PLANES[plane], f_cut=1.4e5)
+    fem, part, body = cube(5e-3, PLANES[plane], f_cut=1.4e5, patch=patch)
     shape = occ.Box((-0.03, -0.03, -0.03), (0.03, 0.03, 0.0))
     plate = ep.fe_model(shape, scenes.STEEL, maxh=0.012, refine=[ep.Refine((0, 0, 0), radius=0.008, h=4e-3)])
     top = ep.Partition.ball(plate, (0, 0, 0), radius=0.02, axes="xyz")
@@ -110,7 +121,7 @@ def on_plate(plane):
     both = (result.t, force), (history.t, history.force)
     (impulse, peak), (full_impulse, full_peak) = ((np.trapezoid(f, t), f.max()) for t, f in both)
     return {
-        "plane": plane, "dofs": fem.n_dofs + plate.n_dofs, "kept": body.n_dofs + lower.n_dofs,
+        "patch": patch, "plane": plane, "dofs": fem.n_dofs + plate.n_dofs, "kept": body.n_dofs + lower.n_dofs,
         "impulse_Ns": impulse, "peak_N": peak, "impulse": impulse / full_impulse - 1, "peak": peak / full_peak - 1,
     }, both  # fmt: skip
 
@@ -125,12 +136,15 @@ def bar(sign, maxh, all_around):
     return ep.reduce(fem, part, f_cut=4e4)
 
 
-def pressed(master, all_around):
-    """A bar pressed on a plane or a bar: its pressure within the face, and the force on its edges."""
+def pressed(master, all_around, own=True):
+    """A bar pressed on a plane or a bar: its pressure within the face, and the force on its edges.
+
+    `all_around` and `own` say whether the patches of master and slave go around the edges.
+    """
     mbs = exu.SystemContainer().AddSystem()
-    upper = ep.CreatePartitionBody(mbs, bar(1, 8e-3, True))
+    upper = ep.CreatePartitionBody(mbs, bar(1, 8e-3, own))
     other = ep.RigidPlane() if master == "plane" else ep.CreatePartitionBody(mbs, bar(-1, 6.5e-3, all_around))
-    contact = ep.CreatePartitionContact(mbs, upper, other)
+    contact = ep.CreatePartitionContact(mbs, upper, other, passes="given")
     held = [(upper, 1, [1, 1, 0, 1, 1, 1])] + ([(other, -1, [1] * 6)] if master == "bar" else [])
     for item, sign, axes in held:
         fixed = mbs.AddMarker(
@@ -148,7 +162,8 @@ def pressed(master, all_around):
     inner = np.isclose(surface.points[:, 2], 0, atol=1e-6) & (abs(surface.points[:, :2]).max(axis=1) < 0.49 * SIDE)
     pressure = contact.pressure(result).toarray()[-1, inner] / (FORCE / SIDE**2)
     return {
-        "master": master, "edges of the master": all_around, "pressure": abs(pressure - 1).max(),
+        "master": master, "edges of the slave": own, "edges of the master": all_around,
+        "pressure": abs(pressure - 1).max(),
         "area": contact.area(result)[-1] / SIDE**2 - 1,
         "on edges": contact.row_forces(result).toarray()[-1, surface.sharp].sum() / FORCE,
     }  # fmt: skip
@@ -162,16 +177,17 @@ def worst(found):
         "depth": max(r["depth"] for r in planes),
         "impulse": max(impulses),
         "energy": max(r["energy"] for r in planes),
-        "full FE": max(abs(r[key]) for r in plates for key in ("impulse", "peak")),
+        "full FE": max(abs(r[key]) for r in plates for key in SHARES),
         **{f"pressure, {m}": max(r["pressure"] for r in bars if r["master"] == m) for m in ("plane", "bar")},
     }
 
 
 def draw(curves):
     path, (figure, axes) = scenes.figure(__file__, ncols=len(curves), figsize=(4 * len(curves), 3.6))
-    for ax, (plane, ((t, force), (full_t, full_force))) in zip(axes, curves.items(), strict=True):
-        ax.plot(1e6 * full_t, 1e-3 * full_force, "k-", lw=3, alpha=0.3, label="full FE, a row at each node")
-        ax.plot(1e6 * t, 1e-3 * force, "C3-", lw=1, label="this library")
+    for ax, (plane, found) in zip(axes, curves.items(), strict=True):
+        for color, (patch, ((t, force), (full_t, full_force))) in enumerate(found.items()):
+            ax.plot(1e6 * full_t, 1e-3 * full_force, f"C{color}-", lw=4, alpha=0.3, label=f"{patch}: full FE")
+            ax.plot(1e6 * t, 1e-3 * force, f"C{color}-", lw=1, label=f"{patch}: this library")
         ax.set(title=f"cube on its {plane}", xlabel="time [µs]", ylabel="force [kN]")
     axes[0].legend()
     figure.savefig(path, dpi=110)
@@ -183,17 +199,24 @@ def write_table(found):
         "| cube of 20 mm on | elements | depth at the first force, by a facet | e | impulse against rigid | energy |",
         "|---|---|---|---|---|---|",
     ]
-    for r in found["planes"]:
-        if (r["frame"], r["method"], r["friction"]) == (*RUNS[0][:2], 0.0):
+    runs = [r for r in found["planes"] if (r["frame"], r["method"], r["friction"]) == (*RUNS[0][:2], 0.0)]
+    for r in runs:
+        if r["patch"] == "skin":
             depth = f"{r['depth']:.0e}" if r["depth"] > 1e-9 else "0"
             lines.append(
                 f"| its {r['plane']} | {1e3 * r['maxh']:g} mm | {depth} | {r['e']:.3f} | {r['impulse']:.1e} | "
                 f"{r['energy']:.1e} |"
             )
-    plates = ", ".join(f"{abs(r['impulse']):.2%} and {abs(r['peak']):.2%} on its {r['plane']}" for r in found["plates"])
+    alone = [max(abs(r[key]) for r in runs if r["patch"] != "skin") for key in ("depth", "impulse", "energy")]
+    plates = ", ".join(
+        " and ".join(f"{max(abs(r[key]) for r in found['plates'] if r['plane'] == plane):.2%}" for key in SHARES)
+        + f" on its {plane}"
+        for plane in ("corner", "edge")
+    )
+    depth, impulse, energy = alone
     lines.append(
-        "\nOn a plate, impulse and peak force differ from those of the full FE model with a row at each node by "
-        f"{plates}."
+        f"\nWith the lower face alone as patch, these are at most {depth:.0e}, {impulse:.1e} and {energy:.0e}.\n"
+        f"On a plate, impulse and peak force differ from those of full FE models with a row at each node by {plates}."
     )
     tables.write_between(
         scenes.ROOT / "examples" / "site" / "contact.md", "contact/sharp_edges.py", "\n".join(lines) + "\n"
@@ -204,15 +227,17 @@ def main():
     warnings.simplefilter("ignore", ep.errors.YieldWarning)  # the reference is elastic
     warnings.filterwarnings("ignore", ".*only a sharp corner or edge touches")
     planes = []
-    for maxh in MESHES:
-        _, _, body = cube(maxh)
-        for plane in PLANES:
-            planes += [{"maxh": maxh, **on_plane(body, plane, *run)} for run in RUNS]
-    plates, curves = [], {}
-    for plane in ("corner", "edge"):
-        found, curves[plane] = on_plate(plane)
+    for maxh, (patch, some) in product(MESHES, PATCHES.items()):
+        _, _, body = cube(maxh, patch=patch)
+        for plane, run in product(some, RUNS):
+            if run[2] is None or body.partition.patches[0].axes == "xyz":
+                planes.append({"patch": patch, "maxh": maxh, **on_plane(body, plane, *run)})
+    plates, curves = [], {"corner": {}, "edge": {}}
+    for plane, patch in product(curves, ("skin", "face")):
+        found, curves[plane][patch] = on_plate(plane, patch)
         plates.append(found)
     bars = [pressed("plane", False), pressed("bar", False), pressed("bar", True)]
+    bars += [pressed("plane", False, own=False), pressed("bar", False, own=False)]
     found = {"planes": planes, "plates": plates, "bars": bars}
     for name, rows in found.items():
         table = Table(*rows[0], title=name)
