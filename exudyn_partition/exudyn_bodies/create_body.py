@@ -324,10 +324,10 @@ def _add_inertial(
     item = PartitionBody(body, name, kinematics, said, **indices)
     diagonal = sp.diags(np.r_[body.basis.omega**2, np.zeros(body.n_dofs - body.n_shapes)], format="csr")
     functions: Functions = {}
-    if body.stiffening is not None:
-        functions = stiffening_functions(item, body.stiffening)
     if "nNodal" in indices:
-        functions = coupling_functions(item, body.stiffness - diagonal, damping)
+        functions = coupling_functions(item, body.stiffness - diagonal, damping, body.stiffening)
+    elif body.stiffening is not None:
+        functions = stiffening_functions(item, body.stiffening)
     item["oGenericODE2"] = _add_object(mbs, item, body.mass, diagonal, functions, damping)
     return item
 
@@ -373,14 +373,13 @@ def _add_floating(
     if len(body.basis.nodal):
         forces = InertiaForces(inertia, kinematics.elastic_force, terms)
         functions = inertia_functions(
-            exu, item, kinematics.acting, forces, lambda: kinematics.elastic_stiffness, damping
+            exu, item, kinematics.acting, forces, lambda: kinematics.elastic_stiffness, damping, kinematics.stiffening
         )
         stiffness = sp.csr_matrix((body.n_dofs,) * 2)
     else:
         omega_squared = body.basis.omega**2
         forces = InertiaForces(inertia, omega_squared[RIGID:].__mul__, terms)
-        stiffening = None if body.stiffening is None else body.stiffening.without_rigid()
-        functions = inertia_functions(exu, item, kinematics.acting, forces, stiffening=stiffening)
+        functions = inertia_functions(exu, item, kinematics.acting, forces, stiffening=kinematics.stiffening)
         stiffness = sp.diags(omega_squared, format="csr")
     item["oGenericODE2"] = _add_object(mbs, item, mass, stiffness, functions, damping)
     return item

@@ -149,8 +149,10 @@ def stiffening_functions(item: BodyItem, stiffening: GeometricStiffness) -> Func
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
 
 
-def coupling_functions(item: BodyItem, stiffness: sp.csr_matrix, damping: Damping | None) -> Functions:
-    """User functions for the part of stiffness and damping that is not diagonal.
+def coupling_functions(
+    item: BodyItem, stiffness: sp.csr_matrix, damping: Damping | None, stiffening: GeometricStiffness | None
+) -> Functions:
+    """User functions for the part of stiffness and damping that is not diagonal, and for geometric stiffness.
 
     The force reads Exudyn's coordinates in place, because converting the list that a user function receives costs more
     than the product itself.
@@ -162,7 +164,10 @@ def coupling_functions(item: BodyItem, stiffness: sp.csr_matrix, damping: Dampin
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
         slices = coordinate_slices(mbs, item)
         coordinates = mbs.systemData.GetODE2Coordinates(copy=False)
-        result = -(stiffness @ np.concatenate([coordinates[s] for s in slices]))
+        own = np.concatenate([coordinates[s] for s in slices])
+        result = -(stiffness @ own)
+        if stiffening is not None:
+            result -= loops.stiffening_force(stiffening, own)
         if damping is not None:
             velocities = mbs.systemData.GetODE2Coordinates_t(copy=False)
             result -= damping.force(np.concatenate([velocities[s] for s in slices]))
@@ -173,6 +178,8 @@ def coupling_functions(item: BodyItem, stiffness: sp.csr_matrix, damping: Dampin
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
     ) -> MatrixContainer:
         result = fODE2 * stiffness
+        if stiffening is not None:
+            result = sp.csr_matrix(result + fODE2 * stiffening.tangent(np.asarray(q)))
         if damping_matrix is not None:
             result = result + fODE2_t * damping_matrix
         return sparse_container(*terms(result), result.shape[0])

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError
 from ..fe.model import node_dofs
 from ..reduction.body import ReducedBody
+from ..reduction.geometric_stiffness import GeometricStiffness
 from ..support.arrays import Array
 from . import loops
 from .inertia import Inertia
@@ -149,6 +150,12 @@ class FloatingKinematics:
     def elastic_force(self, z: Array) -> Array:
         """Generalised forces K z, (..., n_dofs - 6), of deformation z, (..., n_dofs - 6)."""
         return self.mean_axes.restrict((self.body.stiffness @ self.mean_axes.expand(z).T).T)
+
+    @property
+    def stiffening(self) -> GeometricStiffness | None:
+        """Geometric stiffness on the deformation z, if the body has it."""
+        stiffening = self.body.stiffening
+        return None if stiffening is None else stiffening.without_rigid(self.mean_axes.restrict)
 
     @cached_property
     def elastic_stiffness(self) -> Array:

@@ -124,8 +124,9 @@ def inertia_derivatives(inertia: Inertia, omega: Array, z: Array, z_t: Array) ->
 def stiffening_force(stiffening: GeometricStiffness, q: Array) -> Array:
     """Forces of geometric stiffness, (n,), see `GeometricStiffness.force`, at coordinates q, (n,)."""
     if compiled := kernels("frames"):
-        found: Array = compiled.stiffening_force(stiffening.states, stiffening.matrices, q)
-        return found
+        motion = q if stiffening.onto is None else stiffening.onto @ q
+        found: Array = compiled.stiffening_force(stiffening.states, stiffening.matrices, motion)
+        return found if stiffening.onto is None else found @ stiffening.onto
     return stiffening.force(q)
 
 

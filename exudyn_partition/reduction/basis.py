@@ -17,6 +17,7 @@ from typing import Literal
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse as sp
 
 from ..algebra.krylov import RitzPairs, eigenmodes, orthonormal_complement
 from ..algebra.sparse.solver import factorise
@@ -291,14 +292,19 @@ def adapted_basis(space: AdaptedSpace, f_cut: float, remedy: str = "f_cut raises
 
 def _modes_to(body: FreeBody, f_cut: float, progress: Progress | None) -> RitzPairs:
     model = body.model
-    stiffest = (model.stiffness.diagonal() / model.mass.diagonal()).max()
-    lowest = np.sqrt(_ROUND_OFF * stiffest) / (2 * np.pi)
+    lowest = least_frequency(model.stiffness, model.mass)
     if f_cut < lowest:
         raise FrequencyRangeError(
             f"f_cut: expected at least {lowest:.3g} Hz, below which round-off hides modes among the rigid ones, got "
             f"{f_cut:.6g} Hz. Take basis='contact-adapted', or a higher f_cut"
         )
     return eigenmodes(model.stiffness, model.mass, body.rigid, 2 * np.pi * f_cut, progress=progress)
+
+
+def least_frequency(stiffness: sp.csr_matrix, mass: sp.csr_matrix) -> float:
+    """Frequency [Hz] below which round-off of a free body's matrices hides modes among the rigid ones."""
+    stiffest = (stiffness.diagonal() / mass.diagonal()).max()
+    return float(np.sqrt(_ROUND_OFF * stiffest) / (2 * np.pi))
 
 
 def _no_mode_below(fem: FEModel, f_cut: float) -> FrequencyRangeError:

@@ -42,6 +42,7 @@ from .basis import ReducedBasis
 from .estimate import Estimate
 from .geometric_stiffness import GeometricStiffness
 from .inertia import PAIRS, InertiaIntegrals
+from .inertia_relief import static_answers
 from .loads import patch_slice
 from .matrices import BodyMatrices, ContactRows
 from .sid import Frame, sid_lines
@@ -141,7 +142,10 @@ class ReducedBody:
             read_only(self.fingerprint)
         if self.stiffening is not None:
             validate_type("stiffening", self.stiffening, GeometricStiffness, "reduce(geometric_stiffness=True)")
-            check_floats("stiffening.states", self.stiffening.states, (None, self.n_dofs))
+            if self.stiffening.n_dofs != self.n_dofs:
+                raise InputError(
+                    f"stiffening: expected that of {self.n_dofs} coordinates, got {self.stiffening.n_dofs}"
+                )
 
     @property
     def n_dofs(self) -> int:
@@ -443,16 +447,18 @@ class ReducedBody:
         Raises
         ------
         InputError
-            If it is no vector of three numbers, or the basis keeps nodes.
+            If it is no vector of three numbers.
         """
-        omega = validate_vector("angular_velocity", angular_velocity)
-        if len(self.basis.nodal):
-            raise InputError(f"body: basis {self.basis.name!r} keeps nodes; take 'residual', which has its modes")
+        omega, nodal = validate_vector("angular_velocity", angular_velocity), self.basis.nodal
         products = np.outer(omega, omega)
         weights = [products[pair] * (1 if pair[0] == pair[1] else 2) for pair in PAIRS]
+        on_shapes = np.asarray(weights) @ self.inertia.inertia[:, 0, 1:]
+        if len(nodal):
+            arms = self.points[nodal] - self.centre_of_mass
+            masses = self.mass.diagonal()[self.n_shapes :: 3, None]
+            return np.concatenate([on_shapes, (masses * np.cross(np.cross(omega, arms), omega)).ravel()])
         torque = np.r_[np.zeros(3), -np.cross(omega, self.inertia.tensor @ omega)]
-        on_elastic = np.asarray(weights) @ self.inertia.inertia[:, 0, 1:]
-        return np.asarray(np.r_[np.linalg.solve(self.rigid[:6].T, torque), on_elastic])
+        return np.concatenate([np.linalg.solve(self.rigid[:6].T, torque), on_shapes])
 
     def geometric_stiffness(self, load: Vector) -> Array:
         """Geometric stiffness, (n_dofs, n_dofs) [of energy], of a load; inertia balances what supports do not.
@@ -473,10 +479,8 @@ class ReducedBody:
         load = validate_array("load", load, (self.n_dofs,))
         if self.stiffening is None:
             raise InputError("body: it has no geometric stiffness; reduce it with geometric_stiffness=True")
-        elastic = self.basis.omega > 0
-        return self.stiffening.of_load(
-            self.stiffening.states[:, elastic] @ (load[elastic] / self.basis.omega[elastic] ** 2)
-        )
+        answer = static_answers(self.stiffness, self.mass, self.rigid, load[:, None])[:, 0]
+        return self.stiffening.of_answer(answer)
 
     def matrices(self) -> BodyMatrices:
         """Matrices of the body for other codes: mass, stiffness, and rows of its patches, interfaces and loads.

@@ -16,11 +16,10 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-import scipy.sparse as sp
-import scipy.sparse.linalg
 
 from ..support.arrays import Array
 from .body import ReducedBody
+from .inertia_relief import static_answers
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +56,7 @@ def links(body: ReducedBody) -> list[Link]:
     if len(interfaces) < 2:
         return []
     rows = {interface.name: body.interface_rows(interface.name) for interface in interfaces}
-    answer = _static_answers(body, np.vstack([*rows.values()]).T)
+    answer = static_answers(body.stiffness, body.mass, body.rigid, np.vstack([*rows.values()]).T)
     for i, j in combinations(range(len(interfaces)), 2):
         first, second = interfaces[i], interfaces[j]
         way = second.position - first.position
@@ -121,19 +120,9 @@ def squared_slope(body: ReducedBody, link: Link, deformed: Array) -> Array:
     length = np.linalg.norm(second - first)
     rows = [body.interface_rows(name)[:3] for name in link.ends]
     stiffness = body.geometric_stiffness((second - first) / length @ (rows[1] - rows[0]))
-    slope: Array = np.einsum("ti,ij,tj->t", deformed, stiffness, deformed, optimize=True) / length
+    slope: Array = np.sum((deformed @ stiffness) * deformed, axis=-1) / length
     return slope
 
 
 def _middles(x: Array) -> Array:
     return (x[1:] + x[:-1]) / 2
-
-
-def _static_answers(body: ReducedBody, loads: Array) -> Array:
-    """Elastic coordinates by loads on the coordinates, both (n_dofs, k); inertia balances the loads."""
-    border = body.mass @ sp.csr_matrix(body.rigid)
-    scale = body.stiffness.diagonal().max() / abs(border).max()
-    system = sp.bmat([[body.stiffness, scale * border], [scale * border.T, None]], format="csc")
-    balanced = loads - border @ np.linalg.solve(body.rigid.T @ border, body.rigid.T @ loads)
-    right = np.vstack([balanced, np.zeros((6, loads.shape[1]))])
-    return np.asarray(scipy.sparse.linalg.splu(system).solve(right)[: body.n_dofs])

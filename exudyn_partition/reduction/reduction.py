@@ -31,9 +31,9 @@ from .basis import BasisName, ReducedBasis
 from .body import FILE, ReducedBody
 from .estimate import Estimate, Sliding, grow_to_tolerance, warn_if_missed
 from .free_body import AdaptedSpace
-from .geometric_stiffness import GeometricStiffness, with_centrifugal_loads
 from .inertia import InertiaIntegrals
 from .memory import watched
+from .stress_states import stress_states, with_centrifugal_loads
 
 Models = Sequence[tuple[FEModel, Partition]]
 
@@ -124,7 +124,7 @@ def reduce(
     validate_choice("basis", basis, BASES)
     _validate_progress(progress)
     if validate_flag("geometric_stiffness", geometric_stiffness):
-        _check_stiffening(fem, basis)
+        fem.need_cells("geometric stiffness")
     if len(partition.nodes) == fem.n_nodes and basis != "free":
         raise InputError(
             f"partition: the impact region holds all {fem.n_nodes} nodes, so that nothing is left for basis {basis!r}. "
@@ -252,22 +252,12 @@ def reduce_pair(
     if validate_flag("geometric_stiffness", geometric_stiffness):
         inputs["geometric_stiffness"] = True
         for fem, _ in models:
-            _check_stiffening(fem, "contact-adapted")
+            fem.need_cells("geometric stiffness")
     with shown(progress, "reduce a pair") as report:
         grown = partial(reduce_to_tolerance, patches=[numbers], options=options, progress=report)
         first, second = cached(cache, inputs, FILE, lambda: _made(models, grown, geometric_stiffness))
     warn_if_missed(first.estimate)
     return first, second
-
-
-def _check_stiffening(fem: FEModel, basis: BasisName) -> None:
-    """Raise unless a body may have geometric stiffness."""
-    fem.need_cells("geometric stiffness")
-    if basis == "free":
-        raise InputError(
-            "geometric_stiffness: basis 'free' keeps nodes, for which there is none; take basis='residual', which has "
-            "the same modes, or 'contact-adapted'"
-        )
 
 
 def _made(
@@ -280,10 +270,7 @@ def _made(
     loaded = [(fem, with_centrifugal_loads(fem, partition)) for fem, partition in models]
     bodies = make(loaded)
     with one_blas_thread():
-        found = [
-            GeometricStiffness.of(*model, body.basis.shapes, body.basis.omega)
-            for model, body in zip(loaded, bodies, strict=True)
-        ]
+        found = [stress_states(fem, body) for (fem, _), body in zip(loaded, bodies, strict=True)]
     share = (time.perf_counter() - begin) / len(bodies)
     return tuple(
         replace(body, partition=partition, stiffening=stiffening, reduce_s=share)

@@ -21,12 +21,25 @@ RATE, FREQUENCY, AT_REST = 3.0, 4.7973, 3.5160  # of a rotating cantilever by Wr
 
 
 @pytest.fixture(scope="module")
-def column():
+def column_model():
     shape = box(WIDTH, HEIGHT, LENGTH)
     shape.faces.Min(occ.Z).name, shape.faces.Max(occ.Z).name = "foot", "head"
     fem = ep.fe_model(shape, ep.ALUMINIUM, maxh=12e-3)
     ends = [ep.Partition.interface(fem, name, name) for name in ("foot", "head")]
-    return ep.reduce(fem, ends[0] | ends[1], f_cut=5e3, geometric_stiffness=True)
+    return fem, ends[0] | ends[1]
+
+
+@pytest.fixture(scope="module")
+def column(column_model):
+    return ep.reduce(*column_model, f_cut=5e3, geometric_stiffness=True)
+
+
+@pytest.fixture(scope="module")
+def column_with_nodes(column_model):
+    """Basis "free", which keeps the nodes of a patch on a side."""
+    fem, ends = column_model
+    patch = ep.Partition.ball(fem, (0, HEIGHT / 2, LENGTH / 2), 13e-3)
+    return ep.reduce(fem, ends | patch, f_cut=5e3, basis="free", geometric_stiffness=True)
 
 
 @pytest.fixture(scope="module")
@@ -42,33 +55,61 @@ def marker_at(mbs, *place):
     return mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=ground))
 
 
-def hinged(body, frame, force, aside=0.0):
-    """A strut with hinges at its ends, a force on its head [N], and one across, in its middle [N]."""
+def hinged(body, frame, force, aside=0.0, gravity=0.0):
+    """A strut with hinges at its ends, a force on its head [N], one across, in its middle [N], and gravity across."""
     mbs = exu.SystemContainer().AddSystem()
-    item = ep.CreatePartitionBody(mbs, body, name="strut", frame=frame)
+    item = ep.CreatePartitionBody(mbs, body, name="strut", frame=frame, gravity=[0, gravity, 0])
     foot, head = (item.CreateInterfaceMarker(mbs, name) for name in ("foot", "head"))
     mbs.AddObject(items.GenericJoint(markerNumbers=[marker_at(mbs, 0, 0, 0), foot], constrainedAxes=[1, 1, 1, 0, 0, 1]))
     top = marker_at(mbs, 0, 0, LENGTH)
     mbs.AddObject(items.GenericJoint(markerNumbers=[top, head], constrainedAxes=[1, 1, 0, 0, 0, 0]))
     mbs.AddLoad(items.LoadForceVector(markerNumber=head, loadVector=[0, 0, -force]))
-    middle = item.CreatePointMarker(mbs, (0, HEIGHT / 2, LENGTH / 2))
-    mbs.AddLoad(items.LoadForceVector(markerNumber=middle, loadVector=[0, aside, 0]))
+    if aside:
+        middle = item.CreatePointMarker(mbs, (0, HEIGHT / 2, LENGTH / 2))
+        mbs.AddLoad(items.LoadForceVector(markerNumber=middle, loadVector=[0, aside, 0]))
     mbs.Assemble()
     return mbs, item
 
 
-@pytest.mark.parametrize("frame", ["inertial", "floating"])
-def test_a_strut_in_statics_bends_and_vibrates_as_its_load_says(column, frame):
+def loaded_and_not(body, frame, **across):
+    """Ratios of the lowest frequency and of the middle's deflection, with 0.6 of Euler's load by those without it."""
     frequencies, deflections = [], []
     for share in (0.0, 0.6):
-        mbs, item = hinged(column, frame, share * EULER, aside=1.0)
+        mbs, item = hinged(body, frame, share * EULER, **across)
         result = ep.solve_static(mbs, update_initial=True, load_steps=1)
         deflections.append(item.displacement(result, (0, HEIGHT / 2, LENGTH / 2))[-1, 1])
         values = mbs.ComputeODE2Eigenvalues(convert2Frequencies=True)[0]
         frequencies.append(np.sort(values[np.isfinite(values)])[0])
-    assert frequencies[1] / frequencies[0] == pytest.approx(np.sqrt(1 - 0.6), rel=5e-3)
+    return frequencies[1] / frequencies[0], deflections[1] / deflections[0]
+
+
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_a_strut_in_statics_bends_and_vibrates_as_its_load_says(column, frame):
+    frequency, deflection = loaded_and_not(column, frame, aside=1.0)
+    assert frequency == pytest.approx(np.sqrt(1 - 0.6), rel=5e-3)
     u = np.pi / 2 * np.sqrt(0.6)  # Timoshenko and Gere, section 1.2
-    assert deflections[1] / deflections[0] == pytest.approx(3 * (np.tan(u) - u) / u**3, rel=0.01)
+    assert deflection == pytest.approx(3 * (np.tan(u) - u) / u**3, rel=0.01)
+
+
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_a_strut_that_keeps_nodes_does_so_too(column_with_nodes, frame):
+    frequency, deflection = loaded_and_not(column_with_nodes, frame, gravity=100.0)
+    assert frequency == pytest.approx(np.sqrt(1 - 0.6), rel=5e-3)
+    u = np.pi / 2 * np.sqrt(0.6)  # Timoshenko and Gere, section 1.3
+    assert deflection == pytest.approx(12 * (2 / np.cos(u) - 2 - u**2) / (5 * u**4), rel=0.01)
+
+
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_energy_of_a_strut_that_keeps_nodes(column_with_nodes, frame):
+    """Explicit steps: the load and gravity do all work."""
+    mbs, item = hinged(column_with_nodes, frame, 0.6 * EULER, gravity=1e3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # they act at once
+        result = ep.solve_dynamic(mbs, end_time=5e-4, method="explicit")
+    head = item.displacement(result, (0, 0, LENGTH))[:, 2]
+    fallen = item.kinematics.rigid_motion(item.coordinates(result))[:, 1]
+    work = -0.6 * EULER * head + 1e3 * column_with_nodes.total_mass * fallen
+    assert abs(item.energy(result) - work).max() < 0.02 * work.max()
 
 
 @pytest.mark.parametrize("method", ["implicit", "explicit"])

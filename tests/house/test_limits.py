@@ -61,7 +61,6 @@ CROSSED = {
             "simulation/test_spin_review.py::test_the_share_that_is_told_is_that_of_geometric_stiffness",
         ],
         "With it, links warn": ["exudyn_bodies/test_stiffening.py::test_a_buckled_strut_warns_of_its_slopes"],
-        "Bases that keep nodes": ["reduction/test_geometric_stiffness.py::test_what_has_none_is_refused"],
         "Bodies with geometric stiffness keep": [
             "exudyn_bodies/test_joints.py::test_bodies_tell_what_mass_forces_act_on"
         ],
