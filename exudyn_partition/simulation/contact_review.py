@@ -14,6 +14,7 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.plastic_results import SIDES
 from ..results.impacts import Ringing, rings_by_facets
+from .passing_review import warn_of_passing
 from .penetration_review import warn_of_penetration
 from .result import Result, called
 
@@ -26,8 +27,7 @@ _SHARE_ASIDE = 0.1  # of the force that may be beyond this angle from the normal
 _FAR, _NEARER = 20.0, 0.01  # distance over the bodies' size that may be a wrong unit; share of it travelled
 _LARGE_STRAIN = 0.1  # equivalent plastic strain
 _LISTED = 5  # largest number of contacts that a warning lists
-_LOOKED_AT = 64  # largest number of samples at which velocities, and places beside patches, are checked
-_BESIDE, _DEEP = 500, 1e-3  # number of nodes beside a patch that are checked; depth of one over the body's size
+_LOOKED_AT = 64  # largest number of samples at which velocities are checked
 
 
 def warn_of_contacts(contacts: Sequence[PartitionContact], result: Result) -> None:
@@ -39,7 +39,7 @@ def warn_of_contacts(contacts: Sequence[PartitionContact], result: Result) -> No
         _warn_of_few_rows(contact, result)
         _warn_of_direction(contact, result)
         _warn_of_missing(contact, result)
-        _warn_of_passing(contact, result)
+        warn_of_passing(contact, contacts, result)
         _warn_of_zone(contact, result)
         _warn_of_plastic_strain(contact, result)
     rings = {i: found for i, contact in enumerate(contacts) if (found := contact.ringing(result)) is not None}
@@ -236,32 +236,6 @@ def _warn_of_missing(contact: PartitionContact, result: Result) -> None:
             f"{called(contact)} never closed, and at the start the slave's patch, at {patch.points.mean(axis=0)} m "
             f"with outward normal {patch.direction}, did not face what it is to meet. Check referencePosition, "
             "referenceRotation and the partitions, or run longer",
-            ContactPatchWarning,
-            stacklevel=5,
-        )
-
-
-def _warn_of_passing(contact: PartitionContact, result: Result) -> None:
-    """Warn of a body that enters a rigid surface beside its patch, for example after a turn: no force acts there."""
-    item, number = contact.sides[0]
-    if isinstance(contact.master, PartitionBody) or contact.mechanics.gaps.carried or result.method == "static":
-        return
-    open_samples = np.flatnonzero(contact.force(result) == 0.0)
-    if not len(open_samples) or contact.edge_reached(result) is not None:
-        return
-    nodes = np.setdiff1d(item.body.facets, item.body.partition.patches[number].nodes)
-    nodes = nodes[:: len(nodes) // _BESIDE + 1]
-    chosen = np.unique(np.r_[0, open_samples[:: len(open_samples) // _LOOKED_AT + 1], open_samples[-1]])
-    places = item.kinematics.at(nodes).place(item.coordinates(result)[chosen])
-    gaps = contact.master.project(places.reshape(-1, 3))[0].reshape(len(chosen), -1)
-    entered = np.where(gaps[0] > 0.0, gaps, 0.0) < -_DEEP * np.ptp(item.body.points, axis=0).max()
-    if entered.any():
-        sample, node = np.argwhere(entered)[0]
-        warnings.warn(
-            f"{called(contact)}: at t = {result.t[chosen[sample]]:.6g} s {called(item)} is {-gaps[sample, node]:.3g} m "
-            f"within the rigid surface at {places[sample, node]} m, beside its patch, where nothing holds it. Has it "
-            "turned? Take a patch that reaches there, as by Partition.surface; or ignore this if the real surface ends "
-            "before",
             ContactPatchWarning,
             stacklevel=5,
         )

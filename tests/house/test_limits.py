@@ -71,10 +71,10 @@ CROSSED = {
             "simulation/test_penetration_review.py::test_an_edge_at_the_end_of_a_patch_that_sinks_is_told"
         ],
         "Nothing holds a body beside": [
-            "simulation/test_solve.py::test_a_body_that_turned_and_falls_into_a_plane_warns"
+            "simulation/test_passing_review.py::test_a_body_that_turned_and_falls_into_another_warns"
         ],
         "A warning tells when one enters": [
-            "simulation/test_solve.py::test_a_body_that_turned_and_falls_into_a_plane_warns"
+            "simulation/test_passing_review.py::test_a_body_that_turned_and_falls_into_another_warns"
         ],
         "Springs, joints and sensors": [
             "simulation/test_dent_review.py::test_what_a_sensor_misses_is_told",

@@ -239,17 +239,6 @@ def test_samples_that_miss_an_impact_warn(mbs, bodies, period, said):
     assert contact.force(result)[-1] == 0
 
 
-def test_a_body_that_turned_and_falls_into_a_plane_warns(mbs, bodies):
-    """Its patch looks aside when it arrives."""
-    motion = {"initialVelocity": [0, 0, -1.0], "initialAngularVelocity": [0, 500.0, 0]}
-    ball = ep.CreatePartitionBody(mbs, bodies[0], frame="floating", referencePosition=[0, 0, 1e-3], **motion)
-    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), name="floor")
-    mbs.Assemble()
-    with pytest.warns(ContactPatchWarning, match=r"'floor': at t = .* within the rigid surface at .* beside its patch"):
-        result = ep.solve_dynamic(mbs, end_time=1.5e-3, step=5e-6, method="implicit")
-    assert not contact.force(result).any()
-
-
 def test_a_body_that_is_nodes_alone(mbs, block):
     """Region of the whole body: the full FE model in Exudyn, in free flight."""
     everything = ep.Partition.ball(block, TOP, 1.0, contact_radius=6e-3)

@@ -1,0 +1,83 @@
+"""Warnings about bodies that enter what they touch beside their patches, where nothing holds them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..errors import ContactPatchWarning
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.partition_contact import PartitionContact
+from ..fe.facets import flat_triangles
+from ..support.arrays import Array
+from ..surfaces.surface import closest_points
+from .result import Result, called
+
+_SAMPLES, _NODES = 32, 300  # largest numbers of samples, and of nodes beside patches, that are looked at
+_CLOSELY = 8  # largest number of samples at which nodes that may lie within a body are looked at
+_DEEP = 1e-3  # depth of a node over its body's size
+_DEEP_IN_FACETS = 0.1  # the same over a facet's size, for bodies: facets lie beside curved faces
+_ROUND_OFF = 1e-7  # of a facet's size
+
+
+def warn_of_passing(contact: PartitionContact, contacts: Sequence[PartitionContact], result: Result) -> None:
+    """Warn of a body that enters what it touches beside the patches of `contacts`, for example after a turn."""
+    if result.method == "static" or contact.mechanics.gaps.carried or contact.edge_reached(result) is not None:
+        return
+    if contact.master == contact.slave:
+        return
+    chosen = np.unique(np.linspace(0, len(result.t) - 1, _SAMPLES).astype(int))
+    dent = np.maximum(-result.sensor_of(contact, contact["sForce"])[chosen, 5], 0.0)  # which the motion does not know
+    sides = [item for item, _ in contact.sides]
+    for item, other in zip(sides, sides[::-1] if len(sides) > 1 else [contact.master], strict=True):
+        nodes = _beside(item, other, contacts)
+        places = item.kinematics.at(nodes).place(item.coordinates(result)[chosen])
+        if isinstance(other, PartitionBody):
+            depth = _depths_in_body(places, other, other.coordinates(result)[chosen])
+        else:
+            depth = -other.project(places.reshape(-1, 3))[0].reshape(places.shape[:2])
+        entered = np.where(depth[0] < 0.0, depth, 0.0) > dent[:, None] + _DEEP * np.ptp(item.body.points, axis=0).max()
+        if entered.any():
+            sample, node = np.argwhere(entered)[0]
+            what = called(other) if isinstance(other, PartitionBody) else "the rigid surface"
+            warnings.warn(
+                f"{called(contact)}: at t = {result.t[chosen[sample]]:.6g} s {called(item)} is "
+                f"{depth[sample, node]:.3g} m within {what} at {places[sample, node]} m, beside its patch, where "
+                "nothing holds it. Has it turned? Take a patch that reaches there, as by Partition.surface; or ignore "
+                "this if the real surface ends before",
+                ContactPatchWarning,
+                stacklevel=5,
+            )
+            return
+
+
+def _beside(item: PartitionBody, other: object, contacts: Sequence[PartitionContact]) -> Array:
+    """Some nodes on a body's boundary, (k,), beside its patches in contacts with the other body or surface."""
+    nodes = np.unique(item.body.facets)
+    for contact in contacts:
+        for (own, number), partner in zip(contact.sides, (contact.master, contact.slave), strict=False):
+            if own == item and partner == other:
+                nodes = np.setdiff1d(nodes, item.body.partition.patches[number].nodes)
+    return nodes[:: len(nodes) // _NODES + 1]
+
+
+def _depths_in_body(places: Array, body: PartitionBody, q: Array) -> Array:
+    """How deep nodes at places, (m, k, 3) [m], lie within a body at coordinates, (m, n): (m, k) [m], -inf outside.
+
+    A box around the body tells it for most samples. Of the others, some are looked at.
+    """
+    depth = np.full(places.shape[:2], -np.inf)
+    facets, boundary = flat_triangles(body.body.facets)[0], np.unique(body.body.facets)
+    some = body.kinematics.at(boundary[:: len(boundary) // _NODES + 1]).place(q)
+    low, high = some.min(axis=1, keepdims=True), some.max(axis=1, keepdims=True)
+    within = ((places > low) & (places < high)).all(axis=2)
+    samples = np.flatnonzero(within.any(axis=1))
+    for i in samples[:: len(samples) // _CLOSELY + 1]:
+        x = body.kinematics.at(boundary).place(q[i])[np.searchsorted(boundary, facets)]
+        size = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
+        found = closest_points(places[i, within[i]], x)
+        is_deep = (found.gap < -_DEEP_IN_FACETS * size[found.facet]) & (found.offset <= _ROUND_OFF * size[found.facet])
+        depth[i, within[i]] = np.where(is_deep, -found.gap, -np.inf)
+    return depth
