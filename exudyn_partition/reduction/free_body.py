@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from ..algebra.krylov import BlockKrylov, RitzPairs, columns, mass_normalised, orthonormal_complement
 from ..algebra.sparse.flexibility import FreeBodyFlexibility, selection
 from ..algebra.sparse.multifrontal import Analysis
-from ..algebra.sparse.ordering import least_cover
+from ..algebra.sparse.ordering import least_cut
 from ..algebra.sparse.solver import SparseFactors, factorise
 from ..errors import IndefiniteMatrixError, InputError
 from ..fe.model import FEModel, MassKind, node_dofs
@@ -144,9 +144,9 @@ def _edge(model: TiedModel, pattern: sp.csr_matrix, inside: Array) -> Array:
     first = model.column[::3]
     nodes = np.flatnonzero(first >= 0)
     graph = pattern[first[nodes]][:, first[nodes]]
-    inside = inside[nodes]
-    touching = (graph @ inside > 0) & (graph @ ~inside > 0)
-    edge = least_cover(graph, np.flatnonzero(inside & touching), np.flatnonzero(~inside & touching))
+    side = np.where(inside[nodes], -1, 1)
+    side[(side > 0) & (graph @ (graph @ (side < 0)) > 0)] = 0  # the nodes next to those inside
+    edge = np.flatnonzero(least_cut(graph, side, np.ones(len(nodes), dtype=np.int64)) == 0)
     dofs = model.column[node_dofs(nodes[edge])]
     found: Array = dofs[dofs >= 0]
     return found

@@ -1,5 +1,9 @@
 """Order of elimination that keeps the factors of a sparse symmetric matrix small: nested dissection.
 
+Theory: A. George, Nested dissection of a regular finite element mesh, SIAM Journal on Numerical Analysis 10, 1973.
+B. Hendrickson, E. Rothberg, Improving the run time and quality of nested dissection ordering, SIAM Journal on
+Scientific Computing 20, 1998.
+
 `validation/benchmarks/ordering.py` compares it with the orders of SciPy's SuperLU. A binding to metis would be one more
 package to install.
 """
@@ -9,12 +13,17 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg
-from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_bipartite_matching
+from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_flow
 
 from ...support.arrays import Array
 
 _LEAF = 500  # parts with fewer nodes are not cut any more
-_BALANCE = 0.25  # least share of the nodes on each side of a cut
+_WHOLE = 1500  # parts with more are cut by groups of nodes first
+_FEWER = 0.7  # largest number of groups, by that of nodes, that is worth it
+_BALANCE = 0.2  # least share of the nodes on each side of a cut, as far as it is not moved afterwards
+_UNIT = 8  # price of a node in the middle, so that whole numbers are fine enough
+_WAYS = 2  # pairs of far ends between which groups are cut; of nodes it is one, as they take more time
+_NO_CUT = 2**30  # capacity of what must not be cut, beyond all numbers of nodes
 
 
 def node_graph(matrix: sp.csr_matrix) -> tuple[sp.csr_matrix, Array]:
@@ -32,9 +41,8 @@ def nested_dissection(graph: sp.csr_matrix, last: Array | None = None) -> Array:
     """Order the nodes of a graph, so that the factors of a matrix with its pattern fill little.
 
     A small set of nodes cuts the graph in two, and each half is cut again. A cut is eliminated after the parts that it
-    separates (George 1973). Cuts follow the fronts of a breadth-first search between far ends of the graph, and are
-    least vertex covers there. The last parts are ordered by minimum degree. The gain over minimum degree alone is
-    largest for solid bodies.
+    separates. The last parts are ordered by minimum degree. The gain over minimum degree alone is largest for solid
+    bodies.
 
     Parameters
     ----------
@@ -48,6 +56,7 @@ def nested_dissection(graph: sp.csr_matrix, last: Array | None = None) -> Array:
     (n,) int array
         The nodes in order of elimination.
     """
+    graph = graph + sp.identity(graph.shape[0], format="csr")  # so that no row of any part is empty
     pieces = []  # last eliminated first
     parts = [(graph, np.arange(graph.shape[0]))]
     if last is not None and len(last):
@@ -65,61 +74,147 @@ def nested_dissection(graph: sp.csr_matrix, last: Array | None = None) -> Array:
     return np.concatenate(pieces[::-1])
 
 
-def cut(graph: sp.csr_matrix) -> Array | None:
-    """Side of each node, -1 or 1, and 0 on the cut; None if there is no balanced cut."""
+def cut(graph: sp.csr_matrix, weights: Array | None = None) -> Array | None:
+    """Cut a graph in two parts of similar size by few nodes.
+
+    A large graph is cut by groups of nodes first, as a smaller graph. Then the cut moves to the best place nearby.
+
+    Parameters
+    ----------
+    graph : (n, n) csr matrix
+        Of symmetric pattern; its entries are positive.
+    weights : (n,) int array, optional
+        Size of each node. Default: 1.
+
+    Returns
+    -------
+    (n,) int array or None
+        Side of each node, -1 or 1, and 0 on the cut; None if there is no cut.
+    """
     n = graph.shape[0]
-    best, start, side = np.inf, 0, None
-    for _ in range(3):
-        order, level = _fronts(graph, start)
+    ways = 1 if weights is None else _WAYS
+    weights = np.ones(n, dtype=np.int64) if weights is None else weights
+    group = _groups(graph) if n > _WHOLE else np.arange(n)
+    if group.max() + 1 > _FEWER * n:
+        return _cut_between_ends(graph, weights, ways)
+    side = cut(_merged(graph, group), np.bincount(group, weights).astype(np.int64))
+    if side is None:
+        return None
+    side = side[group]
+    band = side.copy()
+    band[graph @ (side == 0) > 0] = 0
+    return least_cut(graph, band, weights) if (band < 0).any() and (band > 0).any() else side
+
+
+def _groups(graph: sp.csr_matrix) -> Array:
+    """Number the group of each node, (n,) int array: groups are around centres, two nodes wide."""
+
+    def most_around(values: Array) -> Array:
+        most: Array = np.maximum.reduceat(values[graph.indices], graph.indptr[:-1])
+        return most
+
+    n = graph.shape[0]
+    drawn = 1 + np.random.default_rng(0).permutation(n).astype(np.int32)
+    group = np.where(most_around(drawn) == drawn, drawn, 0)  # at centres, of which no two are neighbours
+    for _ in range(2):
+        group = np.where(group > 0, group, most_around(group))
+    group = np.where(group > 0, group, drawn)
+    used = np.zeros(n + 1, dtype=np.int32)
+    used[group] = 1
+    numbers: Array = np.cumsum(used, dtype=np.int32)[group] - 1
+    return numbers
+
+
+def _merged(graph: sp.csr_matrix, group: Array) -> sp.csr_matrix:
+    """Graph of groups of nodes."""
+    n = len(group)
+    member = sp.csr_matrix((np.ones(n), group, np.arange(n + 1)), shape=(n, group.max() + 1))
+    return member.T.tocsr() @ (graph @ member)
+
+
+def _cut_between_ends(graph: sp.csr_matrix, weights: Array, ways: int) -> Array | None:
+    """Cut a graph, see `cut`, between the ends of some breadth-first searches; it is not cut near these ends."""
+    n, start, found = graph.shape[0], 0, []
+    if n == 1:
+        return None
+    for way in range(1 + ways):
+        order = breadth_first_order(graph, start, return_predecessors=False)
         if len(order) < n:
             count, part = connected_components(graph, directed=False)
             return np.where(part < count // 2, -1, 1)
         start = order[-1]
-        size = np.bincount(level)
-        before = np.cumsum(size)[:-1]
-        smaller = np.minimum(before, n - before)
-        cost = np.where(smaller > _BALANCE * n, np.minimum(size[:-1], size[1:]) / np.sqrt(smaller), np.inf)
-        if len(cost) and cost.min() < best:
-            front = cost.argmin()
-            best, side = cost[front], np.where(level <= front, -1, 1)
-            touching = np.flatnonzero(level == front), np.flatnonzero(level == front + 1)
-    if side is not None:
-        side[least_cover(graph, *touching)] = 0
-    return side
+        if way == 0:
+            continue
+        share = (np.cumsum(weights[order]) - 0.5 * weights[order]) / weights.sum()  # of what comes first
+        lesser = np.empty(n)
+        lesser[order] = np.minimum(share, 1 - share)
+        side = np.zeros(n, dtype=np.int64)
+        side[order[share < _BALANCE]] = side[order[0]] = -1
+        side[order[share > 1 - _BALANCE]] = side[start] = 1
+        side[(side > 0) & (graph @ (side < 0) > 0)] = 0
+        if (side > 0).any():
+            price = np.rint(_UNIT * weights * np.sqrt(0.5 / np.maximum(lesser, _BALANCE)))
+            found.append(least_cut(graph, side, weights, price))
+    return min(found, key=lambda side: _cost(side, weights), default=None)
 
 
-def _fronts(graph: sp.csr_matrix, start: int) -> tuple[Array, Array]:
-    """Nodes in breadth-first order, and each node's distance from `start`, -1 if it cannot be reached."""
-    order, parent = breadth_first_order(graph, start)
-    place = np.empty(graph.shape[0], dtype=np.int64)
-    place[order] = np.arange(len(order))
-    parents = place[parent[order[1:]]]  # ascending
-    bounds = [0, 1]
-    while bounds[-1] < len(order):
-        bounds.append(1 + int(np.searchsorted(parents, bounds[-1])))
-    level = np.full(graph.shape[0], -1)
-    level[order] = np.repeat(np.arange(len(bounds) - 1), np.diff(bounds))
-    return order, level
+def _cost(side: Array, weights: Array) -> float:
+    """Size of a cut, by the root of what it cuts off."""
+    below, on, above = np.bincount(side + 1, weights, 3)
+    return float(on / np.sqrt(max(min(below, above), 1.0)))
 
 
-def least_cover(graph: sp.csr_matrix, left: Array, right: Array) -> Array:
-    """Fewest nodes that touch every edge between `left` and `right`, by a largest matching (Koenig's theorem)."""
-    edges = graph[left][:, right]
-    mate = maximum_bipartite_matching(edges, perm_type="column")
-    alone, paired = np.flatnonzero(mate < 0), np.flatnonzero(mate >= 0)
-    n_left, n_right = edges.shape
-    # Of the left nodes, the right ones, and one from which those without a mate are reached.
-    source = n_left + n_right
-    starts = [np.repeat(np.arange(n_left), np.diff(edges.indptr)), n_left + mate[paired], np.full(len(alone), source)]
-    ends = np.concatenate([n_left + edges.indices, paired, alone])
-    paths = sp.csr_matrix((np.ones(len(ends)), (np.concatenate(starts), ends)), shape=(source + 1,) * 2)
-    reached = np.zeros(n_left + n_right + 1, dtype=bool)
-    reached[breadth_first_order(paths, source, return_predecessors=False)] = True
-    return np.concatenate([left[~reached[:n_left]], right[reached[n_left:-1]]])
+def least_cut(graph: sp.csr_matrix, side: Array, weights: Array, price: Array | None = None) -> Array:
+    """Find the cheapest nodes that part two sides of a graph, by a largest flow (Menger's theorem).
+
+    Parameters
+    ----------
+    graph : (n, n) csr matrix
+    side : (n,) int array
+        Side of each node, -1 or 1, or 0 if it may be on the cut. No node of one side touches the other one.
+    weights : (n,) int array
+    price : (n,) array of whole numbers, optional
+        Of each node on the cut. Default: its weight.
+
+    Returns
+    -------
+    (n,) int array
+        The same with sides for all but the nodes on the cut. Of several cuts it is one of the two nearest to the sides.
+    """
+    free = np.flatnonzero(side == 0)
+    n = len(free)
+    number = np.full(len(side), -1, dtype=np.int32)
+    number[free] = np.arange(n)
+    rows = graph[free]
+    node, beside = np.repeat(np.arange(n, dtype=np.int32), np.diff(rows.indptr)), side[rows.indices]
+    first, last = (np.flatnonzero(np.bincount(node[beside == which], minlength=n)) for which in (-1, 1))
+    inside = beside == 0
+    # Each free node is an edge from its entry, i, to its exit, n + i.
+    source, sink = 2 * n, 2 * n + 1
+    starts = [np.arange(n), n + node[inside], np.full(len(first), source), n + last]
+    ends = [n + np.arange(n), number[rows.indices[inside]], first, np.full(len(last), sink)]
+    most = np.full(sum(map(len, starts)), _NO_CUT, dtype=np.int32)
+    most[:n] = (weights if price is None else price)[free]
+    net = sp.csr_matrix((most, (np.concatenate(starts), np.concatenate(ends))), shape=(2 * n + 2,) * 2)
+    left = net - maximum_flow(net, source, sink).flow
+    left.eliminate_zeros()
+    near_first, near_last = side.copy(), side.copy()  # the cuts that are nearest to either side
+    reached = _reached(left, source)
+    near_first[free] = np.where(reached[n : 2 * n], -1, np.where(reached[:n], 0, 1))
+    reached = _reached(left.T.tocsr(), sink)
+    near_last[free] = np.where(reached[:n], 1, np.where(reached[n : 2 * n], 0, -1))
+    return min(near_first, near_last, key=lambda side: _cost(side, weights))
+
+
+def _reached(graph: sp.csr_matrix, start: int) -> Array:
+    """Whether each node can be reached, (n,) bool array."""
+    reached = np.zeros(graph.shape[0], dtype=bool)
+    reached[breadth_first_order(graph, start, return_predecessors=False)] = True
+    return reached
 
 
 def _minimum_degree(graph: sp.csr_matrix) -> Array:
     """Minimum degree order of SuperLU, which returns it only together with the factors of a matrix."""
-    dominant = (graph.shape[0] + 1) * sp.identity(graph.shape[0]) - graph
+    dominant = (graph.shape[0] + 2) * sp.identity(graph.shape[0]) - graph
     factors = scipy.sparse.linalg.splu(sp.csc_matrix(dominant), permc_spec="MMD_AT_PLUS_A")
     return np.argsort(factors.perm_c)
