@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import ContactPatchWarning
+from ..exudyn_bodies.other_bodies import OtherBody
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..fe.facets import flat_triangles
@@ -24,9 +25,7 @@ _ROUND_OFF = 1e-7  # of a facet's size
 
 def warn_of_passing(contact: PartitionContact, contacts: Sequence[PartitionContact], result: Result) -> None:
     """Warn of a body that enters what it touches beside the patches of `contacts`, for example after a turn."""
-    if result.method == "static" or contact.mechanics.gaps.carried or contact.edge_reached(result) is not None:
-        return
-    if contact.master == contact.slave:
+    if result.method == "static" or contact.master == contact.slave or contact.edge_reached(result) is not None:
         return
     chosen = np.unique(np.linspace(0, len(result.t) - 1, _SAMPLES).astype(int))
     dent = np.maximum(-result.sensor_of(contact, contact["sForce"])[chosen, 5], 0.0)  # which the motion does not know
@@ -37,7 +36,8 @@ def warn_of_passing(contact: PartitionContact, contacts: Sequence[PartitionConta
         if isinstance(other, PartitionBody):
             depth = _depths_in_body(places, other, other.coordinates(result)[chosen])
         else:
-            depth = -other.project(places.reshape(-1, 3))[0].reshape(places.shape[:2])
+            own = _on_carrier(places, contact, result.others, result.t[chosen])
+            depth = -other.project(own.reshape(-1, 3))[0].reshape(own.shape[:2])
         entered = np.where(depth[0] < 0.0, depth, 0.0) > dent[:, None] + _DEEP * np.ptp(item.body.points, axis=0).max()
         if entered.any():
             sample, node = np.argwhere(entered)[0]
@@ -61,6 +61,15 @@ def _beside(item: PartitionBody, other: object, contacts: Sequence[PartitionCont
             if own == item and partner == other:
                 nodes = np.setdiff1d(nodes, item.body.partition.patches[number].nodes)
     return nodes[:: len(nodes) // _NODES + 1]
+
+
+def _on_carrier(places: Array, contact: PartitionContact, others: Sequence[OtherBody], times: Array) -> Array:
+    """Places, (m, k, 3) [m], in the axes of the body that carries the contact's surface, at times, (m,) [s]."""
+    for body in others:
+        if contact.carrier is not None and body.number == int(contact.carrier.body):
+            place, axes = body.at(times)
+            return (places - place[:, None]) @ axes
+    return places
 
 
 def _depths_in_body(places: Array, body: PartitionBody, q: Array) -> Array:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from exudyn.utilities import InertiaCuboid
 from oracles import TOP
 
 import exudyn_partition as ep
@@ -11,15 +12,21 @@ TURNING = {"frame": "floating", "initialVelocity": [0, 0, -1.0], "initialAngular
 LONG = {"end_time": 2.5e-3, "step": 5e-6, "method": "implicit"}
 
 
-@pytest.mark.parametrize("rigid", [True, False])
-def test_a_body_that_turned_and_falls_into_another_warns(mbs, bodies, rigid):
-    """Its patch looks aside when it arrives."""
-    top = np.zeros(3) if rigid else TOP
-    ball = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=np.add(top, [0, 0, 1e-3]), **TURNING)
-    below = ep.RigidPlane() if rigid else ep.CreatePartitionBody(mbs, bodies[1], name="block")
-    contact = ep.CreatePartitionContact(mbs, ball, below, name="floor")
+@pytest.mark.parametrize("below", ["plane", "carried plane", "body"])
+def test_a_body_that_turned_and_falls_into_another_warns(mbs, bodies, below):
+    """Its patch looks aside when it arrives. What carries the plane rises, else the ball would not reach it."""
+    top, rises = np.array(TOP if below == "body" else (0.0, 0, 0)), 2e-3 if below == "carried plane" else 0.0
+    start = top + np.array([0, 0, 1e-3 + rises])
+    ball = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=start, **TURNING)
+    if below == "body":
+        lower, within, options = ep.CreatePartitionBody(mbs, bodies[1], name="block"), "body 'block'", {}
+    else:
+        lower, within, options = ep.RigidPlane(), "the rigid surface", {}
+    if rises:
+        speed = [0, 0, rises / LONG["end_time"]]
+        options["masterBody"] = mbs.CreateRigidBody(inertia=InertiaCuboid(1e3, [1.0] * 3), initialVelocity=speed)
+    contact = ep.CreatePartitionContact(mbs, ball, lower, name="floor", **options)
     mbs.Assemble()
-    within = "the rigid surface" if rigid else "body 'block'"
     with pytest.warns(ContactPatchWarning, match=rf"'floor': at t = .* m within {within} at .* beside its patch"):
         result = ep.solve_dynamic(mbs, **LONG)
     assert not contact.force(result).any()
