@@ -69,7 +69,7 @@ class PatchGaps(Gaps):
         self._all, self._start_q, self._loaded = pairing.points, pairing.pose, {}
         self.n, self.faced = len(pairing.pose), not pairing.pose.any()
         self.size, self.approach = pairing.rows.facet_size, pairing.rows.approach
-        self.clearance, self.pressed = float(pairing.rows.gap.min()), pressed
+        self.clearance, self.pressed = float(pairing.rows.gap.min(initial=np.inf)), pressed
         self.witnesses = [witnesses_of(side.surface) for side in self.sides]
         self._start = self._at_start()
         self.reset()

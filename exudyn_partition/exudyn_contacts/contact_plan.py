@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from ..fe.partition import number_of_patch
 from ..support.checks import validate_choice, validate_items, validate_positive
 from ..support.foreign import MainSystem, ObjectIndex
 from ..surfaces.near import edge_meets, near_patches, opposite_parts
-from ..surfaces.points import ROWS, RowKind
+from ..surfaces.points import ROW_KINDS, RowKind
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from ..surfaces.surface import Surface
 
@@ -42,6 +42,13 @@ _MEANT = "Or, if the overlap is meant, as that of a press fit, give interference
 _FINER = 0.9  # slave and master change places if the master's facets are smaller than this share of the slave's
 
 
+class PlannedContact(Protocol):
+    """The part of a contact in the model that the plan of another one needs."""
+
+    sides: tuple[BodyPatch, ...]
+    rows: RowKind
+
+
 @dataclass(frozen=True, eq=False)
 class ContactPlan:
     """A contact that can be added to a model.
@@ -53,6 +60,7 @@ class ContactPlan:
         Slave, and master if that is a partition body too, each with the number of its patch.
     rigid : RigidSurface or None
         The master, if it is a rigid surface.
+    rows : {"integrated", "node-to-segment", "edges"}
     formulation : Formulation
         It includes friction, if the contact has any.
     mechanics : PatchContact
@@ -66,6 +74,7 @@ class ContactPlan:
     name: str
     sides: tuple[BodyPatch, ...]
     rigid: RigidSurface | None
+    rows: RowKind
     formulation: Formulation
     mechanics: PatchContact
     carrier: Carrier | None
@@ -98,7 +107,7 @@ def plan_contact(
     first, other, rigid = _partners(bodies, slave, master)
     validate_new_name(mbs, name, ("Object", "Sensor"))
     chosen = formulation_of(formulation, stiffness)
-    kind = validate_choice("rows", chosen.rows if rows is None else rows, ROWS)
+    kind = validate_choice("rows", chosen.rows if rows is None else rows, ROW_KINDS)
     _check_passes(passes)
     coulomb = friction_of(friction)
     if coulomb is not None and not chosen.friction:
@@ -112,7 +121,12 @@ def plan_contact(
         given.append((other, number_of_patch(other.body.partition, masterPatch, "masterPatch")))
     if first == other:
         _check_itself(first, [patch for _, patch in given], chosen)
-    sides, placed = _placed(given, passes, chosen)
+    ordered: Sequence[BodyPatch] = given
+    if kind == "edges":
+        if interference is not None:
+            raise InputError("interference: give it to the contact beside which rows='edges' are")
+        ordered, passes = _of_master(registered(mbs).contacts.values(), given, chosen), "given"
+    sides, placed = _placed(ordered, passes, chosen)
     chosen.check([item.body for item, _ in sides])
     for side in placed:
         _check_wandering(side)
@@ -133,7 +147,7 @@ def plan_contact(
             "formulation='compliance' or 'penalty'"
         )
     carrier = None if masterBody is None else Carrier(mbs, masterBody)
-    return ContactPlan(name, tuple(sides), rigid, chosen, mechanics, carrier, masterBody)
+    return ContactPlan(name, tuple(sides), rigid, kind, chosen, mechanics, carrier, masterBody)
 
 
 def facing_pairs(
@@ -218,6 +232,26 @@ def _check_itself(item: PartitionBody, patches: Sequence[int], formulation: Form
         raise InputError(
             "slave, master: patches of one body that touch each other must be of a material without hardening"
         )
+
+
+def _of_master(
+    contacts: Collection[PlannedContact], given: Sequence[BodyPatch], formulation: Formulation
+) -> Sequence[BodyPatch]:
+    """Slave and master of rows "edges": those of the contact between the same patches, exchanged."""
+    if len(given) < 2 or given[0][0] == given[1][0]:
+        raise InputError("rows: 'edges' are those of a master that is another partition body; take 'integrated' rows")
+    if type(formulation) is not Compliance:
+        raise InputError("rows: 'edges' need formulation='compliance', because patches then have two contacts")
+    for contact in contacts:
+        if {*contact.sides} == {*given} and contact.rows != "edges":
+            item, patch = contact.sides[1]
+            if not len(item.body.surface(np.zeros(3), patch).sharp):
+                raise InputError(f"rows: patch {patch} of the master, body {item.name!r}, has no sharp edges")
+            return contact.sides[::-1]
+    raise InputError(
+        "rows: 'edges' are those of the master of a contact between the same patches, and these have none; call "
+        "CreatePartitionContact without rows='edges' first"
+    )
 
 
 def _placed(

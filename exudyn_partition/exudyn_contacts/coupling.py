@@ -49,9 +49,12 @@ def coupled_with(contact: PartitionContact, others: list[PartitionContact]) -> l
 
 
 def _same_sides(contact: PartitionContact, other: PartitionContact) -> bool:
-    """Whether two contacts are between the same patches, or of the same patch with the same rigid surface."""
-    sides, others = ({*each.sides} for each in (contact, other))
-    return sides == others and (len(sides) > 1 or contact.master is other.master)
+    """Whether two contacts are between the same patches, or of the same patch with the same rigid surface.
+
+    The rows at the edges of the master are a second contact.
+    """
+    sides, others = (({*each.sides}, each.rows == "edges") for each in (contact, other))
+    return sides == others and (len(contact.sides) > 1 or contact.master is other.master)
 
 
 def _columns(contact: PartitionContact) -> list[slice]:

@@ -77,6 +77,7 @@ class PartitionContact(Item[Any]):
         With passes="finer" they may have changed places.
     sides : tuple of (PartitionBody, int)
         Slave, and master if that is a partition body too, each with the number of its patch.
+    rows : {"integrated", "node-to-segment", "edges"}
     formulation : Formulation
     mechanics : PatchContact
         State at the start; each run has its own.
@@ -91,7 +92,7 @@ class PartitionContact(Item[Any]):
     """
 
     _inside = frozenset(
-        {"carrier", "compliant", "elastic", "group", "mechanics", "moment_about", "nodes", "side_names",
+        {"beside", "carrier", "compliant", "elastic", "group", "mechanics", "moment_about", "nodes", "side_names",
          "slave_facet_size", "slices", "together"}
     )  # fmt: skip
     group: list[Any]
@@ -103,9 +104,16 @@ class PartitionContact(Item[Any]):
         self.name, self.sides = plan.name, plan.sides
         self.slave = plan.sides[0][0]
         self.master = plan.sides[1][0] if plan.rigid is None else plan.rigid
+        self.rows = plan.rows
         self.formulation, self.mechanics, self.carrier = plan.formulation, plan.mechanics, plan.carrier
         self.group, self.together = [self], None
         self.moment_about = None
+
+    @property
+    def beside(self) -> PartitionContact | None:
+        """The contact of the same patches with rows="edges", or that beside which these are; None if there is none."""
+        found = (other for other in self.group if other.sides == self.sides[::-1] and other.rows != self.rows)
+        return next(found, None) if len(self.sides) > 1 else None
 
     @property
     def nodes(self) -> list[NodeIndex]:
@@ -322,7 +330,7 @@ class PartitionContact(Item[Any]):
         n = len(self.mechanics.gaps.slave.surface.points)
         rows, areas = self._row_forces(result, result.t[large])[:, :n], run.areas[:n]
         touching = np.asarray(rows.sum(axis=1)).ravel() > 0
-        if not touching.any():
+        if not touching.any() or not areas.any():  # rows of edges alone have no area, and no limit of stress
             return None
         large, rows = large[touching], rows[touching]
         places = self.slave.body.points[self.mechanics.gaps.slave.surface.nodes]

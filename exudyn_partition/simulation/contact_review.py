@@ -129,6 +129,8 @@ def _warn_of_few_rows(contact: PartitionContact, result: Result) -> None:
     if top == len(force) - 1 and result.method != "static":
         return  # a growing contact begins with one row
     nodes = contact.row_forces(result.at(result.t[[top]])).nonzero()[1]
+    if contact.beside is not None and contact.beside.force(result)[top] > force[top]:
+        return
     if np.isin(nodes, contact.mechanics.gaps.slave.surface.sharp).all():
         warnings.warn(
             f"{called(contact)} at t = {result.t[top]:.6g} s: only a sharp corner or edge touches at the peak of the "

@@ -44,7 +44,7 @@ def neighbours(surface: Surface) -> sp.csr_matrix:
 
 def warn_of_edges(contact: PartitionContact, result: Result) -> None:
     """Warn of a sharp edge of the master within the slave where no row is closed."""
-    if not isinstance(contact.master, PartitionBody) or contact.master == contact.slave:
+    if not isinstance(contact.master, PartitionBody) or contact.master == contact.slave or contact.rows == "edges":
         return
     surfaces = [item.body.surface(np.zeros(3), number) for item, number in contact.sides]
     if not len(surfaces[1].sharp):
@@ -62,7 +62,9 @@ def warn_of_edges(contact: PartitionContact, result: Result) -> None:
         held = np.zeros(len(surfaces[0].points), dtype=bool)
         held[closed[i].indices[closed[i].data > 0]] = True
         held |= around @ held > 0
-        found = _deepest_corner(surfaces, x_s[i], x_m[i], held), _deepest_crossing(edges, x_s[i], x_m[i], held)
+        found = [_deepest_crossing(edges, x_s[i], x_m[i], held)]
+        if contact.beside is None:
+            found.append(_deepest_corner(surfaces, x_s[i], x_m[i], held))
         depth, place = max(found, key=lambda one: one[0])
         if not _WITHIN * size < depth - pressed[i] < size:
             continue
@@ -71,7 +73,8 @@ def warn_of_edges(contact: PartitionContact, result: Result) -> None:
             f"{called(contact)} at t = {result.t[sample]:.6g} s: a sharp edge of {master} is {depth:.3g} m within "
             f"{slave} at {place} m, with no closed row around. Rows are those of the slave, {slave}: faces of {master} "
             f"hold its edges, but nothing holds edges that cross, or edges of {master}. Round one of them by a radius "
-            f"that facets resolve; or, if a corner of {master} meets a face, give {master} first, with passes='given'",
+            f"that facets resolve; or, if an edge of {master} meets a face, add CreatePartitionContact of the same two "
+            "patches with rows='edges', or give that body first, with passes='given'",
             ContactPatchWarning,
             stacklevel=6,
         )

@@ -240,6 +240,8 @@ def pair_wandering(
         places = points.at(part.points)
         found = closest_points(places, other.points[other.facets])
         paired = facing_locally(found, part.normals_at(points.nodes, points.weights), size)
+        if rows == "edges" and not paired.any():  # they may meet a face later
+            return near_rows(points, part, other, -found.normal[found.gap.argmin()])[0]
         if not paired.any():
             raise EmptyRegionError(
                 f"the patches are nearest around {places.mean(axis=0)} m, but do not face each other there: a patch "

@@ -7,6 +7,8 @@ Integrated rows take a weighted mean of the gap for each node; the weight is a h
 hold for each mean. Multipliers are then piecewise linear, displacements linear, quadratic or cubic, and integrals are
 those over the slave's facets. Quadratic triangles are split into the four between their nodes, cubic ones into nine, so
 that all hats are positive (Puso, Laursen and Solberg 2008). Nodes at sharp edges have rows of their own, see `edges`.
+
+Rows "edges" are these alone, for the edges of a master beside a contact whose rows are those of its slave.
 """
 
 from __future__ import annotations
@@ -30,8 +32,9 @@ from . import loops
 from .edges import beside_edges
 from .surface import Surface
 
-RowKind = Literal["integrated", "node-to-segment"]
-ROWS: tuple[RowKind, ...] = get_args(RowKind)
+RowKind = Literal["integrated", "node-to-segment", "edges"]
+ROW_KINDS: tuple[RowKind, ...] = get_args(RowKind)
+ROWS = ROW_KINDS[:2]  # of a whole patch
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,14 +145,17 @@ def contact_points(surface: Surface, rows: RowKind) -> ContactPoints:
     Parameters
     ----------
     surface : Surface
-    rows : {"integrated", "node-to-segment"}
+    rows : {"integrated", "node-to-segment", "edges"}
 
     Raises
     ------
     MeshError
         If a facet has no area.
     """
-    validate_choice("rows", rows, ROWS)
+    validate_choice("rows", rows, ROW_KINDS)
+    if rows == "edges":
+        every = contact_points(surface, "integrated")
+        return every.of_rows(np.isin(every.row_nodes, surface.sharp))[0]
     facets, n = surface.facets, len(surface.points)
     nf, k = facets.shape
     _, weight, hats = RULES[k]

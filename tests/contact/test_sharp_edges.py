@@ -1,5 +1,6 @@
 """Sharp edges and corners: rows there close at the touch, and the faces beside them carry an even pressure."""
 
+from functools import partial
 from itertools import product
 
 import exudyn as exu
@@ -11,7 +12,7 @@ from oracles import box, ground
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
-from exudyn_partition.errors import ModelLimitWarning
+from exudyn_partition.errors import InputError, ModelLimitWarning
 from exudyn_partition.surfaces.near import pair_wandering
 from exudyn_partition.surfaces.points import contact_points
 
@@ -145,6 +146,113 @@ def test_a_corner_meets_the_face_of_another_body(mbs, cube, on_corner, plate, fr
     assert force[-1] == 0
 
 
+@A_CORNER
+@pytest.mark.parametrize(
+    ("frame", "method", "friction"), [("floating", "implicit", None), ("inertial", "explicit", 0.3)]
+)
+def test_an_edge_of_the_master_presses_as_if_it_were_the_slaves(cube, on_corner, plate, frame, method, friction):
+    """Its rows are a contact beside that of the slave's rows, which stay open."""
+    body, turn = (on_corner, np.eye(3)) if frame == "inertial" else (cube, TURN.as_matrix())
+    place = lowest(body.points @ turn.T, np.array([0.0, 0.0, 1.0]))
+    forces = []
+    for cube_first in (True, False):
+        mbs = exu.SystemContainer().AddSystem()
+        rotated = {} if frame == "inertial" else {"referenceRotationMatrix": turn}
+        upper = ep.CreatePartitionBody(
+            mbs, body, name="cube", frame=frame, referencePosition=[*-place[:2], GAP - place[2]],
+            initialVelocity=[0, 0, -SPEED], **rotated,
+        )  # fmt: skip
+        both = [upper, ep.CreatePartitionBody(mbs, plate, name="plate")][:: 1 if cube_first else -1]
+        contacts = [ep.CreatePartitionContact(mbs, *both, passes="given", friction=friction)]
+        if not cube_first:
+            contacts.append(ep.CreatePartitionContact(mbs, *both, rows="edges", friction=friction))
+            assert contacts[1].slave.name == "cube"
+        mbs.Assemble()
+        step = {"step": 4e-7} if method == "implicit" else {}
+        result = ep.solve_dynamic(mbs, end_time=6e-5, method=method, **step)
+        forces.append(np.array([contact.force(result) for contact in contacts]))
+    assert not forces[1][0].any()
+    np.testing.assert_allclose(forces[1][1], forces[0][0], rtol=1e-6, atol=1e-6 * forces[0].max())
+
+
+@pytest.fixture(scope="module")
+def bar_on_step():
+    """A bar that stands with its end on the floor and leans on the edge of a step, and the step: bodies, turn, place.
+
+    The patch of the bar is its lower face; that of the step has the floor, the tread and the riser between.
+    """
+    height, way, length = 10e-3, 20e-3, 60e-3
+    low = occ.Box((-0.04, -0.01, -0.02), (0.03, 0.01, 0)) + occ.Box((0, -0.01, -0.02), (0.03, 0.01, height))
+    step = ep.fe_model(low, ep.STEEL, maxh=10e-3)
+    at = step.points[step.facets]
+    x, y, _ = at.mean(axis=1).T
+    faces = (at[..., 2] > -1e-9).all(axis=1) & (abs(y) < 0.0099) & (x < 0.0299)
+    bar = ep.fe_model(box(length, way / 2, 8e-3), ep.STEEL, maxh=8e-3)
+    face = ep.Partition.surface(bar, plane=((0, 0, 0), (0, 0, -1)), axes="xyz")
+    turn = Rotation.from_euler("y", -np.arctan2(height, way)).as_matrix()
+    place = np.array([-way, 0, GAP]) - turn @ [-length / 2, 0, 0]
+    return ep.reduce(bar, face, f_cut=6e4), ep.reduce(step, ep.Partition.surface(step, faces), f_cut=5e4), turn, place
+
+
+@pytest.mark.parametrize("friction", [None, 0.2])
+def test_edges_of_both_bodies_touch_faces_at_once(bar_on_step, friction):
+    """The bar's end meets the floor while the step's edge meets the bar, in implicit steps as in explicit ones."""
+    bar, step, turn, place = bar_on_step
+    impulses = []
+    for method in ("implicit", "explicit"):
+        mbs = exu.SystemContainer().AddSystem()
+        options = {"referencePosition": place, "referenceRotationMatrix": turn, "initialVelocity": [0, 0, -0.5]}
+        upper = ep.CreatePartitionBody(mbs, bar, frame="floating", **options)
+        lower = ep.CreatePartitionBody(mbs, step, frame="floating")
+        faces = ep.CreatePartitionContact(mbs, upper, lower, passes="given", friction=friction)
+        edges = ep.CreatePartitionContact(mbs, upper, lower, rows="edges", friction=friction)
+        mbs.Assemble()
+        result = ep.solve_dynamic(mbs, end_time=6e-5, method=method, **({"step": 3e-7} if method == "implicit" else {}))
+        for contact in (faces, edges):
+            first = result.t[np.argmax(contact.force(result) > 0)]
+            assert GAP / 0.5 <= first <= 1.2 * GAP / 0.5 + result.step
+        momentum = upper.momentum(result) + lower.momentum(result)
+        np.testing.assert_allclose(momentum, momentum[[0]] + 0 * momentum, atol=1e-12)
+        stored = sum(item.energy(result) for item in (upper, lower, faces, edges))
+        energy = stored + faces.dissipated_energy(result) + edges.dissipated_energy(result)
+        assert abs(energy / energy[0] - 1).max() < 2e-3
+        impulses.append([np.trapezoid(contact.force(result), result.t) for contact in (faces, edges)])
+    np.testing.assert_allclose(*impulses, rtol=0.01)
+    assert np.min(impulses) > 1e-3
+
+
+def test_edges_of_the_master_take_nothing_from_an_even_pressure(mbs):
+    """A bar stands on one whose face ends at the same edges."""
+    upper, lower = (ep.CreatePartitionBody(mbs, column(sign, False)) for sign in (1, -1))
+    contacts = [ep.CreatePartitionContact(mbs, upper, lower, rows=rows) for rows in ("integrated", "edges")]
+    even_pressure(mbs, contacts[0], [(upper, 1), (lower, -1)], 0.03)
+
+
+def test_where_rows_of_edges_are_refused(mbs, cube, one_face, plate):
+    upper = ep.CreatePartitionBody(mbs, one_face, name="cube", referencePosition=[0, 0, SIDE / 2 + GAP])
+    lower = ep.CreatePartitionBody(mbs, plate, name="plate")
+    edges = partial(ep.CreatePartitionContact, mbs, upper, lower, rows="edges")
+    with pytest.raises(InputError, match="call CreatePartitionContact without rows='edges' first"):
+        edges()
+    ep.CreatePartitionContact(mbs, upper, lower)
+    with pytest.raises(InputError, match="the master, body 'plate', has no sharp edges"):
+        edges()
+    with pytest.raises(InputError, match="need formulation='compliance'"):
+        edges(formulation="penalty")
+    with pytest.raises(InputError, match="interference: give it to the contact beside which"):
+        edges(interference=1e-6)
+    for master in (ep.RigidPlane(), upper):
+        with pytest.raises(InputError, match="another partition body"):
+            ep.CreatePartitionContact(mbs, upper, master, rows="edges", passes="given")
+    mbs = exu.SystemContainer().AddSystem()
+    upper = ep.CreatePartitionBody(mbs, one_face, referencePosition=[0, 0, SIDE / 2 + GAP])
+    lower = ep.CreatePartitionBody(mbs, plate)
+    ep.CreatePartitionContact(mbs, lower, upper, passes="given")
+    ep.CreatePartitionContact(mbs, lower, upper, rows="edges")
+    with pytest.raises(InputError, match="already have the contact"):
+        ep.CreatePartitionContact(mbs, upper, lower, rows="edges")
+
+
 def column(sign, all_around):
     """A bar above or below the plane z = 0; its patch is its end, and perhaps the sides beside it."""
     shape = box(SIDE, SIDE, 2 * SIDE).Move((0, 0, 0 if sign > 0 else -2 * SIDE))
@@ -162,24 +270,29 @@ def test_a_face_between_sharp_edges_bears_an_even_pressure(mbs, frame, master, a
     upper = ep.CreatePartitionBody(mbs, column(1, all_around), frame=frame)
     other = ep.RigidPlane() if master == "plane" else ep.CreatePartitionBody(mbs, column(-1, False), frame=frame)
     contact = ep.CreatePartitionContact(mbs, upper, other)
-    for item, sign, held in ((upper, 1, [1, 1, 0, 1, 1, 1]), (other, -1, [1] * 6)):
-        if item is not other or master != "plane":
-            head = item.CreateInterfaceMarker(mbs, "head")
-            guide = items.GenericJoint(markerNumbers=[ground(mbs, (0, 0, sign * 2 * SIDE)), head])
-            guide.constrainedAxes = held
-            mbs.AddObject(guide)
-            if sign > 0:
-                mbs.AddLoad(items.LoadForceVector(markerNumber=head, loadVector=[0, 0, -FORCE]))
+    bars = [(upper, 1)] if master == "plane" else [(upper, 1), (other, -1)]
+    even_pressure(mbs, contact, bars, 1e-6 if master == "plane" else 0.03)
+
+
+def even_pressure(mbs, contact, bars, error):
+    """Press the first of some bars, each with the side of z = 0 on which it is, and look at the pressure."""
+    for item, sign in bars:
+        head = item.CreateInterfaceMarker(mbs, "head")
+        guide = items.GenericJoint(markerNumbers=[ground(mbs, (0, 0, sign * 2 * SIDE)), head])
+        guide.constrainedAxes = [1, 1, int(sign < 0), 1, 1, 1]
+        mbs.AddObject(guide)
+        if sign > 0:
+            mbs.AddLoad(items.LoadForceVector(markerNumber=head, loadVector=[0, 0, -FORCE]))
     mbs.Assemble()
     result = ep.solve_static(mbs, load_steps=2)
     surface = contact.mechanics.gaps.slave.surface
     inner = np.isclose(surface.points[:, 2], 0, atol=1e-6) & (abs(surface.points[:, :2]).max(axis=1) < 0.49 * SIDE)
     pressure = contact.pressure(result).toarray()[-1, inner] / (FORCE / SIDE**2)
     assert inner.any()
-    np.testing.assert_allclose(pressure, 1.0, rtol=1e-6 if master == "plane" else 0.03)
+    np.testing.assert_allclose(pressure, 1.0, rtol=error)
     assert contact.area(result)[-1] == pytest.approx(SIDE**2, rel=1e-6)
     at_edges = contact.row_forces(result).toarray()[-1, surface.sharp]
-    assert at_edges.sum() < (1e-6 if master == "plane" else 0.02) * FORCE
+    assert at_edges.sum() < min(error, 0.02) * FORCE
 
 
 @pytest.mark.parametrize("master", ["plane", "plate"])

@@ -1,12 +1,14 @@
 """A cube falls on its corner, its edge and a face that is hardly tilted; and faces between sharp edges are pressed.
 
 The patch of the cube is its whole skin, or its lower face alone, which ends at the edge that touches. A face alone is
-also tried with the default `axes`, where it is hardly tilted.
+also tried with the default `axes`, where it is hardly tilted. On a plate, the cube is the slave, or it is the master
+and its edges have rows="edges". A bar falls on a step: its end meets the floor while the step's edge meets its face.
 
 References: the touch of a rigid cube, and its impulse (1 + e) v / (1 / m + r' I^-1 r) with r the arm of the contact
 about the centre of mass, crossed with the normal, and e Newton's coefficient as the motion of the whole body gives it;
 for corners, which are so soft that hardly anything vibrates, with e = 1 too. The full FE model of a cube and a plate
-with a row at each node of the cube, which is another discretisation of the contact. Uniform pressure in a bar that is
+with a row at each node of the cube, which is another discretisation of the contact; of the bar and the step the rows
+of both make one set there. Uniform pressure in a bar that is
 pressed on a plane, or on a bar whose mesh does not match.
 
 Quantity: depth of the corner or edge at the first force, by the size of a facet; impulse; energy over the run; against
@@ -18,12 +20,14 @@ the bar.
 """
 
 import warnings
+from dataclasses import replace
 from itertools import product
 
 import exudyn as exu
 import exudyn.itemInterface as items
 import netgen.occ as occ
 import numpy as np
+import scipy.sparse as sp
 from rich.console import Console
 from rich.table import Table
 from scipy.spatial.transform import Rotation
@@ -102,7 +106,8 @@ def on_plane(body, plane, frame, method, friction):
 
 def on_plate(plane, patch):
     """The cube on an elastic plate, reduced and in full: what is compared, and the curves."""
-    fem, part, body = cube(5e-3, PLANES[plane], f_cut=1.4e5, patch=patch)
+    as_master = patch == "skin of the master"
+    fem, part, body = cube(5e-3, PLANES[plane], f_cut=1.4e5, patch="skin" if as_master else patch)
     shape = occ.Box((-0.03, -0.03, -0.03), (0.03, 0.03, 0.0))
     plate = ep.fe_model(shape, scenes.STEEL, maxh=0.012, refine=[ep.Refine((0, 0, 0), radius=0.008, h=4e-3)])
     top = ep.Partition.ball(plate, (0, 0, 0), radius=0.02, axes="xyz")
@@ -111,19 +116,85 @@ def on_plate(plane, patch):
     at = [*-place[:2], GAP - place[2]]
     mbs = exu.SystemContainer().AddSystem()
     upper = ep.CreatePartitionBody(mbs, body, referencePosition=at, initialVelocity=[0, 0, -SPEED])
-    contact = ep.CreatePartitionContact(mbs, upper, ep.CreatePartitionBody(mbs, lower))
+    both = [upper, ep.CreatePartitionBody(mbs, lower)][:: -1 if as_master else 1]
+    contacts = [ep.CreatePartitionContact(mbs, *both, passes="given")]
+    if as_master:
+        contacts.append(ep.CreatePartitionContact(mbs, *both, rows="edges"))
     mbs.Assemble()
     result = ep.solve_dynamic(mbs, end_time=6e-5, sample_period=1e-7)
-    force = contact.force(result)
     full = [ep.reference.FullBody(fem, part, at, (0, 0, -SPEED)), ep.reference.FullBody(plate, top)]
     rows = pair_wandering(full[0].surface, full[1].surface, "node-to-segment")
-    history = ep.reference.simulate(full, end_time=6e-5, step=1e-7, rows=rows)
+    named = {"patch": patch, "falls on": plane, "dofs": fem.n_dofs + plate.n_dofs, "kept": body.n_dofs + lower.n_dofs}
+    return beside_full(named, result, both, contacts, full, rows)
+
+
+def beside_full(named, result, items, contacts, full, rows):
+    """What is compared of contacts with full FE models, and the curves of both."""
+    forces = [contact.force(result) for contact in contacts]
+    force, energy = sum(forces), sum(item.energy(result) for item in (*items, *contacts))
+    first = max(result.t[np.argmax(one > 0)] for one in forces if one.any())
+    history = ep.reference.simulate(full, end_time=result.t[-1], step=1e-7, rows=rows)
     both = (result.t, force), (history.t, history.force)
     (impulse, peak), (full_impulse, full_peak) = ((np.trapezoid(f, t), f.max()) for t, f in both)
+    of_edges = np.trapezoid(forces[1], result.t) if len(forces) > 1 else None
     return {
-        "patch": patch, "plane": plane, "dofs": fem.n_dofs + plate.n_dofs, "kept": body.n_dofs + lower.n_dofs,
-        "impulse_Ns": impulse, "peak_N": peak, "impulse": impulse / full_impulse - 1, "peak": peak / full_peak - 1,
+        **named, "depth": (SPEED * first - GAP) / contacts[0].slave_facet_size,
+        "energy": abs(energy / energy[0] - 1).max(),
+        "impulse_Ns": impulse, "of the master's edges_Ns": of_edges, "peak_N": peak,
+        "impulse": impulse / full_impulse - 1, "peak": peak / full_peak - 1,
     }, both  # fmt: skip
+
+
+def on_step():
+    """A bar falls on a step: its end on the floor, and the step's edge on its face; see `on_plate`."""
+    height, way, length = 0.01, 0.02, 0.06
+    shape = occ.Box((-0.04, -0.01, -0.02), (0.03, 0.01, 0)) + occ.Box((0, -0.01, -0.02), (0.03, 0.01, height))
+    step = ep.fe_model(shape, scenes.STEEL, maxh=6e-3)
+    nodes = step.points[step.facets]
+    x, y, _ = nodes.mean(axis=1).T
+    part = ep.Partition.surface(step, (nodes[..., 2] > -1e-9).all(axis=1) & (abs(y) < 0.0099) & (x < 0.0299))
+    turn = Rotation.from_euler("y", -np.arctan2(height, way))
+    shape = occ.Box((-length / 2, -0.005, 0), (length / 2, 0.005, 0.008))
+    shape = shape.Rotate(occ.Axis((0, 0, 0), occ.Y), np.degrees(turn.as_euler("yxz")[0]))
+    bar = ep.fe_model(shape, scenes.STEEL, maxh=5e-3)
+    face = ep.Partition.surface(bar, near=(0, 0, 0), axes="xyz")
+    at = np.array([-way, 0, GAP]) - turn.apply([-length / 2, 0, 0])
+    upper, lower = ep.reduce(bar, face, f_cut=1.2e5), ep.reduce(step, part, f_cut=1.0e5)
+    mbs = exu.SystemContainer().AddSystem()
+    both = [ep.CreatePartitionBody(mbs, upper, referencePosition=at, initialVelocity=[0, 0, -SPEED])]
+    both.append(ep.CreatePartitionBody(mbs, lower))
+    contacts = [ep.CreatePartitionContact(mbs, *both, passes="given", rows=kind) for kind in ("integrated", "edges")]
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=6e-5, sample_period=1e-7)
+    full = [ep.reference.FullBody(bar, face, at, (0, 0, -SPEED)), ep.reference.FullBody(step, part)]
+    rows = pair_wandering(full[0].surface, full[1].surface, "node-to-segment")
+    rows = one_set(rows, pair_wandering(full[1].surface, full[0].surface, "edges"))
+    named = {"patch": "both", "falls on": "step", "dofs": bar.n_dofs + step.n_dofs, "kept": upper.n_dofs + lower.n_dofs}
+    return beside_full(named, result, both, contacts, full, rows)
+
+
+def one_set(nodes, edges):
+    """Rows of the slave's nodes, and those of nodes at the master's edges, whose gaps are taken the other way round."""
+    some, others, more = nodes.points, edges.points, edges.master.shape[1] - 1
+    points = replace(
+        some,
+        nodes=np.vstack([np.repeat(some.nodes, more + 1, axis=1), edges.master]),
+        weights=np.vstack([np.pad(some.weights, ((0, 0), (0, more))), edges.weights]),
+        mean=sp.block_diag([some.mean, others.mean], format="csr"),
+        row_nodes=np.r_[some.row_nodes, edges.master[:, 0]],
+        area=np.r_[some.area, others.area],
+    )
+    return replace(
+        nodes,
+        points=points,
+        facet=np.r_[nodes.facet, 0 * edges.facet],
+        local=np.vstack([nodes.local, edges.local]),
+        master=np.vstack([nodes.master, others.nodes]),
+        weights=np.vstack([nodes.weights, others.weights]),
+        normals=np.vstack([nodes.normals, -edges.normals]),
+        gap=np.r_[nodes.gap, edges.gap],
+        at_edge=np.r_[nodes.at_edge, edges.at_edge],
+    )
 
 
 def bar(sign, maxh, all_around):
@@ -174,9 +245,9 @@ def worst(found):
     planes, plates, bars = found["planes"], found["plates"], found["bars"]
     impulses = [abs(r[key]) for r in planes for key in ("impulse", "impulse, e = 1") if r[key] is not None]
     return {
-        "depth": max(r["depth"] for r in planes),
+        "depth": max(r["depth"] for r in planes + plates),
         "impulse": max(impulses),
-        "energy": max(r["energy"] for r in planes),
+        "energy": max(r["energy"] for r in planes + plates),
         "full FE": max(abs(r[key]) for r in plates for key in SHARES),
         **{f"pressure, {m}": max(r["pressure"] for r in bars if r["master"] == m) for m in ("plane", "bar")},
     }
@@ -188,8 +259,12 @@ def draw(curves):
         for color, (patch, ((t, force), (full_t, full_force))) in enumerate(found.items()):
             ax.plot(1e6 * full_t, 1e-3 * full_force, f"C{color}-", lw=4, alpha=0.3, label=f"{patch}: full FE")
             ax.plot(1e6 * t, 1e-3 * force, f"C{color}-", lw=1, label=f"{patch}: this library")
-        ax.set(title=f"cube on its {plane}", xlabel="time [µs]", ylabel="force [kN]")
-    axes[0].legend()
+        ax.set(
+            title="bar on a step" if plane == "step" else f"cube on its {plane}",
+            xlabel="time [µs]",
+            ylabel="force [kN]",
+        )
+    axes[1].legend()
     figure.savefig(path, dpi=110)
 
 
@@ -209,14 +284,14 @@ def write_table(found):
             )
     alone = [max(abs(r[key]) for r in runs if r["patch"] != "skin") for key in ("depth", "impulse", "energy")]
     plates = ", ".join(
-        " and ".join(f"{max(abs(r[key]) for r in found['plates'] if r['plane'] == plane):.2%}" for key in SHARES)
-        + f" on its {plane}"
-        for plane in ("corner", "edge")
+        " and ".join(f"{max(abs(r[key]) for r in found['plates'] if r['falls on'] == plane):.2%}" for key in SHARES)
+        + f" ({said})"
+        for plane, said in (("corner", "corner on a plate"), ("edge", "edge on a plate"), ("step", "bar on a step"))
     )
     depth, impulse, energy = alone
     lines.append(
         f"\nWith the lower face alone as patch, these are at most {depth:.0e}, {impulse:.1e} and {energy:.0e}.\n"
-        f"On a plate, impulse and peak force differ from those of full FE models with a row at each node by {plates}."
+        f"Beside full FE models with a row at each node, impulse and peak force are off by {plates}."
     )
     tables.write_between(
         scenes.ROOT / "examples" / "site" / "contact.md", "contact/sharp_edges.py", "\n".join(lines) + "\n"
@@ -232,10 +307,12 @@ def main():
         for plane, run in product(some, RUNS):
             if run[2] is None or body.partition.patches[0].axes == "xyz":
                 planes.append({"patch": patch, "maxh": maxh, **on_plane(body, plane, *run)})
-    plates, curves = [], {"corner": {}, "edge": {}}
-    for plane, patch in product(curves, ("skin", "face")):
+    plates, curves = [], {"corner": {}, "edge": {}, "step": {}}
+    for plane, patch in product(("corner", "edge"), ("skin", "face", "skin of the master")):
         found, curves[plane][patch] = on_plate(plane, patch)
         plates.append(found)
+    found, curves["step"]["both"] = on_step()
+    plates.append(found)
     bars = [pressed("plane", False), pressed("bar", False), pressed("bar", True)]
     bars += [pressed("plane", False, own=False), pressed("bar", False, own=False)]
     found = {"planes": planes, "plates": plates, "bars": bars}

@@ -472,7 +472,7 @@ CALLS = {
         slave=v.item.but(**v.foreign_item)(the.striker),
         master=v.item.but(**v.foreign_item, itself=the.striker)(PLANE),
         formulation=v.choice.but(**{"a class": Penalty, "a law": the.contact.mechanics})("penalty"),
-        rows=v.choice.or_none,
+        rows=v.choice.or_none.but(**{"edges of a plane": "edges"}),
         passes=v.choice.but(**{"two passes": "two"})("finer"),
         masterBody=Kind({"text": "x", "negative": -1, "beyond": 999, "half": 1.5, "True": True, "a body": the.item}),
         stiffness=v.positive.or_none,
