@@ -12,7 +12,7 @@ from ..fe.material import Material
 from ..fe.model import FEModel
 from ..fe.partition import Partition
 from ..meshing.mesh_size import Refine
-from ..meshing.netgen_mesh import ONE_AT_A_TIME, meshed
+from ..meshing.netgen_mesh import ONE_AT_A_TIME, meshed, volume_of
 from ..meshing.ngsolve_fem import fe_model
 from ..prediction.hertz import effective, impact
 from ..reduction.estimate import FIRST
@@ -59,9 +59,10 @@ class Scene:
             mesh.Curve(_CURVED)
             return mesh
 
-    def missed(self, i: int, fem: FEModel) -> float:
+    def missed(self, i: int, mesh: FEModel | NGSolveMesh) -> float:
         """Share of a body's volume that its mesh misses."""
-        return float(abs(fem.cell_volume.sum() / abs(self.shapes[i].mass) - 1))
+        volume = mesh.cell_volume.sum() if isinstance(mesh, FEModel) else volume_of(mesh)
+        return float(abs(volume / abs(self.shapes[i].mass) - 1))
 
     def model(self, i: int, mesh: NGSolveMesh, sizes: Sizes, circle: float) -> Model:
         """FE model of a body and its partition."""

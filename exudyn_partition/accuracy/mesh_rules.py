@@ -6,7 +6,7 @@ Far: a wave takes four elements in walls, fewer elsewhere. The frequency is the 
 energy lies. The wave is a bending wave in walls that are thinner than half of it and that few elements span, and a
 shear wave elsewhere. Round sides take as few elements as keep the volume. Bodies that are corrected have larger
 elements there.
-Near: elements of 0.72 shorter semi-axes of the contact, within 1.5 semi-axes; then elements grow. In long contacts they
+Near: elements of 0.72 shorter semi-axes of the contact, within 1.2 semi-axes; then elements grow. In long contacts they
 may be larger. Those of the slave are smaller by 0.8, for its facets also carry the rows, which have an error of their
 own.
 
@@ -31,7 +31,7 @@ from ..support.arrays import Array
 from ..support.foreign import NGSolveMesh
 
 GRADING = 0.5  # growth of elements away from the contact
-REFINED = 1.5  # semi-axes of the refined region, by those of the contact
+REFINED = 1.2  # semi-axes of the refined region, by those of the contact
 REACH = (1.5, 2.0)  # those of the patches of the first and of the second body; half an element is added
 
 _OF_A_WAVE, _OF_A_SHEAR_WAVE = 4, 2.7  # elements
@@ -52,7 +52,7 @@ _FAR_RATE, _NEAR_RATE = 2.0, 3.3  # powers by which errors fall with these sizes
 MISSED = 0.1  # of the tolerance: share of its volume that a mesh with curved sides may miss
 _COARSE_CURVATURE = 1.3  # elements in a radius of curvature; with fewer, curved sides often turn elements inside out
 _FINE_CURVATURE = 3.0  # the same at most
-_VOLUME_RATE = 3.5  # power of them by which quadratic sides miss less volume
+_VOLUME_RATE = 2.5  # power of them by which quadratic sides miss less volume, at least
 _LEAST_CHANGE, _MOST_CHANGE = 0.93, 0.45  # of a size in one refinement
 
 

@@ -84,6 +84,13 @@ def generate_mesh(shape: Shape, *, maxh: float, refine: Iterable[Refine] = (), g
         return meshed(shape, maxh, refine, grading, 1)
 
 
+def volume_of(mesh: NGSolveMesh) -> float:
+    """Volume of a mesh, whose sides may be curved [m3]."""
+    ngsolve = require("ngsolve")
+    with ONE_AT_A_TIME:
+        return float(ngsolve.Integrate(ngsolve.CF(1), mesh))
+
+
 def meshed(
     shape: Shape, maxh: object, refine: object, grading: object, order: int, curvature: float = CURVATURE
 ) -> NGSolveMesh:

@@ -44,7 +44,7 @@ from ..support.progress import Progress
 from ..surfaces.rows import pair_surfaces
 from ..surfaces.surface import Surface
 from .basis import residual_flexibility
-from .free_body import DROP_ABOVE, SETTLED, AdaptedSpace
+from .free_body import DROP_ABOVE, AdaptedSpace
 from .loads import patch_slice
 
 _LOG = logging.getLogger(__name__)
@@ -263,6 +263,7 @@ def grow_to_tolerance(
     f_top: float | None = None,
     whole: bool = False,
     once: bool = False,
+    settled: float | None = None,
 ) -> tuple[list[AdaptedSpace], Estimate]:
     """Grow the spaces of one body, or of two that hit each other, until the estimate is below the tolerance.
 
@@ -292,7 +293,9 @@ def grow_to_tolerance(
     whole : bool
         Whether the tolerance is for the velocities of whole bodies, in place of those of every point.
     once : bool
-        Whether to look at one f_top alone, with roughly settled spaces: a first look.
+        Whether to look at one f_top alone: a first look.
+    settled : float, optional
+        As for `AdaptedSpace.grow`; default: by the tolerance.
 
     Returns
     -------
@@ -308,7 +311,7 @@ def grow_to_tolerance(
             f"duration: expected {shortest:.3g} to {longest:.3g} s, {_SHORTEST:g} to {_LONGEST:g} crossings of a "
             f"longitudinal wave, got {duration!r}"
         )
-    settled = SETTLED if once else settled_for(tolerance)
+    settled = settled_for(tolerance) if settled is None else settled
     made = list(known) or [None] * len(models)
     while True:
         for i, model in enumerate(models):
