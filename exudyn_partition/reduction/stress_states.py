@@ -17,9 +17,10 @@ import scipy.sparse as sp
 
 from ..algebra.blas_threads import one_blas_thread
 from ..algebra.krylov import eigenmodes, mass_normalised, orthonormal_complement
-from ..fe.model import FEModel, node_dofs
+from ..fe.facets import nodal_area
+from ..fe.model import FEModel, MassKind, node_dofs
 from ..fe.partition import Partition
-from ..fe.patches import LoadPattern
+from ..fe.patches import LoadPattern, Patch
 from ..support.arrays import Array
 from .basis import least_frequency
 from .body import ReducedBody
@@ -31,22 +32,32 @@ from .loads import resultants, unit_loads
 
 _LEAST_ENERGY = 1e-2  # of a centrifugal load, by that of the one with most at the same speed
 _SAME = 1e-3  # share of a unit load's energy norm that others do not have, below which it is no state of its own
+_APART = 1e-2  # such a share, far above which a state has all stress that the coordinates' answers lack
 
 
-def stress_states(fem: FEModel, body: ReducedBody) -> GeometricStiffness:
-    """States of stress of the unit loads of a body's partition, and their geometric stiffness.
+def stress_states(fem: FEModel, body: ReducedBody, n_loads: int, of_patches: Array) -> GeometricStiffness:
+    """States of stress of the first unit loads of a body's partition, `n_loads` of them, and their geometric stiffness.
 
-    Static answers are those of the body: exact, as far as its shapes and nodes have them.
+    The coordinates tell the size of a load by their own answer to it. Its stress is that of the exact answer. Both are
+    the same for loads that have attachment modes. The coordinates' answers to forces on patches lack a part: exact are
+    the answers `of_patches`, (3n, p), to the first p loads. Where such an answer is almost that of other loads, this
+    part is left out, since the size would be arbitrary.
     """
-    partition = body.partition
-    loads = body.reduced_rows(resultants(fem, partition).T @ unit_loads(fem, partition)).T
-    answers = static_answers(body.stiffness, body.mass, body.rigid, loads)
-    energies = np.sum(answers * (body.stiffness @ answers), axis=0)
-    answers = answers[:, energies > 0] / np.sqrt(energies[energies > 0])
-    values, vectors = np.linalg.eigh(answers.T @ (body.stiffness @ answers))
-    kept = values > _SAME**2 * values.max(initial=0.0)
-    answers = answers @ (vectors[:, kept] / np.sqrt(values[kept]))
-    states, motions, fields, onto = (body.stiffness @ answers).T, body.basis.shapes, _displacements(body, answers), None
+    partition, K, p = body.partition, body.stiffness, of_patches.shape[1]
+    loads = body.reduced_rows(resultants(fem, partition).T @ unit_loads(fem, partition)).T[:, :n_loads]
+    answers = static_answers(K, body.mass, body.rigid, loads)
+    energies = np.sum(answers * (K @ answers), axis=0)
+    scales = np.where(energies > 0, 1 / np.sqrt(np.where(energies > 0, energies, 1.0)), 0.0)
+    lacking = (of_patches - _displacements(body, answers[:, :p])) * scales[:p]
+    answers = answers * scales
+    values, combined = _independent(answers[:, p:], K)
+    others = answers[:, p:] @ (combined / np.sqrt(values))
+    rest = answers[:, :p] - others @ (others.T @ (K @ answers[:, :p]))
+    values, combined = _independent(rest, K)
+    answers = np.hstack([others, rest @ (combined / np.sqrt(values))])
+    fields = _displacements(body, answers)
+    fields[:, others.shape[1] :] += lacking @ (combined * (np.sqrt(values) / (values + _APART**2)))
+    states, motions, onto = (K @ answers).T, body.basis.shapes, None
     if len(body.basis.nodal):
         slow, onto = _slow_motions(body, answers)
         states, motions = states @ slow, _displacements(body, slow)
@@ -55,6 +66,13 @@ def stress_states(fem: FEModel, body: ReducedBody) -> GeometricStiffness:
     by_stress = [sum(own.T @ (stress @ own) for own in moved) for stress in _stress_forms(fem, fields)]
     matrices = np.array(by_stress).reshape(len(states), motions.shape[1], motions.shape[1])
     return GeometricStiffness(states, matrices + _of_rigid_interfaces(fem, partition, motions, fields), onto)
+
+
+def _independent(answers: Array, stiffness: sp.csr_matrix) -> tuple[Array, Array]:
+    """Energies, (k,), and combinations, (p, k), of answers, (n_dofs, p), which are independent of each other."""
+    values, combined = np.linalg.eigh(answers.T @ (stiffness @ answers))
+    kept = values > _SAME**2
+    return values[kept], combined[:, kept]
 
 
 def _displacements(body: ReducedBody, q: Array) -> Array:
@@ -78,35 +96,60 @@ def _slow_motions(body: ReducedBody, answers: Array) -> tuple[Array, Array]:
     return np.hstack([modes, static]), np.vstack([(mass @ modes).T, np.linalg.solve(static.T @ forces, forces.T)])
 
 
-def with_centrifugal_loads(fem: FEModel, partition: Partition) -> Partition:
-    """Partition with distributed loads for rotation about the centre of mass, whose static answers bases then have.
+def with_stress_loads(fem: FEModel, partition: Partition, mass: MassKind) -> tuple[Partition, int, Array]:
+    """Partition with distributed loads whose static answers bases then have; and what else `stress_states` needs.
 
-    There are six products of angular velocities. Combinations of small energy are left out: a rod has only one that
-    matters, a tension.
+    Unit loads are those of the partition, and of rotation about the centre of mass. The latter are six products of
+    angular velocities. Combinations of small energy are left out: a rod has only one that matters, a tension.
+
+    The answer to a force on a patch is no shape: its dent belongs to the residual flexibility. The inertia of its
+    motion is a load without a dent. The answer to that tells the force from other loads.
     """
+    weights = fem.mass if mass == "consistent" else fem.lumped_mass_matrix
     with one_blas_thread():
-        loads = centrifugal_forces(fem)
-        body = FreeBody(fem, partition)
-        on_model = body.model.expand.T @ loads.reshape(6, -1).T
-        energies, combinations = np.linalg.eigh(on_model.T @ body.flexibility()(on_model))
-    kept = combinations[:, energies > _LEAST_ENERGY * energies.max()]
-    nodes = np.arange(fem.n_nodes)
+        body = FreeBody(fem, partition, mass)
+        flexibility, expand = body.flexibility(), body.model.expand
+
+        def answer(loads: Array) -> Array:
+            return np.asarray(expand @ flexibility(expand.T @ loads))
+
+        centrifugal = weights @ _centrifugal_accelerations(fem)
+        energies, combinations = np.linalg.eigh(centrifugal.T @ answer(centrifugal))
+        kept = combinations[:, energies > _LEAST_ENERGY * energies.max()]
+        rotating = _with_loads(partition, "centrifugal load", centrifugal @ kept)
+        on_patches = replace(partition, interfaces=(), loads=())
+        of_patches = answer((unit_loads(fem, on_patches).T @ resultants(fem, on_patches)).toarray())
+        tractions = [_tractions(fem, patch) for patch in partition.patches if not patch.wanders]
+        moved = answer(np.hstack([np.empty((fem.n_dofs, 0)), *tractions]))
+        n_loads = resultants(fem, rotating).shape[1]
+        return _with_loads(rotating, "inertia of a force on a patch", weights @ moved), n_loads, of_patches
+
+
+def _with_loads(partition: Partition, name: str, loads: Array) -> Partition:
+    """Partition with more distributed loads, (3n, k) [N]."""
+    nodes = np.arange(partition.n_nodes)
     patterns = [
-        LoadPattern(f"centrifugal load {i} of geometric stiffness", nodes, np.tensordot(weights, loads, 1))
-        for i, weights in enumerate(kept.T)
+        LoadPattern(f"{name} {i} of geometric stiffness", nodes, load.reshape(-1, 3)) for i, load in enumerate(loads.T)
     ]
     return replace(partition, loads=(*partition.loads, *patterns))
 
 
-def centrifugal_forces(fem: FEModel) -> Array:
-    """Forces, (6, n, 3) [N s2], of products of angular velocities about the centre of mass, in order of `PAIRS`."""
+def _tractions(fem: FEModel, patch: Patch) -> Array:
+    """Uniform tractions on a patch, (3n, d), of unit resultants along its direction or along all axes."""
+    share = nodal_area(fem.points, patch.facets)
+    directions = patch.direction[:, None] if patch.axes == "normal" else np.eye(3)
+    return np.kron((share / share.sum())[:, None], directions)
+
+
+def _centrifugal_accelerations(fem: FEModel) -> Array:
+    """Accelerations, (3n, 6) [m], by products of angular velocities about the centre of mass, in order of `PAIRS`."""
     arms = fem.points - fem.centre_of_mass
     fields = np.zeros((6, fem.n_nodes, 3))
     for field, (a, b) in zip(fields, PAIRS, strict=True):
         field[:, a] -= arms[:, b]
         field[:, b] -= arms[:, a] if a != b else 0.0
         field += arms if a == b else 0.0
-    return np.array([(fem.mass @ field.ravel()).reshape(-1, 3) for field in fields])
+    return fields.reshape(6, -1).T
 
 
 def _of_rigid_interfaces(fem: FEModel, partition: Partition, shapes: Array, fields: Array) -> Array:

@@ -9,6 +9,7 @@ from oracles import box, each_way, hexahedra, split, write_deck
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError
+from exudyn_partition.fe.facets import nodal_area
 from exudyn_partition.frames.loops import stiffening_force
 
 LENGTH, WIDTH, HEIGHT = 0.3, 0.010, 0.006
@@ -69,6 +70,19 @@ def test_the_stress_of_loads_in_balance_has_their_virial(column):
         virial = np.zeros((3, 3))
         virial[0, 2] = virial[2, 0] = 700 * LENGTH
         assert stress_integral(column, shear) == pytest.approx(virial, abs=1e-6 * 700 * LENGTH)
+
+
+@pytest.mark.parametrize("basis", ["contact-adapted", "residual", "free"])
+def test_the_stress_of_a_force_on_a_patch_has_its_virial_below_all_axial_modes(basis):
+    """Inertia balances the force: its tension falls to zero over the length, so that the mean is a half of it."""
+    fem = ep.fe_model(box(WIDTH, HEIGHT, LENGTH), ep.ALUMINIUM, maxh=12e-3)
+    ends = ep.Partition.ball(fem, (0, 0, 0), 4e-3) | ep.Partition.ball(fem, (0, 0, LENGTH), 4e-3)
+    column = ep.reduce(fem, ends, f_cut=3e3, basis=basis, geometric_stiffness=True)
+    patch = ends.patches[1]
+    share = nodal_area(fem.points, patch.facets)[patch.nodes]
+    forces = np.outer(share / share.sum(), [0, 0, 700.0])
+    pulled = stress_integral(column, column.rows(patch.nodes).T @ forces.ravel())
+    assert pulled[2, 2] == pytest.approx(700 * LENGTH / 2, rel=5e-3)
 
 
 def test_centrifugal_loads_are_those_of_the_mesh(model, column):
