@@ -1,4 +1,4 @@
-"""Compiled loops over the integration points of plastic zones; module `flow` does the same by NumPy."""
+"""Compiled loops of plastic zones; modules `flow` and `loops` do the same by NumPy."""
 
 from __future__ import annotations
 
@@ -68,6 +68,17 @@ def excess(
         square += (double * (xz - plastic[i, 4]) - back[i, 4]) ** 2
         square += (double * (xy - plastic[i, 5]) - back[i, 5]) ** 2
         result[i] = math.sqrt(1.5 * square) - _between(equivalent[i], flow.strain, flow.stress, flow.slope)
+    return result
+
+
+@compiled
+def combined(rows: Array, weights: Array) -> Array:
+    """Sum of rows, (r, n), times their weights, (r,): see `loops.combined`."""
+    result = np.zeros(rows.shape[1], rows.dtype)
+    for i in range(len(rows)):
+        if weights[i] != 0:
+            for j in range(len(result)):
+                result[j] += weights[i] * rows[i, j]
     return result
 
 

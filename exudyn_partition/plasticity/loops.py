@@ -1,4 +1,4 @@
-"""The loops over integration points of plastic zones: compiled if numba is there, else by NumPy.
+"""The loops of plastic zones: compiled if numba is there, else by NumPy.
 
 This is the only module of `plasticity` that knows which. `kernels` beside it has the compiled loops.
 """
@@ -6,6 +6,8 @@ This is the only module of `plasticity` that knows which. `kernels` beside it ha
 from __future__ import annotations
 
 from typing import Protocol
+
+import numpy as np
 
 from ..support.arrays import Array
 from ..support.compiled import kernels
@@ -61,3 +63,13 @@ def answer(points: Points, displacement: Array, state: PlasticState) -> tuple[Pl
     strain = points.strains(displacement)
     new = points.flow.answer(strain, state)
     return new, strain, points.pseudo_forces(new.strain - state.strain)
+
+
+def combined(rows: Array, weights: Array) -> Array:
+    """Sum of rows, (r, n), times their weights, (r,), many of which are zero: (n,), in the precision of the rows."""
+    weights = weights.astype(rows.dtype, copy=False)
+    if compiled := kernels("plasticity"):
+        total: Array = compiled.combined(rows, weights)
+        return total
+    loaded = np.flatnonzero(weights)
+    return np.asarray(weights[loaded] @ rows[loaded])

@@ -46,7 +46,9 @@ class ZoneFlexibility:
         missing = dofs[~known[dofs]]
         for first in range(0, len(missing), _BLOCK):
             some = missing[first : first + _BLOCK]
-            rows[some] = self.own.at(some).spread(np.eye(len(some))).T
+            loaded = self.own.at(some)
+            loaded.answer(np.eye(len(some)))
+            rows[some] = loaded.spread().T
             known[some] = True
         return rows[dofs]
 
@@ -67,4 +69,4 @@ class ZoneFlexibility:
             Their circular frequencies [rad/s].
         """
         weights = omega**-2.0
-        return ZoneFlexibility(self.own.plus(at_zone, -weights), self.of_patch - (at_zone * weights) @ at_patch.T)
+        return ZoneFlexibility(self.own.plus(at_zone, -weights), self.of_patch - ((at_patch * weights) @ at_zone.T).T)

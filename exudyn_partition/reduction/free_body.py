@@ -37,7 +37,9 @@ _GROWTH = 10  # Krylov vectors between two looks at the mobility
 LARGE = 20_000  # dofs, from which on memory and time of factors matter
 HUGE = 100_000  # dofs, from which on factors of the static answers are rounded, which takes some percent more time
 ROUGH = 1e-3  # largest relative error of Krylov vectors, in the norm of energy
-_EDGE = 1.25  # radius of what is eliminated last around a plastic zone, by its own
+# Radii, by that of a plastic zone, of edges that are eliminated last, from the outer to the inner one. Flow begins in
+# the middle, and what an inner edge holds is solved for without what lies outside of it.
+_EDGES = 1.25, 0.54, 0.3
 SETTLED = 0.1  # largest relative change of a load's mobility over the band, by the last growth
 _MIXED_GROWTH, _MIXED_SETTLED = 0.25, 0.1  # a space of mixed loads grows by this share, and settles to this of others
 _MEMORY = 0.02  # decay rate of the mobility's Laplace variable, by the frequency, so that no single resonance decides
@@ -135,7 +137,8 @@ def _zone_edges(fem: FEModel, partition: Partition, model: TiedModel, pattern: s
             continue
         _zone_dofs(model, patch)
         away = np.linalg.norm(fem.points - fem.points[patch.nodes].mean(axis=0), axis=1)
-        edges.append(_edge(model, pattern, away <= _EDGE * away[patch.plastic.nodes].max()))
+        radius = away[patch.plastic.nodes].max()
+        edges += [_edge(model, pattern, away <= share * radius) for share in _EDGES]
     return edges
 
 
@@ -313,7 +316,7 @@ def _zone_flexibility(flexibility: FreeBodyFlexibility, dofs: Array, rows: sp.cs
     outside = np.ones(rows.shape[1])
     outside[dofs] = 0.0
     within = (abs(rows) @ outside) == 0
-    of_patch = np.empty((len(dofs), rows.shape[0]))
+    of_patch = np.empty((len(dofs), rows.shape[0]), order="F")  # a run multiplies by some columns
     of_patch[:, within] = own @ (of_zone @ rows[within].T).toarray()
     of_patch[:, ~within] = _displacements(flexibility, of_zone, rows[~within])
     return ZoneFlexibility(own, of_patch)

@@ -50,13 +50,9 @@ def test_they_solve_as_a_dense_inverse(shift, last):
     def answers():
         factors = Factorisation(matrix, Analysis(lambda: matrix, lambda pattern: last))
         kept = factors.kept(rows_of(ZONE))
-        reached = kept.reached(some), kept.rows[some]
-        return (
-            kept @ rhs,
-            kept @ rhs[:, 0],
-            kept.solve(rhs[some], *reached[::-1]),
-            kept.spread(rhs[some], *reached[::-1]),
-        )
+        reached, rows = kept.reached(some), kept.rows[some]
+        x = kept.solve(rhs[some], rows, reached)
+        return kept @ rhs, kept @ rhs[:, 0], x[rows], kept.complete(x, reached)
 
     for found in each_way(answers):
         for one, known in zip(found, (exact, exact[:, 0], alone[some], alone), strict=True):
@@ -79,6 +75,17 @@ def test_few_are_kept_if_the_edge_comes_last():
     ]
     assert len(kept[1].store) < 0.8 * len(kept[0].store)
     assert len(kept[1].signs) == len(ZONE)  # nothing outside
+
+
+def test_zeros_of_a_wide_front_are_not_kept():
+    """A full matrix has one front, of whose inverse factor nearly half is zero."""
+    rng, n = np.random.default_rng(1), 400
+    root = rng.standard_normal((n, n))
+    matrix, rhs, some = sp.csr_matrix(root @ root.T + n * np.eye(n)), rng.standard_normal(n), np.arange(0, n, 3)
+    kept = Factorisation(matrix).kept(rows_of(some, n))
+    assert len(kept.store) < 0.7 * n**2
+    exact = np.linalg.inv(matrix.toarray())[np.ix_(some, some)] @ rhs[some]
+    np.testing.assert_allclose(kept @ rhs[some], exact, rtol=0, atol=1e-12 * abs(exact).max())
 
 
 def test_groups_come_last_and_share_no_front():

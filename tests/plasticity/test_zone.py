@@ -12,6 +12,7 @@ from exudyn_partition.contact.plasticity.zone_run import OrderedRows
 from exudyn_partition.errors import EmptyRegionError, InputError
 from exudyn_partition.fe.elements import kinds_of
 from exudyn_partition.fe.model import node_dofs, rigid_modes
+from exudyn_partition.plasticity import loops
 from exudyn_partition.plasticity.flow import PlasticState
 from exudyn_partition.plasticity.integration import flow_places, points_an_element
 from exudyn_partition.plasticity.zone import PlasticZone
@@ -177,8 +178,28 @@ def test_products_with_some_rows_are_those_of_the_whole(model, kind, rounding):
         whole[dofs] = forces
         exact = zone.own @ whole
         for some in (ordered.at(dofs), by_fronts.at(dofs)):
-            np.testing.assert_allclose(some.spread(forces), exact, rtol=0, atol=rounding * size)
             np.testing.assert_allclose(some.answer(forces), exact[dofs], rtol=0, atol=rounding * size)
+            np.testing.assert_allclose(some.spread(), exact, rtol=0, atol=rounding * size)
+
+
+def test_the_middle_of_a_zone_needs_few_of_its_fronts():
+    """Flow begins there. Its nodes reach less than half of what those reach that are spread over the zone."""
+    block = ep.fe_model(box(12e-3, 12e-3, 6e-3), MATERIAL, maxh=1.5e-3, order=1)
+    partition = ep.Partition.ball(block, (0, 0, 6e-3), 2.5e-3, plastic_radius=5e-3)
+    nodes = partition.patches[0].plastic.nodes
+    body = FreeBody(block, partition)
+    fronts = body.flexibility().kept(body.zone_dofs(partition.patches[0])).fronts
+    near = np.argsort(np.linalg.norm(block.points[nodes] - [0, 0, 6e-3], axis=1))
+    few = len(nodes) // 20
+    middle, spread = (node_dofs(np.sort(some)) for some in (near[:few], near[:: len(nodes) // few]))
+    assert fronts.entries(fronts.reached(middle)) < 0.5 * fronts.entries(fronts.reached(spread))
+
+
+def test_sums_of_few_rows_are_the_same_compiled():
+    rng = np.random.default_rng(7)
+    rows, weights = rng.standard_normal((40, 300)), np.where(np.arange(40) % 3, 0.0, rng.standard_normal(40))
+    for one in each_way(lambda: (loops.combined(rows, weights), loops.combined(rows, 0 * weights))):
+        np.testing.assert_allclose(one, (weights @ rows, np.zeros(300)), rtol=0, atol=1e-13)
 
 
 def test_zone_by_default_and_where_it_is_refused(model):

@@ -77,19 +77,19 @@ class LoadedDofs:
         self._all, self._rows = flexibility, flexibility.fronts.rows[dofs]
         self._fronts = flexibility.fronts.reached(dofs)
         self._vectors = flexibility.vectors[dofs]
+        self._solved: Array
+        self._shares: Array
 
     def answer(self, forces: Array) -> Array:
         """Displacements of these dofs, (j,) or (j, p) [m], by forces on them [N]."""
         forces = forces.astype(self._vectors.dtype)
-        found: Array = self._all.fronts.solve(forces, self._rows, self._fronts)
-        found += self._vectors @ (self._all.weights @ (self._vectors.T @ forces))
-        return found
+        self._solved = self._all.fronts.solve(forces, self._rows, self._fronts)
+        self._shares = self._all.weights @ (self._vectors.T @ forces)
+        return np.asarray(self._solved[self._rows] + self._vectors @ self._shares)
 
-    def spread(self, forces: Array) -> Array:
-        """Displacements of all dofs, (k,) or (k, p) [m], by forces on these, (j,) or (j, p) [N]."""
-        forces = forces.astype(self._vectors.dtype)
-        found: Array = self._all.fronts.spread(forces, self._rows, self._fronts)
-        found += self._all.vectors @ (self._all.weights @ (self._vectors.T @ forces))
+    def spread(self) -> Array:
+        """Displacements of all dofs, (k,) or (k, p) [m], by the forces of the last `answer`."""
+        found: Array = self._all.fronts.complete(self._solved, self._fronts) + self._all.vectors @ self._shares
         return found
 
 

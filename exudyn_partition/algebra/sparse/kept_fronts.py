@@ -106,30 +106,30 @@ class KeptFronts:
         return int(np.diff(self._begins)[fronts].sum())
 
     def solve(self, rhs: Array, rows: Array, fronts: Array) -> Array:
-        """Solve at some rows, (j,) places, by right-hand sides there, (j,) or (j, p), with the fronts they reach."""
+        """Solve by right-hand sides at some rows, (j,) or (j, p), with the fronts that these rows, (j,) places, reach.
+
+        The solution, (n,) or (n, p) in order of elimination, is known where these fronts eliminate.
+        """
         x = np.zeros((len(self.signs), *rhs.shape[1:]), self.store.dtype)
         x[rows] = rhs
         loops.push(x, self._factors, fronts)
         loops.pull(x, self._factors, fronts)
-        return np.asarray(x[rows])
+        return x
 
-    def spread(self, rhs: Array, rows: Array, fronts: Array) -> Array:
-        """Solve at all k rows by a right-hand side at some, (j,) or (j, p), with the fronts that these reach."""
-        x = np.zeros((len(self.signs), *rhs.shape[1:]), self.store.dtype)
-        x[rows] = rhs
-        loops.push(x, self._factors, fronts)
-        loops.pull(x, self._factors, np.arange(len(self.starts) - 1))
+    def complete(self, x: Array, fronts: Array) -> Array:
+        """Solution at all k rows, (k,) or (k, p), from that of `solve` with these fronts; x becomes the whole."""
+        loops.pull(x, self._factors, np.delete(np.arange(len(self.starts) - 1), fronts))
         return np.asarray(x[self.rows])
 
     def __matmul__(self, rhs: Array) -> Array:
         """Solve at the k rows, for one, (k,), or many, (k, p), right-hand sides; these in blocks."""
         everything = np.arange(len(self.starts) - 1)
         if rhs.ndim == 1:
-            return self.solve(rhs, self.rows, everything)
+            return np.asarray(self.solve(rhs, self.rows, everything)[self.rows])
         result = np.empty(rhs.shape, self.store.dtype, order="F")
         for first in range(0, rhs.shape[1], _BLOCK):
             some = slice(first, first + _BLOCK)
-            result[:, some] = self.solve(rhs[:, some], self.rows, everything)
+            result[:, some] = self.solve(rhs[:, some], self.rows, everything)[self.rows]
         return result
 
 

@@ -24,6 +24,7 @@ from .fronts import Fronts, find_fronts
 from .kept_fronts import KeptFronts, inside, reached
 from .loops import Factor, Factors
 
+_NARROW = 128  # most rows that a front eliminates of those that are kept: few right-hand sides wait for the memory
 _BLOCK = 96  # most right-hand sides that go through the fronts together
 TWO_THREADS_FROM = 2_000_000  # entries of factors; for fewer a second thread is not worth its start
 _REFINED, _MOST_REFINED = 1e-13, 12  # error of a refined solution, in the norm of energy; steps, of which 3 are usual
@@ -240,18 +241,20 @@ class Factorisation:
 
         They are few if these rows, or the edge of their region, are eliminated last; see `Analysis`.
         """
-        _, store, begins, starts, ends, changes, signs = self._factors
+        fronts, _, _, starts, ends, changes, signs = self._factors
         rank = np.empty(len(self._order), dtype=np.int64)
         rank[self._order] = np.arange(len(rank))
         chosen = reached(rank[rows.indices], starts, ends, changes)
         mine = np.zeros(len(rank), dtype=bool)
         mine[inside(starts, chosen)] = True
         place = np.cumsum(mine) - 1
+        parts = [part for front in chosen for part in _narrow(fronts[front])]
+        entries = [block.ravel(order="F") for part in parts for block in (part.inverse, part.below)]
         return KeptFronts(
-            store=np.concatenate([np.empty(0, store.dtype), *(store[begins[f] : begins[f + 1]] for f in chosen)]),
-            starts=np.r_[0, np.cumsum(np.diff(starts)[chosen])],
-            ends=np.r_[0, np.cumsum(np.diff(ends)[chosen])],
-            changes=place[changes[inside(ends, chosen)]],
+            store=np.concatenate([np.empty(0, signs.dtype), *entries]),
+            starts=np.cumsum([0, *(len(part.inverse) for part in parts)]),
+            ends=np.cumsum([0, *(len(part.changes) for part in parts)]),
+            changes=place[np.concatenate([np.empty(0, changes.dtype), *(part.changes for part in parts)])],
             signs=signs[mine],
             rows=place[rank[rows.indices]],
         )
@@ -337,6 +340,22 @@ def refined(matrix: sp.csr_matrix, factors: Factorisation, rhs: Array) -> Array:
         p *= np.divide(rz, last, out=np.zeros_like(rz), where=last > 0)
         p += z
     raise IndefiniteMatrixError("factors in single precision are too rough for this matrix")
+
+
+def _narrow(factor: Factor) -> list[Factor]:
+    """Divide a front that eliminates many rows into a chain, so that zeros of its triangle are not multiplied."""
+    rows, changes, inverse, signs, below = factor
+    k = len(inverse)
+    if signs is not None or k <= _NARROW:
+        return [factor]
+    lower = lapack.get_lapack_funcs("trtri", (inverse,))(inverse, lower=1)[0]
+    chain = []
+    for first in range(0, k, _NARROW):
+        own, later = slice(first, min(first + _NARROW, k)), slice(min(first + _NARROW, k), k)
+        beyond = np.concatenate([np.arange(rows.start + later.start, rows.stop), changes])
+        part = slice(rows.start + own.start, rows.start + own.stop)
+        chain.append(Factor(part, beyond, inverse[own, own], None, np.vstack([lower[later, own], below[:, own]])))
+    return chain
 
 
 def _blocks(entries: Array, k: int, m: int) -> tuple[Array, Array]:

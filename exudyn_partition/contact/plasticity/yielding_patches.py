@@ -216,12 +216,12 @@ class YieldingPatches(Zones):
             least, stalled = min(change, least), stalled + 1 if change >= least else 0
             settled = self._settled if tried >= _PATIENT else close
             if change <= settled * size or (stalled >= _STALLED and change <= _ROUGH * size):
-                return all([zone.finish(answer) for (_, zone), answer in zip(self.zones, answers, strict=True)])
+                return all([zone.finish() for _, zone in self.zones])
             p = anderson.guess(p, found)
         self._unsettled = float(change / size)
         if self._broyden is None:
             self.check()
-        return all([zone.finish(answer) for (_, zone), answer in zip(self.zones, answers, strict=True)])
+        return all([zone.finish() for _, zone in self.zones])
 
     def _elastic_share(self) -> float:
         """Elastic strain divided by plastic strain, where a zone has flowed most; the least of all zones."""

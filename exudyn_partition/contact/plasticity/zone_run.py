@@ -15,6 +15,7 @@ from ...algebra.krylov import mass_normalised
 from ...algebra.sparse.flexibility import FreeBodyFlexibility, KeptFlexibility
 from ...fe.model import node_dofs
 from ...frames.kinematics import Kinematics
+from ...plasticity import loops
 from ...plasticity.flow import PlasticState
 from ...plasticity.zone import PlasticZone
 from ...plasticity.zone_flexibility import ZoneFlexibility
@@ -24,7 +25,7 @@ from ...support.arrays import Array
 if TYPE_CHECKING:
     from typing import Self
 
-_NEAR = 0.2  # of the yield stress: points that are nearer to flow are active together with those that flow
+_NEAR = 0.4  # of the yield stress: points that are nearer to flow are active together with those that flow
 _FEW = 16  # besides the points that flow, at most as many plus 2 * _FEW are active
 # Nodes of a zone up to which products are dense, and 3 to 4 times as quick. To make the rows of so many nodes takes a
 # second, and grows with more than the square of their number; time of products by fronts grows little faster than it.
@@ -137,21 +138,19 @@ class FirstRows:
 
     def __init__(self, rows: Array, place: Array, first: Array) -> None:
         self._rows, self._place, self._first = rows, place, first
-
-    def _moved(self, forces: Array, most: int | None) -> Array:
-        """Displacements of at most `most` first dofs in this order."""
-        rows = self._rows[:, :most]
-        force = np.empty(len(rows), rows.dtype)
-        force[self._first] = forces
-        return np.asarray(force @ rows)
+        self._force = np.zeros(len(rows), rows.dtype)
+        self._answer: Array
 
     def answer(self, forces: Array) -> Array:
         """Displacements of these dofs, (m,) [m], by forces on them, (m,) [N]."""
-        return self._moved(forces, len(forces))[self._first]
+        self._force[self._first] = forces
+        self._answer = self._force @ self._rows[:, : len(forces)]
+        return np.asarray(self._answer[self._first])
 
-    def spread(self, forces: Array) -> Array:
-        """Displacements of all dofs, (n,) [m], by forces on these, (m,) [N]."""
-        return self._moved(forces, None)[self._place]
+    def spread(self) -> Array:
+        """Displacements of all dofs, (n,) [m], by the forces of the last `answer`."""
+        beyond = self._force @ self._rows[:, len(self._force) :]
+        return np.concatenate([self._answer, beyond])[self._place]
 
 
 class _Active:
@@ -164,7 +163,7 @@ class _Active:
         The points.
     own : OrderedRows or KeptFlexibility
         Flexibility of the zone.
-    of_patch : (3 nz, r) array
+    of_patch : (r, 3 nz) array
         Displacements of the zone's nodes due to unit forces on the rows of the patch [m/N].
 
     Attributes
@@ -180,7 +179,7 @@ class _Active:
         self.points, self.part = np.flatnonzero(chosen), motion.zone.part(chosen)
         self.dofs = node_dofs(self.part.nodes)
         self._own = own.at(self.dofs)
-        self._of_patch = of_patch[self.dofs]
+        self._of_patch = of_patch.take(self.dofs, axis=1)  # by rows, as loops want them
         self._rows = motion.kinematics.rows[self.dofs]
 
     def moved(self, q: Array, before: Array) -> Array:
@@ -189,19 +188,19 @@ class _Active:
 
     def by_patch(self, force: Array) -> Array:
         """Displacements of the nodes, (m,) [m], due to forces on the rows of the patch, (r,) [N]."""
-        return np.asarray(self._of_patch @ force.astype(self._of_patch.dtype))
+        return loops.combined(self._of_patch, force)
 
     def at_patch(self, change: Array) -> Array:
         """Displacements of the rows of the patch, (r,) [m], due to a change of the pseudo-forces, (m,) [N]."""
-        return np.asarray(change.astype(self._of_patch.dtype) @ self._of_patch)
+        return np.asarray(self._of_patch @ change.astype(self._of_patch.dtype))
 
     def answer(self, change: Array) -> Array:
         """Displacements of the nodes, (m,) [m], due to a change of the pseudo-forces on them, (m,) [N]."""
         return self._own.answer(change)
 
-    def push(self, change: Array) -> Array:
-        """Displacements of all nodes of the zone, (3 nz,) [m], due to a change of the pseudo-forces, (m,) [N]."""
-        return self._own.spread(change)
+    def spread(self) -> Array:
+        """Displacements of all nodes of the zone, (3 nz,) [m], due to the change of the last `answer`."""
+        return self._own.spread()
 
     def generalised(self, change: Array) -> Array:
         """Forces on the last coordinates of the body, (n,), from a change of the pseudo-forces, (m,) [N]."""
@@ -213,7 +212,8 @@ class ZoneRun:
 
     `committed` is the state at the end of the last accepted step. `present` is the state of the step that is being
     computed. Each evaluation starts again from `committed`. A step finds only the change of the pseudo-forces, on the
-    nodes of points that may flow in it. The pseudo-forces of earlier steps move the zone by a constant.
+    nodes of points that may flow in it. The pseudo-forces of earlier steps move the zone by a constant. The last guess
+    of a step is what has moved the zone; what it lacks of the forces that it led to is left for the next step.
 
     Attributes
     ----------
@@ -230,6 +230,7 @@ class ZoneRun:
     _begin: tuple[Array, PlasticState] | None  # of active points: without the changes of this step
     _strain: Array | None  # of active points, at the end of the last accepted step
     _found: tuple[PlasticState, Array]
+    _tried: tuple[Array, Array, Array | None]  # a change, what it led to, and displacements of all nodes if known
     _flows_on = False  # whether the step after the present state has the same active points
 
     def __init__(self, motion: ZoneMotion) -> None:
@@ -265,7 +266,7 @@ class ZoneRun:
             self._own = OrderedRows(self.flexibility, kind)
         else:
             self._own = own.single() if np.dtype(kind) == np.float32 else own
-        self._of_patch: Array = self.flexibility.of_patch.astype(kind, copy=False)
+        self._of_patch: Array = np.ascontiguousarray(self.flexibility.of_patch.T, kind)
 
     def reset(self) -> None:
         """Go back to the start."""
@@ -279,7 +280,7 @@ class ZoneRun:
         self._choose(np.zeros(len(self.zone), dtype=bool))
         self._at = self._committed_at = np.zeros(len(self._by_q)), np.zeros(len(self._by_force))
         self._margin, self._margin_at, self._goes_on = -np.inf, self._at, False
-        self._p = self.zone.pseudo_forces(state.strain)
+        self._p, self._left = self.zone.pseudo_forces(state.strain), np.zeros(3 * len(self.zone.nodes))
         self._moved = self.flexibility.own @ self._p if self._p.any() else np.zeros(len(self._p))
         self._moved_patch = self._p @ self.flexibility.of_patch
         self.generalised = np.asarray(self.motion.kinematics.rows.T @ self._p)
@@ -287,11 +288,11 @@ class ZoneRun:
         self._hold(np.zeros(len(self._p)), np.zeros(len(self._p)))
 
     def _present_energy(self) -> float:
-        return self.zone.own_energy(self.present) - 0.5 * float(self._p @ self._moved)
+        return self.zone.own_energy(self.present) - float((0.5 * self._p + self._left) @ self._moved)
 
     def _hold(self, step: Array, moved: Array) -> None:
         """Take the present state as committed, after a step of the pseudo-forces, (3 nz,) [N], that has moved nodes."""
-        self._last = self._p, self._moved, self.generalised, self._energy
+        self._last = self._p, self._moved, self.generalised, self._energy, self._left
         self._step_before, self._step_moved, self._begin = step, moved, None
 
     def commit(self) -> None:
@@ -312,7 +313,7 @@ class ZoneRun:
     def back(self) -> None:
         """Return to the committed state."""
         self.present, self.flows, self.work = self.committed, False, self._committed_work
-        self._p, self._moved, self.generalised, self._energy = self._last
+        self._p, self._moved, self.generalised, self._energy, self._left = self._last
 
     @property
     def guess(self) -> Array:
@@ -364,19 +365,14 @@ class ZoneRun:
             Default: `guess`, whose displacements are known.
         """
         moved, before = self._beginning()
-        self._at = self._at[0], force
-        by_flow = self._active.answer(change) if change is not None else self._guess_moved()
-        state, strain, led_to = self._active.part.answer(moved + self._active.by_patch(force) + by_flow, before)
-        self._found = state, strain
-        return led_to
-
-    def _guess_moved(self) -> Array:
-        """Displacements of active nodes, (m,) [m], due to `guess`."""
-        step, guess = self._step_before, self.guess
-        if np.count_nonzero(step) > np.count_nonzero(guess):  # nodes that are not active any more
-            return self._active.answer(guess)
-        found: Array = self._step_moved[self._active.dofs]
-        return found
+        self._at, active = (self._at[0], force), self._active
+        guess = self.guess
+        known = change is None and np.count_nonzero(self._step_before) == np.count_nonzero(guess)  # all are active
+        change = guess if change is None else change
+        by_flow = self._step_moved[active.dofs] if known else active.answer(change)
+        state, strain, led_to = active.part.answer(moved + active.by_patch(force) + by_flow, before)
+        self._found, self._tried = (state, strain), (change, led_to, self._step_moved if known else None)
+        return led_to + self._last[-1][active.dofs]
 
     def _beginning(self) -> tuple[Array, PlasticState]:
         """Displacements of active nodes without patch forces and flow in this step, (m,) [m], and committed state."""
@@ -385,16 +381,19 @@ class ZoneRun:
             self._begin = active.moved(self._at[0], self._last[1]), self.committed.at(active.points)
         return self._begin
 
-    def finish(self, change: Array) -> bool:
-        """Enter the state of `answer`, with its change of pseudo-forces; return whether no other point flows.
+    def finish(self) -> bool:
+        """Enter the state of the last `answer`; return whether no other point flows.
 
         If another point flows, it becomes active, and the answer must be found again.
         """
         active, (state, strain), before = self._active, self._found, self._beginning()[1]
+        change, led_to, moved = self._tried
         self.present, self.flows = self.committed.changed(active.points, state), True
-        self._p, self._moved = self._last[0].copy(), self._last[1] + active.push(change)
+        self._p, self._left = self._last[0].copy(), self._last[-1].copy()
         self._p[active.dofs] += change
-        self.generalised = self._last[2] + active.generalised(change)
+        self._left[active.dofs] += led_to - change
+        self._moved = self._last[1] + (active.spread() if moved is None else moved)
+        self.generalised = self._last[2] + active.generalised(led_to)
         excess = self._excess(self.present)
         excess[active.points] = -np.inf
         if excess.max() > 0:
@@ -420,8 +419,7 @@ class ZoneRun:
     def _excess(self, state: PlasticState) -> Array:
         """Von Mises stress beyond the flow stress, (g,) [Pa], with the present pseudo-forces."""
         q, force = self._at
-        by_patch = self._of_patch @ force.astype(self._of_patch.dtype)
-        moved = self.motion.kinematics.rows @ q + by_patch + self._moved
+        moved = self.motion.kinematics.rows @ q + loops.combined(self._of_patch, force) + self._moved
         return self.zone.excess(moved, state)
 
     def _near(self, excess: Array, flow: int) -> Array:

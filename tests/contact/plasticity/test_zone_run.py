@@ -1,0 +1,66 @@
+"""A plastic zone in a run, without a contact: forces on its patch grow step by step."""
+
+import exudyn as exu
+import numpy as np
+import pytest
+from oracles import box
+
+import exudyn_partition as ep
+from exudyn_partition.contact.plasticity.zone_run import ZoneMotion, ZoneRun
+
+MATERIAL = ep.Material(E=70e9, nu=0.33, rho=2700.0, yield_stress=200e6, hardening=500e6)
+STEPS = 40
+
+
+@pytest.fixture(scope="module")
+def motion():
+    block = ep.fe_model(box(10e-3, 12e-3, 4e-3), MATERIAL, maxh=2e-3)
+    body = ep.reduce(block, ep.Partition.ball(block, (0, 0, 4e-3), 2e-3, plastic_radius=3e-3), f_cut=60e3)
+    item = ep.CreatePartitionBody(exu.SystemContainer().AddSystem(), body)
+    return ZoneMotion.of(item.kinematics, 0)
+
+
+def step(run, force, settled):
+    """One step with forces on the patch, by the plain fixed point, until the forces change by less than `settled`."""
+    q = np.zeros(run.motion.kinematics.rows.shape[1])
+    run.back()
+    if not run.stays_elastic(q, force) and run.look():
+        while True:
+            change = run.guess
+            found = run.answer(force)
+            while np.linalg.norm(found - change) > settled * run.size(found):
+                change = found
+                found = run.answer(force, change)
+            if run.finish():
+                break
+    run.commit()
+
+
+def pressed(motion, settled):
+    """The zone at the end of all steps, to twice the force at which it first flows."""
+    run = ZoneRun(motion)
+    force = -np.ones(motion.flexibility.of_patch.shape[1])
+    first = MATERIAL.yield_stress / motion.zone.flow.of_strain(
+        np.linalg.norm(motion.zone.strains(motion.flexibility.of_patch @ force), axis=1).max()
+    )
+    for share in np.linspace(0.0, 2.0, STEPS + 1)[1:]:
+        step(run, share * first * force, settled)
+    return run
+
+
+def test_forces_that_a_step_has_not_applied_are_applied_by_the_next(motion):
+    """Each step leaves 3 %. If that were lost, it would add up over the steps that flow."""
+    run = pressed(motion, 0.03)
+    p = motion.zone.pseudo_forces(run.committed.strain)
+    moved = p @ motion.flexibility.of_patch
+    assert np.count_nonzero(run.committed.equivalent) > 20
+    assert np.linalg.norm(run.moved_patch() - moved) < 0.06 * np.linalg.norm(moved)
+
+
+def test_rigid_motion_feels_nothing_of_plastic_strain_though_steps_are_rough(motion):
+    """The generalised forces are those of the whole plastic strain, which are balanced."""
+    run = pressed(motion, 0.1)
+    p = motion.zone.pseudo_forces(run.committed.strain)
+    np.testing.assert_allclose(
+        run.generalised, motion.kinematics.rows.T @ p, rtol=0, atol=1e-10 * abs(motion.kinematics.rows.T @ p).max()
+    )
