@@ -64,8 +64,7 @@ def inertia_functions(
         """Velocities at the end of a step of VelocityVerlet, from those in its middle, which the solver gives.
 
         Inertia forces from the velocities in the middle would be of first order, and add energy to modes of equal
-        frequency. The remaining half step takes the accelerations at the start of the step. Only elastic and Coriolis
-        forces are updated, because they change fast and their change is known.
+        frequency.
         """
         if not np.vdot(z, z) + np.vdot(middle, middle) < _BOUND**2:  # NaN is not
             raise RunError("coordinates of a body with frame='floating' are beyond all bounds: the run is unstable")
@@ -76,11 +75,7 @@ def inertia_functions(
             for get in (data.GetODE2Coordinates, data.GetODE2Coordinates_t, data.GetODE2Coordinates_tt)
         )
         half_step = (t - data.GetTime(start_of_step)) / 2
-        v = middle + half_step * q_tt
-        v[3:] -= half_step * forces.elastic(z - q[3:])
-        v[3:] += half_step * forces.coriolis_force(v[:3], v[3:] - q_t[3:])
-        value: Array = v
-        return value
+        return forces.end_velocities(middle, z - q[3:], q_t, q_tt, half_step)
 
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
         z, v = np.asarray(q)[RIGID:], np.asarray(q_t)[3:]

@@ -71,9 +71,33 @@ class InertiaForces:
         self.gyroscopic, self.coriolis, self.centrifugal, self.coupling = (name in terms for name in TERMS)
         self._all = self.gyroscopic and self.coriolis and self.centrifugal
 
-    def coriolis_force(self, omega: Array, z_t: Array) -> Array:
-        """Coriolis forces on the elastic coordinates, (n,)."""
-        return 2 * (omega @ self._inertia.crossed(z_t)) if self.coriolis else np.zeros_like(z_t)
+    def end_velocities(self, middle: Array, way: Array, q_t: Array, q_tt: Array, half_step: float) -> Array:
+        """Velocities at the end of a step of VelocityVerlet, (3 + n,), from those in its middle.
+
+        The remaining half step takes the accelerations at the start of the step. Only elastic and Coriolis forces are
+        updated, because they change fast and their change is known.
+
+        Parameters
+        ----------
+        middle : (3 + n,) array
+            Angular velocity in the body's axes and velocities of the elastic coordinates, in the middle of the step.
+        way : (n,) array
+            Change of the elastic coordinates in the step.
+        q_t, q_tt : (3 + n,) arrays
+            Velocities and accelerations at its start.
+        half_step : float
+            Half of its length [s].
+        """
+        change = self.elastic(way)
+        if self.coriolis:
+            found = loops.end_velocities(self._inertia, middle, change, q_t, q_tt, half_step)
+            if found is not None:
+                return found
+        v = middle + half_step * q_tt
+        v[3:] -= half_step * change
+        if self.coriolis:
+            v[3:] += 2 * half_step * (v[:3] @ self._inertia.crossed(v[3:] - q_t[3:]))
+        return v
 
     def force(self, omega: Array, z: Array, z_t: Array, *, constant_mass: bool = False) -> Array:
         """Torque in the body's axes [N m] and forces on the elastic coordinates, (3 + n,).

@@ -211,6 +211,22 @@ def _solved(A: Array, b: Array) -> Array:
 
 
 @compiled
+def end_velocities(cross: Array, middle: Array, change: Array, q_t: Array, q_tt: Array, half_step: float) -> Array:
+    """See `InertiaForces.end_velocities`; `cross` as in `inertia_force`."""
+    n, v = len(change), middle + half_step * q_tt
+    for i in range(n):
+        v[3 + i] -= half_step * change[i]
+    gained = v[3:] - q_t[3:]
+    for i in range(n):
+        force = 0.0
+        for a in range(3):
+            for k in range(n):
+                force += v[a] * cross[a, i, k] * gained[k]
+        v[3 + i] += 2 * half_step * force
+    return v
+
+
+@compiled
 def inertia_force(
     integrals: Array, cross: Array, tensor: Array, elastic: Array, coupling: bool, omega: Array, z: Array, z_t: Array
 ) -> Array:

@@ -113,6 +113,19 @@ def inertia_force(
     return None
 
 
+def end_velocities(
+    inertia: Inertia, middle: Array, change: Array, q_t: Array, q_tt: Array, half_step: float
+) -> Array | None:
+    """Velocities at the end of a step, (3 + n,), see `InertiaForces.end_velocities`; None as in `inertia_force`.
+
+    `change`, (n,), is that of the elastic forces.
+    """
+    if isinstance(inertia, InertiaIntegrals) and (compiled := kernels("frames")):
+        found: Array = compiled.end_velocities(inertia.cross, middle, change, q_t, q_tt, half_step)
+        return found
+    return None
+
+
 def inertia_derivatives(inertia: Inertia, omega: Array, z: Array, z_t: Array) -> tuple[Array, Array] | None:
     """Derivatives of `inertia_force`, see `InertiaForces.derivatives`; None as there."""
     if isinstance(inertia, InertiaIntegrals) and (compiled := kernels("frames")):

@@ -123,6 +123,10 @@ def test_compiled_forces_are_those_of_numpy(plank):
     assert not np.array_equal(compiled, plain)  # sums in another order: both ways ran
     for one, other in zip(*each_way(lambda: forces.derivatives(omega, z, z_t)), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-12 * abs(other).max())
+    middle, half_step = np.concatenate([omega, z_t]), 0.1
+    start = 0.9 * middle, np.linspace(-1.0, 1.0, len(middle))
+    compiled, plain = each_way(lambda: forces.end_velocities(middle, z, *start, half_step))
+    np.testing.assert_allclose(compiled, plain, rtol=1e-10, atol=1e-12 * abs(plain).max())
 
 
 def test_compiled_motion_is_that_of_numpy(plank):
