@@ -143,6 +143,8 @@ def CreatePartitionContact(
     if master is None and not isinstance(slave, PartitionBody):
         if any(choice is not None for choice in (slavePatch, masterPatch, masterBody)):
             raise InputError("slavePatch, masterPatch, masterBody: of a sequence of bodies, all patches are looked at")
+        if isinstance(rows, str) and rows == "edges":
+            raise InputError("rows: 'edges' are made of two bodies at a time, beside their contact")
         found = facing_pairs(mbs, slave, within)
         validate_text("name", name)
         return [

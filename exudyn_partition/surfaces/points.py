@@ -221,8 +221,11 @@ def _integrated(
     # A facet all of whose nodes are at edges has no other rows: its area belongs to them.
     carried = np.asarray(weighted.sum(axis=0)).ravel() > 0
     of_rows[sharp] = at_edges @ (~carried)
-    # Forces make a pressure at the points; its mean over each hat is the result. Those at edges act on their own hats.
-    pressing = sp.csr_matrix(weighted + sp.csr_matrix(at_node @ at_edges))
+    # Forces make a pressure at the points; its mean over each hat is the result. Those at edges act on their own hats,
+    # on facets that belong to them, if there are some.
+    alone = (of_rows[sharp] > 0).astype(float)
+    on_hats = sp.diags(1 - alone) @ at_edges + sp.diags(alone) @ at_edges @ sp.diags((~carried).astype(float))
+    pressing = sp.csr_matrix(weighted + sp.csr_matrix(at_node @ on_hats))
     to_pressure = sp.diags(1 / area) @ pressing.T @ sp.diags(_inverse(np.asarray(pressing.sum(axis=1)).ravel()))
     pressures = sp.diags(_inverse(np.asarray(hats.sum(axis=1)).ravel())) @ hats @ to_pressure
     nodes, weights = carriers

@@ -1,5 +1,6 @@
 """Sharp edges and corners: rows there close at the touch, and the faces beside them carry an even pressure."""
 
+from dataclasses import replace
 from functools import partial
 from itertools import product
 
@@ -15,6 +16,7 @@ import exudyn_partition as ep
 from exudyn_partition.errors import InputError, ModelLimitWarning
 from exudyn_partition.surfaces.near import pair_wandering
 from exudyn_partition.surfaces.points import contact_points
+from validation.contact.sharp_edges import bar, lowest
 
 SIDE, SPEED, GAP, FORCE = 0.02, 1.0, 1e-6, 1e3
 CORNER, EDGE, SLIGHT = (1.0, 2.0, 3.0), (0.0, 1.0, 2.0), (0.02, 0.03, 1.0)  # normals of planes that a cube meets
@@ -59,12 +61,6 @@ def plate():
     shape = box(0.06, 0.06, 0.03).Move((0, 0, -0.03))
     fem = ep.fe_model(shape, ep.STEEL, maxh=0.012, refine=[ep.Refine((0, 0, 0), radius=6e-3, h=3e-3)])
     return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), radius=0.012, axes="xyz"), f_cut=8e4)
-
-
-def lowest(points, normal):
-    """Middle of the points that are lowest along a normal, (3,)."""
-    heights = points @ normal
-    return points[np.isclose(heights, heights.min(), rtol=0, atol=1e-9)].mean(axis=0)
 
 
 def fall(mbs, cube, plane, frame="floating", method="implicit", **options):
@@ -187,22 +183,22 @@ def bar_on_step():
     at = step.points[step.facets]
     x, y, _ = at.mean(axis=1).T
     faces = (at[..., 2] > -1e-9).all(axis=1) & (abs(y) < 0.0099) & (x < 0.0299)
-    bar = ep.fe_model(box(length, way / 2, 8e-3), ep.STEEL, maxh=8e-3)
-    face = ep.Partition.surface(bar, plane=((0, 0, 0), (0, 0, -1)), axes="xyz")
+    beam = ep.fe_model(box(length, way / 2, 8e-3), ep.STEEL, maxh=8e-3)
+    face = ep.Partition.surface(beam, plane=((0, 0, 0), (0, 0, -1)), axes="xyz")
     turn = Rotation.from_euler("y", -np.arctan2(height, way)).as_matrix()
     place = np.array([-way, 0, GAP]) - turn @ [-length / 2, 0, 0]
-    return ep.reduce(bar, face, f_cut=6e4), ep.reduce(step, ep.Partition.surface(step, faces), f_cut=5e4), turn, place
+    return ep.reduce(beam, face, f_cut=6e4), ep.reduce(step, ep.Partition.surface(step, faces), f_cut=5e4), turn, place
 
 
 @pytest.mark.parametrize("friction", [None, 0.2])
 def test_edges_of_both_bodies_touch_faces_at_once(bar_on_step, friction):
     """The bar's end meets the floor while the step's edge meets the bar, in implicit steps as in explicit ones."""
-    bar, step, turn, place = bar_on_step
+    beam, step, turn, place = bar_on_step
     impulses = []
     for method in ("implicit", "explicit"):
         mbs = exu.SystemContainer().AddSystem()
         options = {"referencePosition": place, "referenceRotationMatrix": turn, "initialVelocity": [0, 0, -0.5]}
-        upper = ep.CreatePartitionBody(mbs, bar, frame="floating", **options)
+        upper = ep.CreatePartitionBody(mbs, beam, frame="floating", **options)
         lower = ep.CreatePartitionBody(mbs, step, frame="floating")
         faces = ep.CreatePartitionContact(mbs, upper, lower, passes="given", friction=friction)
         edges = ep.CreatePartitionContact(mbs, upper, lower, rows="edges", friction=friction)
@@ -244,6 +240,8 @@ def test_where_rows_of_edges_are_refused(mbs, cube, one_face, plate):
     for master in (ep.RigidPlane(), upper):
         with pytest.raises(InputError, match="another partition body"):
             ep.CreatePartitionContact(mbs, upper, master, rows="edges", passes="given")
+    with pytest.raises(InputError, match="of two bodies at a time"):
+        ep.CreatePartitionContact(mbs, [upper, lower], rows="edges")
     mbs = exu.SystemContainer().AddSystem()
     upper = ep.CreatePartitionBody(mbs, one_face, referencePosition=[0, 0, SIDE / 2 + GAP])
     lower = ep.CreatePartitionBody(mbs, plate)
@@ -253,14 +251,21 @@ def test_where_rows_of_edges_are_refused(mbs, cube, one_face, plate):
         ep.CreatePartitionContact(mbs, upper, lower, rows="edges")
 
 
+def test_rows_of_edges_beside_a_plastic_zone_are_refused(mbs, one_face):
+    """Both contacts would use the flexibility of the zone."""
+    steel = replace(ep.STEEL, yield_stress=3e8, hardening=1e9)
+    fem = ep.fe_model(box(0.04, 0.04, 0.02).Move((0, 0, -0.02)), steel, maxh=0.012)
+    soft = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 0.02, axes="xyz", plastic_radius=8e-3), f_cut=3e4)
+    upper = ep.CreatePartitionBody(mbs, one_face, referencePosition=[0, 0, SIDE / 2 + GAP])
+    lower = ep.CreatePartitionBody(mbs, soft)
+    ep.CreatePartitionContact(mbs, lower, upper, passes="given")
+    with pytest.raises(InputError, match="without plastic zones"):
+        ep.CreatePartitionContact(mbs, lower, upper, rows="edges")
+
+
 def column(sign, all_around):
     """A bar above or below the plane z = 0; its patch is its end, and perhaps the sides beside it."""
-    shape = box(SIDE, SIDE, 2 * SIDE).Move((0, 0, 0 if sign > 0 else -2 * SIDE))
-    fem = ep.fe_model(shape, ep.STEEL, maxh=SIDE / (2 if sign > 0 else 2.5))
-    near = abs(fem.points[fem.facets, 2]).max(axis=1) < (1.6 * SIDE if all_around else 1e-9)
-    head = np.flatnonzero(np.isclose(fem.points[:, 2], sign * 2 * SIDE))
-    part = ep.Partition.surface(fem, near) | ep.Partition.interface(fem, "head", head, kind="averaged")
-    return ep.reduce(fem, part, f_cut=4e4)
+    return bar(sign, SIDE / (2 if sign > 0 else 2.5), all_around)
 
 
 @pytest.mark.parametrize("all_around", [True, False])

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles import box
+from oracles import SIZE, box, hexahedra, quadratic, split, write_deck
 
 import exudyn_partition as ep
 from exudyn_partition.errors import MeshError
@@ -82,3 +82,25 @@ def test_facets_without_area(round_body, kind):
     points[surface.facets[3]] = points[surface.facets[3, 0]]
     with pytest.raises(MeshError, match="have no area, such as the one at"):
         contact_points(replace(surface, points=points), kind)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(
+    "kinds", [["hexahedron"] * 18, ["wedge"] * 18, ["wedge"] * 6 + ["hexahedron"] * 12, ["foot", "hexahedron"] * 9]
+)
+def test_a_flat_face_with_rows_at_its_edges_keeps_a_uniform_pressure(tmp_path, kinds, order):
+    """Quadrilaterals, triangles and both, also where all nodes of a triangle are at edges."""
+    points, blocks = split(*hexahedra(3, 3, 2), kinds)
+    if order == 2:
+        points, blocks = quadratic(points, blocks)
+    fem = ep.fe_model(write_deck(tmp_path / "block.inp", points, *blocks), ep.STEEL)
+    patch = ep.Partition.surface(fem, plane=((0, 0, 0), (0, 0, -1))).patches[0]
+    places = abs(fem.points[patch.nodes])
+    np.testing.assert_array_equal(patch.ends, patch.nodes[np.isclose(places, SIZE / [2, 2, 1]).any(axis=1)])
+    surface, found = Surface.of(fem.points, patch, np.zeros(3)), []
+    for one in (surface, surface.without_edges):
+        rows = contact_points(one, "integrated")
+        found.append(np.zeros(len(patch.nodes)))
+        np.add.at(found[-1], rows.nodes, rows.weights * (rows.mean.T @ rows.area)[:, None])
+        np.testing.assert_allclose(rows.pressures @ rows.area, 1.0, rtol=1e-12)
+    np.testing.assert_allclose(*found, atol=1e-12 * found[0].max())
