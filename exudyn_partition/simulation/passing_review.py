@@ -25,7 +25,9 @@ _ROUND_OFF = 1e-7  # of a facet's size
 
 def warn_of_passing(contact: PartitionContact, contacts: Sequence[PartitionContact], result: Result) -> None:
     """Warn of a body that enters what it touches beside the patches of `contacts`, for example after a turn."""
-    if result.method == "static" or contact.master == contact.slave or contact.edge_reached(result) is not None:
+    if result.method == "static" or contact.master == contact.slave or contact.rows == "edges":
+        return
+    if contact.edge_reached(result) is not None:
         return
     chosen = np.unique(np.linspace(0, len(result.t) - 1, _SAMPLES).astype(int))
     dent = np.maximum(-result.sensor_of(contact, contact["sForce"])[chosen, 5], 0.0)  # which the motion does not know
@@ -36,7 +38,7 @@ def warn_of_passing(contact: PartitionContact, contacts: Sequence[PartitionConta
         if isinstance(other, PartitionBody):
             depth = _depths_in_body(places, other, other.coordinates(result)[chosen])
         else:
-            own = _on_carrier(places, contact, result.others, result.t[chosen])
+            own = on_carrier(places, contact, result.others, result.t[chosen])
             depth = -other.project(own.reshape(-1, 3))[0].reshape(own.shape[:2])
         entered = np.where(depth[0] < 0.0, depth, 0.0) > dent[:, None] + _DEEP * np.ptp(item.body.points, axis=0).max()
         if entered.any():
@@ -53,6 +55,15 @@ def warn_of_passing(contact: PartitionContact, contacts: Sequence[PartitionConta
             return
 
 
+def on_carrier(places: Array, contact: PartitionContact, others: Sequence[OtherBody], times: Array) -> Array:
+    """Places, (m, k, 3) [m], in the axes of the body that carries the contact's surface, at times, (m,) [s]."""
+    for body in others:
+        if contact.carrier is not None and body.number == int(contact.carrier.body):
+            place, axes = body.at(times)
+            return (places - place[:, None]) @ axes
+    return places
+
+
 def _beside(item: PartitionBody, other: object, contacts: Sequence[PartitionContact]) -> Array:
     """Some nodes on a body's boundary, (k,), beside its patches in contacts with the other body or surface."""
     nodes = np.unique(item.body.facets)
@@ -61,15 +72,6 @@ def _beside(item: PartitionBody, other: object, contacts: Sequence[PartitionCont
             if own == item and partner == other:
                 nodes = np.setdiff1d(nodes, item.body.partition.patches[number].nodes)
     return nodes[:: len(nodes) // _NODES + 1]
-
-
-def _on_carrier(places: Array, contact: PartitionContact, others: Sequence[OtherBody], times: Array) -> Array:
-    """Places, (m, k, 3) [m], in the axes of the body that carries the contact's surface, at times, (m,) [s]."""
-    for body in others:
-        if contact.carrier is not None and body.number == int(contact.carrier.body):
-            place, axes = body.at(times)
-            return (places - place[:, None]) @ axes
-    return places
 
 
 def _depths_in_body(places: Array, body: PartitionBody, q: Array) -> Array:

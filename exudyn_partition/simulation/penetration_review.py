@@ -17,6 +17,7 @@ from ..support.arrays import Array
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from ..surfaces.surface import Surface
 from .crossing_edges import looked_at, neighbours, warn_of_edges
+from .passing_review import on_carrier
 from .result import Result, called
 
 _ENERGY = 1e-2  # energy that overlap at the start may store, as a share of the bodies' largest energy
@@ -107,7 +108,7 @@ def _warn_of_depth(contact: PartitionContact, result: Result) -> None:
 def _warn_of_sinking(contact: PartitionContact, result: Result) -> None:
     """Warn of a corner or edge that sinks into a rigid surface before a mean gap around it closes."""
     gaps = contact.mechanics.gaps
-    if not isinstance(gaps, RigidGaps) or gaps.carried or gaps.points.nodal:
+    if not isinstance(gaps, RigidGaps) or gaps.points.nodal:
         return
     try:
         dents = dent_motion(contact, result)
@@ -121,7 +122,8 @@ def _warn_of_sinking(contact: PartitionContact, result: Result) -> None:
     for i, sample in enumerate(chosen):
         own = dents(int(sample))
         places = side.dented(q[i], None if own is None else own[0])
-        depth = -gaps.surface.project(places)[0]
+        seen = on_carrier(places[None], contact, result.others, result.t[[sample]])[0]
+        depth = -gaps.surface.project(seen)[0]
         held = np.zeros(len(places), dtype=bool)
         held[closed[i].indices[closed[i].data > 0]] = True
         # Beside a contact the coordinates alone also place the surface too deep. The contact's flexibility lifts it.

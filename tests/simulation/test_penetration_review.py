@@ -235,8 +235,8 @@ def test_a_corner_or_edge_that_sinks_into_a_rigid_surface_is_told(cube, turn, op
         assert contact.gap(result)[-1] == pytest.approx(-1e-3, rel=0.02)
 
 
-@pytest.mark.parametrize(("degrees", "told"), [(5.0, True), (0.0, False)])
-def test_an_edge_at_the_end_of_a_patch_that_sinks_is_told(cube, degrees, told):
+@pytest.mark.parametrize(("degrees", "told", "carried"), [(5.0, True, False), (5.0, True, True), (0.0, False, False)])
+def test_an_edge_at_the_end_of_a_patch_that_sinks_is_told(cube, degrees, told, carried):
     """The patch is a region of the lower face, up to its edges; only patches of faces have rows there."""
     fem, _ = cube
     body = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, -0.05), 0.08, direction=(0, 0, -1)), f_cut=9e3)
@@ -246,7 +246,10 @@ def test_an_edge_at_the_end_of_a_patch_that_sinks_is_told(cube, degrees, told):
         mbs, body, frame="floating", referencePosition=[0, 0, 1e-6 - (fem.points @ turn.T)[:, 2].min()],
         referenceRotationMatrix=turn, initialVelocity=[0, 0, -1.0],
     )  # fmt: skip
-    ep.CreatePartitionContact(mbs, item, ep.RigidPlane())
+    below = {}
+    if carried:  # the plane in axes of a ground that is 0.1 m beneath
+        below["masterBody"] = mbs.CreateGround(referencePosition=[0, 0, -0.1])
+    ep.CreatePartitionContact(mbs, item, ep.RigidPlane((0, 0, 0.1 * carried)), **below)
     mbs.Assemble()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
