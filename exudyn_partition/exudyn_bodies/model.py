@@ -7,6 +7,8 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+import scipy.sparse as sp
+
 from ..contact.formulations.formulation import Method
 from ..contact.step_mean import GeneralizedAlpha
 from ..errors import InputError
@@ -105,11 +107,21 @@ class Samples(Protocol):
 
 @dataclass
 class Registry:
-    """Items of this library in a model: bodies by object number, contacts by sensor number, the sensor of work."""
+    """Items of this library in a model.
+
+    Parameters
+    ----------
+    bodies, contacts : dict
+        By number of their object, and of their sensor.
+    work : WorkSensor or None
+    springs : dict of int to (n, n) csr matrix
+        What holds bodies in the present run, beside the stiffness that their objects were made with; by object number.
+    """
 
     bodies: dict[int, Any] = field(default_factory=dict)
     contacts: dict[int, Any] = field(default_factory=dict)
     work: Any = None
+    springs: dict[int, sp.csr_matrix] = field(default_factory=dict)
 
 
 def validate_model(mbs: MainSystem) -> None:

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from ..errors import InputError
 from ..support.foreign import MainSystem, MatrixContainer
 from ..support.optional import require
-from .model import BodyItem, coordinate_slices, user_function
+from .model import BodyItem, coordinate_slices, registry, user_function
 
 # What is compared, and what to do instead of a change.
 _MATRICES = {
@@ -60,9 +60,13 @@ def check_unchanged(mbs: MainSystem, bodies: Iterable[MadeBody]) -> None:
         Its message names body and item, and what to do instead. A force function may be added where there was none.
     """
     reference = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Reference)
+    springs = registry(mbs).springs
     for item in bodies:
+        expected = dict(item.as_made)
+        if (number := int(item["oGenericODE2"])) in springs:
+            expected["stiffnessMatrix"] = expected["stiffnessMatrix"] + springs[number]
         for name, now in made(mbs, item).items():
-            if not _same(item.as_made[name], now) and not (name == "forceUserFunction" and item.as_made[name] is None):
+            if not _same(expected[name], now) and not (name == "forceUserFunction" and expected[name] is None):
                 what, instead = f"{name} of its ObjectGenericODE2", (_MATRICES | _FUNCTIONS).get(name)
                 if instead is None:
                     what, instead = f"referenceCoordinates of its node {name!r}", _PLACE

@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from ..algebra.blas_threads import one_blas_thread
 from ..errors import InputError, ModelLimitWarning, RunError
 from ..exudyn_bodies.item_work import Others
-from ..exudyn_bodies.model import coordinate_slices, validate_model
+from ..exudyn_bodies.model import coordinate_slices, registry, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..support.arrays import Array
@@ -339,21 +339,20 @@ def _pull(mbs: MainSystem, item: PartitionBody, moved: Array) -> float:
 @contextlib.contextmanager
 def _moored(mbs: MainSystem, items: Sequence[PartitionBody], q: Array) -> Iterator[None]:
     """Hold bodies by their `_mooring` where they are at the model's coordinates q, (nq,), within the block."""
-    container, former = require("exudyn").MatrixContainer, []
-    for item in items:
-        number, springs = item["oGenericODE2"], _mooring(item)
-        stiffness, force = item.as_made["stiffnessMatrix"], mbs.GetObjectParameter(number, "forceVector")
-        former.append((number, stiffness, force))
-        at = np.concatenate([q[own] for own in coordinate_slices(mbs, item)])
-        item.as_made["stiffnessMatrix"] = sp.csr_matrix(stiffness + springs)  # no change by the user
-        mbs.SetObjectParameter(number, "stiffnessMatrix", container(item.as_made["stiffnessMatrix"]))
-        mbs.SetObjectParameter(number, "forceVector", force + springs @ at)
+    container, springs, former = require("exudyn").MatrixContainer, registry(mbs).springs, {}
     try:
+        for item in items:
+            number, stiffness = int(item["oGenericODE2"]), item.as_made["stiffnessMatrix"]
+            former[number] = stiffness, mbs.GetObjectParameter(number, "forceVector")
+            springs[number] = sp.csr_matrix(_mooring(item))
+            at = np.concatenate([q[own] for own in coordinate_slices(mbs, item)])
+            mbs.SetObjectParameter(number, "stiffnessMatrix", container(stiffness + springs[number]))
+            mbs.SetObjectParameter(number, "forceVector", former[number][1] + springs[number] @ at)
         yield
     finally:
-        for item, (number, stiffness, force) in zip(items, former, strict=True):
-            item.as_made["stiffnessMatrix"] = stiffness
-            mbs.SetObjectParameter(number, "stiffnessMatrix", container(sp.csr_matrix(stiffness)))
+        for number, (stiffness, force) in former.items():
+            springs.pop(number, None)
+            mbs.SetObjectParameter(number, "stiffnessMatrix", container(stiffness))
             mbs.SetObjectParameter(number, "forceVector", force)
 
 
