@@ -161,9 +161,8 @@ def hinged(mbs, body, kind):
     item = ep.CreatePartitionBody(mbs, body, name="arm", gravity=[9.81, 0, 0])
     ground = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.CreateGround()))
     ends = [ground, item.CreateInterfaceMarker(mbs, "foot")]
-    axes = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
     if kind == "revolute":
-        mbs.AddObject(items.ObjectJointRevoluteZ(markerNumbers=ends, rotationMarker0=axes, rotationMarker1=axes))
+        mbs.AddObject(items.GenericJoint(markerNumbers=ends, constrainedAxes=[1, 1, 1, 1, 0, 1]))
     else:
         mbs.AddObject(items.ObjectJointSpherical(markerNumbers=ends))
     mbs.Assemble()

@@ -128,7 +128,7 @@ def draw(every):
             (line,) = panel.plot(1e6 * run.t, run.force, label=name, **style)
             panel.plot(1e6 * run.t, -run.tangential_force[:, 0], **(style | {"color": line.get_color()}))
         panel.plot(1e6 * run.t, FRICTION * run.force, "k:", lw=0.8, label="coefficient times normal force")
-        panel.set(title=f"{case}: normal force, and that against the motion", xlabel="time [us]", ylabel="force [N]")
+        panel.set(title=f"{case}: normal force, and that against the motion", xlabel="time [µs]", ylabel="force [N]")
         panel.grid(alpha=0.3)
         panel.legend(fontsize=8)
     figure.savefig(path, dpi=120)

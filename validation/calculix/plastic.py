@@ -138,7 +138,7 @@ def draw(every):
         for i, (name, run) in enumerate(runs.items()):
             style = {"color": "0.7", "lw": 4} if i == 0 else {"lw": 0.9}
             panel.plot(1e6 * run.t, run.force, label=name, **style)
-        panel.set(title=case, xlabel="time [us]", ylabel="force [N]")
+        panel.set(title=case, xlabel="time [µs]", ylabel="force [N]")
         panel.grid(alpha=0.3)
         panel.legend(fontsize=7)
     figure.savefig(path, dpi=120)

@@ -100,7 +100,7 @@ def draw(runs):
     path, (figure, axis) = scenes.figure(__file__, figsize=(8, 5))
     for i, (name, run) in enumerate(runs.items()):
         axis.plot(1e6 * run.t, run.force, label=name, **({"color": "0.7", "lw": 4} if i == 0 else {"lw": 1}))
-    axis.set(title="rod on plate: contact force", xlabel="time [us]", ylabel="force [N]")
+    axis.set(title="rod on plate: contact force", xlabel="time [µs]", ylabel="force [N]")
     axis.grid(alpha=0.3)
     axis.legend()
     figure.savefig(path, dpi=120)

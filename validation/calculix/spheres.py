@@ -128,8 +128,8 @@ def draw(runs, hertz):
         if run is not reference:
             difference = np.interp(reference.t, run.t, run.force) - reference.force
             axes[1].plot(1e6 * reference.t, difference, label=name, lw=0.9)
-    axes[0].set(title="contact force", xlabel="time [us]", ylabel="force [N]")
-    axes[1].set(title="difference from the full FE model", xlabel="time [us]", ylabel="force [N]")
+    axes[0].set(title="contact force", xlabel="time [µs]", ylabel="force [N]")
+    axes[1].set(title="difference from the full FE model", xlabel="time [µs]", ylabel="force [N]")
     for panel in axes:
         panel.grid(alpha=0.3)
         panel.legend(fontsize=8)

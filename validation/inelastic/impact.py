@@ -151,7 +151,7 @@ def draw(histories, script=__file__):
         ax.plot(1e6 * run.t, run.force, "C3", linewidth=1, label="partition")
         for other in elastic:
             ax.plot(1e6 * other.t, other.force, "k:", linewidth=0.8, label="elastic")
-        ax.set(xlabel="time [us]", ylabel="force [N]", title=name)
+        ax.set(xlabel="time [µs]", ylabel="force [N]", title=name)
     np.atleast_1d(axes)[0].legend()
     figure.savefig(path, dpi=150)
     return path

@@ -180,7 +180,7 @@ def draw(parts):
         ("by_even_pressure_um", "k--", "even pressure (Mesarovic, Johnson)"),
     ):
         ax.plot(found[key], found["force_N"], style, linewidth=1, label=label)
-    ax.set(xlabel="depth recovered [um]", ylabel="force [N]")
+    ax.set(xlabel="depth recovered [µm]", ylabel="force [N]")
     ax.legend()
     figure.savefig(path, dpi=150)
     return path

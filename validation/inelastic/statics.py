@@ -168,7 +168,7 @@ def draw(pressed):
     curves = {key: np.array(values) for key, values in pressed["curves"].items()}
     axes.plot(1e6 * curves["approach_m"], curves["series_N"], label="whole elastic spheres")
     axes.plot(1e6 * curves["approach_m"], curves["force_N"], "k.", label="solve_static")
-    axes.set(xlabel="approach [um]", ylabel="force [N]", title="two steel spheres of 20 mm, pressed")
+    axes.set(xlabel="approach [µm]", ylabel="force [N]", title="two steel spheres of 20 mm, pressed")
     axes.legend()
     figure.savefig(path, dpi=150)
 

@@ -261,7 +261,7 @@ def draw(found):
         axis.plot(1e6 * exact[0], exact[1], "k", lw=2.5, alpha=0.3, label="reference")
         for tolerance, of_run in curves.items():
             axis.plot(1e6 * of_run[0], of_run[1], lw=0.9, label=f"tolerance {tolerance:.0%}")
-        axis.set(xlabel="time [us]", ylabel="force [N]", title=name.replace("_", " "))
+        axis.set(xlabel="time [µs]", ylabel="force [N]", title=name.replace("_", " "))
         axis.legend()
     figure.savefig(path, dpi=150)
     print(path)

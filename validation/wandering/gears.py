@@ -226,14 +226,14 @@ def draw(places, ways, parts, runs):
     path, (figure, panels) = scenes.figure(__file__, nrows=3, figsize=(8, 10))
     for values, style, name in zip(ways, ("o-", "kx"), ("reduced gears", "full FE models"), strict=True):
         panels[0].plot(places, 1e6 * values, style, label=name)
-    panels[0].set(ylabel="transmission error [um]", xlabel="turn of the pinion, by a tooth")
+    panels[0].set(ylabel="transmission error [µm]", xlabel="turn of the pinion, by a tooth")
     for tooth, colour in zip(range(3), ("C0", "C1", "C2"), strict=True):
         panels[1].plot(places, parts[0][:, tooth], "o-", color=colour, label=f"tooth {tooth - 1}")
         panels[1].plot(places, parts[1][:, tooth], "kx")
     panels[1].set(ylabel="share of the force", xlabel="turn of the pinion, by a tooth")
     for (t, force, *_), style, name in zip(runs, ("-", "k--"), ("reduced gears", "full FE models"), strict=True):
         panels[2].plot(1e6 * t, force, style, lw=1, label=name)
-    panels[2].set(ylabel="force of the impact [N]", xlabel="time [us]")
+    panels[2].set(ylabel="force of the impact [N]", xlabel="time [µs]")
     for panel in panels:
         panel.legend(fontsize=7)
     figure.savefig(path, dpi=120)

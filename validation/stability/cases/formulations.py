@@ -3,7 +3,6 @@
 import exudyn as exu
 import exudyn.itemInterface as items
 import netgen.occ as occ
-from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition.contact.formulations.penalty import bed_stiffness
@@ -69,8 +68,7 @@ def hinged(method):
     )  # fmt: skip
     pin = item.CreateInterfaceMarker(mbs, "pin")
     ground = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.CreateGround()))
-    turn = Rotation.from_euler("x", -90, degrees=True).as_matrix()  # the axis of the hinge is z of its markers
-    mbs.AddObject(items.ObjectJointRevoluteZ(markerNumbers=[ground, pin], rotationMarker0=turn, rotationMarker1=turn))
+    mbs.AddObject(items.GenericJoint(markerNumbers=[ground, pin], constrainedAxes=[1, 1, 1, 1, 0, 1]))
     contact = ep.CreatePartitionContact(mbs, item, ep.RigidSphere((0.19, 0, -0.02 - 1e-5), 0.01), slavePatch=0)
     mbs.Assemble()
     result = ep.solve_dynamic(mbs, end_time=1e-3, step=1e-6, method=method, **QUIET)
