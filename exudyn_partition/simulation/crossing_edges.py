@@ -14,7 +14,7 @@ from ..errors import ContactPatchWarning
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..fe.edges import neighbours_across, sharp_edges
-from ..fe.facets import area_vectors
+from ..fe.facets import area_vectors, facet_corners
 from ..fe.shapes import corners_of, shape_functions
 from ..support.arrays import Array
 from ..surfaces.surface import Surface, closest_points
@@ -90,7 +90,7 @@ class _Edges:
     facets : (nf, n) int array
         All facets.
     beside : (k, 2) int array
-        Both facets of each edge.
+        Both facets of each edge; where the surface ends, the same one twice.
     weights : (k, 3, n) array
         Shape functions of the first of them at start, middle and end of the edge.
     """
@@ -102,14 +102,18 @@ class _Edges:
     @classmethod
     def of(cls, surface: Surface) -> _Edges:
         """Find those of a surface at the start."""
+        across = neighbours_across(surface.facets)[0]
         facet, edge = sharp_edges(surface.points, surface.facets)
-        other = neighbours_across(surface.facets)[0][facet, edge]
-        once = facet < other
+        once = facet < across[facet, edge]
+        ends = np.isin(facet_corners(surface.facets), surface.ends)
+        last, at_end = np.nonzero((across < 0) & ends & np.roll(ends, -1, axis=1))
+        facet, edge = np.r_[facet[once], last], np.r_[edge[once], at_end]
+        other = across[facet, edge]
         start = corners_of(surface.facets)
         end = np.roll(start, -1, axis=0)
-        local = np.stack([start, (start + end) / 2, end], axis=1)[edge[once]]
+        local = np.stack([start, (start + end) / 2, end], axis=1)[edge]
         shape = shape_functions(local.reshape(-1, 2), surface.facets.shape[1])[:, 0]
-        beside = np.stack([facet, other], axis=1)[once]
+        beside = np.stack([facet, np.where(other < 0, facet, other)], axis=1)
         return cls(surface.facets, beside, shape.reshape(len(beside), 3, surface.facets.shape[1]))
 
     def at(self, points: Array) -> tuple[Array, Array]:

@@ -259,8 +259,19 @@ def test_an_edge_at_the_end_of_a_patch_that_sinks_is_told(cube, degrees, told, c
     assert not told or "patches of Partition.surface have rows of their own" in str(said[0].message)
 
 
+@pytest.fixture(scope="module")
+def faces(cube):
+    """Lower and upper face of the cube alone, as patches of a body each; the faces end at the edges that cross."""
+    fem, _ = cube
+    return [
+        ep.reduce(fem, ep.Partition.surface(fem, plane=((0, 0, z), (0, 0, z)), axes="xyz"), f_cut=9e3)
+        for z in (-0.05, 0.05)
+    ]
+
+
 TURNS = {
     "edges that cross": ([np.pi / 4, 0, 0], [0, np.pi / 4, 0]),
+    "ends of faces that cross": ([0.3, 0, 0], [0, 0.3, 0]),
     "a corner of the master": ([0, 0, 0], [0.2, 0.4, 0.6]),
     "rows of the master's edges": ([0, 0, 0], [0.2, 0.4, 0.6]),
     "a corner of the slave": ([0.2, 0.4, 0.6], [0, 0, 0]),
@@ -270,9 +281,10 @@ TURNS = {
 
 @pytest.mark.filterwarnings("ignore:.*only a sharp corner or edge touches")
 @pytest.mark.parametrize("case", TURNS)
-def test_edges_that_no_row_holds_are_told(cube, case):
+def test_edges_that_no_row_holds_are_told(cube, faces, case):
     """One cube falls on another one: edges that cross, and corners of the master, sink in without a force."""
-    (fem, body), told = cube, case in ("edges that cross", "a corner of the master")
+    (fem, body), told = cube, case == "a corner of the master" or "cross" in case
+    bodies = faces if case.startswith("ends") else [body, body]
     turns = [Rotation.from_euler("xyz", turn).as_matrix() for turn in TURNS[case]]
     mbs, meet = exu.SystemContainer().AddSystem(), []
     for turn, up in zip(turns, (-1, 1), strict=True):  # the middle of the lowest points, and of the highest ones
@@ -284,8 +296,9 @@ def test_edges_that_no_row_holds_are_told(cube, case):
             mbs, body, name=name, frame="floating", referencePosition=place, referenceRotationMatrix=turn,
             initialVelocity=[0, 0, speed],
         )
-        for name, turn, place, speed in (
-            ("upper", turns[0], [0.02, 0.01, 1e-6] - meet[0], -1.0), ("lower", turns[1], -meet[1], 0.0),
+        for body, name, turn, place, speed in (
+            (bodies[0], "upper", turns[0], [0.02, 0.01, 1e-6] - meet[0], -1.0),
+            (bodies[1], "lower", turns[1], -meet[1], 0.0),
         )
     )  # fmt: skip
     contacts = [ep.CreatePartitionContact(mbs, upper, lower, passes="given")]
