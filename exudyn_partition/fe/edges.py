@@ -11,7 +11,7 @@ from .facets import area_vectors, facet_corners
 from .shapes import corners_of, shape_functions
 
 _SHARP = math.cos(math.radians(30))  # between the normals on both sides of an edge: below, the edge is sharp
-_FLAT = math.cos(0.02)  # between the normals of two facets: above, they are as good as coplanar
+_FLAT = math.cos(1e-3)  # between the normals of two facets: above, they are coplanar but for round-off in files
 
 
 def edge_middles(facets: Array) -> Array:

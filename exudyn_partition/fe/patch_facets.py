@@ -196,8 +196,10 @@ def sharp_ends(fem: FEModel, number: Array) -> Array:
     own = of_one_shape(unfolded(fem.facets[number]))
     around = fem.facets[np.isin(fem.facets, own).any(axis=1)]
     on_edges = np.intersect1d(sharp_nodes(fem.points, of_one_shape(unfolded(around))), own)
-    curved = own[~flat_facets(fem.points, own)]
-    return np.setdiff1d(on_edges, np.union1d(curved, sharp_nodes(fem.points, own)))
+    between = sharp_nodes(fem.points, own)
+    curved = np.setdiff1d(own[~flat_facets(fem.points, own)], between)
+    curved = own[np.isin(own, curved).any(axis=1)]  # a corner's facet may be flat with the only one beside it
+    return np.setdiff1d(on_edges, np.union1d(curved, between))
 
 
 def widened(fem: FEModel, number: Array) -> Array:

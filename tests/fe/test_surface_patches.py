@@ -58,6 +58,15 @@ def test_a_flat_face_ends_at_sharp_edges_and_a_curved_one_has_none(order):
     assert not ep.Partition.surface(fem, np.concatenate(both)).patches[0].ends.size
 
 
+def test_a_slightly_curved_face_of_fine_facets_has_no_ends_either():
+    """Also where a facet at a corner is coplanar with its only neighbour."""
+    radius, length = 50 * R, 4 * R
+    lens = occ.Cylinder(occ.Pnt(0, -R, -radius), occ.Y, r=radius, h=2 * R) * box(length, 2 * R, length).Move((0, 0, -R))
+    fem = ep.fe_model(lens, ep.STEEL, maxh=R)
+    assert not ep.Partition.surface(fem, near=(0, 0, 0)).patches[0].ends.size
+    assert ep.Partition.surface(fem, near=(0, 0, -R)).patches[0].ends.size
+
+
 def test_a_part_of_a_face_ends_at_the_edges_of_the_body_alone():
     """Neither where the face goes on, nor at the foot of a step."""
     step = box(4 * R, 2 * R, R).Move((0, 0, -R)) + box(2 * R, 2 * R, R).Move((R, 0, 0))
