@@ -16,7 +16,7 @@ from ..errors import InputError, MemoryLimitError, MeshError, PartitionError
 from ..meshing.ngsolve_fem import surplus_of
 from ..meshing.surplus import Surplus
 from ..prediction.hertz import contact_radius
-from ..reduction.estimate import Estimate, frequency_for, grow_to_tolerance, settled_for
+from ..reduction.estimate import AIM, Estimate, frequency_for, grow_to_tolerance, settled_for
 from ..reduction.free_body import SETTLED, AdaptedSpace
 from ..reduction.memory import fits_together, watched
 from ..reduction.reduction import bodies_of
@@ -33,7 +33,9 @@ from .modal_pair import impact_of
 
 _LOG = logging.getLogger(__name__)
 
-_TRUNCATION = 0.45  # share of the tolerance that the reduction gets; its estimate is then below 0.3
+# Shares of the tolerance that the reduction gets, over 1.5: if need be, and by the first look, whose richer ladder lets
+# it choose a higher f_cut, as that costs less than smaller elements.
+_TRUNCATION, _LESS = 0.45, 0.27
 _TOP = 2.2  # f_top by the f_cut that the last reduction foretells: twice that, and a tenth more to be safe
 _COARSER, _COARSEST = 8, 4.0  # factor and end of the rules' tolerance while their meshes do not fit
 _LOOKS = 6  # most meshes, the first look included
@@ -41,7 +43,8 @@ _COUNTS = 0.3  # parts of the error below this share of the largest one are not 
 _MOST_TRUNCATION = 0.4  # of the tolerance, which truncation and step take from it, for the next meshes
 _LEAST_BUDGET = 0.2  # of the tolerance, for the meshes
 _AIM = 0.8  # of the budget, which the next mesh is to keep
-_FINER = 4  # steps of the default one, to tell the error of the step
+_STEPS = 2.0  # for the default one of the impact: they cost less than the smaller elements that they spare
+_FINER = 4  # steps for one of the design's, to tell the error of the step
 _SETTLED = 0.2  # relative change of the contact radius after which both contacts are meshed anew
 
 _ROUNDINGS, _MISSES = 2, 1.25  # tries after a mesh that misses more volume than its share by that factor
@@ -141,7 +144,7 @@ class Search:
                 mesh = estimate_of(sides, impact_now, scene.speed, duration, finers, scene.left, whole=True)
                 if scene.left < 1:
                     bodies = tuple(finer.corrected(0) for finer in finers)
-            step = impact_now.step(truncation.f_cut)
+            step = impact_now.step(truncation.f_cut, _STEPS)
             t, force, _ = impact_now.run(duration, step / _FINER)
             at, coarse, _ = impact_now.run(duration, step)
         times["estimate"] = time.perf_counter() - begin
@@ -236,7 +239,7 @@ class Search:
             return None
         first = self.looks[0].truncation
         resolved = min(fem.resolved_frequency for _, _, (fem, _) in self.models.values())
-        return None if first.limit or resolved < first.f_cut else first
+        return None if first.error > self.share / AIM or resolved < first.f_cut else replace(first, limit="")
 
     def truncate(self, models: Sequence[Model], estimated: bool) -> Estimate:
         """Grow the spaces of both bodies, and choose a truncation."""
@@ -249,7 +252,7 @@ class Search:
         spaces, truncation = grow_to_tolerance(
             models,
             [[0] * len(models)],
-            tolerance=self.share,
+            tolerance=self.share if estimated else _LESS * self.scene.tolerance,
             speed=self.scene.speed,
             duration=self.duration,
             rigid=None if rigid is None else lambda points: rigid.project(points)[0],
@@ -259,6 +262,7 @@ class Search:
             whole=True,
             once=not estimated,
             settled=SETTLED,
+            finer=_STEPS,
         )
         self.spaces = dict(enumerate(spaces))
         return truncation

@@ -7,8 +7,8 @@ energy lies. The wave is a bending wave in walls that are thinner than half of i
 shear wave elsewhere. Round sides take as few elements as keep the volume. Bodies that are corrected have larger
 elements there.
 Near: elements of 0.72 shorter semi-axes of the contact, within 1.2 semi-axes; then elements grow. In long contacts they
-may be larger. Those of the slave are smaller by 0.8, for its facets also carry the rows, which have an error of their
-own.
+may be larger, by 1.45 at most. Those of the slave are smaller by 0.8, for its facets also carry the rows, which have an
+error of their own.
 
 These sizes make an error of a few percent at most. The tolerance changes them by the rates below; the estimate decides.
 """
@@ -36,7 +36,7 @@ REACH = (1.5, 2.0)  # those of the patches of the first and of the second body; 
 
 _OF_A_WAVE, _OF_A_SHEAR_WAVE = 4, 2.7  # elements
 _LOCAL, _FIRST_LOCAL = 0.72, 1.0  # elements at the contact, by its shorter semi-axis; on the first mesh
-_LONG_POWER = 0.4  # of the ratio of semi-axes, which these sizes follow
+_LONG_POWER, _LONG_MOST = 0.4, 1.45  # of the ratio of semi-axes, which these sizes follow up to a factor
 _LARGEST = 1.5  # of them at the contact: larger ones have no useful estimate
 _SLAVE = 0.8  # of these at the slave
 # Of bodies that are corrected, by others: far sizes, and those at the slave, whose rows are not corrected.
@@ -103,7 +103,7 @@ def first_sizes(sides: Array, semi_axes: tuple[float, float]) -> Sizes:
 
 def _size_at(long: float, short: float) -> float:
     """Size to which those of elements at a contact are proportional [m], by its semi-axes."""
-    return short * math.pow(long / short, _LONG_POWER)
+    return short * min(math.pow(long / short, _LONG_POWER), _LONG_MOST)
 
 
 def curvature_for(curvature: float, missed: float, tolerance: float) -> float:

@@ -53,7 +53,7 @@ PLANE, SPHERE = "a rigid plane", "a rigid sphere"  # what a body alone hits
 PARTNER = "the rigid surface"  # the same, if it is known
 RigidGaps = Callable[[Array], Array]  # points, (k, 3) [m], to gaps, (k,) [m]
 
-_AIM = 1.5  # trusted accuracy of an estimate: it must be below the tolerance by this factor
+AIM = 1.5  # trusted accuracy of an estimate: it must be below the tolerance by this factor
 _SETTLED = 3  # the mobilities of the richer bodies converge to this multiple of the tolerance
 _CROSSINGS = 30  # default duration, in crossings of a longitudinal wave through the larger body
 _SHORTEST, _LONGEST = 0.01, 1e4  # durations in crossings of the smaller and of the larger body
@@ -219,12 +219,13 @@ def _gaps_to_rigid(surface: Surface, fem: FEModel, material: Material, speed: fl
     return {SPHERE: plane + sphere, PLANE: plane}
 
 
-def errors(impact: Impact, f_top: float, ladder: Array, duration: float) -> Array:
+def errors(impact: Impact, f_top: float, ladder: Array, duration: float, finer: float = 1.0) -> Array:
     """Estimated errors of force, velocity and velocity of whole bodies, (len(ladder), 3), cut at `ladder` [Hz].
 
-    With friction, the error of the force is the larger one of the normal and of the tangential force.
+    With friction, the error of the force is the larger one of the normal and of the tangential force. Steps for the
+    impact are default ones over `finer`.
     """
-    t, force, velocity = impact.run(duration, impact.step(f_top, _FINER))
+    t, force, velocity = impact.run(duration, impact.step(f_top, _FINER * finer))
     parts = _parts(force)
     scale = np.linalg.norm(velocity - velocity[0])
     whole = impact.omega == 0.0
@@ -232,7 +233,7 @@ def errors(impact: Impact, f_top: float, ladder: Array, duration: float) -> Arra
     result = []
     for f in ladder:
         coarse, keep = impact.truncated(DROP_ABOVE * 2 * np.pi * f)
-        at, coarse_force, coarse_velocity = coarse.run(duration, coarse.step(f))
+        at, coarse_force, coarse_velocity = coarse.run(duration, coarse.step(f, finer))
         there = np.stack([np.interp(t, at, one) for one in coarse_force.T], axis=1)
         off = [np.linalg.norm(x - part) / np.linalg.norm(part) for x, part in zip(_parts(there), parts, strict=True)]
         velocity_off = -velocity
@@ -264,6 +265,7 @@ def grow_to_tolerance(
     whole: bool = False,
     once: bool = False,
     settled: float | None = None,
+    finer: float = 1.0,
 ) -> tuple[list[AdaptedSpace], Estimate]:
     """Grow the spaces of one body, or of two that hit each other, until the estimate is below the tolerance.
 
@@ -296,6 +298,8 @@ def grow_to_tolerance(
         Whether to look at one f_top alone: a first look.
     settled : float, optional
         As for `AdaptedSpace.grow`; default: by the tolerance.
+    finer : float
+        As for `errors`.
 
     Returns
     -------
@@ -332,9 +336,9 @@ def grow_to_tolerance(
             for other, impact in impacts_of(spaces, f_top, numbers, speed, sliding, rigid).items()
         }
         flat = np.array([other == PLANE and (i, SPHERE) in impacts for i, other in impacts])
-        found = np.array([errors(impact, f_top, ladder, duration) for impact in impacts.values()])
+        found = np.array([errors(impact, f_top, ladder, duration, finer) for impact in impacts.values()])
         judged = found[:, :, [0, 2 if whole else 1]]
-        good = judged.max(axis=2) <= tolerance / _AIM
+        good = judged.max(axis=2) <= tolerance / AIM
         _LOG.info("tolerance: at f_cut = %.4g Hz the estimated error is %.3g", ladder[-1], judged[:, -1].max())
         at_end = once or f_top >= 2 * f_limit * (1 - 1e-9)
         # On a flat patch a plane may make the force ring at any f_top. Go on while its errors fall at least as the
@@ -372,7 +376,7 @@ def settled_for(tolerance: float) -> float:
 
 def frequency_for(f: float, error: float, tolerance: float) -> float:
     """Truncation frequency that keeps a tolerance, by the error of another one; errors fall as f^-2."""
-    return f * float(np.sqrt(error * _AIM / tolerance))
+    return f * float(np.sqrt(error * AIM / tolerance))
 
 
 def _limit(reached: bool, but_for_planes: bool, on_spheres: float, f_limit: float, flat: bool) -> str:
@@ -394,7 +398,7 @@ def warn_if_missed(estimate: Estimate | None) -> None:
     if estimate is not None and estimate.limit:
         warnings.warn(
             f"tolerance: {estimate.tolerance:.3g} cannot be promised; the best body has an estimated error of "
-            f"{estimate.error:.3g}, to a factor of {_AIM}, against {estimate.against} at f_cut = "
+            f"{estimate.error:.3g}, to a factor of {AIM}, against {estimate.against} at f_cut = "
             f"{estimate.f_cut:.4g} Hz. What limits it is {estimate.limit}",
             ToleranceWarning,
             stacklevel=3,
