@@ -27,6 +27,7 @@ _MANY_TIMES = 10  # ratio to the expected value above which a share in percent i
 _OFF_IN_CONTACT = 1e-3  # share of the energy of the largest velocities that long steps may make or lose in contact
 _LOOKED_AT = 256  # largest number of samples that are checked
 _ROUND_OFF = 1e-11  # share of the speed of one body size in a period of f_cut: slower motion is round-off
+_SLIGHT = 1e-6  # share of a body's momentum: a smaller change may be what Newton's method has left
 _PACKAGE = __name__.partition(".")[0]
 
 
@@ -164,6 +165,7 @@ def _warn_of_momentum(item: PartitionBody, result: Result, judged: Array) -> Non
         float(np.linalg.norm(given, axis=1).max()),
         float(np.linalg.norm(gained, axis=1).max()),
         _ROUND_OFF / _OFF * item.body.total_mass * size,
+        _SLIGHT / _OFF * float(np.linalg.norm(item.momentum(result), axis=1).max()),
     )
     missing = np.linalg.norm(gained - given, axis=1)
     missing[-1] = max(missing[-1] - (t[-1] - t[-2]) * force_at_end, 0.0)  # this force acts within a step

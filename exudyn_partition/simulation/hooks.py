@@ -14,7 +14,7 @@ from ..contact.formulations.formulation import Method
 from ..contact.side import Side
 from ..errors import PartitionError
 from ..exudyn_bodies.joints import Joints
-from ..exudyn_bodies.model import start_of_step, user_function
+from ..exudyn_bodies.model import coordinate_slices, start_of_step, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.contact_object import called_if_needed
 from ..exudyn_contacts.model_run import runs_of
@@ -45,16 +45,17 @@ _SINGULAR = (
 )
 
 
-def residual(mbs: MainSystem) -> float:
+def residual(mbs: MainSystem, duration: float = 0.0) -> float:
     """Residual at which Newton's method ends if it cannot reach Exudyn's relative tolerance.
 
     Residuals are generalised forces: those of modes are forces over the square root of a mass.
 
     Gaps are differences of places in space and have their rounding errors. A stiff patch turns them into forces, and no
-    iteration reaches a smaller residual.
+    iteration reaches a smaller residual. So has the elastic force of a body that keeps nodes and flies far, in a run
+    of some duration [s].
     """
     bodies, contacts = partition_items(mbs)
-    goal = max((_RESIDUAL * _by_size(item) for item in bodies), default=0.0)
+    goal = max((max(_RESIDUAL * _by_size(item), _rounding(mbs, item, duration)) for item in bodies), default=0.0)
     for contact in contacts:
         extent = max(_largest_place(side) for side in contact.mechanics.gaps.sides)
         goal = max(goal, _ROUNDINGS * np.finfo(float).eps * extent * _force_by_depth(contact))
@@ -79,6 +80,21 @@ def _by_size(item: PartitionBody) -> float:
     """Norm of the generalised forces that accelerate a body by its size times the square of 2 pi f_cut."""
     size = np.ptp(item.body.points, axis=0).max()
     return float(_norm_of_weight(item) * size * (2 * np.pi * item.body.f_cut) ** 2)
+
+
+def _rounding(mbs: MainSystem, item: PartitionBody, duration: float) -> float:
+    """Norm of what rounding leaves of the elastic forces, if a body moves by its size and at its first speed for long.
+
+    They are sums that cancel out, where the coordinates of rigid motion have a stiffness: those of nodes, in an
+    inertial frame.
+    """
+    if item.frame == "floating" or not len(item.body.basis.nodal):
+        return 0.0
+    q_t = mbs.systemData.GetODE2Coordinates_t(require("exudyn").ConfigurationType.Initial)
+    momentum = item.kinematics.momentum(np.concatenate([q_t[own] for own in coordinate_slices(mbs, item)]))
+    way = np.ptp(item.body.points, axis=0).max() + duration * np.linalg.norm(momentum) / item.body.total_mass
+    sums = abs(item.body.stiffness) @ abs(item.body.rigid[:, :3]).max(axis=1)
+    return float(np.finfo(float).eps * way * np.linalg.norm(sums))
 
 
 def _norm_of_weight(item: PartitionBody) -> float:

@@ -232,7 +232,7 @@ def _run(
     step = _checked_step(mbs, last.step if step is None and last and last.method == method else step, method)
     steps = _count(end_time - start, step)
     step = (end_time - start) / steps
-    settings = _own_settings(mbs, method) if settings is None else settings
+    settings = _own_settings(mbs, method, end_time - (start_time or 0.0)) if settings is None else settings
     integration = settings.timeIntegration
     # Very short steps do not reach the end, because Exudyn stops early. So there are more, and a hook ends the run.
     # The last step of an adaptive run has only the time that is left, and may be very short.
@@ -332,8 +332,8 @@ def _count(duration: float, step: float) -> int:
     return math.ceil(duration / step * (1 - 1e-9))
 
 
-def _own_settings(mbs: MainSystem, method: Integrator) -> SimulationSettings:
-    """Settings for a user who gave none."""
+def _own_settings(mbs: MainSystem, method: Integrator, duration: float) -> SimulationSettings:
+    """Settings for a user who gave none, and a run of some duration [s]."""
     exu = require("exudyn")
     settings = exu.SimulationSettings()
     settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
@@ -342,7 +342,7 @@ def _own_settings(mbs: MainSystem, method: Integrator) -> SimulationSettings:
     integration.verboseMode = 0
     # Stiff springs on light bodies have round-off above Exudyn's 1e-10, which Newton's method would never reach.
     if method == "implicit":
-        integration.newton.absoluteTolerance = residual(mbs)
+        integration.newton.absoluteTolerance = residual(mbs, duration)
         # Exudyn finds this small part of the Jacobian of a spring on an interface by differences of all coordinates.
         integration.newton.numericalDifferentiation.jacobianConnectorDerivative = False
     # Where rows open or close, a new Jacobian costs less than the iterations that an old one takes.
