@@ -5,9 +5,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 
-from ..errors import (
-    ModelLimitWarning,
-)
+from ..errors import ModelLimitWarning
 from ..exudyn_bodies.model import validate_model
 from ..exudyn_bodies.partition_body import check_model
 from ..exudyn_contacts.model_run import runs_of

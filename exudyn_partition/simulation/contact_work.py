@@ -52,11 +52,11 @@ class ContactWork:
         return cls(mbs, contacts) if known and contacts else None
 
     def begin_step(self) -> None:
-        """Begin a step whose work counts, in the model's present state, after `end_step` in the same state, if any."""
+        """Begin a step whose work counts, in the model's present state; the step before has ended in this state."""
         self._begin, self._end = self._end or self._now(), None
 
     def end_step(self, step: float) -> None:
-        """End a step [s] in the model's present state, each of the run's; it counts if it was begun."""
+        """End a step [s] in the model's present state. Call it for every step; only steps that were begun count."""
         self._end = None
         if self._begin is None:
             return

@@ -1,4 +1,4 @@
-"""Springs, joints and read loads on nodes without a static answer: the local dent that they lack.
+"""Springs, joints and sensors of loads on nodes without a static answer: the local dent that they lack.
 
 A force on a few nodes dents the body around them. Kept shapes are smooth and do not have that, unless the nodes are
 those of a patch, an interface or a load. Far from there nothing is missing. But what holds the body at these nodes, or
@@ -55,9 +55,9 @@ def warn_of_dents(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> None:
 
 
 def _attached(mbs: MainSystem) -> Iterator[tuple[str, ItemEntry, float]]:
-    """Name, marker and stiffness [N/m] of connectors and joints, and of loads whose marker is read; these do not give.
+    """Name, marker and stiffness [N/m] of connectors and joints, and of sensors that read the place of a load.
 
-    Forces alone have no stiffness that the dent could change.
+    Joints and sensors count as rigid. A load without a sensor has no stiffness that the dent could change.
     """
     data = mbs.systemData
     for number in range(data.NumberOfObjects()):

@@ -83,10 +83,10 @@ def _by_size(item: PartitionBody) -> float:
 
 
 def _rounding(mbs: MainSystem, item: PartitionBody, duration: float) -> float:
-    """Norm of what rounding leaves of the elastic forces, if a body moves by its size and at its first speed for long.
+    """Norm of the elastic forces that rounding leaves in a body that flies for some duration [s] at its first speed.
 
-    They are sums that cancel out, where the coordinates of rigid motion have a stiffness: those of nodes, in an
-    inertial frame.
+    Nodes in an inertial frame have a stiffness also in rigid motion. Their elastic forces then are sums that cancel
+    out, but for rounding. The body may be moved by its size, too.
     """
     if item.frame == "floating" or not len(item.body.basis.nodal):
         return 0.0

@@ -18,7 +18,7 @@ from .result import Result, called
 _log = logging.getLogger(__name__)
 
 _LONG = 1000  # steps of an impact: what is closed for longer lasts
-_MOST = 0.5  # share of these steps that are not longer than in an impact
+_MOST = 0.5  # share of the steps of a closed contact: it keeps them short if more are no longer than in an impact
 _SAME = 1.01  # ratio of steps that are the same
 _PERIODS = 10  # of the ringing, over which its energy is averaged
 
@@ -60,7 +60,7 @@ def ringing_frequency(t: Array, force: Array, step: float) -> float:
 
 
 def _swinging(contact: PartitionContact, result: Result, start: float, end: float) -> float:
-    """Energy of a contact's bodies in what their velocities vary about their trend [J]: twice the mean kinetic one."""
+    """Energy of the vibration of a contact's bodies [J]: twice the mean kinetic energy about their slow motion."""
     some = result.at(result.t[(result.t >= start) & (result.t <= end)])
     bodies: Sequence[PartitionBody] = [item for item, _ in contact.sides]
     return float(sum((detrend(b.coordinates_t(some), axis=0) ** 2).mean(axis=0) @ b.kinematics.mass for b in bodies))

@@ -268,7 +268,7 @@ class StepControl:
 
     @property
     def share_made(self) -> float:
-        """Energy that long steps have made in contact, by that of the largest changes of velocity; lost below zero."""
+        """Energy that long steps made in contact, by that of the largest changes of velocity; below zero if lost."""
         return self._work.made / self._errors.energy if self._work and self._errors and self._work.made else 0.0
 
     def go_on(self, pace: Pace) -> None:
