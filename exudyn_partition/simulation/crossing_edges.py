@@ -10,14 +10,15 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
+from ..contact.rigid_mesh import RigidMesh
 from ..errors import ContactPatchWarning
-from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
-from ..fe.edges import neighbours_across, sharp_edges
+from ..fe.edges import neighbours_across, sharp_edges, sharp_nodes
 from ..fe.facets import area_vectors, facet_corners
 from ..fe.shapes import corners_of, shape_functions
 from ..support.arrays import Array
 from ..surfaces.surface import Surface, closest_points
+from .passing_review import surface_motion
 from .result import Result, called
 
 _LOOKED_AT, _STARTS = 64, 16  # largest number of samples, and of times of contact, at which nodes are checked
@@ -44,19 +45,26 @@ def neighbours(surface: Surface) -> sp.csr_matrix:
 
 def warn_of_edges(contact: PartitionContact, result: Result) -> None:
     """Warn of a sharp edge of the master within the slave where no row is closed."""
-    if not isinstance(contact.master, PartitionBody) or contact.master == contact.slave or contact.rows == "edges":
+    if contact.master == contact.slave or contact.rows == "edges":
         return
     surfaces = [item.body.surface(np.zeros(3), number) for item, number in contact.sides]
-    if not len(surfaces[1].sharp):
+    if isinstance(contact.master, RigidMesh):
+        surfaces.append(_surface_of(contact.master))
+    if len(surfaces) < 2 or not len(surfaces[1].sharp):
         return
     chosen = looked_at(contact, result)
     now = result.at(result.t[chosen])
     closed, around = contact.row_forces(now), neighbours(surfaces[0])
     pressed = np.maximum(-result.sensor_of(contact, contact["sForce"])[chosen, 5], 0.0)
-    x_s, x_m = (
+    x_s, *others = (
         item.kinematics.at(surface.nodes).place(item.coordinates(now))
-        for (item, _), surface in zip(contact.sides, surfaces, strict=True)
+        for (item, _), surface in zip(contact.sides, surfaces, strict=False)
     )
+    if others:
+        (x_m,) = others
+    else:
+        place, axes = surface_motion(contact, result, now.t)
+        x_m = place[:, None] + surfaces[1].points @ axes.swapaxes(1, 2)
     edges, size = [_Edges.of(surface) for surface in surfaces], min(surface.facet_size for surface in surfaces)
     for i, sample in enumerate(chosen):
         held = np.zeros(len(surfaces[0].points), dtype=bool)
@@ -65,20 +73,33 @@ def warn_of_edges(contact: PartitionContact, result: Result) -> None:
         found = [_deepest_crossing(edges, x_s[i], x_m[i], held)]
         if contact.beside is None:
             found.append(_deepest_corner(surfaces, x_s[i], x_m[i], held))
-        depth, place = max(found, key=lambda one: one[0])
+        depth, where = max(found, key=lambda one: one[0])
         if not _WITHIN * size < depth - pressed[i] < size:
             continue
-        slave, master = contact.side_names
+        (slave, *names), rigid = contact.side_names, not others
+        master = "the rigid surface" if rigid else names[0]
+        advice = f"or, if an edge of {master} meets a face, " + (
+            "make it a partition body, and add CreatePartitionContact of the same two patches with rows='edges'"
+            if rigid
+            else "add CreatePartitionContact of the same two patches with rows='edges', or give that body first, with "
+            "passes='given'"
+        )
         warnings.warn(
             f"{called(contact)} at t = {result.t[sample]:.6g} s: a sharp edge of {master} is {depth:.3g} m within "
-            f"{slave} at {place} m, with no closed row around. Rows are those of the slave, {slave}: faces of {master} "
+            f"{slave} at {where} m, with no closed row around. Rows are those of the slave, {slave}: faces of {master} "
             f"hold its edges, but nothing holds edges that cross, or edges of {master}. Round one of them by a radius "
-            f"that facets resolve; or, if an edge of {master} meets a face, add CreatePartitionContact of the same two "
-            "patches with rows='edges', or give that body first, with passes='given'",
+            f"that facets resolve; {advice}",
             ContactPatchWarning,
             stacklevel=6,
         )
         return
+
+
+def _surface_of(mesh: RigidMesh) -> Surface:
+    """A rigid mesh with its sharp edges."""
+    nobody, nodes = np.zeros(3), np.arange(len(mesh.points))
+    sharp = sharp_nodes(mesh.points, mesh.triangles)
+    return Surface(mesh.points, mesh.triangles, nobody, nodes[:0], nodes, sharp=sharp)
 
 
 @dataclass(frozen=True, eq=False)

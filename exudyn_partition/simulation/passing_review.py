@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import ContactPatchWarning
-from ..exudyn_bodies.other_bodies import OtherBody
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..fe.facets import flat_triangles
@@ -38,7 +37,8 @@ def warn_of_passing(contact: PartitionContact, contacts: Sequence[PartitionConta
         if isinstance(other, PartitionBody):
             depth = _depths_in_body(places, other, other.coordinates(result)[chosen])
         else:
-            own = on_carrier(places, contact, result.others, result.t[chosen])
+            place, axes = surface_motion(contact, result, result.t[chosen])
+            own = (places - place[:, None]) @ axes
             depth = -other.project(own.reshape(-1, 3))[0].reshape(own.shape[:2])
         entered = np.where(depth[0] < 0.0, depth, 0.0) > dent[:, None] + _DEEP * np.ptp(item.body.points, axis=0).max()
         if entered.any():
@@ -55,13 +55,12 @@ def warn_of_passing(contact: PartitionContact, contacts: Sequence[PartitionConta
             return
 
 
-def on_carrier(places: Array, contact: PartitionContact, others: Sequence[OtherBody], times: Array) -> Array:
-    """Places, (m, k, 3) [m], in the axes of the body that carries the contact's surface, at times, (m,) [s]."""
-    for body in others:
+def surface_motion(contact: PartitionContact, result: Result, times: Array) -> tuple[Array, Array]:
+    """Place, (m, 3) [m], and axes, (m, 3, 3), of the body that carries a rigid surface, at times, (m,) [s]."""
+    for body in result.others:
         if contact.carrier is not None and body.number == int(contact.carrier.body):
-            place, axes = body.at(times)
-            return (places - place[:, None]) @ axes
-    return places
+            return body.at(times)
+    return np.zeros((len(times), 3)), np.tile(np.eye(3), (len(times), 1, 1))
 
 
 def _beside(item: PartitionBody, other: object, contacts: Sequence[PartitionContact]) -> Array:

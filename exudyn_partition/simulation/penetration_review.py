@@ -17,7 +17,7 @@ from ..support.arrays import Array
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from ..surfaces.surface import Surface
 from .crossing_edges import looked_at, neighbours, warn_of_edges
-from .passing_review import on_carrier
+from .passing_review import surface_motion
 from .result import Result, called
 
 _ENERGY = 1e-2  # energy that overlap at the start may store, as a share of the bodies' largest energy
@@ -119,11 +119,11 @@ def _warn_of_sinking(contact: PartitionContact, result: Result) -> None:
     closed = contact.row_forces(now)
     allowed, around = _allowed_depth(side.surface), neighbours(side.surface)
     (item, number), q = contact.sides[0], contact.slave.coordinates(now)
+    carried, axes = surface_motion(contact, result, now.t)
     for i, sample in enumerate(chosen):
         own = dents(int(sample))
         places = side.dented(q[i], None if own is None else own[0])
-        seen = on_carrier(places[None], contact, result.others, result.t[[sample]])[0]
-        depth = -gaps.surface.project(seen)[0]
+        depth = -gaps.surface.project((places - carried[i]) @ axes[i])[0]
         held = np.zeros(len(places), dtype=bool)
         held[closed[i].indices[closed[i].data > 0]] = True
         # Beside a contact the coordinates alone also place the surface too deep. The contact's flexibility lifts it.

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition.errors import ContactPatchWarning, ModelLimitWarning
+from exudyn_partition.fe.facets import flat_triangles
 
 SIDE, LENGTH = 10e-3, 40e-3
 INITIAL = exu.ConfigurationType.Initial
@@ -277,6 +278,25 @@ TURNS = {
     "a corner of the slave": ([0.2, 0.4, 0.6], [0, 0, 0]),
     "faces": ([0, 0, 0], [0, 0, 0]),
 }
+
+
+@pytest.mark.parametrize("corner", [True, False])
+def test_a_corner_of_a_rigid_mesh_that_no_row_holds_is_told(cube, mbs, corner):
+    """A cube falls flat on a rigid one, that stands on its corner or lies flat."""
+    fem, body = cube
+    turn = Rotation.from_euler("xyz", [0.2, 0.4, 0.6] if corner else [0, 0, 0]).as_matrix()
+    points = (fem.points - fem.points.mean(axis=0)) @ turn.T
+    tip = points[points[:, 2] > points[:, 2].max() - 1e-9].mean(axis=0)
+    anvil = ep.RigidMesh(points - tip, flat_triangles(fem.facets)[0])
+    middle = fem.points.mean(axis=0) * [1, 1, 0] + [0, 0, fem.points[:, 2].min()]
+    upper = ep.CreatePartitionBody(mbs, body, referencePosition=[0, 0, 1e-6] - middle, initialVelocity=[0, 0, -1.0])
+    contact = ep.CreatePartitionContact(mbs, upper, anvil)
+    mbs.Assemble()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        result = ep.solve_dynamic(mbs, end_time=1e-3 if corner else 2e-4, method="implicit", step=1e-5)
+    assert contact.force(result).any() != corner
+    assert any("a sharp edge of the rigid surface" in str(w.message) for w in caught) == corner
 
 
 @pytest.mark.filterwarnings("ignore:.*only a sharp corner or edge touches")
