@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
+from typing import Any, Literal, Protocol, get_args
 
 from ...errors import InputError
 from ...reduction.body import ReducedBody
@@ -15,11 +15,9 @@ from ...support.arrays import Array
 from ...surfaces.points import RowKind
 from ..frozen import FrozenContacts
 from ..law import Law, RowDirections
+from ..patch_contact import PatchContact
 from ..plasticity.nodal_zones import NodalZones
 from ..plasticity.yielding_patches import YieldingPatches, Zones
-
-if TYPE_CHECKING:
-    from ..patch_contact import PatchContact
 
 Integrator = Literal["explicit", "implicit"]
 INTEGRATORS: tuple[Integrator, ...] = get_args(Integrator)

@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import RunError
+from ...plasticity.flow import PlasticState
 from ...support.arrays import Array
 from .yielding_patches import Zones
 from .zone_run import ZoneMotion
 
 if TYPE_CHECKING:
     from typing import Self
-
-    from ...plasticity.flow import PlasticState
 
 
 class NodalZone:
