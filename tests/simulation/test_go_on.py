@@ -129,8 +129,8 @@ def test_pairs_of_two_bodies_that_slide(round_body, flat_body, options):
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("friction", [None, 0.3])
 def test_plastic_patches(yielding, friction):
-    """With friction, velocities were off by 4e-3 m/s."""
-    assert_one_run(lambda: slides(yielding, friction=friction), 12e-6, 20e-6, step=0.25e-6)
+    """With friction, velocities were off by 4e-3 m/s. Products with a zone are in single precision: 6e-8 of them."""
+    assert_one_run(lambda: slides(yielding, friction=friction), 12e-6, 20e-6, velocity=1e-7, step=0.25e-6)
 
 
 @pytest.mark.filterwarnings("ignore")

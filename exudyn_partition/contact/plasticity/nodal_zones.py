@@ -48,6 +48,10 @@ class NodalZone:
         self.work = self._committed_work = 0.0
         self._take(state)
 
+    def resume(self, last: Self) -> None:
+        """Start from the present state of an earlier run."""
+        self.enter(last.present)
+
     def _take(self, state: PlasticState) -> None:
         self.present = state
         self._p = self.zone.pseudo_forces(state.strain)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from ...plasticity.flow import PlasticState
 from ...plasticity.zone import PlasticZone
 from ...support.arrays import Array
 from .zone_run import ZoneMotion, ZoneRun
+
+if TYPE_CHECKING:
+    from typing import Self
 
 _SETTLED = 1e-4  # relative change of the pseudo-forces
 # Plastic strain may be far larger than elastic strain. So the change is also at most this share of elastic strain,
@@ -46,6 +49,9 @@ class Zone(Protocol):
 
     def enter(self, state: PlasticState) -> None:
         """Take a state as the end of an accepted step."""
+
+    def resume(self, last: Self) -> None:
+        """Start from the present state of an earlier run."""
 
     def commit(self) -> None:
         """Accept the present state."""
@@ -118,7 +124,7 @@ class Zones:
     def resume(self, earlier: Zones) -> None:
         """Start from the present states of an earlier run."""
         for (_, zone), (_, last) in zip(self.zones, earlier.zones, strict=True):
-            zone.enter(last.present)
+            zone.resume(last)
 
 
 class YieldingPatches(Zones):

@@ -25,7 +25,7 @@ from ...support.arrays import Array
 if TYPE_CHECKING:
     from typing import Self
 
-_NEAR = 0.4  # of the yield stress: points that are nearer to flow are active together with those that flow
+_NEAR = 0.2  # of the yield stress: points that are nearer to flow are active together with those that flow
 _FEW = 16  # besides the points that flow, at most as many plus 2 * _FEW are active
 # Nodes of a zone up to which products are dense, and 3 to 4 times as quick. To make the rows of so many nodes takes a
 # second, and grows with more than the square of their number; time of products by fronts grows little faster than it.
@@ -273,17 +273,23 @@ class ZoneRun:
         self.work = self._committed_work = 0.0
         self.enter(self.motion.start)
 
-    def enter(self, state: PlasticState) -> None:
-        """Take a state as the end of an accepted step."""
+    def resume(self, last: Self) -> None:
+        """Start from the present state of an earlier run, and from the pseudo-forces that its last step has applied."""
+        self.enter(last.present, last._p)
+
+    def enter(self, state: PlasticState, applied: Array | None = None) -> None:
+        """Take a state as the end of an accepted step, which has applied some pseudo-forces, (3 nz,) [N]; else all."""
         self.committed = self.present = state
         self.flows = False
         self._choose(np.zeros(len(self.zone), dtype=bool))
         self._at = self._committed_at = np.zeros(len(self._by_q)), np.zeros(len(self._by_force))
         self._margin, self._margin_at, self._goes_on = -np.inf, self._at, False
-        self._p, self._left = self.zone.pseudo_forces(state.strain), np.zeros(3 * len(self.zone.nodes))
+        whole = self.zone.pseudo_forces(state.strain)
+        self._p = whole if applied is None else applied
+        self._left = whole - self._p
         self._moved = self.flexibility.own @ self._p if self._p.any() else np.zeros(len(self._p))
         self._moved_patch = self._p @ self.flexibility.of_patch
-        self.generalised = np.asarray(self.motion.kinematics.rows.T @ self._p)
+        self.generalised = np.asarray(self.motion.kinematics.rows.T @ whole)
         self._energy, self._strain = self._present_energy(), None
         self._hold(np.zeros(len(self._p)), np.zeros(len(self._p)))
 
@@ -372,7 +378,8 @@ class ZoneRun:
         by_flow = self._step_moved[active.dofs] if known else active.answer(change)
         state, strain, led_to = active.part.answer(moved + active.by_patch(force) + by_flow, before)
         self._found, self._tried = (state, strain), (change, led_to, self._step_moved if known else None)
-        return led_to + self._last[-1][active.dofs]
+        found: Array = led_to + self._last[-1][active.dofs]
+        return found
 
     def _beginning(self) -> tuple[Array, PlasticState]:
         """Displacements of active nodes without patch forces and flow in this step, (m,) [m], and committed state."""

@@ -64,3 +64,15 @@ def test_rigid_motion_feels_nothing_of_plastic_strain_though_steps_are_rough(mot
     np.testing.assert_allclose(
         run.generalised, motion.kinematics.rows.T @ p, rtol=0, atol=1e-10 * abs(motion.kinematics.rows.T @ p).max()
     )
+
+
+def test_a_run_that_goes_on_knows_what_the_last_step_has_not_applied(motion):
+    last = pressed(motion, 0.1)
+    run = ZoneRun(motion)
+    run.resume(last)
+    moved = last.moved_patch()
+    np.testing.assert_allclose(run.moved_patch(), moved, rtol=0, atol=1e-9 * abs(moved).max())
+    np.testing.assert_allclose(run.generalised, last.generalised, rtol=0, atol=1e-9 * abs(last.generalised).max())
+    np.testing.assert_allclose(run.stored(), last.stored(), rtol=1e-9)
+    run.enter(last.committed)  # another body with this dent: all of it is applied
+    assert np.linalg.norm(run.moved_patch() - moved) > 1e-3 * np.linalg.norm(moved)
