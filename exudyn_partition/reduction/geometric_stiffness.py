@@ -4,8 +4,8 @@ The stress of unit loads, sigma_k, does work on the product of displacement grad
 
     G_k = T' (integral of sigma_k : grad u' grad v) T .
 
-Of a body that keeps nodes only slow motion counts: rigid motion, modes and static answers. The rest of its motion are
-dents, to which stress adds nothing, as it adds nothing to the residual flexibility of other bases.
+Of a body that keeps the motion of its patches only slow motion counts: rigid motion, modes and static answers. The
+rest of its motion are dents, to which stress adds nothing, as it adds nothing to the residual flexibility of others.
 
 Module `stress_states` has the m states of stress sigma_k, which are of unit energy and orthogonal to each other. The
 coordinates q stress the body by amplitudes a = S q, and a load f by S K^+ f.

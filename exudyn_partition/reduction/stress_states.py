@@ -58,7 +58,7 @@ def stress_states(fem: FEModel, body: ReducedBody, n_loads: int, of_patches: Arr
     fields = _displacements(body, answers)
     fields[:, others.shape[1] :] += lacking @ (combined * (np.sqrt(values) / (values + _APART**2)))
     states, motions, onto = (K @ answers).T, body.basis.shapes, None
-    if len(body.basis.nodal):
+    if _keeps_dents(body):
         slow, onto = _slow_motions(body, answers)
         states, motions = states @ slow, _displacements(body, slow)
     # The displacements' three components have the same stiffness.
@@ -82,8 +82,14 @@ def _displacements(body: ReducedBody, q: Array) -> Array:
     return u
 
 
+def _keeps_dents(body: ReducedBody) -> bool:
+    """Whether most coordinates are fast, as where a basis keeps the motion of patches."""
+    slow = np.count_nonzero(body.basis.omega <= 2 * np.pi * body.f_cut)
+    return bool(len(body.basis.nodal) or slow < body.n_dofs / 4)
+
+
 def _slow_motions(body: ReducedBody, answers: Array) -> tuple[Array, Array]:
-    """Slow motions of a body that keeps nodes, (n_dofs, k), and their amplitudes by its coordinates, (k, n_dofs).
+    """Slow motions of a body, (n_dofs, k), and their amplitudes by its coordinates, (k, n_dofs).
 
     They are rigid motion, modes up to f_cut, and the static answers, (n_dofs, p), as far as these are none of them.
     """
