@@ -203,6 +203,7 @@ class AdaptedSpace(FreeBody):
         self.elastic: FreeBodyFlexibility | None = None
         zones = any(patch.plastic for patch in partition.patches)
         if self.model.n >= HUGE and not keep and not zones:
+            give_memory_back()  # what meshing has left
             with contextlib.suppress(IndefiniteMatrixError):
                 self._answer(self.flexibility(self._patch_rows()))  # its factors go before others are made
                 give_memory_back()  # what fronts of all sizes have left between them: as much as factors

@@ -18,9 +18,9 @@ from .free_body import HUGE
 _LOG = logging.getLogger(__name__)
 
 _GB = 1e9
-# Numbers in factors and fronts while they are made, over n^(4/3): 41 for a cube of 113 000 dofs, 18 to 25 for bodies
-# with a refined patch, 9 for a thin plate.
-_FILL = 25
+# Numbers in factors and fronts while they are made, over n^(4/3): 22 to 24 for blocks and balls, 15 for a slender bar,
+# 10 for a thin plate.
+_FILL = 20
 _FILL_OF_ZONE = 42  # numbers in the fronts of a plastic zone, which is compact: 40 to 45 for 800 to 3300 nodes
 _BESIDE = 1.5  # factors of the stiffness, with those of a shifted matrix in single precision beside them
 _ROUNDED = 0.62  # factors of a huge body in single precision, with fronts in double precision: 0.59 to 0.7

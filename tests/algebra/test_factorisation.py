@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import scipy.sparse.linalg
+from oracles import box, without_numba
 from threadpoolctl import threadpool_info, threadpool_limits
 
+import exudyn_partition as ep
 from exudyn_partition.algebra.blas_threads import one_blas_thread
 from exudyn_partition.algebra.sparse import fronts, loops, multifrontal
-from exudyn_partition.algebra.sparse.multifrontal import Factorisation
+from exudyn_partition.algebra.sparse.multifrontal import Analysis, Factorisation
 from exudyn_partition.errors import IndefiniteMatrixError
 
 
@@ -138,6 +140,22 @@ def test_memory_of_factors_is_little_more_than_their_entries(block):
         tracemalloc.stop()
     assert factors.nnz < 0.6 * both.nnz
     assert memory < 1.5 * 8 * factors.nnz
+
+
+def test_factors_of_a_solid_body_need_little_memory_while_they_are_made():
+    """Numbers by n^(4/3): 50 with cuts by spheres, and with squares of what fronts leave; 36 are usual."""
+    solid = ep.fe_model(box(0.04, 0.03, 0.02), ep.STEEL, maxh=4.5e-3)
+    matrix = solid.stiffness + 1e10 * solid.mass
+    analysis = Analysis(lambda: matrix)
+    assert len(analysis.fronts.order) == solid.n_dofs
+    with without_numba():  # whose arrays are not traced
+        tracemalloc.start()
+        try:
+            Factorisation(matrix, analysis)
+            _, most = tracemalloc.get_traced_memory()
+        finally:
+            tracemalloc.stop()
+    assert most < 8 * 42 * solid.n_dofs ** (4 / 3)
 
 
 def blas_threads():

@@ -14,15 +14,13 @@ _dsyrk, _ssyrk = external("cython_blas", "dsyrk", 10), external("cython_blas", "
 
 
 @unlocked
-def put(starts: Array, indices: Array, data: Array, first: int, place: Array, own: Array, below: Array) -> bool:
-    """Write the upper triangle of some rows of a matrix to a front; all arrays of it are transposed.
+def put(starts: Array, indices: Array, data: Array, place: Array, own: Array, below: Array) -> bool:
+    """Write some rows of a matrix to a front, whose arrays are transposed.
 
     Parameters
     ----------
     starts : (k + 1,) int array
         Where these rows begin in `indices` and `data`, as of csr.
-    first : int
-        The first of these rows.
     place : (n,) int array
         Of each row in the front, -1 if it is not there.
     own, below : (k, k), (k, m) arrays
@@ -35,8 +33,6 @@ def put(starts: Array, indices: Array, data: Array, first: int, place: Array, ow
     k = len(own)
     for i in range(k):
         for entry in range(starts[i], starts[i + 1]):
-            if indices[entry] < first + i:
-                continue
             j = place[indices[entry]]
             if j < 0:
                 return False
@@ -53,24 +49,36 @@ def add(change: Array, place: Array, own: Array, below: Array, update: Array) ->
 
     Parameters
     ----------
-    change : (c, c) array
-        Its upper triangle counts.
+    change : (c (c + 1) / 2,) array
+        See `packed`.
     place : (c,) int array
         Ascending.
     own, below, update : (k, k), (k, m), (m, m) arrays
     """
-    k, c = len(own), len(place)
+    k, c, begin = len(own), len(place), 0
     for i in range(c):
-        row = place[i]
+        row, values = place[i], change[begin : begin + c - i]
+        begin += c - i
         if row < k:
             for j in range(i, c):
                 if place[j] < k:
-                    own[row, place[j]] += change[i, j]
+                    own[row, place[j]] += values[j - i]
                 else:
-                    below[row, place[j] - k] += change[i, j]
+                    below[row, place[j] - k] += values[j - i]
         else:
             for j in range(i, c):
-                update[row - k, place[j] - k] += change[i, j]
+                update[row - k, place[j] - k] += values[j - i]
+
+
+@unlocked
+def packed(update: Array) -> Array:
+    """Upper triangle of a transposed array, (m, m), row by row."""
+    m, begin = len(update), 0
+    result = np.empty(m * (m + 1) // 2, update.dtype)
+    for i in range(m):
+        result[begin : begin + m - i] = update[i, i:]
+        begin += m - i
+    return result
 
 
 @unlocked

@@ -92,11 +92,12 @@ def pull(x: Array, factors: Factors, some: Array) -> None:
 
 
 def put(matrix: sp.csr_matrix, rows: slice, place: Array, own: Array, below: Array) -> bool:
-    """Write the upper triangle of some rows of a matrix to a front, as columns; whether all entries have a place.
+    """Write some rows of a matrix to a front, as columns; whether all entries have a place.
 
     Parameters
     ----------
     matrix : (n, n) csr matrix
+        Its upper triangle.
     rows : slice
         k rows.
     place : (n,) int array
@@ -105,10 +106,9 @@ def put(matrix: sp.csr_matrix, rows: slice, place: Array, own: Array, below: Arr
     """
     starts, k = matrix.indptr[rows.start : rows.stop + 1], len(own)
     if compiled := kernels("algebra.sparse"):
-        return bool(compiled.put(starts, matrix.indices, matrix.data, rows.start, place, own.T, below.T))
+        return bool(compiled.put(starts, matrix.indices, matrix.data, place, own.T, below.T))
     entries, column = slice(starts[0], starts[-1]), np.repeat(np.arange(k), np.diff(starts))
-    upper = matrix.indices[entries] >= rows.start + column
-    row, column, values = place[matrix.indices[entries][upper]], column[upper], matrix.data[entries][upper]
+    row, values = place[matrix.indices[entries]], matrix.data[entries]
     inside = row < k
     own[row[inside], column[inside]] = values[inside]
     below[row[~inside] - k, column[~inside]] = values[~inside]
@@ -116,17 +116,31 @@ def put(matrix: sp.csr_matrix, rows: slice, place: Array, own: Array, below: Arr
 
 
 def add(change: Array, place: Array, own: Array, below: Array, update: Array) -> None:
-    """Add what a child leaves, (c, c), to its places in the front, (c,) int array; only lower triangles count."""
-    # Transposed, the entries of a row lie one behind the other.
-    change, own, below, update = change.T, own.T, below.T, update.T
+    """Add what a child leaves, `packed`, to its places in the front, (c,) int array; only lower triangles count."""
     if compiled := kernels("algebra.sparse"):
-        compiled.add(change, place, own, below, update)
+        compiled.add(change, place, own.T, below.T, update.T)
         return
+    (unpack,) = lapack.get_lapack_funcs(("tpttr",), (change,))
+    # Transposed, the entries of a row lie one behind the other.
+    change, own, below, update = unpack(len(place), change, uplo="L")[0].T, own.T, below.T, update.T
     inside = int(np.searchsorted(place, len(own)))
     mine, others = place[:inside], place[inside:] - len(own)
     _add_at(own, mine, mine, change[:inside, :inside])
     _add_at(below, mine, others, change[:inside, inside:])
     _add_at(update, others, others, change[inside:, inside:])
+
+
+def packed(update: Array) -> Array:
+    """Lower triangle of an array, (m, m), column by column: what fronts leave takes half of the memory until it is used.
+
+    Returns
+    -------
+    (m (m + 1) / 2,) array
+    """
+    if compiled := kernels("algebra.sparse"):
+        return np.asarray(compiled.packed(update.T))
+    (pack,) = lapack.get_lapack_funcs(("trttp",), (update,))
+    return np.asarray(pack(update, uplo="L")[0])
 
 
 def _add_at(target: Array, rows: Array, columns: Array, values: Array) -> None:

@@ -27,6 +27,7 @@ from .loops import Factor, Factors
 _NARROW = 128  # most rows that a front eliminates of those that are kept: few right-hand sides wait for the memory
 _BLOCK = 96  # most right-hand sides that go through the fronts together
 TWO_THREADS_FROM = 2_000_000  # entries of factors; for fewer a second thread is not worth its start
+_TWO_THREADS_TO = 500_000_000  # for more, what the fronts of two threads leave would take too much memory together
 _REFINED, _MOST_REFINED = 1e-13, 12  # error of a refined solution, in the norm of energy; steps, of which 3 are usual
 _ACCURATE = 1e-6  # relative residual of a solution; 1e-12 and less is usual
 
@@ -133,11 +134,11 @@ class Factorisation:
                     own, below = _blocks(entries, k, m)
                 place[rows] = place[changes] = -1
                 factors[front] = Factor(rows, changes, own, signs, below)
-                updates[front] = update
+                updates[front] = loops.packed(update)
                 del update
 
         self._parts = fronts.parts if loops.share_cores() and len(store) >= TWO_THREADS_FROM else None
-        if self._parts is None:
+        if self._parts is None or len(store) > _TWO_THREADS_TO:
             eliminate(np.arange(len(spans)))
         else:
             first, second, last = self._parts
@@ -364,11 +365,15 @@ def _blocks(entries: Array, k: int, m: int) -> tuple[Array, Array]:
 
 
 def _ordered(matrix: sp.csr_matrix, order: Array) -> sp.csr_matrix:
-    """Rows and columns of a matrix in another order, (n,) int array."""
-    rank = np.empty(len(order), dtype=matrix.indices.dtype)
-    rank[order] = np.arange(len(order))
+    """Upper triangle of a symmetric matrix with rows and columns in another order, (n,) int array."""
+    n = len(order)
+    rank = np.empty(n, dtype=matrix.indices.dtype)
+    rank[order] = np.arange(n)
     rows = matrix[order]
-    return sp.csr_matrix((rows.data, rank[rows.indices], rows.indptr), shape=matrix.shape)
+    columns = rank[rows.indices]
+    upper = columns >= np.repeat(np.arange(n, dtype=columns.dtype), np.diff(rows.indptr))
+    starts = np.concatenate([[0], np.cumsum(upper, dtype=columns.dtype)])[rows.indptr]
+    return sp.csr_matrix((rows.data[upper], columns[upper], starts), shape=matrix.shape)
 
 
 def _eliminate(own: Array, below: Array, update: Array) -> Array | None:
