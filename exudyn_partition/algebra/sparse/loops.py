@@ -131,7 +131,7 @@ def add(change: Array, place: Array, own: Array, below: Array, update: Array) ->
 
 
 def packed(update: Array) -> Array:
-    """Lower triangle of an array, (m, m), column by column: what fronts leave takes half of the memory until it is used.
+    """Lower triangle of an array, (m, m), column by column, in half of the memory, until a parent takes it up.
 
     Returns
     -------
