@@ -111,6 +111,7 @@ PATCHES = {
     "material": lambda patch: ep.ALUMINIUM,
     "normals": lambda patch: np.tile(patch.direction, (len(patch.nodes), 1)),
     "extent": lambda patch: np.ones(3),
+    "ends": lambda patch: patch.nodes[:1].copy(),
 }
 
 
