@@ -44,6 +44,8 @@ def test_elements_follow_the_wave_and_the_contact():
     # A contact that is longer, and as wide, takes elements that are larger, but fewer of them across than along.
     long = sizes_by_rule(block, np.full(3, 0.03), 20e3, (1.2e-3, 3e-4), 0.01)
     assert stocky.near < long.near < 2 * stocky.near
+    longer = sizes_by_rule(block, np.full(3, 0.03), 20e3, (4.8e-3, 3e-4), 0.01)
+    assert longer.near == long.near < 1.1 * 3e-4  # its width alone counts then
     # The error at the contact falls with the cube of the size, so that the size follows the cube root of the tolerance.
     rough = sizes_by_rule(block, np.full(3, 0.03), 20e3, axes, 0.04)
     assert (rough.near / stocky.near) ** 3 == pytest.approx(4)
