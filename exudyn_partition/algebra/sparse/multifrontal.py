@@ -371,8 +371,8 @@ def _ordered(matrix: sp.csr_matrix, order: Array) -> sp.csr_matrix:
     rank[order] = np.arange(n)
     rows = matrix[order]
     columns = rank[rows.indices]
-    upper = columns >= np.repeat(np.arange(n, dtype=columns.dtype), np.diff(rows.indptr))
-    starts = np.concatenate([[0], np.cumsum(upper, dtype=columns.dtype)])[rows.indptr]
+    upper = np.flatnonzero(columns >= np.repeat(np.arange(n, dtype=columns.dtype), np.diff(rows.indptr)))
+    starts = np.searchsorted(upper, rows.indptr)
     return sp.csr_matrix((rows.data[upper], columns[upper], starts), shape=matrix.shape)
 
 
