@@ -320,7 +320,7 @@ CASES = {
                 figures=("wandering_cam.png",)),
     "gears": Case("wandering/gears.py", gears, figures=("wandering_gears.png",)),
     "large_patch": Case("benchmarks/large_patch.py", limits(("memory_GB", "file_MB", "ratio"))),
-    "huge_body": Case("benchmarks/huge_body.py", limits(("memory_GB",))),
+    "huge_body": Case("benchmarks/huge_body.py", limits(("memory_GB", "frequencies"))),
     "thin_patch": Case("benchmarks/thin_patch.py", limits(("ratio", "frequency", "mobility"))),
     "friction_at_rest": Case("friction/at_rest.py", limits(("force", "stick_radius", "loss")),
                              figures=("friction_at_rest.png",)),
