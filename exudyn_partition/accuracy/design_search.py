@@ -43,10 +43,11 @@ _COUNTS = 0.3  # parts of the error below this share of the largest one are not 
 _MOST_TRUNCATION = 0.4  # of the tolerance, which truncation and step take from it, for the next meshes
 _LEAST_BUDGET = 0.2  # of the tolerance, for the meshes
 _AIM = 0.8  # of the budget, which the next mesh is to keep
-_STEPS = 2.0  # for the default one of the impact: they cost less than the smaller elements that they spare
+_STEPS = 2.0  # for a default one: they cost less than the smaller elements, and the modes, that they spare
 _FINER = 4  # steps for one of the design's, to tell the error of the step
 _SETTLED = 0.2  # relative change of the contact radius after which both contacts are meshed anew
 
+_MANY, _PAYS = 30_000, 0.6  # dofs of cubic elements from which on quadratic ones are tried; share that they may have
 _ROUNDINGS, _MISSES = 2, 1.25  # tries after a mesh that misses more volume than its share by that factor
 _MESHINGS, _SMALLER = 4, 0.87  # tries after a mesh that cannot be used, and elements of each by those before
 
@@ -144,7 +145,7 @@ class Search:
                 mesh = estimate_of(sides, impact_now, scene.speed, duration, finers, scene.left, whole=True)
                 if scene.left < 1:
                     bodies = tuple(finer.corrected(0) for finer in finers)
-            step = impact_now.step(truncation.f_cut, _STEPS)
+            step = impact_now.step(_STEPS * truncation.f_cut, _STEPS)
             t, force, _ = impact_now.run(duration, step / _FINER)
             at, coarse, _ = impact_now.run(duration, step)
         times["estimate"] = time.perf_counter() - begin
@@ -227,7 +228,19 @@ class Search:
             if rounder == own:
                 break
             own, mesh = rounder, self.scene.mesh(i, rounder, circle)
-        return own, mesh
+        return self.with_fewer_dofs(i, own, mesh, circle)
+
+    def with_fewer_dofs(self, i: int, own: Sizes, mesh: NGSolveMesh, circle: float) -> tuple[Sizes, NGSolveMesh]:
+        """Quadratic elements in place of cubic ones by rule, where these have many more dofs.
+
+        Round sides of a long body ask for as many elements of either order. They are tried once, on large meshes alone,
+        for a mesh takes its time too.
+        """
+        dofs = count_of_dofs(mesh, own.order)
+        if len(self.looks) != 1 or own.order == 2 or dofs < _MANY or (other := own.quadratic()) is None:
+            return own, mesh
+        others = self.scene.mesh(i, other, circle)
+        return (other, others) if count_of_dofs(others, 2) < _PAYS * dofs else (own, mesh)
 
     @property
     def known(self) -> Estimate | None:

@@ -1,7 +1,8 @@
 """Sizes of elements by rule: from the wavelengths of an impact far from the contact, and from its radius there.
 
-A first look has quadratic elements. All others are cubic: for the same error they take fewer dofs and less time. In
-thin walls quadratic ones cannot hold the parabolic shear.
+A first look has quadratic elements. Others are cubic: for the same error they mostly take fewer dofs and less time.
+Where round sides of a long body ask for many more elements than waves do, quadratic ones take fewer dofs; but in thin
+walls they cannot hold the parabolic shear.
 Far: a wave takes four elements in walls, fewer elsewhere. The frequency is the one below which 99 % of the force's
 energy lies. The wave is a bending wave in walls that are thinner than half of it and that few elements span, and a
 shear wave elsewhere. Round sides take as few elements as keep the volume. Bodies that are corrected have larger
@@ -35,6 +36,7 @@ REFINED = 1.2  # semi-axes of the refined region, by those of the contact
 REACH = (1.5, 2.0)  # those of the patches of the first and of the second body; half an element is added
 
 _OF_A_WAVE, _OF_A_SHEAR_WAVE = 4, 2.7  # elements
+_QUADRATIC, _QUADRATIC_FAR = 0.62, 0.65  # sizes of quadratic elements, at the contact and far, by those of cubic ones
 _LOCAL, _FIRST_LOCAL = 0.72, 1.0  # elements at the contact, by its shorter semi-axis; on the first mesh
 _LONG_POWER, _LONG_MOST = 0.4, 1.45  # of the ratio of semi-axes, which these sizes follow up to a factor
 _LARGEST = 1.5  # of them at the contact: larger ones have no useful estimate
@@ -48,7 +50,7 @@ _FIRST_ACROSS = 3  # the latter on the first mesh
 _ENERGY = 0.1  # amplitude whose square is the energy above the frequency: 1 %
 # Tolerances for which the rules are, and powers of it that far and near sizes follow.
 _FAR_TOLERANCE, _NEAR_TOLERANCE, _FAR_POWER, _NEAR_POWER = 0.04, 0.01, 1 / 3, 1 / 3
-_FAR_RATE, _NEAR_RATE = 2.0, 3.3  # powers by which errors fall with these sizes, at least
+_FAR_RATE, _NEAR_RATE = 2.0, {2: 2.5, 3: 3.3}  # powers by which errors fall with these sizes, at least; by order
 MISSED = 0.1  # of the tolerance: share of its volume that a mesh with curved sides may miss
 _COARSE_CURVATURE = 1.3  # elements in a radius of curvature; with fewer, curved sides often turn elements inside out
 _FINE_CURVATURE = 3.0  # the same at most
@@ -72,6 +74,8 @@ class Sizes:
         What decided on order and far size.
     curvature : float
         Elements in a radius of curvature.
+    thin : bool
+        Whether `far` follows bending waves in thin walls.
     """
 
     order: int
@@ -79,6 +83,13 @@ class Sizes:
     near: float
     why: str
     curvature: float = CURVATURE
+    thin: bool = False
+
+    def quadratic(self) -> Sizes | None:
+        """Quadratic elements of about the same error; None in thin walls, whose parabolic shear they cannot hold."""
+        if self.thin:
+            return None
+        return replace(self, order=2, far=_QUADRATIC_FAR * self.far, near=_QUADRATIC * self.near)
 
     def finer(self, far: float | None, near: float | None) -> Sizes:
         """Smaller elements, by the ratios of allowed and estimated errors, far and near; None leaves a size."""
@@ -86,7 +97,7 @@ class Sizes:
         if far is not None:
             sizes = replace(sizes, far=self.far * _factor(far, _FAR_RATE))
         if near is not None:
-            sizes = replace(sizes, near=self.near * _factor(near, _NEAR_RATE))
+            sizes = replace(sizes, near=self.near * _factor(near, _NEAR_RATE[self.order]))
         return sizes
 
 
@@ -145,7 +156,8 @@ def sizes_by_rule(
     shear = material.shear_wave_speed / frequency
     bending = bending_wavelength(frequency, wall.thickness, material)
     far_factor = (tolerance / _FAR_TOLERANCE) ** _FAR_POWER * (_CORRECTED if corrected else 1.0)
-    if wall.thickness < min(bending / 2, _LAYERS * wall.element):
+    thin = wall.thickness < min(bending / 2, _LAYERS * wall.element)
+    if thin:
         far = bending / _OF_A_WAVE * far_factor
         why = f"bending waves of {1e3 * bending:.3g} mm at {1e-3 * frequency:.3g} kHz in {1e3 * wall.thickness:.3g} mm"
     else:
@@ -154,7 +166,7 @@ def sizes_by_rule(
     local = min(_LOCAL * (tolerance / _NEAR_TOLERANCE) ** _NEAR_POWER, _LARGEST) * _size_at(*semi_axes)
     if slave:
         local *= _SLAVE * (_SLAVE_CORRECTED if corrected else 1.0)
-    return Sizes(3, min(far, float(sides.max()) / _FEWEST), local, why)
+    return Sizes(3, min(far, float(sides.max()) / _FEWEST), local, why, thin=thin)
 
 
 def bending_wavelength(frequency: float, thickness: float, material: Material) -> float:

@@ -222,10 +222,10 @@ def _gaps_to_rigid(surface: Surface, fem: FEModel, material: Material, speed: fl
 def errors(impact: Impact, f_top: float, ladder: Array, duration: float, finer: float = 1.0) -> Array:
     """Estimated errors of force, velocity and velocity of whole bodies, (len(ladder), 3), cut at `ladder` [Hz].
 
-    With friction, the error of the force is the larger one of the normal and of the tangential force. Steps for the
-    impact are default ones over `finer`.
+    With friction, the error of the force is the larger one of the normal and of the tangential force. Steps are
+    default ones over `finer`, whether the impact or the truncation asks for them.
     """
-    t, force, velocity = impact.run(duration, impact.step(f_top, _FINER * finer))
+    t, force, velocity = impact.run(duration, impact.step(finer * f_top, _FINER * finer))
     parts = _parts(force)
     scale = np.linalg.norm(velocity - velocity[0])
     whole = impact.omega == 0.0
@@ -233,7 +233,7 @@ def errors(impact: Impact, f_top: float, ladder: Array, duration: float, finer: 
     result = []
     for f in ladder:
         coarse, keep = impact.truncated(DROP_ABOVE * 2 * np.pi * f)
-        at, coarse_force, coarse_velocity = coarse.run(duration, coarse.step(f, finer))
+        at, coarse_force, coarse_velocity = coarse.run(duration, coarse.step(finer * f, finer))
         there = np.stack([np.interp(t, at, one) for one in coarse_force.T], axis=1)
         off = [np.linalg.norm(x - part) / np.linalg.norm(part) for x, part in zip(_parts(there), parts, strict=True)]
         velocity_off = -velocity

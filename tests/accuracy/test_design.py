@@ -15,7 +15,7 @@ import exudyn_partition as ep
 from exudyn_partition.accuracy.contact_place import contact_place
 from exudyn_partition.accuracy.design_search import Search
 from exudyn_partition.accuracy.impact_scene import Scene
-from exudyn_partition.accuracy.mesh_rules import Sizes
+from exudyn_partition.accuracy.mesh_rules import Sizes, count_of_dofs
 from exudyn_partition.errors import EmptyRegionError, InputError, MemoryLimitError, MeshError, ToleranceWarning
 
 RADIUS, SPEED, TOLERANCE = 5e-3, 0.3, 0.05
@@ -268,3 +268,19 @@ def test_a_mesh_with_an_element_that_has_no_volume_is_made_again_with_others():
     assert scene.sizes == sorted(scene.sizes, reverse=True)
     assert scene.sizes[-1] < scene.sizes[0]
     assert search.models[0][0].far == scene.sizes[-1]
+
+
+@pytest.mark.parametrize(("length", "order"), [(25, 2), (1, 3)])
+def test_a_long_round_rod_takes_quadratic_elements_and_a_short_one_cubic_ones(length, order):
+    """All along the rod, its radius asks for more elements than waves do; the short one's are those at the contact."""
+    end = occ.Pnt(0, 0, RADIUS)
+    rod = occ.Sphere(end, RADIUS) + occ.Cylinder(end, occ.Z, r=RADIUS, h=length * 2 * RADIUS)
+    place = contact_place((rod,), ep.RigidPlane(), np.zeros(3), lambda radius: 0.05 * radius)
+    scene = Scene((rod,), (SPHERE_MATERIAL,), ep.RigidPlane(), place, SPEED, TOLERANCE, 200_000)
+    search = Search(scene, END)
+    search.looks = [SimpleNamespace()]  # a first look is done
+    cubic, circle = Sizes(3, 2 * RADIUS, 0.2e-3, "a test", 1.3), 0.25e-3
+    own, mesh = search.mesh_of(0, cubic, circle)
+    assert own.order == order
+    if order == 2:
+        assert count_of_dofs(mesh, 2) < 0.6 * count_of_dofs(scene.mesh(0, cubic, circle), 3)

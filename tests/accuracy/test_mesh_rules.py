@@ -63,6 +63,21 @@ def test_sizes_follow_the_rates_by_which_errors_fall():
         assert (new.near / old.near) ** 3.3 == pytest.approx(allowed)
     assert old.finer(1e-3, None).far == 0.45 * old.far
     assert old.finer(None, 0.99).near == 0.93 * old.near
+    # Quadratic elements gain less by smaller ones.
+    assert (Sizes(2, 0.01, 3e-4, "").finer(None, 0.5).near / old.near) ** 2.5 == pytest.approx(0.5)
+
+
+def test_thin_walls_have_no_quadratic_elements():
+    """These cannot hold the parabolic shear; in stocky bodies they are smaller than cubic ones of the same error."""
+    sides, axes = np.array([0.08, 0.06, 0.004]), (3e-4, 3e-4)
+    plate = ep.fe_model(box(*sides), ep.ALUMINIUM, maxh=0.012)
+    assert sizes_by_rule(plate, sides, 4e3, axes, 0.01).quadratic() is None
+    block = ep.fe_model(box(0.03, 0.03, 0.03), ep.STEEL, maxh=0.01)
+    cubic = sizes_by_rule(block, np.full(3, 0.03), 20e3, axes, 0.01)
+    other = cubic.quadratic()
+    assert (cubic.order, other.order) == (3, 2)
+    assert cubic.near / 2 < other.near < cubic.near
+    assert cubic.far / 2 < other.far < cubic.far
 
 
 def test_curved_sides_have_elements_enough_for_the_volume():

@@ -13,6 +13,8 @@ from exudyn_partition.algebra.complementarity import Complementarity
 from exudyn_partition.algebra.sparse.multifrontal import Factorisation
 from exudyn_partition.algebra.sparse.solver import solved_by
 from exudyn_partition.errors import ContactPatchWarning, InputError, ModelLimitWarning, ToleranceWarning
+from exudyn_partition.prediction.modal_impact import Impact
+from exudyn_partition.reduction.estimate import errors
 
 SPEED = 1.0
 END = 150e-6
@@ -65,6 +67,19 @@ def test_errors_fall_as_the_estimate_says(pair, block, top):
     assert fine[0].f_cut > 1.4 * coarse[0].f_cut
     assert sum(b.n_dofs for b in fine) > sum(b.n_dofs for b in coarse)
     assert fine[0].estimate.error < 0.006
+
+
+def test_steps_that_follow_the_truncation_are_finer_too():
+    """A slow press, whose modes are all kept: the error is that of the step alone, which falls with its square.
+
+    A body of 1 kg and one mode of 100 Hz on a soft spring; f_cut is 200 Hz, and it is not released before 10 ms.
+    """
+    omega, f_cut = np.array([0.0, 2 * np.pi * 100]), 200.0
+    rows, flexibility = np.array([[1.0, 0.5]]), np.array([[1 / (np.pi / 15e-3) ** 2]])
+    impact = Impact(np.zeros(1), rows, flexibility, omega, np.array([-1.0, 0.0]), size=1e-3)
+    assert impact.step(f_cut, 2.0) == impact.step(f_cut)  # f_cut, not the impact, decides on the step
+    force, finer = (errors(impact, 4 * f_cut, [f_cut], 8e-3, by)[0, 0] for by in (1.0, 2.0))
+    assert finer == pytest.approx(force / 4, rel=0.02)
 
 
 def test_a_pair_never_holds_factors_of_both_bodies(pair):
