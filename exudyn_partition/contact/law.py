@@ -162,7 +162,7 @@ class Law:
 
         It is not called for laws that act ahead of steps.
         """
-        return -0.5 * float(forces[:, 0] @ gap)
+        return -0.5 * float(forces[:, 0].dot(gap))
 
     def fresh(self, rows: RowDirections) -> Law:
         """Return the law at the start of another run, for these rows."""

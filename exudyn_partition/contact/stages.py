@@ -9,7 +9,6 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
@@ -157,10 +156,10 @@ class Stage:
         self.rows, self.normals, self.shares, self.pairing = rows, normals, shares, pairing
         self._made: dict[Hashable, Any] = {}
 
-    @cached_property
+    @property
     def normal(self) -> Array:
         """(nr, 3) array: mean normal of each row."""
-        return self.rows.points.average(self.normals)
+        return self.once("normal", lambda: self.rows.points.average(self.normals))
 
     def on(self, sides: tuple[Side, ...]) -> Stage:
         """Return the same stage for sides with other flexibilities."""

@@ -280,7 +280,7 @@ class ContactRun:
         if self._group is not None and (found := self._group.values) is not None:
             values: list[float] = found[self._place].tolist()
             return values
-        mechanics = self.mechanics
+        mechanics = self._mechanics
         if mechanics.index.size:
             total, gap = (
                 float(mechanics.lam.take(mechanics.index).sum()),
@@ -432,7 +432,7 @@ class GroupRun:
         self._find_whether_pushes()
 
     def _find_whether_pushes(self) -> None:
-        self.pushes = any(member.pushes for member in self._within)
+        self.pushes = any([member.pushes for member in self._within])
 
     def _find_by_loops(self, t: float, q: Array) -> bool:
         """Find the forces by compiled loops, if the group has them and all pairs are frozen; returns whether it did."""
