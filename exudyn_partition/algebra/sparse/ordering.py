@@ -17,8 +17,8 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, maxi
 
 from ...support.arrays import Array
 
-_LEAF = 500  # parts with fewer nodes are not cut any more
-_WHOLE = 1500  # parts with more are cut by groups of nodes first
+_LEAF = 1000  # parts with fewer nodes are not cut any more
+_WHOLE = 4000  # parts with more are cut by groups of nodes first
 _FEWER = 0.7  # largest number of groups, by that of nodes, that is worth it
 _BALANCE = 0.2  # least share of the nodes on each side of a cut, as far as it is not moved afterwards
 _UNIT = 8  # price of a node in the middle, so that whole numbers are fine enough
