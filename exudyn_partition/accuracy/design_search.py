@@ -33,8 +33,8 @@ from .modal_pair import impact_of
 
 _LOG = logging.getLogger(__name__)
 
-# Shares of the tolerance that the reduction gets, over 1.5: if need be, and by the first look, whose richer ladder lets
-# it choose a higher f_cut, as that costs less than smaller elements.
+# Shares of the tolerance that the reduction gets, over 1.5: at most, and by the first look. That one has more f_cut to
+# choose from, and a higher f_cut costs less than smaller elements.
 _TRUNCATION, _LESS = 0.45, 0.27
 _TOP = 2.2  # f_top by the f_cut that the last reduction foretells: twice that, and a tenth more to be safe
 _COARSER, _COARSEST = 8, 4.0  # factor and end of the rules' tolerance while their meshes do not fit

@@ -91,8 +91,7 @@ def inertia_functions(
                 v = end_velocities(mbs, t, z, v)
             constant_mass = acts_on_constant_mass(mbs, item, acting)
             result[3:] += forces.force(v[:3], z, v[3:], constant_mass=constant_mass)
-        values: list[float] = result.tolist()  # Exudyn takes a list faster than an array
-        return values
+        return _listed(result)
 
     def jacobian(
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
@@ -111,6 +110,12 @@ def inertia_functions(
         return sparse_container(*terms(result), len(result))
 
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
+
+
+def _listed(force: Array) -> list[float]:
+    """Force as a list, which Exudyn takes faster than an array."""
+    values: list[float] = force.tolist()
+    return values
 
 
 def terms(matrix: Rows) -> tuple[Array, Array, Array]:
@@ -132,9 +137,9 @@ def sparse_container(rows: Array, columns: Array, values: Array, n: int) -> Matr
 def stiffening_functions(item: BodyItem, stiffening: GeometricStiffness) -> Functions:
     """User functions for the geometric stiffness of a body in an inertial frame; see `coupling_functions`."""
 
-    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
+    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
         (own,) = coordinate_slices(mbs, item)
-        return -loops.stiffening_force(stiffening, mbs.systemData.GetODE2Coordinates(copy=False)[own])
+        return _listed(-loops.stiffening_force(stiffening, mbs.systemData.GetODE2Coordinates(copy=False)[own]))
 
     def jacobian(
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
@@ -156,7 +161,7 @@ def coupling_functions(
     stiffness.eliminate_zeros()
     damping_matrix = None if damping is None else damping.matrix()
 
-    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> Array:
+    def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
         slices = coordinate_slices(mbs, item)
         coordinates = mbs.systemData.GetODE2Coordinates(copy=False)
         own = np.concatenate([coordinates[s] for s in slices])
@@ -166,8 +171,7 @@ def coupling_functions(
         if damping is not None:
             velocities = mbs.systemData.GetODE2Coordinates_t(copy=False)
             result -= damping.force(np.concatenate([velocities[s] for s in slices]))
-        value: Array = result
-        return value
+        return _listed(result)
 
     def jacobian(
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float

@@ -48,6 +48,7 @@ def warn_of_edges(contact: PartitionContact, result: Result) -> None:
     if contact.master == contact.slave or contact.rows == "edges":
         return
     surfaces = [item.body.surface(np.zeros(3), number) for item, number in contact.sides]
+    rigid = isinstance(contact.master, RigidMesh)
     if isinstance(contact.master, RigidMesh):
         surfaces.append(_surface_of(contact.master))
     if len(surfaces) < 2 or not len(surfaces[1].sharp):
@@ -56,15 +57,14 @@ def warn_of_edges(contact: PartitionContact, result: Result) -> None:
     now = result.at(result.t[chosen])
     closed, around = contact.row_forces(now), neighbours(surfaces[0])
     pressed = np.maximum(-result.sensor_of(contact, contact["sForce"])[chosen, 5], 0.0)
-    x_s, *others = (
+    places = [
         item.kinematics.at(surface.nodes).place(item.coordinates(now))
         for (item, _), surface in zip(contact.sides, surfaces, strict=False)
-    )
-    if others:
-        (x_m,) = others
-    else:
+    ]
+    if rigid:
         place, axes = surface_motion(contact, result, now.t)
-        x_m = place[:, None] + surfaces[1].points @ axes.swapaxes(1, 2)
+        places.append(place[:, None] + surfaces[1].points @ axes.swapaxes(1, 2))
+    x_s, x_m = places
     edges, size = [_Edges.of(surface) for surface in surfaces], min(surface.facet_size for surface in surfaces)
     for i, sample in enumerate(chosen):
         held = np.zeros(len(surfaces[0].points), dtype=bool)
@@ -76,19 +76,16 @@ def warn_of_edges(contact: PartitionContact, result: Result) -> None:
         depth, where = max(found, key=lambda one: one[0])
         if not _WITHIN * size < depth - pressed[i] < size:
             continue
-        (slave, *names), rigid = contact.side_names, not others
-        master = "the rigid surface" if rigid else names[0]
-        advice = f"or, if an edge of {master} meets a face, " + (
-            "make it a partition body, and add CreatePartitionContact of the same two patches with rows='edges'"
-            if rigid
-            else "add CreatePartitionContact of the same two patches with rows='edges', or give that body first, with "
-            "passes='given'"
+        slave, master = (*contact.side_names, "the rigid surface")[:2]
+        first, last = (
+            ("make it a partition body and ", "") if rigid else ("", ", or give that body first, with passes='given'")
         )
         warnings.warn(
             f"{called(contact)} at t = {result.t[sample]:.6g} s: a sharp edge of {master} is {depth:.3g} m within "
             f"{slave} at {where} m, with no closed row around. Rows are those of the slave, {slave}: faces of {master} "
             f"hold its edges, but nothing holds edges that cross, or edges of {master}. Round one of them by a radius "
-            f"that facets resolve; {advice}",
+            f"that facets resolve; or, if an edge of {master} meets a face, {first}add CreatePartitionContact of the "
+            f"same two patches with rows='edges'{last}",
             ContactPatchWarning,
             stacklevel=6,
         )
@@ -97,9 +94,9 @@ def warn_of_edges(contact: PartitionContact, result: Result) -> None:
 
 def _surface_of(mesh: RigidMesh) -> Surface:
     """A rigid mesh with its sharp edges."""
-    nobody, nodes = np.zeros(3), np.arange(len(mesh.points))
+    nodes, no_line = np.arange(len(mesh.points)), np.zeros(3)
     sharp = sharp_nodes(mesh.points, mesh.triangles)
-    return Surface(mesh.points, mesh.triangles, nobody, nodes[:0], nodes, sharp=sharp)
+    return Surface(mesh.points, mesh.triangles, no_line, nodes[:0], nodes, sharp=sharp)
 
 
 @dataclass(frozen=True, eq=False)

@@ -84,8 +84,11 @@ def _depths_in_body(places: Array, body: PartitionBody, q: Array) -> Array:
     low, high = some.min(axis=1, keepdims=True), some.max(axis=1, keepdims=True)
     within = ((places > low) & (places < high)).all(axis=2)
     samples = np.flatnonzero(within.any(axis=1))
-    for i in samples[:: len(samples) // _CLOSELY + 1]:
-        x = body.kinematics.at(boundary).place(q[i])[np.searchsorted(boundary, facets)]
+    if not len(samples):
+        return depth
+    samples, corners = samples[:: len(samples) // _CLOSELY + 1], np.searchsorted(boundary, facets)
+    for i, surface in zip(samples, body.kinematics.at(boundary).place(q[samples]), strict=True):
+        x = surface[corners]
         size = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
         found = closest_points(places[i, within[i]], x)
         is_deep = (found.gap < -_DEEP_IN_FACETS * size[found.facet]) & (found.offset <= _ROUND_OFF * size[found.facet])

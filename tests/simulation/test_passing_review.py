@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from exudyn.utilities import InertiaCuboid
-from oracles import TOP
+from oracles import MARBLE_RADIUS, TOP
 
 import exudyn_partition as ep
 from exudyn_partition.errors import ContactPatchWarning
@@ -33,12 +33,13 @@ def test_a_body_that_turned_and_falls_into_another_warns(mbs, bodies, below):
 
 
 def test_a_body_that_falls_past_another_one_is_not_told(mbs, bodies):
-    """Boxes around both overlap."""
-    aside = np.add(TOP, [0.9 * np.ptp(bodies[1].points[:, 0]), 0, 1e-3])
-    ball = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=aside, **TURNING)
-    contact = ep.CreatePartitionContact(mbs, ball, ep.CreatePartitionBody(mbs, bodies[1]))
+    """It falls beside a vertical edge. Boxes around both overlap."""
+    ball, block = bodies
+    corner = block.points[:, :2].max(axis=0) + 0.8 * MARBLE_RADIUS  # 1.13 radii from the edge
+    motion = TURNING | {"initialAngularVelocity": [0, 0, 0]}
+    falling = ep.CreatePartitionBody(mbs, ball, referencePosition=[*corner, TOP[2] + 1e-3], **motion)
+    ep.CreatePartitionContact(mbs, falling, ep.CreatePartitionBody(mbs, block))
     mbs.Assemble()
     with pytest.warns(ContactPatchWarning, match="never closed") as said:
         ep.solve_dynamic(mbs, **LONG)
     assert len(said) == 1
-    assert contact is not None
