@@ -408,14 +408,16 @@ class Runs:
         initial = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
         earlier = [run for run in (self._now, self._origin) if run is not None]
         if self._now is not None and self._now.has_steps:  # otherwise a run begins again before its first step
-            self._goes_on = self._now.ended_in(initial)
+            self._goes_on = any(run.ended_in(initial) for run in earlier)
         same = next((run for run in earlier if run.ended_at(t, method, initial)), None)
         if self._now is not None:
             self._now.release()
         self._now = ModelRun(mbs, contacts, t, method, joints, keep, same)
         for contact in contacts:
             self._now.of(contact).goes_on = self._goes_on
-        self._origin = same or self._now.resume(initial, earlier)
+        resumed = same or self._now.resume(initial, earlier)
+        # Later runs from the same initial state go on from the same run, also if its contacts remember nothing.
+        self._origin = next((run for run in earlier if run.has_steps and run.ended_in(initial)), resumed)
         return self._now
 
     @contextlib.contextmanager

@@ -25,12 +25,18 @@ _LOOKED_AT, _STARTS = 64, 16  # largest number of samples, and of times of conta
 _WITHIN = 0.01  # depth of an edge within another body, as a share of a facet's size
 _ROUND_OFF = 1e-7  # of a facet's size
 _ALIKE = 1e-3  # sine of the angle between edges below which they do not cross
+_ASIDE = 0.1  # by that much (a sine) may edges pass each other beside the directions between their facets
 _NOWHERE = 0.0, np.zeros(3)
 
 
 def looked_at(contact: PartitionContact, result: Result) -> Array:
-    """Samples at which nodes are checked, among them those before the first times of contact, (k,) int."""
+    """Samples at which nodes are checked, among them those before the first times of contact, (k,) int.
+
+    Until the load steps of a press fit have closed its overlap, surfaces lie within each other as they are meant to.
+    """
     force = contact.force(result)
+    if contact.mechanics.gaps.pressed and result.method == "static":
+        return np.arange(len(force))[-1:] if result.status == "finished" else np.empty(0, dtype=int)
     starts = np.flatnonzero(np.diff((force > 0).astype(int)) > 0)[:_STARTS]
     return np.unique(np.r_[starts, np.linspace(0, len(force) - 1, min(len(force), _LOOKED_AT)).astype(int)])
 
@@ -54,6 +60,8 @@ def warn_of_edges(contact: PartitionContact, result: Result) -> None:
     if len(surfaces) < 2 or not len(surfaces[1].sharp):
         return
     chosen = looked_at(contact, result)
+    if not len(chosen):
+        return
     now = result.at(result.t[chosen])
     closed, around = contact.row_forces(now), neighbours(surfaces[0])
     pressed = np.maximum(-result.sensor_of(contact, contact["sForce"])[chosen, 5], 0.0)
@@ -134,22 +142,36 @@ class _Edges:
         beside = np.stack([facet, np.where(other < 0, facet, other)], axis=1)
         return cls(surface.facets, beside, shape.reshape(len(beside), 3, surface.facets.shape[1]))
 
-    def at(self, points: Array) -> tuple[Array, Array]:
-        """Ends, (2 k, 2, 3) [m], and outward normals, (2 k, 3), of the pieces at places of the nodes, (np, 3) [m]."""
+    def at(self, points: Array) -> tuple[Array, Array, Array]:
+        """Pieces at places of the nodes, (np, 3) [m].
+
+        Returns ends, (2 k, 2, 3) [m], mean outward unit normals, (2 k, 3), and the cosine between these and the normals
+        of the facets, (2 k,): zero where the surface ends, because its other facet is not known.
+        """
         x = self.weights @ points[self.facets[self.beside[:, 0]]]
-        normals = area_vectors(points, self.facets)
-        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+        normals = _unit(area_vectors(points, self.facets))[self.beside]
+        mean = _unit(normals.sum(axis=1))
+        known = self.beside[:, 0] != self.beside[:, 1]
+        cosine = np.where(known, np.einsum("kd,kd->k", normals[:, 0], mean), 0.0)
         ends = np.stack([x[:, :2], x[:, 1:]], axis=2).reshape(-1, 2, 3)
-        return ends, np.repeat(normals[self.beside].sum(axis=1), 2, axis=0)
+        return ends, np.repeat(mean, 2, axis=0), np.repeat(cosine, 2)
 
     def held(self, nodes: Array) -> Array:
         """Whether the facets of each piece have one of some nodes, (np,) bool: (2 k,) bool."""
         return np.repeat(nodes[self.facets[self.beside]].any(axis=(1, 2)), 2)
 
 
+def _unit(vectors: Array) -> Array:
+    """Vectors, (n, 3), by their lengths."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None])
+
+
 def _deepest_crossing(edges: list[_Edges], x_s: Array, x_m: Array, held: Array) -> tuple[float, Array]:
-    """Largest depth to which edges of both surfaces have passed each other [m], zero if none have, and its place."""
-    (a, n_a), (b, n_b) = (one.at(x) for one, x in zip(edges, (x_s, x_m), strict=True))
+    """Largest depth to which edges of both surfaces have passed each other [m], zero if none have, and its place.
+
+    They pass each other along a direction that lies between the facets on both sides of each edge.
+    """
+    (a, n_a, cosine_a), (b, n_b, cosine_b) = (one.at(x) for one, x in zip(edges, (x_s, x_m), strict=True))
     if not len(a) or not len(b):
         return _NOWHERE
     reach = sum(np.linalg.norm(x[:, 1] - x[:, 0], axis=1).max() for x in (a, b)) / 2
@@ -165,10 +187,13 @@ def _deepest_crossing(edges: list[_Edges], x_s: Array, x_m: Array, held: Array) 
     s, t = (ab * wb - bb * wa) / squared, (aa * wb - ab * wa) / squared
     way = apart + s[:, None] * one - t[:, None] * two  # from the master's edge to the slave's
     crossing &= (s > 0) & (s < 1) & (t > 0) & (t < 1) & ~edges[0].held(held)[i]
-    crossing &= (np.einsum("kd,kd->k", way, n_b[j]) < 0) & (np.einsum("kd,kd->k", way, n_a[i]) > 0)
+    depth = np.linalg.norm(way, axis=1)
+    outward, inward = (np.einsum("kd,kd->k", way, normal) for normal in (n_a[i], n_b[j]))
+    crossing &= outward > np.maximum(cosine_a[i] - _ASIDE, 0.0) * depth
+    crossing &= -inward > np.maximum(cosine_b[j] - _ASIDE, 0.0) * depth
     if not crossing.any():
         return _NOWHERE
-    depth = np.where(crossing, np.linalg.norm(way, axis=1), 0.0)
+    depth = np.where(crossing, depth, 0.0)
     worst = int(depth.argmax())
     return float(depth[worst]), a[i[worst], 0] + s[worst] * one[worst]
 

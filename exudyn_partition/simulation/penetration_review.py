@@ -115,6 +115,8 @@ def _warn_of_sinking(contact: PartitionContact, result: Result) -> None:
     except InputError:
         return
     side, chosen = gaps.whole, looked_at(contact, result)
+    if not len(chosen):
+        return
     now = result.at(result.t[chosen])
     closed = contact.row_forces(now)
     allowed, around = _allowed_depth(side.surface), neighbours(side.surface)
