@@ -7,12 +7,13 @@ its own. Coarser elements make a zone of some 800 nodes, whose products are dens
 more than 10 000.
 Reference: the same run with the zone's dense flexibility, on a mesh of 2100 zone nodes: another sparse solver, which
 has no fronts to keep. Quantity: relative L2 error of the force, relative error of plastic work; processor time of the
-reduction of the disc, and its peak memory with meshing; processor time of the run, by that at 800 nodes times the ratio
-of the nodes, both in turns in one process; time of the wider zone's reduction and run, by the other one's.
-Limits: 1e-4 each; 25 s and 3e9 bytes, of the largest zone 60 s and 4e9 bytes; 1.25 times each for the wider zone; the
-ratio is told, without a limit.
+reduction of the disc, and its peak memory with meshing; processor time of the run, by that of a dense zone of 800 nodes
+in an earlier version, which had no other zones, times the ratio of the nodes; both take turns; time of the wider zone's
+reduction and run, by the other one's.
+Limits: 1e-4 each; 25 s and 3e9 bytes, of the largest zone 60 s and 4e9 bytes; 1 by the nodes; 1.25 times each for the
+wider zone. The time by that of 800 nodes in this version is told too.
 
-    python -m validation.inelastic.zones [--only CASE ...]
+    python -m validation.inelastic.zones [--only CASE ...] [--old REVISION]
 
 Cases are kept in zones.json. Without `--only` all run again; `--only` alone judges what is kept.
 """
@@ -32,11 +33,8 @@ import numpy as np
 from rich.console import Console
 
 import exudyn_partition as ep
-from exudyn_partition.algebra.sparse.multifrontal import Factorisation
-from exudyn_partition.algebra.sparse.solver import SparseFactors, solved_by
 from validation.contact import scenes
 from validation.inelastic.impact import ALUMINIUM, STEEL
-from validation.processes import in_a_process
 
 RESULTS = Path(__file__).with_suffix(".json")
 RADIUS, DISC, THICKNESS, SPEED, F_CUT = 10e-3, 25e-3, 10e-3, 0.6, 150e3
@@ -44,29 +42,10 @@ END, STEP, ZONE, FINE, WIDER = 60e-6, 0.4e-6, 2.6, 1.7, 1.85
 SMALL, SAME, THIRD, LARGE = "800 nodes", "as a dense zone", "elements of a third", "more than 10 000 nodes"
 WIDE, WIDTH = "half as wide again", 1.5
 SHARES = {SMALL: 0.55, SAME: 0.42, THIRD: 1 / 3, LARGE: 0.222}  # size of elements by the contact radius
-BY_NODES = "by nodes"
+BY_NODES, OLD = "by nodes", "549f5d0"
 CASES = (*SHARES, BY_NODES, WIDE)
 LIMITS = {"force": 1e-4, "work": 1e-4, "offline_s": 25.0, "memory_GB": 3.0, "large_offline_s": 60.0, "large_GB": 4.0,
-          "wide_offline": 1.25, "wide_online": 1.25}  # fmt: skip
-
-
-class WithoutFronts(SparseFactors):
-    """The own solver as one that has no fronts to keep: a zone then has one dense front."""
-
-    def __init__(self, matrix):
-        self._own = Factorisation(matrix)
-
-    def solve(self, rhs):
-        """Solve, see `SparseFactors`."""
-        return self._own.solve(rhs)
-
-    def inverse_at(self, rows):
-        """Inverse at some rows, see `SparseFactors`."""
-        return self._own.inverse_at(rows)
-
-    def negative_pivots(self):
-        """Negative pivots, see `SparseFactors`."""
-        return self._own.negative_pivots()
+          "online_by_nodes": 1.0, "wide_offline": 1.25, "wide_online": 1.25}  # fmt: skip
 
 
 def scene(share, fine=FINE, zone=ZONE):
@@ -123,6 +102,9 @@ def case(name):
         "online_GB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9,
     }
     if name == SAME:
+        from exudyn_partition.algebra.sparse.solver import solved_by  # the earlier version has neither
+        from validation.inelastic.without_fronts import WithoutFronts
+
         with solved_by(WithoutFronts):
             contact, result, online = run((ball, ep.reduce(*models[1], f_cut=F_CUT)))
         dense = contact.force(result)
@@ -132,20 +114,31 @@ def case(name):
     return found
 
 
-def by_nodes():
-    """Processor times of runs with a small zone and a larger one, in turns, the least of three; and their ratio."""
-    bodies, nodes = {}, {}
-    for name in (SMALL, THIRD):
-        models = scene(SHARES[name])
-        bodies[name] = [ep.reduce(*model, f_cut=F_CUT) for model in models]
-        nodes[name] = len(models[1][1].patches[0].plastic.nodes)
-        run(bodies[name], 5 * STEP)
-    times = np.min([[run(bodies[name])[-1] for name in bodies] for _ in range(3)], axis=0)
-    return {
-        "zone_nodes": [*nodes.values()],
-        "online_cpu_s": times.tolist(),
-        "online_by_nodes": times[1] / times[0] / (nodes[THIRD] / nodes[SMALL]),
-    }
+def quickest(name):
+    """Nodes of a zone, and the least processor time of three runs; an earlier version runs this too."""
+    models = scene(SHARES[name])
+    bodies = [ep.reduce(*model, f_cut=F_CUT) for model in models]
+    run(bodies, 5 * STEP)
+    nodes = len(models[1][1].patches[0].plastic.nodes)
+    return {"zone_nodes": nodes, "online_cpu_s": min(run(bodies)[-1] for _ in range(3))}
+
+
+def by_nodes(old):
+    """Processor times of runs with a dense zone of an earlier version, and of this one with that zone and a larger one.
+
+    Each is the least of two turns, by a process of its own; then the ratios.
+    """
+    from validation.processes import ROOT, checkout_of, in_a_process  # the earlier version has no such module
+
+    found = {}
+    with checkout_of(old) as checkout:
+        for _ in range(2):
+            for name, zone, where in (("dense", SMALL, checkout), ("now", SMALL, ROOT), ("third", THIRD, ROOT)):
+                one = in_a_process(__file__, "--quickest", zone, checkout=where)
+                found[name] = min(found.get(name, one), one, key=lambda turn: turn["online_cpu_s"])
+    nodes = found["third"]["zone_nodes"] / found["dense"]["zone_nodes"]
+    times = {name: found["third"]["online_cpu_s"] / found[name]["online_cpu_s"] for name in ("dense", "now")}
+    return {**found, "online_by_nodes": times["dense"] / nodes, "by_nodes_of_now": times["now"] / nodes}
 
 
 def wider():
@@ -167,17 +160,22 @@ def wider():
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="*", choices=CASES, default=[*CASES], help="cases to run anew; others are kept")
-    parser.add_argument("--case", choices=CASES, help=argparse.SUPPRESS)
+    parser.add_argument("--old", default=OLD, help="the earlier version")
+    parser.add_argument("--case", choices=[*SHARES, WIDE], help=argparse.SUPPRESS)
+    parser.add_argument("--quickest", choices=SHARES, help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.case:
-        compared = {WIDE: wider, BY_NODES: by_nodes}
-        found = compared[options.case]() if options.case in compared else case(options.case)
-        print(json.dumps(found, default=float))
+    if options.quickest:
+        print(json.dumps(quickest(options.quickest)))
         return
+    if options.case:
+        print(json.dumps(wider() if options.case == WIDE else case(options.case), default=float))
+        return
+    from validation.processes import in_a_process  # the earlier version has no such module
+
     begin, console = time.perf_counter(), Console(width=150)
     cases = json.loads(RESULTS.read_text())["cases"] if RESULTS.exists() else {}
     for name in options.only:
-        cases[name] = in_a_process(__file__, "--case", name)
+        cases[name] = by_nodes(options.old) if name == BY_NODES else in_a_process(__file__, "--case", name)
         console.print(name, cases[name])
         RESULTS.write_text(json.dumps({"cases": cases}, indent=1) + "\n")
     if lacking := {*CASES} - cases.keys():

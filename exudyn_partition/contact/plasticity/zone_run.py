@@ -350,8 +350,9 @@ class ZoneRun:
     def look(self) -> bool:
         """Whether points begin to flow at the coordinates and forces of `stays_elastic`, with the committed state."""
         if self._goes_on:
+            self._grow(self._excess(self.committed, self._moved + self._step_moved))
             return True
-        excess = self._excess(self.committed)
+        excess = self._excess(self.committed, self._moved)
         if excess.max() <= 0:
             self._margin, self._margin_at = -float(excess.max()), self._at
             return False
@@ -401,11 +402,7 @@ class ZoneRun:
         self._left[active.dofs] += led_to - change
         self._moved = self._last[1] + (active.spread() if moved is None else moved)
         self.generalised = self._last[2] + active.generalised(led_to)
-        excess = self._excess(self.present)
-        excess[active.points] = -np.inf
-        if excess.max() > 0:
-            flow = int(np.count_nonzero(excess > 0)) + len(active.points) // 2
-            self._choose(self._chosen | self._near(excess, flow))
+        if self._grow(self._excess(self.present, self._moved)):
             self._step_before, self._step_moved = self._p - self._last[0], self._moved - self._last[1]
             return False
         self._energy = self._present_energy()
@@ -423,10 +420,19 @@ class ZoneRun:
             self._strain = active.part.answer(moved, before)[1]  # nothing flows; so this gives the strains quickly
         return self._strain
 
-    def _excess(self, state: PlasticState) -> Array:
-        """Von Mises stress beyond the flow stress, (g,) [Pa], with the present pseudo-forces."""
+    def _grow(self, excess: Array) -> bool:
+        """Make other points that flow active, and those near them, by stresses beyond the flow stress, (g,) [Pa]."""
+        excess[self._active.points] = -np.inf
+        if excess.max() <= 0:
+            return False
+        flow = int(np.count_nonzero(excess > 0)) + len(self._active.points) // 2
+        self._choose(self._chosen | self._near(excess, flow))
+        return True
+
+    def _excess(self, state: PlasticState, by_flow: Array) -> Array:
+        """Von Mises stress beyond the flow stress, (g,) [Pa], where pseudo-forces have moved the nodes, (3 nz,) [m]."""
         q, force = self._at
-        moved = self.motion.kinematics.rows @ q + loops.combined(self._of_patch, force) + self._moved
+        moved = self.motion.kinematics.rows @ q + loops.combined(self._of_patch, force) + by_flow
         return self.zone.excess(moved, state)
 
     def _near(self, excess: Array, flow: int) -> Array:
