@@ -10,6 +10,10 @@ s^3. Where the contact ends in a facet changes it at random, so that two grids h
 the rows of a coarser grid of the same facets, of k times the spacing, differs by (k^6 + 1)^(1/2) times the error
 (`validation/mesh/row_spacing.py`). Rows and functions of one order more are taken as independent too.
 
+Forces on the rows take few ways in an impact. What the functions change is found for these alone. It is local, for each
+function ends with its element. So what the points of the contact move in addition is taken in proportion to the forces
+on them. Its work by each way of forces on each other one is exact.
+
 It is no bound. Below two elements in a contact radius it is too small.
 """
 
@@ -41,6 +45,8 @@ from .modal_pair import Pair, Side, impact_of
 _ROW_RATE = 3  # power of the spacing of rows, by which their error falls
 _FINER = 2  # steps of the default one
 _FEWEST = 4  # rows that carry force; with fewer the contact lies within a facet
+_MOMENTS = 30  # of an impact, whose forces on the rows count
+_SPANNED = 1e-3  # amplitude of a way of these forces, by that of the largest one, from which on it counts
 
 
 @dataclass(frozen=True)
@@ -168,7 +174,7 @@ def mesh_error(
 
     Notes
     -----
-    It costs a factorisation of each body, and solutions for its rows and shapes: `validation/mesh/effectivity.py`.
+    It costs a factorisation of each body, and solutions for its shapes and few loads: `validation/mesh/effectivity.py`.
     """
     return judged(slave, master, speed=speed, duration=duration, patches=patches)[0]
 
@@ -232,16 +238,18 @@ def estimate_of(
     whole bodies count in what tells where to refine, in place of those of every point.
     """
     f_cut, n = min(side.body.f_cut for side in sides), len(sides)
-    loaded = impact.loaded(duration, impact.step(f_cut))
+    default = impact.step(f_cut)
+    loaded = impact.loaded(duration, default)
     rows = _near(sides[0].mean, loaded)
+    ways = _ways(impact.forces(duration, default, _MOMENTS)[rows], sides[0].mean[rows])
     change_of = _change if left == 1 else _nodal_change
     with ThreadPoolExecutor(n) as pool:  # products of matrices let other threads run
-        changes = list(pool.map(change_of, finers, sides, itertools.repeat(rows)))
+        changes = list(pool.map(change_of, finers, sides, itertools.repeat(rows), itertools.repeat(ways)))
     every = [(True, True)] * n
     both, _ = _corrected(impact, changes, rows, every)
-    step = min(impact.step(f_cut), both.step(f_cut)) / _FINER
+    step = min(default, both.step(f_cut)) / _FINER
     t, force, velocity = impact.run(duration, step)
-    at, by_step, _ = impact.run(duration, impact.step(f_cut))
+    at, by_step, _ = impact.run(duration, default)
     by_step = np.interp(t, at, by_step[:, 0]) - force[:, 0]
 
     rigid = impact.omega == 0.0
@@ -293,6 +301,16 @@ def _near(mean: sp.csr_matrix, loaded: Array) -> Array:
     return np.flatnonzero(shared @ (shared.T @ loaded.astype(float)))
 
 
+def _ways(forces: Array, mean: sp.csr_matrix) -> Array:
+    """Ways, (k, p), that forces on rows, (k, m), take; forces on the points by these are orthonormal."""
+    at_points = mean.T @ forces
+    largest = np.linalg.norm(at_points, axis=0).max(initial=0.0)
+    values, vectors = np.linalg.eigh(at_points.T @ at_points)
+    kept = values > (_SPANNED * largest) ** 2
+    found: Array = forces @ (vectors[:, kept] / np.sqrt(values[kept]))
+    return found
+
+
 def _check(name: str, pair: object, others: str = "") -> None:
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         raise InputError(f"{name}: expected (FEModel, ReducedBody){others}, got {type(pair).__name__}")
@@ -308,18 +326,20 @@ def _check(name: str, pair: object, others: str = "") -> None:
         )
 
 
-def _change(finer: Finer, side: Side, rows: Array) -> Change:
-    """What the surplus changes of a body and of some rows."""
+def _change(finer: Finer, side: Side, rows: Array, ways: Array) -> Change:
+    """What the surplus changes of a body and of some rows, by some ways of forces on them."""
     n, dofs = len(side.patch.nodes), node_dofs(side.patch.nodes)
     on_body = sp.csr_matrix((np.ones(3 * n), (np.arange(3 * n), dofs)), shape=(3 * n, side.fem.n_dofs))
-    mean = side.mean[rows]
+    mean, combined = side.mean[rows], sp.csr_matrix(ways.T)
     some = np.unique(mean.indices)
-    points = Points(side.corners[some], side.local[some], side.normals[some], mean[:, some])
-    return finer.change(side.on_patch[rows] @ on_body, points)
+    points = Points(side.corners[some], side.local[some], side.normals[some], combined @ mean[:, some])
+    change = finer.change(combined @ side.on_patch[rows] @ on_body, points)
+    spread = mean @ (mean.T @ ways)
+    return replace(change, gaps=spread @ change.gaps, flexibility=spread @ change.flexibility @ spread.T)
 
 
-def _nodal_change(finer: Finer, side: Side, rows: Array) -> Change:
-    """The same by that of the patch's nodes, which a corrected body has."""
+def _nodal_change(finer: Finer, side: Side, rows: Array, ways: Array) -> Change:
+    """The same by that of all of the patch's nodes, which a corrected body has."""
     number = side.body.partition.patches.index(side.patch)
     change, n = finer.at_nodes(number), len(side.patch.nodes)
     by_nodes = side.on_patch[rows] @ sp.kron(sp.identity(n), patch_axes(side.patch).T, format="csr")

@@ -31,7 +31,7 @@ from ..support.checks import (
     validate_type,
 )
 from ..support.foreign import NGSolve, NGSolveMesh, NGSolveObject, Shape
-from ..support.machine import others_busy
+from ..support.machine import alone
 from ..support.optional import require
 from ..support.progress import pulsing
 from .deck_materials import material_of_deck
@@ -535,7 +535,7 @@ def _forms(
 
 def _threads(ngsolve: NGSolve, nodes: int) -> contextlib.AbstractContextManager[object]:
     """NGSolve's threads, for models that are worth them, unless other work has the other cores."""
-    return ngsolve.TaskManager() if nodes >= _THREADS_FROM and not others_busy() else contextlib.nullcontext()
+    return ngsolve.TaskManager() if nodes >= _THREADS_FROM and alone() else contextlib.nullcontext()
 
 
 def _boundaries(facets: Array, faces: dict[str, Array]) -> dict[str, Array]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.integrate
 import scipy.linalg
 
 from ..algebra.complementarity import Complementarity, regularised
@@ -82,6 +83,15 @@ class Impact:
     def loaded(self, duration: float, largest_step: float) -> Array:
         """Rows that carry a force at some time of `run`, (nc,) bool."""
         return self._run(duration, largest_step)[3]
+
+    def forces(self, duration: float, largest_step: float, moments: int) -> Array:
+        """Forces of the rows at moments of `run` that part its impulse evenly, (nc, m) [N]; m is `moments` at most."""
+        t, total, velocity = self.run(duration, largest_step)
+        passed = np.cumsum(total[:, 0])
+        at = np.unique(np.searchsorted(passed, passed[-1] * (np.arange(moments) + 0.5) / moments))
+        q = scipy.integrate.cumulative_trapezoid(velocity, t, axis=0, initial=0.0)[at]
+        problem = Complementarity(self.F)
+        return np.array([problem.solve(self.gap + self.H @ one).copy() for one in q]).T
 
     def _run(self, duration: float, largest_step: float) -> tuple[Array, Array, Array, Array]:
         """Return what `run` and `loaded` do."""

@@ -57,13 +57,29 @@ def test_truncation_keeps_the_static_answer_in_all_directions():
     assert added[0, 1] == pytest.approx(0.15 * (1 / 3e5**2 + 1 / 4e5**2))
 
 
-def test_compiled_loops_integrate_the_same_impact():
+def on_five_rows():
     """A ball of three modes on five rows, of which some close and open."""
     rng = np.random.default_rng(3)
     root, H = rng.standard_normal((5, 5)), np.column_stack([np.ones(5), 0.3 * rng.standard_normal((5, 3))])
     F = SOFT * (np.eye(5) + 0.05 * root @ root.T)
     omega, velocity = np.r_[0.0, 2e4, 4e4, 7e4], np.r_[-1.0, 0.0, 0.0, 0.0]
-    pressed = Impact(np.array([0.0, 1e-6, 2e-5, 1e-4, 1e-2]), H, F, omega, velocity, 1e-3)
+    return Impact(np.array([0.0, 1e-6, 2e-5, 1e-4, 1e-2]), H, F, omega, velocity, 1e-3)
+
+
+def test_forces_of_rows_are_those_of_the_run_at_even_parts_of_its_impulse():
+    pressed = on_five_rows()
+    t, total, _ = pressed.run(1.5e-3, 1e-7)
+    passed = np.cumsum(total[:, 0]) / total.sum()
+    at = np.interp((np.arange(20) + 0.5) / 20, passed, t)
+    forces = pressed.forces(1.5e-3, 1e-7, 20)
+    assert forces.shape == (5, 20)
+    assert (forces >= 0).all()
+    assert ((forces > 0).any(axis=1) == pressed.loaded(1.5e-3, 1e-7)).all()
+    np.testing.assert_allclose(forces.sum(axis=0), np.interp(at, t, total[:, 0]), rtol=0.02)
+
+
+def test_compiled_loops_integrate_the_same_impact():
+    pressed = on_five_rows()
     compiled, plain = each_way(lambda: (*pressed.run(1.5e-3, 1.3e-7), pressed.loaded(1.5e-3, 1.3e-7)))
     assert len(plain[0]) > 5000
     assert 1 < plain[3].sum() < 5
