@@ -89,7 +89,7 @@ class Search:
         `places` are those of all nodes, (np, 3) for each side, `here` is the place of the slave relative to the master,
         (3, 3) [m].
         """
-        (x_s, x_m), every, pairs, narrow = places, self.every, self.pairs, near is None
+        (x_s, x_m), every, pairs = places, self.every, self.pairs
         pairs.rest()
         normal, gap = pairs.follow(every.points, np.arange(len(every.facet)), x_s, x_m)
         row_gap = every.points.average(gap)
@@ -110,7 +110,7 @@ class Search:
             (row_gap[order], np.hstack([normals, turning])[order], pose_of(here)),
             pair.witnesses,
         )
-        return Followed(rows, normal[index], here, shares, narrow=narrow), row_gap[chosen]
+        return Followed(rows, normal[index], here, shares), row_gap[chosen]
 
 
 class FollowedRows(PresentRows):
@@ -175,7 +175,8 @@ class FollowedRows(PresentRows):
 class Followed(Stage):
     """Rows at some coordinates, whose points are followed over the master's facets.
 
-    Closest points are found from the last ones, which `Search.pairs` holds. So only the newest stage can advance.
+    Closest points are found from the last ones, which `Search.pairs` holds. So only the newest stage can advance, and
+    the one that was asked for more rows.
 
     Parameters
     ----------
@@ -185,17 +186,13 @@ class Followed(Stage):
         Place of the slave relative to the master [m].
     shares : Shares, optional
         See `Stage`. Default: found from `Search.pairs` when they are needed first; these must be those of `rows` then.
-    narrow : bool
-        Whether only the rows that forces need are present.
     """
 
     rows: FollowedRows
 
-    def __init__(
-        self, rows: FollowedRows, normals: Array, here: Array, shares: Shares | None = None, *, narrow: bool = True
-    ) -> None:
+    def __init__(self, rows: FollowedRows, normals: Array, here: Array, shares: Shares | None = None) -> None:
         self.rows, self.normals, self.here, self.pairing = rows, normals, here, None
-        self._made, self._shares, self.narrow, self._alone = {}, shares, narrow, shares is None
+        self._made, self._shares, self._alone = {}, shares, shares is None
 
     @property
     def shares(self) -> Shares:  # type: ignore[override]
@@ -221,11 +218,6 @@ class Followed(Stage):
     def advance(self, pair: Pair, q: Array, asked: tuple[Any, ...] | None = None) -> tuple[Stage, Array]:
         """See `Stage.advance`; rows are chosen again when others may close."""
         search = self.rows.search
-        if not self.narrow:
-            here = seen_from(pair.places_of(self.rows.sides, q), pair.witnesses)
-            if not largest_change(here, search.here) <= search.reach:
-                return pair.search(q)
-            return search.choose(pair, pair.places(q), here)
         found = self._follow(pair, q, search.reach, None, asked)
         if found is None:
             return pair.search(q)
@@ -234,11 +226,13 @@ class Followed(Stage):
 
     def keep_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array] | None:
         """See `Stage.keep_rows`; the points may move any distance."""
-        found = self._follow(pair, q, math.inf, pair.places_of(pair.sides, q)) if self.narrow else None
+        found = self._follow(pair, q, math.inf, pair.places_of(pair.sides, q))
         return None if found is None else found[:2]
 
     def with_more_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
-        """See `Stage.with_more_rows`."""
+        """See `Stage.with_more_rows`; this stage can advance after it, with what is known of its rows."""
+        _, self._alone = self.shares, False  # from now on, `Search.pairs` has projected other points
+        vars(self.rows).pop("compiled", None)
         return self.rows.search.choose(pair, pair.places(q), self.here, NEAR * pair.size)
 
     def _follow(

@@ -19,6 +19,7 @@ import numpy as np
 from ..algebra.complementarity import Complementarity
 from ..algebra.products import moved, weighted_rows
 from ..support.arrays import Array
+from ..surfaces.loops import at_points
 from ..surfaces.points import ContactPoints, RowKind
 from ..surfaces.rows import ContactRows, facing, rows_of
 from ..surfaces.surface import closest_points
@@ -187,18 +188,27 @@ class PatchGaps(Gaps):
         self.at(q)
         if not self.moving:
             return super().closing(q, q_t, q_tt)
-        stage, gap = self.stage.with_more_rows(self, q)
+        few = self.stage
+        stage, gap = few.with_more_rows(self, q)
         self._take(stage, q)
         x_s, x_m = self.places(q)
-        H = self.jacobian(np.arange(len(gap)))
         beyond = (NEAR - 2 * SEARCHED) * self.size if len(gap) else self._distance(x_s, x_m)
-        of_slave, of_master = (
-            side.kinematics.velocities(*parts)
-            for side, *parts in zip(self.sides, self.split(q), self.split(q_t), strict=True)
-        )
-        mean = of_master.mean(axis=0)
-        speed = sum(np.linalg.norm(v - mean, axis=1).max() for v in (of_slave, of_master))
-        return np.append(gap, beyond), np.append(H @ q_t, -speed), np.append(H @ q_tt, 0.0)
+        velocities, accelerations = (self._of_nodes(q, rates) for rates in (q_t, q_tt))
+        mean = velocities[1].mean(axis=0)
+        speed = sum(np.linalg.norm(v - mean, axis=1).max() for v in velocities)
+        rates, changes = self._of_rows(velocities), self._of_rows(accelerations)
+        self._take(few, q)  # which keep what changes slowly, such as their flexibility
+        return np.append(gap, beyond), np.append(rates, -speed), np.append(changes, 0.0)
+
+    def _of_nodes(self, q: Array, rates: Array) -> list[Array]:
+        """Velocities of the nodes, (np, 3) for each side, at coordinates q, (n,), by the rates of these, (n,)."""
+        sides = zip(self.sides, self.split(q), self.split(rates), strict=True)
+        return [side.kinematics.velocities(*parts) for side, *parts in sides]
+
+    def _of_rows(self, velocities: Sequence[Array]) -> Array:
+        """Rates of the gaps of the present rows, (nr,), from velocities of the nodes, (np, 3) for each side."""
+        slave, master = (at_points(*share, v) for share, v in zip(self.shares, velocities, strict=True))
+        return self.points.average(np.einsum("pd,pd->p", self.normals, slave + master))
 
     def _distance(self, x_s: Array, x_m: Array) -> float:
         """Least gap, or a lower bound [m]: if the patches are apart, the gap between balls around them."""

@@ -116,9 +116,31 @@ def test_no_row_that_closing_leaves_out_is_nearer_than_it_says(round_body, flat_
         q = np.r_[moved(slave, [x, 0, 0.97 * gaps.size]), np.zeros(flat_body.n_dofs)]
         gap, *_ = gaps.closing(q, 0.0 * q, 0.0 * q)
         every = gaps.project(*gaps.places(q))[0]
-        left_out = ~np.isin(every.points.row_nodes, gaps.row_nodes)
+        left_out = (abs(every.gap[:, None] - gap[:-1]) > 1e-9).all(axis=1)
         assert left_out.any()
         assert 0 < gap[-1] <= every.gap[left_out].min()
+
+
+@pytest.mark.parametrize("kind", ROWS)
+def test_what_closing_looks_at_changes_nothing(round_body, flat_body, kind):
+    """Between steps a run asks which rows can touch next; forces stay, and so does what is known of the rows."""
+    slave = floating(round_body)
+    asked, other = (compliant(PatchGaps(slave, floating(flat_body), kind)) for _ in range(2))
+    for i, x in enumerate(np.linspace(0, 0.1 * asked.gaps.size, 6)):
+        q = np.r_[moved(slave, [x, 0, -4e-6]), np.zeros(flat_body.n_dofs)]
+        np.testing.assert_allclose(asked.force(q), other.force(q), rtol=0, atol=1e-9 * abs(other.force(q)).max())
+        gaps, closed = asked.gaps, asked.index
+        rows, known = gaps.row_nodes, gaps.flexibility(closed)
+        q_t = np.random.default_rng(i).standard_normal(len(q))
+        gap, rate, change = asked.closing(q, q_t, 2.0 * q_t)
+        assert len(gap) > len(rows) + 1
+        assert gaps.row_nodes is rows
+        assert gaps.flexibility(closed) is known
+        order, own = np.argsort(gap)[: len(rows)], gaps.at(q)
+        np.testing.assert_allclose(gap[order], np.sort(own), rtol=0, atol=1e-12)
+        slope = gaps.jacobian(np.arange(len(rows))) @ q_t
+        np.testing.assert_allclose(rate[order], slope[np.argsort(own)], rtol=0, atol=1e-6 * abs(slope).max())
+        np.testing.assert_allclose(change[:-1], 2.0 * rate[:-1], rtol=1e-9)
 
 
 def paths(round_body, slave):
