@@ -48,6 +48,8 @@ _FINER = 4  # steps for one of the design's, to tell the error of the step
 _SETTLED = 0.2  # relative change of the contact radius after which both contacts are meshed anew
 
 _MANY, _PAYS = 30_000, 0.6  # dofs of cubic elements from which on quadratic ones are tried; share that they may have
+# The same of elements at the contact that are larger by a factor: Netgen's meshes follow sizes by leaps.
+_SOME, _LARGER, _LEAP = 15_000, 1.1, 0.75
 _ROUNDINGS, _MISSES = 2, 1.25  # tries after a mesh that misses more volume than its share by that factor
 _MESHINGS, _SMALLER = 4, 0.87  # tries after a mesh that cannot be used, and elements of each by those before
 
@@ -231,16 +233,22 @@ class Search:
         return self.with_fewer_dofs(i, own, mesh, circle)
 
     def with_fewer_dofs(self, i: int, own: Sizes, mesh: NGSolveMesh, circle: float) -> tuple[Sizes, NGSolveMesh]:
-        """Quadratic elements in place of cubic ones by rule, where these have many more dofs.
+        """Elements of nearly the same error in place of those by rule, where these have many more dofs.
 
-        Round sides of a long body ask for as many elements of either order. They are tried once, on large meshes alone,
-        for a mesh takes its time too.
+        Round sides of a long body ask for as many elements of either order: quadratic ones have fewer dofs. Others are
+        tried once, on large meshes alone, for a mesh takes its time too.
         """
         dofs = count_of_dofs(mesh, own.order)
-        if len(self.looks) != 1 or own.order == 2 or dofs < _MANY or (other := own.quadratic()) is None:
+        if len(self.looks) != 1 or dofs < _SOME:
             return own, mesh
-        others = self.scene.mesh(i, other, circle)
-        return (other, others) if count_of_dofs(others, 2) < _PAYS * dofs else (own, mesh)
+        others = [(replace(own, near=_LARGER * own.near), _LEAP)]
+        if dofs >= _MANY and own.order == 3 and (quadratic := own.quadratic()) is not None:
+            others.insert(0, (quadratic, _PAYS))
+        for other, share in others:
+            instead = self.scene.mesh(i, other, circle)
+            if count_of_dofs(instead, other.order) < share * dofs:
+                return other, instead
+        return own, mesh
 
     @property
     def known(self) -> Estimate | None:

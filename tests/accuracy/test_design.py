@@ -284,3 +284,25 @@ def test_a_long_round_rod_takes_quadratic_elements_and_a_short_one_cubic_ones(le
     assert own.order == order
     if order == 2:
         assert count_of_dofs(mesh, 2) < 0.6 * count_of_dofs(scene.mesh(0, cubic, circle), 3)
+
+
+@pytest.mark.parametrize(
+    ("dofs", "leap", "meshed", "larger"), [(20_000, 0.7, 2, True), (20_000, 0.85, 2, False), (9_000, 0.5, 1, False)]
+)
+def test_slightly_larger_elements_are_taken_where_the_mesh_has_a_leap_there(dofs, leap, meshed, larger):
+    """Meshes that are small by themselves are not tried."""
+    made = []
+
+    def mesh(_, sizes, circle):
+        made.append(sizes.near)
+        share = 1.0 if sizes.near <= 1e-4 else leap
+        return SimpleNamespace(nv=share * dofs / 3, nedge=0, nface=0)
+
+    search = Search(SimpleNamespace(mesh=mesh, missed=lambda i, mesh: 0.0, tolerance=TOLERANCE), END)
+    search.looks = [SimpleNamespace()]  # a first look is done
+    rule = Sizes(3, 5e-3, 1e-4, "a test")
+    own, found = search.mesh_of(0, rule, 0.2e-3)
+    assert len(made) == meshed
+    assert own == replace(rule, near=max(made) if larger else rule.near)
+    assert count_of_dofs(found, 3) == pytest.approx(dofs * (leap if larger else 1.0), abs=3)
+    assert max(made) <= 1.2 * rule.near
