@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from ..support.arrays import Array
 from ..support.foreign import ItemEntry, MainSystem
 from ..support.optional import require
-from .carriers import pose_in
+from .carriers import Carrier, pose_in
 
 _MOST = 1000  # places of a body that are kept; a longer run keeps each second, then each fourth, and so on
 _AROUND, _ALONG = 24, 12  # facets of a sphere
@@ -64,6 +64,16 @@ class OtherBody:
             return place, np.repeat(self.turn, len(times), axis=0)
         turn: Array = Slerp(self.t, Rotation.from_matrix(self.turn))(times).as_matrix()
         return place, turn
+
+
+def surface_motion(carrier: Carrier | None, bodies: Iterable[OtherBody], times: Array) -> tuple[Array, Array] | None:
+    """Place, (m, 3) [m], and axes, (m, 3, 3), of a rigid surface at times, (m,) [s]; None if they are not known.
+
+    Without a carrier it is at rest. `bodies` are those of a run.
+    """
+    if carrier is None:
+        return np.zeros((len(times), 3)), np.tile(np.eye(3), (len(times), 1, 1))
+    return next((body.at(times) for body in bodies if body.number == int(carrier.body)), None)
 
 
 class OtherBodies:

@@ -13,6 +13,7 @@ from ..contact.profile import RigidProfile
 from ..contact.rigid import RigidCylinder, RigidPlane, RigidSphere
 from ..contact.rigid_mesh import RigidMesh
 from ..errors import InputError
+from ..exudyn_bodies.other_bodies import surface_motion
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
@@ -209,7 +210,6 @@ def rigid_shapes(result: Result, times: Array, places: Mapping[PartitionBody, Ar
         Places of the shown bodies at these times [m]. A surface without an end is drawn as far as those extend that may
         touch it.
     """
-    others = {other.number: other for other in result.others}
     found = []
     touching: dict[tuple[int, int], list[PartitionContact]] = {}
     for contact in result.contacts:
@@ -218,15 +218,14 @@ def rigid_shapes(result: Result, times: Array, places: Mapping[PartitionBody, Ar
     for contact, *more in touching.values():
         near = [places[one.slave] for one in (contact, *more) if one.slave in places]
         seen = np.concatenate(near or [*places.values()], axis=1)
-        place, turn = np.zeros((len(times), 3)), np.tile(np.eye(3), (len(times), 1, 1))
-        if contact.carrier is not None:
-            if int(contact.carrier.body) not in others:
-                continue
-            place, turn = others[int(contact.carrier.body)].at(times)
+        motion = surface_motion(contact.carrier, result.others, times)
+        if motion is None:
+            continue
+        place, turn = motion
         surface = _surface(contact.master, np.einsum("mnk,mkl->mnl", seen - place[:, None], turn).reshape(-1, 3))
         if surface is not None:
             found.append(RigidShape("", *surface, place, turn))
-    for other in others.values():
+    for other in result.others:
         if len(other.triangles):
             found.append(RigidShape(other.name, other.points, other.triangles, *other.at(times)))
     return found

@@ -12,13 +12,13 @@ from scipy.spatial import cKDTree
 
 from ..contact.rigid_mesh import RigidMesh
 from ..errors import ContactPatchWarning
+from ..exudyn_bodies.other_bodies import surface_motion
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..fe.edges import neighbours_across, sharp_edges, sharp_nodes
 from ..fe.facets import area_vectors, facet_corners
 from ..fe.shapes import corners_of, shape_functions
 from ..support.arrays import Array
 from ..surfaces.surface import Surface, closest_points
-from .passing_review import surface_motion
 from .result import Result, called
 
 _LOOKED_AT, _STARTS = 64, 16  # largest number of samples, and of times of contact, at which nodes are checked
@@ -70,7 +70,10 @@ def warn_of_edges(contact: PartitionContact, result: Result) -> None:
         for (item, _), surface in zip(contact.sides, surfaces, strict=False)
     ]
     if rigid:
-        place, axes = surface_motion(contact, result, now.t)
+        motion = surface_motion(contact.carrier, result.others, now.t)
+        if motion is None:
+            return
+        place, axes = motion
         places.append(place[:, None] + surfaces[1].points @ axes.swapaxes(1, 2))
     x_s, x_m = places
     edges, size = [_Edges.of(surface) for surface in surfaces], min(surface.facet_size for surface in surfaces)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import ContactPatchWarning
+from ..exudyn_bodies.other_bodies import surface_motion
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..fe.facets import flat_triangles
@@ -37,7 +38,10 @@ def warn_of_passing(contact: PartitionContact, contacts: Sequence[PartitionConta
         if isinstance(other, PartitionBody):
             depth = _depths_in_body(places, other, other.coordinates(result)[chosen])
         else:
-            place, axes = surface_motion(contact, result, result.t[chosen])
+            motion = surface_motion(contact.carrier, result.others, result.t[chosen])
+            if motion is None:
+                continue
+            place, axes = motion
             own = (places - place[:, None]) @ axes
             depth = -other.project(own.reshape(-1, 3))[0].reshape(own.shape[:2])
         entered = np.where(depth[0] < 0.0, depth, 0.0) > dent[:, None] + _DEEP * np.ptp(item.body.points, axis=0).max()
@@ -53,14 +57,6 @@ def warn_of_passing(contact: PartitionContact, contacts: Sequence[PartitionConta
                 stacklevel=5,
             )
             return
-
-
-def surface_motion(contact: PartitionContact, result: Result, times: Array) -> tuple[Array, Array]:
-    """Place, (m, 3) [m], and axes, (m, 3, 3), of the body that carries a rigid surface, at times, (m,) [s]."""
-    for body in result.others:
-        if contact.carrier is not None and body.number == int(contact.carrier.body):
-            return body.at(times)
-    return np.zeros((len(times), 3)), np.tile(np.eye(3), (len(times), 1, 1))
 
 
 def _beside(item: PartitionBody, other: object, contacts: Sequence[PartitionContact]) -> Array:

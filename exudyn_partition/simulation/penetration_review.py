@@ -9,6 +9,7 @@ import numpy as np
 from ..contact.formulations.choices import Penalty
 from ..contact.rigid import RigidGaps
 from ..errors import ContactPatchWarning, InputError, ModelLimitWarning
+from ..exudyn_bodies.other_bodies import surface_motion
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.plastic_results import dent_motion
@@ -17,7 +18,6 @@ from ..support.arrays import Array
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from ..surfaces.surface import Surface
 from .crossing_edges import looked_at, neighbours, warn_of_edges
-from .passing_review import surface_motion
 from .result import Result, called
 
 _ENERGY = 1e-2  # energy that overlap at the start may store, as a share of the bodies' largest energy
@@ -118,10 +118,13 @@ def _warn_of_sinking(contact: PartitionContact, result: Result) -> None:
     if not len(chosen):
         return
     now = result.at(result.t[chosen])
+    motion = surface_motion(contact.carrier, result.others, now.t)
+    if motion is None:
+        return
+    carried, axes = motion
     closed = contact.row_forces(now)
     allowed, around = _allowed_depth(side.surface), neighbours(side.surface)
     (item, number), q = contact.sides[0], contact.slave.coordinates(now)
-    carried, axes = surface_motion(contact, result, now.t)
     for i, sample in enumerate(chosen):
         own = dents(int(sample))
         places = side.dented(q[i], None if own is None else own[0])
