@@ -30,13 +30,46 @@ _OF_FILE = (
 )
 
 
-def check_mesh(fem: FEModel, *, meshed: bool = False) -> None:
-    """Check that the parts of a mesh fit together.
+def check_inside(fem: FEModel) -> None:
+    """Check that volume and second moments of the elements are those of the space inside the surface.
 
-    Volume and second moments of the elements must be those of the space inside the surface, which the divergence
-    theorem gives. Then there are warnings of nodes far from all nodes around them, of elements much flatter than their
-    neighbours, and of mid-side nodes far from the middle of their edge. A node that was moved by less than the size of
-    an element is not found.
+    The divergence theorem gives the latter.
+
+    Raises
+    ------
+    MeshError
+        If elements and surface have different volumes or second moments.
+    """
+    origin = fem.points.mean(axis=0)
+    volume, moments = volume_inside(fem.points - origin, fem.facets)
+    by_cells = fem.cell_volume.sum()
+    if abs(by_cells - volume) > _VOLUME * by_cells:
+        off = abs(integrals(fem.points, fem.cells, fem.hexahedra)[0] - fem.cell_volume)
+        worst = int(off.argmax())
+        where = ", ".join(f"{x:.4g}" for x in fem.points[fem.cells[worst]].mean(axis=0))
+        named = f" One is element {worst} (counted from 0) at ({where})." if off[worst] > _VOLUME * by_cells else ""
+        raise MeshError(
+            f"mesh: its elements have a volume of {by_cells:.6g} m3, its surface encloses {volume:.6g} m3, expected "
+            f"the same: elements overlap, or sides turn some inside out.{named} Check the places of nodes, or mesh "
+            "anew, with smaller elements there"
+        )
+    if fem.regions is not None:
+        return  # the mass matrix is of several densities
+    arms = fem.points - origin
+    mass = fem.mass[::3][:, ::3]
+    by_mass = np.einsum("ni,ni->i", arms, mass @ arms) / fem.material.rho
+    if (abs(by_mass - moments) > _INERTIA * moments.sum()).any():
+        raise MeshError(
+            f"mesh: the second moments of its mass matrix are {by_mass} m5, those inside its surface {moments} m5, "
+            "expected the same within 0.1 %: elements overlap or are turned inside out. Mesh anew"
+        )
+
+
+def warn_of_damage(fem: FEModel, *, meshed: bool = False) -> None:
+    """Warn of what looks damaged in a mesh.
+
+    That are nodes far from all nodes around them, elements much flatter than their neighbours, and mid-side nodes far
+    from the middle of their edge. A node that was moved by less than the size of an element is not found.
 
     Parameters
     ----------
@@ -44,17 +77,11 @@ def check_mesh(fem: FEModel, *, meshed: bool = False) -> None:
     meshed : bool
         Whether its mesh was just made of a shape, so that no file can be damaged.
 
-    Raises
-    ------
-    MeshError
-        If elements and surface have different volumes or second moments.
-
     Warns
     -----
     MeshQualityWarning
         With the number and place of what looks damaged.
     """
-    _check_inside(fem)
     covered = np.count_nonzero(covered_quads(*fem.element_faces))
     if covered:
         warnings.warn(
@@ -80,32 +107,6 @@ def check_mesh(fem: FEModel, *, meshed: bool = False) -> None:
                 stacklevel=3,
             )
             return  # other findings have the same cause
-
-
-def _check_inside(fem: FEModel) -> None:
-    """Compare volume and second moments by the elements with those inside the surface."""
-    origin = fem.points.mean(axis=0)
-    volume, moments = volume_inside(fem.points - origin, fem.facets)
-    by_cells = fem.cell_volume.sum()
-    if abs(by_cells - volume) > _VOLUME * by_cells:
-        off = abs(integrals(fem.points, fem.cells, fem.hexahedra)[0] - fem.cell_volume)
-        worst = int(off.argmax())
-        where = ", ".join(f"{x:.4g}" for x in fem.points[fem.cells[worst]].mean(axis=0))
-        named = f" One is element {worst} (counted from 0) at ({where})." if off[worst] > _VOLUME * by_cells else ""
-        raise MeshError(
-            f"mesh: its elements have a volume of {by_cells:.6g} m3, its surface encloses {volume:.6g} m3, expected "
-            f"the same: elements overlap, or sides turn some inside out.{named} Check the places of nodes, or mesh anew"
-        )
-    if fem.regions is not None:
-        return  # the mass matrix is of several densities
-    arms = fem.points - origin
-    mass = fem.mass[::3][:, ::3]
-    by_mass = np.einsum("ni,ni->i", arms, mass @ arms) / fem.material.rho
-    if (abs(by_mass - moments) > _INERTIA * moments.sum()).any():
-        raise MeshError(
-            f"mesh: the second moments of its mass matrix are {by_mass} m5, those inside its surface {moments} m5, "
-            "expected the same within 0.1 %: elements overlap or are turned inside out. Mesh anew"
-        )
 
 
 def volume_inside(points: Array, facets: Array) -> tuple[float, Array]:

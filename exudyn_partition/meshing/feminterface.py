@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from ..errors import InputError, MeshError
 from ..fe.consistency import EQUAL, check_symmetric, plain_matrix
 from ..fe.material import Material
-from ..fe.mesh_quality import check_mesh
+from ..fe.mesh_quality import check_inside, warn_of_damage
 from ..fe.model import FEModel
 from ..fe.shapes import TET_EDGES, integration_gradients, integration_weights
 from ..support.arrays import Array
@@ -56,7 +56,7 @@ def from_feminterface(fem: FEMinterface, material: Material) -> FEModel:
     Warns
     -----
     MeshQualityWarning
-        If the mesh looks damaged, see `mesh_quality.check_mesh`.
+        If the mesh looks damaged, see `mesh_quality.warn_of_damage`.
     """
     validate_type("material", material, Material, "ep.Material()")
     mass, stiffness, points = _parts(fem)
@@ -83,7 +83,8 @@ def from_feminterface(fem: FEMinterface, material: Material) -> FEModel:
         facets = np.flatnonzero(np.isin(model.facets, np.asarray(nodes["NodeNumbers"], dtype=np.int64)).all(axis=1))
         if len(facets):
             model.boundaries[str(nodes["Name"])] = facets
-    check_mesh(model)
+    check_inside(model)
+    warn_of_damage(model)
     return model
 
 

@@ -17,7 +17,7 @@ from ..fe.consistency import integrals
 from ..fe.elements import centres_of, corner_keys, faces_of, kinds_of
 from ..fe.facets import check_conforming
 from ..fe.material import Material, Regions
-from ..fe.mesh_quality import check_mesh
+from ..fe.mesh_quality import check_inside, warn_of_damage
 from ..fe.model import FEModel
 from ..fe.patch_facets import show
 from ..fe.shapes import ORDERS, TET_NODES
@@ -41,6 +41,7 @@ from .mesh_files import DECKS, VolumeMesh, check_order, inverted, read_mesh
 from .mesh_size import Refine, check_memory_of_model
 from .mixed_basis import to_coefficients
 from .netgen_mesh import (
+    CURVATURE,
     GRADING,
     ONE_AT_A_TIME,
     check_one_part,
@@ -57,6 +58,14 @@ from .step_files import ENDINGS
 from .surplus import Surplus
 
 _LOG = logging.getLogger(__name__)
+
+_FINER = (
+    1.0,
+    0.9,
+    0.75,
+    0.6,
+    0.45,
+)  # of all sizes: the next one is tried if curved sides turn elements of a shape inside out
 
 _HIGHER = {1: 7.0, 2: 3.3, 3: 2.4}  # nodes of elements of one order more, by those of the order
 _THREADS_FROM = 5_000  # nodes; fewer are assembled before NGSolve's threads have started, which wait by spinning
@@ -102,7 +111,8 @@ def fe_model(
         adds follow those of the file, and lie on straight edges. Thin bodies need far fewer nodes with order 3
         (`validation/mesh/order.py`).
     maxh, refine, grading :
-        For a shape or STEP file, see `generate_mesh`; in lengths after scaling.
+        For a shape or STEP file, see `generate_mesh`; in lengths after scaling. Where curved sides turn elements inside
+        out, it is meshed again with smaller ones, as the log tells.
     scale : float
         Factor on all lengths of a shape or file: 1e-3 turns millimetres into metres.
     only_solids : bool
@@ -133,8 +143,8 @@ def fe_model(
         If no solid has this material, size and density give an unlikely frequency or mass, `maxh` is longer than the
         body, or a ball of `refine` misses it or has no effect.
     MeshQualityWarning
-        If the mesh looks damaged, see `mesh_quality.check_mesh`, or its volume is off that of the shape by 5 %. Or if a
-        file holds linear tetrahedra and no order is given.
+        If the mesh looks damaged, see `mesh_quality.warn_of_damage`, or its volume is off that of the shape by 5 %. Or
+        if a file holds linear tetrahedra and no order is given.
 
     Notes
     -----
@@ -164,9 +174,18 @@ def fe_model(
                 check_one_part(shape)
                 assert given is not None
                 given.check("shape", "solids", [solid.name or "default" for solid in shape.solids])
-                mesh = meshed(shape, maxh, refine, grading, order or 2)
-                with pulsing("assemble"):
-                    fem = _from_mesh(ngsolve, mesh, given, order or 2)
+                maxh = validate_positive("maxh", maxh, "m")
+                for finer in _FINER:
+                    mesh = meshed(shape, finer * maxh, refine, grading, order or 2, CURVATURE / finer)
+                    try:
+                        with pulsing("assemble"):
+                            fem = _from_mesh(ngsolve, mesh, given, order or 2)
+                        check_inside(fem)
+                        break
+                    except MeshError as error:
+                        if finer == _FINER[-1]:
+                            raise
+                        _LOG.info("%s. It is meshed again with smaller elements", error)
             elif path:
                 with pulsing("assemble"):
                     file = read_mesh(path, given is None or given.several, only_solids)
@@ -186,7 +205,9 @@ def fe_model(
         raise MemoryLimitError(
             "mesh: its matrices do not fit into memory. Take larger elements far from the contact, or order=1"
         ) from error
-    check_mesh(fem, meshed=is_shape)
+    if not is_shape:
+        check_inside(fem)
+    warn_of_damage(fem, meshed=is_shape)
     _LOG.info("FE model: %d nodes, %d elements of order %d", fem.n_nodes, len(fem.cells), fem.order)
     _LOG.debug("FE model: %d entries in the stiffness, resolves %.4g Hz", fem.stiffness.nnz, fem.resolved_frequency)
     if is_shape and fem.order > 1:

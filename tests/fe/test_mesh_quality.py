@@ -9,7 +9,7 @@ import scipy.sparse as sp
 
 import exudyn_partition as ep
 from exudyn_partition.errors import MeshError, MeshQualityWarning
-from exudyn_partition.fe.mesh_quality import check_mesh
+from exudyn_partition.fe.mesh_quality import check_inside, warn_of_damage
 
 
 def changed(block, path, change):
@@ -79,16 +79,16 @@ def test_slivers_among_good_elements(block, tmp_path):
     with pytest.warns(MeshQualityWarning, match=r"elements have less than 0\.01 of the shape quality .* file damaged"):
         fem = changed(block, tmp_path / "flat.vtu", change)
     with pytest.warns(MeshQualityWarning, match="Take a smaller maxh, a Refine there, or a shape without") as caught:
-        check_mesh(fem, meshed=True)  # no file is damaged where the library made the mesh
+        warn_of_damage(fem, meshed=True)  # no file is damaged where the library made the mesh
     assert "damaged" not in str(caught[0].message)
 
 
 def test_volume_and_inertia_against_the_surface(block):
-    check_mesh(block)
+    check_inside(block)
     with pytest.raises(MeshError, match=r"elements have a volume of 6\.00003e-06 m3, its surface encloses 6e-06 m3"):
-        check_mesh(replace(block, cell_mass=1.000005 * block.cell_mass))
+        check_inside(replace(block, cell_mass=1.000005 * block.cell_mass))
     squared = ((block.points - block.centre_of_mass) ** 2).sum(axis=1)
     outwards = block.lumped_mass * (squared / np.average(squared, weights=block.lumped_mass) - 1)
     moved = block.mass + sp.diags(np.repeat(0.05 * outwards, 3), format="csr")
     with pytest.raises(MeshError, match=r"second moments of its mass matrix are .* expected the same within 0\.1 %"):
-        check_mesh(replace(block, mass=moved))
+        check_inside(replace(block, mass=moved))

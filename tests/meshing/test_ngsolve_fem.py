@@ -114,6 +114,21 @@ def test_elements_that_curving_turns_inside_out():
     np.testing.assert_allclose(fine.total_mass, exact, rtol=1e-3)
 
 
+@pytest.mark.parametrize("wall", [0.5e-3, 1e-3])
+def test_a_shape_is_meshed_again_where_curving_turns_elements_inside_out(wall):
+    fem = ep.fe_model(tube(wall), ep.STEEL, maxh=5e-3, grading=0.9)
+    exact = np.pi * (0.010**2 - (0.010 - wall) ** 2) * 0.03 * ep.STEEL.rho
+    np.testing.assert_allclose(fem.total_mass, exact, rtol=2e-3)
+
+
+def test_a_corner_of_an_element_that_curving_turns_inside_out():
+    """A rod with a ball's end: one element has 0.7 % less volume than NGSolve integrates."""
+    rod = occ.Cylinder(occ.Pnt(0, 0, -0.058), occ.Z, r=0.010, h=0.048) + occ.Sphere(occ.Pnt(0, 0, -0.010), 0.010)
+    refined = [ep.Refine((0, 0, 0), 0.5e-3, 0.16e-3)]
+    fem = ep.fe_model(rod, ep.STEEL, maxh=5e-3, refine=refined, grading=0.5)
+    np.testing.assert_allclose(fem.total_mass, rod.mass * ep.STEEL.rho, rtol=2e-3)
+
+
 def test_a_shape_that_netgen_cannot_mesh():
     shell = occ.Sphere(occ.Pnt(0, 0, 0), 0.01) - occ.Sphere(occ.Pnt(0, 0, 0), 0.0097)
     with pytest.raises(MeshError, match=r"Netgen could not mesh it with maxh=0.02 m .* Take a smaller maxh"):
