@@ -87,9 +87,8 @@ def test_failures_are_isolated_listed_and_what_is_done_is_not_done_again(scripts
     assert "good: done for" in capsys.readouterr().out
 
 
-# The scripts say so too: corrections of meshes that no promise is made for, and designs that take more than twice the
-# time of the best choice by hand.
-BEYOND = {"correct: least", "by_hand: ratio"}
+# The script says so too: corrections of meshes that no promise is made for.
+BEYOND = {"correct: least"}
 
 
 def test_headline_numbers_of_all_stored_results_can_be_read_and_hold():
