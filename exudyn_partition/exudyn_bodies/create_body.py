@@ -27,6 +27,7 @@ from ..support.optional import require
 from .markers import EXUDYN_COLOUR
 from .model import registry, validate_model, validate_new_name
 from .partition_body import PartitionBody
+from .stiffening_steps import SteppedStiffening
 from .unchanged import made
 from .user_functions import RIGID, Functions, coupling_functions, inertia_functions, stiffening_functions
 
@@ -324,10 +325,11 @@ def _add_inertial(
     item = PartitionBody(body, name, kinematics, said, **indices)
     diagonal = sp.diags(np.r_[body.basis.omega**2, np.zeros(body.n_dofs - body.n_shapes)], format="csr")
     functions: Functions = {}
+    stiffening = None if body.stiffening is None else SteppedStiffening(body.stiffening, body)
     if "nNodal" in indices:
-        functions = coupling_functions(item, body.stiffness - diagonal, damping, body.stiffening)
-    elif body.stiffening is not None:
-        functions = stiffening_functions(item, body.stiffening)
+        functions = coupling_functions(item, body.stiffness - diagonal, damping, stiffening)
+    elif stiffening is not None:
+        functions = stiffening_functions(stiffening)
     item["oGenericODE2"] = _add_object(mbs, item, body.mass, diagonal, functions, damping)
     return item
 
@@ -343,6 +345,7 @@ def _add_floating(
 ) -> PartitionBody:
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     body, inertia = kinematics.body, kinematics.inertia
+    stiffening = None if kinematics.stiffening is None else SteppedStiffening(kinematics.stiffening, body)
     if body.stiffening is not None:
         terms = [term for term in terms if term != "coupling"]  # see FloatingKinematics.on_constant_mass
     elif "coupling" not in terms:
@@ -373,13 +376,13 @@ def _add_floating(
     if len(body.basis.nodal):
         forces = InertiaForces(inertia, kinematics.elastic_force, terms)
         functions = inertia_functions(
-            exu, item, kinematics.acting, forces, lambda: kinematics.elastic_stiffness, damping, kinematics.stiffening
+            exu, item, kinematics.acting, forces, lambda: kinematics.elastic_stiffness, damping, stiffening
         )
         stiffness = sp.csr_matrix((body.n_dofs,) * 2)
     else:
         omega_squared = body.basis.omega**2
         forces = InertiaForces(inertia, omega_squared[RIGID:].__mul__, terms)
-        functions = inertia_functions(exu, item, kinematics.acting, forces, stiffening=kinematics.stiffening)
+        functions = inertia_functions(exu, item, kinematics.acting, forces, stiffening=stiffening)
         stiffness = sp.diags(omega_squared, format="csr")
     item["oGenericODE2"] = _add_object(mbs, item, mass, stiffness, functions, damping)
     return item

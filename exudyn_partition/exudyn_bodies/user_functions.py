@@ -9,17 +9,16 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import RunError
-from ..frames import loops
 from ..frames.damping import Damping
 from ..frames.floating import ActingMass
 from ..frames.inertia_forces import InertiaForces
 from ..frames.kinematics import Rows
-from ..reduction.geometric_stiffness import GeometricStiffness
 from ..support.arrays import Array
 from ..support.foreign import Coordinates, Exudyn, ItemIndex, MainSystem, MatrixContainer, UserFunction
 from ..support.optional import require
 from .item_work import acts_on_constant_mass
 from .model import BodyItem, coordinate_slices
+from .stiffening_steps import SteppedStiffening
 
 Functions = dict[str, UserFunction]  # by their parameter names in ObjectGenericODE2
 
@@ -55,7 +54,7 @@ def inertia_functions(
     forces: InertiaForces,
     stiffness: Callable[[], Array] | None = None,
     damping: Damping | None = None,
-    stiffening: GeometricStiffness | None = None,
+    stiffening: SteppedStiffening | None = None,
 ) -> Functions:
     """User functions for inertia forces of a floating frame; with the other forces of the body that are given."""
     start_of_step, nodes = exu.ConfigurationType.StartOfStep, item.nodes
@@ -83,7 +82,7 @@ def inertia_functions(
         if stiffness is not None:
             result[RIGID:] = -forces.elastic(z)
         if stiffening is not None:
-            result[RIGID:] -= loops.stiffening_force(stiffening, z)
+            result[RIGID:] -= stiffening.force(mbs, t, z)
         if np.count_nonzero(v):  # none in a static solution
             if damping is not None:
                 result -= damping.force(np.asarray(q_t))
@@ -104,7 +103,7 @@ def inertia_functions(
         if stiffness is not None:
             result[RIGID:, RIGID:] += fODE2 * stiffness()
         if stiffening is not None:
-            result[RIGID:, RIGID:] += fODE2 * stiffening.tangent(z)
+            result[RIGID:, RIGID:] += fODE2 * stiffening.tangent(mbs, z, fODE2_t)
         if damping is not None:
             result += (fODE2_t * damping.matrix()).toarray()
         return sparse_container(*terms(result), len(result))
@@ -134,23 +133,22 @@ def sparse_container(rows: Array, columns: Array, values: Array, n: int) -> Matr
     return container
 
 
-def stiffening_functions(item: BodyItem, stiffening: GeometricStiffness) -> Functions:
-    """User functions for the geometric stiffness of a body in an inertial frame; see `coupling_functions`."""
+def stiffening_functions(stiffening: SteppedStiffening) -> Functions:
+    """User functions for the geometric stiffness of a body of few coordinates in an inertial frame."""
 
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
-        (own,) = coordinate_slices(mbs, item)
-        return _listed(-loops.stiffening_force(stiffening, mbs.systemData.GetODE2Coordinates(copy=False)[own]))
+        return _listed(-stiffening.force(mbs, t, np.asarray(q)))
 
     def jacobian(
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
     ) -> MatrixContainer:
-        return sparse_container(*terms(fODE2 * stiffening.tangent(np.asarray(q))), len(q))
+        return sparse_container(*terms(fODE2 * stiffening.tangent(mbs, np.asarray(q), fODE2_t)), len(q))
 
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
 
 
 def coupling_functions(
-    item: BodyItem, stiffness: sp.csr_matrix, damping: Damping | None, stiffening: GeometricStiffness | None
+    item: BodyItem, stiffness: sp.csr_matrix, damping: Damping | None, stiffening: SteppedStiffening | None
 ) -> Functions:
     """User functions for the part of stiffness and damping that is not diagonal, and for geometric stiffness.
 
@@ -159,7 +157,7 @@ def coupling_functions(
     """
     stiffness = sp.csr_matrix(stiffness)
     stiffness.eliminate_zeros()
-    damping_matrix = None if damping is None else damping.matrix()
+    constant, of_damping = terms(stiffness), None if damping is None else terms(damping.matrix())
 
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
         slices = coordinate_slices(mbs, item)
@@ -167,7 +165,7 @@ def coupling_functions(
         own = np.concatenate([coordinates[s] for s in slices])
         result = -(stiffness @ own)
         if stiffening is not None:
-            result -= loops.stiffening_force(stiffening, own)
+            result -= stiffening.force(mbs, t, own)
         if damping is not None:
             velocities = mbs.systemData.GetODE2Coordinates_t(copy=False)
             result -= damping.force(np.concatenate([velocities[s] for s in slices]))
@@ -176,11 +174,13 @@ def coupling_functions(
     def jacobian(
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
     ) -> MatrixContainer:
-        result = fODE2 * stiffness
+        parts = [(fODE2, constant)]
         if stiffening is not None:
-            result = sp.csr_matrix(result + fODE2 * stiffening.tangent(np.asarray(q)))
-        if damping_matrix is not None:
-            result = result + fODE2_t * damping_matrix
-        return sparse_container(*terms(result), result.shape[0])
+            parts.append((fODE2, terms(stiffening.tangent(mbs, np.asarray(q), fODE2_t))))
+        if of_damping is not None:
+            parts.append((fODE2_t, of_damping))
+        rows, columns = (np.concatenate([part[axis] for _, part in parts]) for axis in (0, 1))
+        values = np.concatenate([factor * part[2] for factor, part in parts])
+        return sparse_container(rows, columns, values, stiffness.shape[0])
 
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}

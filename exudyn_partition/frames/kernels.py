@@ -318,6 +318,71 @@ def stiffening_force(states: Array, matrices: Array, q: Array) -> Array:
     return result
 
 
+@inlined
+def _linear_stiffening(tangent: Array, anchor: Array, at_anchor: Array, q: Array) -> Array:
+    """Forces, (n,), linear about an anchor, see `stiffening_steps`."""
+    result, n = at_anchor.copy(), len(q)
+    for j in range(n):
+        way = q[j] - anchor[j]
+        for i in range(n):
+            result[i] += tangent[j, i] * way
+    return result
+
+
+@compiled
+def stiffening_at_guess(
+    states: Array,
+    matrices: Array,
+    tangent: Array,
+    dynamic: Array,
+    errors: Array,
+    q: Array,
+    anchor: Array,
+    at_anchor: Array,
+) -> Array:
+    """See `loops.stiffening_at_guess`."""
+    n, order, least = len(q), 0, np.inf
+    sizes = np.zeros(3)
+    for i in range(n):
+        first, second, third = errors[0, i], errors[1, i], errors[2, i]
+        sizes[0] += dynamic[i] * first**2
+        sizes[1] += dynamic[i] * (first - second) ** 2
+        sizes[2] += dynamic[i] * (first - 2 * second + third) ** 2
+    for k in range(3):
+        if sizes[k] < least:
+            order, least = k, sizes[k]
+    for i in range(n):
+        anchor[i] = q[i]
+        if order > 0:
+            anchor[i] += errors[0, i] if order == 1 else 2 * errors[0, i] - errors[1, i]
+    at_anchor[:] = stiffening_force(states, matrices, anchor)
+    return _linear_stiffening(tangent, anchor, at_anchor, q)
+
+
+@compiled
+def stiffening_in_step(
+    states: Array,
+    matrices: Array,
+    tangent: Array,
+    dynamic: Array,
+    guess: Array,
+    share: float,
+    q: Array,
+    anchor: Array,
+    at_anchor: Array,
+) -> tuple[Array, bool]:
+    """See `loops.stiffening_in_step`."""
+    linear, force = _linear_stiffening(tangent, anchor, at_anchor, q), stiffening_force(states, matrices, q)
+    missing, way = 0.0, 0.0
+    for i in range(len(q)):
+        missing += (force[i] - linear[i]) ** 2 / dynamic[i]
+        way += dynamic[i] * (q[i] - guess[i]) ** 2
+    if missing <= share**2 * way:
+        return linear, True
+    anchor[:], at_anchor[:] = q, force
+    return force, False
+
+
 @compiled
 def _turning(x: float, y: float, z: float) -> Array:
     """Matrix of the cross product with a vector, (3, 3)."""

@@ -137,10 +137,74 @@ def inertia_derivatives(inertia: Inertia, omega: Array, z: Array, z_t: Array) ->
 def stiffening_force(stiffening: GeometricStiffness, q: Array) -> Array:
     """Forces of geometric stiffness, (n,), see `GeometricStiffness.force`, at coordinates q, (n,)."""
     if compiled := kernels("frames"):
-        motion = q if stiffening.onto is None else stiffening.onto @ q
-        found: Array = compiled.stiffening_force(stiffening.states, stiffening.matrices, motion)
-        return found if stiffening.onto is None else found @ stiffening.onto
+        found: Array = compiled.stiffening_force(stiffening.states, stiffening.matrices, stiffening.motion(q))
+        return stiffening.on_coordinates(found)
     return stiffening.force(q)
+
+
+def stiffening_at_guess(
+    stiffening: GeometricStiffness,
+    tangent: Array,
+    dynamic: Array,
+    errors: Array,
+    motion: Array,
+    anchor: Array,
+    at_anchor: Array,
+) -> Array:
+    """Forces of geometric stiffness, (k,), linear about an anchor, at the solver's guess of the end of a step.
+
+    The anchor is a better guess: to the solver's, its errors are added as they change from step to step, by one of
+    three orders, the one that was best in the step before.
+
+    Parameters
+    ----------
+    stiffening : GeometricStiffness
+    tangent : (k, k) array
+    dynamic : (k,) array
+        Dynamic stiffnesses of the motions, by which sizes of motions and forces are compared.
+    errors : (3, k) array
+        Of the solver's guesses of the last three steps, newest first.
+    motion, anchor, at_anchor : (k,) arrays
+        The solver's guess; the anchor and the force there, which are set.
+    """
+    if compiled := kernels("frames"):
+        found: Array = compiled.stiffening_at_guess(
+            stiffening.states, stiffening.matrices, tangent, dynamic, errors, motion, anchor, at_anchor
+        )
+        return found
+    first, second, third = errors
+    left = [dynamic @ error**2 for error in (first, first - second, first - 2 * second + third)]
+    anchor[:] = motion + (np.zeros_like(first), first, 2 * first - second)[int(np.argmin(left))]
+    at_anchor[:] = stiffening.force_on_motion(anchor)
+    linear: Array = at_anchor + tangent @ (motion - anchor)
+    return linear
+
+
+def stiffening_in_step(
+    stiffening: GeometricStiffness,
+    tangent: Array,
+    dynamic: Array,
+    guess: Array,
+    share: float,
+    motion: Array,
+    anchor: Array,
+    at_anchor: Array,
+) -> tuple[Array, bool]:
+    """Forces of geometric stiffness, (k,), in a step, and whether they are linear about the anchor.
+
+    They are, while what is missing then would change the step by at most a share of what the solver changed of its
+    guess, (k,). Otherwise the anchor is set anew, to the motion. For the rest see `stiffening_at_guess`.
+    """
+    if compiled := kernels("frames"):
+        found: tuple[Array, bool] = compiled.stiffening_in_step(
+            stiffening.states, stiffening.matrices, tangent, dynamic, guess, share, motion, anchor, at_anchor
+        )
+        return found
+    linear, force = at_anchor + tangent @ (motion - anchor), stiffening.force_on_motion(motion)
+    if np.sum((force - linear) ** 2 / dynamic) <= share**2 * (dynamic @ (motion - guess) ** 2):
+        return linear, True
+    anchor[:], at_anchor[:] = motion, force
+    return force, False
 
 
 def fixed(start: Array, rows: Array, active: Array) -> Fixed | None:

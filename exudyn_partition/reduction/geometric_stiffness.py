@@ -70,7 +70,7 @@ class GeometricStiffness:
 
     def of_answer(self, q: Array) -> Array:
         """Geometric stiffness, (n_dofs, n_dofs), of the stress in a static answer q, (n_dofs,), to first order."""
-        return self._on_coordinates(np.tensordot(self.states @ self._motion(q), self.matrices, 1))
+        return self.matrix_on_coordinates(np.tensordot(self.states @ self.motion(q), self.matrices, 1))
 
     def without_rigid(self, restrict: Callable[[Array], Array]) -> GeometricStiffness:
         """The same for deformation alone, in mean axes: `restrict` returns rows on it of rows on the coordinates."""
@@ -80,28 +80,41 @@ class GeometricStiffness:
 
     def force(self, q: Array) -> Array:
         """Generalised forces, (n_dofs,), beside K q, that oppose the deformation."""
-        amplitudes, stretch, turned = self._answer(self._motion(q))
-        force: Array = amplitudes @ turned + stretch @ self.states
-        return force if self.onto is None else force @ self.onto
+        return self.on_coordinates(self.force_on_motion(self.motion(q)))
 
     def tangent(self, q: Array) -> Array:
         """Derivative of `force`, (n_dofs, n_dofs)."""
-        amplitudes, _, turned = self._answer(self._motion(q))
+        return self.matrix_on_coordinates(self.tangent_on_motion(self.motion(q)))
+
+    def force_on_motion(self, motion: Array) -> Array:
+        """The same as `force` for the motions, (k,)."""
+        amplitudes, stretch, turned = self._answer(motion)
+        force: Array = amplitudes @ turned + stretch @ self.states
+        return force
+
+    def tangent_on_motion(self, motion: Array) -> Array:
+        """Derivative of `force_on_motion`, (k, k)."""
+        amplitudes, _, turned = self._answer(motion)
         mixed = self.states.T @ turned
-        return self._on_coordinates(np.tensordot(amplitudes, self.matrices, 1) + mixed + mixed.T + turned.T @ turned)
+        tangent: Array = np.tensordot(amplitudes, self.matrices, 1) + mixed + mixed.T + turned.T @ turned
+        return tangent
 
     def energy(self, q: Array) -> Array:
         """Strain energy beside q' K q / 2, (...) [J], of coordinates (..., n_dofs)."""
-        motion = self._motion(q)
+        motion = self.motion(q)
         stretch = np.einsum("...i,kij,...j->...k", motion, self.matrices, motion, optimize=True) / 2
         energy: Array = np.sum((motion @ self.states.T + stretch / 2) * stretch, axis=-1)
         return energy
 
-    def _motion(self, q: Array) -> Array:
+    def motion(self, q: Array) -> Array:
         """Motions, (..., k), by coordinates (..., n_dofs)."""
         return q if self.onto is None else q @ self.onto.T
 
-    def _on_coordinates(self, matrix: Array) -> Array:
+    def on_coordinates(self, force: Array) -> Array:
+        """Force on the coordinates, (n_dofs,), of one on the motions, (k,)."""
+        return force if self.onto is None else force @ self.onto
+
+    def matrix_on_coordinates(self, matrix: Array) -> Array:
         """Matrix on the coordinates, (n_dofs, n_dofs), of one on the motions, (k, k)."""
         return np.asarray(matrix if self.onto is None else self.onto.T @ matrix @ self.onto)
 
