@@ -188,11 +188,14 @@ def _warn_of_normals(contact: PartitionContact, side: int, result: Result, top: 
     # An even pressure pulls at corners of some quadratic facets.
     aside = sizes[abs(np.einsum("kd,kd->k", forces, normals)) < np.cos(_ASIDE) * sizes].sum() / sizes.sum()
     if aside > _SHARE_ASIDE:
+        edges = item.body.surface(np.zeros(3), number)
+        chosen = 'Leave axes= out of Partition.surface, which takes "xyz" for a patch with sharp edges'
+        if not np.setdiff1d(edges.sharp, edges.ends).size:
+            chosen = 'Give its partition axes="xyz"'
         warnings.warn(
             f"{called(contact)} at t = {result.t[top]:.6g} s: {aside:.0%} of the force on {contact.side_names[side]} "
             "is more than 30 degrees off the normals of its nodes, as at edges between faces. The patch yields along "
-            "these normals only, so that forces and pressures there are wrong. Leave axes= out of Partition.surface, "
-            'which takes "xyz" for a patch with sharp edges',
+            f"these normals only, so that forces and pressures there are wrong. {chosen}",
             ModelLimitWarning,
             stacklevel=6,
         )

@@ -17,6 +17,7 @@ from ..surfaces.surface import closest_points
 from .result import Result, called
 
 _SAMPLES, _NODES = 32, 300  # largest numbers of samples, and of nodes beside patches, that are looked at
+_WAYS = 200  # directions in which a body reaches furthest with a corner, which may be the first to enter
 _CLOSELY = 8  # largest number of samples at which nodes that may lie within a body are looked at
 _DEEP = 1e-3  # depth of a node over its body's size
 _DEEP_IN_FACETS = 0.1  # the same over a facet's size, for bodies: facets lie beside curved faces
@@ -66,7 +67,17 @@ def _beside(item: PartitionBody, other: object, contacts: Sequence[PartitionCont
         for (own, number), partner in zip(contact.sides, (contact.master, contact.slave), strict=False):
             if own == item and partner == other:
                 nodes = np.setdiff1d(nodes, item.body.partition.patches[number].nodes)
-    return nodes[:: len(nodes) // _NODES + 1]
+    if len(nodes) <= _NODES:
+        return nodes
+    furthest = nodes[(item.body.points[nodes] @ _directions(_WAYS).T).argmax(axis=0)]
+    return np.union1d(nodes[:: len(nodes) // _NODES + 1], furthest)
+
+
+def _directions(n: int) -> Array:
+    """Unit vectors spread evenly over a sphere, on a spiral, (n, 3)."""
+    height, angle = 1 - (2 * np.arange(n) + 1) / n, np.pi * (3 - 5**0.5) * np.arange(n)
+    across = np.sqrt(1 - height**2)
+    return np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
 
 
 def _depths_in_body(places: Array, body: PartitionBody, q: Array) -> Array:

@@ -352,8 +352,24 @@ def test_mean_normals_at_edges_are_told(mbs):
     faces = np.arange(len(fem.facets))
     assert ep.Partition.surface(fem, faces).patches[0].axes == "xyz"
     body = ep.reduce(fem, ep.Partition.surface(fem, faces, axes="normal"), f_cut=8e4)
-    with pytest.warns(ModelLimitWarning, match="more than 30 degrees off the normals of its nodes"):
+    with pytest.warns(ModelLimitWarning, match="more than 30 degrees off the normals of its nodes.*Leave axes= out"):
         fall(mbs, body, EDGE)
+
+
+@pytest.mark.filterwarnings("ignore:.*only a sharp corner or edge touches")
+def test_a_face_that_ends_at_an_edge_needs_axes(mbs):
+    """It has no sharp edge within: without the option it yields along its normal."""
+    fem = ep.fe_model(box(SIDE, SIDE, SIDE).Move((0, 0, -SIDE / 2)), ep.STEEL, maxh=SIDE / 2)
+    side = ep.Partition.surface(fem, plane=((SIDE / 2, 0, 0), (1, 0, 0)))
+    body = ep.reduce(fem, side, f_cut=8e4)
+    low = -SIDE / 2 * (np.sin(0.3) + np.cos(0.3))
+    turn = Rotation.from_euler("y", 0.3).as_matrix()
+    options = {"referencePosition": [0, 0, 1e-6 - low], "referenceRotationMatrix": turn}
+    item = ep.CreatePartitionBody(mbs, body, frame="floating", initialVelocity=[0, 0, -1.0], **options)
+    ep.CreatePartitionContact(mbs, item, ep.RigidPlane())
+    mbs.Assemble()
+    with pytest.warns(ModelLimitWarning, match='off the normals of its nodes.*Give its partition axes="xyz"'):
+        ep.solve_dynamic(mbs, end_time=20e-6)
 
 
 @pytest.mark.parametrize("patch", ["cube", "one_face"])
