@@ -269,19 +269,29 @@ class Search:
                 if i not in self.spaces:
                     self.spaces[i] = self.grown_space(model, estimated)
             return known
+        if estimated:
+            return self.truncate_within(models, self.share, keep=fits_together(models))
+        first = self.truncate_within(models, _LESS * self.scene.tolerance, once=True)
+        # Where no f_cut is so good, the richest would stand, which later meshes may not even resolve.
+        return self.truncate_within(models, self.share, once=True) if first.limit else first
+
+    def truncate_within(
+        self, models: Sequence[Model], share: float, *, keep: bool = False, once: bool = False
+    ) -> Estimate:
+        """Grow the spaces of both bodies, and choose a truncation within a share of the tolerance."""
         rigid = self.scene.rigid
         spaces, truncation = grow_to_tolerance(
             models,
             [[0] * len(models)],
-            tolerance=self.share if estimated else _LESS * self.scene.tolerance,
+            tolerance=share,
             speed=self.scene.speed,
             duration=self.duration,
             rigid=None if rigid is None else lambda points: rigid.project(points)[0],
             known=[self.spaces.get(i) for i in range(len(models))],
-            keep=estimated and fits_together(models),
+            keep=keep,
             f_top=self.first_top,
             whole=True,
-            once=not estimated,
+            once=once,
             settled=SETTLED,
             finer=_STEPS,
         )

@@ -12,10 +12,10 @@ import scipy.special
 from oracles import SPHERE_MATERIAL, relative
 
 import exudyn_partition as ep
-from exudyn_partition.accuracy.contact_place import contact_place
+from exudyn_partition.accuracy.contact_place import contact_place, sides_of
 from exudyn_partition.accuracy.design_search import Search
-from exudyn_partition.accuracy.impact_scene import Scene
-from exudyn_partition.accuracy.mesh_rules import Sizes, count_of_dofs
+from exudyn_partition.accuracy.impact_scene import Scene, first_circle
+from exudyn_partition.accuracy.mesh_rules import Sizes, count_of_dofs, first_sizes
 from exudyn_partition.errors import EmptyRegionError, InputError, MemoryLimitError, MeshError, ToleranceWarning
 
 RADIUS, SPEED, TOLERANCE = 5e-3, 0.3, 0.05
@@ -306,3 +306,19 @@ def test_slightly_larger_elements_are_taken_where_the_mesh_has_a_leap_there(dofs
     assert own == replace(rule, near=max(made) if larger else rule.near)
     assert count_of_dofs(found, 3) == pytest.approx(dofs * (leap if larger else 1.0), abs=3)
     assert max(made) <= 1.2 * rule.near
+
+
+def test_a_first_look_beyond_its_small_share_takes_the_least_f_cut_that_keeps_the_whole_one():
+    """A lens on a plate with a hole, which rings. Later meshes would not resolve the richest f_cut."""
+    lens = occ.Sphere(occ.Pnt(0, 0, 30e-3), 30e-3) * occ.Cylinder(occ.Pnt(0, 0, -1e-3), occ.Z, r=8e-3, h=6e-3)
+    whole = occ.Box(occ.Pnt(-30e-3, -30e-3, -15e-3), occ.Pnt(30e-3, 30e-3, 0))
+    shapes = lens, whole - occ.Cylinder(occ.Pnt(15e-3, 0, -16e-3), occ.Z, r=5e-3, h=20e-3)
+    materials, tolerance = (ep.STEEL, ep.ALUMINIUM), 0.01
+    place = contact_place(shapes, None, np.zeros(3), lambda radius: first_circle(shapes, materials, 1.0, radius))
+    search = Search(Scene(shapes, materials, None, place, 1.0, tolerance, 100_000), 120e-6)
+    circle = first_circle(shapes, materials, 1.0, place.radius)
+    sizes = [first_sizes(sides_of(shape), place.semi_axes(circle)) for shape in shapes]
+    found = search.look_at(sizes, circle, estimated=False).truncation
+    assert 0.0018 < found.error < 0.003  # beyond 0.27, and within 0.45 of the tolerance, over 1.5
+    assert not found.limit
+    assert found.f_cut < 0.4 * found.f_top
