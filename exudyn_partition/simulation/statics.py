@@ -520,8 +520,9 @@ def _warn_if_neutral(mbs: MainSystem) -> None:
     allowed = scipy.linalg.null_space(joints) if len(joints) else np.eye(n)  # SciPy 1.13 accepts no empty matrix
     M, K = (allowed.T @ matrix @ allowed for matrix in (M, system[:n, :n]))
     squares, motions = scipy.linalg.eigh((K + K.T) / 2, M)
-    slowest = int(abs(squares).argmin())
-    if abs(squares[slowest]) > (_NEUTRAL * 2 * np.pi * max(item.body.f_cut for item in bodies)) ** 2:
+    slowest, least = int(abs(squares).argmin()), (_NEUTRAL * 2 * np.pi * max(item.body.f_cut for item in bodies)) ** 2
+    _warn_if_unstable(mbs, squares[0], least)
+    if abs(squares[slowest]) > least:
         return
     motion = abs(allowed @ motions[:, slowest])
     free = max(bodies, key=lambda item: max(motion[own].max(initial=0.0) for own in coordinate_slices(mbs, item)))
@@ -531,3 +532,21 @@ def _warn_if_neutral(mbs: MainSystem) -> None:
         ModelLimitWarning,
         stacklevel=3,
     )
+
+
+def _warn_if_unstable(mbs: MainSystem, lowest: float, least: float) -> None:
+    """Warn of an equilibrium that no body keeps: its lowest squared frequency is negative [rad2/s2], beyond `least`.
+
+    Compression alone makes it so, by geometric stiffness. The stiffness of friction is not symmetric, and tells
+    nothing.
+    """
+    bodies, contacts = partition_items(mbs)
+    pressed = [item for item in bodies if item.body.stiffening is not None]
+    if lowest < -least and pressed and not contacts:
+        warnings.warn(
+            f"{' and '.join(called(item) for item in pressed)}: this equilibrium is unstable, compression has buckled "
+            "what should hold it. Lower the load. To find the bent shape, add a small force across, and take more "
+            "load steps",
+            ModelLimitWarning,
+            stacklevel=4,
+        )

@@ -174,6 +174,38 @@ def test_a_buckled_strut_warns_of_its_slopes(column, frame):
     assert float(told[1]) == pytest.approx(slope, rel=0.05)
 
 
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_statics_tell_that_a_straight_strut_has_buckled(column, frame):
+    """The straight strut is an equilibrium beyond Euler's load too, which no strut keeps."""
+    mbs, _ = hinged(column, frame, 0.98 * EULER)
+    assert not ep.solve_static(mbs, load_steps=1).warnings
+    mbs, _ = hinged(column, frame, 1.05 * EULER)
+    with pytest.warns(ModelLimitWarning, match=r"'strut': this equilibrium is unstable"):
+        ep.solve_static(mbs, load_steps=1)
+
+
+def test_a_column_vibrates_by_its_own_weight_as_greenhill_says(column_model):
+    """Clamped at its foot; the weight at which it buckles is 7.837 E I / L^2, and squares of frequencies fall to it."""
+    fem, _ = column_model
+    foot = ep.Partition.interface(fem, "foot", "foot")
+    body = ep.reduce(fem, foot, f_cut=2e3, geometric_stiffness=True)
+    greatest = 7.837 * EULER / np.pi**2  # weight [N]; Euler's load is pi^2 E I / L^2
+    found = []
+    for share in (0.0, 0.4, 0.8):
+        mbs = exu.SystemContainer().AddSystem()
+        gravity = -share * greatest / body.total_mass
+        item = ep.CreatePartitionBody(mbs, body, name="column", gravity=[0, 0, gravity])
+        held = [marker_at(mbs, 0, 0, 0), item.CreateInterfaceMarker(mbs, "foot")]
+        mbs.AddObject(items.GenericJoint(markerNumbers=held, constrainedAxes=[1] * 6))
+        mbs.Assemble()
+        ep.solve_static(mbs, load_steps=1, update_initial=True)
+        values = mbs.ComputeODE2Eigenvalues(convert2Frequencies=True)[0]
+        found.append(np.sort(values[np.isfinite(values)])[0])
+    squares = (np.array(found) / found[0]) ** 2
+    assert squares[1] == pytest.approx(0.6, rel=0.01)
+    assert 0.8 / (1 - squares[2]) == pytest.approx(1.0, rel=0.015)  # share of the weight at which they are zero
+
+
 def test_a_strut_beyond_its_load_bends_as_the_review_says(column):
     """What holds it there is wrong by at most the share that is told; an elastica bears a quarter of the square."""
     (link,) = links(column)
