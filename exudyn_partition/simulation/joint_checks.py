@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import FrameType
 
@@ -168,8 +168,18 @@ def _placed_stiffness(mbs: MainSystem, bodies: Sequence[PartitionBody], n: int) 
     return result
 
 
-def check_start(mbs: MainSystem, settings: SimulationSettings, progress: Progress | None) -> OpenJoints:
+def check_start(
+    mbs: MainSystem,
+    settings: SimulationSettings,
+    progress: Progress | None,
+    start: Callable[[], float],
+    *,
+    goes_on: bool = False,
+) -> OpenJoints:
     """Raise an error for invalid options, for models that are not ready, and for violated joints; see `check_joints`.
+
+    `start` returns the time at which the run begins [s]; it is called when the settings are known to be some. `goes_on`
+    says whether it begins where an earlier run ended, with velocities that joints and drives have given.
 
     Raises
     ------
@@ -186,7 +196,7 @@ def check_start(mbs: MainSystem, settings: SimulationSettings, progress: Progres
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
     check_model(mbs)
     check_sensors(mbs)
-    return check_joints(mbs, partition_items(mbs)[0])
+    return check_joints(mbs, partition_items(mbs)[0], start(), goes_on=goes_on)
 
 
 def _refuse_within_a_run(mbs: MainSystem) -> None:
@@ -201,7 +211,7 @@ def _refuse_within_a_run(mbs: MainSystem) -> None:
         frame = frame.f_back
 
 
-def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> OpenJoints:
+def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody], start: float, *, goes_on: bool) -> OpenJoints:
     """Raise an error for joints on nodes that were reduced away, and for a start that violates a constraint.
 
     Parameters
@@ -210,6 +220,10 @@ def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> OpenJoints
         The model, assembled.
     bodies : sequence of PartitionBody
         All bodies of the model.
+    start : float
+        Time at which the run begins [s]: drives are functions of it.
+    goes_on : bool
+        Whether velocities are those of an earlier run. Exudyn's rates of joints with a drive do not know its speed.
 
     Returns
     -------
@@ -238,6 +252,7 @@ def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> OpenJoints
     solver, settings = exu.MainSolverStatic(), exu.SimulationSettings()
     settings.staticSolver.verboseMode, settings.solution.file.write = 0, False
     settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+    settings.staticSolver.loadStepStart = start
     solver.InitializeSolver(mbs, settings)
     gaps, rates = (_violations(mbs, solver, velocity_level) for velocity_level in (False, True))
     apart, residual = abs(gaps), abs(rates)
@@ -252,7 +267,7 @@ def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> OpenJoints
                 "bodies and the markers' places"
             )
         own = residual[rows].max()
-        if own > max(_VIOLATION * largest, round_off):
+        if not goes_on and own > max(_VIOLATION * largest, round_off):
             raise InputError(
                 f"{_object(mbs, number)} is violated by the initial velocities, by {own:.4g} (m/s or rad/s): Exudyn "
                 "would begin with an impulse. Give all bodies of the mechanism initialVelocity, of their centres of "

@@ -9,6 +9,7 @@ import time
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -217,7 +218,9 @@ def _run(
     if not 0 <= spectral_radius <= 1:
         raise InputError(f"spectral_radius: expected 0 to 1, got {spectral_radius!r}")
     end_time = validate_positive("end_time", end_time, "s")
-    open_joints = check_start(mbs, settings, progress)
+    begin_at = start_time if last is None or last.method == "static" else last.t
+    begins = partial(_start, begin_at, end_time, settings)
+    open_joints = check_start(mbs, settings, progress, begins, goes_on=last is not None)
     only_adaptive = {
         "free_step": free_step,
         "gap_tolerance": gap_tolerance,
@@ -227,7 +230,6 @@ def _run(
     for name, value in only_adaptive.items():
         if value is not None and not adaptive:
             raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")
-    begin_at = start_time if last is None or last.method == "static" else last.t
     start = _start(begin_at, end_time, settings)
     step = _checked_step(mbs, last.step if step is None and last and last.method == method else step, method)
     steps = _count(end_time - start, step)

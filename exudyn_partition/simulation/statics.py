@@ -193,7 +193,7 @@ def settle(
     validate_model(mbs)
     everything, contacts = partition_items(mbs)
     chosen = _resting(mbs, everything, bodies)
-    check_start(mbs, settings, progress)
+    check_start(mbs, settings, progress, lambda: 0.0 if settings is None else settings.staticSolver.loadStepStart)
     data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
     start = data.GetODE2Coordinates(initial)
     others = Others.of(mbs).bodies
@@ -400,7 +400,7 @@ def _run(
     load_steps = validate_integer("load_steps", load_steps, least=1)
     validate_flag("load_factor", load_factor)
     validate_flag("update_initial", update_initial)
-    check_start(mbs, settings, progress)
+    check_start(mbs, settings, progress, lambda: 0.0 if settings is None else settings.staticSolver.loadStepStart)
     if settings is None:
         settings = exu.SimulationSettings()
         settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse

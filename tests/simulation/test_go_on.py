@@ -268,3 +268,23 @@ def test_what_cannot_go_on_is_refused(round_body):
     mbs.Assemble()
     with pytest.raises(InputError, match="go_on: the model has other coordinates than in its last run"):
         ep.solve_dynamic(mbs, end_time=2e-6, go_on=True)
+
+
+def test_a_drive_that_has_moved_a_joint_goes_on():
+    """At the start of the second part the drive is far from where it was at time zero, and moves."""
+    fem = ep.fe_model(occ.Box((0, 0, 0), (0.05, 0.01, 0.01)), ep.STEEL, maxh=10e-3)
+    end = ep.Partition.interface(fem, "end", np.flatnonzero(fem.points[:, 0] < 1e-9), kind="averaged")
+    body, found = ep.reduce(fem, end, f_cut=10e3), []
+    for times in ([4e-3], [2e-3, 4e-3]):
+        mbs = model()
+        item = ep.CreatePartitionBody(mbs, body, frame="floating")
+        ground = mbs.CreateGround(referencePosition=[0, 5e-3, 5e-3])
+        markers = [mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=ground)), item.CreateInterfaceMarker(mbs, "end")]
+        drive = {"offsetUserFunction": lambda mbs, t, *unused: [1e3 * t**2, 0, 0, 0, 0, 0]}
+        mbs.AddObject(items.GenericJoint(markerNumbers=markers, constrainedAxes=[1] * 6, **drive))
+        mbs.Assemble()
+        for i, end_time in enumerate(times):
+            result = ep.solve_dynamic(mbs, end_time=end_time, method="implicit", step=2e-5, go_on=i > 0)
+        found.append(item.momentum(result)[-1, 0] / body.total_mass)
+    assert found[0] == pytest.approx(8.0, rel=0.01)  # 2000 m/s2 for 4 ms
+    assert found[1] == pytest.approx(found[0], rel=1e-6)

@@ -65,7 +65,7 @@ def test_what_is_kept_is_the_beginning_of_the_whole_run(bodies, with_mass, formu
 def test_before_the_first_step(impact, monkeypatch):
     """The checks before a run take a thousandth of it, and Ctrl-C in them left nothing."""
     checked = joint_checks.check_joints
-    monkeypatch.setattr(joint_checks, "check_joints", lambda *arguments: (press_ctrl_c(), checked(*arguments))[1])
+    monkeypatch.setattr(joint_checks, "check_joints", lambda *a, **options: (press_ctrl_c(), checked(*a, **options))[1])
     before = signal.getsignal(signal.SIGINT)
     with pytest.warns(StoppedRunWarning, match="interrupted by the user"):
         result = ep.solve_dynamic(impact[0], end_time=1e-3)
