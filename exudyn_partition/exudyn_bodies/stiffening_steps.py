@@ -51,7 +51,7 @@ class SteppedStiffening:
         self._solver: MainSolver | None = None  # whose Jacobian has the tangent
         self._tangent = np.zeros((k, k))
         self._errors = np.zeros((3, k))
-        self._guess, self._last, self._anchor, self._at_anchor = np.zeros((4, k))
+        self._guess, self._last, self._told, self._anchor, self._at_anchor = np.zeros((5, k))
         self._more = 0  # iterations since the last Jacobian that a better one might have spared
         self._t, self._step, self._dynamic = -np.inf, 0.0, self._static
 
@@ -75,7 +75,7 @@ class SteppedStiffening:
                 self._more += 1
                 if self._more == _PAYS:
                     mbs.solverSignalJacobianUpdate = True
-        self._last[:] = motion
+        self._last[:], self._told[:] = motion, force
         return stiffening.on_coordinates(force)
 
     def tangent(self, mbs: MainSystem, q: Array, by_velocity: float) -> Array:
@@ -84,10 +84,12 @@ class SteppedStiffening:
         tangent = self._stiffening.tangent_on_motion(motion)
         solver = mbs.sys.get("dynamicSolver") if by_velocity else None  # neither statics nor eigenvalues
         if solver != self._solver or solver is None:
-            self._solver, self._t, self._guess[:] = solver, -np.inf, motion
+            self._solver, self._t, self._guess[:], self._last[:] = solver, -np.inf, motion, np.nan
             self._set_step(0.0 if solver is None else solver.it.currentStepSize)
         self._tangent, self._anchor[:], self._more = tangent, motion, 0
-        self._at_anchor[:] = self._stiffening.force_on_motion(motion)
+        # The residual that the solver has at this motion must stay as it is, or Newton's method begins anew.
+        told = np.array_equal(motion, self._last)
+        self._at_anchor[:] = self._told if told else self._stiffening.force_on_motion(motion)
         return self._stiffening.matrix_on_coordinates(tangent)
 
     def _begin(self, t: float, step: float) -> None:
