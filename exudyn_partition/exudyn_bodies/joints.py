@@ -78,7 +78,7 @@ class Joints:
                 entry = mbs.GetObject(number)
                 _validate(number, entry)
                 self._objects.append((number, rows, columns, _is_linear(entry)))
-                if any(isinstance(entry.get(name), dict) for name in _TIMED):
+                if is_timed(entry):
                     self._timed.append(int(number))
         if sum(len(rows) for _, rows, *_ in self._objects) < self.n:
             raise InputError(
@@ -238,6 +238,11 @@ class Joints:
                         rate[rows] += side / step * self._mbs.ComputeItem(number, self._kind.AlgebraicEquations)
             data.SetTime(t)
         return rate
+
+
+def is_timed(entry: ItemEntry) -> bool:
+    """Whether a user function of time drives a joint on position level; see `mbs.GetObject` for its entry."""
+    return not entry.get("velocityLevel") and any(isinstance(entry.get(name), dict) for name in _TIMED)
 
 
 def _reach(mbs: MainSystem) -> float:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from types import FrameType
 
@@ -13,7 +14,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg
 
 from ..errors import InputError, ModelLimitWarning, RunError
-from ..exudyn_bodies.joints import mass_and_rows
+from ..exudyn_bodies.joints import is_timed, mass_and_rows
 from ..exudyn_bodies.model import coordinate_slices, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody, check_model
 from ..exudyn_bodies.user_functions import RIGID
@@ -24,6 +25,7 @@ from ..support.checks import validate_callable
 from ..support.foreign import MainSolver, MainSystem, SimulationSettings
 from ..support.optional import require
 from ..support.progress import Progress
+from .hooks import cause
 from .result import Result
 from .sensor_checks import check_sensors
 
@@ -36,6 +38,7 @@ _CLOSED = 1e-12  # gap of a joint closed to round-off: share of the smallest bod
 _SHARE = 1e-2  # energy that closing a joint may add, as a share of the bodies' largest energy
 _FIRST, _SPIKE = 50, 2.0  # steps in which a joint comes to rest; largest ratio of its force then to all later ones
 _REGULAR = 1e-8, 1e-12  # share of a gap that stays open, and least mass: with these, redundant rows have one solution
+_LOOK = 0.1, 1e-6  # time after the start in which speeds of drives show: share of 1 / omega_cut, or s without bodies
 _OVERSHOOT = 2.0  # velocity after the first implicit step, in gaps per step: gamma / beta of Newmark's method
 
 
@@ -174,12 +177,13 @@ def check_start(
     progress: Progress | None,
     start: Callable[[], float],
     *,
-    goes_on: bool = False,
+    judges_velocities: bool,
 ) -> OpenJoints:
     """Raise an error for invalid options, for models that are not ready, and for violated joints; see `check_joints`.
 
-    `start` returns the time at which the run begins [s]; it is called when the settings are known to be some. `goes_on`
-    says whether it begins where an earlier run ended, with velocities that joints and drives have given.
+    `start` returns the time at which the run begins [s]; it is called when the settings are known to be some.
+    `judges_velocities` says whether initial velocities must fit joints and drives. They need not in statics, and not
+    where a run goes on, with velocities that joints and drives have given.
 
     Raises
     ------
@@ -196,7 +200,7 @@ def check_start(
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
     check_model(mbs)
     check_sensors(mbs)
-    return check_joints(mbs, partition_items(mbs)[0], start(), goes_on=goes_on)
+    return check_joints(mbs, partition_items(mbs)[0], start(), judges_velocities=judges_velocities)
 
 
 def _refuse_within_a_run(mbs: MainSystem) -> None:
@@ -211,8 +215,10 @@ def _refuse_within_a_run(mbs: MainSystem) -> None:
         frame = frame.f_back
 
 
-def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody], start: float, *, goes_on: bool) -> OpenJoints:
-    """Raise an error for joints on nodes that were reduced away, and for a start that violates a constraint.
+def check_joints(
+    mbs: MainSystem, bodies: Sequence[PartitionBody], start: float, *, judges_velocities: bool
+) -> OpenJoints:
+    """Raise an error for joints on nodes that were reduced away, for idle drives, and for a start that violates joints.
 
     Parameters
     ----------
@@ -222,8 +228,8 @@ def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody], start: float,
         All bodies of the model.
     start : float
         Time at which the run begins [s]: drives are functions of it.
-    goes_on : bool
-        Whether velocities are those of an earlier run. Exudyn's rates of joints with a drive do not know its speed.
+    judges_velocities : bool
+        Whether initial velocities must fit joints and drives.
 
     Returns
     -------
@@ -241,6 +247,7 @@ def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody], start: float,
     size = min((float(np.ptp(item.body.points, axis=0).max()) for item in bodies), default=np.inf)
     constraints = [i for i in range(mbs.systemData.NumberOfObjects()) if len(mbs.systemData.GetObjectLTGAE(i))]
     for number in constraints:
+        _refuse_idle_drive(mbs, number)
         for marker in mbs.GetObject(number).get("markerNumbers", []):
             if int(marker) in point_markers:
                 raise InputError(
@@ -253,11 +260,10 @@ def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody], start: float,
     settings.staticSolver.verboseMode, settings.solution.file.write = 0, False
     settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
     settings.staticSolver.loadStepStart = start
-    solver.InitializeSolver(mbs, settings)
-    gaps, rates = (_violations(mbs, solver, velocity_level) for velocity_level in (False, True))
-    apart, residual = abs(gaps), abs(rates)
-    largest = _largest_velocity(mbs, bodies)
-    round_off = _ROUND_OFF * min((size * 2 * np.pi * item.body.f_cut for item in bodies), default=_USUAL)
+    with _exudyn_computes():
+        solver.InitializeSolver(mbs, settings)
+        gaps = _violations(mbs, solver)
+    apart = abs(gaps)
     for number in constraints:
         rows = list(mbs.systemData.GetObjectLTGAE(number))
         if apart[rows].max() > _APART * size:
@@ -266,13 +272,8 @@ def check_joints(mbs: MainSystem, bodies: Sequence[PartitionBody], start: float,
                 f"{size:.3g} m long: its markers do not meet. Check referencePosition and referenceRotation of the "
                 "bodies and the markers' places"
             )
-        own = residual[rows].max()
-        if not goes_on and own > max(_VIOLATION * largest, round_off):
-            raise InputError(
-                f"{_object(mbs, number)} is violated by the initial velocities, by {own:.4g} (m/s or rad/s): Exudyn "
-                "would begin with an impulse. Give all bodies of the mechanism initialVelocity, of their centres of "
-                "mass, and initialAngularVelocity that fit the joints and drives"
-            )
+    if judges_velocities:
+        _refuse_violating_velocities(mbs, solver, bodies, constraints, size)
     found = []
     for number in constraints:
         equations = np.array(mbs.systemData.GetObjectLTGAE(number))
@@ -307,10 +308,117 @@ def _force_sensors(mbs: MainSystem, number: int) -> tuple[tuple[str, int], ...]:
     return tuple(found)
 
 
-def _violations(mbs: MainSystem, solver: MainSolver, velocity_level: bool) -> Array:
+@contextlib.contextmanager
+def _exudyn_computes() -> Iterator[None]:
+    """Turn Exudyn's errors, and those of a user's functions that it calls, into a RunError."""
+    try:
+        yield
+    except Exception as error:  # Exudyn wraps errors of user functions in its own types
+        raise RunError(f"mbs: Exudyn cannot run the model: {cause(error)}") from error
+
+
+def _violations(mbs: MainSystem, solver: MainSolver, *, velocity_level: bool = False) -> Array:
     """Values of the constraints at the start, (number of constraints,), or of their rates."""
     solver.ComputeAlgebraicEquations(mbs, velocityLevel=velocity_level)
     return np.array(solver.GetSystemResidual())[-mbs.systemData.AEsize() :]
+
+
+def _refuse_idle_drive(mbs: MainSystem, number: int) -> None:
+    """Raise an error if a joint has only that user function of its offset which Exudyn does not read."""
+    about, names = mbs.GetObject(number), ("offsetUserFunction", "offsetUserFunction_t")
+    given = {name for name in names if isinstance(about.get(name), dict)}
+    level = int(bool(about.get("velocityLevel")))
+    if given and names[level] not in given:
+        raise InputError(
+            f"{_object(mbs, number)} has an {names[1 - level]} and no {names[level]}: nothing would drive it, because "
+            f"it constrains {('positions', 'velocities')[level]}. Give {names[level]}, the "
+            f"{('offset', 'rate of the offset')[level]} as a function of time"
+        )
+
+
+def refuse_drives_by_rates(mbs: MainSystem, settings: SimulationSettings) -> None:
+    """Raise an error if a run's settings let Exudyn solve rates of constraints, and those of a joint lack its drive.
+
+    Raises
+    ------
+    InputError
+    """
+    if settings is None or not settings.timeIntegration.generalizedAlpha.useIndex2Constraints:
+        return
+    for number in range(mbs.systemData.NumberOfObjects()):
+        about = mbs.GetObject(number)
+        told = "constraintUserFunction" in about or isinstance(about.get("offsetUserFunction_t"), dict)
+        if is_timed(about) and (about["objectType"] == "JointGeneric" or not told):
+            raise InputError(
+                f"settings: with timeIntegration.generalizedAlpha.useIndex2Constraints Exudyn solves rates of "
+                f"constraints, and those of {_object(mbs, number).removeprefix('mbs: ')} lack its drive. Leave it False"
+            )
+
+
+def _refuse_violating_velocities(
+    mbs: MainSystem, solver: MainSolver, bodies: Sequence[PartitionBody], constraints: Sequence[int], size: float
+) -> None:
+    """Raise an error if initial velocities violate a joint, or differ from the speed of its drive."""
+    largest = _largest_velocity(mbs, bodies)
+    round_off = _ROUND_OFF * min((size * 2 * np.pi * item.body.f_cut for item in bodies), default=_USUAL)
+    share, look = _LOOK
+    look = share / (2 * np.pi * max(item.body.f_cut for item in bodies)) if bodies else look
+    driven = [number for number in constraints if is_timed(entry := mbs.GetObject(number)) and entry["activeConnector"]]
+    with _exudyn_computes():
+        residual = abs(_rates(mbs, solver, driven))
+        speeds = {number: _drive(mbs, number, look) for number in driven}
+    for number in constraints:
+        rows, drive = mbs.systemData.GetObjectLTGAE(number), ""
+        own = residual[list(rows)].max()
+        if number in speeds:
+            speed, unsure = speeds[number]
+            own = (abs(_row_rates(mbs, number) + speed) - unsure).max()
+            drive = f"Its drive begins with {abs(speed).max():.4g}. "
+        if own > max(_VIOLATION * largest, round_off):
+            raise InputError(
+                f"{_object(mbs, number)} is violated by the initial velocities, by {own:.4g} (m/s or rad/s): Exudyn "
+                f"would begin with an impulse. {drive}Give all bodies of the mechanism initialVelocity, of their "
+                "centres of mass, and initialAngularVelocity that fit the joints and drives"
+            )
+
+
+def _rates(mbs: MainSystem, solver: MainSolver, driven: Sequence[int]) -> Array:
+    """Rates of the constraints at the start, (number of constraints,); those of driven joints are none.
+
+    Exudyn leaves the speed of a drive on position level out of them, or cannot compute them.
+    """
+    switch = "activeConnector"
+    were_on = {number: mbs.GetObjectParameter(number, switch) for number in driven}
+    try:
+        for number in driven:
+            mbs.SetObjectParameter(number, switch, False)
+        return _violations(mbs, solver, velocity_level=True)
+    finally:
+        for number, on in were_on.items():
+            mbs.SetObjectParameter(number, switch, on)
+
+
+def _row_rates(mbs: MainSystem, number: int) -> Array:
+    """Rates of a joint's equations by the initial velocities, (k,), without that of its drive."""
+    exu, data = require("exudyn"), mbs.systemData
+    J = np.asarray(mbs.ComputeItem(exu.ObjectIndex(number), exu.ComputeItemType.ConstraintJacobian))
+    velocities: Array = data.GetODE2Coordinates_t(exu.ConfigurationType.Initial)[data.GetObjectLTGODE2(number)]
+    return J @ velocities
+
+
+def _drive(mbs: MainSystem, number: int, look: float) -> tuple[Array, Array]:
+    """Speed with which the drive of a joint begins, (k,), and a bound on its error, from the time `look` on [s]."""
+    exu, data = require("exudyn"), mbs.systemData
+    start, values, kind = data.GetTime(), [], exu.ComputeItemType.AlgebraicEquations
+    try:
+        for share in (0, 1 / 4, 1 / 2, 1):
+            data.SetTime(start + share * look)
+            values.append(np.array(mbs.ComputeItem(exu.ObjectIndex(number), kind)))
+    finally:
+        data.SetTime(start)
+    first, early, middle, late = values
+    rough, fine = (4 * middle - 3 * first - late) / look, (4 * early - 3 * first - middle) / (look / 2)
+    return fine, abs(fine - rough)
 
 
 def _object(mbs: MainSystem, number: int) -> str:

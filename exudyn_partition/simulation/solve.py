@@ -38,7 +38,7 @@ from .balance_review import warn_of_balance, warn_of_long_steps
 from .contact_work import ContactWork
 from .continuation import RunEnd, accelerated, keep_end, last_end, origin_of, started_from
 from .hooks import begun, cause, controlled, residual, unsettled, watched
-from .joint_checks import OpenJoints, check_start
+from .joint_checks import OpenJoints, check_start, refuse_drives_by_rates
 from .lasting_review import tell_what_rings
 from .result import Result, cut, samples
 from .review import noted, reviewed, warn_of_turns
@@ -220,7 +220,9 @@ def _run(
     end_time = validate_positive("end_time", end_time, "s")
     begin_at = start_time if last is None or last.method == "static" else last.t
     begins = partial(_start, begin_at, end_time, settings)
-    open_joints = check_start(mbs, settings, progress, begins, goes_on=last is not None)
+    open_joints = check_start(mbs, settings, progress, begins, judges_velocities=last is None)
+    if method == "implicit":
+        refuse_drives_by_rates(mbs, settings)
     only_adaptive = {
         "free_step": free_step,
         "gap_tolerance": gap_tolerance,

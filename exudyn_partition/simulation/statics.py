@@ -140,6 +140,11 @@ def solve_static(
         return replace(result, warnings=tuple(warned))
 
 
+def _static_start(settings: SimulationSettings) -> float:
+    """Static time at which a run begins [s]."""
+    return 0.0 if settings is None else settings.staticSolver.loadStepStart
+
+
 def settle(
     mbs: MainSystem,
     bodies: Sequence[PartitionBody] | None = None,
@@ -193,7 +198,7 @@ def settle(
     validate_model(mbs)
     everything, contacts = partition_items(mbs)
     chosen = _resting(mbs, everything, bodies)
-    check_start(mbs, settings, progress, lambda: 0.0 if settings is None else settings.staticSolver.loadStepStart)
+    check_start(mbs, settings, progress, partial(_static_start, settings), judges_velocities=False)
     data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
     start = data.GetODE2Coordinates(initial)
     others = Others.of(mbs).bodies
@@ -400,7 +405,7 @@ def _run(
     load_steps = validate_integer("load_steps", load_steps, least=1)
     validate_flag("load_factor", load_factor)
     validate_flag("update_initial", update_initial)
-    check_start(mbs, settings, progress, lambda: 0.0 if settings is None else settings.staticSolver.loadStepStart)
+    check_start(mbs, settings, progress, partial(_static_start, settings), judges_velocities=False)
     if settings is None:
         settings = exu.SimulationSettings()
         settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse

@@ -10,7 +10,7 @@ import pytest
 from oracles import HINGE, ground, jointed
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError, ModelLimitWarning
+from exudyn_partition.errors import InputError, ModelLimitWarning, RunError
 
 KIND = exu.OutputVariableType
 
@@ -103,3 +103,149 @@ def test_joints_of_round_off_are_closed(arm_body, frame):
     mbs.AddObject(items.GenericJoint(markerNumbers=[ground(mbs, place), foot], constrainedAxes=HINGE))
     mbs.Assemble()
     assert ep.solve_dynamic(mbs, end_time=2e-5, step=1e-6, method="implicit").status == "finished"
+
+
+PACE = 0.3  # m/s, of the drives below
+
+
+def driven_by(kind, mbs, speed, way=lambda t: PACE * t, **functions):
+    """A mass at a speed along x that a joint of a kind drives by `functions`, or else along a way; sensor of velocity.
+
+    `functions` are of time alone.
+    """
+    of_joint = kind == "JointGeneric"
+    functions = functions or {
+        "constraintUserFunction" if kind == "ConnectorCoordinateVector" else "offsetUserFunction": way
+    }
+    if of_joint:
+        inertia = exudyn.utilities.RigidBodyInertia(mass=1.0, inertiaTensor=np.eye(3))
+        shape = exu.NodeType.RotationRotationVector
+        body = mbs.CreateRigidBody(inertia=inertia, initialVelocity=[speed, 0, 0], nodeType=shape)
+        node, marker = mbs.GetObject(body)["nodeNumber"], mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body))
+        along = {name: lambda mbs, t, *unused, of=of: [of(t), 0, 0, 0, 0, 0] for name, of in functions.items()}
+        mbs.AddObject(items.GenericJoint(markerNumbers=[ground(mbs), marker], constrainedAxes=[1] * 6, **along))
+    else:
+        node = mbs.AddNode(items.NodePoint(initialVelocities=[speed, 0, 0]))
+        mbs.AddObject(items.MassPoint(mass=1.0, nodeNumber=node))
+        still = mbs.AddNode(items.NodePointGround())
+    if kind == "ConnectorCoordinate":
+        markers = [mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=n, coordinate=0)) for n in (still, node)]
+        level = {"velocityLevel": functions.pop("velocityLevel", False)}
+        along = {name: lambda mbs, t, *unused, of=of: float(of(t)) for name, of in functions.items()}
+        mbs.AddObject(items.ObjectConnectorCoordinate(markerNumbers=markers, **level, **along))
+    if kind == "ConnectorCoordinateVector":
+        markers = [mbs.AddMarker(items.MarkerNodeCoordinates(nodeNumber=n)) for n in (still, node)]
+        (of,) = functions.values()
+        mbs.AddObject(
+            items.ObjectConnectorCoordinateVector(
+                markerNumbers=markers, scalingMarker0=[], scalingMarker1=np.eye(3)[:1], offset=[0.0],
+                constraintUserFunction=lambda mbs, t, i, q, *unused: [q[-3] - of(t)],
+                jacobianUserFunction=lambda *unused: np.eye(3)[:1],
+            )
+        )  # fmt: skip
+    speed = items.SensorNode(nodeNumber=node, outputVariableType=KIND.Velocity, storeInternal=True)
+    number = mbs.AddSensor(speed)
+    mbs.Assemble()
+    return number
+
+
+@pytest.mark.parametrize("method", ["implicit", "explicit"])
+@pytest.mark.parametrize("kind", ["ConnectorCoordinate", "ConnectorCoordinateVector", "JointGeneric"])
+def test_a_drive_that_begins_at_a_speed_moves_what_has_this_speed(mbs, kind, method):
+    """Exudyn's rates of constraints leave that speed out; a body at another one would begin with an impulse."""
+    for start_time in (0.0, 2.0):
+        mbs.Reset()
+        speed = driven_by(kind, mbs, PACE, way=lambda t, begin=start_time: PACE * (t - begin))
+        result = ep.solve_dynamic(mbs, end_time=start_time + 0.02, start_time=start_time, step=1e-3, method=method)
+        np.testing.assert_allclose(result.sensor(speed)[:, 0], PACE, rtol=1e-6)
+    for other in (0.0, 0.9 * PACE, -PACE):
+        mbs.Reset()
+        driven_by(kind, mbs, other)
+        with pytest.raises(InputError, match=rf"{kind} .* by {PACE - other:.4g} .* drive begins with {PACE:.4g}"):
+            ep.solve_dynamic(mbs, end_time=0.02, step=1e-3, method=method)
+
+
+@pytest.mark.parametrize("way", [lambda t: 40 * t**2, lambda t: 1e3 * t**3, lambda t: 0.01 * (1 - np.cos(90 * t))])
+def test_drives_that_begin_softly_move_what_is_at_rest(mbs, way):
+    for kind in ("ConnectorCoordinate", "ConnectorCoordinateVector", "JointGeneric"):
+        mbs.Reset()
+        driven_by(kind, mbs, 0.0, way)
+        assert ep.solve_dynamic(mbs, end_time=0.01, step=1e-3, method="implicit").status == "finished"
+
+
+@pytest.mark.parametrize("method", ["implicit", "explicit"])
+def test_a_drive_that_tells_its_rate(mbs, arm_body, method):
+    """Exudyn cannot take the rate of a generic joint's drive; the joint runs by its way, and carries a body along."""
+    rates = {"offsetUserFunction": lambda t: PACE * t, "offsetUserFunction_t": lambda t: PACE}
+    for kind in ("ConnectorCoordinate", "JointGeneric"):
+        mbs.Reset()
+        speed = driven_by(kind, mbs, PACE, **rates)
+        result = ep.solve_dynamic(mbs, end_time=0.02, step=1e-3, method=method)
+        np.testing.assert_allclose(result.sensor(speed)[:, 0], PACE, rtol=1e-6)
+    mbs.Reset()
+    item = ep.CreatePartitionBody(mbs, arm_body, frame="floating", initialVelocity=[PACE, 0, 0])
+    along = {name: lambda mbs, t, *unused, of=of: [of(t), 0, 0, 0, 0, 0] for name, of in rates.items()}
+    markers = [ground(mbs), item.CreateInterfaceMarker(mbs, "foot")]
+    mbs.AddObject(items.GenericJoint(markerNumbers=markers, constrainedAxes=[1] * 6, **along))
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=2e-5, method=method)
+    np.testing.assert_allclose(item.momentum(result)[:, 0] / arm_body.total_mass, PACE, rtol=1e-6)
+
+
+def test_drives_that_exudyn_would_leave_idle_are_refused(mbs):
+    """The rate of a joint on position level, and the way of one on velocity level, drive nothing."""
+    rate, way = {"offsetUserFunction_t": lambda t: PACE}, {"offsetUserFunction": lambda t: PACE * t}
+    for kind, level, given, missing in (
+        ("JointGeneric", {}, rate, "no offsetUserFunction:"),
+        ("ConnectorCoordinate", {}, rate, "no offsetUserFunction:"),
+        ("ConnectorCoordinate", {"velocityLevel": True}, way, "no offsetUserFunction_t:"),
+    ):
+        mbs.Reset()
+        driven_by(kind, mbs, PACE, **level, **given)
+        with pytest.raises(InputError, match=rf"{kind} .* {missing} nothing would drive it"):
+            ep.solve_dynamic(mbs, end_time=0.01, step=1e-3, method="implicit")
+    mbs.Reset()
+    speed = driven_by("ConnectorCoordinate", mbs, PACE, velocityLevel=True, **rate)
+    result = ep.solve_dynamic(mbs, end_time=0.01, step=1e-3, method="implicit")
+    np.testing.assert_allclose(result.sensor(speed)[:, 0], PACE, rtol=1e-6)
+
+
+def test_settings_that_solve_rates_without_drives_are_refused(mbs):
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.generalizedAlpha.useIndex2Constraints = True
+    settings.timeIntegration.generalizedAlpha.useNewmark = True
+    settings.solution.file.write = False
+    both = {"offsetUserFunction": lambda t: PACE * t, "offsetUserFunction_t": lambda t: PACE}
+    for kind, functions in (("ConnectorCoordinate", {}), ("JointGeneric", {}), ("JointGeneric", both)):
+        mbs.Reset()
+        driven_by(kind, mbs, PACE, **functions)
+        with pytest.raises(
+            InputError, match=rf"settings: .* rates of constraints, and those of {kind} .* lack its drive"
+        ):
+            ep.solve_dynamic(mbs, end_time=0.01, step=1e-3, method="implicit", settings=settings)
+    mbs.Reset()
+    speed = driven_by("ConnectorCoordinate", mbs, PACE, **both)
+    result = ep.solve_dynamic(mbs, end_time=0.01, step=1e-3, method="implicit", settings=settings)
+    np.testing.assert_allclose(result.sensor(speed)[:, 0], PACE, rtol=1e-6)
+
+
+def test_a_static_drive_needs_no_velocity(mbs, arm_body):
+    item = ep.CreatePartitionBody(mbs, arm_body, frame="floating")
+    markers = [ground(mbs), item.CreateInterfaceMarker(mbs, "foot")]
+    way = {"offsetUserFunction": lambda mbs, t, *unused: [1e-4 * t, 0, 0, 0, 0, 0]}
+    mbs.AddObject(items.GenericJoint(markerNumbers=markers, constrainedAxes=[1] * 6, **way))
+    mbs.Assemble()
+    result = ep.solve_static(mbs, load_steps=1)
+    np.testing.assert_allclose(item.coordinates(result)[-1, 0], 1e-4, rtol=1e-6)
+
+
+def test_what_exudyn_cannot_compute_at_the_start_is_told(mbs):
+    """Its own errors, and those of the user's function, name the model."""
+    driven_by("ConnectorCoordinate", mbs, 0.0, way=lambda t: {}["no such way"])
+    with pytest.raises(RunError, match=r"mbs: Exudyn cannot run the model: .*no such way"):
+        ep.solve_dynamic(mbs, end_time=0.01, step=1e-3, method="implicit")
+    mbs.Reset()
+    driven_by("ConnectorCoordinate", mbs, PACE)
+    mbs.AddNode(items.NodePoint())
+    with pytest.raises(RunError, match=r"mbs: Exudyn cannot run the model: .*Assemble"):
+        ep.solve_dynamic(mbs, end_time=0.01, step=1e-3, method="implicit")

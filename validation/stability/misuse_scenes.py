@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 
 import exudyn as exu
+import exudyn.itemInterface as items
 import netgen.occ as occ
 import ngsolve
 import numpy as np
@@ -121,6 +122,17 @@ def loaded(s, answer):
     run(mbs)
 
 
+def driven(s, level=False, speed=0.0, **functions):
+    """A run of the upper bar, and a mass at a speed that a constraint drives by functions of time."""
+    mbs = s.apart()
+    nodes = mbs.AddNode(items.NodePoint(initialVelocities=[speed, 0, 0])), mbs.AddNode(items.NodePointGround())
+    mbs.AddObject(items.MassPoint(mass=1.0, nodeNumber=nodes[0]))
+    markers = [mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=0)) for node in nodes[::-1]]
+    along = {name: lambda mbs, t, i, offset, of=of: of(t) for name, of in functions.items()}
+    mbs.AddObject(items.ObjectConnectorCoordinate(markerNumbers=markers, velocityLevel=level, **along))
+    run(mbs, method="implicit")
+
+
 def without_a_sensor(s, sensor):
     """A run of a model after a sensor of its items was deleted."""
     mbs, item, _, contact = s.model()
@@ -218,6 +230,10 @@ SET_UPS = {
     "a run within a run": run_within_a_run,
     "run that was not assembled": lambda s: solve(s.model()[0]),
     "run of nothing": lambda s: run(s.empty()),
+    "drive that begins at another speed": lambda s: driven(s, offsetUserFunction=lambda t: 0.3 * t),
+    "drive by a rate alone": lambda s: driven(s, speed=0.3, offsetUserFunction_t=lambda t: 0.3),
+    "drive of a velocity by a way": lambda s: driven(s, level=True, offsetUserFunction=lambda t: 0.3 * t),
+    "drive that fails": lambda s: driven(s, offsetUserFunction=lambda t: {}[t]),
     "sensor that was deleted": partial(without_a_sensor, sensor="coordinates"),
     "sensor of a contact that was deleted": partial(without_a_sensor, sensor="force"),
     "container for a model": lambda s: solve(exu.SystemContainer()),
