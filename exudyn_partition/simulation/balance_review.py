@@ -7,8 +7,10 @@ import warnings
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from ..errors import ModelLimitWarning
+from ..contact.formulations.choices import Compliance
+from ..errors import InputError, ModelLimitWarning
 from ..exudyn_bodies.item_work import Others
+from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import is_ours, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.balance import STEPS, Balance, doubt, has_all_steps
@@ -48,7 +50,7 @@ def warn_of_balance(mbs: MainSystem, result: Result) -> None:
         if id(item) not in others.bodies:
             _warn_of_momentum(item, result, np.flatnonzero(free))
     if not others.not_told and not exchanges and not any(map(_lacks_inertia, result.bodies)):
-        _warn_of_energy(result, balance, some, free)
+        _warn_of_energy(mbs, result, balance, some, free)
 
 
 def warn_of_long_steps(share: float) -> None:
@@ -103,7 +105,7 @@ def _largest(result: Result, energy: Array) -> float:
 
 def _warn_of_damping(result: Result, balance: Balance) -> None:
     """Warn of energy that damping of steps and strong damping of modes took: it should only smooth forces."""
-    largest, said = _largest(result, balance.total), []
+    largest, said, remedies = _largest(result, balance.total), [], []
     if _kinetic_at_end(result) < _AT_REST * largest:
         return  # the purpose of damping was to find this state
     by_steps = float(balance.taken.get(STEPS, np.zeros(1))[-1])
@@ -111,14 +113,16 @@ def _warn_of_damping(result: Result, balance: Balance) -> None:
         said.append(
             f"that of generalized-alpha, with steps of {result.step:.3g} s, {by_steps:.3g} J, {by_steps / largest:.1%}"
         )
+        remedies.append("shorter steps or a spectral_radius nearer to 1")
     by_modes = sum(_by_strong_damping(item, result) for item in result.bodies)
     if by_modes > _TAKEN * largest:
         said.append(f"that of modes with ratios of {_STRONG} and more {by_modes:.3g} J, {by_modes / largest:.1%}")
+        remedies.append("less damping of modes")
     if said:
         warnings.warn(
             f"damping took energy from the bodies, by their largest energy: {'; '.join(said)}. If the real bodies do "
-            "not lose that much, speeds after impacts are too small. Take shorter steps, a spectral_radius nearer to "
-            "1, or less damping of modes, and means of forces where these ring",
+            f"not lose that much, speeds after impacts are too small. Take {' and '.join(remedies)}, and means of "
+            "forces where these ring",
             ModelLimitWarning,
             stacklevel=4,
         )
@@ -181,7 +185,7 @@ def _warn_of_momentum(item: PartitionBody, result: Result, judged: Array) -> Non
         )
 
 
-def _warn_of_energy(result: Result, balance: Balance, samples: Array, free: Array) -> None:
+def _warn_of_energy(mbs: MainSystem, result: Result, balance: Balance, samples: Array, free: Array) -> None:
     """Warn of a change of energy without a known cause: the error of the steps."""
     rest, unsure = balance.rest, doubt(result)[samples]
     largest = _largest(result, balance.total - rest)
@@ -203,13 +207,13 @@ def _warn_of_energy(result: Result, balance: Balance, samples: Array, free: Arra
             f"the bodies have {made} {abs(rest[worst]):.3g} J of energy until t = {result.t[samples[worst]]:.6g} s, "
             f"{of_it} they should have, for which nothing in the model accounts: that of bodies and contacts went "
             f"from {balance.total[0]:.4g} to {balance.total[worst]:.4g} J{said}. "
-            f"{_by_steps_or_impacts(result, lost=rest[worst] < 0)}",
+            f"{_by_steps_or_impacts(mbs, result, lost=rest[worst] < 0)}",
             ModelLimitWarning,
             stacklevel=4,
         )
 
 
-def _by_steps_or_impacts(result: Result, *, lost: bool) -> str:
+def _by_steps_or_impacts(mbs: MainSystem, result: Result, *, lost: bool) -> str:
     """Sentence on the cause of energy gained, or `lost`, without a known cause, and on the remedy."""
     steps = f"the error of the steps, of {result.step:.3g} s, or of what another warning of this run tells"
     if lost and any(contact.mechanics.ahead for contact in result.contacts):
@@ -218,7 +222,26 @@ def _by_steps_or_impacts(result: Result, *, lost: bool) -> str:
             "where bodies touch loses less, and a basis with residual flexibility and formulation='compliance' "
             f"nothing. Or it is {steps}, and shorter ones help"
         )
-    return f"It is {steps}. Take shorter ones, method='explicit', or formulation='compliance'"
+    remedies = ["shorter ones"]
+    if result.method == "implicit" and _runs_explicitly(mbs):
+        remedies.append("method='explicit'")
+    others = [contact for contact in result.contacts if not isinstance(contact.formulation, Compliance)]
+    if others:
+        bases = [{item.body.basis.flexibility is not None for item, _ in contact.sides} for contact in others]
+        basis = "" if all(True in flexible for flexible in bases) else "a basis with residual flexibility and "
+        remedies.append(f"{basis}formulation='compliance'")
+    return f"It is {steps}. Take {', or '.join(remedies)}"
+
+
+def _runs_explicitly(mbs: MainSystem) -> bool:
+    """Whether explicit steps take all algebraic equations of a model."""
+    if mbs.systemData.AEsize() == 0:
+        return True
+    try:
+        Joints(mbs)
+    except InputError:
+        return False
+    return True
 
 
 def _swing(result: Result, samples: Array) -> Array:

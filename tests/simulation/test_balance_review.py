@@ -18,14 +18,14 @@ SPEED, GRAVITY, SPAN = 0.4, np.array([0, 0, -2e4]), 40e-6
 SOFT = 1e3
 
 
-def dropped(marble, *, acting=None, frame="inertial", damping=None, **options):
+def dropped(marble, *, acting=None, frame="inertial", damping=None, formulation="compliance", **options):
     """A ball hits a plane under a large weight, and what `acting` adds; model, result, ball, contact."""
     mbs = exu.SystemContainer().AddSystem()
     item = ep.CreatePartitionBody(
         mbs, marble, name="ball", frame=frame, gravity=GRAVITY, initialVelocity=[0, 0, -SPEED], damping=damping,
         referencePosition=[0, 0, 5.001e-3],
     )  # fmt: skip
-    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="south")
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="south", formulation=formulation)
     if acting is not None:
         acting(mbs, item)
     mbs.Assemble()
@@ -131,3 +131,51 @@ def test_a_joint_in_space_gives_no_energy_and_a_driven_one_may(arm_body):
         mbs.Assemble()
         result = ep.solve_dynamic(mbs, end_time=SPAN)
         assert {*told(mbs, faster(result, item, 0.5))} == judged
+
+
+@pytest.fixture(scope="module")
+def free_marble(marble_parts):
+    """The ball with a patch that has mass."""
+    return ep.reduce(*marble_parts, f_cut=300e3, basis="free")
+
+
+def gained(mbs, result, item):
+    """What a run that made energy is advised to take."""
+    said = told(mbs, faster(result, item))["energy"]
+    return re.search(r"Take (.*)$", said)[1]
+
+
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_a_run_that_makes_energy_is_advised_what_it_does_not_have_already(marble, free_marble, method):
+    """No explicit run to take explicit steps, and no contact to take its own formulation."""
+    explicit = ["method='explicit'"] if method == "implicit" else []
+    compliance = "formulation='compliance'"
+    for body, formulation, more in (
+        (marble, "compliance", []),
+        (marble, "penalty", [compliance]),
+        (free_marble, "lagrange", [f"a basis with residual flexibility and {compliance}"]),
+    ):
+        if formulation == "lagrange" and method == "explicit":
+            continue  # very short steps
+        mbs, result, item, _ = dropped(body, formulation=formulation, method=method)
+        assert gained(mbs, result, item) == ", or ".join(["shorter ones", *explicit, *more])
+
+
+def test_a_run_without_contact_is_advised_nothing_about_contacts(marble, mbs):
+    item = ep.CreatePartitionBody(mbs, marble, gravity=GRAVITY)
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=SPAN)
+    assert gained(mbs, result, item) == "shorter ones"
+
+
+def test_explicit_steps_are_not_advised_to_a_model_that_they_refuse(marble):
+    def at_constant_speed(mbs, item):
+        node = mbs.AddNode(items.NodePoint())
+        mbs.AddObject(items.MassPoint(mass=1e-9, nodeNumber=node))
+        nodes = mbs.AddNode(items.NodePointGround()), node
+        markers = [mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=n, coordinate=0)) for n in nodes]
+        mbs.AddObject(items.ObjectConnectorCoordinate(markerNumbers=markers, velocityLevel=True))
+        ep.CreateWorkSensor(mbs)
+
+    mbs, result, item, _ = dropped(marble, acting=at_constant_speed, method="implicit")
+    assert gained(mbs, result, item) == "shorter ones"

@@ -92,6 +92,8 @@ def test_damping_that_smooths_a_force_is_not_advised_and_tells_the_energy_that_i
     energy = item.energy(result) + contact.energy(result)
     (told,) = map(float, re.findall(r"([\d.]+)%", taken))
     assert told == pytest.approx(100 * (1 - energy[-1] / energy[0]), abs=0.5)
+    assert ("less damping of modes" in taken) == ("damping" in options)  # each with a remedy of its own
+    assert ("shorter steps" in taken and "spectral_radius" in taken) == ("step" in options)
 
 
 @pytest.mark.filterwarnings("ignore:the force rings")
