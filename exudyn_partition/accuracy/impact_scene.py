@@ -15,7 +15,6 @@ from ..meshing.mesh_size import Refine
 from ..meshing.netgen_mesh import ONE_AT_A_TIME, meshed, volume_of
 from ..meshing.ngsolve_fem import fe_model
 from ..prediction.hertz import effective, impact
-from ..reduction.estimate import FIRST
 from ..support.arrays import Array
 from ..support.foreign import NGSolveMesh, Shape
 from .contact_place import ContactPlace
@@ -25,7 +24,7 @@ Model = tuple[FEModel, Partition]
 
 _CURVED = 2  # order of curved sides: on coarse meshes, cubic ones turn elements inside out
 _ROUND = 1.1  # ratio of semi-axes, up to which a contact counts as round
-_MORE = 1.01  # meshes are a little smaller than their shapes
+_TOP = 8.08  # least f_top, by the frequency of longitudinal waves in the smaller body
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +42,11 @@ class Scene:
 
     @property
     def least_top(self) -> float:
-        """Frequency up to which the bodies are to be known at least [Hz]; a bit more than for `grow_to_tolerance`."""
+        """Frequency up to which the bodies are to be known at least [Hz]."""
         crossings = [
             _longest(shape) / own.bar_wave_speed for shape, own in zip(self.shapes, self.materials, strict=True)
         ]
-        return _MORE * FIRST / (2 * min(crossings))
+        return _TOP / (2 * min(crossings))
 
     def mesh(self, i: int, sizes: Sizes, circle: float) -> NGSolveMesh:
         """Mesh of a body."""

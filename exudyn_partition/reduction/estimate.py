@@ -57,7 +57,7 @@ AIM = 1.5  # trusted accuracy of an estimate: it must be below the tolerance by 
 _SETTLED = 3  # the mobilities of the richer bodies converge to this multiple of the tolerance
 _CROSSINGS = 30  # default duration, in crossings of a longitudinal wave through the larger body
 _SHORTEST, _LONGEST = 0.01, 1e4  # durations in crossings of the smaller and of the larger body
-FIRST = 8  # first f_top, by the frequency of longitudinal waves in the smaller body
+_FIRST = 5  # f_top, by the frequency of longitudinal waves in the smaller body
 _FINER = 4  # steps of F_top for one of F_f if the impact decides on both: a sixteenth of the error
 
 
@@ -291,7 +291,7 @@ def grow_to_tolerance(
     keep : bool
         As for `AdaptedSpace`.
     f_top : float, optional
-        The first one [Hz]; default: 8 times the frequency of longitudinal waves in the smaller body.
+        The first one [Hz]; default: 5 times the frequency of longitudinal waves in the smaller body.
     whole : bool
         Whether the tolerance is for the velocities of whole bodies, in place of those of every point.
     once : bool
@@ -307,7 +307,7 @@ def grow_to_tolerance(
     """
     crossing = [np.ptp(fem.points, axis=0).max() / fem.material.bar_wave_speed for fem, _ in models]
     f_limit = min(fem.resolved_frequency for fem, _ in models)
-    f_top = min(FIRST / (2 * min(crossing)) if f_top is None else f_top, 2 * f_limit)
+    f_top = min(_FIRST / (2 * min(crossing)) if f_top is None else f_top, 2 * f_limit)
     duration = _CROSSINGS * max(crossing) if duration is None else duration
     shortest, longest = _SHORTEST * min(crossing), _LONGEST * max(crossing)
     if not shortest <= duration <= longest:
