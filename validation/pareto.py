@@ -170,15 +170,13 @@ def draw(ax, scene, title, front):
     """One panel: all runs by one of the times."""
     comparisons = scene.comparisons(TIMES[title])
     ep.plot.pareto(ax, comparisons)
-    for line in ax.get_lines():
-        name = line.get_label()
-        if name in scene.runs:
-            colour, marker, _ = style(scene.runs[name])
-            line.set(color=colour, marker=marker, markersize=9 if marker == "*" else 5, alpha=0.9)
-            if scene.runs[name].get("formulation") == "penalty":
-                line.set(markerfacecolor="none")
-            if name in front:
-                line.set(markeredgecolor="k", zorder=3)
+    for name, line in zip(comparisons, ax.get_lines()[1:], strict=False):  # the first one is the front
+        colour, marker, _ = style(scene.runs[name])
+        line.set(color=colour, marker=marker, markersize=9 if marker == "*" else 5, alpha=0.9)
+        if scene.runs[name].get("formulation") == "penalty":
+            line.set(markerfacecolor="none")
+        if name in front:
+            line.set(markeredgecolor="k", zorder=3)
     ax.axhline(100 * scene.floor, color="k", linestyle=":", linewidth=0.8)
     explicit = scene.data["runs"].get("full FE, explicit")
     if explicit and title != "off-line":
