@@ -104,7 +104,7 @@ class Search:
         turning = (normals[:, :, None] * self._arms[:, None, :]).reshape(-1, 9)
         order = np.r_[np.flatnonzero(chosen), np.flatnonzero(~chosen)]
         rows = FollowedRows(
-            (points, every.at_edge[chosen], pair.sides_with(points, pairs.facet[index]), every.unpaired),
+            (points, every.leaves_at[chosen], pair.sides_with(points, pairs.facet[index]), every.unpaired),
             self,
             index,
             (row_gap[order], np.hstack([normals, turning])[order], pose_of(here)),

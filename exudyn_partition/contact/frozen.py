@@ -35,8 +35,8 @@ class FrozenContacts:
         Generalised forces on the model's coordinates.
     row_nodes : (nr,) int array
         Node of the slave's patch for each row of all contacts.
-    at_edge : (nr,) bool array
-        Rows at the edge of their patch.
+    leaves_at : (nr,) array
+        Depth at which contact of each row leaves its patch [m].
     values : (n, 6) array
         Sensor values of each contact: the sum of the forces [N], the number of closed rows, the force on the slave [N],
         and the smallest gap of the rows, without the contact's own flexibility [m].
@@ -62,7 +62,7 @@ class FrozenContacts:
         self.h, self.force = np.empty(len(self.lam)), np.empty(0)
         self.values, self.stored = np.empty((len(gaps), 6)), np.empty(len(gaps))
         self.row_nodes = np.concatenate([each.row_nodes for each in gaps])
-        self.at_edge = np.concatenate([each.at_edge for each in gaps])
+        self.leaves_at = np.concatenate([each.leaves_at for each in gaps])
 
     def evaluate(self, q: Array) -> bool:
         """Find forces at the model's coordinates q, (nq,), and the values of sensors.

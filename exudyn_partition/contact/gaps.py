@@ -176,9 +176,9 @@ class Gaps:
         return self.stage.rows.area
 
     @property
-    def at_edge(self) -> Array:
-        """(nr,) bool array: rows at the edge of the contact patch."""
-        return self.stage.rows.at_edge
+    def leaves_at(self) -> Array:
+        """(nr,) array: depth at which contact of each row leaves the patch [m], see `surfaces.rows.ContactRows`."""
+        return self.stage.rows.leaves_at
 
     @property
     def unpaired(self) -> int:

@@ -506,8 +506,13 @@ class PatchContact:
         return self.rows.nodal_forces(forces)
 
     def edge_reached(self) -> Array | None:
-        """Place of a closed row at the edge of the contact patch, (3,) [m]; None if there is none."""
-        rows = self.index[self.gaps.at_edge[self.index]]
+        """Place of a closed row with which contact leaves its patch, (3,) [m]; None if there is none."""
+        if not self.index.size:
+            return None
+        leaves_at = self.gaps.leaves_at[self.index]
+        # Closed rows without a flexibility of their own have no depth that would tell how far contact reaches.
+        reached = -self.h[self.index] >= leaves_at if self.compliant else np.isfinite(leaves_at)
+        rows = self.index[reached | (leaves_at == 0.0)]
         if not len(rows):
             return None
         value: Array = self.gaps.places_now()[0][self.gaps.row_nodes[rows[0]]]

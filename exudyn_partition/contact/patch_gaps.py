@@ -109,7 +109,7 @@ class PatchGaps(Gaps):
 
     def _stage_of(self, rows: ContactRows, pairing: Pairing | None = None) -> Stage:
         shares = (rows.points.nodes, rows.points.weights), (rows.master, -rows.weights)
-        return Stage(PresentRows(rows.points, rows.at_edge, self.sides, rows.unpaired), rows.normals, shares, pairing)
+        return Stage(PresentRows(rows.points, rows.leaves_at, self.sides, rows.unpaired), rows.normals, shares, pairing)
 
     def _linearised(self, stage: Stage, rows: ContactRows, q: Array) -> LinearGaps:
         """Gaps of these pairs while they are frozen; their present gaps belong to coordinates q, (n,)."""
@@ -237,7 +237,7 @@ class PatchGaps(Gaps):
             return Search(self, every, places[0], here, reach).choose(self, places, here)
         points, index = every.points.of_rows(np.empty(0, dtype=np.int64))
         shares = (points.nodes, points.weights), (every.master[index], -every.weights[index])
-        rows = PresentRows(points, every.at_edge[:0], self.with_nodes(self.witnesses), every.unpaired)
+        rows = PresentRows(points, every.leaves_at[:0], self.with_nodes(self.witnesses), every.unpaired)
         return Apart(rows, every.normals[index], shares, here, reach), NOTHING
 
     def sides_with(self, points: ContactPoints, facets: Array) -> tuple[Side, ...]:

@@ -199,7 +199,8 @@ class RigidGaps(Gaps):
         return self._rows(self._all)
 
     def _rows(self, points: ContactPoints) -> PresentRows:
-        return PresentRows(points, np.isin(points.row_nodes, self.slave.surface.rim), self.sides)
+        at_rim = np.isin(points.row_nodes, self.slave.surface.rim)
+        return PresentRows(points, np.where(at_rim, 0.0, np.inf), self.sides)
 
     def _stage_at(self, rows: PresentRows, places: list[Array]) -> tuple[Stage, Array]:
         """Stage of some rows with the slave's nodes at `places`, one (np, 3) array [m], and gaps, (nr,) [m]."""

@@ -65,17 +65,17 @@ class PresentRows:
     ----------
     points : ContactPoints
         Points of the rows.
-    at_edge : (nr,) bool array
-        Rows at the edge of the contact patch.
+    leaves_at : (nr,) array
+        Depth at which contact of each row leaves the patch [m], see `surfaces.rows.ContactRows`.
     sides : tuple of Side
         The sides, perhaps only with the nodes that these rows need.
     unpaired : int
         Number of the slave's points that faced nothing when the rows were found.
     """
 
-    def __init__(self, points: ContactPoints, at_edge: Array, sides: tuple[Side, ...], unpaired: int = 0) -> None:
+    def __init__(self, points: ContactPoints, leaves_at: Array, sides: tuple[Side, ...], unpaired: int = 0) -> None:
         self.points, self.row_nodes, self.area = points, points.row_nodes, points.area
-        self.at_edge, self.sides, self.unpaired = at_edge, sides, unpaired
+        self.leaves_at, self.sides, self.unpaired = leaves_at, sides, unpaired
         self._slow: dict[Hashable, tuple[Array, Any, Array]] = {}
 
     def slowly(self, what: Hashable, stance: Array, by: float, make: Callable[[], T], index: Array = NOTHING) -> T:

@@ -311,7 +311,7 @@ class ContactRun:
         if closed.size:
             if closed is not self._closed:  # the same array as long as no row opens or closes
                 self._closed, self._closed_nodes = closed, mechanics.row_nodes[closed]
-                self.look_for_edge(t)
+            self.look_for_edge(t)
             lam = mechanics.lam.take(closed)
             if self._samples and self._samples[-1][0] == t:  # a second call for this time
                 self._samples.pop()
@@ -324,7 +324,7 @@ class ContactRun:
                 self.on_nodes[t] = mechanics.nodal_forces()
 
     def look_for_edge(self, t: float) -> None:
-        """Record the time and place at which a row at the edge of its patch first closes."""
+        """Record the time and place at which a closed row first leaves its patch."""
         if self.edge is None and (reached := self.mechanics.edge_reached()) is not None:
             self.edge = t, reached
 
@@ -406,6 +406,7 @@ class GroupRun:
         starts = np.reshape(readers, (-1, 2)).astype(int) * [N_VALUES, 1]
         self._from, self._to = np.add.outer(starts.T, np.arange(N_VALUES)).reshape(2, -1)  # places, from and to
         self._kept: list[tuple[float, Array, list[int], Array, Array]] = []
+        self._at_edge = np.empty(0, dtype=np.int64)  # closed rows whose depth is watched, see `_look_for_edges`
         for place, member in enumerate(members):
             member.join(self, place)
 
@@ -512,11 +513,20 @@ class GroupRun:
         if frozen.kept is None or not np.array_equal(closed, frozen.kept):
             frozen.kept, self._nodes = closed, frozen.row_nodes[closed]
             self._bounds = np.searchsorted(closed, frozen.starts).tolist()
-            at_edge = closed[frozen.at_edge[closed]]
-            for j in np.unique(np.searchsorted(frozen.starts, at_edge, side="right")) - 1:
-                self.members[j].look_for_edge(t)
+            self._at_edge = closed[np.isfinite(frozen.leaves_at[closed])]
+        if len(self._at_edge):
+            self._look_for_edges(t, frozen)
         if len(closed):
             self._kept.append((t, self._nodes, self._bounds, frozen.lam[closed], frozen.stored.copy()))
+
+    def _look_for_edges(self, t: float, frozen: FrozenContacts) -> None:
+        """Let members whose closed rows leave their patch record it; then they look no more at the same rows."""
+        rows, deepest = self._at_edge, np.maximum(-frozen.h[self._at_edge], 0.0)
+        members = np.searchsorted(frozen.starts, rows, side="right") - 1
+        leaving = np.unique(members[deepest >= frozen.leaves_at[rows]])
+        for j in leaving:
+            self.members[j].look_for_edge(t)
+        self._at_edge = rows[~np.isin(members, leaving)]
 
     def samples(self, place: int) -> list[tuple[float, Array, Array]]:
         """Samples that the group kept for a member, see `ContactRun.samples`."""

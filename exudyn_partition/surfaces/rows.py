@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import EmptyRegionError, PenetrationError
+from ..fe.facets import facet_corners
 from ..support.arrays import Array
 from ..support.checks import read_only
 from .points import ContactPoints, RowKind, contact_points
@@ -44,8 +45,8 @@ class ContactRows:
         Outward unit normals of the master there.
     gap : (nr,) array
         Gaps of the rows at the places where they were paired [m].
-    at_edge : (nr,) bool array
-        Rows at the edge of the patches. Contact that reaches them leaves its patch.
+    leaves_at : (nr,) array
+        Depth of each row at which contact leaves the patches [m]; see `at_edge`.
     facet_size : float
         Mean edge length of the master's facets [m].
     unpaired : int
@@ -61,13 +62,18 @@ class ContactRows:
     weights: Array
     normals: Array
     gap: Array
-    at_edge: Array
+    leaves_at: Array
     facet_size: float
     unpaired: int
     approach: Array
 
     def __post_init__(self) -> None:
-        read_only(self.facet, self.local, self.master, self.weights, self.normals, self.gap, self.at_edge)
+        read_only(self.facet, self.local, self.master, self.weights, self.normals, self.gap, self.leaves_at)
+
+    @property
+    def at_edge(self) -> Array:
+        """(nr,) bool array: rows at the edge of the patches. Contact that reaches them may leave its patch."""
+        return np.isfinite(self.leaves_at)
 
     def __len__(self) -> int:
         return len(self.gap)
@@ -185,14 +191,7 @@ def rows_of(
 ) -> ContactRows:
     """Rows of the points that are paired (a mask), by their projection on the master."""
     kept, size = points.restricted(paired), master.facet_size
-    # Rows are also at the edge beside points that project past the rim of the master's patch, where its surface
-    # continues, and beside points on the patch that face it too obliquely. At a sharp edge of either, one side always
-    # may: the body ends there, not the patch.
-    past_rim, past_edge = (np.isin(master.facets[projection.facet], n).any(axis=1) for n in (master.rim, master.sharp))
-    within = projection.offset <= EDGE_TOLERANCE * size
-    kinds = ~paired & past_rim & ~within, ~paired & within & ~past_edge
-    past, aslant = (np.unique(slave.facets[points.facets @ lost > 0]) for lost in kinds)
-    beside = np.union1d(past, np.setdiff1d(aslant, slave.sharp))
+    gap = kept.mean @ projection.gap[paired]
     facet = projection.facet[paired]
     return ContactRows(
         points=kept,
@@ -201,9 +200,66 @@ def rows_of(
         master=master.facets[facet],
         weights=projection.weights[paired],
         normals=projection.normal[paired],
-        gap=kept.mean @ projection.gap[paired],
-        at_edge=np.isin(kept.row_nodes, np.union1d(slave.rim, beside)),
+        gap=gap,
+        leaves_at=_leaves_at(points, projection, paired, slave, master, (kept.row_nodes, gap)),
         facet_size=size,
         unpaired=int(np.count_nonzero(~paired)),
         approach=approach,
     )
+
+
+def _leaves_at(
+    points: ContactPoints,
+    projection: Projection,
+    paired: Array,
+    slave: Surface,
+    master: Surface,
+    rows: tuple[Array, Array],
+) -> Array:
+    """Depth at which contact of each row leaves the patches, (nr,) [m]; `rows` are their nodes and gaps.
+
+    It is zero at the rim of the slave, and infinite within. Rows are also at the edge beside points that project past
+    the rim of the master's patch, where its surface continues, and beside points on the patch that face it too
+    obliquely. At a sharp edge of either, one side always may: the body ends there, not the patch. Such a point is
+    further apart than the row, and touches when the row is deeper than this difference: earlier than in truth, for the
+    surfaces yield most where they are deepest.
+    """
+    past_rim, past_edge = (np.isin(master.facets[projection.facet], n).any(axis=1) for n in (master.rim, master.sharp))
+    within = projection.offset <= EDGE_TOLERANCE * master.facet_size
+    gap = projection.gap - _rise(projection, master)
+    past, aslant = (
+        _least_around(points, lost, gap, slave)
+        for lost in (~paired & past_rim & ~within, ~paired & within & ~past_edge)
+    )
+    aslant[slave.sharp] = np.inf
+    nodes, of_rows = rows
+    value: Array = np.maximum(np.minimum(past, aslant)[nodes] - of_rows, 0.0)
+    value[np.isin(nodes, slave.rim)] = 0.0
+    return value
+
+
+def _least_around(points: ContactPoints, chosen: Array, gap: Array, slave: Surface) -> Array:
+    """Least gap of the chosen points (a mask) in the facets around each node of the slave's patch, (np,) [m]."""
+    least = np.full(len(slave.points), np.inf)
+    if chosen.any():
+        index = np.flatnonzero(chosen)
+        facet, point = points.facets[:, index].nonzero()
+        np.minimum.at(least, slave.facets[facet], gap[index[point], None])
+    return least
+
+
+def _rise(projection: Projection, master: Surface) -> Array:
+    """How far a hollow master may rise above its tangents at the closest points, where points project beside it, (k,).
+
+    Its curvature is that of the normals at the facet's corners. At the rim these are means over one side alone, and
+    show as little as half of it.
+    """
+    beside = np.flatnonzero(projection.offset > EDGE_TOLERANCE * master.facet_size)
+    rise = np.zeros(len(projection.gap))
+    if len(beside):
+        normals = master.normals_at(np.arange(len(master.points))[:, None], np.ones((len(master.points), 1)))
+        corners = facet_corners(master.facets[projection.facet[beside]])
+        x, n = (values[corners] - values[np.roll(corners, 1, axis=1)] for values in (master.points, normals))
+        bend = (np.einsum("kcd,kcd->kc", n, x) / np.einsum("kcd,kcd->kc", x, x)).min(axis=1)
+        rise[beside] = np.maximum(-bend, 0.0) * projection.offset[beside] ** 2
+    return rise

@@ -173,7 +173,9 @@ def test_rows_that_are_not_followed_are_open(round_body, flat_body, kind, ball_i
         followed = set(gaps.row_nodes)
         fewest = min(fewest, len(followed) / len(expected))
         assert all(gap > max(least, -0.25 * least) for node, gap in expected.items() if node not in followed)
-        inner = [node in expected and not edge for node, edge in zip(gaps.row_nodes, gaps.at_edge, strict=True)]
+        inner = [
+            node in expected and within for node, within in zip(gaps.row_nodes, np.isinf(gaps.leaves_at), strict=True)
+        ]
         np.testing.assert_allclose(found[inner], [expected[node] for node in gaps.row_nodes[inner]], atol=2e-10)
     assert fewest < 0.5
 

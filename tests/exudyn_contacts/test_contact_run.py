@@ -32,7 +32,8 @@ def test_a_group_keeps_what_each_member_has_once_a_time_and_notes_its_edge():
     """By rows of all members, one after the other: the first row of the second member lies at the edge of its patch."""
     loops = SimpleNamespace(
         starts=np.array([0, 2, 4]), lam=np.array([0.0, 3.0, 2.0, 0.0]), row_nodes=np.array([5, 6, 7, 8]),
-        at_edge=np.array([False, False, True, False]), stored=np.array([0.1, 0.2]), values=np.zeros((2, 6)),
+        leaves_at=np.array([np.inf, np.inf, 0.0, np.inf]),
+        h=-np.ones(4), stored=np.array([0.1, 0.2]), values=np.zeros((2, 6)),
         pushes=True, force=np.ones(1), evaluate=lambda q: True, kept=None,
     )  # fmt: skip
     noted = []

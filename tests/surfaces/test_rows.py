@@ -127,3 +127,42 @@ def test_rows_between_hexahedra_and_a_sphere(ball, tmp_path, hexahedra_are_slave
     matrices = rows.matrices(len(slave.points), len(master.points))
     on_slave, on_master = ((G.T @ push).reshape(-1, 3).sum(axis=0) for G in matrices)
     np.testing.assert_allclose(on_slave, -on_master, atol=1e-12)
+
+
+FINE, SIZE = 9, 0.1e-3  # nodes along a side of the wide grid, and their distance [m]
+
+
+def grid(n, radius, sign):
+    """Surface over n x n nodes of a square grid about the origin, z = sign r^2 / (2 |radius|), that looks along z."""
+    x = SIZE * (np.arange(n) - (n - 1) / 2)
+    points = np.array([(a, b, sign * (a * a + b * b) / (2 * radius)) for a in x for b in x])
+    number = np.arange(n * n).reshape(n, n)
+    facets = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    rim = np.unique(np.r_[number[[0, -1]].ravel(), number[:, [0, -1]].ravel()])
+    return Surface(points, facets, np.array([0, 0, 1.0]), rim, np.arange(n * n))
+
+
+@pytest.mark.parametrize("kind", ["node-to-segment", "integrated"])
+@pytest.mark.parametrize("hollow", [False, True])
+def test_contact_leaves_a_patch_when_the_points_beside_it_touch(kind, hollow):
+    """A ball on a narrow patch of another ball, or of a socket that hardly is wider: by the surfaces' own formulas."""
+    radius, other = 5e-3, 6e-3 if hollow else np.inf
+    turned = grid(FINE, radius, -1)
+    slave = replace(
+        turned, points=turned.points * [1, 1, -1], facets=turned.facets[:, ::-1], direction=np.array([0, 0, -1.0])
+    )
+    master = grid(5, other, 1)
+    rows = pair_surfaces(slave, master, kind)
+
+    def apart(points):
+        return (points[:, :2] ** 2).sum(axis=1) / 2 * (1 / radius - 1 / other)
+
+    places = slave.points[rows.points.row_nodes]
+    half = 2 * SIZE  # of the master's patch
+    assert rows.at_edge[abs(places[:, :2]).max(axis=1) > 0.99 * half].all()
+    assert not rows.at_edge[abs(places[:, :2]).max(axis=1) < 0.99 * SIZE].any()
+    told = (rows.gap + rows.leaves_at).min()  # approach of the bodies at which the first row says so
+    at_rim, beyond = apart(np.array([[half, 0, 0], [1.5 * half, 0, 0]]))  # the first nodes beyond
+    assert (0.7 if hollow else 1.0) * at_rim < told < 1.0001 * beyond
+    if kind == "node-to-segment" and not hollow:
+        assert told == pytest.approx(beyond)

@@ -193,7 +193,7 @@ def one_set(nodes, edges):
         weights=np.vstack([nodes.weights, others.weights]),
         normals=np.vstack([nodes.normals, -edges.normals]),
         gap=np.r_[nodes.gap, edges.gap],
-        at_edge=np.r_[nodes.at_edge, edges.at_edge],
+        leaves_at=np.r_[nodes.leaves_at, edges.leaves_at],
     )
 
 
