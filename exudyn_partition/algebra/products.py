@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -97,8 +99,33 @@ def hold_rows(
     return multipliers, acceleration
 
 
-def dense(matrix: Matrix) -> Array:
-    """Dense array of a matrix that may be sparse."""
+@dataclass(frozen=True)
+class Solved:
+    """An (n, n) matrix that is an inverse: its products with columns are solutions of equations.
+
+    The inverse itself is computed only for products with more than n columns.
+
+    Parameters
+    ----------
+    solve : callable
+        Solutions, (n, m), for right-hand sides, (n, m).
+    n : int
+    """
+
+    solve: Callable[[Array], Array]
+    n: int
+
+    def __matmul__(self, columns: Matrix) -> Array:
+        columns = dense(columns)
+        return self.solve(columns) if columns.shape[1] <= self.n else self.toarray() @ columns
+
+    def toarray(self) -> Array:
+        """The whole matrix, (n, n)."""
+        return self.solve(np.eye(self.n))
+
+
+def dense(matrix: Matrix | Solved) -> Array:
+    """Dense array of a matrix that may be sparse, or an inverse."""
     value: Array = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
     return value
 

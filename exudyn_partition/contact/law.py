@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Protocol
 
 import scipy.sparse as sp
 
+from ..algebra.products import Solved
 from ..algebra.row_problem import RowProblem
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
@@ -146,8 +147,11 @@ class Law:
         """
         return None
 
-    def stiffness(self) -> Array | sp.spmatrix:
-        """Minus the derivative of forces on closed rows with respect to their places, (d na, d na) [N/m]."""
+    def stiffness(self) -> Array | sp.spmatrix | Solved:
+        """Minus the derivative of forces on closed rows with respect to their places, (d na, d na) [N/m].
+
+        It may be `Solved`: as a rule the bodies have fewer coordinates than a large contact has directions of rows.
+        """
         raise NotImplementedError(f"{type(self).__name__} has no stiffness")
 
     def closed_stiffness(self, rows: RowDirections) -> Array | None:

@@ -12,7 +12,7 @@ import scipy.linalg
 
 from ...algebra.complementarity import Complementarity, regularised
 from ...algebra.friction import OPEN, FrictionProblem
-from ...algebra.products import dense
+from ...algebra.products import Solved, dense
 from ...support.arrays import Array
 from .. import loops
 from ..followed import BULGE
@@ -128,9 +128,9 @@ class NormalCompliance(Law):
         self._closed_nodes[self.gaps.row_nodes[closed]] = True
         return Forces(forces, closed)
 
-    def stiffness(self) -> Array:
+    def stiffness(self) -> Solved:
         """See `Law`: the inverse of the flexibility of the closed rows."""
-        return self.problem.solve_active(np.eye(len(self.problem.index)))
+        return Solved(self.problem.solve_active, len(self.problem.index))
 
     def active_flexibility(self) -> Array:
         """Flexibility of the closed rows, (na, na) [m/N]."""
@@ -222,10 +222,11 @@ class FrictionalCompliance(Law):
         """See `Law`: 1/2 lambda' F lambda."""
         return self._stored
 
-    def stiffness(self) -> Array:
+    def stiffness(self) -> Solved:
         """See `Law`; unsymmetric where rows slip."""
         assert self.problem is not None
-        return self.problem.derivative()
+        self.problem.linearise()
+        return Solved(self.problem.response, 3 * len(self.problem.index))
 
     def closed_stiffness(self, rows: RowDirections) -> Array:
         """See `Law`."""
