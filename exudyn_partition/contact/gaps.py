@@ -328,6 +328,10 @@ class Gaps:
         H = self.jacobian(np.arange(len(gap)))
         return gap, H @ q_t, H @ q_tt
 
+    def widen(self, q: Array) -> Array:
+        """Take all rows that can touch next at coordinates q, (n,), and return their gaps, (k,) [m]."""
+        return self.at(q)
+
     @property
     def q(self) -> Array:
         """Last coordinates, (n,)."""

@@ -200,6 +200,14 @@ class PatchGaps(Gaps):
         self._take(few, q)  # which keep what changes slowly, such as their flexibility
         return np.append(gap, beyond), np.append(rates, -speed), np.append(changes, 0.0)
 
+    def widen(self, q: Array) -> Array:
+        """See `Gaps.widen`."""
+        gap = self.at(q)
+        if self.moving:
+            stage, gap = self.stage.with_more_rows(self, q)
+            self._take(stage, q)
+        return gap
+
     def _of_nodes(self, q: Array, rates: Array) -> list[Array]:
         """Velocities of the nodes, (np, 3) for each side, at coordinates q, (n,), by the rates of these, (n,)."""
         sides = zip(self.sides, self.split(q), self.split(rates), strict=True)

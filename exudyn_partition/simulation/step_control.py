@@ -112,10 +112,9 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
     if not contact.compliant or contact.mechanics.needs_motion:
         return math.inf  # the contact has no flexibility of its own
     mechanics = contact.mechanics.for_run("explicit")
-    closing = mechanics.closing(q, q_t, q_tt)
-    time, speed = _first_touch(*closing)
+    time, speed = _first_touch(*mechanics.closing(q, q_t, q_tt))
     # Rows that follow the motion are few: forces need only these. A deep impact closes all rows that can touch next.
-    gap = closing[0][: len(mechanics.gaps.row_nodes)]
+    gap = mechanics.gaps.widen(q)
     if not math.isfinite(time) or speed <= 0 or not len(gap):
         return math.inf
     H = dense(mechanics.gaps.jacobian(np.arange(len(gap))))
