@@ -354,7 +354,8 @@ CASES = {
                           figures=("inelastic_front.png",)),
     "plastic_large": Case("inelastic/large.py", limits(("force", "work", "offline", "memory_GB"))),
     "plastic_zones": Case("inelastic/zones.py", limits(
-        ("force", "work", "offline_s", "memory_GB", "large_offline_s", "large_GB", "wide_offline", "wide_online"))),
+        ("force", "work", "offline_s", "memory_GB", "large_offline_s", "large_GB", "online_by_nodes", "wide_offline",
+         "wide_online"))),
     "zone_radius": Case("inelastic/zone_radius.py", limits(("reached",))),
     "plastic_nodes": Case("inelastic/nodal_region.py", limits(("contact-adapted", "all nodes", "balance")), quick=None),
     "indentation": Case("inelastic/indentation.py",
