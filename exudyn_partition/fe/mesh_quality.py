@@ -68,8 +68,8 @@ def check_inside(fem: FEModel) -> None:
 def warn_of_damage(fem: FEModel, *, meshed: bool = False) -> None:
     """Warn of what looks damaged in a mesh.
 
-    That are nodes far from all nodes around them, elements much flatter than their neighbours, and mid-side nodes far
-    from the middle of their edge. A node that was moved by less than the size of an element is not found.
+    It finds nodes far from all nodes around them, elements much flatter than their neighbours, and mid-side nodes far
+    from the middle of their edge. It does not find a node that was moved by less than the size of an element.
 
     Parameters
     ----------

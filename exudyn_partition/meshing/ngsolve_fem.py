@@ -59,13 +59,8 @@ from .surplus import Surplus
 
 _LOG = logging.getLogger(__name__)
 
-_FINER = (
-    1.0,
-    0.9,
-    0.75,
-    0.6,
-    0.45,
-)  # of all sizes: the next one is tried if curved sides turn elements of a shape inside out
+# Factors on sizes of elements: the next one is tried if curved sides turn elements of a shape inside out.
+_FINER = 1.0, 0.9, 0.75, 0.6, 0.45
 
 _HIGHER = {1: 7.0, 2: 3.3, 3: 2.4}  # nodes of elements of one order more, by those of the order
 _THREADS_FROM = 5_000  # nodes; fewer are assembled before NGSolve's threads have started, which wait by spinning

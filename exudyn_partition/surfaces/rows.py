@@ -46,7 +46,7 @@ class ContactRows:
     gap : (nr,) array
         Gaps of the rows at the places where they were paired [m].
     leaves_at : (nr,) array
-        Depth of each row at which contact leaves the patches [m]; see `at_edge`.
+        Depth of each row at which contact leaves the patches [m]; infinite but at their edge.
     facet_size : float
         Mean edge length of the master's facets [m].
     unpaired : int
@@ -69,11 +69,6 @@ class ContactRows:
 
     def __post_init__(self) -> None:
         read_only(self.facet, self.local, self.master, self.weights, self.normals, self.gap, self.leaves_at)
-
-    @property
-    def at_edge(self) -> Array:
-        """(nr,) bool array: rows at the edge of the patches. Contact that reaches them may leave its patch."""
-        return np.isfinite(self.leaves_at)
 
     def __len__(self) -> int:
         return len(self.gap)

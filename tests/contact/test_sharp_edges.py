@@ -342,7 +342,7 @@ def test_a_face_that_stands_over_an_edge_has_not_left_a_patch(cube, way):
     slave = cube.surface(np.array([way[0] * SIDE, way[1] * SIDE, SIDE + GAP]))
     rows = pair_wandering(slave, master)
     assert len(rows) > 0
-    assert not rows.at_edge.any()
+    assert not np.isfinite(rows.leaves_at).any()
     np.testing.assert_allclose(rows.gap, GAP, rtol=1e-6)
 
 

@@ -117,11 +117,11 @@ def test_rows_between_hexahedra_and_a_sphere(ball, tmp_path, hexahedra_are_slave
     if hexahedra_are_slave:
         np.testing.assert_allclose(rows.gap, np.hypot(r, SPHERE_RADIUS) - SPHERE_RADIUS, atol=2e-6)
         assert rows.unpaired  # the plate's patch is the wider one, so rows end where the tip's facets do
-        assert rows.at_edge[r > 1.1e-3].all()
+        assert np.isfinite(rows.leaves_at[r > 1.1e-3]).all()
     else:
         np.testing.assert_allclose(rows.gap, tip.points[rows.points.row_nodes, 2] - TOP[2], atol=1e-15)
         assert not rows.unpaired
-    assert not rows.at_edge[r < 0.5e-3].any()
+    assert not np.isfinite(rows.leaves_at[r < 0.5e-3]).any()
     np.testing.assert_allclose(rows.weights.sum(axis=1), 1, atol=1e-14)
     push = np.random.default_rng(0).random(len(rows))
     matrices = rows.matrices(len(slave.points), len(master.points))
@@ -159,8 +159,8 @@ def test_contact_leaves_a_patch_when_the_points_beside_it_touch(kind, hollow):
 
     places = slave.points[rows.points.row_nodes]
     half = 2 * SIZE  # of the master's patch
-    assert rows.at_edge[abs(places[:, :2]).max(axis=1) > 0.99 * half].all()
-    assert not rows.at_edge[abs(places[:, :2]).max(axis=1) < 0.99 * SIZE].any()
+    assert np.isfinite(rows.leaves_at[abs(places[:, :2]).max(axis=1) > 0.99 * half]).all()
+    assert not np.isfinite(rows.leaves_at[abs(places[:, :2]).max(axis=1) < 0.99 * SIZE]).any()
     told = (rows.gap + rows.leaves_at).min()  # approach of the bodies at which the first row says so
     at_rim, beyond = apart(np.array([[half, 0, 0], [1.5 * half, 0, 0]]))  # the first nodes beyond
     assert (0.7 if hollow else 1.0) * at_rim < told < 1.0001 * beyond
