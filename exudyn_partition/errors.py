@@ -17,6 +17,10 @@ class MeshError(InputError):
     """A mesh or FE model that cannot be used: wrong elements, inconsistent matrices, several parts."""
 
 
+class InvertedElementsError(MeshError):
+    """Elements that curved sides or a wrong order of nodes turn inside out, or that have no volume."""
+
+
 class LockingError(MeshError):
     """A nearly incompressible material in linear elements, which lock: they are far too stiff."""
 

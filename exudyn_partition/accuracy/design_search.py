@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..algebra.blas_threads import one_blas_thread
-from ..errors import InputError, MemoryLimitError, MeshError, PartitionError
+from ..errors import InputError, InvertedElementsError, MemoryLimitError, PartitionError
 from ..meshing.ngsolve_fem import surplus_of
 from ..meshing.surplus import Surplus
 from ..prediction.hertz import contact_radius
@@ -195,7 +195,7 @@ class Search:
     ) -> dict[str, float]:
         """Mesh a body and assemble its FE model; return the times [s].
 
-        Netgen's meshes have an element without volume at times, by chance: then others are tried, up to `again` times.
+        Curved sides, or Netgen by chance, make inverted elements at times: then others are tried, up to `again` times.
         """
         begin, scene = time.perf_counter(), self.scene
         self.spaces.pop(i, None)
@@ -212,7 +212,7 @@ class Search:
                 )
             try:
                 self.models[i] = own, circle, scene.model(i, mesh, own, circle)
-            except MeshError:  # curved sides turned elements inside out, or an element within is flat
+            except InvertedElementsError:  # curved sides turned elements inside out, or an element within is flat
                 if not again:
                     raise
                 other = replace(own, far=_SMALLER * own.far, curvature=own.curvature / _SMALLER)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import InputError, MeshError
+from ..errors import InputError, InvertedElementsError, MeshError
 from ..support.arrays import Array
 from ..support.checks import validate_array
 from .elements import centres_of, kinds_of
@@ -91,7 +91,7 @@ def check_elements(
 
     Raises
     ------
-    MeshError
+    InvertedElementsError
         If an element has no positive volume.
     InputError
         If masses, energies of uniform strain, or its forces at nodes differ.
@@ -100,7 +100,7 @@ def check_elements(
     bad = np.flatnonzero(volume <= 0)
     if len(bad):
         where = ", ".join(f"{x:.4g}" for x in points[cells[bad[0]]].mean(axis=0))
-        raise MeshError(
+        raise InvertedElementsError(
             f"cells: {len(bad)} of {len(volume)} elements are inverted or have no volume, the first is element "
             f"{bad[0]} at ({where}). Expected nodes in VTK order, which gives positive volumes; exchange two corners"
         )
@@ -135,7 +135,7 @@ def _check_mass(
 
 
 def _check_turned(points: Array, cells: Array, hexahedra: bool, some: Array) -> None:
-    """Raise `MeshError` if elements, rows of `cells`, are inside out beside their integration points.
+    """Raise `InvertedElementsError` if elements, rows of `cells`, are inside out beside their integration points.
 
     Volumes there are negative, and codes do not agree on those of such elements.
     """
@@ -146,7 +146,7 @@ def _check_turned(points: Array, cells: Array, hexahedra: bool, some: Array) -> 
         found += some[rows[least <= 0]].tolist()
     if found:
         where = ", ".join(f"{x:.4g}" for x in points[cells[found[0]]].mean(axis=0))
-        raise MeshError(
+        raise InvertedElementsError(
             f"cells: {len(found)} of {len(cells)} elements are inside out in a corner, between integration points, the "
             f"first is element {found[0]} at ({where}). Curved sides do that to elements that are too large for the "
             "curvature or the thickness of a wall. Take a smaller maxh, or refine there"

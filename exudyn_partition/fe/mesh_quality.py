@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 
-from ..errors import MeshError, MeshQualityWarning
+from ..errors import InvertedElementsError, MeshQualityWarning
 from ..support.arrays import Array
 from .consistency import integrals
 from .elements import kinds_of
@@ -37,7 +37,7 @@ def check_inside(fem: FEModel) -> None:
 
     Raises
     ------
-    MeshError
+    InvertedElementsError
         If elements and surface have different volumes or second moments.
     """
     origin = fem.points.mean(axis=0)
@@ -48,7 +48,7 @@ def check_inside(fem: FEModel) -> None:
         worst = int(off.argmax())
         where = ", ".join(f"{x:.4g}" for x in fem.points[fem.cells[worst]].mean(axis=0))
         named = f" One is element {worst} (counted from 0) at ({where})." if off[worst] > _VOLUME * by_cells else ""
-        raise MeshError(
+        raise InvertedElementsError(
             f"mesh: its elements have a volume of {by_cells:.6g} m3, its surface encloses {volume:.6g} m3, expected "
             f"the same: elements overlap, or sides turn some inside out.{named} Check the places of nodes, or mesh "
             "anew, with smaller elements there"
@@ -59,7 +59,7 @@ def check_inside(fem: FEModel) -> None:
     mass = fem.mass[::3][:, ::3]
     by_mass = np.einsum("ni,ni->i", arms, mass @ arms) / fem.material.rho
     if (abs(by_mass - moments) > _INERTIA * moments.sum()).any():
-        raise MeshError(
+        raise InvertedElementsError(
             f"mesh: the second moments of its mass matrix are {by_mass} m5, those inside its surface {moments} m5, "
             "expected the same within 0.1 %: elements overlap or are turned inside out. Mesh anew"
         )

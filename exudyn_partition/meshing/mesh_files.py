@@ -16,7 +16,7 @@ from typing import TextIO
 
 import numpy as np
 
-from ..errors import InputError, MeshError, MeshQualityWarning, MissingPackageError
+from ..errors import InputError, InvertedElementsError, MeshError, MeshQualityWarning, MissingPackageError
 from ..fe.elements import Kind, faces_of, kinds_named, kinds_of, rows_of_cells
 from ..fe.facets import check_connected, check_neighbours
 from ..support.arrays import Array
@@ -367,7 +367,7 @@ def _outward(path: Path, points: Array, kind: Kind, cells: Array, said: Said, ea
         cells[bad] = cells[bad][:, _mirrored(kind)]
         bad = inverted(points, cells, kind)
     if len(bad):
-        raise MeshError(
+        raise InvertedElementsError(
             f"{path}: {len(bad)} of {len(cells)} elements are inverted or have no volume, the first is {said(bad[0])}. "
             "Check the order of its nodes and where they lie, or mesh anew"
         )

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import InputError, MemoryLimitError, MeshError, MeshQualityWarning
+from ..errors import InputError, InvertedElementsError, MemoryLimitError, MeshError, MeshQualityWarning
 from ..fe.consistency import integrals
 from ..fe.elements import centres_of, corner_keys, faces_of, kinds_of
 from ..fe.facets import check_conforming
@@ -177,7 +177,7 @@ def fe_model(
                             fem = _from_mesh(ngsolve, mesh, given, order or 2)
                         check_inside(fem)
                         break
-                    except MeshError as error:
+                    except InvertedElementsError as error:
                         if finer == _FINER[-1]:
                             raise
                         _LOG.info("%s. It is meshed again with smaller elements", error)
@@ -381,7 +381,7 @@ def _check_volume(points: Array, cells: Array) -> None:
     bad = inverted(points, cells, kind)
     if len(bad):
         where = ", ".join(f"{x:.4g}" for x in points[cells[bad[0]]].mean(axis=0))
-        raise MeshError(
+        raise InvertedElementsError(
             f"mesh: {len(bad)} of {len(cells)} elements are inverted or have no volume, the first at ({where}). Curved "
             "sides do that to elements that are too large for the curvature or the thickness of a wall: take a smaller "
             "maxh, or refine there"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import MeshError
+from ..errors import InvertedElementsError, MeshError
 from ..fe.shapes import TET_EDGES, TET_FACES
 from ..support.arrays import Array
 from ..support.foreign import NGSolve, NGSolveMesh, NGSolveObject
@@ -101,13 +101,13 @@ class NodalBasis:
 
         Raises
         ------
-        MeshError
+        InvertedElementsError
             If an element has no volume.
         """
         a, b, c, d = (points[corners[:, i]] for i in range(4))
         volume = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
         if not (volume != 0).all():
-            raise MeshError(f"mesh: {np.count_nonzero(volume == 0)} elements have no volume")
+            raise InvertedElementsError(f"mesh: {np.count_nonzero(volume == 0)} elements have no volume")
         flip = volume < 0
         corners[flip, :2] = corners[flip, 1::-1]
         return self.numbers(corners)

@@ -16,7 +16,14 @@ from exudyn_partition.accuracy.contact_place import contact_place, sides_of
 from exudyn_partition.accuracy.design_search import Search
 from exudyn_partition.accuracy.impact_scene import Scene, first_circle
 from exudyn_partition.accuracy.mesh_rules import Sizes, count_of_dofs, first_sizes
-from exudyn_partition.errors import EmptyRegionError, InputError, MemoryLimitError, MeshError, ToleranceWarning
+from exudyn_partition.errors import (
+    EmptyRegionError,
+    InputError,
+    InvertedElementsError,
+    MemoryLimitError,
+    MeshError,
+    ToleranceWarning,
+)
 
 RADIUS, SPEED, TOLERANCE = 5e-3, 0.3, 0.05
 BALL = occ.Sphere(occ.Pnt(0, 0, RADIUS), RADIUS)
@@ -252,18 +259,30 @@ class UnluckyScene(Scene):
     """Its first meshes cannot be used, as some of Netgen's have an element without volume."""
 
     sizes: list = field(default_factory=list)  # of elements that were tried
+    error: type = InvertedElementsError
 
     def model(self, i, mesh, sizes, circle):
         self.sizes.append(sizes.far)
         if len(self.sizes) < 4:
-            raise MeshError("1 of 2747 elements are inverted or have no volume")
+            raise self.error("1 of 2747 elements are inverted or have no volume")
         return super().model(i, mesh, sizes, circle)
 
 
-def test_a_mesh_with_an_element_that_has_no_volume_is_made_again_with_others():
+@pytest.fixture
+def unlucky():
     place = contact_place((BALL,), ep.RigidPlane(), np.zeros(3), lambda radius: 0.05 * radius)
-    scene = UnluckyScene((BALL,), (SPHERE_MATERIAL,), ep.RigidPlane(), place, SPEED, TOLERANCE, 100_000)
-    search = Search(scene, END)
+    return UnluckyScene((BALL,), (SPHERE_MATERIAL,), ep.RigidPlane(), place, SPEED, TOLERANCE, 100_000)
+
+
+def test_a_mesh_that_has_another_fault_is_not_made_again(unlucky):
+    scene = replace(unlucky, error=MeshError)
+    with pytest.raises(MeshError):
+        Search(scene, END).make_model(0, Sizes(2, 3e-3, 0.5e-3, "a test"), 0.2e-3)
+    assert scene.sizes == [3e-3]
+
+
+def test_a_mesh_with_an_element_that_has_no_volume_is_made_again_with_others(unlucky):
+    scene, search = unlucky, Search(unlucky, END)
     search.make_model(0, Sizes(2, 3e-3, 0.5e-3, "a test"), 0.2e-3)
     assert scene.sizes == sorted(scene.sizes, reverse=True)
     assert scene.sizes[-1] < scene.sizes[0]

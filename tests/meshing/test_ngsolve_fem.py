@@ -1,5 +1,7 @@
 """FE models of shapes: curved elements, names of boundaries, units, and shapes that cannot be meshed."""
 
+import logging
+
 import netgen.occ as occ
 import ngsolve
 import numpy as np
@@ -119,6 +121,15 @@ def test_a_shape_is_meshed_again_where_curving_turns_elements_inside_out(wall):
     fem = ep.fe_model(tube(wall), ep.STEEL, maxh=5e-3, grading=0.9)
     exact = np.pi * (0.010**2 - (0.010 - wall) ** 2) * 0.03 * ep.STEEL.rho
     np.testing.assert_allclose(fem.total_mass, exact, rtol=2e-3)
+
+
+def test_a_shape_is_not_meshed_again_for_what_other_meshes_do_not_mend(caplog):
+    """Linear elements of rubber lock in any mesh: four more of them would only take time."""
+    rubber = ep.Material(E=1e7, nu=0.4999, rho=1100.0)
+    with caplog.at_level(logging.INFO, "exudyn_partition"), pytest.raises(LockingError):
+        ep.fe_model(tube(1e-3), rubber, maxh=5e-3, order=1)
+    assert sum(message.startswith("mesh: ") for message in caplog.messages) == 1
+    assert not any("meshed again" in message for message in caplog.messages)
 
 
 def test_a_corner_of_an_element_that_curving_turns_inside_out():
