@@ -39,7 +39,7 @@ HUGE = 100_000  # dofs, from which on factors of the static answers are rounded,
 ROUGH = 1e-3  # largest relative error of Krylov vectors, in the norm of energy
 # Radii, by that of a plastic zone, of edges that are eliminated last, from the outer to the inner one. Flow begins in
 # the middle, and what an inner edge holds is solved for without what lies outside of it.
-_EDGES = 1.25, 0.54, 0.3
+_EDGES = 1.25, 0.6, 0.3
 SETTLED = 0.1  # largest relative change of a load's mobility over the band, by the last growth
 _MIXED_GROWTH, _MIXED_SETTLED = 0.25, 0.1  # a space of mixed loads grows by this share, and settles to this of others
 _MEMORY = 0.02  # decay rate of the mobility's Laplace variable, by the frequency, so that no single resonance decides

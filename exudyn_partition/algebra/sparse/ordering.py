@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, maxi
 
 from ...support.arrays import Array
 
-_LEAF = 1000  # parts with fewer nodes are not cut any more
+_LEAF = 400  # parts with fewer nodes are not cut any more
 _WHOLE = 4000  # parts with more are cut by groups of nodes first
 _FEWER = 0.7  # largest number of groups, by that of nodes, that is worth it
 _BALANCE = 0.2  # least share of the nodes on each side of a cut, as far as it is not moved afterwards

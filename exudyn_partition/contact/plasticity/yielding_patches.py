@@ -193,15 +193,18 @@ class YieldingPatches(Zones):
         self._unsettled = 0.0
         parts = self.contact.gaps.coordinates
         rows = {side: self._side_rows(side) for side, _ in self.zones}
-        for _, zone in self.zones:
+        for side, zone in self.zones:
             zone.back()
-        respond(pushed + self._moved(rows))
-        forces = self._on_patches(rows)
-        if all(zone.stays_elastic(parts[side], force) for (side, zone), force in zip(self.zones, forces, strict=True)):
-            return
-        if any([zone.look() for _, zone in self.zones]):
-            while not self._iterate(respond, pushed, rows):
-                pass
+            zone.move(parts[side])
+        if not all(zone.goes_on for _, zone in self.zones):
+            respond(pushed + self._moved(rows))
+            forces = zip(self.zones, self._on_patches(rows), strict=True)
+            if all(zone.stays_elastic(force) for (_, zone), force in forces):
+                return
+            if not any([zone.look() for _, zone in self.zones]):
+                return
+        while not self._iterate(respond, pushed, rows):
+            pass
 
     def _iterate(self, respond: Callable[[Array], None], pushed: Array, rows: dict[int, Array]) -> bool:
         """Find the pseudo-forces of the active points; return whether no other point flows."""

@@ -30,7 +30,6 @@ _FEW = 16  # besides the points that flow, at most as many plus 2 * _FEW are act
 # Nodes of a zone up to which products are dense, and 3 to 4 times as quick. To make the rows of so many nodes takes a
 # second, and grows with more than the square of their number; time of products by fronts grows little faster than it.
 _MOST_DENSE = 1500
-_BLOCK = 64  # columns whose stresses are found together: of all rows of a large patch they would take gigabytes
 _SPARE = 4  # points are chosen again if so many times the flowing points and _FEW are active
 
 
@@ -231,7 +230,9 @@ class ZoneRun:
     _strain: Array | None  # of active points, at the end of the last accepted step
     _found: tuple[PlasticState, Array]
     _tried: tuple[Array, Array, Array | None]  # a change, what it led to, and displacements of all nodes if known
-    _flows_on = False  # whether the step after the present state has the same active points
+    _flows_on = False  # whether the step after the present state has the same active points, or more
+    _excess_found: Array  # of all points, in the present state
+    _excess_before: Array | None  # at the end of the last accepted step, if points flowed in it
 
     def __init__(self, motion: ZoneMotion) -> None:
         assert motion.flexibility is not None
@@ -243,13 +244,9 @@ class ZoneRun:
 
     def _largest(self, columns: Array) -> Array:
         """Largest von Mises stress anywhere for each column of nodal displacements, (m,) [Pa]."""
-        largest = np.zeros(columns.shape[1])
-        for first in range(0, len(largest), _BLOCK):
-            some = slice(first, first + _BLOCK)
-            strains = np.asarray(self.zone.strain @ columns[:, some]).reshape(len(self.zone), 6, -1)
-            largest[some] = np.einsum("gik,gik->gk", strains, strains).max(axis=0, initial=0.0)
-        value: Array = self.zone.flow.of_strain(np.sqrt(largest))
-        return value
+        virgin = PlasticState.virgin(len(self.zone))
+        beyond = [self.zone.excess(np.ascontiguousarray(column), virgin).max() for column in columns.T]
+        return np.array(beyond) + self.zone.flow.yield_stress
 
     def for_run(self, kind: type) -> Self:
         """Return the same zone in its start state, for another run with numbers of this dtype in large products."""
@@ -283,7 +280,8 @@ class ZoneRun:
         self.flows = False
         self._choose(np.zeros(len(self.zone), dtype=bool))
         self._at = self._committed_at = np.zeros(len(self._by_q)), np.zeros(len(self._by_force))
-        self._margin, self._margin_at, self._goes_on = -np.inf, self._at, False
+        self._margin, self._margin_at, self.goes_on = -np.inf, self._at, False
+        self._excess_before = None
         whole = self.zone.pseudo_forces(state.strain)
         self._p = whole if applied is None else applied
         self._left = whole - self._p
@@ -308,12 +306,15 @@ class ZoneRun:
             self.committed, self.flows, self._strain = self.present, False, self._found[1]
             self._moved_patch = self.moved_patch(step[self._active.dofs])
             self._hold(step, self._moved - self._last[1])
-            self._margin, self._goes_on = -np.inf, self._flows_on
+            self._margin, self.goes_on = -np.inf, self._flows_on
+            if self._excess_before is not None and self.goes_on:
+                self._grow(2 * self._excess_found - self._excess_before)
+            self._excess_before = self._excess_found
         else:
-            self._strain = None
+            self._strain = self._excess_before = None
             if self._step_before.any():
                 self._step_before = self._step_moved = np.zeros(len(self._p))
-                self._goes_on = False
+                self.goes_on = False
         self._committed_at, self._committed_work = self._at, self.work
 
     def back(self) -> None:
@@ -338,20 +339,21 @@ class ZoneRun:
         moved: Array = self._moved_patch if change is None else self._moved_patch + self._active.at_patch(change)
         return moved
 
-    def stays_elastic(self, q: Array, force: Array) -> bool:
-        """Whether a bound shows that no point yields at coordinates q, (n,), and forces on the patch, (r,) [N].
+    def move(self, q: Array) -> None:
+        """Take coordinates of the body, (n,), as the present ones."""
+        self._at, self._begin = (q[len(q) - len(self._by_q) :].copy(), self._at[1]), None
+
+    def stays_elastic(self, force: Array) -> bool:
+        """Whether a bound shows that no point yields with forces on the patch, (r,) [N].
 
         True is certain. False means that strains must be computed.
         """
-        self._at, self._begin = (q[len(q) - len(self._by_q) :].copy(), force), None
+        self._at = self._at[0], force
         by_q, by_force = (abs(now - then) for now, then in zip(self._at, self._margin_at, strict=True))
         return bool(self._margin >= by_q @ self._by_q + by_force @ self._by_force)
 
     def look(self) -> bool:
-        """Whether points begin to flow at the coordinates and forces of `stays_elastic`, with the committed state."""
-        if self._goes_on:
-            self._grow(self._excess(self.committed, self._moved + self._step_moved))
-            return True
+        """Whether points begin to flow at the present coordinates and forces, with the committed state."""
         excess = self._excess(self.committed, self._moved)
         if excess.max() <= 0:
             self._margin, self._margin_at = -float(excess.max()), self._at
@@ -402,7 +404,8 @@ class ZoneRun:
         self._left[active.dofs] += led_to - change
         self._moved = self._last[1] + (active.spread() if moved is None else moved)
         self.generalised = self._last[2] + active.generalised(led_to)
-        if self._grow(self._excess(self.present, self._moved)):
+        self._excess_found = self._excess(self.present, self._moved)
+        if self._grow(self._excess_found):
             self._step_before, self._step_moved = self._p - self._last[0], self._moved - self._last[1]
             return False
         self._energy = self._present_energy()
@@ -422,7 +425,7 @@ class ZoneRun:
 
     def _grow(self, excess: Array) -> bool:
         """Make other points that flow active, and those near them, by stresses beyond the flow stress, (g,) [Pa]."""
-        excess[self._active.points] = -np.inf
+        excess = np.where(self._chosen, -np.inf, excess)
         if excess.max() <= 0:
             return False
         flow = int(np.count_nonzero(excess > 0)) + len(self._active.points) // 2
