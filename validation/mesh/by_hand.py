@@ -236,8 +236,7 @@ def main():
     parser.add_argument("--out", type=Path, help="write the JSON result there")
     options = parser.parse_args()
     warnings.simplefilter("ignore", ep.errors.PartitionWarning)
-    warm = designs.spheres()
-    made = ep.design_impact(*warm.bodies, speed=warm.speed, contact=(0, 0, 0), tolerance=0.05, duration=warm.duration)
+    warm, made = designs.warmed_up()
     timed(warm, functools.partial(choice, warm, made.look, made.step, (2, 3), max(NEAR), max(FAR)))
     path = options.out or Path(__file__).with_suffix(".json")
     known = json.loads(path.read_text())["scenes"] if path.is_file() else {}
