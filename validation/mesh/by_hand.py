@@ -5,7 +5,8 @@ design has to find: size and shape of the contact, far sizes, also larger ones, 
 mesh, reduction and run; the time of choices that failed does not count. Choices that are finer in all sizes than one
 of no larger error, or than one that costs more than the design, are left out.
 Scenes: those of `validation.mesh.design`; crossed cylinders, whose contact is 2.5 times as long as wide; a ball in a
-seat of nearly its radius, at 0.5 %; a ball on a beam; a ball on a tube; a barrel on a block, a contact of 4.5 : 1.
+seat of nearly its radius, at 0.5 %; a ball on a beam; a ball on a tube; a barrel on a block, a contact of 4.5 : 1; a
+ball on the end of a tube; a ball on a stepped shaft, at 0.5 %; a blunt cone on a block, at 2 %.
 Reference: cubic elements on finer meshes. Quantity: error of the force, no larger than the design's; dofs; seconds of
 the clock, and of the processor, which other programs change less, off-line and on-line, after a first run that
 compiles.
@@ -94,13 +95,48 @@ def barrel():
     return designs.Scene(steel(body, block), ends, 0.3, 100e-6, 0.1e-6, fine, fine, ellipse=(4.47, (0, 1, 0)))
 
 
+def tube_end():
+    """A steel ball of 12 mm on the end of a steel tube of 22 mm, in the middle of its wall of 4 mm."""
+    ball = occ.Sphere(occ.Pnt(0, 0, 6e-3), 6e-3)
+    outer, inner = (occ.Cylinder(occ.Pnt(-9e-3, 0, -40e-3), occ.Z, r=r, h=40e-3) for r in (11e-3, 7e-3))
+    ends = ((0, 0, 12e-3), (-18e-3, 0, -40e-3))
+    fine = ((3e-3, 0.4), (2.5e-3, 0.4))
+    return designs.Scene(steel(ball, outer - inner), ends, 0.4, 120e-6, 0.1e-6, fine, fine)
+
+
+def shaft():
+    """A steel ball of 16 mm on the thin side of a steel shaft of 12 and 15 mm, 4 mm from the step."""
+    ball = occ.Sphere(occ.Pnt(0, 0, 8e-3), 8e-3)
+    thin = occ.Cylinder(occ.Pnt(-30e-3, 0, -6e-3), occ.X, r=6e-3, h=36e-3)
+    thick = occ.Cylinder(occ.Pnt(4e-3, 0, -6e-3), occ.X, r=7.5e-3, h=30e-3)
+    ends = ((0, 0, 16e-3), (0, 0, -12e-3))
+    fine = ((4e-3, 0.4), (3.5e-3, 0.4))
+    return designs.Scene(steel(ball, thin + thick), ends, 0.4, 150e-6, 0.1e-6, fine, fine)
+
+
+def cone():
+    """A steel cone of 30 degrees to its axis, with a blunt end of 3 mm radius, on an aluminium block."""
+    radius, height, slope = 3e-3, 20e-3, np.radians(30)
+    angles = np.array([0, 0.5, 1]) * (np.pi / 2 - slope)  # of the blunt end
+    x, z = radius * np.sin(angles), radius * (1 - np.cos(angles))
+    x, z = np.r_[x, x[-1] + (height - z[-1]) * np.tan(slope), 0], np.r_[z, height, height]
+    tip, middle, edge, rim, back = (occ.Pnt(*place) for place in np.column_stack([x, 0 * x, z]).tolist())
+    sides = [occ.ArcOfCircle(tip, middle, edge), *map(occ.Segment, (edge, rim, back), (rim, back, tip))]
+    body = occ.Face(occ.Wire(sides)).Revolve(occ.Axis(tip, occ.Z), 360)
+    block = occ.Box(occ.Pnt(-15e-3, -15e-3, -15e-3), occ.Pnt(15e-3, 15e-3, 0))
+    ends = ((0, 0, height), (0, 0, -15e-3))
+    fine = ((3e-3, 0.4), (5e-3, 0.4))
+    bodies = (body, ep.STEEL), (block, ep.ALUMINIUM)
+    return designs.Scene(bodies, ends, 0.2, 150e-6, 0.1e-6, fine, fine)
+
+
 def steel(*shapes):
     """Bodies of steel."""
     return tuple((shape, ep.STEEL) for shape in shapes)
 
 
-SCENES = designs.SCENES | {f.__name__: f for f in (cylinders, seat, beam, tube, barrel)}
-TOLERANCES = {"seat": 0.005}
+SCENES = designs.SCENES | {f.__name__: f for f in (cylinders, seat, beam, tube, barrel, tube_end, shaft, cone)}
+TOLERANCES = {"seat": 0.005, "shaft": 0.005, "cone": 0.02}
 
 
 def timed(scene, work):

@@ -134,6 +134,8 @@ def run(scene, fems, bodies, step):
     contact = ep.CreatePartitionContact(mbs, striker, struck, passes="given")
     mbs.Assemble()
     result = ep.solve_dynamic(mbs, end_time=scene.duration, step=step)
+    if result.t[-1] < scene.duration - step:  # errors would be those of its beginning
+        raise RuntimeError(f"the run of {scene.duration:.3g} s stopped at {result.t[-1]:.3g} s")
     of_ends = zip((striker, struck), scene.ends, fems, strict=True)
     ends = [item.velocity(result, end, fem=fem)[:, 2] for item, end, fem in of_ends]
     return (result.t, contact.force(result), *ends), result.time_s
