@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -62,8 +62,9 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
         run = runs.now(mbs)
         run.force(mbs, t)
         contacts = run.contacts
-        stuck = {c: K for c in contacts if (K := _stuck(mbs, run.of(c))) is not None}
-        blocks = [*_of_each(run, contacts, stuck, fODE2), *_of_groups(mbs, run, contacts, stuck, fODE2)]
+        stuck = [contact for contact in contacts if _sticks(mbs, run.of(contact))]
+        blocks = [*_of_stuck(run, stuck, fODE2), *_of_each(run, contacts, stuck, fODE2)]
+        blocks += _of_groups(mbs, run, contacts, stuck, fODE2)
         if run.slip_secants is not None:
             blocks += _of_slips(mbs, run, contacts, run.slip_secants.share(mbs.sys["staticSolver"]) * fODE2)
         return sparse_container(*_assembled(blocks, run.dofs), len(run.dofs))
@@ -110,12 +111,15 @@ def _assembled(blocks: Sequence[Block], dofs: Array) -> tuple[Array, Array, Arra
 
 
 def _of_each(
-    model: ModelRun, contacts: Sequence[ModelContact], stuck: Mapping[ModelContact, Array], by_q: float
+    model: ModelRun, contacts: Sequence[ModelContact], stuck: Sequence[ModelContact], by_q: float
 ) -> Iterator[Block]:
-    """Stiffness of each contact on the coordinates of its bodies; `_of_groups` has that of contacts solved together."""
+    """Stiffness of each contact on the coordinates of its bodies; `_of_groups` has that of contacts solved together.
+
+    Those that are `stuck` are left out.
+    """
     for contact in contacts:
         run = model.of(contact)
-        K = stuck[contact] if contact in stuck else _own_stiffness(run)
+        K = None if contact in stuck else _own_stiffness(run)
         if K is not None:
             yield by_q * K, run.dofs, run.dofs
 
@@ -128,27 +132,42 @@ def _own_stiffness(run: ContactRun) -> Rows | None:
     return mechanics.tangent() if run.group.together is None or not mechanics.index.size else None
 
 
-def _stuck(mbs: MainSystem, run: ContactRun) -> Array | None:
-    """Stiffness with all rows closed, (n, n), of a contact that just touches, in the first iteration of a load step.
+def _of_stuck(model: ModelRun, stuck: Sequence[ModelContact], by_q: float) -> Iterator[Block]:
+    """Stiffness with all rows closed of contacts that stick, see `_sticks`, and between those solved together.
 
-    None for others. An open contact has no stiffness, and one in which rounding has closed some rows has too little.
-    Then a block that only stands on another one would have no equilibrium under its load.
+    Without the stiffness between them, a load on one would seem to open others of its bodies by a little.
+    """
+    for group in {id(contact.group): contact.group for contact in stuck}.values():
+        together, runs = model.of(group[0]).group.together, [model.of(contact) for contact in group]
+        places = [place for place, contact in enumerate(group) if contact in stuck]
+        if together is None:
+            blocks = {(j, j): runs[j].mechanics.closed_stiffness() for j in places}
+        else:
+            blocks = {**together.closed_stiffness(places)}
+        for (j, k), K in blocks.items():
+            if K is not None:
+                yield by_q * K, runs[j].dofs, runs[k].dofs
+
+
+def _sticks(mbs: MainSystem, run: ContactRun) -> bool:
+    """Whether all rows count as closed: those of a contact that just touches, in the first iteration of a load step.
+
+    An open contact has no stiffness, and one in which rounding has closed some rows has too little. Then a block that
+    only stands on another one would have no equilibrium under its load.
     """
     mechanics = run.mechanics
     size = mechanics.gaps.size
     if not (mechanics.compliant and -_ROUNDING * size <= mechanics.least_gap < _TOUCHING * size):
-        return None
+        return False
     solver = latest_solver(mbs)
-    if solver is None or method_of(solver) != "static" or solver.it.newtonSteps != 1:
-        return None
-    return mechanics.closed_stiffness()
+    return solver is not None and method_of(solver) == "static" and solver.it.newtonSteps == 1
 
 
 def _of_groups(
     mbs: MainSystem,
     model: ModelRun,
     contacts: Sequence[ModelContact],
-    stuck: Mapping[ModelContact, Array],
+    stuck: Sequence[ModelContact],
     by_q: float,
 ) -> Iterator[Block]:
     """Stiffness of and between contacts that are solved together, and between contacts and carriers of surfaces.

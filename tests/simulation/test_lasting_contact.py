@@ -4,6 +4,7 @@ import re
 
 import exudyn as exu
 import exudyn.itemInterface as items
+import netgen.occ as occ
 import numpy as np
 import pytest
 from oracles import add_springs
@@ -63,6 +64,26 @@ def test_a_constant_state_takes_few_steps(round_body, options):
     force = contact.force(result)
     assert result.steps < 0.1 * end / result.step
     np.testing.assert_allclose(force, force[0], rtol=1e-5)
+
+
+@pytest.mark.filterwarnings("error::exudyn_partition.errors.ModelLimitWarning")
+def test_a_block_that_friction_holds_takes_few_steps():
+    """What Newton's method leaves of a light block's forces is no motion to resolve, nor energy to warn of."""
+    shape = occ.Box((-10e-3, -10e-3, 0), (10e-3, 10e-3, 8e-3))
+    shape.faces.Min(occ.Z).name = "bottom"
+    fem = ep.fe_model(shape, ep.STEEL, maxh=8e-3)
+    body = ep.reduce(fem, ep.Partition.surface(fem, "bottom", axes="xyz"), f_cut=60e3)
+    tilt, mbs, end = 0.9 * np.arctan(0.3), exu.SystemContainer().AddSystem(), 0.6e-3
+    gravity = [9.81 * np.sin(tilt), 0, -9.81 * np.cos(tilt)]
+    item = ep.CreatePartitionBody(mbs, body, frame="floating", gravity=gravity)
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), friction=0.3)
+    mbs.Assemble()
+    ep.solve_static(mbs, load_steps=3, update_initial=True)
+    result = run(mbs, end)
+    assert result.steps < 0.5 * end / result.step
+    np.testing.assert_allclose(contact.force(result), body.total_mass * -gravity[2], rtol=1e-3)
+    along = contact.friction.tangential_force(result)[:, 0]
+    np.testing.assert_allclose(along, -body.total_mass * gravity[0], rtol=1e-3)
 
 
 @pytest.fixture(scope="module")

@@ -1,9 +1,11 @@
 """Bodies that come to rest under their weight: what is beneath carries it, and nothing moves afterwards."""
 
+import logging
 import warnings
 
 import exudyn as exu
 import exudyn.itemInterface as items
+import netgen.occ as occ
 import numpy as np
 import pytest
 
@@ -87,6 +89,41 @@ def test_what_stands_on_another_falls_with_it(mbs, kept_pair):
     assert between.force(static)[-1] == pytest.approx(weight, rel=1e-3)
     fallen = [item.kinematics.rigid_motion(item.coordinates(static))[-1, 2] for item in (low, high)]
     np.testing.assert_allclose(fallen, [-1e-4, -3e-4], atol=1e-6)
+
+
+def upright(width, depth, height, maxh):
+    """A block with its bottom and top as patches."""
+    shape = occ.Box((-width / 2, -depth / 2, 0), (width / 2, depth / 2, height))
+    shape.faces.Min(occ.Z).name, shape.faces.Max(occ.Z).name = "bottom", "top"
+    fem = ep.fe_model(shape, ep.STEEL, maxh=maxh)
+    bottom, top = (ep.Partition.surface(fem, face, name=face, axes="xyz") for face in ("bottom", "top"))
+    return ep.reduce(fem, bottom | top, f_cut=60e3)
+
+
+@pytest.mark.parametrize("friction", [None, 0.3])
+def test_a_small_block_on_a_larger_one_settles_at_once(mbs, friction, caplog):
+    """The load on the floor moves the top of the lower block; the small one must not seem to lift off by that."""
+    lower, upper = upright(15e-3, 15e-3, 20e-3, 6e-3), upright(12e-3, 10e-3, 8e-3, 5e-3)
+    options = {"frame": "floating", "gravity": GRAVITY}
+    column = ep.CreatePartitionBody(mbs, lower, **options)
+    cap = ep.CreatePartitionBody(
+        mbs, upper, referencePosition=[1e-3, 0, 20e-3], referenceRotationMatrix=about_z(0.3), **options
+    )
+    floor = ep.CreatePartitionContact(mbs, column, ep.RigidPlane(), slavePatch="bottom", friction=friction)
+    seam = ep.CreatePartitionContact(mbs, cap, column, slavePatch="bottom", masterPatch="top", friction=friction)
+    mbs.Assemble()
+    with caplog.at_level(logging.INFO, logger="exudyn_partition"):
+        static = rest(mbs)
+    assert "again" not in caplog.text
+    weight = G * upper.total_mass
+    assert seam.force(static)[-1] == pytest.approx(weight, rel=1e-5)
+    assert floor.force(static)[-1] == pytest.approx(weight + G * lower.total_mass, rel=1e-5)
+
+
+def about_z(angle):
+    """Rotation about the z axis, (3, 3)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def test_a_striker_keeps_its_place_and_speed(mbs, kept_pair):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, cast
@@ -10,7 +11,8 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from ...algebra.block_complementarity import BlockComplementarity
-from ...algebra.complementarity import Complementarity
+from ...algebra.complementarity import Complementarity, regularised
+from ...algebra.products import dense
 from ...errors import ComplementarityError
 from ...support.arrays import Array, consecutive
 from .. import loops
@@ -40,6 +42,8 @@ class Coupled:
         For each two sides that move each other, returns the numbers of a contact and its side, of the other contact and
         its side, and the body's flexibility between the patches, (d np, d np) [m/N].
     """
+
+    _by_fields = True  # whether few fields are all that contacts exchange
 
     def __init__(self, contacts: Sequence[PatchContact], links: Callable[[], Sequence[Link]]) -> None:
         self.contacts, self._links = [*contacts], links
@@ -121,6 +125,37 @@ class Coupled:
             sizes = {j: abs(forces[closed[j]]).max(initial=0.0) for j in rows}
             for j in [j for j, size in sizes.items() if size >= _HARDLY * sizes[k]]:
                 result[j, k] = rows[j].T @ forces[closed[j]]
+        return result
+
+    def closed_stiffness(self, places: Sequence[int]) -> dict[tuple[int, int], Array]:
+        """See `formulation.Together`.
+
+        By the formula of Woodbury: F of each contact's rows, and few fields W with amplitudes S between contacts, give
+        (F + W S W')^-1 = F^-1 - F^-1 W (1 + S W' F^-1 W)^-1 S W' F^-1.
+        """
+        if not self._by_fields:
+            alone = {j: self.contacts[j].closed_stiffness() for j in places}
+            return {(j, j): K for j, K in alone.items() if K is not None}
+        fields = RowFields([contact.rows for contact in self.contacts], self._exchange)
+        ways, of_fields, result = dict[int, Array](), dict[int, Array](), dict[tuple[int, int], Array]()
+        for j in places:
+            rows, W = self.contacts[j].rows, fields.of(j)
+            everything = np.arange(len(rows.gaps.row_nodes))
+            H = dense(rows.jacobian(everything))
+            solved = np.linalg.solve(regularised(rows.flexibility(everything)), np.hstack([H, W]))
+            result[j, j] = H.T @ solved[:, : H.shape[1]]
+            ways[j], of_fields[j] = W.T @ solved[:, : H.shape[1]], W.T @ solved[:, H.shape[1] :]
+        own = dict(zip(places, consecutive([len(ways[j]) for j in places]), strict=True))
+        n = sum(map(len, ways.values()))
+        S, inner = np.zeros((n, n)), np.zeros((n, n))
+        for (j, k), core in self._exchange.core.items():
+            if j in own and k in own:
+                S[own[j], own[k]] = core
+        for j, flexible in of_fields.items():
+            inner[own[j], own[j]] = flexible
+        forces = np.linalg.solve(np.eye(n) + S @ inner, S)
+        for j, k in itertools.product(places, places):
+            result[j, k] = result.get((j, k), 0.0) - ways[j].T @ forces[own[j], own[k]] @ ways[k]
         return result
 
     def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
@@ -294,6 +329,8 @@ class SharedPatches(CoupledContacts):
     Rows of one patch move each other through its full flexibility, not through a few fields. So the flexibility between
     all rows that can close is set up. It is kept while these rows stay the same and move little.
     """
+
+    _by_fields = False
 
     def _prepare(self) -> None:
         self._all_links  # noqa: B018 - the property keeps its value

@@ -188,6 +188,8 @@ class SharedFriction(CoupledFriction):
     one block, with all rows that can close.
     """
 
+    _by_fields = False
+
     def _prepare(self) -> None:
         self._all_links  # noqa: B018 - the property keeps its value
 

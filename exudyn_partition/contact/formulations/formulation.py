@@ -48,6 +48,20 @@ class Together(Protocol):
             of the other. Pairs that hardly move each other are left out.
         """
 
+    def closed_stiffness(self, places: Sequence[int]) -> dict[tuple[int, int], Array]:
+        """Stiffness with all rows of some contacts closed, and those of the others open.
+
+        Parameters
+        ----------
+        places : sequence of int
+            Numbers of the contacts.
+
+        Returns
+        -------
+        dict
+            As that of `stiffness`.
+        """
+
     def for_run(self, contacts: Sequence[PatchContact]) -> Together:
         """Return the state at the start of a run with these contacts."""
 

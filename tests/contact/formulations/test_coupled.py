@@ -7,11 +7,13 @@ from types import SimpleNamespace
 import netgen.occ as occ
 import numpy as np
 import pytest
+import scipy.linalg
 from oracles import broken_law, compliant
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.complementarity import regularised
 from exudyn_partition.algebra.friction import SLIP, STICK, FrictionProblem
+from exudyn_partition.algebra.products import dense
 from exudyn_partition.contact.formulations.coupled import CoupledContacts
 from exudyn_partition.contact.formulations.coupled_friction import CoupledFriction
 from exudyn_partition.contact.formulations.coupled_zones import CoupledZones
@@ -288,6 +290,27 @@ def test_stiffness_of_coupled_contacts_against_finite_differences(block_on_feet,
         way *= 1e-10 / abs(H @ way).max()
         change = (forces(way) - forces(-way)) / 2
         np.testing.assert_allclose(-stiffness @ (H @ way), change, rtol=0, atol=2e-4 * abs(change).max())
+
+
+@pytest.mark.parametrize("friction", [None, MU])
+def test_stiffness_of_contacts_that_just_touch(block_on_feet, friction):
+    """It is that of the whole flexibility of all their rows: the load on one foot moves the rows of the others."""
+    body, (laws, together) = block_on_feet, of_feet(block_on_feet, friction)
+    together.forces([np.zeros(body.n_dofs)] * 3)
+    all_rows = [np.arange(len(law.gaps.row_nodes)) for law in laws]
+    H = [dense(law.rows.jacobian(rows)) for law, rows in zip(laws, all_rows, strict=True)]
+    sides = [law.rows.side_rows(0) for law in laws]
+    F = [[sides[j] @ body.flexibility(j, k) @ sides[k].T for k in range(3)] for j in range(3)]
+    for j in range(3):
+        F[j][j] = regularised(laws[j].rows.flexibility(all_rows[j]))
+    for places in ([0, 1, 2], [2, 0]):
+        inverse = np.linalg.inv(np.block([[F[j][k] for k in places] for j in places]))
+        whole = scipy.linalg.block_diag(*(H[j] for j in places))
+        found = together.closed_stiffness(places)
+        found = np.block([[found[j, k] for k in places] for j in places])
+        expected = whole.T @ inverse @ whole
+        alone = scipy.linalg.block_diag(*(laws[j].closed_stiffness() for j in places))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=0.02 * abs(alone - expected).max())
 
 
 @pytest.mark.skipif(not compiles(), reason="numba does not load here")
