@@ -49,8 +49,8 @@ _MOST_DENSE = 1000  # largest number of coordinates for this check, which comput
 _REMEDY = (
     "What nothing holds before contact closes has no equilibrium: hold it by joints or soft springs, let bodies touch "
     "at the start, or set settings.staticSolver.stabilizerODE2term. Nor has a stack that tips over, because the weight "
-    "above a face lies beside it. Else take more load_steps; a spring's preload does not grow with them: give it as a "
-    "load, and the spring no offset"
+    "above a face lies beside it, nor a body that slides, because more pushes it along a contact than friction holds. "
+    "Else take more load_steps; a spring's preload does not grow with them: give it as a load, and the spring no offset"
 )
 _UNSETTLED, _SINGULAR = "terminated due to errors", "Jacobian seems to be singular"  # what Exudyn says then
 _PARTS = 16  # of a load step of a press fit: shortest one before bodies are held by springs without forces

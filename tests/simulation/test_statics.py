@@ -5,6 +5,7 @@ import warnings
 
 import exudyn as exu
 import exudyn.itemInterface as items
+import netgen.occ as occ
 import numpy as np
 import pytest
 import scipy.linalg
@@ -239,6 +240,25 @@ def test_multipliers_are_refused_before_the_first_step(mbs, pair_of, call):
     assert not calls
     if call is ep.solve_static:
         assert isinstance(raised.value, RunError)
+
+
+def test_a_body_that_slides_has_no_equilibrium():
+    """On a table just steeper than its angle of friction; just less steep, friction carries its part of the weight."""
+    fem = ep.fe_model(occ.Box((-0.01, -0.01, 0), (0.01, 0.01, 8e-3)), ep.STEEL, maxh=8e-3)
+    foot = ep.Partition.surface(fem, plane=((0, 0, 0), (0, 0, -1)), axes="xyz")
+    body, mu = ep.reduce(fem, foot, f_cut=60e3), 0.3
+    for share in (0.99, 1.01):
+        tilt, mbs = share * np.arctan(mu), exu.SystemContainer().AddSystem()
+        gravity = 9.81 * np.array([np.sin(tilt), 0.0, -np.cos(tilt)])
+        block = ep.CreatePartitionBody(mbs, body, frame="floating", gravity=gravity)
+        contact = ep.CreatePartitionContact(mbs, block, ep.RigidPlane(), friction=mu)
+        mbs.Assemble()
+        if share < 1:
+            along = contact.friction.tangential_force(ep.solve_static(mbs, load_steps=2))[-1, 0]
+            assert -along == pytest.approx(body.total_mass * gravity[0], rel=1e-5)
+            continue
+        with pytest.raises(RunError, match="slides, because more pushes it along a contact than friction holds"):
+            ep.solve_static(mbs, load_steps=2)
 
 
 def test_what_nothing_holds_has_no_equilibrium(mbs, bodies):
