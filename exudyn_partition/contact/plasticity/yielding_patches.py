@@ -19,7 +19,7 @@ from .zone_run import ZoneMotion, ZoneRun
 if TYPE_CHECKING:
     from typing import Self
 
-_SETTLED = 1e-4  # relative change of the pseudo-forces
+_SETTLED = 1e-4  # what the pseudo-forces lack, relative
 # Plastic strain may be far larger than elastic strain. So the change is also at most this share of elastic strain,
 # unless that takes too many iterations.
 _OF_STRESS, _PATIENT = 0.1, 30
@@ -211,7 +211,7 @@ class YieldingPatches(Zones):
         self._unsettled = 0.0  # also after a rough answer that left points out
         own = [zone.guess for _, zone in self.zones]
         p, sizes, anderson = np.concatenate(own), np.cumsum([len(one) for one in own])[:-1], Anderson()
-        least, stalled = math.inf, 0
+        least, stalled, before = math.inf, 0, 0.0
         close = min(self._settled, _OF_STRESS * self._elastic_share())
         for tried in range(_MOST):
             self.iterations += 1
@@ -223,8 +223,11 @@ class YieldingPatches(Zones):
             size = np.linalg.norm([zone.size(one) for (_, zone), one in zip(self.zones, answers, strict=True)])
             change = float(np.linalg.norm(found - p))
             least, stalled = min(change, least), stalled + 1 if change >= least else 0
+            # What the answer still lacks if changes go on to decrease as the last one has.
+            lacks = change * change / (before - change) if 2 * change < before else change
+            before = change
             settled = self._settled if tried >= _PATIENT else close
-            if change <= settled * size or (stalled >= _STALLED and change <= _ROUGH * size):
+            if lacks <= settled * size or (stalled >= _STALLED and change <= _ROUGH * size):
                 return all([zone.finish() for _, zone in self.zones])
             p = anderson.guess(p, found)
         self._unsettled = float(change / size)
