@@ -22,7 +22,7 @@ _GB = 1e9
 # 10 for a thin plate.
 _FILL = 20
 _FILL_OF_ZONE = 42  # numbers in the fronts of a plastic zone, which is compact: 40 to 45 for 800 to 3300 nodes
-_BESIDE = 1.5  # factors of the stiffness, with those of a shifted matrix in single precision beside them
+_BESIDE = 1.15  # peak with factors of a shifted matrix in single precision, by factors of the stiffness as estimated
 _ROUNDED = 0.62  # factors of a huge body in single precision, with fronts in double precision: 0.59 to 0.7
 _ENTRY = 12  # bytes of an entry of a sparse matrix and its index
 _DENSE_BLOCKS = 5  # of right-hand sides at a time
