@@ -26,6 +26,8 @@ GROWTH = 1.25  # from one step to the next; with twice the growth, generalized-a
 _WORTHWHILE = 1.1  # for less growth the step stays, and so do the factors of its Jacobian
 UNRESOLVED = 1e-4  # share of the bodies' largest energy so far that steps need not resolve: 1 % of a velocity
 _CAUTION = 0.9  # share of the time to contact that is used: the error grows with the square of the step
+_FORESEEN = 4.0  # next steps: a contact that is further away than this in time is not predicted again
+_SIGHT = 16.0  # next steps: no prediction holds longer, for forces change
 _LANDING = 0.5  # share of the step at contact: time between the end of the last long step and contact
 _LIFTED = 2.0  # contact steps: longer steps in which a contact opens are taken again
 _LASTS = 3.0  # times from the closing of a contact to its largest force, after which it lasts
@@ -259,6 +261,7 @@ class StepControl:
         self._errors: VelocityError | None = None
         self._closings: list[Closing | None] = [None] * len(contacts)
         self._judged: Judgement | None = None  # of the step that was just taken
+        self._foreseen = [0.0] * len(contacts)  # time for which each contact certainly stays open [s]
 
     @property
     def pace(self) -> Pace:
@@ -279,10 +282,12 @@ class StepControl:
     def next_step(self, last: float) -> float:
         """Return the next step [s] after one of length `last` [s], from the state at its end."""
         was_open, self._was_open = self._was_open, self._open()
+        changed = was_open != self._was_open
+        self._foreseen = [0.0 if changed else time - last for time in self._foreseen]
         if self._tolerance is not None and not (self._at_least and self._errors):  # a run that goes on has judged it
             self._closings = [self._closing(i, last, was_open=was) for i, was in enumerate(was_open)]
             if not all(self._was_open):
-                self._judge(last, self._tolerance, changed=was_open != self._was_open)
+                self._judge(last, self._tolerance, changed=changed)
             if self._work is not None:
                 self._work.end_step(last)
         self._judged = None
@@ -321,18 +326,15 @@ class StepControl:
         return _IN_IMPACTS if impacts else 1.0
 
     def _allowed_step(self, last: float) -> float:
-        limit, growth, in_contact = self.longest, GROWTH, not all(self._was_open)
-        for contact, is_open in zip(self.contacts, self._was_open, strict=True):
-            if is_open:
-                limit = min(limit, self._until_contact(contact))
-            elif self._errors is None:
-                limit = self.step
-        if limit > self.step:
-            if in_contact and self._errors is not None:
-                resolving, growth = min(self._errors.next_step(last, self._share), self._turning_step()), math.inf
-            else:
-                resolving = self._resolving_step()
-            limit = max(self.step, min(limit, resolving))
+        in_contact, resolving, growth = not all(self._was_open), math.inf, GROWTH
+        if in_contact and self._errors is None:
+            resolving = self.step
+        elif in_contact and self._errors is not None:
+            resolving, growth = min(self._errors.next_step(last, self._share), self._turning_step()), math.inf
+        limit = max(self.step, min(self.longest, resolving))
+        limit = min(limit, self._until_contact(min(limit, growth * last)))
+        if limit > self.step and not in_contact:
+            limit = max(self.step, min(limit, self._resolving_step()))
         if last < limit <= _WORTHWHILE * last and limit != self.step:
             return last
         return min(limit, growth * last)
@@ -373,13 +375,28 @@ class StepControl:
             stored += float(item.body.strain_energy(item.kinematics.elastic(self._state(item)[0])))
         return stored
 
-    def _until_contact(self, contact: PartitionContact) -> float:
+    def _until_contact(self, step: float) -> float:
+        """Longest step up to the next contact [s], where the next step is at most `step` [s].
+
+        Predictions take long: so none is made where it would change nothing, or where an earlier one still holds.
+        """
+        limit = math.inf
+        if step <= self.step and self.gap_tolerance is None:
+            return limit
+        for i, contact in enumerate(self.contacts):
+            if self._was_open[i] and self._foreseen[i] < _FORESEEN * step:
+                time, speed = self._predicted(contact)
+                self._foreseen[i] = min(time, _SIGHT * step)
+                touching = self.step
+                if self.gap_tolerance is not None and speed > 0:
+                    touching = min(touching, self.gap_tolerance / speed)
+                limit = min(limit, max(touching, min(_CAUTION * time, time - _LANDING * touching)))
+        return limit
+
+    def _predicted(self, contact: PartitionContact) -> tuple[float, float]:
+        """Time to contact [s] and speed of approach then [m/s], from the present state."""
         q, q_t, q_tt = (np.concatenate(parts) for parts in zip(*map(self._rigid, contact.sides), strict=True))
-        time, speed = _first_touch(*self._run_of(contact).closing(q, q_t, q_tt))
-        touching = self.step
-        if self.gap_tolerance is not None and speed > 0:
-            touching = min(touching, self.gap_tolerance / speed)
-        return max(touching, min(_CAUTION * time, time - _LANDING * touching))
+        return _first_touch(*self._run_of(contact).closing(q, q_t, q_tt))
 
     def _rigid(self, side: tuple[PartitionBody, int]) -> tuple[Array, Array, Array]:
         """State of a body with accelerations of its rigid motion alone: those of vibration change sign too soon."""

@@ -1,6 +1,7 @@
 """Step control: time to contact, adaptive runs against uniform ones, and the stability limit that steps keep to."""
 
 import itertools
+from types import SimpleNamespace
 
 import exudyn as exu
 import exudyn.itemInterface as items
@@ -148,6 +149,33 @@ def test_a_body_that_spins_takes_25_steps_a_turn_at_least(mbs, marble):
     state = np.zeros(marble.n_dofs), q_t, np.zeros(marble.n_dofs)
     control = StepControl([], [item], lambda item: state, None, step=1e-9, longest=1.0)
     assert control.next_step(1.0) == pytest.approx(2 * np.pi / 500.0 / 25)
+
+
+@pytest.mark.parametrize("gap_tolerance", [None, 2e-9])
+def test_predictions_are_few_until_a_contact_is_near(mbs, marble, gap_tolerance):
+    """A ball flies at a plane: long steps, few predictions of when it touches, and it touches in a short step."""
+    speed, height, step, longest = 0.1, 1e-3, 1e-7, 1e-5
+    item, rows = ep.CreatePartitionBody(mbs, marble), np.zeros(1)
+    at_rest = np.zeros(marble.n_dofs)
+    state = at_rest, -speed * marble.rigid[:, 2], at_rest
+    asked, t, taken = [], 0.0, [step]
+
+    def closing(*motion):
+        asked.append(t)
+        return np.array([height - speed * t]), rows - speed, rows
+
+    contact, run = SimpleNamespace(sides=[(item, 0)]), SimpleNamespace(is_open=True, closing=closing)
+    control = StepControl(
+        [contact], [item], lambda item: state, lambda contact: run,
+        step=step, longest=longest, gap_tolerance=gap_tolerance,
+    )  # fmt: skip
+    while t < height / speed:
+        taken.append(control.next_step(taken[-1]))
+        t += taken[-1]
+    assert taken[-1] <= step * (1 + 1e-9)
+    assert t - height / speed <= (step if gap_tolerance is None else gap_tolerance / speed)
+    assert len(taken) < height / speed / longest + 200
+    assert len(asked) < 0.2 * len(taken)
 
 
 # Adaptive runs.
