@@ -343,14 +343,20 @@ def _warn_of_facets(contact: PartitionContact, result: Result) -> bool:
                 f"{called(contact)}: its force rings with {1e-3 * frequency:.3g} kHz{opens}, and {1e-3 * rate:.3g} "
                 f"thousand facets of {called(item)} slide by each second: probably the mesh excites the bodies on "
                 "their contact, so that they part though real ones would not. Take finer facets there, or "
-                f"method='implicit' with spectral_radius=0.3 and steps of {1 / frequency:.2g} s or longer, which do "
-                f"not resolve this frequency (these are {result.step:.2g} s) and take energy, as its report tells. "
+                f"{damping_steps(result.method, frequency, result.step)}, and take energy, as its report tells. "
                 "The page 'Contact' of the documentation has a section on ringing",
                 ModelLimitWarning,
                 stacklevel=5,
             )
             return True
     return False
+
+
+def damping_steps(method: str, frequency: float, step: float) -> str:
+    """Advice of implicit steps that do not resolve a frequency [Hz], for a run of this method and step [s]."""
+    way = "spectral_radius=0.3" if method == "implicit" else "method='implicit' with spectral_radius=0.3"
+    least = f"{1 / frequency:.2g} s"
+    return f"{way} and steps of {least} or longer, which do not resolve this frequency (these are {step:.2g} s)"
 
 
 def _sliding_speed(contact: PartitionContact, result: Result) -> float | None:

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, ModelLimitWarning, YieldWarning
 from exudyn_partition.results.impacts import joined, ringing, rings_by_facets, running_mean
+from exudyn_partition.simulation.contact_review import damping_steps
 
 LENGTH, SIDE, SPEED = 0.2, 0.01, 1.0
 STEEL = ep.Material(E=210e9, nu=0.0, rho=7800.0, yield_stress=60e6)  # the mean stress of the impact is 40 MPa
@@ -167,3 +168,12 @@ def test_facets_that_pass_are_told_from_a_follower_that_leaves_its_cam(wave, lif
     assert (found is not None) == told
     if found is not None:
         assert found == pytest.approx(rate, rel=0.1)
+
+
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_a_run_that_is_implicit_is_not_told_to_be(method):
+    """It only needs other steps, and more damping of what they do not resolve."""
+    advice = damping_steps(method, 5e3, 1e-6)
+    assert ("method='implicit'" in advice) == (method == "explicit")
+    assert "spectral_radius=0.3" in advice
+    assert "steps of 0.0002 s or longer" in advice
