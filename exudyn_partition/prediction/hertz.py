@@ -141,22 +141,14 @@ _BEYOND = 1.33  # radius of a plastic zone by that of flow around a cavity, `val
 _SAMPLES = 100  # of the force in its rise time
 _MOST_SAMPLES = 2**18  # in all, for forces that rise very fast compared with their duration
 _SETTLED = 20  # time for a force that only an impedance limits: its distance from the limit falls as exp(-1.5 t)
-_EXTREME = 1e30  # bound of all numbers in SI units, and its inverse: their products stay finite
 _SPEED_TOLERANCE = 1e-3  # of the speed at first yield
 _SLOWEST = 1e-10  # least share of the speed that a mass takes away while the force rises on an impedance
-
-
-def _positive(name: str, value: float, unit: str) -> float:
-    number = validate_positive(name, value, unit)
-    if not 1 / _EXTREME <= number <= _EXTREME:
-        raise InputError(f"{name}: expected {1 / _EXTREME:g} to {_EXTREME:g} in {unit}, got {number!r}")
-    return number
 
 
 def _validate_limit(name: str, value: float, unit: str) -> float:
     if isinstance(value, float) and value == math.inf:
         return math.inf
-    return _positive(name, value, unit)
+    return validate_positive(name, value, unit)
 
 
 def _curvature(name: str, radius: float) -> float:
@@ -165,7 +157,7 @@ def _curvature(name: str, radius: float) -> float:
         return 0.0
     unit = "m, or math.inf for a plane; below zero for a hollow"
     number = validate_number(name, radius, f"a number in {unit}")
-    return math.copysign(1 / _positive(name, abs(number), unit), number)
+    return math.copysign(1 / validate_positive(name, abs(number), unit), number)
 
 
 def _combined(
@@ -213,7 +205,7 @@ def contact_radius(
         If the force is not above zero, or the surfaces do not touch at a point, as two planes.
     """
     R, E = _combined(radius_1, radius_2, material_1, material_2)
-    return float((3 * _positive("force", force, "N") * R / (4 * E)) ** (1 / 3))
+    return float((3 * validate_positive("force", force, "N") * R / (4 * E)) ** (1 / 3))
 
 
 def effective(first: float, second: float) -> float:
@@ -253,7 +245,7 @@ def rod_impedance(material: Material, area: float) -> float:
         If the area is not above zero.
     """
     validate_type("material", material, Material, "Material()")
-    return material.rho * material.bar_wave_speed * _positive("area", area, "m2")
+    return material.rho * material.bar_wave_speed * validate_positive("area", area, "m2")
 
 
 def plate_impedance(material: Material, thickness: float) -> float:
@@ -279,7 +271,7 @@ def plate_impedance(material: Material, thickness: float) -> float:
         If the thickness is not above zero.
     """
     validate_type("material", material, Material, "Material()")
-    h = _positive("thickness", thickness, "m")
+    h = validate_positive("thickness", thickness, "m")
     stiffness = material.plane_strain_modulus * h**3 / 12
     return 8 * math.sqrt(stiffness * material.rho * h)
 
@@ -335,7 +327,7 @@ def impact(
         the force rises.
     """
     R, E = _combined(radius_1, radius_2, material_1, material_2)
-    speed = _positive("speed", speed, "m/s")
+    speed = validate_positive("speed", speed, "m/s")
     wave_limit = _validate_limit("impedance", impedance, "N s/m, or math.inf for none") * speed
     energy = _validate_limit("mass", mass, "kg, or math.inf where only impedances count") * speed**2
     stiffness = 4 / 3 * E * math.sqrt(R)

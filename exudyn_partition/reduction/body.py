@@ -329,6 +329,8 @@ class ReducedBody:
         """
         if not sp.issparse(rows) and not (isinstance(rows, np.ndarray) and rows.ndim == 2):
             raise InputError(f"rows: expected a csr matrix, as `recovery` makes them, got {type(rows).__name__}")
+        if rows.dtype.kind not in "biuf":
+            raise InputError(f"rows: expected real numbers, got entries of type {rows.dtype}")
         if rows.shape[1] != self.fe_dofs:
             raise InputError(f"rows: expected {self.fe_dofs} columns, the dofs of the FE model, got {rows.shape[1]}")
         dofs = (3 * self.basis.nodal[:, None] + np.arange(3)).ravel()

@@ -19,6 +19,7 @@ from .arrays import Array
 Item = TypeVar("Item")
 Choice = TypeVar("Choice", bound=str)
 
+_EXTREME = 1e30  # bound of all quantities in SI units, and its inverse: their products stay finite
 _LONGEST_SHOWN = 120  # characters of a wrong value in a message
 _PLAIN = frozenset({float, int, np.float64, np.float32, np.int64, np.int32})
 _NOT_NUMBERS = (TypeError, ValueError, OverflowError, RuntimeError)  # of float, NumPy, and arrays of other packages
@@ -115,11 +116,13 @@ def validate_number(name: str, value: object, expected: str = "a finite number")
 
 
 def validate_positive(name: str, value: object, unit: str = "") -> float:
-    """Return `value` as a finite float above zero."""
+    """Return `value` as a finite float above zero, within bounds that no quantity reaches."""
     expected = f"a finite number above zero{_in(unit)}"
     number = validate_number(name, value, expected)
     if number <= 0:
         raise InputError(f"{name}: expected {expected}, got {number!r}")
+    if not 1 / _EXTREME <= number <= _EXTREME:
+        raise InputError(f"{name}: expected {1 / _EXTREME:g} to {_EXTREME:g}{_in(unit)}, got {number!r}")
     return number
 
 

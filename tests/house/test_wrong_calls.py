@@ -287,7 +287,7 @@ def test_bodies_that_overlap_are_moved_by_what_there_is(ball, block, top):
         (lambda fem, part, body: ep.reduce(fem, part, f_cut=60e3, progress=3), "progress: expected"),
         (
             lambda fem, part, body: ep.reduce(fem, part, tolerance=0.5, speed=1e300),
-            "speed: expected 1e-30 to 1e.30 m/s",
+            "speed: expected 1e-30 to 1e.30 in m/s",
         ),
         (lambda fem, part, body: ep.reduce(fem, part, tolerance=0.5, duration=1e9), "duration: expected .* crossings"),
         (
@@ -301,6 +301,8 @@ def test_bodies_that_overlap_are_moved_by_what_there_is(ball, block, top):
         (lambda fem, part, body: body.rows(None), "nodes: expected numbers of nodes"),
         (lambda fem, part, body: body.rows([10**6]), "nodes: expected numbers of nodes"),
         (lambda fem, part, body: body.reduced_rows("x"), "rows: expected a csr matrix"),
+        (lambda fem, part, body: body.reduced_rows(np.full((1, fem.n_dofs), "x")), "rows: expected real numbers, got"),
+        (lambda fem, part, body: ep.Refine((0, 0, 0), 1.0, 4e-276), "h: expected 1e-30 to 1e.30"),
         (lambda fem, part, body: body.displacement("x"), "q: expected numbers of shape"),
         (lambda fem, part, body: body.displacement(np.full(body.n_dofs, np.nan)), "q: expected finite numbers"),
         (lambda fem, part, body: body.surface(float("nan")), "position: expected shape"),

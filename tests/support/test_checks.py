@@ -15,6 +15,7 @@ from exudyn_partition.support.checks import (
     validate_array,
     validate_integer,
     validate_number,
+    validate_positive,
     validate_whole,
 )
 
@@ -161,3 +162,10 @@ def test_arrays_of_files_and_dataclasses_are_not_masked():
     check_floats("x", np.zeros(2), (2,))
     with pytest.raises(InputError, match="x: expected an array of floats"):
         check_floats("x", np.ma.array([0.0, 1.0], mask=[0, 1]), (2,))
+
+
+@pytest.mark.parametrize("value", [5e-324, 4e-276, 1e-31, 1e31, 5e102])
+def test_numbers_that_no_quantity_reaches_are_refused(value):
+    """Their powers, or what they divide, would be zero or infinite."""
+    with pytest.raises(InputError, match=r"^length: expected 1e-30 to 1e\+30 in m, got"):
+        validate_positive("length", value, "m")
