@@ -2,8 +2,8 @@
 
 Impact speeds run from 0.02 to 5 m/s; the plate begins to yield at some 0.02 m/s. Elements beneath the contact are
 plastic (von Mises, linear hardening), everything else is linear elastic. Each speed has a mesh of its own, for the
-contact grows with the speed. Warnings tell that the ball would yield too, and that a little flow reaches the edges of
-these coarse zones. The figure shows the restitution, the dent, where the energy went, and the forces.
+contact grows with the speed. Warnings tell that the ball would yield too. The figure shows the restitution, the dent,
+where the energy went, and the forces.
 """
 
 import argparse
@@ -35,7 +35,7 @@ def bodies(speed, elements):
     found = []
     for shape, material, maxh, sign in ((ball, ep.STEEL, 2e-3, -1), (plate, PLATE, 3e-3, 1)):
         fem = ep.fe_model(shape, material, maxh=maxh, refine=[ep.Refine((0, 0, 0), 1.6 * a, h)], grading=0.5)
-        zone = {"plastic_radius": 1.8 * a} if material.plastic else {}
+        zone = {"plastic_radius": hertz.plastic_radius + 2 * h} if material.plastic else {}
         reach = 1.15 * a + (h if sign < 0 else 2 * h)
         part = ep.Partition.ball(fem, (0, 0, 0), reach, direction=(0, 0, sign), **zone)
         found.append(ep.reduce(fem, part, f_cut=F_CUT))

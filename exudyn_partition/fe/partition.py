@@ -228,7 +228,7 @@ class Partition:
             enough without friction, or in all three.
         plastic_radius : float, optional
             Elements this near to `center` may yield [m], if the material has `hardening`. `hertz.impact` tells how far
-            flow may reach: take its `plastic_radius`, and the size of an element. A warning tells if flow reaches the
+            flow may reach: take its `plastic_radius`, and the size of two elements. A warning tells if flow reaches the
             edge. Default: `radius`, or the length of `long_axis`.
         name : str
             To tell patches of one body apart.

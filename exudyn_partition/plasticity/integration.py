@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..fe.elements import Kind, kinds_of
+from ..fe.elements import HEXAHEDRA, Kind, kinds_of
 from ..fe.shapes import integration_gradients, integration_points, integration_weights
 from ..support.arrays import Array
+
+_EQUAL = 1e-9  # shares of corners that differ by rounding alone
 
 
 def flow_places(kind: Kind) -> Array:
@@ -16,6 +18,12 @@ def flow_places(kind: Kind) -> Array:
     if kind.name == "hexahedron":  # each point is the one nearest to a corner
         return np.asarray(0.5 + (kind.nodes - 0.5) / np.sqrt(3))
     return kind.gauss(2)[0]
+
+
+def nearest_corners(kind: Kind) -> Array:
+    """(q, corners) bool array: which corner of an element is nearest to each of `flow_places`; all if it has one."""
+    shares = HEXAHEDRA[8][kind.corners].functions(flow_places(kind))[0]
+    return np.asarray(shares > (1 - _EQUAL) * shares.max(axis=1)[:, None])
 
 
 def flow_rule(kind: Kind) -> tuple[Array, Array]:

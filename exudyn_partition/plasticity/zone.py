@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from ..fe.elements import centres_of
+from ..fe.elements import centres_of, kinds_of
 from ..fe.material import Material
 from ..fe.model import node_dofs
 from ..fe.patches import PlasticRegion
 from ..support.arrays import Array
 from . import loops
 from .flow import Flow, PlasticState
-from .integration import at_points
+from .integration import at_points, nearest_corners
 
 if TYPE_CHECKING:
     from typing import Self
@@ -56,7 +56,7 @@ class PlasticZone:
         Volume of each integration point [m3].
     flow : Flow
     border : (g,) bool array
-        Points of elements at the edge of the zone, beyond which the body goes on.
+        Points whose nearest corner of their element lies at the edge of the zone, beyond which the body goes on.
     """
 
     def __init__(self, points: Array, region: PlasticRegion, material: Material) -> None:
@@ -67,7 +67,7 @@ class PlasticZone:
         q, k = gradient.shape[1:3]
         self.weight = volume.ravel()
         self.gradient, self.own = gradient.reshape(-1, k, 3), np.repeat(own, q, axis=0)
-        self.border = np.repeat(np.isin(region.cells, region.border).any(axis=1), q)
+        self.border = _at_border(region).ravel()
         self._places = np.repeat(centres_of(points, region.cells, region.hexahedra), q, axis=0)
 
     @cached_property
@@ -152,3 +152,14 @@ class PlasticZone:
         """Centre of the element of an integration point, (3,), or of several, (k, 3) [m], in the body's coordinates."""
         place: Array = self._places[point]
         return place
+
+
+def _at_border(region: PlasticRegion) -> Array:
+    """Integration points of elements, (nc, q) bool, that are nearest to a corner on the border of the region."""
+    found = []
+    for kind, rows in kinds_of(region.cells, region.hexahedra):
+        corners = np.isin(region.cells[rows][:, kind.columns[: kind.corners]], region.border)
+        found.append((rows, corners @ nearest_corners(kind).T))
+    order = np.argsort(np.concatenate([rows for rows, _ in found]))
+    at_border: Array = np.concatenate([points for _, points in found])[order]
+    return at_border

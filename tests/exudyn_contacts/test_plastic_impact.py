@@ -231,6 +231,51 @@ def test_flow_at_the_edge_of_the_zone_warns(models):
     assert np.linalg.norm(place) < 0.6e-3
 
 
+@pytest.mark.parametrize("speed", [0.1, 1.5])
+def test_a_zone_that_flow_just_reaches_is_wide_enough(speed):
+    """Two balls that yield, with one element beyond the estimate of how far flow reaches: it ends in these.
+
+    No warning comes. In a wider zone no other elements flow, and the force is the same but for the elements that no
+    longer lock. A zone half as wide changes the force, and a warning tells.
+    """
+    radii = 4e-3, 7e-3
+    mass = ep.hertz.effective(*(4 / 3 * math.pi * R**3 * MATERIAL.rho for R in radii))
+    hertz = ep.hertz.impact(mass, speed, *radii, MATERIAL, MATERIAL)
+    a = 1.4 * hertz.contact_radius
+    reached = hertz.plastic_radius + a / 1.5
+    models = []
+    for R, sign in zip(radii, (-1, 1), strict=True):
+        ball = occ.Sphere(occ.Pnt(0, 0, -sign * R), R)
+        refine = [ep.Refine((0, 0, 0), 2 * a, a / 1.5)]
+        models.append((ep.fe_model(ball, MATERIAL, maxh=4e-3, refine=refine, grading=0.6), sign))
+
+    def impact(width):
+        mbs = exu.SystemContainer().AddSystem()
+        items = []
+        for (fem, sign), v in zip(models, (-speed, 0.0), strict=True):
+            radius = width * reached
+            part = ep.Partition.ball(fem, (0, 0, 0), 1.7 * a, direction=(0, 0, sign), plastic_radius=radius)
+            items.append(ep.CreatePartitionBody(mbs, ep.reduce(fem, part, f_cut=F_CUT), initialVelocity=[0, 0, v]))
+        contact = ep.CreatePartitionContact(mbs, *items)
+        mbs.Assemble()
+        return contact, ep.solve_dynamic(mbs, end_time=1.7 * hertz.duration, step=hertz.duration / 150)
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", message=".*reached the edge of its plastic zone")
+        (contact, result), found = impact(1.0), impact(1.5)
+    assert contact.plastic.flow_at_border(result) is None
+    force = contact.force(result)
+    wide, states = found[0].force(found[1]), found[0].plastic.states(found[1])
+    for side, run in found[0].plastic.zones:
+        flows = states["slave" if side == 0 else "master"].equivalent > 0
+        assert flows.any()
+        assert np.linalg.norm(run.zone.place(flows), axis=1).max() < reached
+    assert np.linalg.norm(force - wide) < 4e-3 * np.linalg.norm(wide)
+    with pytest.warns(YieldWarning, match="reached the edge of its plastic zone"):
+        small = impact(0.5)
+    assert small[0].force(small[1]).max() > 1.005 * wide.max()
+
+
 @pytest.mark.parametrize(("strain", "told"), [(0.2, True), (0.05, False)])
 def test_plastic_strain_that_is_not_small_is_told(bodies, run, strain, told):
     """Of an earlier impact too."""

@@ -217,6 +217,26 @@ def test_zone_by_default_and_where_it_is_refused(model):
         ep.reduce(fem, ep.Partition.ball(fem, CENTER, 2e-3), f_cut=60e3, basis="craig-bampton")
 
 
+def test_the_edge_of_a_zone_is_half_an_element_wide(model, zone):
+    """Points count there that are nearest to a corner which elements beyond share."""
+    fem, partition = model
+    region = partition.patches[0].plastic
+    border = zone.border.reshape(len(region.cells), -1)
+    assert border.any()
+    for kind, own in kinds_of(region.cells, region.hexahedra):
+        corners = region.cells[own][:, kind.columns[: kind.corners]]
+        held = np.isin(corners, region.border)
+        if border.shape[1] == 1:
+            np.testing.assert_array_equal(border[own, 0], held.any(axis=1))
+        elif border.shape[1] == kind.corners:  # a point a corner
+            np.testing.assert_array_equal(border[own].sum(axis=1), held.sum(axis=1))
+        if kind.name.startswith("hexahedron"):  # bricks
+            at = kind.functions(flow_places(kind))[0] @ fem.points[region.cells[own][:, kind.columns]]
+            away = np.linalg.norm(at[:, :, None] - fem.points[corners][:, None], axis=-1)
+            nearest = np.take_along_axis(held, away.argmin(axis=2), axis=1)
+            np.testing.assert_array_equal(border[own], nearest)
+
+
 def of_mandel(strain):
     """Strains in Mandel's notation as tensors in the order xx, yy, zz, yz, xz, xy."""
     return strain * [1, 1, 1, *[np.sqrt(0.5)] * 3]
