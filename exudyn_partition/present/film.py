@@ -20,7 +20,7 @@ from ..support.foreign import Actor, Plotter, PolyData
 from ..support.optional import require
 from ..support.progress import Progress, shown
 from .body_fields import Shown
-from .graphics import validate_pixels, validate_scale
+from .graphics import validate_period, validate_pixels, validate_scale
 from .motion import COLOUR_NAMES, LABELS, BodyMotion, Colour, Motion, motion_of
 from .plot_input import plain
 from .scene import colour_map
@@ -59,7 +59,7 @@ def film(
     ending = validate_choice("path", path.suffix.lower(), _WRITERS)
     validate_choice("colour", colour, COLOUR_NAMES)
     pixels = [2 * (side // 2) for side in validate_pixels(size)]  # H.264 takes even numbers
-    period = validate_positive("period", period, "s")
+    period = validate_period(period)
     if scale is not None:
         scale = validate_scale(scale)
     if end is not None:

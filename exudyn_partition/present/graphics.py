@@ -31,6 +31,7 @@ UNITS: dict[ViewField, str] = {"displacement": "m", "deformation": "m", "velocit
 COLOURS = "viridis"
 WINDOW = (1024, 768)
 _LARGEST_SCALE = 1e12  # of deformation: pictures are drawn in single precision
+_SHORTEST, _LONGEST = 0.01, 600  # times from one picture of a film to the next [s]
 _MOST_PIXELS = 8192  # along a side: for larger pictures Exudyn may run out of memory and end the process
 
 _STEPS = 32  # of the colour bar, and of a surface along each straight side
@@ -98,6 +99,16 @@ def places_of(pieces: Sequence[BodyFields], places: Sequence[Array]) -> dict[Par
 def title_of(field: ViewField, scale: float) -> list[str]:
     """Lines of a picture's title: the field with its unit, and what a scaled deformation makes."""
     return [f"{field} [{UNITS[field]}]"] + [f"deformed x {scale:g}: bodies may seem to overlap"] * (scale != 1)
+
+
+def validate_period(period: object, pictures: int = 1) -> float:
+    """Return the time of so many pictures of a film [s]; GIF files count hundredths of a second, up to 655 s."""
+    value = validate_positive("period", period, "s")
+    if not _SHORTEST <= value / pictures <= _LONGEST:
+        raise InputError(
+            f"period: expected {_SHORTEST} to {_LONGEST} s from one picture to the next, got {value / pictures:.3g} s"
+        )
+    return value
 
 
 def validate_scale(scale: float) -> float:

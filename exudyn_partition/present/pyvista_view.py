@@ -12,7 +12,7 @@ from pathlib import Path
 from ..errors import InputError
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.facets import flat_triangles
-from ..support.checks import validate_array, validate_integer, validate_positive, validate_result
+from ..support.checks import validate_array, validate_integer, validate_result
 from ..support.files import replacing, writable
 from ..support.foreign import Plotter
 from ..support.optional import require
@@ -30,6 +30,7 @@ from .graphics import (
     rigid_shapes,
     time_of,
     title_of,
+    validate_period,
     validate_pixels,
     validate_scale,
 )
@@ -143,7 +144,7 @@ def turntable(
     frames : int
         Pictures of a turn.
     period : float
-        Time of a turn on the screen [s].
+        Time of a turn on the screen [s]; 0.01 to 600 s a picture.
 
     Returns
     -------
@@ -157,7 +158,8 @@ def turntable(
     MissingPackageError
     """
     path = writable(path)
-    count, period = validate_integer("frames", frames, 2, _MOST_FRAMES), validate_positive("period", period, "s")
+    count = validate_integer("frames", frames, 2, _MOST_FRAMES)
+    period = validate_period(period, count)
     scene = plotter(result, time, bodies, field=field, scale=scale, limits=limits, size=size)
     image = require("PIL.Image")  # which matplotlib needs too
     pictures = []

@@ -364,7 +364,7 @@ class Result:
         frames : int or (m,) array
             Number of frames, or their times [s], see `at`.
         period : float
-            Time between frames in the film [s].
+            Time between frames in the film [s], 0.01 to 600.
         scale : float, optional
             Factor on the deformation. Default: the power of ten that makes it visible.
         view : str

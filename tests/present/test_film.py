@@ -68,6 +68,9 @@ def test_one_instant(run, tmp_path, recwarn):
 def test_what_is_refused(run, tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"path: expected .*mp4.*got '.avi'"):
         run.film(tmp_path / "run.avi")
+    for period in (1e-3, 656.0):  # GIF files would show the first at once, and cannot hold the second
+        with pytest.raises(InputError, match=r"period: expected 0\.01 to 600 s"):
+            run.film(tmp_path / "run.gif", period=period)
     with pytest.raises(InputError, match="view: expected"):
         run.film(tmp_path / "run.gif", view="plate")
     with pytest.raises(InputError, match="direction"):

@@ -54,9 +54,11 @@ def test_what_is_refused(run, tmp_path, monkeypatch):
     with pytest.raises(InputError, match="lower and the upper end"):
         ep.pyvista_view.plotter(result, limits=(2, 1))
     with pytest.raises(InputError, match="scale: expected at most"):
-        ep.pyvista_view.plotter(result, scale=1e300)
+        ep.pyvista_view.plotter(result, scale=1e13)
     with pytest.raises(InputError, match="frames: expected"):
         ep.pyvista_view.turntable(tmp_path / "turn.gif", result, frames=1)
+    with pytest.raises(InputError, match=r"period: expected 0\.01 to 600 s .* got 0\.001 s"):
+        ep.pyvista_view.turntable(tmp_path / "turn.gif", result, frames=4, period=4e-3)
     monkeypatch.setitem(__import__("sys").modules, "pyvista", None)
     with pytest.raises(MissingPackageError, match="pip install pyvista"):
         ep.pyvista_view.plotter(result)
