@@ -327,10 +327,10 @@ class StepControl:
 
     def _allowed_step(self, last: float) -> float:
         in_contact, resolving, growth = not all(self._was_open), math.inf, GROWTH
-        if in_contact and self._errors is None:
-            resolving = self.step
-        elif in_contact and self._errors is not None:
+        if in_contact and self._errors:
             resolving, growth = min(self._errors.next_step(last, self._share), self._turning_step()), math.inf
+        elif in_contact:
+            resolving = self.step
         limit = max(self.step, min(self.longest, resolving))
         limit = min(limit, self._until_contact(min(limit, growth * last)))
         if limit > self.step and not in_contact:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from typing import Self
 
 _SETTLED = 1e-4  # what the pseudo-forces lack, relative
-# Plastic strain may be far larger than elastic strain. So the change is also at most this share of elastic strain,
+# Plastic strain may be far larger than elastic strain. So what it lacks is also at most this share of elastic strain,
 # unless that takes too many iterations.
 _OF_STRESS, _PATIENT = 0.1, 30
 _SETTLED_FOR_NEWTON = 5e-8  # in implicit and static steps: Newton's method does not converge on rough forces

@@ -220,6 +220,8 @@ class ZoneRun:
     committed, present : PlasticState
     flows : bool
         Whether points flow in the present state.
+    goes_on : bool
+        Whether points flowed in the last accepted step, and the next one begins with the same points or more.
     generalised : (n,) array
         Forces on the last coordinates of the body from the present pseudo-forces [N].
     work : float
