@@ -131,6 +131,8 @@ class PlasticZone:
 
     def pseudo_forces(self, strain: Array) -> Array:
         """Forces p on the nodes, (3 nz,) [N], by which plastic strain, (g, 6), acts on the elastic body."""
+        if not strain.any():  # the matrix is large, and a run from the virgin state needs none
+            return np.zeros(3 * len(self.nodes))
         return np.asarray(self._force @ self.stress_volumes(strain).ravel())
 
     def stress_volumes(self, strain: Array) -> Array:

@@ -52,7 +52,7 @@ class KeptFlexibility:
     def single(self) -> KeptFlexibility:
         """Return the same in single precision."""
         thin = (values.astype(np.float32) for values in (self.vectors, self.weights))
-        return KeptFlexibility(self.fronts.single(), *thin)
+        return KeptFlexibility(self.fronts.single, *thin)
 
     def __matmul__(self, forces: Array) -> Array:
         """Displacements of the dofs, (k,) or (k, p) [m], by forces on them [N]."""

@@ -215,10 +215,10 @@ class YieldingPatches(Zones):
         close = min(self._settled, _OF_STRESS * self._elastic_share())
         for tried in range(_MOST):
             self.iterations += 1
-            own = np.split(p, sizes)
-            respond(pushed + self._moved(rows, own))
-            each = zip(self.zones, self._on_patches(rows), own, strict=True)
-            answers = [zone.answer(force, part if tried else None) for (_, zone), force, part in each]
+            for (_, zone), part in zip(self.zones, np.split(p, sizes), strict=True):
+                zone.push(part if tried else None)
+            respond(pushed + self._moved(rows))
+            answers = [zone.answer(force) for (_, zone), force in zip(self.zones, self._on_patches(rows), strict=True)]
             found = np.concatenate(answers)
             size = np.linalg.norm([zone.size(one) for (_, zone), one in zip(self.zones, answers, strict=True)])
             change = float(np.linalg.norm(found - p))
@@ -252,18 +252,16 @@ class YieldingPatches(Zones):
                 f"{self._unsettled:.2g}. Take smaller steps, or a finer mesh in the plastic zone"
             )
 
-    def _moved(self, rows: dict[int, Array], p: Sequence[Array] | None = None) -> Array:
-        """Displacements of the rows due to pseudo-forces, (nr, d) [m].
+    def _moved(self, rows: dict[int, Array]) -> Array:
+        """Displacements of the rows due to the present pseudo-forces, (nr, d) [m].
 
         Tangential places count from the end of the last accepted step.
         """
         d, total = self.contact.rows.d, np.zeros((1, 1))
-        for i, (side, zone) in enumerate(self.zones):
-            by_last = zone.moved_patch()
-            moved = by_last if p is None else zone.moved_patch(p[i])
-            places = (rows[side] @ moved).reshape(-1, d)
+        for side, zone in self.zones:
+            places = (rows[side] @ zone.moved_patch).reshape(-1, d)
             if d > 1:
-                places[:, 1:] -= (rows[side] @ by_last).reshape(-1, d)[:, 1:]
+                places[:, 1:] -= (rows[side] @ zone.moved_patch_before).reshape(-1, d)[:, 1:]
             total = total + places
         return total
 

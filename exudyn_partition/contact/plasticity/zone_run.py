@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -206,6 +206,39 @@ class _Active:
         return np.asarray(self._rows.T @ change)
 
 
+class _Applied(NamedTuple):
+    """Pseudo-forces that a state has applied, and what they do.
+
+    Parameters
+    ----------
+    p, left : (3 nz,) arrays
+        On the nodes, and what plastic strain asks for beyond them [N].
+    moved : (3 nz,) array
+        Displacements of the nodes [m].
+    moved_patch : (r,) array
+        Displacements of the patch's rows [m].
+    generalised : (n,) array
+        Forces on the last coordinates of the body from p + left [N].
+    energy : float
+        Elastic energy without the work of these forces [J].
+    """
+
+    p: Array
+    left: Array
+    moved: Array
+    moved_patch: Array
+    generalised: Array
+    energy: float
+
+
+class _Guess(NamedTuple):
+    """A change of the pseudo-forces, (3 nz,) [N], and how far it moves the nodes, (3 nz,), and the patch, (r,) [m]."""
+
+    change: Array
+    moved: Array
+    moved_patch: Array
+
+
 class ZoneRun:
     """State of a plastic zone in a run.
 
@@ -222,16 +255,19 @@ class ZoneRun:
         Whether points flow in the present state.
     goes_on : bool
         Whether points flowed in the last accepted step, and the next one begins with the same points or more.
-    generalised : (n,) array
-        Forces on the last coordinates of the body from the present pseudo-forces [N].
+    moved_patch : (r,) array
+        Displacements of the patch's rows due to the pseudo-forces of earlier steps, and to what `push` took [m].
     work : float
         Plastic work since the start of the run [J].
     """
 
+    _now: _Applied
+    _last: _Applied  # at the end of the last accepted step
+    _first: _Guess  # of the present step
+    _pushed: tuple[Array, Array, Array | None]  # a change, the nodes by it; displacements of all nodes, if known
     _begin: tuple[Array, PlasticState] | None  # of active points: without the changes of this step
     _strain: Array | None  # of active points, at the end of the last accepted step
-    _found: tuple[PlasticState, Array]
-    _tried: tuple[Array, Array, Array | None]  # a change, what it led to, and displacements of all nodes if known
+    _found: tuple[PlasticState, Array, Array]  # with strains, and what the pushed change has led to
     _flows_on = False  # whether the step after the present state has the same active points, or more
     _excess_found: Array  # of all points, in the present state
     _excess_before: Array | None  # at the end of the last accepted step, if points flowed in it
@@ -274,7 +310,7 @@ class ZoneRun:
 
     def resume(self, last: Self) -> None:
         """Start from the present state of an earlier run, and from the pseudo-forces that its last step has applied."""
-        self.enter(last.present, last._p)
+        self.enter(last.present, last._now.p)
 
     def enter(self, state: PlasticState, applied: Array | None = None) -> None:
         """Take a state as the end of an accepted step, which has applied some pseudo-forces, (3 nz,) [N]; else all."""
@@ -285,61 +321,82 @@ class ZoneRun:
         self._margin, self._margin_at, self.goes_on = -np.inf, self._at, False
         self._excess_before = None
         whole = self.zone.pseudo_forces(state.strain)
-        self._p = whole if applied is None else applied
-        self._left = whole - self._p
-        self._moved = self.flexibility.own @ self._p if self._p.any() else np.zeros(len(self._p))
-        self._moved_patch = self._p @ self.flexibility.of_patch
-        self.generalised = np.asarray(self.motion.kinematics.rows.T @ whole)
-        self._energy, self._strain = self._present_energy(), None
-        self._hold(np.zeros(len(self._p)), np.zeros(len(self._p)))
+        p = whole if applied is None else applied
+        moved = self.flexibility.own @ p if p.any() else np.zeros(len(p))
+        generalised = np.asarray(self.motion.kinematics.rows.T @ whole)
+        self._now = self._with_energy(_Applied(p, whole - p, moved, p @ self.flexibility.of_patch, generalised, 0.0))
+        self.moved_patch, self._strain = self._now.moved_patch, None
+        self._hold(self._now)
 
-    def _present_energy(self) -> float:
-        return self.zone.own_energy(self.present) - float((0.5 * self._p + self._left) @ self._moved)
+    def _with_energy(self, now: _Applied) -> _Applied:
+        energy = self.zone.own_energy(self.present) - float((0.5 * now.p + now.left) @ now.moved)
+        return now._replace(energy=energy)
 
-    def _hold(self, step: Array, moved: Array) -> None:
-        """Take the present state as committed, after a step of the pseudo-forces, (3 nz,) [N], that has moved nodes."""
-        self._last = self._p, self._moved, self.generalised, self._energy, self._left
-        self._step_before, self._step_moved, self._begin = step, moved, None
+    def _hold(self, last: _Applied) -> None:
+        """Take the present state as committed; what it has added to the last one is the first guess for the next."""
+        self._last, self._begin = self._now, None
+        self._first = self._beyond(last)
+
+    def _beyond(self, last: _Applied) -> _Guess:
+        """What the present state has applied since the last one."""
+        now = self._now
+        return _Guess(now.p - last.p, now.moved - last.moved, now.moved_patch - last.moved_patch)
 
     def commit(self) -> None:
         """Accept the present state."""
         if self.flows:
-            step = self._p - self._last[0]
             self.committed, self.flows, self._strain = self.present, False, self._found[1]
-            self._moved_patch = self.moved_patch(step[self._active.dofs])
-            self._hold(step, self._moved - self._last[1])
+            self._hold(self._last)
             self._margin, self.goes_on = -np.inf, self._flows_on
             if self._excess_before is not None and self.goes_on:
                 self._grow(2 * self._excess_found - self._excess_before)
             self._excess_before = self._excess_found
         else:
             self._strain = self._excess_before = None
-            if self._step_before.any():
-                self._step_before = self._step_moved = np.zeros(len(self._p))
+            if self._first.change.any():
+                self._first = _Guess(*(np.zeros(len(one)) for one in self._first))
                 self.goes_on = False
         self._committed_at, self._committed_work = self._at, self.work
 
     def back(self) -> None:
         """Return to the committed state."""
         self.present, self.flows, self.work = self.committed, False, self._committed_work
-        self._p, self._moved, self.generalised, self._energy, self._left = self._last
+        self._now, self.moved_patch = self._last, self._last.moved_patch
+
+    @property
+    def generalised(self) -> Array:
+        """Forces on the last coordinates of the body, (n,) [N], from the present pseudo-forces."""
+        return self._now.generalised
+
+    @property
+    def moved_patch_before(self) -> Array:
+        """Displacements of the patch's rows, (r,) [m], due to the pseudo-forces of earlier steps."""
+        return self._last.moved_patch
 
     @property
     def guess(self) -> Array:
         """Guess for the change of the pseudo-forces on the active nodes, (m,) [N]: that of the step before."""
-        guess: Array = self._step_before[self._active.dofs]
+        guess: Array = self._first.change[self._active.dofs]
         return guess
 
     def size(self, change: Array) -> float:
         """Norm of the pseudo-forces [N] after a change on the active nodes, (m,) [N]."""
-        p = self._last[0].copy()
+        p = self._last.p.copy()
         p[self._active.dofs] += change
         return float(np.linalg.norm(p))
 
-    def moved_patch(self, change: Array | None = None) -> Array:
-        """Displacements of the patch's rows, (r,) [m], due to committed pseudo-forces and a change on active nodes."""
-        moved: Array = self._moved_patch if change is None else self._moved_patch + self._active.at_patch(change)
-        return moved
+    def push(self, change: Array | None = None) -> None:
+        """Take a guessed change of the pseudo-forces on the active nodes, (m,) [N], for `moved_patch` and `answer`.
+
+        By default it is `guess`, whose displacements are known.
+        """
+        active, first, guess = self._active, self._first, self.guess
+        if change is None and np.count_nonzero(first.change) == np.count_nonzero(guess):  # all are active
+            self._pushed, by_patch = (guess, first.moved[active.dofs], first.moved), first.moved_patch
+        else:
+            change = guess if change is None else change
+            self._pushed, by_patch = (change, active.answer(change), None), active.at_patch(change)
+        self.moved_patch = self._last.moved_patch + by_patch
 
     def move(self, q: Array) -> None:
         """Take coordinates of the body, (n,), as the present ones."""
@@ -356,7 +413,7 @@ class ZoneRun:
 
     def look(self) -> bool:
         """Whether points begin to flow at the present coordinates and forces, with the committed state."""
-        excess = self._excess(self.committed, self._moved)
+        excess = self._excess(self.committed, self._now.moved)
         if excess.max() <= 0:
             self._margin, self._margin_at = -float(excess.max()), self._at
             return False
@@ -365,32 +422,20 @@ class ZoneRun:
             self._choose(self._near(excess, flow))
         return True
 
-    def answer(self, force: Array, change: Array | None = None) -> Array:
-        """Change of the pseudo-forces on the active nodes, (m,) [N], that follows from a guessed change.
-
-        Parameters
-        ----------
-        force : (r,) array
-            Forces on the patch [N].
-        change : (m,) array, optional
-            Default: `guess`, whose displacements are known.
-        """
+    def answer(self, force: Array) -> Array:
+        """Change of pseudo-forces on active nodes, (m,) [N], that follows from `push` and forces on the patch, (r,)."""
         moved, before = self._beginning()
         self._at, active = (self._at[0], force), self._active
-        guess = self.guess
-        known = change is None and np.count_nonzero(self._step_before) == np.count_nonzero(guess)  # all are active
-        change = guess if change is None else change
-        by_flow = self._step_moved[active.dofs] if known else active.answer(change)
-        state, strain, led_to = active.part.answer(moved + active.by_patch(force) + by_flow, before)
-        self._found, self._tried = (state, strain), (change, led_to, self._step_moved if known else None)
-        found: Array = led_to + self._last[-1][active.dofs]
+        state, strain, led_to = active.part.answer(moved + active.by_patch(force) + self._pushed[1], before)
+        self._found = state, strain, led_to
+        found: Array = led_to + self._last.left[active.dofs]
         return found
 
     def _beginning(self) -> tuple[Array, PlasticState]:
         """Displacements of active nodes without patch forces and flow in this step, (m,) [m], and committed state."""
         if self._begin is None:
             active = self._active
-            self._begin = active.moved(self._at[0], self._last[1]), self.committed.at(active.points)
+            self._begin = active.moved(self._at[0], self._last.moved), self.committed.at(active.points)
         return self._begin
 
     def finish(self) -> bool:
@@ -398,19 +443,20 @@ class ZoneRun:
 
         If another point flows, it becomes active, and the answer must be found again.
         """
-        active, (state, strain), before = self._active, self._found, self._beginning()[1]
-        change, led_to, moved = self._tried
+        active, (state, strain, led_to), before = self._active, self._found, self._beginning()[1]
+        (change, _, moved), last = self._pushed, self._last
         self.present, self.flows = self.committed.changed(active.points, state), True
-        self._p, self._left = self._last[0].copy(), self._last[-1].copy()
-        self._p[active.dofs] += change
-        self._left[active.dofs] += led_to - change
-        self._moved = self._last[1] + (active.spread() if moved is None else moved)
-        self.generalised = self._last[2] + active.generalised(led_to)
-        self._excess_found = self._excess(self.present, self._moved)
+        p, left = last.p.copy(), last.left.copy()
+        p[active.dofs] += change
+        left[active.dofs] += led_to - change
+        moved = last.moved + (active.spread() if moved is None else moved)
+        generalised = last.generalised + active.generalised(led_to)
+        self._now = _Applied(p, left, moved, self.moved_patch, generalised, 0.0)
+        self._excess_found = self._excess(self.present, moved)
         if self._grow(self._excess_found):
-            self._step_before, self._step_moved = self._p - self._last[0], self._moved - self._last[1]
+            self._first = self._beyond(last)
             return False
-        self._energy = self._present_energy()
+        self._now = self._with_energy(self._now)
         flow = int(np.count_nonzero(state.equivalent > before.equivalent))
         self._flows_on = flow > 0 and len(active.points) <= _SPARE * (flow + _FEW)
         work = active.part.work((before, self._committed_strain(before)), (state, strain))
@@ -421,7 +467,7 @@ class ZoneRun:
         """Deviatoric strains of the active points, (k, 6), at the end of the last accepted step, in state `before`."""
         if self._strain is None:
             active, (q, by_patch) = self._active, self._committed_at
-            moved = active.moved(q, self._last[1]) + active.by_patch(by_patch)
+            moved = active.moved(q, self._last.moved) + active.by_patch(by_patch)
             self._strain = active.part.answer(moved, before)[1]  # nothing flows; so this gives the strains quickly
         return self._strain
 
@@ -453,4 +499,4 @@ class ZoneRun:
 
     def stored(self) -> float:
         """Elastic energy that plastic strain adds to the energy of the patch forces [J]."""
-        return self._energy - float(self.generalised @ self._at[0])
+        return self._now.energy - float(self.generalised @ self._at[0])
