@@ -13,21 +13,27 @@ from ..support.arrays import Array
 _TELLING = 1e-3  # change of a force, relative: smaller ones may be the rounding of an iteration that found it
 
 
+DEPTH = 8  # of Anderson's acceleration: number of earlier guesses that count
+
+
 class Anderson:
     """Next guesses of x = g(x), from the last few guesses and what they led to.
 
-    Parameters
+    Attributes
     ----------
-    depth : int
-        Number of earlier guesses that count.
+    shares : (k,) array
+        Of the last k guesses, at most `DEPTH` + 1, in the combination of them whose change g(x) - x is least if g is
+        linear. Their sum is 1.
+    least : float
+        Norm of this change.
 
     References
     ----------
     H. F. Walker, P. Ni, Anderson acceleration for fixed-point iterations, SIAM J. Numer. Anal. 49, 2011.
     """
 
-    def __init__(self, depth: int = 8) -> None:
-        self._depth = depth
+    def __init__(self) -> None:
+        self.shares, self.least = np.ones(1), np.inf
         self._steps: list[Array] = []
         self._changes: list[Array] = []
         self._last: tuple[Array, Array] | None = None
@@ -38,12 +44,16 @@ class Anderson:
         if self._last is not None:
             self._steps.append(led_to - self._last[0])
             self._changes.append(residual - self._last[1])
-            del self._steps[: -self._depth], self._changes[: -self._depth]
+            del self._steps[:-DEPTH], self._changes[:-DEPTH]
         self._last = led_to, residual
         if not self._changes:
+            self.least = float(np.linalg.norm(residual))
             return led_to
-        shares = scipy.linalg.lstsq(np.array(self._changes).T, residual, cond=1e-12, check_finite=False)[0]
-        return np.asarray(led_to - shares @ np.array(self._steps))
+        changes = np.array(self._changes)
+        back = scipy.linalg.lstsq(changes.T, residual, cond=1e-12, check_finite=False)[0]
+        self.shares = np.diff(np.r_[0.0, back, 1.0])
+        self.least = float(np.linalg.norm(residual - back @ changes))
+        return np.asarray(led_to - back @ np.array(self._steps))
 
 
 class Broyden:

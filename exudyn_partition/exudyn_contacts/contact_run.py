@@ -304,7 +304,7 @@ class ContactRun:
         if mechanics.zones is not None:
             mechanics.zones.check()
             for side, zone in mechanics.zones.zones:
-                self.plastic_strains[side].keep(t, zone.present.strain)
+                self.plastic_strains[side].keep(t, zone.present)
         if self.forward is not None and t != self.goes_on_at:  # that time was checked before, and a check moves pairs
             self._check_step(t)
             self.forward.check(self.of(q()))

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..support.arrays import Array
+from .flow import PlasticState
 from .zone import PlasticZone
 
 MOST = 1 << 26  # numbers that are kept of a run: a quarter of a gigabyte in single precision
@@ -23,7 +24,7 @@ class StrainHistory:
         self.zone = zone
         self._times: list[float] = []
         self._kept: list[tuple[Array, Array]] = []
-        self._last: Array | None = None
+        self._last: PlasticState | None = None
         self._count = 0
 
     @classmethod
@@ -40,17 +41,17 @@ class StrainHistory:
             self.numbers(np.zeros(1))
         return self._times, self._kept
 
-    def keep(self, t: float, strain: Array) -> None:
-        """Keep plastic strains, (g, 6), at a time [s]; nothing if it is the array of the last call."""
-        if strain is self._last or self._count > MOST:
+    def keep(self, t: float, state: PlasticState) -> None:
+        """Keep the plastic strains of a state at a time [s]; nothing if it is that of the last call."""
+        if state is self._last or self._count > MOST:
             return
         while self._times and self._times[-1] >= t:  # asked for again
             self._times.pop()
             self._kept.pop()
-        flowed = np.flatnonzero(strain.any(axis=1))
+        flowed = np.flatnonzero(state.equivalent)
         self._times.append(t)
-        self._kept.append((flowed, strain[flowed].astype(np.float32)))
-        self._last, self._count = strain, self._count + 7 * len(flowed)
+        self._kept.append((flowed, state.strain[flowed].astype(np.float32)))
+        self._last, self._count = state, self._count + 7 * len(flowed)
 
     def numbers(self, t: Array) -> Array:
         """Numbers of the states at some times, (n,) int, for `strain`.

@@ -40,6 +40,16 @@ class ZoneFlexibility:
         """Return the fields alone, for pickle: rows are found again."""
         return {"own": self.own, "of_patch": self.of_patch}
 
+    @cached_property
+    def single_own(self) -> KeptFlexibility:
+        """`own` in single precision: all runs with this body share it."""
+        return self.own.single()
+
+    @cached_property
+    def single_of_patch(self) -> Array:
+        """Transpose of `of_patch`, (r, 3 nz), in single precision: all runs with this body share it."""
+        return np.ascontiguousarray(self.of_patch.T, np.float32)
+
     def rows(self, dofs: Array) -> Array:
         """Displacements of all nodes by unit forces on some of their dofs, (k,): (k, 3 nz) [m/N], which are kept."""
         known, rows = self._rows
@@ -47,8 +57,7 @@ class ZoneFlexibility:
         for first in range(0, len(missing), _BLOCK):
             some = missing[first : first + _BLOCK]
             loaded = self.own.at(some)
-            loaded.answer(np.eye(len(some)))
-            rows[some] = loaded.spread().T
+            rows[some] = loaded.spread(loaded.answer(np.eye(len(some)))[1]).T
             known[some] = True
         return rows[dofs]
 

@@ -62,7 +62,7 @@ def test_they_solve_as_a_dense_inverse(shift, last):
 def test_single_precision():
     kept = Factorisation(MATRIX).kept(rows_of(ZONE))
     rhs = np.random.default_rng(0).standard_normal(len(ZONE))
-    found = kept.single @ rhs
+    found = kept.single() @ rhs
     assert found.dtype == np.float32
     assert np.linalg.norm(found - kept @ rhs) < 1e-5 * np.linalg.norm(found)
 

@@ -1,8 +1,8 @@
-"""Corrections of a stiffness by what a force did in the last step."""
+"""Corrections of a stiffness by what a force did in the last step; combinations of guesses of a fixed point."""
 
 import numpy as np
 
-from exudyn_partition.algebra.secants import Broyden
+from exudyn_partition.algebra.secants import DEPTH, Anderson, Broyden
 
 
 def test_the_corrected_stiffness_explains_the_last_step_and_keeps_what_lies_across():
@@ -35,3 +35,24 @@ def test_arrays_may_change_after_they_were_seen():
     force -= [2.0, 0.0]
     broyden.see(q, force)
     np.testing.assert_allclose(broyden.corrected(np.eye(2)), [[2.0, 0.0], [0.0, 1.0]])
+
+
+def test_shares_give_the_combination_of_guesses_whose_change_is_least():
+    """For a linear map, by a search among all combinations whose shares have the sum 1; the oldest guesses are lost."""
+    rng = np.random.default_rng(3)
+    turn, away, x = 0.3 * rng.standard_normal((20, 20)), rng.standard_normal(20), np.zeros(20)
+    anderson, guesses = Anderson(), []
+    for _ in range(DEPTH + 3):
+        guesses.append(x)
+        x = anderson.guess(x, turn @ x + away)
+        last = np.array(guesses[-len(anderson.shares) :])
+        changes = last @ turn.T + away - last
+        apart = np.diff(changes, axis=0)
+        least = (
+            changes[-1] - apart.T @ np.linalg.lstsq(apart.T, changes[-1], rcond=None)[0] if len(apart) else changes[0]
+        )
+        assert len(last) == min(len(guesses), DEPTH + 1)
+        np.testing.assert_allclose(anderson.shares.sum(), 1.0)
+        np.testing.assert_allclose(anderson.shares @ changes, least, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(anderson.least, np.linalg.norm(least), rtol=1e-6)
+        np.testing.assert_allclose(x, anderson.shares @ (last + changes), rtol=0, atol=1e-10)

@@ -88,7 +88,7 @@ def test_failures_are_isolated_listed_and_what_is_done_is_not_done_again(scripts
 
 
 # The scripts say so too: corrections of meshes that no promise is made for, and time in large plastic zones by an aim.
-BEYOND = {"correct: least", "plastic_zones: online_by_nodes"}
+BEYOND = {"correct: least"}
 
 
 def test_headline_numbers_of_all_stored_results_can_be_read_and_hold():

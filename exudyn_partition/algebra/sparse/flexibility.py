@@ -52,7 +52,7 @@ class KeptFlexibility:
     def single(self) -> KeptFlexibility:
         """Return the same in single precision."""
         thin = (values.astype(np.float32) for values in (self.vectors, self.weights))
-        return KeptFlexibility(self.fronts.single, *thin)
+        return KeptFlexibility(self.fronts.single(), *thin)
 
     def __matmul__(self, forces: Array) -> Array:
         """Displacements of the dofs, (k,) or (k, p) [m], by forces on them [N]."""
@@ -77,19 +77,21 @@ class LoadedDofs:
         self._all, self._rows = flexibility, flexibility.fronts.rows[dofs]
         self._fronts = flexibility.fronts.reached(dofs)
         self._vectors = flexibility.vectors[dofs]
-        self._solved: Array
-        self._shares: Array
 
-    def answer(self, forces: Array) -> Array:
-        """Displacements of these dofs, (j,) or (j, p) [m], by forces on them [N]."""
+    def answer(self, forces: Array) -> tuple[Array, Array]:
+        """Displacements of these dofs, (j,) or (j, p) [m], by forces on them [N]; what `spread` needs of these forces.
+
+        Both are linear in the forces.
+        """
         forces = forces.astype(self._vectors.dtype)
-        self._solved = self._all.fronts.solve(forces, self._rows, self._fronts)
-        self._shares = self._all.weights @ (self._vectors.T @ forces)
-        return np.asarray(self._solved[self._rows] + self._vectors @ self._shares)
+        solved = self._all.fronts.solve(forces, self._rows, self._fronts)
+        weights = self._all.weights @ (self._vectors.T @ forces)
+        return solved[self._rows] + self._vectors @ weights, np.concatenate([solved, weights])
 
-    def spread(self) -> Array:
-        """Displacements of all dofs, (k,) or (k, p) [m], by the forces of the last `answer`."""
-        found: Array = self._all.fronts.complete(self._solved, self._fronts) + self._all.vectors @ self._shares
+    def spread(self, answered: Array) -> Array:
+        """Displacements of all dofs, (k,) or (k, p) [m], by the forces that were answered."""
+        solved, weights = np.split(answered.astype(self._vectors.dtype), [-len(self._all.weights)])
+        found: Array = self._all.fronts.complete(solved, self._fronts) + self._all.vectors @ weights
         return found
 
 

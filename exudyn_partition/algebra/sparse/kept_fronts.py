@@ -93,9 +93,8 @@ class KeptFronts:
     def __len__(self) -> int:
         return len(self.rows)
 
-    @cached_property
     def single(self) -> KeptFronts:
-        """The same in single precision: half of the memory, and quicker solutions. Runs with one body share it."""
+        """Return the same in single precision: half of the memory, and quicker solutions."""
         return replace(self, store=self.store.astype(np.float32), signs=self.signs.astype(np.float32))
 
     def reached(self, some: Array) -> Array:

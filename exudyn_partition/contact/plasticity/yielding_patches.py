@@ -217,22 +217,34 @@ class YieldingPatches(Zones):
             self.iterations += 1
             for (_, zone), part in zip(self.zones, np.split(p, sizes), strict=True):
                 zone.push(part if tried else None)
-            respond(pushed + self._moved(rows))
-            answers = [zone.answer(force) for (_, zone), force in zip(self.zones, self._on_patches(rows), strict=True)]
-            found = np.concatenate(answers)
-            size = np.linalg.norm([zone.size(one) for (_, zone), one in zip(self.zones, answers, strict=True)])
+            found, size = self._answer(respond, pushed, rows)
             change = float(np.linalg.norm(found - p))
             least, stalled = min(change, least), stalled + 1 if change >= least else 0
-            # What the answer still lacks if changes go on to decrease as the last one has.
-            lacks = change * change / (before - change) if 2 * change < before else change
-            before = change
-            settled = self._settled if tried >= _PATIENT else close
-            if lacks <= settled * size or (stalled >= _STALLED and change <= _ROUGH * size):
-                return all([zone.finish() for _, zone in self.zones])
+            # What an answer still lacks, by its change, if changes go on to decrease as the last one has.
+            lacks = change / (before - change) if 2 * change < before else 1.0
+            before, settled = change, (self._settled if tried >= _PATIENT else close) * size
+            if lacks * change <= settled or (stalled >= _STALLED and change <= _ROUGH * size):
+                return self._finish()
             p = anderson.guess(p, found)
+            if lacks * anderson.least <= settled:  # so the best combination of all guesses may do, without a product
+                parts = [zone.combine(anderson.shares) for _, zone in self.zones]
+                found, _ = self._answer(respond, pushed, rows)
+                if lacks * np.linalg.norm(found - np.concatenate(parts)) <= settled:
+                    return self._finish()
         self._unsettled = float(change / size)
         if self._broyden is None:
             self.check()
+        return self._finish()
+
+    def _answer(self, respond: Callable[[Array], None], pushed: Array, rows: dict[int, Array]) -> tuple[Array, float]:
+        """Change of the pseudo-forces on active nodes that follows from what was pushed; norm of all of them [N]."""
+        respond(pushed + self._moved(rows))
+        answers = [zone.answer(force) for (_, zone), force in zip(self.zones, self._on_patches(rows), strict=True)]
+        sizes = [zone.size(one) for (_, zone), one in zip(self.zones, answers, strict=True)]
+        return np.concatenate(answers), float(np.linalg.norm(sizes))
+
+    def _finish(self) -> bool:
+        """Enter the state of the last answer; return whether no other point flows."""
         return all([zone.finish() for _, zone in self.zones])
 
     def _elastic_share(self) -> float:

@@ -6,12 +6,15 @@ Theory: examples/site/theory.md, "Plastic zones".
 from __future__ import annotations
 
 import copy
+import operator
+from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ...algebra.krylov import mass_normalised
+from ...algebra.secants import DEPTH
 from ...algebra.sparse.flexibility import FreeBodyFlexibility, KeptFlexibility
 from ...fe.model import node_dofs
 from ...frames.kinematics import Kinematics
@@ -137,19 +140,18 @@ class FirstRows:
 
     def __init__(self, rows: Array, place: Array, first: Array) -> None:
         self._rows, self._place, self._first = rows, place, first
-        self._force = np.zeros(len(rows), rows.dtype)
-        self._answer: Array
 
-    def answer(self, forces: Array) -> Array:
-        """Displacements of these dofs, (m,) [m], by forces on them, (m,) [N]."""
-        self._force[self._first] = forces
-        self._answer = self._force @ self._rows[:, : len(forces)]
-        return np.asarray(self._answer[self._first])
+    def answer(self, forces: Array) -> tuple[Array, Array]:
+        """Displacements of these dofs, (m,) [m], by forces on them, (m,) [N]; what `spread` needs of these forces."""
+        force = np.empty(len(forces), self._rows.dtype)
+        force[self._first] = forces
+        found = force @ self._rows[:, : len(forces)]
+        return found[self._first], np.concatenate([force, found])
 
-    def spread(self) -> Array:
-        """Displacements of all dofs, (n,) [m], by the forces of the last `answer`."""
-        beyond = self._force @ self._rows[:, len(self._force) :]
-        return np.concatenate([self._answer, beyond])[self._place]
+    def spread(self, answered: Array) -> Array:
+        """Displacements of all dofs, (n,) [m], by the forces that were answered."""
+        force, found = np.split(answered, 2)
+        return np.concatenate([found, force @ self._rows[:, len(force) :]])[self._place]
 
 
 class _Active:
@@ -193,13 +195,13 @@ class _Active:
         """Displacements of the rows of the patch, (r,) [m], due to a change of the pseudo-forces, (m,) [N]."""
         return np.asarray(self._of_patch @ change.astype(self._of_patch.dtype))
 
-    def answer(self, change: Array) -> Array:
-        """Displacements of the nodes, (m,) [m], due to a change of the pseudo-forces on them, (m,) [N]."""
+    def answer(self, change: Array) -> tuple[Array, Array]:
+        """Displacements of the nodes, (m,) [m], due to a change of the pseudo-forces, (m,) [N]; what `spread` needs."""
         return self._own.answer(change)
 
-    def spread(self) -> Array:
-        """Displacements of all nodes of the zone, (3 nz,) [m], due to the change of the last `answer`."""
-        return self._own.spread()
+    def spread(self, answered: Array) -> Array:
+        """Displacements of all nodes of the zone, (3 nz,) [m], due to what `answer` was asked for."""
+        return self._own.spread(answered)
 
     def generalised(self, change: Array) -> Array:
         """Forces on the last coordinates of the body, (n,), from a change of the pseudo-forces, (m,) [N]."""
@@ -239,6 +241,28 @@ class _Guess(NamedTuple):
     moved_patch: Array
 
 
+class _Pushed(NamedTuple):
+    """A change of the pseudo-forces on m active nodes and what it does, all linear in it.
+
+    Parameters
+    ----------
+    change : (m,) array
+        [N]
+    moved, moved_patch : (m,), (r,) arrays
+        Displacements of these nodes and of the patch's rows [m].
+    first : float
+        Share of the first guess, which moves all nodes as known.
+    answered : array
+        What `_Active.spread` needs for the rest; a zero if there is none.
+    """
+
+    change: Array
+    moved: Array
+    moved_patch: Array
+    first: float
+    answered: Array
+
+
 class ZoneRun:
     """State of a plastic zone in a run.
 
@@ -264,7 +288,8 @@ class ZoneRun:
     _now: _Applied
     _last: _Applied  # at the end of the last accepted step
     _first: _Guess  # of the present step
-    _pushed: tuple[Array, Array, Array | None]  # a change, the nodes by it; displacements of all nodes, if known
+    _pushed: _Pushed
+    _pushes: deque[_Pushed]  # of the present step, the last ones
     _begin: tuple[Array, PlasticState] | None  # of active points: without the changes of this step
     _strain: Array | None  # of active points, at the end of the last accepted step
     _found: tuple[PlasticState, Array, Array]  # with strains, and what the pushed change has led to
@@ -295,13 +320,13 @@ class ZoneRun:
 
     def _use(self, kind: type) -> None:
         """Take numbers of this dtype in large products."""
-        own = self.flexibility.own
+        given, single = self.flexibility, np.dtype(kind) == np.float32
         self._own: OrderedRows | KeptFlexibility
         if len(self.zone.nodes) <= _MOST_DENSE:
-            self._own = OrderedRows(self.flexibility, kind)
+            self._own = OrderedRows(given, kind)
         else:
-            self._own = own.single() if np.dtype(kind) == np.float32 else own
-        self._of_patch: Array = np.ascontiguousarray(self.flexibility.of_patch.T, kind)
+            self._own = given.single_own if single else given.own
+        self._of_patch: Array = given.single_of_patch if single else np.ascontiguousarray(given.of_patch.T)
 
     def reset(self) -> None:
         """Go back to the start."""
@@ -391,12 +416,25 @@ class ZoneRun:
         By default it is `guess`, whose displacements are known.
         """
         active, first, guess = self._active, self._first, self.guess
+        if change is None:
+            self._pushes = deque(maxlen=DEPTH + 1)
         if change is None and np.count_nonzero(first.change) == np.count_nonzero(guess):  # all are active
-            self._pushed, by_patch = (guess, first.moved[active.dofs], first.moved), first.moved_patch
+            pushed = _Pushed(guess, first.moved[active.dofs], first.moved_patch, 1.0, np.zeros(1))
         else:
             change = guess if change is None else change
-            self._pushed, by_patch = (change, active.answer(change), None), active.at_patch(change)
-        self.moved_patch = self._last.moved_patch + by_patch
+            moved, answered = active.answer(change)
+            pushed = _Pushed(change, moved, active.at_patch(change), 0.0, answered)
+        self._pushes.append(pushed)
+        self._take(pushed)
+
+    def combine(self, shares: Array) -> Array:
+        """Take a combination of the last k changes, by their shares, (k,), like `push`; return it, (m,) [N]."""
+        last = zip(*list(self._pushes)[-len(shares) :], strict=True)
+        self._take(_Pushed(*(sum(map(operator.mul, one, shares)) for one in last)))
+        return self._pushed.change
+
+    def _take(self, pushed: _Pushed) -> None:
+        self._pushed, self.moved_patch = pushed, self._last.moved_patch + pushed.moved_patch
 
     def move(self, q: Array) -> None:
         """Take coordinates of the body, (n,), as the present ones."""
@@ -426,7 +464,7 @@ class ZoneRun:
         """Change of pseudo-forces on active nodes, (m,) [N], that follows from `push` and forces on the patch, (r,)."""
         moved, before = self._beginning()
         self._at, active = (self._at[0], force), self._active
-        state, strain, led_to = active.part.answer(moved + active.by_patch(force) + self._pushed[1], before)
+        state, strain, led_to = active.part.answer(moved + active.by_patch(force) + self._pushed.moved, before)
         self._found = state, strain, led_to
         found: Array = led_to + self._last.left[active.dofs]
         return found
@@ -444,12 +482,14 @@ class ZoneRun:
         If another point flows, it becomes active, and the answer must be found again.
         """
         active, (state, strain, led_to), before = self._active, self._found, self._beginning()[1]
-        (change, _, moved), last = self._pushed, self._last
+        pushed, last = self._pushed, self._last
         self.present, self.flows = self.committed.changed(active.points, state), True
         p, left = last.p.copy(), last.left.copy()
-        p[active.dofs] += change
-        left[active.dofs] += led_to - change
-        moved = last.moved + (active.spread() if moved is None else moved)
+        p[active.dofs] += pushed.change
+        left[active.dofs] += led_to - pushed.change
+        moved = last.moved + pushed.first * self._first.moved
+        if pushed.answered.any():
+            moved += active.spread(pushed.answered)
         generalised = last.generalised + active.generalised(led_to)
         self._now = _Applied(p, left, moved, self.moved_patch, generalised, 0.0)
         self._excess_found = self._excess(self.present, moved)

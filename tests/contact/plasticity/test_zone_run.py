@@ -93,3 +93,27 @@ def test_points_are_active_before_they_flow(motion):
     flows = ended > 0
     assert np.count_nonzero(flows) > 15
     assert np.count_nonzero(ended > 1) < 0.2 * np.count_nonzero(flows)
+
+
+@pytest.mark.parametrize("kind", [float, np.float32])
+def test_a_combination_of_guesses_does_what_the_same_guess_does(motion, kind):
+    """But without a product: the first guess is the change of the last step, whose displacements are known."""
+    ends, force = [], -np.ones(motion.flexibility.of_patch.shape[1])
+    for combined in (True, False):
+        run = ZoneRun(motion).for_run(kind)
+        pressed(run, 1e-4)
+        run.back()
+        run.move(np.zeros(motion.kinematics.rows.shape[1]))
+        first = run.guess
+        run.push()
+        other = run.answer(force)
+        run.push(other if combined else 0.3 * first + 0.7 * other)
+        if combined:
+            np.testing.assert_allclose(run.combine(np.array([0.3, 0.7])), 0.3 * first + 0.7 * other)
+        found, at_patch = run.answer(1.01 * force), run.moved_patch
+        assert np.linalg.norm(other - first) > 0.1 * np.linalg.norm(first) > 0
+        assert run.finish()
+        run.commit()
+        ends.append((found, at_patch, run.generalised, [run.stored()], run.guess))
+    for one, same in zip(*ends, strict=True):
+        np.testing.assert_allclose(one, same, rtol=0, atol=(1e-9 if kind is float else 1e-5) * np.abs(same).max())
