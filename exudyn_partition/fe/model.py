@@ -44,7 +44,7 @@ from .given_matrices import (
 from .material import Material, Regions
 from .places import nearest_node
 from .shapes import ORDERS, QUADS
-from .walls import Wall, weakest_between, weakest_wall
+from .walls import Wall, shares_of_walls, weakest_between, weakest_wall
 
 _CALLED = {4: "tetrahedra", 5: "pyramids", 6: "wedges", 8: "hexahedra"}  # elements by their corners
 
@@ -534,12 +534,30 @@ class FEModel:
         """The wall whose bending waves the mesh resolves worst."""
         if self.surface is not None:
             return weakest_between(self.points, facet_corners(self.surface), self.order, self.material)
-        faces, number = self._faces
-        corners = facet_corners(faces).reshape(*number.shape, -1)
         facets = self._facet_faces
         every = ((self.material, np.arange(len(facets))),)
         materials = every if self.regions is None else self.regions.softest(facets[:, 0])
-        return weakest_wall(self.points, corners, facets, number, self.order, materials)
+        return weakest_wall(self.points, *self._walls, self.order, materials)
+
+    def shares_of_walls(self, cells: Array) -> Array:
+        """Height of elements by the thickness of the wall in which they lie; see `walls.shares_of_walls`.
+
+        Parameters
+        ----------
+        cells : (k, c) int array
+            Rows of elements of the body.
+
+        Returns
+        -------
+        (k,) array
+        """
+        return shares_of_walls(self.points, cells[:, : 8 if self.hexahedra else 4], *self._walls)
+
+    @property
+    def _walls(self) -> tuple[Array, Array, Array]:
+        """Outward faces of each cell by their corners, facets of the surface, and numbers of faces; see `walls`."""
+        faces, number = self._faces
+        return facet_corners(faces).reshape(*number.shape, -1), self._facet_faces, number
 
     def nearest_node(self, point: Vector) -> int:
         """Index of the node nearest to `point`, (3,) [m]; see `places.nearest_node`."""
@@ -548,7 +566,15 @@ class FEModel:
     def __dir__(self) -> list[str]:
         return for_users(
             self,
-            {"fingerprint", "matrix_fingerprint", "need_cells", "neighbours", "warn_if_units_slipped", "weakest_wall"},
+            {
+                "fingerprint",
+                "matrix_fingerprint",
+                "need_cells",
+                "neighbours",
+                "shares_of_walls",
+                "warn_if_units_slipped",
+                "weakest_wall",
+            },
         )
 
     def __repr__(self) -> str:

@@ -18,6 +18,7 @@ _THICK = 2.0  # a wall with more elements than this across it counts as solid
 _SEEN, _FOLLOWED = {2: 1.3, 3: 0.87}, {2: 4.0, 3: 1.2}
 _LOCKS, _LOCKS_LINEAR = 5.0, 3.0  # elements lock if they are longer than this many thicknesses
 _LOCKING = {2: 2, 3: 1}  # power of that ratio by which a wave needs more elements
+_NEAREST = 8  # facets at which an element looks for its wall
 _SHEAR = 5 / 6  # Mindlin's shear coefficient
 
 
@@ -106,6 +107,31 @@ def weakest_between(points: Array, facets: Array, order: int, material: Material
     length = _lengths(points, facets)
     thickness = _distance_to_opposite(points, facets, _THICK * length)
     return _weakest(length, thickness, order, ((material, np.arange(len(facets))),))
+
+
+def shares_of_walls(points: Array, elements: Array, corners: Array, facets: Array, number: Array) -> Array:
+    """Height of elements by the thickness of the wall in which they lie, (k,); zero in solid parts of a body.
+
+    The wall is the thinnest at the nearest facets of the surface, also at the edge of a plate. See `weakest_wall` for
+    other arguments.
+
+    Parameters
+    ----------
+    elements : (k, c) int array
+        Their corners.
+    """
+    faces = points[corners[facets[:, 0], facets[:, 1]]]
+    nearest = cKDTree(faces.mean(axis=1)).query(points[elements].mean(axis=1), k=min(_NEAREST, len(faces)))[1]
+    used, place = np.unique(nearest, return_inverse=True)
+    thickness = _thickness(points, corners, facets[used], number, np.full(len(used), np.inf))
+    normal = np.cross(faces[used, 2] - faces[used, 0], faces[used, -1] - faces[used, 1])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    of_walls = normal / thickness[:, None]
+    heights = [
+        np.ptp(np.einsum("eki,ei->ek", points[elements], of_walls[at]), axis=1) for at in place.reshape(nearest.shape).T
+    ]
+    shares: Array = np.max(heights, axis=0)
+    return shares
 
 
 def _weakest(length: Array, thickness: Array, order: int, materials: Sequence[tuple[Material, Array]]) -> Wall:

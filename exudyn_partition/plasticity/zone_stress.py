@@ -15,7 +15,7 @@ from ..fe.material import Material
 from ..fe.model import FEModel
 from ..fe.patches import PlasticRegion
 from ..support.arrays import Array
-from .dilatation import LEFT, locks, mean_dilatation
+from .dilatation import LEFT, freed, mean_dilatation
 from .integration import flow_places
 
 _FROM_MANDEL = np.array([1, 1, 1, *[np.sqrt(0.5)] * 3])
@@ -45,6 +45,7 @@ class ZoneStress:
         for i, (_, rows) in enumerate(self._kinds):
             self._kind[rows] = i
         self._shear, self._bulk = material.shear_modulus, material.lame + 2 / 3 * material.shear_modulus
+        self._of_mean = np.where(freed(fem, region.cells), 1 - LEFT, 0.0)  # share of the dilatation that is the mean
         self._mean = mean_dilatation(fem.points, region.cells, region.hexahedra)[2].reshape(
             len(region.cells), self._k, 3
         )
@@ -116,13 +117,14 @@ class ZoneStress:
     def _apart(self, number: Array, local: Array) -> Array:
         """theta_e - theta at a point in each of m elements by displacements of its nodes, (m, k, 3) [1/m]."""
         apart = np.zeros((len(number), self._k, 3))
-        if not locks(self._k, self._region.hexahedra):
+        if not self._of_mean[number].any():
             return apart
         for kind, own in self._each(number):
             derivatives = kind.functions(local[own])[1]
             nodes = self._fem.points[self._region.cells[number[own]][:, kind.columns]]
             gradient = derivatives @ np.linalg.inv(np.einsum("mka,mkj->maj", nodes, derivatives))
-            apart[own] = (1 - LEFT) * (self._mean[number[own]] - kind.on_row(gradient))
+            of_mean = self._of_mean[number[own], None, None]
+            apart[own] = of_mean * (self._mean[number[own]] - kind.on_row(gradient))
         return apart
 
     def _each(self, number: Array) -> list[tuple[Kind, Array]]:

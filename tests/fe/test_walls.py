@@ -138,6 +138,7 @@ def test_linear_hexahedra_in_a_wall(tmp_path, along, layers, resolves):
     meshio.Mesh(points, [("hexahedron", np.stack(cells, axis=1))]).write(tmp_path / "wall.vtu")
     fem = ep.fe_model(tmp_path / "wall.vtu", ep.STEEL)
     assert fem.weakest_wall.thickness == pytest.approx(T)
+    np.testing.assert_allclose(fem.shares_of_walls(fem.cells).max(), 1 / min(layers, along))
     assert (fem.resolved_frequency > 0) == resolves
 
 

@@ -7,17 +7,21 @@ import pytest
 from oracles import box
 
 import exudyn_partition as ep
-from exudyn_partition.plasticity.dilatation import with_free_zones, with_mean_dilatation
+from exudyn_partition.fe.elements import kinds_of
+from exudyn_partition.fe.model import node_dofs
+from exudyn_partition.plasticity.dilatation import freed, mean_dilatation, with_free_zones, with_mean_dilatation
 from exudyn_partition.plasticity.flow import PlasticState
+from exudyn_partition.plasticity.integration import flow_places
 from exudyn_partition.plasticity.zone import PlasticZone
+from exudyn_partition.plasticity.zone_stress import ZoneStress
 
 MATERIAL = ep.Material(E=70e9, nu=0.3, rho=2700.0, yield_stress=200e6, hardening=500e6)
 
 
 @pytest.fixture(scope="module")
 def model():
-    fem = ep.fe_model(box(10e-3, 12e-3, 4e-3), MATERIAL, maxh=3e-3)
-    return fem, ep.Partition.ball(fem, (0, 0, 4e-3), 2e-3, plastic_radius=3e-3)
+    fem = ep.fe_model(box(12e-3, 12e-3, 12e-3), MATERIAL, maxh=2.4e-3)
+    return fem, ep.Partition.ball(fem, (0, 0, 12e-3), 2e-3, plastic_radius=3e-3)
 
 
 def test_nine_tenths_of_the_pressure_follow_the_mean_dilatation_of_each_element(model):
@@ -54,7 +58,44 @@ def test_uniform_strain_is_answered_as_before(model):
 
 
 def test_cubic_elements_and_bodies_without_zones_keep_their_stiffness(model):
-    cubic = ep.fe_model(box(10e-3, 12e-3, 4e-3), MATERIAL, maxh=12e-3, order=3)
+    cubic = ep.fe_model(box(10e-3, 12e-3, 12e-3), MATERIAL, maxh=4e-3, order=3)
     assert with_mean_dilatation(cubic, cubic.cells, MATERIAL) is cubic
     elastic = dataclasses.replace(model[0], material=dataclasses.replace(model[0].material, hardening=None))
-    assert with_free_zones(elastic, ep.Partition.ball(elastic, (0, 0, 4e-3), 2e-3)) is elastic
+    assert with_free_zones(elastic, ep.Partition.ball(elastic, (0, 0, 12e-3), 2e-3)) is elastic
+
+
+@pytest.mark.parametrize("layers", [1, 2, 5])
+def test_a_plate_that_may_yield_bends_as_an_elastic_one(layers):
+    """Bent to the same curvature both ways, it has the energy of Kirchhoff's plate; all of it is in the zone."""
+    t, side, curvature = 2e-3, 5e-3, 1e-2
+    fem = ep.fe_model(box(side, side, t), MATERIAL, maxh=1.2 * t / layers)
+    partition = ep.Partition.ball(fem, (0, 0, t), t, direction=(0, 0, 1), plastic_radius=2 * side)
+    x, y, z = fem.points.T - [[0], [0], [t / 2]]
+    nu = MATERIAL.nu
+    u = curvature * np.stack([-x * z, -y * z, (x**2 + y**2) / 2 + nu / (1 - nu) * z**2], axis=1).ravel()
+    bent = u @ (with_free_zones(fem, partition).stiffness @ u) / 2
+    assert bent == pytest.approx(MATERIAL.E / (1 - nu) * curvature**2 * side**2 * t**3 / 12, rel=0.02)
+
+
+def test_stress_is_that_by_which_the_stiffness_was_made():
+    """The work of its change is what freeing changes of the energy, also where part of a zone keeps its stiffness."""
+    t, refine = 2e-3, [ep.Refine((0, 0, 2e-3), 0.8e-3, 0.25e-3)]
+    fem = ep.fe_model(box(8e-3, 8e-3, t), MATERIAL, maxh=2e-3, refine=refine, grading=0.7)
+    partition = ep.Partition.ball(fem, (0, 0, t), 0.6e-3, plastic_radius=3e-3)
+    cells = partition.patches[0].plastic.cells
+    free = freed(fem, cells)
+    assert free.any()
+    assert not free.all()
+    u = np.random.default_rng(7).normal(size=fem.n_dofs)
+    rows = {cell.tobytes(): i for i, cell in enumerate(fem.cells)}
+    own = np.array([rows[cell.astype(fem.cells.dtype).tobytes()] for cell in cells])
+    ((kind, _),) = kinds_of(cells, False)
+    places = flow_places(kind)
+    change = ZoneStress(fem, partition.patches[0].plastic, MATERIAL).rows(
+        np.repeat(own, len(places)), np.tile(places, (len(cells), 1))
+    )
+    pressure = (change @ u).reshape(-1, 6)[:, 0]
+    volume, dilatation, _ = mean_dilatation(fem.points, cells, False)
+    strain = np.einsum("cqi,ci->cq", dilatation, u[node_dofs(cells.ravel()).reshape(len(cells), -1)])
+    found = np.sum(volume.ravel() * pressure * strain.ravel())
+    assert found == pytest.approx(u @ ((with_free_zones(fem, partition).stiffness - fem.stiffness) @ u), rel=1e-6)
