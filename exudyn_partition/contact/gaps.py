@@ -120,7 +120,7 @@ class Gaps:
         raise NotImplementedError
 
     def dented(self, sides: Sequence[Side], q: Array, dents: Sequence[Array] | None) -> list[Array]:
-        """Places of all nodes of some sides, (np, 3) for each [m], at coordinates q, (n,), with their dents."""
+        """Places of all nodes of some sides, (np, 3) for each [m], from `centre`, at coordinates q, with dents."""
         own: Sequence[Array | None] = dents or [None] * len(sides)
         return [side.dented(part, dent) for side, part, dent in zip(sides, self.split(q), own, strict=True)]
 
@@ -240,6 +240,14 @@ class Gaps:
         return self.stage.linear if isinstance(self.stage, Frozen) else None
 
     @property
+    def centre(self) -> Array:
+        """(3,) array: point of space near the contact, from which the sides' places count [m].
+
+        So their rounding errors are not those of places far from the origin. A stiff patch turns these into forces.
+        """
+        return self.sides[0].centre
+
+    @property
     def slave(self) -> Side:
         """The side whose points must not penetrate."""
         return self.sides[0]
@@ -306,14 +314,14 @@ class Gaps:
         return sp.vstack(parts, format="csr") if sp.issparse(rows) else np.vstack([*map(dense, parts)])
 
     def places(self, q: Array) -> list[Array]:
-        """Places of the nodes of the patches, (np, 3) for each side [m], at coordinates q, (n,).
+        """Places of the nodes of the patches, (np, 3) for each side [m], at coordinates q, (n,), from `centre`.
 
         Where contact wanders over a patch, only nodes that may touch soon are followed; the others are NaN.
         """
         return self.places_of(self.sides, q)
 
     def places_of(self, sides: Sequence[Side], q: Array) -> list[Array]:
-        """Places of the nodes that these sides follow, (np, 3) for each [m], at coordinates q, (n,)."""
+        """Places of the nodes that these sides follow, (np, 3) for each [m], at coordinates q, (n,), from `centre`."""
         return [side.place(part) for side, part in zip(sides, self.split(q), strict=True)]
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
@@ -343,7 +351,10 @@ class Gaps:
         return self.split(self._q)
 
     def places_now(self) -> list[Array]:
-        """Places of the nodes of `near_sides`, (np, 3) for each [m], at the last coordinates; NaN for other nodes."""
+        """Places of the nodes of `near_sides`, (np, 3) for each [m], at the last coordinates, from `centre`.
+
+        Those of other nodes are NaN.
+        """
         if self._places is None:
             self._places = self.places_of(self.near_sides, self._q)
         return self._places
@@ -405,7 +416,7 @@ class Gaps:
 
     def moment_of(self, forces: Array, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m], of forces on it at the present points, (p, 3) [N]."""
-        arms = at_points(*self.shares[0], self.places_now()[0]) - point
+        arms = at_points(*self.shares[0], self.places_now()[0]) - (point - self.centre)
         return total_moment(arms, forces)
 
     def flexibility(self, index: Array) -> Array:

@@ -515,5 +515,5 @@ class PatchContact:
         rows = self.index[reached | (leaves_at == 0.0)]
         if not len(rows):
             return None
-        value: Array = self.gaps.places_now()[0][self.gaps.row_nodes[rows[0]]]
+        value: Array = self.gaps.centre + self.gaps.places_now()[0][self.gaps.row_nodes[rows[0]]]
         return value

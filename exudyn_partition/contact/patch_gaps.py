@@ -65,8 +65,10 @@ class PatchGaps(Gaps):
         *,
         pressed: bool = False,
     ) -> None:
-        self.sides, self._kind, self.between = (slave, master), kind, between
+        self._kind, self.between = kind, between
         self._pairing = pairing = Pairing.of(slave, master, kind, itself=between is not None, pressed=pressed)
+        centre = slave.surface.points[pairing.rows.points.row_nodes].sum(axis=0) / max(len(pairing.rows.gap), 1)
+        self.sides = slave.seen_from(centre), master.seen_from(centre)
         self._all, self._start_q, self._loaded = pairing.points, pairing.pose, {}
         self.n, self.faced = len(pairing.pose), not pairing.pose.any()
         self.size, self.approach = pairing.rows.facet_size, pairing.rows.approach

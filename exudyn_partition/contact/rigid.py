@@ -53,6 +53,11 @@ class RigidPlane:
         """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3)."""
         return (x - self.point) @ self.normal, np.broadcast_to(self.normal, x.shape)
 
+    def nearest(self, x: Array) -> Array:
+        """The point of the plane that is nearest to a point x, (3,) [m]."""
+        value: Array = x - ((x - self.point) @ self.normal) * self.normal
+        return value
+
 
 @dataclass(frozen=True, eq=False)
 class RigidSphere:
@@ -171,14 +176,18 @@ class RigidGaps(Gaps):
         *,
         pressed: bool = False,
     ) -> None:
-        self.surface, self._pose, self._motion, self.sides = surface, pose, motion, (slave,)
-        self.carried = pose is not None
+        self.surface, self._pose, self._motion = surface, pose, motion
+        self.carried, self._seen = pose is not None, surface
+        if isinstance(surface, RigidPlane) and pose is None:
+            centre = surface.nearest(slave.surface.points.mean(axis=0))
+            slave, self._seen = slave.seen_from(centre), RigidPlane(np.zeros(3), surface.normal)
+        self.sides = (slave,)
         self.n, self.size = slave.n, slave.surface.facet_size
         self._all = contact_points(slave.surface, kind)
         linear = slave.kinematics.linear and isinstance(surface, RigidPlane) and pose is None
         linear = linear and not slave.surface.wanders
         self._start_q, self._loaded = np.zeros(self.n), {}
-        self._start, gap = self._stage_at(self._rows_at_start(), [slave.surface.points])
+        self._start, gap = self._stage_at(self._rows_at_start(), [slave.surface.points - slave.centre])
         self._take(self._start, self._start_q)
         self.pressed, self.clearance = pressed, float(gap.min())
         self._check_start(gap)
@@ -191,7 +200,7 @@ class RigidGaps(Gaps):
 
     def placed_rows(self) -> tuple[ContactPoints, Array, Array]:
         """See `Gaps.placed_rows`."""
-        gap, normals = self._projected(self._all.at(self.whole.surface.points), self.carrier_pose)
+        gap, normals = self._projected(self._all.at(self.whole.surface.points - self.centre), self.carrier_pose)
         return self._all, normals, self._all.average(gap)
 
     def _rows_at_start(self) -> PresentRows:
@@ -246,7 +255,7 @@ class RigidGaps(Gaps):
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; only for a surface that is fixed in space."""
         (nodes,) = self.dented([self.whole], q, dents)
-        return float(self.surface.project(np.vstack([nodes, self._all.at(nodes)]))[0].min())
+        return float(self._seen.project(np.vstack([nodes, self._all.at(nodes)]))[0].min())
 
     @property
     def whole(self) -> Side:
@@ -273,9 +282,12 @@ class RigidGaps(Gaps):
         return np.zeros(1) if self.slave.normal_only else self.slave.kinematics.in_frame(self._q, self.normals)
 
     def _projected(self, x: Array, pose: Array) -> tuple[Array, Array]:
-        """Gaps, (k,) [m], and normals in space, (k, 3), at points in space, (k, 3) [m]; `pose` is `carrier_pose`."""
+        """Gaps, (k,) [m], and normals in space, (k, 3), at points, (k, 3) [m], from the centre.
+
+        `pose` is `carrier_pose`.
+        """
         if not len(pose):
-            return self.surface.project(x)
+            return self._seen.project(x)
         place, axes = pose[:3], pose[3:].reshape(3, 3)
         gap, normals = self.surface.project((x - place) @ axes)
         return gap, normals @ axes.T

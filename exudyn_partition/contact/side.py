@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -45,6 +45,8 @@ class Side:
         Plastic zone beneath the patch.
     active : (k,) int array or None
         Nodes of the patch that are followed, as rows of `surface.points`. Default: all.
+    centre : (3,) array
+        Point of space from which `place` counts [m]; those of `surface` and of all else count from the origin.
     """
 
     surface: Surface
@@ -52,6 +54,7 @@ class Side:
     flexibility: Array | None = None
     zone: ZoneMotion | None = None
     active: Array | None = None
+    centre: Array = field(default_factory=lambda: np.zeros(3))
 
     @cached_property
     def n(self) -> int:
@@ -69,12 +72,18 @@ class Side:
         return None if self.active is None else self.kinematics.some(self.active)
 
     @cached_property
+    def _seen(self) -> Kinematics:
+        """Kinematics of the nodes that are followed, seen from the centre."""
+        return (self.kinematics if self.near is None else self.near).seen_from(self.centre)
+
+    @cached_property
     def fixed(self) -> Fixed | None:
         """Data with which compiled loops place its nodes; None if its frame moves or its body's rows are sparse."""
         own = self.kinematics
         if not isinstance(own, InertialKinematics) or not isinstance(own.rows, np.ndarray):
             return None
-        return fixed(own.start, own.rows, np.arange(len(own.start)) if self.active is None else self.active)
+        start = own.start - self.centre
+        return fixed(start, own.rows, np.arange(len(start)) if self.active is None else self.active)
 
     @property
     def normal_only(self) -> bool:
@@ -107,6 +116,10 @@ class Side:
         surface = replace(self.surface, points=self.surface.points + by)
         return replace(self, surface=surface, kinematics=self.kinematics.displaced(by @ axes))
 
+    def seen_from(self, point: Array) -> Side:
+        """Return the side with places that count from a point of space, (3,) [m]."""
+        return replace(self, centre=point)
+
     def part(self, facets: Array, nodes: Array) -> Side:
         """Return the side that follows some facets, (k,) int array, and some more nodes of its patch, (m,) int array.
 
@@ -129,12 +142,15 @@ class Side:
         return replace(self, active=nodes)
 
     def place(self, q: Array) -> Array:
-        """Places of the patch's nodes at coordinates q, (n,): (np, 3) [m], NaN for nodes that are not followed."""
-        if self.near is None:
-            return self.kinematics.place(q)
+        """Places of the patch's nodes at coordinates q, (n,): (np, 3) [m], NaN for nodes that are not followed.
+
+        They count from `centre`.
+        """
+        if self.active is None:
+            return self._seen.place(q)
         places = np.empty(self.surface.points.shape)
         places.fill(np.nan)
-        places[self.active] = self.near.place(q)
+        places[self.active] = self._seen.place(q)
         return places
 
     def dent(self, strain: Array) -> Array:

@@ -124,7 +124,7 @@ class WanderingRigidGaps(RigidGaps):
     def _rows_at_start(self) -> PresentRows:
         self._whole, self._witnesses = self.slave, spread(self.slave.surface.points)
         self._three = self.slave.kinematics.some(self._witnesses)
-        gap = self._projected(self.slave.surface.points, self.carrier_pose)[0]
+        gap = self._projected(self.slave.surface.points - self.centre, self.carrier_pose)[0]
         return self._rows_of(np.flatnonzero(gap <= gap.min() + _SOON * self.size))
 
     def _direction(self, node: int) -> Array:

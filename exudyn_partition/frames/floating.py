@@ -108,6 +108,7 @@ class FloatingKinematics:
     def _of(self, nodes: Array) -> None:
         self.nodes = nodes
         self.arms = self.body.points[nodes] - self.body.centre_of_mass
+        self.start = self.origin + self.arms @ self._axes_at_start.T
         rows = self.body.rows(nodes)
         self.rows = self.mean_axes.restrict(rows if isinstance(rows, np.ndarray) else rows.toarray())
 
@@ -121,13 +122,24 @@ class FloatingKinematics:
         """See `Kinematics.some`."""
         result = copy.copy(self)
         result.nodes, result.arms, result.rows = self.nodes[index], self.arms[index], self.rows[node_dofs(index)]
+        result.start = self.start[index]
         return result
 
     def displaced(self, by: Array) -> FloatingKinematics:
         """See `Kinematics.displaced`."""
         result = copy.copy(self)
-        result.arms = self.arms + by
+        result.arms, result.start = self.arms + by, self.start + by @ self._axes_at_start.T
         return result
+
+    def seen_from(self, point: Array) -> FloatingKinematics:
+        """See `Kinematics.seen_from`."""
+        result = copy.copy(self)
+        result.start = self.start - point
+        return result
+
+    @property
+    def _axes_at_start(self) -> Array:
+        return rotation_matrix(self.rotation) @ self.node_axes.T
 
     def frame(self, q: Array) -> tuple[Array, Array]:
         """See `Kinematics.frame`; the origin is the centre of mass."""
@@ -202,7 +214,7 @@ class FloatingKinematics:
 
     def place(self, q: Array) -> Array:
         """See `Kinematics.place`."""
-        return loops.places(q, self.origin, self.rotation, self.node_axes, self.arms, self.rows)
+        return loops.places(q, self.start, self.rotation, self.node_axes, self.arms, self.rows)
 
     def displacements(self, q: Array) -> Array:
         """See `Kinematics.displacements`."""

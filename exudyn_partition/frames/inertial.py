@@ -55,6 +55,12 @@ class InertialKinematics:
         result.arms, result.start = self.arms + by, self.start + by
         return result
 
+    def seen_from(self, point: Array) -> InertialKinematics:
+        """See `Kinematics.seen_from`."""
+        result = copy.copy(self)
+        result.start = self.start - point
+        return result
+
     def frame(self, q: Array) -> tuple[Array, Array]:
         """See `Kinematics.frame`; the origin is the centre of mass at the start."""
         origin, axes = self.position + self.body.centre_of_mass, np.eye(3)

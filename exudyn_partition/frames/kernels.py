@@ -125,13 +125,68 @@ def on_shapes(rows: Array, forces: Array) -> Array:
 
 
 @compiled
-def places(q: Array, origin: Array, rotation: Array, node_axes: Array, arms: Array, rows: Array) -> Array:
-    """Places of nodes, (k, 3) [m], see `FloatingKinematics.place`."""
-    axes, result = _axes(q, rotation, node_axes), np.empty((len(arms), 3))
+def _turning(x: float, y: float, z: float) -> Array:
+    """Matrix of the cross product with a vector, (3, 3)."""
+    turn = np.zeros((3, 3))
+    turn[0, 1], turn[0, 2], turn[1, 2] = -z, y, -x
+    turn[1, 0], turn[2, 0], turn[2, 1] = z, -y, x
+    return turn
+
+
+@inlined
+def _sines(part: float, before: float, after: float, longer: float) -> tuple[float, float, float]:
+    """See `rotations._sines`."""
+    of_start = math.sin(part * before) / before if before > 0.0 else part
+    of_end = math.sin(part * after) / after if after > 0.0 else part
+    if 2 * abs(longer) < after:
+        sine = 2 * math.cos(part * (before + after) / 2) * math.sin(part * longer / 2)
+        return of_start, of_end, (sine - of_start * longer) / after
+    return of_start, of_end, of_end - of_start
+
+
+@inlined
+def _change_of_axes(q: Array, rotation: Array, node_axes: Array) -> Array:
+    """Change of `_axes` from q = 0, (3, 3), see `rotations.rotation_change`."""
+    u, v, w = rotation[0], rotation[1], rotation[2]
+    p, r, s = q[3], q[4], q[5]
+    x, y, z = u + p, v + r, w + s
+    before, after = math.sqrt(u * u + v * v + w * w), math.sqrt(x * x + y * y + z * z)
+    longer = p * (u + x) + r * (v + y) + s * (w + z)
+    if before + after > 0.0:
+        longer /= before + after
+    _, a, a_more = _sines(1.0, before, after, longer)
+    h_start, h, h_more = _sines(0.5, before, after, longer)
+    b, b_more = 2 * h * h, 2 * (h_start + h) * h_more
+    turn, more, turned = _turning(u, v, w), _turning(p, r, s), _turning(x, y, z)
+    change, result = np.empty((3, 3)), np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            total = a * more[i, j] + a_more * turn[i, j]
+            for k in range(3):
+                total += b * (more[i, k] * turned[k, j] + turn[i, k] * more[k, j]) + b_more * turn[i, k] * turn[k, j]
+            change[i, j] = total
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                result[i, j] += change[i, k] * node_axes[j, k]
+    return result
+
+
+@compiled
+def places(q: Array, start: Array, rotation: Array, node_axes: Array, arms: Array, rows: Array) -> Array:
+    """Places of nodes, (k, 3) [m], see `loops.places`."""
+    axes, change = _axes(q, rotation, node_axes), _change_of_axes(q, rotation, node_axes)
+    result = np.empty((len(arms), 3))
     for node in range(len(arms)):
-        x, y, z = _moved(arms, rows, q, node, 0), _moved(arms, rows, q, node, 1), _moved(arms, rows, q, node, 2)
+        x = y = z = 0.0
+        for k in range(rows.shape[1]):
+            x += rows[3 * node, k] * q[6 + k]
+            y += rows[3 * node + 1, k] * q[6 + k]
+            z += rows[3 * node + 2, k] * q[6 + k]
         for i in range(3):
-            result[node, i] = origin[i] + q[i] + axes[i, 0] * x + axes[i, 1] * y + axes[i, 2] * z
+            way = q[i] + axes[i, 0] * x + axes[i, 1] * y + axes[i, 2] * z
+            way += change[i, 0] * arms[node, 0] + change[i, 1] * arms[node, 1] + change[i, 2] * arms[node, 2]
+            result[node, i] = start[node, i] + way
     return result
 
 
@@ -381,15 +436,6 @@ def stiffening_in_step(
         return linear, True
     anchor[:], at_anchor[:] = q, force
     return force, False
-
-
-@compiled
-def _turning(x: float, y: float, z: float) -> Array:
-    """Matrix of the cross product with a vector, (3, 3)."""
-    turn = np.zeros((3, 3))
-    turn[0, 1], turn[0, 2], turn[1, 2] = -z, y, -x
-    turn[1, 0], turn[2, 0], turn[2, 1] = z, -y, x
-    return turn
 
 
 @compiled

@@ -47,6 +47,8 @@ class Kinematics(Protocol):
         From the centre of mass to these nodes, undeformed, in the body's axes [m].
     rows : (3k, n) array or csr matrix
         Displacements of these nodes in the body's axes, by the coordinates of the motion within the frame.
+    start : (k, 3) array
+        Places of these nodes at q = 0 [m].
     """
 
     linear: bool
@@ -58,6 +60,7 @@ class Kinematics(Protocol):
     nodes: Array
     arms: Array
     rows: Array | sp.csr_matrix
+    start: Array
 
     def at(self, nodes: Array) -> Kinematics:
         """Kinematics of other nodes, (k,) int array."""
@@ -67,6 +70,12 @@ class Kinematics(Protocol):
 
     def displaced(self, by: Array) -> Kinematics:
         """Kinematics of places beside its nodes, which move with them; `by`, (k, 3) [m], is in the body's axes."""
+
+    def seen_from(self, point: Array) -> Kinematics:
+        """The same kinematics, but with places of nodes that count from a point of space, (3,) [m].
+
+        Numbers near zero have small rounding errors. Frame and velocities are those of space.
+        """
 
     @property
     def from_basis(self) -> sp.csr_matrix:

@@ -16,7 +16,7 @@ from ..support.arrays import Array
 from ..support.compiled import kernels
 from .inertia import Inertia
 from .kinematics import Rows, node_fields
-from .rotations import rotation_matrix, total_moment
+from .rotations import rotation_change, rotation_matrix, total_moment
 
 if TYPE_CHECKING:
     from .kernels import Fixed
@@ -49,23 +49,28 @@ def on_shapes(rows: Rows, forces: Array) -> Array:
     return generalised
 
 
-def places(q: Array, origin: Array, rotation: Array, node_axes: Array, arms: Array, rows: Array) -> Array:
+def places(q: Array, start: Array, rotation: Array, node_axes: Array, arms: Array, rows: Array) -> Array:
     """Places of nodes, (..., k, 3) [m], of a body in a floating frame at coordinates q, (..., 6 + n).
+
+    They are sums of the places at q = 0 and of the ways from there, whose rounding errors are relative to the ways.
 
     Parameters
     ----------
     q : (..., 6 + n) array
-    origin, rotation, node_axes : (3,), (3,), (3, 3) arrays
-        Place of the frame [m], rotation vector and axes of its node at q = 0, see `FloatingKinematics`.
+    start : (k, 3) array
+        Places at q = 0 [m].
+    rotation, node_axes : (3,), (3, 3) arrays
+        Rotation vector and axes of the frame's node at q = 0, see `FloatingKinematics`.
     arms : (k, 3) array
         Nodes of the undeformed body, in its axes [m].
     rows : (3k, n) array
     """
     if q.ndim == 1 and (compiled := kernels("frames")):
-        found: Array = compiled.places(q, origin, rotation, node_axes, arms, rows)
+        found: Array = compiled.places(q, start, rotation, node_axes, arms, rows)
         return found
-    A, local = _axes(q, rotation, node_axes), arms + node_fields(rows, q[..., 6:])
-    place: Array = (origin + q[..., :3])[..., None, :] + local @ A.swapaxes(-1, -2)
+    A, change = _axes(q, rotation, node_axes), rotation_change(rotation, q[..., 3:6]) @ node_axes.T
+    way = q[..., None, :3] + node_fields(rows, q[..., 6:]) @ A.swapaxes(-1, -2) + arms @ change.swapaxes(-1, -2)
+    place: Array = start + way
     return place
 
 

@@ -45,6 +45,39 @@ def _one_rotation_matrix(x: float, y: float, z: float) -> Array:
     return np.array([[1.0 - yy - zz, xy - z, xz + y], [xy + z, 1.0 - xx - zz, yz - x], [xz - y, yz + x, 1.0 - xx - yy]])
 
 
+def rotation_change(v: Array, way: Array) -> Array:
+    """Change of the rotation matrix, (..., 3, 3), from a rotation vector v, (3,), to v + way, with way (..., 3) [rad].
+
+    Its rounding error is relative to the change. The difference of two matrices has that of the matrices. With
+    a = sin(t) / t, h = sin(t / 2) / t and b = 2 h^2 for an angle t, a matrix is 1 + a v x + b v x v x.
+    """
+    end = v + way
+    before, after = float(np.linalg.norm(v)), np.linalg.norm(end, axis=-1)
+    both = before + after
+    longer = np.einsum("...i,...i->...", way, v + end) / np.where(both > 0.0, both, 1.0)  # after - before
+    (_, a_end, a_more), (h, h_end, h_more) = (_sines(part, before, after, longer) for part in (1.0, 0.5))
+    b, b_more = (np.asarray(value)[..., None, None] for value in (2 * h_end**2, 2 * (h + h_end) * h_more))
+    turn, more, turned = skew(v), skew(way), skew(end)
+    change: Array = (
+        np.asarray(a_end)[..., None, None] * more
+        + np.asarray(a_more)[..., None, None] * turn
+        + b * (more @ turned + turn @ more)
+        + b_more * (turn @ turn)
+    )
+    return change
+
+
+def _sines(part: float, before: float, after: Array, longer: Array) -> tuple[float, Array, Array]:
+    """sin(part t) / t of an angle before and after a change by `longer`, (...), and how much more the latter is."""
+    of_end = part * np.sinc(part * after / np.pi)
+    of_start = float(part * np.sinc(part * before / np.pi))
+    more = of_end - of_start
+    little = 2 * abs(longer) < after
+    size = np.where(little, after, 1.0)
+    sine = 2 * np.cos(part * (before + after) / 2) * np.sin(part * longer / 2)
+    return of_start, of_end, np.where(little, (sine - of_start * longer) / size, more)
+
+
 def total_moment(arms: Array, forces: Array) -> Array:
     """Sum of arms x forces, (3,), of k arms and forces, (k, 3); without the single products, which np.cross makes."""
     (_, xy, xz), (yx, _, yz), (zx, zy, _) = (arms.T @ forces).tolist()

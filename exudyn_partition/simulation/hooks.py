@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,7 +12,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..contact.formulations.formulation import Method
-from ..contact.side import Side
 from ..errors import PartitionError
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import coordinate_slices, start_of_step, user_function
@@ -29,7 +29,7 @@ from .step_control import StepControl
 
 _RESIDUAL = 3e-18  # share of forces that move bodies by their size in a period of f_cut: 1e-8 N for some centimetres
 _OVER = 1e-6  # share of a step: a run that has less time left is at its end
-_ROUNDINGS = 8  # number of roundings of a patch's places that reach its forces
+_ROUNDINGS = 4  # number of roundings of a patch's places that reach its forces
 _FAR = 1e-3  # share of a facet's size: largest motion in an iteration of bodies that springs hold
 _SLOW = 0.1  # rad/s, frequency of bodies on such springs if forces are balanced
 _PRESSED = 0.03  # of f_cut: frequency of bodies on such springs if contacts press them from the start
@@ -50,15 +50,14 @@ def residual(mbs: MainSystem, duration: float = 0.0) -> float:
 
     Residuals are generalised forces: those of modes are forces over the square root of a mass.
 
-    Gaps are differences of places in space and have their rounding errors. A stiff patch turns them into forces, and no
-    iteration reaches a smaller residual. So has the elastic force of a body that keeps nodes and flies far, in a run
-    of some duration [s].
+    Gaps are differences of places, which count from the contact, and have their rounding errors. A stiff patch turns
+    them into forces, and no iteration reaches a smaller residual. So has the elastic force of a body that keeps nodes
+    and flies far, in a run of some duration [s].
     """
     bodies, contacts = partition_items(mbs)
     goal = max((max(_RESIDUAL * _by_size(item), _rounding(mbs, item, duration)) for item in bodies), default=0.0)
     for contact in contacts:
-        extent = max(_largest_place(side) for side in contact.mechanics.gaps.sides)
-        goal = max(goal, _ROUNDINGS * np.finfo(float).eps * extent * _force_by_depth(contact))
+        goal = max(goal, _ROUNDINGS * np.finfo(float).eps * _extent(mbs, contact, duration) * _force_by_depth(contact))
     return goal or require("exudyn").SimulationSettings().timeIntegration.newton.absoluteTolerance
 
 
@@ -90,9 +89,7 @@ def _rounding(mbs: MainSystem, item: PartitionBody, duration: float) -> float:
     """
     if item.frame == "floating" or not len(item.body.basis.nodal):
         return 0.0
-    q_t = mbs.systemData.GetODE2Coordinates_t(require("exudyn").ConfigurationType.Initial)
-    momentum = item.kinematics.momentum(np.concatenate([q_t[own] for own in coordinate_slices(mbs, item)]))
-    way = np.ptp(item.body.points, axis=0).max() + duration * np.linalg.norm(momentum) / item.body.total_mass
+    way = np.ptp(item.body.points, axis=0).max() + duration * _speed(mbs, item)
     sums = abs(item.body.stiffness) @ abs(item.body.rigid[:, :3]).max(axis=1)
     return float(np.finfo(float).eps * way * np.linalg.norm(sums))
 
@@ -102,10 +99,27 @@ def _norm_of_weight(item: PartitionBody) -> float:
     return float(np.linalg.norm(item.kinematics.weight(np.array([0.0, 0.0, 1.0]))))
 
 
-def _largest_place(side: Side) -> float:
-    """Largest coordinate of a patch's nodes or of its frame's origin [m]: sums of both have its rounding error."""
-    origin, _ = side.kinematics.frame(np.zeros(side.n))
-    return max(float(abs(place).max()) for place in (side.surface.points, origin))
+def _speed(mbs: MainSystem, item: PartitionBody) -> float:
+    """Speed of a body's centre of mass at the start [m/s]."""
+    q_t = mbs.systemData.GetODE2Coordinates_t(require("exudyn").ConfigurationType.Initial)
+    momentum = item.kinematics.momentum(np.concatenate([q_t[own] for own in coordinate_slices(mbs, item)]))
+    return float(np.linalg.norm(momentum) / item.body.total_mass)
+
+
+def _extent(mbs: MainSystem, contact: PartitionContact, duration: float) -> float:
+    """How far from its centre a contact may be in a run of some duration [s]: places have the rounding errors of it.
+
+    Bodies fly at their first speed, and fall. Farther than by their size they have left the contact.
+    """
+    gaps = contact.mechanics.gaps
+    far = max(gaps.clearance, 0.0) if math.isfinite(gaps.clearance) else 0.0
+    for item, _ in contact.sides:
+        speed = _speed(mbs, item)
+        if item.weight is not None:
+            falling = item.kinematics.momentum(item.weight / item.kinematics.mass) / item.body.total_mass
+            speed += duration * float(np.linalg.norm(falling))
+        far += min(duration * speed, float(np.ptp(item.body.points, axis=0).max()))
+    return far + max(float(abs(side.surface.points - side.centre).max()) for side in gaps.sides)
 
 
 class Watch:

@@ -127,7 +127,7 @@ def _warn_of_sinking(contact: PartitionContact, result: Result) -> None:
     (item, number), q = contact.sides[0], contact.slave.coordinates(now)
     for i, sample in enumerate(chosen):
         own = dents(int(sample))
-        places = side.dented(q[i], None if own is None else own[0])
+        places = side.centre + side.dented(q[i], None if own is None else own[0])
         depth = -gaps.surface.project((places - carried[i]) @ axes[i])[0]
         held = np.zeros(len(places), dtype=bool)
         held[closed[i].indices[closed[i].data > 0]] = True

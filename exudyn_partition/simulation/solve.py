@@ -48,6 +48,7 @@ from .velocity_error import TOLERANCE
 
 _log = logging.getLogger(__name__)
 
+_ABOVE = 8  # of the residual that rounding leaves: where implicit steps end, which keep their Jacobian
 _CONTRACTIVITY = 0.02  # contractivity of Newton's iterations above which the Jacobian is computed again
 _EARLY = 2e-10  # s; Exudyn's solvers stop ahead of their end time by less than this, for all steps
 _ROUNDING = 1e-3  # share of a step: rounding error of the time after very many steps
@@ -344,9 +345,10 @@ def _own_settings(mbs: MainSystem, method: Integrator, duration: float) -> Simul
     settings.solution.file.write = False
     integration = settings.timeIntegration
     integration.verboseMode = 0
-    # Stiff springs on light bodies have round-off above Exudyn's 1e-10, which Newton's method would never reach.
+    # Stiff springs on light bodies have round-off above Exudyn's 1e-10, which Newton's method would never reach. Near
+    # round-off, a step with an old Jacobian gains little, so that Exudyn would ask for new ones in vain.
     if method == "implicit":
-        integration.newton.absoluteTolerance = residual(mbs, duration)
+        integration.newton.absoluteTolerance = _ABOVE * residual(mbs, duration)
         # Exudyn finds this small part of the Jacobian of a spring on an interface by differences of all coordinates.
         integration.newton.numericalDifferentiation.jacobianConnectorDerivative = False
     # Where rows open or close, a new Jacobian costs less than the iterations that an old one takes.

@@ -44,6 +44,7 @@ _MOST_FALLS, _TOUCHING = 30, 1e-4  # bodies fall in steps until their gap is thi
 # Springs that hold a resting body begin anew where it has come to rest, until their pull is this share of its weight.
 _MOST_MOORINGS, _SLACK = 6, 1e-9
 _PULLED = 1e-2  # a larger share is no rest
+_RELATIVE = 1e-9  # share of the first forces that may stay without balance; a light body bears a tenth of these
 _STIFF = 100.0  # square of the springs' frequency, by that of a pendulum
 _MOST_DENSE = 1000  # largest number of coordinates for this check, which computes all eigenvalues
 _REMEDY = (
@@ -411,7 +412,8 @@ def _run(
         settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
         settings.solution.file.write = False
         settings.staticSolver.verboseMode = 0
-        settings.staticSolver.newton.absoluteTolerance = residual(mbs)
+        newton = settings.staticSolver.newton
+        newton.absoluteTolerance, newton.relativeTolerance = residual(mbs), _RELATIVE
     static = settings.staticSolver
     start, duration = float(static.loadStepStart), float(static.loadStepDuration)
     if not duration > 0:

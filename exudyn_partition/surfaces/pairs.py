@@ -155,17 +155,23 @@ class MovingPairs:
     ) -> None:
         """Project the points `lost` of those that were followed on all facets, and put their normals and gaps right.
 
-        Find out, too, which of them are past the edge.
+        Find out, too, which of them are past the edge. These are projected on their facets beyond it, as when they are
+        followed. So forces do not depend on when points were searched.
         """
-        found = closest_points(loops.at_points(points.nodes[lost], points.weights[lost], x_s), x_m[self.facets])
+        x = loops.at_points(points.nodes[lost], points.weights[lost], x_s)
+        found = closest_points(x, x_m[self.facets])
         facet, local, rest = self._here
+        searched = index[lost]
+        offset = np.where(self._at_rim(found.facet, found.local), found.offset, 0.0)
+        self._past[searched] = past = offset > _ON_EDGE * self.size
+        self._gone[searched] = gone = offset > EDGE_TOLERANCE * self.size
+        beyond = np.flatnonzero(past & ~gone)
+        if len(beyond):
+            own = found.facet[beyond]
+            found.put(beyond, follow(x[beyond], x_m[self.facets[own]], own, found.local[beyond]))
         facet[lost], local[lost] = found.facet, found.local
         rest[lost] = 0.0 if self._points is points else found.weights
-        searched = index[lost]
         self._facet[searched], self._local[searched] = found.facet, found.local
-        offset = np.where(self._at_rim(found.facet, found.local), found.offset, 0.0)
-        self._past[searched] = offset > _ON_EDGE * self.size
-        self._gone[searched] = gone = offset > EDGE_TOLERANCE * self.size
         normal[lost], gap[lost] = found.normal, np.where(gone, self.size, found.gap)
 
     @property

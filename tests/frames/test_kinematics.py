@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from oracles import PLACE, TURNED, without_numba
+from oracles import PLACE, TURNED, each_way, without_numba
 from scipy.spatial.transform import Rotation
 
 from exudyn_partition.frames import loops
@@ -57,6 +57,21 @@ def test_velocities_and_forces_of_nodes(kinematics):
     np.testing.assert_allclose(kinematics.generalised(q, forces), power, atol=1e-12 * abs(np.array(power)).max())
     np.testing.assert_allclose(
         kinematics.place(q), kinematics.place(np.zeros(n)) + kinematics.displacements(q), atol=1e-15
+    )
+
+
+def test_places_seen_from_near_have_rounding_errors_of_their_ways(kinematics):
+    """As large as ways of 1e-12 m allow, wherever the body is; far places alone have errors of 1e-17 m."""
+    rng = np.random.default_rng(4)
+    q = rng.standard_normal(kinematics.body.n_dofs)
+    expected = (kinematics.place(1e-5 * q) - kinematics.place(-1e-5 * q)) / 2e-5
+    here = kinematics.place(0 * q)
+    for found in each_way(lambda: [kinematics.seen_from(x).place(1e-12 * q)[i] for i, x in enumerate(here[:5])]):
+        np.testing.assert_allclose(np.array(found) / 1e-12, expected[:5], atol=1e-8 * abs(expected).max())
+    turned = 0.3 * q
+    np.testing.assert_allclose(*each_way(lambda: kinematics.place(turned)), atol=1e-15)
+    np.testing.assert_allclose(
+        kinematics.place(np.array([q, turned])), [kinematics.place(q), kinematics.place(turned)], atol=1e-14
     )
 
 

@@ -1,5 +1,6 @@
 """Bodies that come to rest under their weight: what is beneath carries it, and nothing moves afterwards."""
 
+import itertools
 import logging
 import warnings
 
@@ -8,6 +9,7 @@ import exudyn.itemInterface as items
 import netgen.occ as occ
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, ModelLimitWarning, RunError
@@ -118,6 +120,58 @@ def test_a_small_block_on_a_larger_one_settles_at_once(mbs, friction, caplog):
     weight = G * upper.total_mass
     assert seam.force(static)[-1] == pytest.approx(weight, rel=1e-5)
     assert floor.force(static)[-1] == pytest.approx(weight + G * lower.total_mass, rel=1e-5)
+
+
+@pytest.fixture(scope="module")
+def cube():
+    """A cube of 10 mm with patches below and on top."""
+    fem = ep.fe_model(occ.Box((-5e-3, -5e-3, 0), (5e-3, 5e-3, 10e-3)), ep.STEEL, maxh=4e-3)
+    foot, head = (
+        ep.Partition.ball(fem, (0, 0, z), 6e-3, direction=(0, 0, sign), axes="xyz", name=name)
+        for z, sign, name in ((0.0, -1, "foot"), (10e-3, 1, "head"))
+    )
+    return ep.reduce(fem, foot | head, f_cut=50e3)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.7])
+def test_supports_of_a_stack_carry_its_weight_wherever_it_stands(mbs, cube, tilt):
+    """Faces as stiff as these turn the rounding of a place 1 m from the origin into 1e-5 of a cube's weight."""
+    axes = about_z(0.4) if not tilt else Rotation.from_rotvec([tilt, 0.3, 0.2]).as_matrix()
+    up, place = axes[:, 2], np.array([0.8, -0.3, 1.1])
+    bodies = [
+        ep.CreatePartitionBody(
+            mbs, cube, frame="floating", gravity=-G * up, name=f"cube {i}",
+            referencePosition=place + axes @ [3e-4 * i, -2e-4 * i, 10e-3 * i], referenceRotationMatrix=axes,
+        )
+        for i in range(3)
+    ]  # fmt: skip
+    floor = ep.RigidPlane(point=place, normal=up)
+    faces = [ep.CreatePartitionContact(mbs, bodies[0], floor, slavePatch="foot", friction=0.4)] + [
+        ep.CreatePartitionContact(mbs, upper, lower, slavePatch="foot", masterPatch="head", friction=0.4)
+        for lower, upper in itertools.pairwise(bodies)
+    ]
+    mbs.Assemble()
+    static = ep.solve_static(mbs, load_steps=1)
+    weight = G * cube.total_mass
+    for face, above in zip(faces, (3, 2, 1), strict=True):
+        np.testing.assert_allclose(face.force_on_slave(static)[-1], above * weight * up, atol=4e-7 * weight)
+
+
+def test_stacked_cubes_stay_at_rest_in_the_steps_that_follow(mbs, cube):
+    """Rows of the upper one reach past the edge of the lower, and steps find them as statics did."""
+    options = {"frame": "floating", "gravity": (0.0, 0.0, -500 * G)}
+    lower, upper = (
+        ep.CreatePartitionBody(mbs, cube, referencePosition=place, **options) for place in ([0, 0, 0], [1e-3, 0, 10e-3])
+    )
+    floor = ep.CreatePartitionContact(mbs, lower, ep.RigidPlane(), slavePatch="foot", friction=0.3)
+    seam = ep.CreatePartitionContact(mbs, upper, lower, slavePatch="foot", masterPatch="head", friction=0.3)
+    mbs.Assemble()
+    ep.solve_static(mbs, load_steps=1)
+    result = ep.solve_dynamic(mbs, end_time=20e-6, step=2e-6, method="implicit", go_on=True)
+    weight = 500 * G * cube.total_mass
+    for contact, above in ((floor, 2), (seam, 1)):
+        forces = contact.force_on_slave(result)
+        np.testing.assert_allclose(forces, np.tile([0, 0, above * weight], (len(forces), 1)), atol=2e-5 * weight)
 
 
 def about_z(angle):

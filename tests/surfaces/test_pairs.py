@@ -8,6 +8,7 @@ import scipy.sparse as sp
 
 from exudyn_partition.surfaces.pairs import MovingPairs
 from exudyn_partition.surfaces.points import ContactPoints
+from exudyn_partition.surfaces.rows import EDGE_TOLERANCE
 from exudyn_partition.surfaces.surface import closest_points
 
 
@@ -40,3 +41,22 @@ def test_points_that_are_followed_over_facets_are_on_the_closest(round_body, fla
         found = closest_points(x, surface.points[facets])
         np.testing.assert_allclose(gap, found.gap, rtol=1e-4)
     assert (pairs.facet != start).mean() > 0.5
+
+
+@pytest.mark.usefixtures("each_path")
+def test_points_a_little_past_the_edge_have_the_same_carriers_when_searched_and_when_followed(flat_body):
+    """Those around the point itself, not around the nearest place of the patch, which would turn forces aside."""
+    surface = flat_body.surface(np.zeros(3))
+    facet, edge = np.nonzero(surface.neighbours[0] < 0)
+    ends = surface.points[surface.facets[facet[:, None], np.c_[edge, (edge + 1) % 3]]]
+    middle, centre = ends.mean(axis=1), surface.points[surface.facets[facet, :3]].mean(axis=1)
+    outwards = middle - centre
+    x = middle + 0.3 * EDGE_TOLERANCE * surface.facet_size * outwards / np.linalg.norm(outwards, axis=1)[:, None]
+    found = closest_points(x, surface.points[surface.facets])
+    pairs, alone = MovingPairs(surface, found.facet, found.local), single_points(len(x))
+    for _ in range(3):  # the first time all are searched
+        gap = pairs.follow(alone, np.arange(len(x)), x, surface.points)[1]
+        nodes, weights = pairs.carriers
+        on_patch = np.einsum("kn,kni->ki", weights, surface.points[nodes])
+        np.testing.assert_allclose(on_patch, x, atol=1e-6 * surface.facet_size)
+        np.testing.assert_allclose(gap, 0.0, atol=1e-9 * surface.facet_size)

@@ -129,7 +129,7 @@ def test_forces_that_were_kept_are_put_on_the_nodes_again(round_body, flat_body,
     found = fresh.forces_on_nodes(q, law.row_nodes[index], law.lam[index], law.traction[index])
     for again, told in zip(found, law.nodal_forces(), strict=True):
         np.testing.assert_allclose(again, told, rtol=0, atol=1e-4 * abs(told).max())
-    place, nodes = law.edge_reached(), law.gaps.places_now()[0]
+    place, nodes = law.edge_reached(), law.gaps.centre + law.gaps.places_now()[0]
     closed_at_edge = law.row_nodes[index[np.isfinite(law.gaps.leaves_at[index])]]
     assert abs(nodes[closed_at_edge] - place).max(axis=1).min() == 0.0
     law.closing(0.0 * q, 0.0 * q, 0.0 * q)  # as a run asks whose bodies have parted
