@@ -22,7 +22,6 @@ from ..errors import (
     StepSizeError,
 )
 from ..exudyn_bodies.model import coordinate_slices, validate_model
-from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.contact_run import ContactRun
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
@@ -445,15 +444,15 @@ def _step_control(
         velocity_tolerance = _velocity_tolerance(velocity_tolerance)
     longest = max(step, min(longest, sample_period or math.inf))
 
-    places = {item: joined_slices(coordinate_slices(mbs, item)) for item in bodies}
+    places = joined_slices([own for item in bodies for own in coordinate_slices(mbs, item)])
 
-    def state(item: PartitionBody) -> tuple[Array, Array, Array]:
-        data, own = mbs.systemData, places[item]
+    def state() -> tuple[Array, Array, Array]:
+        data = mbs.systemData
         views = data.GetODE2Coordinates, data.GetODE2Coordinates_t, data.GetODE2Coordinates_tt
-        if len(own) == 1:
-            q, q_t, q_tt = [get(copy=False)[own[0]].copy() for get in views]
+        if len(places) == 1:
+            q, q_t, q_tt = [get(copy=False)[places[0]].copy() for get in views]
         else:
-            q, q_t, q_tt = [np.concatenate([get(copy=False)[some] for some in own]) for get in views]
+            q, q_t, q_tt = [np.concatenate([[], *(get(copy=False)[own] for own in places)]) for get in views]
         return q, q_t, q_tt
 
     runs = runs_of(mbs)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -18,8 +19,9 @@ from ..support.arrays import Array, consecutive
 from ..support.checks import validate_array, validate_type
 from .contact_work import ContactWork
 from .velocity_error import BodyMotion, Judgement, VelocityError
+from .vibration import Vibration
 
-State = Callable[[PartitionBody], tuple[Array, Array, Array]]
+State = Callable[[], tuple[Array, Array, Array]]
 
 LONGEST = 100  # contact steps: default of the longest step, because a model's other items are not known
 GROWTH = 1.25  # from one step to the next; with twice the growth, generalized-alpha amplifies modes of high frequency
@@ -27,7 +29,9 @@ _WORTHWHILE = 1.1  # for less growth the step stays, and so do the factors of it
 UNRESOLVED = 1e-4  # share of the bodies' largest energy so far that steps need not resolve: 1 % of a velocity
 _CAUTION = 0.9  # share of the time to contact that is used: the error grows with the square of the step
 _FORESEEN = 4.0  # next steps: a contact that is further away than this in time is not predicted again
-_SIGHT = 16.0  # next steps: no prediction holds longer, for forces change
+_SIGHT = 16.0, 100.0  # next steps and contact steps: no prediction holds longer than both, for forces change
+_PATIENCE = 8  # most steps of the same length in free flight until vibration is looked at again
+_SHORT = 2.0  # contact steps: longer implicit steps follow each look at vibration, for some of them may last long
 _LANDING = 0.5  # share of the step at contact: time between the end of the last long step and contact
 _LIFTED = 2.0  # contact steps: longer steps in which a contact opens are taken again
 _LASTS = 3.0  # times from the closing of a contact to its largest force, after which it lasts
@@ -221,7 +225,8 @@ class StepControl:
     contacts : sequence of PartitionContact
     bodies : sequence of PartitionBody
     state : callable
-        Body -> its present coordinates, their velocities and accelerations, (n_dofs,) each.
+        Returns the present coordinates of all bodies, one body after the other, their velocities and accelerations,
+        (n,) each.
     run_of : callable
         Contact -> its state in the present run.
     step : float
@@ -255,13 +260,20 @@ class StepControl:
         self.contacts, self.bodies, self._state, self._run_of = contacts, bodies, state, run_of
         self.step, self.longest, self.gap_tolerance = step, longest, gap_tolerance
         self.unresolved, self._tolerance, self._work = unresolved, velocity_tolerance, work
-        self._floating = [item for item in bodies if isinstance(item.kinematics, FloatingKinematics)]
+        self._own = dict(zip(bodies, consecutive([item.body.n_dofs for item in bodies]), strict=True))
+        floating = [item for item in bodies if isinstance(item.kinematics, FloatingKinematics)]
+        self._spins = [slice(self._own[item].start + 3, self._own[item].start + 6) for item in floating]
+        self._vibration = Vibration(bodies)
         self._was_open = [False] * len(contacts)
         self._next, self._largest_energy, self._at_least = 0.0, 0.0, 0.0
         self._errors: VelocityError | None = None
         self._closings: list[Closing | None] = [None] * len(contacts)
         self._judged: Judgement | None = None  # of the step that was just taken
         self._foreseen = [0.0] * len(contacts)  # time for which each contact certainly stays open [s]
+        self._explicit = velocity_tolerance is None
+        may_change = gap_tolerance is not None or longest > _WORTHWHILE * step
+        self._constant = self._explicit and not may_change  # whether all steps have the same length
+        self._calm, self._waits = 0, 0  # looks in a row after which the step stayed; steps until the next look
 
     @property
     def pace(self) -> Pace:
@@ -281,9 +293,13 @@ class StepControl:
 
     def next_step(self, last: float) -> float:
         """Return the next step [s] after one of length `last` [s], from the state at its end."""
-        was_open, self._was_open = self._was_open, self._open()
+        if self._constant and last == self._next:
+            return last
+        was_open, self._was_open = self._was_open, [run.is_open for run in self._runs]
         changed = was_open != self._was_open
         self._foreseen = [0.0 if changed else time - last for time in self._foreseen]
+        if last == self._next and not changed and self._stays(last):
+            return last
         if self._tolerance is not None and not (self._at_least and self._errors):  # a run that goes on has judged it
             self._closings = [self._closing(i, last, was_open=was) for i, was in enumerate(was_open)]
             if not all(self._was_open):
@@ -293,13 +309,29 @@ class StepControl:
         self._judged = None
         last, self._at_least = max(last, self._at_least / GROWTH), 0.0
         self._next = self._allowed_step(last)
+        self._calm = min(max(1, 2 * self._calm), _PATIENCE) if self._next == last and not changed else 0
+        self._waits = self._calm
         if self._work is not None and self._next > _SAME * self.step and not all(self._was_open):
             self._work.begin_step()
         return self._next
 
-    def _open(self) -> list[bool]:
-        """Whether each contact is open."""
-        return [self._run_of(contact).is_open for contact in self.contacts]
+    @cached_property
+    def _runs(self) -> list[ContactRun]:
+        """State of each contact in the present run, which has begun."""
+        return [self._run_of(contact) for contact in self.contacts]
+
+    def _stays(self, last: float) -> bool:
+        """Whether a step follows one of the same length without a look at the bodies' motion.
+
+        Explicit steps in contact are those of an impact. In free flight vibration changes slowly. If it does not after
+        all, the shortest steps resolve it, and explicit ones, which stability limits, nearly so.
+        """
+        shortest = last == self.step and self.gap_tolerance is None  # no contact that closes makes it shorter
+        if not all(self._was_open):
+            return shortest and self._explicit
+        self._waits -= 1
+        short = self._explicit or last <= _SHORT * self.step
+        return self._waits >= 0 and short and (shortest or min(self._foreseen) >= _FORESEEN * last)
 
     def _judge(self, last: float, tolerance: float, *, changed: bool) -> None:
         """Take the error of a step in contact into account, and whether contacts have opened or closed in it."""
@@ -316,7 +348,7 @@ class StepControl:
         before = self._closings[i]
         if self._was_open[i] or (before is None and not was_open):
             return None
-        force = self._run_of(self.contacts[i]).normal_force
+        force = self._runs[i].normal_force
         return Closing(0.0, force, 0.0, force) if before is None else before.after(last, force)
 
     @property
@@ -328,13 +360,16 @@ class StepControl:
     def _allowed_step(self, last: float) -> float:
         in_contact, resolving, growth = not all(self._was_open), math.inf, GROWTH
         if in_contact and self._errors:
-            resolving, growth = min(self._errors.next_step(last, self._share), self._turning_step()), math.inf
+            resolving = min(self._errors.next_step(last, self._share), self._turning_step(self._state()[1]))
+            growth = math.inf
         elif in_contact:
             resolving = self.step
         limit = max(self.step, min(self.longest, resolving))
-        limit = min(limit, self._until_contact(min(limit, growth * last)))
         if limit > self.step and not in_contact:
             limit = max(self.step, min(limit, self._resolving_step()))
+        if last == self.step and limit <= _WORTHWHILE * last and self.gap_tolerance is None:
+            return last  # whenever the next contact closes
+        limit = min(limit, self._until_contact(min(limit, growth * last)))
         if last < limit <= _WORTHWHILE * last and limit != self.step:
             return last
         return min(limit, growth * last)
@@ -344,12 +379,12 @@ class StepControl:
 
         Explicit multipliers never close a gap too far: gaps are zero at the end of a step of any length.
         """
-        is_long, opened = taken > self.step * _SAME, False
-        for was_open, contact in zip(self._was_open, self.contacts, strict=True):
-            run = self._run_of(contact)
+        is_long, opened, tolerance = taken > self.step * _SAME, False, self.gap_tolerance
+        if not is_long and tolerance is None:
+            return None
+        for was_open, run in zip(self._was_open, self._runs, strict=True):
             is_open = run.is_open
             if was_open and not is_open and run.forward is None:
-                tolerance = self.gap_tolerance
                 if is_long or (tolerance is not None and -run.mechanics.least_gap > tolerance):
                     return 0.5 * taken
             opened |= is_open and not was_open
@@ -363,16 +398,14 @@ class StepControl:
 
     def _motion(self) -> BodyMotion:
         """Present motion of all bodies."""
-        states = [self._state(item) for item in self.bodies]
-        if len(states) == 1:
-            return BodyMotion(*states[0][1:])
-        return BodyMotion(*(np.concatenate([state[i] for state in states]) for i in (1, 2)))
+        return BodyMotion(*self._state()[1:])
 
     def _stored(self) -> float:
         """Energy that bodies and contacts store at present [J]."""
-        stored = sum(self._run_of(contact).mechanics.stored() for contact in self.contacts)
-        for item in self.bodies:
-            stored += float(item.body.strain_energy(item.kinematics.elastic(self._state(item)[0])))
+        stored = sum(run.mechanics.stored() for run in self._runs)
+        q = self._state()[0]
+        for item, own in self._own.items():
+            stored += float(item.body.strain_energy(item.kinematics.elastic(q[own])))
         return stored
 
     def _until_contact(self, step: float) -> float:
@@ -385,54 +418,30 @@ class StepControl:
             return limit
         for i, contact in enumerate(self.contacts):
             if self._was_open[i] and self._foreseen[i] < _FORESEEN * step:
-                time, speed = self._predicted(contact)
-                self._foreseen[i] = min(time, _SIGHT * step)
+                time, speed = self._predicted(contact, self._runs[i])
+                self._foreseen[i] = min(time, max(_SIGHT[0] * step, _SIGHT[1] * self.step))
                 touching = self.step
                 if self.gap_tolerance is not None and speed > 0:
                     touching = min(touching, self.gap_tolerance / speed)
                 limit = min(limit, max(touching, min(_CAUTION * time, time - _LANDING * touching)))
         return limit
 
-    def _predicted(self, contact: PartitionContact) -> tuple[float, float]:
+    def _predicted(self, contact: PartitionContact, run: ContactRun) -> tuple[float, float]:
         """Time to contact [s] and speed of approach then [m/s], from the present state."""
-        q, q_t, q_tt = (np.concatenate(parts) for parts in zip(*map(self._rigid, contact.sides), strict=True))
-        return _first_touch(*self._run_of(contact).closing(q, q_t, q_tt))
+        q, q_t, q_tt = self._state()
+        sides = [(item, self._own[item]) for item, _ in contact.sides]
+        # Accelerations of vibration change sign too soon: those of the rigid motion count alone.
+        motion = [(q[own], q_t[own], item.kinematics.rigid_part(q_tt[own])) for item, own in sides]
+        return _first_touch(*run.closing(*map(np.concatenate, zip(*motion, strict=True))))
 
-    def _rigid(self, side: tuple[PartitionBody, int]) -> tuple[Array, Array, Array]:
-        """State of a body with accelerations of its rigid motion alone: those of vibration change sign too soon."""
-        q, q_t, q_tt = self._state(side[0])
-        return q, q_t, side[0].kinematics.rigid_part(q_tt)
-
-    def _turning_step(self) -> float:
-        """Step that resolves rotation [s]."""
-        fastest = max((math.hypot(*self._state(item)[1][3:6]) for item in self._floating), default=0.0)
+    def _turning_step(self, q_t: Array) -> float:
+        """Step that resolves rotation at velocities q_t, (n,) [s]."""
+        fastest = max((math.hypot(*q_t[spin].tolist()) for spin in self._spins), default=0.0)
         return 2 * np.pi / (STEPS_A_PERIOD * fastest) if fastest else math.inf
 
     def _resolving_step(self) -> float:
         """Step that resolves vibration and rotation [s]."""
-        frequencies, energies, total = [np.empty(0)], [np.empty(0)], 0.0
-        for item in self.bodies:
-            q, q_t, _ = self._state(item)
-            f, energy = vibration(item, q, q_t)
-            frequencies.append(f)
-            energies.append(energy)
-            total += float(item.kinematics.kinetic_energy(q, q_t))
-        f, energy = np.concatenate(frequencies), np.concatenate(energies)
-        self._largest_energy = max(self._largest_energy, total)
-        order = np.argsort(f)[::-1]
-        resolved = np.flatnonzero(np.cumsum(energy[order]) > self.unresolved * self._largest_energy)
-        fastest = f[order][resolved[0]] if resolved.size else 0.0
-        return min(self._turning_step(), 1 / (STEPS_A_PERIOD * fastest) if fastest else math.inf)
-
-
-def vibration(item: PartitionBody, q: Array, q_t: Array) -> tuple[Array, Array]:
-    """Frequencies of a body's modes, (k,) [Hz], and the energy in each of them, (k,) [J].
-
-    A basis with nodal columns has no modes: all its vibration counts as if it had the frequency `f_cut`.
-    """
-    body = item.body
-    if body.n_shapes == body.n_dofs:
-        omega = body.basis.omega[6:]
-        return omega / (2 * np.pi), (q_t[6:] ** 2 + (omega * q[6:]) ** 2) / 2
-    q, q_t = item.kinematics.deformed(q), item.kinematics.deformed(q_t)
-    return np.array([body.f_cut]), np.array([q_t @ (body.mass @ q_t) + q @ (body.stiffness @ q)]) / 2
+        q, q_t, _ = self._state()
+        self._largest_energy = max(self._largest_energy, self._vibration.kinetic_energy(q_t))
+        fastest = self._vibration.fastest(q, q_t, self.unresolved * self._largest_energy)
+        return min(self._turning_step(q_t), 1 / (STEPS_A_PERIOD * fastest) if fastest else math.inf)

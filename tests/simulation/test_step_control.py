@@ -111,6 +111,60 @@ def test_two_equal_bodies_need_the_step_of_one_on_a_plane(marble):
     assert steps[0] == pytest.approx(steps[1], rel=0.1)
 
 
+class Watched:
+    """Motion of one marble, and how often somebody asked for it."""
+
+    def __init__(self, mbs, body):
+        self.item, self.asked = ep.CreatePartitionBody(mbs, body), 0
+        self.q, self.q_t, self.q_tt = np.zeros((3, body.n_dofs))
+        self.q_t[:] = 0.1 * body.rigid[:, 2]
+
+    def __call__(self):
+        self.asked += 1
+        return self.q, self.q_t, self.q_tt
+
+    def control(self, **options):
+        return StepControl([], [self.item], self, None, step=1e-8, **options)
+
+
+@pytest.mark.parametrize("tolerance", [None, 1e-3], ids=["explicit", "implicit"])
+def test_vibration_that_forbids_growth_is_looked_at_in_few_steps(mbs, marble, tolerance):
+    """And the step grows soon after it has faded."""
+    motion = Watched(mbs, marble)
+    motion.q_t[-1] = 1e-2  # the fastest mode, with more energy than all rigid motion
+    step = 1 / (25 * marble.basis.omega[-1] / (2 * np.pi))
+    control = StepControl([], [motion.item], motion, None, step=step, longest=1.0, velocity_tolerance=tolerance)
+    last, steps = step, 400
+    for _ in range(steps):
+        last = control.next_step(last)
+        assert last == step
+    assert motion.asked < steps / 7
+    motion.q_t[-1] = 0.0
+    taken = [last := control.next_step(last) for _ in range(20)]
+    assert np.count_nonzero(np.equal(taken, step)) <= 8
+    assert taken[-1] > 10 * step
+
+
+def test_steps_that_cannot_grow_need_no_look_at_the_motion(mbs, marble):
+    motion = Watched(mbs, marble)
+    control, last = motion.control(longest=1.05e-8), 1e-8
+    for _ in range(50):
+        last = control.next_step(last)
+        assert last == 1e-8
+    assert motion.asked <= 1
+
+
+def test_long_steps_get_shorter_as_soon_as_a_fast_mode_vibrates(mbs, marble):
+    """Implicit steps, which stability does not limit."""
+    motion, last = Watched(mbs, marble), 1e-8
+    control = motion.control(longest=1e-4, velocity_tolerance=1e-3)
+    for _ in range(60):
+        last = control.next_step(last)
+    assert last > 0.9e-4
+    motion.q_t[-1] = 1e-2
+    assert control.next_step(last) == pytest.approx(1 / (25 * marble.basis.omega[-1] / (2 * np.pi)))
+
+
 def test_time_to_contact_with_a_surface_that_a_body_carries(body):
     """The carrier rises at 0.2 m/s and turns, so that the plane's far side sinks."""
     mbs = exu.SystemContainer().AddSystem()
@@ -147,7 +201,7 @@ def test_a_body_that_spins_takes_25_steps_a_turn_at_least(mbs, marble):
     q_t = np.zeros(marble.n_dofs)
     q_t[3:6] = [300.0, 0.0, -400.0]
     state = np.zeros(marble.n_dofs), q_t, np.zeros(marble.n_dofs)
-    control = StepControl([], [item], lambda item: state, None, step=1e-9, longest=1.0)
+    control = StepControl([], [item], lambda: state, None, step=1e-9, longest=1.0)
     assert control.next_step(1.0) == pytest.approx(2 * np.pi / 500.0 / 25)
 
 
@@ -166,7 +220,7 @@ def test_predictions_are_few_until_a_contact_is_near(mbs, marble, gap_tolerance)
 
     contact, run = SimpleNamespace(sides=[(item, 0)]), SimpleNamespace(is_open=True, closing=closing)
     control = StepControl(
-        [contact], [item], lambda item: state, lambda contact: run,
+        [contact], [item], lambda: state, lambda contact: run,
         step=step, longest=longest, gap_tolerance=gap_tolerance,
     )  # fmt: skip
     while t < height / speed:
