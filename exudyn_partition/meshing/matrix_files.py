@@ -76,6 +76,8 @@ class FileMatrices:
         """
         wanted = validate_whole("labels", labels, "numbers of nodes, (n,)")
         check_indices("labels", wanted, (None,))
+        if not len(wanted):
+            raise InputError("labels: expected at least one node, got none")
         if len(np.unique(wanted)) < len(wanted):
             raise InputError("labels: expected each node once")
         nodes, directions = self._rows(wanted)

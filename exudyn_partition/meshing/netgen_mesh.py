@@ -19,7 +19,7 @@ from ..errors import InputError, MeshError, UnitsWarning
 from ..fe.patch_facets import show
 from ..fe.places import distance_within
 from ..support.arrays import Array
-from ..support.checks import validate_file, validate_number, validate_path, validate_positive
+from ..support.checks import listed, validate_file, validate_number, validate_path, validate_positive
 from ..support.foreign import NGSolveMesh, Shape, ShapeAssembly, ShapeSurface
 from ..support.machine import alone
 from ..support.optional import require
@@ -179,7 +179,8 @@ def surface_triangles(shape: Shape, maxh: float) -> tuple[Array, Array]:
 
 def regions_of(refine: object) -> list[Refine]:
     """Balls of an option `refine`, one or several."""
-    regions = [refine] if isinstance(refine, Refine) or not isinstance(refine, Iterable) else list(refine)
+    regions = [refine] if isinstance(refine, Refine) else listed(refine)
+    regions = [refine] if regions is None else regions
     found = [region for region in regions if isinstance(region, Refine)]
     if len(found) < len(regions):
         wrong = next(region for region in regions if not isinstance(region, Refine))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from ..reduction.body import ReducedBody
 from ..reduction.recovery import nodal_stresses, von_mises
 from ..reduction.static_answer import StaticAnswer
 from ..support.arrays import Array
-from ..support.checks import validate_items, validate_result
+from ..support.checks import listed, validate_items, validate_result
 
 Shown = PartitionBody | tuple[PartitionBody, FEModel]
 _NUMBERS_AT_ONCE = 20_000_000  # in one array of displacements at some samples
@@ -36,9 +36,8 @@ def shown_bodies(held: Sequence[PartitionBody], bodies: Sequence[Shown] | None) 
     expected = "bodies: expected a list of what CreatePartitionBody returns, or of pairs (body, fem) with its FE model"
     if bodies is None:
         bodies = held
-    if isinstance(bodies, str | Mapping) or not isinstance(bodies, Iterable):
+    if (found := listed(bodies)) is None:
         raise InputError(f"{expected}, got {type(bodies).__name__}")
-    found = list(bodies)
     if not found:
         raise InputError("bodies: there is no partition body to show; call CreatePartitionBody before")
     return found

@@ -121,7 +121,7 @@ def validate_scale(scale: float) -> float:
 
 def validate_pixels(size: tuple[int, int]) -> list[int]:
     """Check width and height of a picture."""
-    if not isinstance(size, Sequence | np.ndarray) or isinstance(size, str) or len(size) != 2:
+    if not isinstance(size, Sequence | np.ndarray) or isinstance(size, str) or np.shape(size) != (2,):
         raise InputError(f"size: expected width and height in pixels, such as {WINDOW}, got {size!r}")
     return [validate_integer("size", pixels, 1, _MOST_PIXELS) for pixels in size]
 

@@ -26,7 +26,7 @@ from ..plasticity.flow import von_mises as flow_von_mises
 from ..reduction.body import ReducedBody
 from ..reduction.static_answer import StaticAnswer
 from ..support.arrays import Array
-from ..support.checks import validate_callable, validate_choice, validate_flag, validate_result, validate_type
+from ..support.checks import listed, validate_callable, validate_choice, validate_flag, validate_result, validate_type
 from ..support.files import filling
 from ..support.progress import Progress, shown
 from .body_fields import BodyFields, Shown, contact_loads, shown_bodies, validate_contacts
@@ -178,9 +178,10 @@ def write_plastic_zones(folder: str | Path, contact: PartitionContact, result: R
 
 def _field_names(fields: Field | Iterable[Field]) -> list[Field]:
     """Names of fields without repetition."""
-    if not isinstance(fields, Iterable):
+    given = [fields] if isinstance(fields, str) else listed(fields)
+    if given is None:
         raise InputError(f"fields: expected names, {', '.join(map(repr, FIELDS))}, got {fields!r}")
-    names = [validate_choice("fields", name, FIELDS) for name in ([fields] if isinstance(fields, str) else fields)]
+    names = [validate_choice("fields", name, FIELDS) for name in given]
     if not names:
         raise InputError(f"fields: expected at least one of {', '.join(map(repr, FIELDS))}, got none")
     return list(dict.fromkeys(names))

@@ -549,9 +549,10 @@ class ReducedBody:
                 f"body: basis {self.basis.name!r} keeps nodes, and standard input data have modes alone; take "
                 "another basis of reduce()"
             )
-        of_nodes = np.asarray(self.rows(np.asarray(nodes))).reshape(-1, 3, self.n_dofs)[:, :, 6:]
+        numbers = validate_whole("nodes", nodes, "numbers of nodes of the FE model, (k,)")
+        of_nodes = np.asarray(self.rows(numbers)).reshape(-1, 3, self.n_dofs)[:, :, 6:]
         moved = [(joint.position, self.interface_rows(joint.name)[:, 6:]) for joint in self.partition.interfaces]
-        places = [place for place, _ in moved] + list(self.points[np.asarray(nodes, dtype=int)])
+        places = [place for place, _ in moved] + list(self.points[numbers])
         motions = [np.split(rows, 2) for _, rows in moved] + [[phi, np.zeros(phi.shape)] for phi in of_nodes]
         frames = [
             Frame(number, place - self.centre_of_mass, *motion, *map(self._elastic_stiffening, motion))

@@ -9,7 +9,7 @@ import operator
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -182,12 +182,22 @@ def validate_type(name: str, value: object, kind: type, source: str) -> None:
         raise InputError(f"{name}: expected what {source} returns, a {kind.__name__}, got {type(value).__name__}")
 
 
+def listed(values: Any) -> list[Any] | None:
+    """Items of a collection; None if the value is none: a number, a text, a mapping, an array without axes."""
+    if isinstance(values, str | bytes | Mapping):
+        return None
+    try:
+        items = iter(values)
+    except TypeError:
+        return None
+    return list(items)
+
+
 def validate_items(name: str, values: object, kind: type[Item], source: str) -> list[Item]:
     """Return `values` as a list of values of a kind; for `source` see `validate_type`."""
     expected = f"a list of what {source} returns, each a {kind.__name__}"
-    if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
+    if (items := listed(values)) is None:
         raise InputError(f"{name}: expected {expected}, got {_called(values)}")
-    items = list(values)
     for i, item in enumerate(items):
         if not isinstance(item, kind):
             raise InputError(f"{name}: expected {expected}, got {type(item).__name__} at index {i}")
@@ -205,6 +215,8 @@ def validate_result(value: object, name: str = "result") -> None:
 def validate_times(name: str, values: object, t: Array) -> Array:
     """Return times, (k,) [s], that lie within the samples `t` of a run, or raise `InputError`."""
     times = validate_array(name, values, (None,))
+    if not len(times):
+        raise InputError(f"{name}: expected at least one time, got none")
     slack = 1e-9 * (t[-1] - t[0])
     outside = (times < t[0] - slack) | (times > t[-1] + slack)
     if outside.any():
@@ -215,8 +227,8 @@ def validate_times(name: str, values: object, t: Array) -> Array:
 
 
 def validate_callable(name: str, value: object, expected: str) -> None:
-    """Raise unless `value` can be called; `expected` says with what."""
-    if not callable(value):
+    """Raise unless `value` can be called and is no class, as dict is; `expected` says with what."""
+    if not callable(value) or isinstance(value, type):
         raise InputError(f"{name}: expected {expected}, got {_called(value)}")
 
 

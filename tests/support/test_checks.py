@@ -12,10 +12,14 @@ import pytest
 from exudyn_partition.errors import InputError
 from exudyn_partition.support.checks import (
     check_floats,
+    listed,
     validate_array,
+    validate_callable,
     validate_integer,
+    validate_items,
     validate_number,
     validate_positive,
+    validate_times,
     validate_whole,
 )
 
@@ -169,3 +173,27 @@ def test_numbers_that_no_quantity_reaches_are_refused(value):
     """Their powers, or what they divide, would be zero or infinite."""
     with pytest.raises(InputError, match=r"^length: expected 1e-30 to 1e\+30 in m, got"):
         validate_positive("length", value, "m")
+
+
+@pytest.mark.parametrize("value", [np.array(1.0), np.array("a"), np.ma.masked, 1, "text", b"text", {"a": 1}, None])
+def test_what_has_no_items_is_no_list(value):
+    """Arrays without axes are iterable by their type, and raise an error of NumPy where somebody tries."""
+    assert listed(value) is None
+    with pytest.raises(InputError, match="gauges: expected a list of what"):
+        validate_items("gauges", value, int, "int()")
+
+
+@pytest.mark.parametrize("value", [(), [1, 2], np.arange(3), iter([1]), {1}])
+def test_all_that_has_items_is_a_list(value):
+    assert listed(value) is not None
+
+
+def test_a_class_is_no_function_of_the_share_done():
+    """Its call would make a value of it, or end in an error of Python."""
+    with pytest.raises(InputError, match="progress: expected a function, got type"):
+        validate_callable("progress", dict, "a function")
+
+
+def test_no_time_is_no_choice_of_times():
+    with pytest.raises(InputError, match="frames: expected at least one time"):
+        validate_times("frames", [], np.arange(3.0))

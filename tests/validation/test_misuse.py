@@ -27,6 +27,7 @@ SLOW = {
         "generate_mesh",
         "reduce",
         "reduce_pair",
+        "restitution_map",
         "solve_dynamic",
         "solve_static",
         "reference.simulate",

@@ -312,6 +312,7 @@ CALLS = {
             {
                 **v.NOTHING,
                 "number": 1,
+                "none": [],
                 "halves": [0.5],
                 "unknown": Made(lambda s: np.arange(s.fem.n_nodes) + 2),
                 "twice": Made(lambda s: np.ones(s.fem.n_nodes, dtype=int)),

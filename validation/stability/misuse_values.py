@@ -49,7 +49,7 @@ class WithUnit(np.ndarray):
 
 
 nan, inf = float("nan"), float("inf")
-NOTHING = {"None": None, "text": "x", "dict": {}, "object": object()}
+NOTHING = {"None": None, "text": "x", "dict": {}, "object": object(), "text without axes": np.array("x")}
 NUMBERS = {**NOTHING, "list": [1, 2], "complex": 1j, "nan": nan, "inf": inf, "text of a number": "1.0", "True": True}
 # What float() and NumPy read as numbers, and what loses its meaning on the way.
 NUMBERS |= {
@@ -109,8 +109,10 @@ text = Kind({"None": None, "number": 1, "bytes": b"x", "list": [], "NUL": "a\0b"
 choice = Kind({**NOTHING, "empty": "", "number": 1, "list": ["x"], "array": np.arange(3)})
 flag = Kind({"None": None, "text": "yes", "number": 2, "list": [], "half": 0.5}, False)
 patch = Kind({"unknown": "none", "negative": -1, "beyond": 99, "half": 0.5, "True": True, "list": [0], "dict": {}})
-function = Kind({"text": "x", "number": 1, "list": []}, None)
-times = Kind({**NOTHING, "nan": [nan], "beyond": [1.0], "negative": [-1.0], "no frames": 0, "half": 0.5, "-1": -1})
+function = Kind({"text": "x", "number": 1, "list": [], "class": dict}, None)
+times = Kind(
+    {**NOTHING, "nan": [nan], "none": [], "beyond": [1.0], "negative": [-1.0], "no frames": 0, "half": 0.5, "-1": -1}
+)
 samples = Kind({**NOTHING, "number": 1.0, "nested": [[0.0, 1.0]], "nan": [0, nan, 1], "texts": ["a", "b", "c"]})
 samples = samples.but(**{
     "durations": np.arange(101).astype("m8[us]"),
@@ -203,7 +205,7 @@ scale = positive.but(**{"1e300": 1e300})
 radius_of_two = limit.but("negative", **{"hollow of the other's radius": -0.01, "narrower hollow": -0.005})(0.01)
 numbers = Kind({**NOTHING, "halves": [0.5], "beyond": [10**6], "negative": [-1]}, np.arange(2))
 nodes = Kind({**NOTHING, "none": [], "halves": [0.5, 1.5, 2.5], "beyond": [0, 1, 10**6], "negative": [-1, 0, 1]})
-nodes = nodes.but(Trues=[True, False, True])(np.arange(12))
+nodes = nodes.but(ragged=[0, [0], 0], Trues=[True, False, True])(np.arange(12))
 motion = Kind({**NOTHING, "number": 1.0, "flat": np.zeros(3), "nan": np.full((1, 12), nan), "texts": [["a"]]})
 patches = Kind({"text": "x", "one": (0,), "beyond": (9, 9), "number": 1}, (None, None))
 runs = Kind({**NOTHING, "list": [1], "of numbers": {"a": 1.0}, "empty name": {"": None}})
