@@ -44,6 +44,11 @@ class Newmark:
         """Whether the method takes energy."""
         return self.gamma > 0.5
 
+    @property
+    def spectral_radius(self) -> float:
+        """Spectral radius at infinity of generalized-alpha; 1 for Newmark's method, whose damping is another one."""
+        return self.alpha_f / (1 - self.alpha_f) if self.alpha_m or self.alpha_f else 1.0
+
     def taken(self, t: Array, u: Array, v: Array, mass: Array) -> Array:
         """Energy that the method has taken since the start, (n,) [J].
 

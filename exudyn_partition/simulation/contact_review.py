@@ -26,6 +26,7 @@ _ASIDE = np.radians(30)  # angle from a patch's line of contact, or from the nor
 _SHARE_ASIDE = 0.1  # of the force that may be beyond this angle from the normals
 _FAR, _NEARER = 20.0, 0.01  # distance over the bodies' size that may be a wrong unit; share of it travelled
 _LARGE_STRAIN = 0.1  # equivalent plastic strain
+_TO_DAMP, _DAMPS = 0.3, 0.35  # spectral radius that damps unresolved ringing, and one from which on it need be smaller
 _LISTED = 5  # largest number of contacts that a warning lists
 _LOOKED_AT = 64  # largest number of samples at which velocities are checked
 
@@ -145,7 +146,8 @@ def _warn_of_few_rows(contact: PartitionContact, result: Result) -> None:
         f"{called(contact)} at t = {result.t[top]:.6g} s: {closed[top]} of {contact.n_rows} rows "
         f"{'is' if closed[top] == 1 else 'are'} closed at the peak of the force, {force[top]:.4g} N. The contact is "
         "smaller than the facets that should resolve it, so that it is too stiff. The force of an impact is too large "
-        "then, by a quarter and more; one that a spring or a load prescribes is right in the mean. Refine both meshes "
+        "then, by a quarter and more; one that a spring or a load prescribes is right in the mean. Refine "
+        f"{'both meshes' if len(contact.sides) > 1 else 'the mesh'} "
         f"there, from facets of {contact.slave_facet_size:.3g} m to a third of the contact's radius, see "
         "ep.hertz.contact_radius",
         ModelLimitWarning,
@@ -342,9 +344,8 @@ def _warn_of_facets(contact: PartitionContact, result: Result) -> bool:
             warnings.warn(
                 f"{called(contact)}: its force rings with {1e-3 * frequency:.3g} kHz{opens}, and {1e-3 * rate:.3g} "
                 f"thousand facets of {called(item)} slide by each second: probably the mesh excites the bodies on "
-                "their contact, so that they part though real ones would not. Take finer facets there, or "
-                f"{damping_steps(result.method, frequency, result.step)}, and take energy, as its report tells. "
-                "The page 'Contact' of the documentation has a section on ringing",
+                "their contact, so that they part though real ones would not. Take finer facets there"
+                f"{damping_steps(result, frequency)}. The page 'Contact' of the documentation has a section on ringing",
                 ModelLimitWarning,
                 stacklevel=5,
             )
@@ -352,11 +353,17 @@ def _warn_of_facets(contact: PartitionContact, result: Result) -> bool:
     return False
 
 
-def damping_steps(method: str, frequency: float, step: float) -> str:
-    """Advice of implicit steps that do not resolve a frequency [Hz], for a run of this method and step [s]."""
-    way = "spectral_radius=0.3" if method == "implicit" else "method='implicit' with spectral_radius=0.3"
-    least = f"{1 / frequency:.2g} s"
-    return f"{way} and steps of {least} or longer, which do not resolve this frequency (these are {step:.2g} s)"
+def damping_steps(result: Result, frequency: float) -> str:
+    """Advice of implicit steps that damp a frequency [Hz], as they do not resolve it; empty if the run has these."""
+    radius = 1.0 if result.newmark is None else result.newmark.spectral_radius
+    damps = [] if result.method == "implicit" and radius < _DAMPS else [f"spectral_radius={_TO_DAMP}"]
+    if result.step < 1 / frequency:
+        long = f"steps of {1 / frequency:.2g} s or longer, which do not resolve this frequency (these are "
+        damps.append(f"{long}{result.step:.2g} s)")
+    if not damps:
+        return ""
+    implicit = "" if result.method == "implicit" else "method='implicit' with "
+    return f", or {implicit}{' and '.join(damps)}, which take energy, as the report tells"
 
 
 def _sliding_speed(contact: PartitionContact, result: Result) -> float | None:

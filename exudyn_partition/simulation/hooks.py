@@ -393,7 +393,8 @@ def unsettled(mbs: MainSystem, said: str) -> str:
     ahead = [contact for contact in partition_items(mbs)[1] if contact.mechanics.ahead]
     names = ", ".join(repr(contact.name) for contact in ahead)
     of_contacts = f" with the multipliers of contact {names}" if ahead else ""
-    rows = ", rows='integrated' (their normals jump less)" if ahead else ""
+    jump = any(contact.rows == "node-to-segment" and len(contact.sides) > 1 for contact in ahead)
+    rows = ", rows='integrated' (their normals jump less)" if jump else ""
     return (
         f": Newton's iteration{of_contacts} does not converge, not even in the shortest step that it may take. Take a "
         f"shorter step{rows}, a finer mesh of the patches, or settings whose newton.maxIterations is larger"

@@ -8,6 +8,7 @@ import pytest
 
 import exudyn_partition as ep
 from exudyn_partition.errors import StoppedRunWarning
+from exudyn_partition.simulation.hooks import unsettled
 
 SPEED, END = 1.0, 60e-6  # of the ball, whose impact lasts some 50 us
 STEPS = (0.25e-6, 0.6e-6, 1.2e-6)
@@ -148,5 +149,15 @@ def test_a_run_that_does_not_converge_names_the_multipliers_and_what_helps(mbs, 
     settings = exu.SimulationSettings()
     settings.timeIntegration.verboseMode, settings.solution.file.write = 0, False
     settings.timeIntegration.newton.maxIterations, settings.timeIntegration.adaptiveStep = 1, False
-    with pytest.warns(StoppedRunWarning, match=r"multipliers of contact 'tip' does not converge.*shorter step"):
+    with pytest.warns(StoppedRunWarning, match=r"multipliers of contact 'tip' does not converge.*shorter step") as told:
         ep.solve_dynamic(mbs, end_time=END, step=0.4e-6, method="implicit", settings=settings)
+    assert "rows=" not in str(told[0].message)  # a plane has one normal
+
+
+@pytest.mark.parametrize(("rows", "helps"), [("node-to-segment", True), ("integrated", False)])
+def test_rows_whose_normals_jump_less_are_named_to_those_who_have_others(mbs, balls, rows, helps):
+    pair = [ep.CreatePartitionBody(mbs, ball, frame="floating", referencePosition=[0, 0, z]) for ball, z in zip(
+        balls, (1e-6, 0.0), strict=True)]  # fmt: skip
+    ep.CreatePartitionContact(mbs, *pair, formulation="lagrange", rows=rows)
+    mbs.Assemble()
+    assert ("rows='integrated'" in unsettled(mbs, "SolveDynamic terminated")) == helps

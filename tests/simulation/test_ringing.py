@@ -1,6 +1,7 @@
 """Forces that ring: flat faces and facets that pass by, told from real oscillations; impacts, speeds and means."""
 
 import re
+from types import SimpleNamespace
 
 import exudyn as exu
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.integrate import solve_ivp
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, ModelLimitWarning, YieldWarning
 from exudyn_partition.results.impacts import joined, ringing, rings_by_facets, running_mean
+from exudyn_partition.results.newmark import Newmark
 from exudyn_partition.simulation.contact_review import damping_steps
 
 LENGTH, SIDE, SPEED = 0.2, 0.01, 1.0
@@ -170,10 +172,27 @@ def test_facets_that_pass_are_told_from_a_follower_that_leaves_its_cam(wave, lif
         assert found == pytest.approx(rate, rel=0.1)
 
 
+def run_of(method, step, radius=None):
+    """As much of a result as the advice asks: method, step, and what generalized-alpha took of a spectral radius."""
+    alphas = {} if radius is None else {"alpha_m": (2 * radius - 1) / (1 + radius), "alpha_f": radius / (1 + radius)}
+    newmark = Newmark(**alphas, beta=0.25, gamma=0.5) if alphas else None
+    return SimpleNamespace(method=method, step=step, newmark=newmark)
+
+
 @pytest.mark.parametrize("method", ["explicit", "implicit"])
 def test_a_run_that_is_implicit_is_not_told_to_be(method):
     """It only needs other steps, and more damping of what they do not resolve."""
-    advice = damping_steps(method, 5e3, 1e-6)
+    advice = damping_steps(run_of(method, 1e-6, 0.9 if method == "implicit" else None), 5e3)
     assert ("method='implicit'" in advice) == (method == "explicit")
     assert "spectral_radius=0.3" in advice
     assert "steps of 0.0002 s or longer" in advice
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.3])
+def test_a_run_is_not_told_to_damp_as_it_does(radius):
+    """Only to take longer steps; and nothing, if it has these too."""
+    advice = damping_steps(run_of("implicit", 1e-6, radius), 5e3)
+    assert "spectral_radius" not in advice
+    assert "steps of 0.0002 s or longer" in advice
+    assert damping_steps(run_of("implicit", 3e-4, radius), 5e3) == ""
+    assert "longer" not in damping_steps(run_of("implicit", 3e-4, 0.9), 5e3)
