@@ -84,6 +84,20 @@ def broken_law(F, h, mu, lam):
 # Shapes and meshes.
 
 
+def rows_on_few_nodes(seed, rows=100, side=5, own=1e-5):
+    """Flexibility of the rows of a stiff body on a soft one with few nodes, (n, n), and the rows' places, (n, 2).
+
+    The soft body is a square of nodes that move each other as 1 / r. The rows' gaps are bilinear between them; `own` is
+    what a row gives way by itself.
+    """
+    line = np.linspace(-1, 1, side)
+    nodes = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
+    soft = 1 / (np.linalg.norm(nodes[:, None] - nodes, axis=2) + 1 / (side - 1))
+    places = np.random.default_rng(seed).uniform(-1, 1, (rows, 2))
+    hats = np.maximum(1 - abs(places[:, None] - nodes) * (side - 1) / 2, 0).prod(axis=2)
+    return hats @ soft @ hats.T + own * np.eye(rows), places
+
+
 def box(lx, ly, lz):
     """A box from the origin upwards, centred in x and y."""
     return occ.Box(occ.Pnt(-lx / 2, -ly / 2, 0), occ.Pnt(lx / 2, ly / 2, lz))

@@ -209,11 +209,29 @@ class BlockComplementarity:
             elif patience:
                 patience -= 1
             else:
-                wrong = _last_alone(wrong)
+                return self._whole(problems, h, fields)
             for key, some in wrong.items():
                 if some.any():
                     problems[key].take(problems[key].active ^ some)
         raise ComplementarityError(f"no active set of {rows} contact rows settled; the rows are nearly redundant")
+
+    def _whole(
+        self, problems: Mapping[int, Complementarity], h: Mapping[int, Array], fields: Mapping[int, Array]
+    ) -> dict[int, Array]:
+        """Return the forces, found by one matrix of all rows."""
+        m = self.amplitudes.shape[1]
+        some = (m * np.array([*problems])[:, None] + np.arange(m)).ravel()
+        across = scipy.linalg.block_diag(*(fields[key] for key in problems))
+        own = scipy.linalg.block_diag(*(problem.F for problem in problems.values()))
+        whole = Complementarity(own + across @ (self._core[some][:, some] @ across.T))
+        forces = whole.solve(np.concatenate([h[key] for key in problems]))
+        ends = np.cumsum([len(h[key]) for key in problems])[:-1]
+        lam = dict(zip(problems, np.split(forces, ends), strict=True))
+        for key, active in zip(problems, np.split(whole.active, ends), strict=True):
+            problems[key].take(active)
+        self._find_amplitudes(problems, h, fields)
+        self.pushed = {key: h[key] + fields[key] @ self.amplitudes[key] for key in problems}
+        return lam
 
     def flat(self, own: Sequence[Array], fields: Sequence[Array]) -> FlatBlocks:
         """Return the problem for compiled loops, without active rows.
@@ -279,14 +297,6 @@ def pooled(arrays: Sequence[Array]) -> tuple[Array, Array]:
             known[view] = known[content]
         starts.append(known[view])
     return np.concatenate([*parts, np.empty(0)]), np.array(starts, dtype=np.int64)
-
-
-def _last_alone(wrong: Mapping[int, Array]) -> dict[int, Array]:
-    """The last of the marked rows alone."""
-    result = {key: np.zeros_like(some) for key, some in wrong.items()}
-    key = [key for key, some in wrong.items() if some.any()][-1]
-    result[key][np.flatnonzero(wrong[key])[-1]] = True
-    return result
 
 
 def shared_fields(blocks: Sequence[Array]) -> Array:

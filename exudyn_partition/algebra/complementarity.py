@@ -38,9 +38,10 @@ class Complementarity:
     """Warm-started block principal pivoting (Júdice and Pires 1994).
 
     All rows that violate their condition change sides at once, as in a primal-dual active set (semi-smooth Newton). If
-    their number does not fall for some steps, only the row with the largest index changes (Murty). That ends after
-    finitely many steps for every symmetric positive definite F. The active set and its Cholesky factor are kept between
-    calls: with an unchanged set, a call costs one product and two triangular solves.
+    their number does not fall for some steps, single rows change (Lawson and Hanson 1974): the one that is violated
+    most comes in, and those whose forces would pull go. The energy 1/2 lambda'F lambda + h'lambda falls with each
+    change, so that this ends for every symmetric positive definite F. The active set and its Cholesky factor are kept
+    between calls: with an unchanged set, a call costs one product and two triangular solves.
 
     Parameters
     ----------
@@ -174,9 +175,45 @@ class Complementarity:
             elif patience:
                 patience -= 1
             else:
-                self.single_pivots += 1
-                last = np.flatnonzero(wrong)[-1]
-                wrong = np.zeros(len(h), dtype=bool)
-                wrong[last] = True
+                return self._one_by_one(h, np.maximum(lam, 0.0))
             self._set(self.active ^ wrong)
-        raise ComplementarityError(f"no active set of {len(h)} contact rows settled; the rows are nearly redundant")
+        raise self._not_settled()
+
+    def _one_by_one(self, h: Array, lam: Array) -> Array:
+        """Return lambda by changes of single rows, from forces that do not pull, (nc,)."""
+        self._set(lam > 0.0)
+        lowest, at_zero, worst = -ROUNDING * abs(h).max(), np.zeros(len(h), dtype=bool), 0
+        for _ in range(50 + 20 * len(h)):
+            lam = self._without_pull(h, lam)
+            if self.active[worst]:
+                at_zero[:] = False
+            w = h + self.F @ lam
+            w[self.active | at_zero] = np.inf
+            worst = int(w.argmin())
+            if w[worst] >= lowest:
+                return lam
+            at_zero[worst] = True  # if it goes at once, only rounding has violated it
+            active = self.active.copy()
+            active[worst] = True
+            self.single_pivots += 1
+            self._set(active)
+        raise self._not_settled()
+
+    def _without_pull(self, h: Array, lam: Array) -> Array:
+        """Least energy on the active rows, from lambda, (nc,), on the way to which rows go whose forces would pull."""
+        while self.index.size:
+            self.iterations += 1
+            now, least = lam[self.index], self.solve_active(-h[self.index])
+            pulls = least <= 0.0
+            share = np.divide(now, now - least, out=np.ones(len(now)), where=pulls)
+            way = share.min()
+            lam = np.zeros(len(h))
+            lam[self.index] = np.where(pulls & (share <= way), 0.0, now + way * (least - now))
+            if not pulls.any():
+                break
+            self._set(self.active & (lam > 0.0))
+        return lam
+
+    def _not_settled(self) -> ComplementarityError:
+        n = len(self.F)
+        return ComplementarityError(f"no active set of {n} contact rows settled; the rows are nearly redundant")

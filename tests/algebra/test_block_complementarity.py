@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg
+from oracles import rows_on_few_nodes
 
 from exudyn_partition.algebra.block_complementarity import BlockComplementarity, shared_fields
 from exudyn_partition.algebra.complementarity import Complementarity
@@ -41,6 +42,32 @@ def test_blocks_have_the_answer_of_the_whole_matrix(strength, each_path):
         h = np.random.default_rng(seed).normal(size=(BLOCKS, 9)) - 0.3
         found = blocks.solve(problems, dict(enumerate(h)), fields)
         np.testing.assert_allclose(np.concatenate([*found.values()]), whole.solve(h.ravel()), atol=1e-10)
+
+
+def test_blocks_of_many_stiff_rows_on_few_soft_nodes(each_path):
+    """Three stiff bodies on a soft one with few nodes, which they move as a whole."""
+    found = [rows_on_few_nodes(seed) for seed in range(3)]
+    own = {key: F for key, (F, _) in enumerate(found)}
+    h = {key: 0.02 * (places**2).sum(axis=1) - 1.0 for key, (_, places) in enumerate(found)}
+    fields, core = (
+        {key: np.ones((100, 1)) for key in own},
+        {(j, k): np.full((1, 1), 0.1) for j in own for k in own if j != k},
+    )
+    blocks = BlockComplementarity(len(own), core)
+    lam = np.concatenate([*blocks.solve({key: Complementarity(F) for key, F in own.items()}, h, fields).values()])
+    w = (
+        scipy.linalg.block_diag(*(F - 0.1 for F in own.values())) @ lam
+        + 0.1 * lam.sum()
+        + np.concatenate([*h.values()])
+    )
+    assert lam.min() >= 0.0
+    assert w.min() > -1e-9
+    assert abs(lam * w).max() < 1e-9 * lam.max()
+    np.testing.assert_allclose(
+        np.concatenate([*blocks.pushed.values()])[lam > 0],
+        (w - scipy.linalg.block_diag(*own.values()) @ lam)[lam > 0],
+        atol=1e-9,
+    )
 
 
 def test_fields_that_have_changed_are_taken_with_the_same_active_rows(each_path):

@@ -5,6 +5,7 @@ import pytest
 import scipy.optimize
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from oracles import rows_on_few_nodes
 
 from exudyn_partition.algebra import complementarity
 from exudyn_partition.algebra.complementarity import Complementarity
@@ -42,6 +43,19 @@ def test_complementarity_conditions(patience, seed, n, shift):
             np.testing.assert_allclose(lam, expected, atol=1e-6 * (1 + expected.max()))
     finally:
         complementarity.PATIENCE = before
+
+
+@pytest.mark.parametrize("own", [1e-3, 1e-5, 1e-7])
+@pytest.mark.parametrize("curvature", [0.0, 0.02, 0.3])
+def test_many_stiff_rows_on_few_soft_nodes(own, curvature):
+    """As of a steel ball with a fine mesh on rubber with a coarse one: some rows for each node would do."""
+    for seed in range(3):
+        F, places = rows_on_few_nodes(seed, own=own)
+        h = curvature * (places**2).sum(axis=1) - 1.0
+        problem = Complementarity(F)
+        lam = problem.solve(h)
+        conditions(F, h, lam)
+        assert problem.iterations < 3 * len(h)
 
 
 def test_an_unchanged_active_set_takes_one_iteration():
