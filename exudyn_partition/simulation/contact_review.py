@@ -16,7 +16,7 @@ from ..exudyn_contacts.plastic_results import SIDES
 from ..results.impacts import Ringing, rings_by_facets
 from .passing_review import warn_of_passing
 from .penetration_review import warn_of_penetration
-from .result import Result, called
+from .result import Result, called, when
 
 _LARGE = 0.1  # share of the largest impulse: smaller impacts are not checked
 _STEPS_AN_IMPACT = 8  # fewer implicit steps do not resolve an impact
@@ -71,7 +71,7 @@ def _warn_of_patch(contact: PartitionContact, result: Result) -> None:
     remedy = "Give it more faces" if patch.wanders else f"Enlarge the contact radius of {partitions}"
     warnings.warn(
         f"{called(contact)} reached the edge of its patch {repr(patch.name) if patch.name else number} of "
-        f"{called(item)} at t = {time:.6g} s, {place} m; the force is too small from then on. {remedy}",
+        f"{called(item)} at {when(result, time)}, {place} m; the force is too small from then on. {remedy}",
         ContactPatchWarning,
         stacklevel=5,
     )
@@ -134,16 +134,16 @@ def _warn_of_few_rows(contact: PartitionContact, result: Result) -> None:
         return
     if np.isin(nodes, contact.mechanics.gaps.slave.surface.sharp).all():
         warnings.warn(
-            f"{called(contact)} at t = {result.t[top]:.6g} s: only a sharp corner or edge touches at the peak of the "
-            f"force, {force[top]:.4g} N. The stress there has no limit, so that no mesh resolves it: with finer facets "
-            f"the corner is softer. Impulse and motion are right; peak and duration are those of facets of "
+            f"{called(contact)} at {when(result, result.t[top])}: only a sharp corner or edge touches at the peak of "
+            f"the force, {force[top]:.4g} N. The stress there has no limit, so that no mesh resolves it: with finer "
+            f"facets the corner is softer. Impulse and motion are right; peak and duration are those of facets of "
             f"{contact.slave_facet_size:.3g} m. Where they matter, round the corner, by a radius that facets resolve",
             ModelLimitWarning,
             stacklevel=5,
         )
         return
     warnings.warn(
-        f"{called(contact)} at t = {result.t[top]:.6g} s: {closed[top]} of {contact.n_rows} rows "
+        f"{called(contact)} at {when(result, result.t[top])}: {closed[top]} of {contact.n_rows} rows "
         f"{'is' if closed[top] == 1 else 'are'} closed at the peak of the force, {force[top]:.4g} N. The contact is "
         "smaller than the facets that should resolve it, so that it is too stiff. The force of an impact is too large "
         "then, by a quarter and more; one that a spring or a load prescribes is right in the mean. Refine "
@@ -172,7 +172,7 @@ def _warn_of_direction(contact: PartitionContact, result: Result) -> None:
         aside = np.arccos(np.clip(sign * force @ line / np.linalg.norm(force), -1, 1))
         if aside > _ASIDE:
             warnings.warn(
-                f"{called(contact)} at t = {result.t[top]:.6g} s: the force on {name} is {np.degrees(aside):.0f} "
+                f"{called(contact)} at {when(result, result.t[top])}: the force on {name} is {np.degrees(aside):.0f} "
                 f"degrees off the line of contact of its patch, {patch.direction} in the body's axes. The patch yields "
                 "along that line only, so that the contact is too soft and the force too small. Give the partition "
                 'axes="xyz", or the direction of this force, or take Partition.surface',
@@ -195,9 +195,9 @@ def _warn_of_normals(contact: PartitionContact, side: int, result: Result, top: 
         if not np.setdiff1d(edges.sharp, edges.ends).size:
             chosen = 'Give its partition axes="xyz"'
         warnings.warn(
-            f"{called(contact)} at t = {result.t[top]:.6g} s: {aside:.0%} of the force on {contact.side_names[side]} "
-            "is more than 30 degrees off the normals of its nodes, as at edges between faces. The patch yields along "
-            f"these normals only, so that forces and pressures there are wrong. {chosen}",
+            f"{called(contact)} at {when(result, result.t[top])}: {aside:.0%} of the force on "
+            f"{contact.side_names[side]} is more than 30 degrees off the normals of its nodes, as at edges between "
+            f"faces. The patch yields along these normals only, so that forces and pressures there are wrong. {chosen}",
             ModelLimitWarning,
             stacklevel=6,
         )
@@ -402,7 +402,7 @@ def _warn_of_yield(contacts: Sequence[PartitionContact], rings: dict[int, Ringin
     others = f". It is the worst of {len(found)} contacts beyond first yield" if len(found) > 1 else ""
     peak = f". {rings[worst].beside(stress.yield_force)}" if worst in rings and stress.yield_force else ""
     warnings.warn(
-        f"{called(contact)} at t = {stress.time:.6g} s: {stress.advice(contact.side_names)}{others}{peak}",
+        f"{called(contact)} at {when(result, stress.time or 0.0)}: {stress.advice(contact.side_names)}{others}{peak}",
         YieldWarning,
         stacklevel=5,
     )

@@ -19,7 +19,7 @@ from ..fe.facets import area_vectors, facet_corners
 from ..fe.shapes import corners_of, shape_functions
 from ..support.arrays import Array
 from ..surfaces.surface import Surface, closest_points
-from .result import Result, called
+from .result import Result, called, when
 
 _LOOKED_AT, _STARTS = 64, 16  # largest number of samples, and of times of contact, at which nodes are checked
 _WITHIN = 0.01  # depth of an edge within another body, as a share of a facet's size
@@ -92,7 +92,7 @@ def warn_of_edges(contact: PartitionContact, result: Result) -> None:
             ("make it a partition body and ", "") if rigid else ("", ", or give that body first, with passes='given'")
         )
         warnings.warn(
-            f"{called(contact)} at t = {result.t[sample]:.6g} s: a sharp edge of {master} is {depth:.3g} m within "
+            f"{called(contact)} at {when(result, result.t[sample])}: a sharp edge of {master} is {depth:.3g} m within "
             f"{slave} at {where} m, with no closed row around. Rows are those of the slave, {slave}: faces of {master} "
             f"hold its edges, but nothing holds edges that cross, or edges of {master}. Round one of them by a radius "
             f"that facets resolve; or, if an edge of {master} meets a face, {first}add CreatePartitionContact of the "

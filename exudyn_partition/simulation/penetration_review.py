@@ -18,7 +18,7 @@ from ..support.arrays import Array
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from ..surfaces.surface import Surface
 from .crossing_edges import looked_at, neighbours, warn_of_edges
-from .result import Result, called
+from .result import Result, called, when
 
 _ENERGY = 1e-2  # energy that overlap at the start may store, as a share of the bodies' largest energy
 _MOVED = 0.1  # share of the stored energy: with less kinetic energy, bodies rest on each other and do not fly apart
@@ -139,8 +139,8 @@ def _warn_of_sinking(contact: PartitionContact, result: Result) -> None:
         worst = sunk[int(depth[sunk].argmax())]
         patch = item.body.partition.patches[number]
         warnings.warn(
-            f"{called(contact)} at t = {result.t[sample]:.6g} s: {depth[worst]:.3g} m of {called(item)} are below the "
-            f"rigid surface at {places[worst]} m, with no closed row around: a corner, an edge or a tip of patch "
+            f"{called(contact)} at {when(result, result.t[sample])}: {depth[worst]:.3g} m of {called(item)} are below "
+            f"the rigid surface at {places[worst]} m, with no closed row around: a corner, an edge or a tip of patch "
             f"{repr(patch.name) if patch.name else number} that is smaller than its facets. Integrated rows are means "
             "around nodes, which close there too late, so that it sinks in without a force. Sharp edges of patches of "
             "Partition.surface have rows of their own, but not those at which a curved face ends, and none with a "

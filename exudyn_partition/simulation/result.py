@@ -598,6 +598,11 @@ def cut(result: Result, count: int) -> Result:
     return replace(result, t=result.t[:count], sensors=sensors)
 
 
+def when(result: Result, time: float) -> str:
+    """Return the words that messages use for a time [s] of a run, or for a load factor of statics."""
+    return f"t = {time:.6g}{' of the load steps' if result.method == 'static' else ' s'}"
+
+
 def called(item: PartitionBody | StoredBody | PartitionContact | WorkSensor) -> str:
     """Return the name that messages use for a body, a contact or the sensor of work."""
     if isinstance(item, WorkSensor):

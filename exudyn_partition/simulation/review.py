@@ -20,7 +20,7 @@ from ..support.arrays import Array
 from ..support.foreign import MainSystem
 from .contact_review import warn_of_contacts
 from .dent_review import warn_of_dents
-from .result import Result, called, cut
+from .result import Result, called, cut, when
 from .spin_review import warn_of_spin
 from .yield_review import warn_of_bending
 
@@ -114,9 +114,9 @@ def _unbounded(item: PartitionBody, result: Result, small: Array) -> Array:
 def _warn_of_rotation(item: PartitionBody, result: Result) -> None:
     angle = np.linalg.norm(item.rigid_motion(item.coordinates(result))[:, 3:], axis=1)
     if angle.max() > _LARGEST_ROTATION:
-        when = result.t[int((angle > _LARGEST_ROTATION).argmax())]
+        turned = result.t[int((angle > _LARGEST_ROTATION).argmax())]
         warnings.warn(
-            f"body {item.name!r} has rotated by more than {_LARGEST_ROTATION} rad at t = {when:.6g} s: "
+            f"body {item.name!r} has rotated by more than {_LARGEST_ROTATION} rad at {when(result, turned)}: "
             "frame='inertial' takes rotations as small, results from then on are wrong by their square. Take "
             "frame='floating'",
             ModelLimitWarning,
@@ -127,11 +127,11 @@ def _warn_of_rotation(item: PartitionBody, result: Result) -> None:
 def _warn_of_strain(item: PartitionBody, result: Result, share: Array) -> None:
     """Warn of strain too large for a linear body; `share`, (n,), is the deformation over the body's size."""
     if share.max() >= _LARGEST_DEFORMATION:
-        when = result.t[int((share >= _LARGEST_DEFORMATION).argmax())]
+        start = result.t[int((share >= _LARGEST_DEFORMATION).argmax())]
         warnings.warn(
             f"{called(item)}: its contact patch has deformed by {share.max():.2g} of the body's size, from "
-            f"t = {when:.6g} s on by more than {_LARGEST_DEFORMATION}. The answer is that of linear elasticity, which "
-            "no material follows there. Check speeds, forces, units and the material",
+            f"{when(result, start)} on by more than {_LARGEST_DEFORMATION}. The answer is that of linear elasticity, "
+            "which no material follows there. Check speeds, forces, units and the material",
             ModelLimitWarning,
             stacklevel=4,
         )
@@ -147,9 +147,9 @@ def _warn_of_axial_forces(item: PartitionBody, result: Result) -> None:
         for own, how, changed in ((force, "compressed", "softer"), (-force, "pulled", "stiffer")):
             share = own.max() / link.buckling_load
             if share > _LARGEST_AXIAL:
-                when = result.t[int((own > _LARGEST_AXIAL * link.buckling_load).argmax())]
+                start = result.t[int((own > _LARGEST_AXIAL * link.buckling_load).argmax())]
                 warnings.warn(
-                    f"{called(item)} is {how} between its interfaces {between}, from t = {when:.6g} s on by up to "
+                    f"{called(item)} is {how} between its interfaces {between}, from {when(result, start)} on by up to "
                     f"{own.max():.4g} N, {share:.2g} of the {link.buckling_load:.4g} N at which it buckles, hinged at "
                     "both ends (a quarter of them, if one end is clamped and the other free). Its bending is linear; "
                     f"in truth it is {changed} by that share, so that frequencies and deflections are off. Reduce it "
@@ -165,13 +165,13 @@ def _warn_of_slopes(item: PartitionBody, result: Result) -> None:
         deformed = item.kinematics.deformed(item.coordinates(result))
         left = _LEFT_BY_SLOPES * squared_slope(item.body, link, deformed)
         if left.max() > _LARGEST_LEFT:
-            when = result.t[int((left > _LARGEST_LEFT).argmax())]
+            start = result.t[int((left > _LARGEST_LEFT).argmax())]
             between = " and ".join(map(repr, link.ends))
             warnings.warn(
-                f"{called(item)} bends between its interfaces {between}, from t = {when:.6g} s on by slopes of up to "
-                f"{np.sqrt(left.max() / _LEFT_BY_SLOPES):.2g} rad, root mean square. Geometric stiffness is linear in "
-                f"loads and right for small slopes: its resistance to bending is wrong by about {left.max():.2g}. Has "
-                "it buckled? Divide it into several bodies, or lower the load",
+                f"{called(item)} bends between its interfaces {between}, from {when(result, start)} on by slopes of up "
+                f"to {np.sqrt(left.max() / _LEFT_BY_SLOPES):.2g} rad, root mean square. Geometric stiffness is linear "
+                f"in loads and right for small slopes: its resistance to bending is wrong by about {left.max():.2g}. "
+                "Has it buckled? Divide it into several bodies, or lower the load",
                 ModelLimitWarning,
                 stacklevel=4,
             )

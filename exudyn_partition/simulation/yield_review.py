@@ -17,7 +17,7 @@ from ..fe.facets import by_shape, flat_triangles
 from ..fe.material import Material
 from ..fe.shapes import QUADS, shape_functions
 from ..support.arrays import Array
-from .result import Result, called
+from .result import Result, called, when
 
 _FACETS, _SAMPLES = 4000, 32  # largest number of facets, and of samples, that are looked at
 _AROUND = 1.0  # width around a patch where its contact decides, by the patch's size
@@ -42,7 +42,7 @@ def warn_of_bending(item: PartitionBody, result: Result) -> None:
         return
     top, place = np.unravel_index(stress.argmax(), stress.shape)
     warnings.warn(
-        f"{called(item)} at t = {result.t[some[top]]:.6g} s: the von Mises stress of its surface reaches "
+        f"{called(item)} at {when(result, result.t[some[top]])}: the von Mises stress of its surface reaches "
         f"{stress.max():.4g} Pa at {places[place]} m of its mesh, away from its contacts, "
         f"{stress.max() / material.yield_stress:.3g} times the yield stress of {material.yield_stress:.4g} Pa. Bodies "
         "yield in plastic zones beneath their patches alone, so that this one springs back. Lower the load, or take a "
