@@ -29,7 +29,7 @@ class KeptStrains:
     starts : (k + 1,) int array
         Places where the entries of each time begin.
     points : (m,) int array
-        Points that have flowed plastically.
+        Points that have flowed since the time before.
     strains : (m, 6) array
         Their plastic strains.
     """

@@ -195,7 +195,7 @@ class StoredRun:
 
 FILE = Format(
     name="result",
-    version=3,
+    version=4,
     units="SI (m, kg, s, N, rad), or the consistent units that the model was made in",
     classes=(StoredRun, Work, ItemMark, StoredBodyRun, StoredContactRun, Coulomb, OtherBody, *KEPT),
 )

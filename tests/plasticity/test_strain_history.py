@@ -28,6 +28,22 @@ def test_each_time_has_the_last_strain_before_it():
     np.testing.assert_array_equal(history.strain(numbers[2]), second.strain)
 
 
+def test_what_does_not_flow_any_more_takes_no_memory():
+    """Points flow one after the other, as a dent grows and springs back; states are read in any order."""
+    history, strain, states = StrainHistory(FIVE), np.zeros((len(FIVE), 6)), []
+    for t in FIVE:
+        strain = strain.copy()
+        strain[t] = 0.25 + t
+        states.append(PlasticState(strain, np.linalg.norm(strain, axis=1), np.zeros_like(strain)))
+        history.keep(float(t), states[-1])
+    assert [points.tolist() for points, _ in history.kept[1]] == [[0], [1], [2], [3], [4]]
+    for number in (4, 1, 2, 0, 3):
+        np.testing.assert_array_equal(history.strain(number), states[number].strain)
+    history.keep(2.0, states[0])  # again, otherwise
+    for number, expected in ((2, states[0]), (1, states[1]), (2, states[0])):
+        np.testing.assert_array_equal(history.strain(number), expected.strain)
+
+
 def test_a_sample_that_is_asked_for_again_replaces_the_first():
     history = StrainHistory(FIVE)
     for t, amount in ((0.0, 0.0), (1.0, 0.25), (1.0, 0.5)):
