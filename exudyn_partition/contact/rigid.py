@@ -53,11 +53,6 @@ class RigidPlane:
         """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3)."""
         return (x - self.point) @ self.normal, np.broadcast_to(self.normal, x.shape)
 
-    def nearest(self, x: Array) -> Array:
-        """The point of the plane that is nearest to a point x, (3,) [m]."""
-        value: Array = x - ((x - self.point) @ self.normal) * self.normal
-        return value
-
 
 @dataclass(frozen=True, eq=False)
 class RigidSphere:
@@ -179,8 +174,9 @@ class RigidGaps(Gaps):
         self.surface, self._pose, self._motion = surface, pose, motion
         self.carried, self._seen = pose is not None, surface
         if isinstance(surface, RigidPlane) and pose is None:
-            centre = surface.nearest(slave.surface.points.mean(axis=0))
-            slave, self._seen = slave.seen_from(centre), RigidPlane(np.zeros(3), surface.normal)
+            middle = slave.surface.points.mean(axis=0)
+            on_plane = middle - ((middle - surface.point) @ surface.normal) * surface.normal
+            slave, self._seen = slave.seen_from(on_plane), RigidPlane(np.zeros(3), surface.normal)
         self.sides = (slave,)
         self.n, self.size = slave.n, slave.surface.facet_size
         self._all = contact_points(slave.surface, kind)
