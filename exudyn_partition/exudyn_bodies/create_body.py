@@ -21,7 +21,7 @@ from ..frames.kinematics import FRAMES, FrameChoice
 from ..plasticity.flow import PlasticState, validate_state
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array, Vector
-from ..support.checks import validate_array, validate_choice, validate_flag, validate_number, validate_vector
+from ..support.checks import listed, validate_array, validate_choice, validate_flag, validate_number, validate_vector
 from ..support.foreign import MainSystem, NodeIndex, ObjectIndex
 from ..support.optional import require
 from .markers import EXUDYN_COLOUR
@@ -169,10 +169,9 @@ def CreatePartitionBody(
     velocity = validate_vector("initialVelocity", initialVelocity)
     angular_velocity = validate_vector("initialAngularVelocity", initialAngularVelocity)
     acceleration = validate_vector("gravity", gravity)
-    if isinstance(inertiaTerms, str) or not isinstance(inertiaTerms, Collection):
+    if (wanted := listed(inertiaTerms)) is None:
         raise InputError(f"inertiaTerms: expected a collection of {', '.join(TERMS)}, got {inertiaTerms!r}")
-    for term in inertiaTerms:
-        validate_choice("inertiaTerms", term, TERMS)
+    terms = [validate_choice("inertiaTerms", term, TERMS) for term in wanted]
     damping = _damping(damping, massProportionalDamping, stiffnessProportionalDamping)
     color, offsets = _look(body, superElement, color, superElementRigidMarkersOffsets)
     if frame == "auto":
@@ -191,7 +190,7 @@ def CreatePartitionBody(
             body, position, rotation, node_rotation=None if superElement else np.array(_APART)
         )
         loss = None if damping is None else damping_of(floating, damping)
-        item = _add_floating(mbs, floating, name, velocity, angular_velocity, inertiaTerms, loss)
+        item = _add_floating(mbs, floating, name, velocity, angular_velocity, terms, loss)
     item.damping = loss
     if damping is not None:
         _warn_if_overdamped(body, damping, loss)

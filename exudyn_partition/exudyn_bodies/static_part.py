@@ -104,7 +104,7 @@ def static_part(item: RecoveredBody, result: Samples, rows: sp.csr_matrix, fem: 
     check_static(item.body, fem)
     total = np.zeros((len(result.t), rows.shape[0]))
     own = [c for c in result.contacts if c.compliant and any(other == item for other, _ in c.sides)]
-    if item.body.basis.flexibility is None or not own:
+    if item.body.basis.flexibility is None or not own or not rows.shape[0]:
         return total
     answer = fem if isinstance(fem, StaticAnswer) else StaticAnswer(fem, item.body)
     # The flexibility is symmetric: the rows act as loads, and their answers are taken at the loaded nodes.

@@ -75,10 +75,10 @@ def from_feminterface(fem: FEMinterface, material: Material) -> FEModel:
         )
     try:
         model = FEModel(points, cells, mass, stiffness, cell_mass, material, {})
-    except MeshError as error:
-        if cells.shape[1] != _NODES["Tet4"]:
-            raise
-        raise MeshError(f"{error}{_STRAIGHT}") from error
+    except InputError as error:
+        if isinstance(error, MeshError) or cells.shape[1] != _NODES["Tet4"]:
+            raise  # straight sides do not mend a mesh
+        raise InputError(f"{error}{_STRAIGHT}") from error
     for nodes in fem.nodeSets:
         facets = np.flatnonzero(np.isin(model.facets, np.asarray(nodes["NodeNumbers"], dtype=np.int64)).all(axis=1))
         if len(facets):

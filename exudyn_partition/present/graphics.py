@@ -20,7 +20,14 @@ from ..exudyn_contacts.run_result import RunResult as Result
 from ..reduction.body import ReducedBody
 from ..reduction.static_answer import StaticAnswer
 from ..support.arrays import Array
-from ..support.checks import validate_choice, validate_integer, validate_number, validate_positive, validate_times
+from ..support.checks import (
+    shape_of,
+    validate_choice,
+    validate_integer,
+    validate_number,
+    validate_positive,
+    validate_times,
+)
 from .body_fields import BodyFields, Shown, contact_loads, shown_bodies
 
 GraphicsData = dict[str, object]  # in the format of Exudyn
@@ -121,7 +128,7 @@ def validate_scale(scale: float) -> float:
 
 def validate_pixels(size: tuple[int, int]) -> list[int]:
     """Check width and height of a picture."""
-    if not isinstance(size, Sequence | np.ndarray) or isinstance(size, str) or np.shape(size) != (2,):
+    if shape_of(size) != (2,):
         raise InputError(f"size: expected width and height in pixels, such as {WINDOW}, got {size!r}")
     return [validate_integer("size", pixels, 1, _MOST_PIXELS) for pixels in size]
 

@@ -31,6 +31,7 @@ from ..fe.model import FEModel
 from ..support.arrays import Array, Vector
 from ..support.checks import (
     read_only,
+    shape_of,
     validate_array,
     validate_items,
     validate_positive,
@@ -333,7 +334,7 @@ def von_mises(stress: Array) -> Array:
     InputError
         If the last axis is not of length six, or they are no finite numbers.
     """
-    shape = np.shape(stress) if isinstance(stress, np.ndarray | list | tuple) else ()
+    shape = shape_of(stress)
     if shape[-1:] != (6,):
         raise InputError(f"stress: expected six components on the last axis, got shape {shape}")
     stress = validate_array("stress", stress, (*[None] * (len(shape) - 1), 6))

@@ -187,10 +187,17 @@ def listed(values: Any) -> list[Any] | None:
     if isinstance(values, str | bytes | Mapping):
         return None
     try:
-        items = iter(values)
-    except TypeError:
+        return list(values)
+    except TypeError:  # also of sparse matrices that cannot be indexed
         return None
-    return list(items)
+
+
+def shape_of(values: object) -> tuple[int, ...]:
+    """Shape of an array, or of a list of equal lists; that without axes for all else."""
+    try:
+        return np.shape(values) if isinstance(values, np.ndarray | list | tuple) else ()
+    except ValueError:
+        return ()
 
 
 def validate_items(name: str, values: object, kind: type[Item], source: str) -> list[Item]:

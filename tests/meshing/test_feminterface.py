@@ -78,6 +78,14 @@ def test_linear_functions_on_curved_elements_are_refused():
         ep.from_feminterface(imported(mesh, 1), ep.STEEL)
 
 
+def test_straight_sides_are_advised_where_they_may_help():
+    """They make other matrices of the same mesh."""
+    mesh = ep.generate_mesh(shape(), maxh=0.03)
+    steel = ep.STEEL
+    with pytest.raises(InputError, match=r"a uniform .* stores .* mesh\.Curve"):
+        ep.from_feminterface(imported(mesh, 1), ep.Material(E=2 * steel.E, nu=steel.nu, rho=steel.rho))
+
+
 @pytest.mark.parametrize("kind", ["C3D10", "C3D8"])
 def test_a_mesh_and_matrices_of_abaqus(tmp_path, kind, bricks):
     """Text files as Abaqus writes them, with numbers from one."""

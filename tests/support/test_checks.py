@@ -8,11 +8,13 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from exudyn_partition.errors import InputError
 from exudyn_partition.support.checks import (
     check_floats,
     listed,
+    shape_of,
     validate_array,
     validate_callable,
     validate_integer,
@@ -175,7 +177,9 @@ def test_numbers_that_no_quantity_reaches_are_refused(value):
         validate_positive("length", value, "m")
 
 
-@pytest.mark.parametrize("value", [np.array(1.0), np.array("a"), np.ma.masked, 1, "text", b"text", {"a": 1}, None])
+@pytest.mark.parametrize(
+    "value", [np.array(1.0), np.array("a"), sp.dia_matrix(np.eye(3)), 1, "text", b"text", {"a": 1}, None]
+)
 def test_what_has_no_items_is_no_list(value):
     """Arrays without axes are iterable by their type, and raise an error of NumPy where somebody tries."""
     assert listed(value) is None
@@ -192,6 +196,13 @@ def test_a_class_is_no_function_of_the_share_done():
     """Its call would make a value of it, or end in an error of Python."""
     with pytest.raises(InputError, match="progress: expected a function, got type"):
         validate_callable("progress", dict, "a function")
+
+
+@pytest.mark.parametrize(("value", "shape"), [
+    (np.zeros((2, 6)), (2, 6)), ([[1, 2]], (1, 2)), ((), (0,)), ([0, [0], 0], ()), ("ab", ()), (None, ()), ({}, ()),
+])  # fmt: skip
+def test_what_is_no_array_has_the_shape_of_one_without_axes(value, shape):
+    assert shape_of(value) == shape
 
 
 def test_no_time_is_no_choice_of_times():
