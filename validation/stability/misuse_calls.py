@@ -796,6 +796,7 @@ NOT_CALLED = {
     },
     "PlasticState": _MADE_BY_US,
     **{f"PlasticState.{name}": _INSIDE for name in ("virgin", "at", "changed")},
+    "FEModel.shares_of_walls": _INSIDE,
     "FEModel.need_cells": _INSIDE,
     "Refine.n_elements": _INSIDE,
     "Partition.is_of": _INSIDE,
