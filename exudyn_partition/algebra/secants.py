@@ -11,8 +11,6 @@ import scipy.linalg
 from ..support.arrays import Array
 
 _TELLING = 1e-3  # change of a force, relative: smaller ones may be the rounding of an iteration that found it
-
-
 DEPTH = 8  # of Anderson's acceleration: number of earlier guesses that count
 
 
