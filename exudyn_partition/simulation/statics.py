@@ -413,7 +413,9 @@ def _run(
         settings.solution.file.write = False
         settings.staticSolver.verboseMode = 0
         newton = settings.staticSolver.newton
-        newton.absoluteTolerance, newton.relativeTolerance = residual(mbs), _RELATIVE
+        newton.absoluteTolerance = residual(mbs)
+        if all(contact.mechanics.zones is None for contact in partition_items(mbs)[1]):
+            newton.relativeTolerance = _RELATIVE  # forces of plastic zones are not known as closely
     static = settings.staticSolver
     start, duration = float(static.loadStepStart), float(static.loadStepDuration)
     if not duration > 0:
