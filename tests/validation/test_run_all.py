@@ -87,7 +87,7 @@ def test_failures_are_isolated_listed_and_what_is_done_is_not_done_again(scripts
     assert "good: done for" in capsys.readouterr().out
 
 
-# The scripts say so too: corrections of meshes that no promise is made for, and time in large plastic zones by an aim.
+# The script says so too: corrections of meshes that no promise is made for.
 BEYOND = {"correct: least"}
 
 
