@@ -150,7 +150,7 @@ class FirstRows:
 
     def spread(self, answered: Array) -> Array:
         """Displacements of all dofs, (n,) [m], by the forces that were answered."""
-        force, found = np.split(answered.astype(self._rows.dtype), 2)  # products of mixed precision are slow
+        force, found = np.split(answered, 2)  # a combination is in double precision: its shares may be large
         return np.concatenate([found, force @ self._rows[:, len(force) :]])[self._place]
 
 
