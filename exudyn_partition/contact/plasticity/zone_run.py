@@ -150,7 +150,9 @@ class FirstRows:
 
     def spread(self, answered: Array) -> Array:
         """Displacements of all dofs, (n,) [m], by the forces that were answered."""
-        force, found = np.split(answered, 2)  # a combination is in double precision: its shares may be large
+        # A combination stays in double precision. Rounding may decide in which iteration a step settles. So a run that
+        # goes on would differ from one run by what steps leave, not by rounding.
+        force, found = np.split(answered, 2)
         return np.concatenate([found, force @ self._rows[:, len(force) :]])[self._place]
 
 
