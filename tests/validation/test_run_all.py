@@ -51,7 +51,7 @@ def test_a_dask_worker_that_dies_loses_only_its_case(tmp_path):
 
 @pytest.fixture
 def scripts(tmp_path, monkeypatch):
-    """A folder with a script that holds, one that does not, one that hangs, and one that lacks what it needs."""
+    """A folder with scripts: one that holds, one that does not, one that hangs, one without an end, one that lacks."""
     folder = tmp_path / "validation"
     folder.mkdir()
     (folder / "good.py").write_text(
@@ -60,31 +60,42 @@ def scripts(tmp_path, monkeypatch):
     )
     (folder / "bad.py").write_text("import sys\nsys.exit('beyond the stated limits: y')\n")
     (folder / "hangs.py").write_text("import time\ntime.sleep(60)\n")
+    (folder / "busy.py").write_text("while True:\n    pass\n")
     (folder / "lacks.py").write_text("print('skipped: no other code here')\n")
     monkeypatch.setattr(run_all, "HERE", folder)
-    names = "good", "bad", "hangs", "lacks"
+    names = "good", "bad", "hangs", "busy", "lacks"
     cases = {name: run_all.Case(f"{name}.py", run_all.limits(("x",)), quick=()) for name in names}
     monkeypatch.setattr(run_all, "CASES", cases)
-    monkeypatch.setattr(run_all, "QUICK_LIMIT", 3.0)
+    monkeypatch.setattr(run_all, "QUICK_LIMIT", 2.0)
+    monkeypatch.setattr(run_all, "STALL", 4.0)
     return folder
 
 
 def test_failures_are_isolated_listed_and_what_is_done_is_not_done_again(scripts, monkeypatch, capsys):
     out = scripts / "out"
-    monkeypatch.setattr(sys, "argv", ["run_all.py", "--quick", "--out", str(out)])
-    with pytest.raises(SystemExit, match="failed: bad, hangs"):
+    monkeypatch.setattr(sys, "argv", ["run_all.py", "--quick", "--jobs", "5", "--out", str(out)])
+    with pytest.raises(SystemExit, match="failed: bad, hangs, busy"):
         run_all.main()
     page, text = (out / "report.html").read_text(), (out / "report.md").read_text()
     assert "| good | x | stated limit | 1 | 0.5 | yes |" in text
     assert "beyond the stated limits: y" in text
     assert "| lacks | not run |  |  | skipped: no other code here | skipped |" in text
-    assert "not done after 3 s" in page
+    assert "used no processor time for 4 s" in page
+    assert "not done after 2 s of processor time" in page
     assert run_all.commit() in page
     good = (out / "good.json").stat().st_mtime_ns
     with pytest.raises(SystemExit):
         run_all.main()
     assert (out / "good.json").stat().st_mtime_ns == good
     assert "good: done for" in capsys.readouterr().out
+
+
+def test_waiting_beside_other_work_costs_a_case_no_time(scripts, monkeypatch):
+    """A case that spends longer than its limit, but hardly any processor time, ends by itself."""
+    (scripts / "hangs.py").write_text("import time\ntime.sleep(3)\n")
+    record = run_all.run_case("hangs", str(scripts), True, "a commit")
+    assert record["code"] == 0
+    assert record["time_s"] > 3 > run_all.QUICK_LIMIT > record["processor_s"]
 
 
 # The script says so too: corrections of meshes that no promise is made for.
