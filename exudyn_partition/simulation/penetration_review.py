@@ -122,34 +122,35 @@ def _warn_of_sinking(contact: PartitionContact, result: Result) -> None:
     if motion is None:
         return
     carried, axes = motion
-    closed = contact.row_forces(now)
-    allowed, around = _allowed_depth(side.surface), neighbours(side.surface)
     (item, number), q = contact.sides[0], contact.slave.coordinates(now)
+    places = side.kinematics.place(q)
     for i, sample in enumerate(chosen):
-        own = dents(int(sample))
-        places = side.centre + side.dented(q[i], None if own is None else own[0])
-        depth = -gaps.surface.project((places - carried[i]) @ axes[i])[0]
-        held = np.zeros(len(places), dtype=bool)
-        held[closed[i].indices[closed[i].data > 0]] = True
-        # Beside a contact the coordinates alone also place the surface too deep. The contact's flexibility lifts it.
-        free = depth - depth[held].max(initial=0.0)
-        sunk = np.flatnonzero((free > allowed) & ~(held | (around @ held > 0)))
-        if not len(sunk):
-            continue
-        worst = sunk[int(depth[sunk].argmax())]
-        patch = item.body.partition.patches[number]
-        warnings.warn(
-            f"{called(contact)} at {when(result, result.t[sample])}: {depth[worst]:.3g} m of {called(item)} are below "
-            f"the rigid surface at {places[worst]} m, with no closed row around: a corner, an edge or a tip of patch "
-            f"{repr(patch.name) if patch.name else number} that is smaller than its facets. Integrated rows are means "
-            "around nodes, which close there too late, so that it sinks in without a force. Sharp edges of patches of "
-            "Partition.surface have rows of their own, but not those at which a curved face ends, and none with a "
-            "penalty: choose the faces on both sides. Or take rows='node-to-segment', finer facets there, or a rounded "
-            "edge",
-            ContactPatchWarning,
-            stacklevel=6,
-        )
+        if (dent := dents(int(sample))) is not None:
+            places[i] += dent[0] @ side.kinematics.frame(q[i])[1].T
+    on_surface = (places - carried[:, None]) @ axes
+    depth = -gaps.surface.project(on_surface.reshape(-1, 3))[0].reshape(places.shape[:2])
+    held = contact.row_forces(now).toarray() > 0
+    # Beside a contact the coordinates alone also place the surface too deep. The contact's flexibility lifts it.
+    lifted = np.where(held, depth, 0.0).max(axis=1, initial=0.0)
+    sunk = (depth - lifted[:, None] > _allowed_depth(side.surface)) & ~held
+    if sunk.any():
+        sunk &= (neighbours(side.surface) @ held.T == 0).T
+    if not sunk.any():
         return
+    i = int(sunk.any(axis=1).argmax())
+    worst = int(np.where(sunk[i], depth[i], -np.inf).argmax())
+    patch = item.body.partition.patches[number]
+    warnings.warn(
+        f"{called(contact)} at {when(result, now.t[i])}: {depth[i, worst]:.3g} m of {called(item)} are below "
+        f"the rigid surface at {places[i, worst]} m, with no closed row around: a corner, an edge or a tip of patch "
+        f"{repr(patch.name) if patch.name else number} that is smaller than its facets. Integrated rows are means "
+        "around nodes, which close there too late, so that it sinks in without a force. Sharp edges of patches of "
+        "Partition.surface have rows of their own, but not those at which a curved face ends, and none with a "
+        "penalty: choose the faces on both sides. Or take rows='node-to-segment', finer facets there, or a rounded "
+        "edge",
+        ContactPatchWarning,
+        stacklevel=6,
+    )
 
 
 def _allowed_depth(surface: Surface) -> Array:
