@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import threading
 from collections.abc import Iterator
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 _LIMITING = threading.Lock()
 
@@ -22,7 +23,13 @@ def one_blas_thread() -> Iterator[None]:
         yield
         return
     try:
-        with threadpool_limits(1, user_api="blas"):
+        with _libraries().limit(limits=1, user_api="blas"):
             yield
     finally:
         _LIMITING.release()
+
+
+@functools.cache  # a search takes milliseconds; NumPy and SciPy, whose BLAS the library calls, are loaded by then
+def _libraries() -> ThreadpoolController:
+    """Libraries with threads that the process has loaded."""
+    return ThreadpoolController()

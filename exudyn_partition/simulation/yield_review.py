@@ -7,6 +7,7 @@ torsion are largest on it. Beneath contacts, the Hertz-equivalent pressure decid
 from __future__ import annotations
 
 import warnings
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -16,6 +17,7 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..fe.facets import by_shape, flat_triangles
 from ..fe.material import Material
 from ..fe.shapes import QUADS, shape_functions
+from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from .result import Result, called, when
 
@@ -23,6 +25,7 @@ _FACETS, _SAMPLES = 4000, 32  # largest number of facets, and of samples, that a
 _AROUND = 1.0  # width around a patch where its contact decides, by the patch's size
 _MASS = 0.05  # share by which mass may differ from volume times density: bodies of several materials differ by more
 _FLAT = 1e-3  # height of a facet by its first edge below which its strain is round-off
+_FACES: WeakKeyDictionary[ReducedBody, Array] = WeakKeyDictionary()  # see `_free_facets`; many items share a body
 
 
 def warn_of_bending(item: PartitionBody, result: Result) -> None:
@@ -30,10 +33,11 @@ def warn_of_bending(item: PartitionBody, result: Result) -> None:
     body, material = item.body, item.body.material
     if material is None or material.yield_stress is None or body.n_dofs == 6:
         return
-    if any(patch.material for patch in body.partition.patches) or not _of_one_material(item, material):
+    if body not in _FACES:
+        _FACES[body] = _free_facets(body, material)
+    facets = _FACES[body]
+    if not len(facets):
         return
-    facets = body.facets[_far_from_loads(item)]
-    facets = facets[:: len(facets) // _FACETS + 1]
     deformed = item.kinematics.deformed(item.coordinates(result))
     energy = body.strain_energy(deformed)
     some = np.unique(np.r_[np.argsort(energy)[-_SAMPLES:], np.linspace(0, len(energy) - 1, _SAMPLES).astype(int)])
@@ -86,23 +90,31 @@ def surface_stress(item: PartitionBody, facets: Array, deformed: Array, material
     return found, middles
 
 
-def _of_one_material(item: PartitionBody, material: Material) -> bool:
+def _free_facets(body: ReducedBody, material: Material) -> Array:
+    """Some facets, (k, n) int, whose strain tells the stress; none if the body has more than this one material."""
+    if any(patch.material for patch in body.partition.patches) or not _of_one_material(body, material):
+        return body.facets[:0]
+    facets = body.facets[_far_from_loads(body)]
+    return facets[:: len(facets) // _FACETS + 1]
+
+
+def _of_one_material(body: ReducedBody, material: Material) -> bool:
     """Whether the body's mass is that of its volume in this material."""
-    a, b, c = np.moveaxis(item.body.points[flat_triangles(item.body.facets)[0]] - item.body.centre_of_mass, 1, 0)
+    a, b, c = np.moveaxis(body.points[flat_triangles(body.facets)[0]] - body.centre_of_mass, 1, 0)
     volume = abs(np.einsum("kd,kd->", a, np.cross(b, c))) / 6
-    return bool(abs(material.rho * volume / item.body.total_mass - 1) < _MASS)
+    return bool(abs(material.rho * volume / body.total_mass - 1) < _MASS)
 
 
-def _far_from_loads(item: PartitionBody) -> Array:
+def _far_from_loads(body: ReducedBody) -> Array:
     """Which facets lie away from patches, plastic zones and interfaces, (nf,) bool: their strain is not local."""
-    points, near = item.body.points, np.zeros(len(item.body.points), dtype=bool)
-    for patch in item.body.partition.patches:
+    points, near = body.points, np.zeros(len(body.points), dtype=bool)
+    for patch in body.partition.patches:
         size = np.ptp(points[patch.nodes], axis=0).max()
         near |= KDTree(points[patch.nodes]).query(points)[0] < _AROUND * size
         if patch.plastic is not None:
             near[patch.plastic.nodes] = True
-    for interface in item.body.partition.interfaces:
+    for interface in body.partition.interfaces:
         near[interface.nodes] = True
-    a, b, c = np.moveaxis(points[item.body.facets[:, :3]], 1, 0)
+    a, b, c = np.moveaxis(points[body.facets[:, :3]], 1, 0)
     flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) < _FLAT * np.linalg.norm(b - a, axis=1) ** 2
-    return np.asarray(~near[item.body.facets].any(axis=1) & ~flat)
+    return np.asarray(~near[body.facets].any(axis=1) & ~flat)
