@@ -80,6 +80,26 @@ def _finished(loads: Array) -> Array:
     raise RuntimeError("a Krylov space that is finished cannot grow")
 
 
+def improved(omega: Array, coupling: Array, own: Array) -> Array:
+    """Frequencies of Ritz pairs in a larger space, (k,) [rad/s]: of each, that of the new pair which has most of it.
+
+    Answers to the pairs' residuals make the space larger by one step of inverse iteration. A frequency then loses most
+    of its error.
+
+    Parameters
+    ----------
+    omega : (k,) array
+        Frequencies of the pairs [rad/s].
+    coupling : (k, p) array
+        Phi' K N of the pairs and of vectors N, all mass-orthonormal.
+    own : (p, p) array
+        N' K N.
+    """
+    values, vectors = np.linalg.eigh(np.block([[np.diag(omega**2), coupling], [coupling.T, own]]))
+    alike = abs(vectors[: len(omega)]).argmax(axis=1)
+    return np.sqrt(np.maximum(values[alike], 0.0))
+
+
 class BlockKrylov:
     """Block Lanczos vectors of (K + s M)^-1 M, mass-orthonormal to the rigid modes and to each other.
 
@@ -233,6 +253,15 @@ class BlockKrylov:
             self._projected = projected
         omega_squared, combination = np.linalg.eigh(self._projected)
         return np.sqrt(np.maximum(omega_squared, 0.0)), combination
+
+    def grown(self, stiffness: sp.csr_matrix) -> Array:
+        """Frequencies of `rayleigh_ritz` in the space with its next block too, see `improved`, (size,) [rad/s].
+
+        That block is known already. With the basis, it spans (K + s M)^-1 M times the basis.
+        """
+        omega, combination = self.rayleigh_ritz(stiffness)
+        moved = stiffness @ self._next
+        return improved(omega, combination.T @ (self.vectors.T @ moved), self._next.T @ moved)
 
 
 def eigenmodes(

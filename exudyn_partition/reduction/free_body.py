@@ -310,6 +310,13 @@ class AdaptedSpace(FreeBody):
         keep = omega < DROP_ABOVE * 2 * np.pi * f_cut
         return RitzPairs(self.krylov.vectors @ combination[:, keep], omega[keep])
 
+    def excess(self, f_cut: float) -> Array:
+        """Estimates of the relative errors of the frequencies of `pairs(f_cut)`, (k,): what the next block changes."""
+        omega, better = self.krylov.rayleigh_ritz(self.model.stiffness)[0], self.krylov.grown(self.model.stiffness)
+        keep = omega < DROP_ABOVE * 2 * np.pi * f_cut
+        found: Array = abs(1 - better[keep] / omega[keep])
+        return found
+
 
 def _zone_flexibility(flexibility: FreeBodyFlexibility, dofs: Array, rows: sp.csr_matrix) -> ZoneFlexibility:
     """Flexibility of the dofs of a plastic zone, (k,), by forces there and on the rows of its patch, (r, n)."""

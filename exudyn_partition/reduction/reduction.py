@@ -81,7 +81,8 @@ def reduce(
     basis : {"contact-adapted", "residual", "craig-bampton", "free"}
         "free" is that of the paper. "craig-bampton" keeps the nodes of the patch as boundary, with their static answer.
         "residual" keeps all modes below `f_cut`, and the residual flexibility of the contact. "contact-adapted" keeps
-        only the motion that contacts and interfaces excite, with the same residual flexibility.
+        only the motion that contacts and interfaces excite, with the same residual flexibility. Modes below `f_cut` are
+        within a per cent of their frequency, or `body.left_out` names them.
     speed, duration : float, optional
         Speed and duration of the impact for `tolerance` [m/s], [s]; see `reduce_pair`. Default of the speed: 1 m/s.
     geometric_stiffness : bool

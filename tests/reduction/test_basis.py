@@ -1,7 +1,9 @@
 """The bases against the full FE model: reduced matrices, static exactness, dynamics, full-basis limit."""
 
 import math
+import re
 
+import netgen.occ as occ
 import numpy as np
 import pytest
 import scipy.linalg
@@ -12,6 +14,7 @@ from oracles import SPHERE_RADIUS, dense_basis, mass_matrix, relative
 
 import exudyn_partition as ep
 from exudyn_partition.fe.model import rigid_modes
+from exudyn_partition.reduction.free_body import FreeBody
 
 BASES = ["free", "craig-bampton", "residual", "contact-adapted"]
 
@@ -146,3 +149,83 @@ def test_a_compact_body_is_rigid_but_for_its_contact(ball, basis):
     at_patch = richer.rows(part.patches[0].nodes)[:, 6:].reshape(-1, 3, richer.n_dofs - 6)
     at_patch = np.einsum("kdn,d->kn", at_patch, part.patches[0].direction) / richer.basis.omega[6:]
     assert relative(body.flexibility(), richer.flexibility() + at_patch @ at_patch.T) < 1e-9
+
+
+@pytest.fixture(scope="module")
+def rotor():
+    """A square shaft with two square discs, whose modes in two planes are pairs, and its ends [m]."""
+    size = [((-6e-3, -6e-3, 0), (6e-3, 6e-3, 0.2)), ((-0.03, -0.03, 0.07), (0.03, 0.03, 0.08))]
+    shaft, disc = (occ.Box(*corners) for corners in size)
+    return ep.fe_model(shaft + disc, ep.STEEL, maxh=20e-3)
+
+
+@pytest.fixture(scope="module", params=["bearings", "rub", "one spot"])
+def held(rotor, request):
+    """The rotor, its boundary, and its elastic frequencies by ARPACK with rigid interfaces, ascending [Hz].
+
+    The boundary is bearings at the ends, or one of them and a spot on the rim, where it rubs, or that spot.
+    """
+    first, last = (
+        ep.Partition.interface(rotor, name, plane=((0, 0, z), (0, 0, way)))
+        for name, z, way in (("first", 0.0, -1), ("last", 0.2, 1))
+    )
+    rub = ep.Partition.ball(rotor, (0.03, 0, 0.075), 8e-3)
+    partition = {"bearings": first | last, "rub": first | rub, "one spot": rub}[request.param]
+    model = FreeBody(rotor, partition).model
+    values = scipy.sparse.linalg.eigsh(
+        model.stiffness.tocsc(), 40, model.mass.tocsc(), sigma=-1e6, return_eigenvectors=False
+    )
+    return rotor, partition, np.sqrt(np.sort(values)[6:]) / (2 * np.pi)
+
+
+CUTS = [3e3, 9e3, 20e3]
+
+
+@pytest.mark.parametrize("f_cut", CUTS)
+def test_craig_bampton_has_each_mode_below_f_cut_within_a_per_cent(held, f_cut):
+    """Held modes below f_cut alone leave some of these frequencies tens of per cent too high."""
+    rotor, partition, exact = held
+    body = ep.reduce(rotor, partition, basis="craig-bampton", f_cut=f_cut)
+    found, below = body.basis.omega[6:] / (2 * np.pi), exact[exact < f_cut]
+    assert 0 < len(below) < len(exact)
+    assert ((1 - 1e-6) * below < found[: len(below)]).all()  # Rayleigh-Ritz
+    assert (found[: len(below)] < 1.01 * below).all()
+
+
+def named(body):
+    """Frequencies that a body says to be off, (k,) [Hz]."""
+    said = [sentence for sentence in body.left_out if sentence.startswith("accurate frequencies")]
+    return np.array([float(f) for sentence in said for f in re.findall(r"([\d.]+) Hz", sentence)])
+
+
+@pytest.mark.parametrize("f_cut", [3e3, 10e3, 16e3, 22e3, 30e3])
+def test_contact_adapted_names_the_frequencies_that_are_not_within_a_per_cent(held, f_cut):
+    rotor, partition, exact = held
+    body = ep.reduce(rotor, partition, f_cut=f_cut)
+    found, off = body.basis.omega[6:] / (2 * np.pi), named(body)
+    found = found[found < f_cut]
+    wrong = [f for f in found if abs(f / exact - 1).min() > 0.01]
+    assert all((abs(off / f - 1) < 1e-4).any() for f in wrong)
+    assert len(off) <= max(3, len(found) // 3)
+
+
+def test_the_residual_basis_has_each_mode_below_f_cut(held):
+    rotor, partition, exact = held
+    body = ep.reduce(rotor, partition, basis="residual", f_cut=20e3)
+    below = exact[exact < 20e3]
+    np.testing.assert_allclose(body.basis.omega[6 : 6 + len(below)] / (2 * np.pi), below, rtol=1e-6)
+    assert not len(named(body))
+
+
+def test_the_paper_s_basis_names_the_frequencies_that_its_lumped_mass_changes(rotor):
+    """The mesh is coarse: lumping slows some of its modes by more than a per cent, against the consistent mass."""
+    rub = ep.Partition.ball(rotor, (0.03, 0, 0.075), 8e-3)
+    body, consistent = (ep.reduce(rotor, rub, basis=basis, f_cut=20e3) for basis in ("free", "residual"))
+    stiffness, mass = body.stiffness.toarray(), body.mass.toarray()
+    exact = consistent.basis.omega[6:] / (2 * np.pi)
+    found = np.sqrt(scipy.linalg.eigvalsh(stiffness, mass)[6 : 6 + len(exact)]) / (2 * np.pi)
+    off, change = named(body), abs(found / exact - 1)
+    assert change.max() > 0.02
+    for f, by in zip(found, change, strict=True):
+        if f <= 1.0001 * off.max():  # of many, the lowest are named
+            assert (abs(off / f - 1) < 1e-4).any() == (by > 0.01) or 0.006 < by < 0.012
