@@ -98,14 +98,16 @@ def solve_dynamic(
         Time step [s]. Default: the step of the last run, if this one goes on with the same method. Otherwise 25 steps
         in a period of the highest `f_cut`, and 32 in the first impact as bodies fly at the start
         (`step_control.impact_step`); more if patches are flat. Explicit steps are at most 0.9 of `stability_limit`.
+        It is shortened so that the run ends after a whole number of steps.
     method : {"explicit", "implicit"}
         Exudyn's VelocityVerlet or generalized-alpha. Both work with contacts of every formulation, joints and
         prescribed motion. Explicit steps close joints by `central_differences.MultiplierStep`. Joint sensors then
         record mean reactions over the step before. Exudyn's rigid bodies that turn in space have first-order accuracy
         in explicit steps.
     sample_period : float, optional
-        Time between samples [s], rounded to a multiple of the step. Default: every step. The steps of an adaptive run
-        are at most this long, and it has samples at the ends of steps.
+        Time between samples [s], rounded so that the duration is a multiple of it: samples are equally spaced. Steps
+        are shortened so that it is a multiple of them; if it is shorter than a step, each has a sample. Default: every
+        step. The steps of an adaptive run are at most this long, and it has samples at the ends of steps.
     spectral_radius : float
         Spectral radius of generalized-alpha at infinity; 1 does not damp.
     adaptive : bool
@@ -234,7 +236,9 @@ def _run(
             raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")
     start = _start(begin_at, end_time, settings)
     step = _checked_step(mbs, last.step if step is None and last and last.method == method else step, method)
-    steps = _count(end_time - start, step)
+    if sample_period is not None:
+        sample_period = validate_positive("sample_period", sample_period, "s")
+    steps, between = _counts(end_time - start, step, None if adaptive else sample_period)
     step = (end_time - start) / steps
     settings = _own_settings(mbs, method, end_time - (start_time or 0.0)) if settings is None else settings
     integration = settings.timeIntegration
@@ -250,9 +254,7 @@ def _run(
     integration.endTime, integration.numberOfSteps = end_time + beyond * step, steps + beyond
     integration.generalizedAlpha.spectralRadius = spectral_radius
     integration.explicit.eliminateConstraints = False  # MultiplierStep closes joints
-    if sample_period is not None:
-        sample_period = validate_positive("sample_period", sample_period, "s")
-    settings.solution.sensors.writePeriod = step * max(1, round((sample_period or step) / step))
+    settings.solution.sensors.writePeriod = between * step
     control = None
     if adaptive:
         control = _step_control(
@@ -334,6 +336,15 @@ def _count(duration: float, step: float) -> int:
             f"{_MOST_STEPS:.3g}. Take longer steps or a shorter end_time"
         )
     return math.ceil(duration / step * (1 - 1e-9))
+
+
+def _counts(duration: float, step: float, sample_period: float | None) -> tuple[int, int]:
+    """Number of equal steps that are not longer than `step` [s], and how many lie between samples, a whole part."""
+    if sample_period is None or sample_period <= step:
+        return _count(duration, step), 1
+    intervals = max(1, round(duration / sample_period))
+    between = _count(duration / intervals, step)
+    return _count(duration, duration / (intervals * between)), between
 
 
 def _own_settings(mbs: MainSystem, method: Integrator, duration: float) -> SimulationSettings:

@@ -252,6 +252,26 @@ def test_samples_that_miss_an_impact_warn(mbs, bodies, period, said):
     assert contact.force(result)[-1] == 0
 
 
+@pytest.mark.parametrize(
+    ("step", "period", "end", "samples"),
+    [
+        (None, 2e-6, 50e-6, 25),  # 25 periods, whatever the default step is
+        (0.3e-6, 1e-6, 20e-6, 20),  # a period of no whole number of steps
+        (1e-6, 1.4e-6, 21e-6, 15),
+        (1e-6, 3e-6, 20e-6, 7),  # 6.7 periods
+        (1e-6, 1e-6, 10.5e-6, 11),  # 10.5 steps, and each has a sample
+        (1e-6, 0.3e-6, 10e-6, 10),
+        (1e-6, 1.0, 10e-6, 1),
+    ],
+)
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_samples_are_equally_spaced(impact, method, step, period, end, samples):
+    mbs, *_ = impact
+    result = ep.solve_dynamic(mbs, end_time=end, step=step, sample_period=period, method=method)
+    np.testing.assert_allclose(result.t, np.linspace(0, end, samples + 1), atol=1e-6 * end)
+    assert step is None or result.step < step * (1 + 1e-9)
+
+
 def test_a_body_that_is_nodes_alone(mbs, block):
     """Region of the whole body: the full FE model in Exudyn, in free flight."""
     everything = ep.Partition.ball(block, TOP, 1.0, contact_radius=6e-3)
