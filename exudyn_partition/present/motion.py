@@ -164,6 +164,7 @@ def motion_of(
     *,
     colours: Sequence[Colour] | None = None,
     frames: int | Sequence[float] | Array = 100,
+    with_peak: bool = False,
     progress: Progress | None = None,
 ) -> Motion:
     """Motion of a run's bodies, by default all, at some frames.
@@ -177,14 +178,20 @@ def motion_of(
         Some of `COLOUR_NAMES`. Default: all that bodies and contacts have.
     frames : int or (m,) array
         How many, or their times [s], see `Result.at`.
+    with_peak : bool
+        Whether the sample of the largest force is a frame too, if `frames` says how many: equally spaced ones miss it.
 
     Raises
     ------
     InputError
         If an argument has a wrong type or is out of range, or stress is asked of a body without its FE model.
     """
+    force = {contact.name or f"contact {i}": contact.force(result) for i, contact in enumerate(result.contacts)}
+    total = np.sum([*force.values()], axis=0) if force else np.zeros(len(result.t))
     if isinstance(frames, int | np.integer):
-        validate_integer("frames", frames, 2, _MOST_FRAMES)
+        frames = validate_integer("frames", frames, 2, _MOST_FRAMES)
+        if with_peak and total.any():
+            frames = np.append(np.linspace(result.t[0], result.t[-1], frames), result.t[np.argmax(total)])
     elif len(result.t):
         frames = validate_times("frames", frames, result.t)
     run = result.at(frames)
@@ -204,8 +211,6 @@ def motion_of(
                 progress((i + len(fields["deformation"]) / len(run.t)) / len(pieces))
         found = {name: np.array(values) for name, values in fields.items()}
         moved.append(_body(piece, piece.item.name or f"body {i}", run, wanted, found))
-    force = {contact.name or f"contact {i}": contact.force(result) for i, contact in enumerate(result.contacts)}
-    total = np.sum([*force.values()], axis=0) if force else np.zeros(len(result.t))
     frame_numbers = _looked_at(len(run.t))
     nearest = np.searchsorted(frame_numbers, np.arange(len(run.t)))
     places = {

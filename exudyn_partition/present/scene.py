@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import gzip
 import html
+import itertools
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -36,6 +37,7 @@ _ROUNDED = 2e-4  # step of a shape's entries, likewise: rounded numbers are pack
 _CREASE = np.cos(np.radians(35))  # beyond this angle neighbours have normals of their own: an edge is seen
 _LEVELS = 255  # of colours: square roots, since contacts have many times the stress of a wave
 _CURVE = 1000  # points of the curve of forces
+_DIGITS = 5  # of these
 _STEEL = ("#dde3e8", "magma_r", 0.16, 0.86)  # of unstressed bodies, and the part of the map for the others
 _COLOURS = 256
 _SPEEDS = (60, 20, 8, 3, 1)  # seconds in which the run is played
@@ -103,7 +105,7 @@ def scene_of(
     if progress is not None:
         validate_callable("progress", progress, "a function of the share done, 0 to 1")
     with shown(progress, "moving bodies") as report:
-        motion = motion_of(result, bodies, colours=colours, frames=frames, progress=report)
+        motion = motion_of(result, bodies, colours=colours, frames=frames, with_peak=True, progress=report)
     middle = np.mean(motion.bounds, axis=0)
     blob = _Blob()
     facts = _facts(motion, title, motion.visible_scale if scale is None else scale)
@@ -149,7 +151,6 @@ def _facts(motion: Motion, title: str, scale: float) -> JSON:
     """What the page needs beside arrays."""
     span = float(motion.t[-1] - motion.t[0]) or 1.0  # s; a page of one instant does not play
     unit, factor = ("ms", 1e3) if span < 0.2 else ("s", 1.0)
-    times = np.linspace(motion.force_t[0], motion.force_t[-1], _CURVE)
     colours = []
     for name in motion.bodies[0].colours:
         label, of, many = LABELS[name]
@@ -172,11 +173,22 @@ def _facts(motion: Motion, title: str, scale: float) -> JSON:
         "colours": colours,
         "levels": _LEVELS,
         "map": _map(),
-        "forces": [
-            {"name": name, "values": np.round(np.interp(times, motion.force_t, force), 3).tolist()}
-            for name, force in motion.forces.items()
-        ],
+        "forces": [{"name": name, "values": _curve(motion.force_t, force)} for name, force in motion.forces.items()],
     }
+
+
+def _curve(t: Array, force: Array) -> list[float]:
+    """A curve of few points, equally spaced: least and largest value in each interval, so that no peak is missed."""
+    edges = np.linspace(t[0], t[-1], _CURVE // 2 + 1)
+    every = np.union1d(t, edges)
+    values, starts = np.interp(every, t, force), np.searchsorted(every, edges)
+    points: list[float] = []
+    for first, last in itertools.pairwise(starts):
+        part = values[first : last + 1]
+        points += (
+            part[sorted((int(part.argmin()), int(part.argmax())))].tolist() if len(part) else [float(force[0])] * 2
+        )
+    return [float(f"{value:.{_DIGITS}g}") for value in points]
 
 
 def colour_map() -> object:

@@ -420,7 +420,7 @@ class Result:
             Some of "speed", "deformation", "von_mises", "contact_pressure", for a choice on the page. Default: all that
             are available.
         frames : int or (m,) array
-            Number of frames, or their times [s], see `at`.
+            Number of frames, beside one at the largest force, or their times [s], see `at`.
         scale : float, optional
             First factor on the deformation; the page can change it. Default: the power of ten that makes the
             deformation visible.

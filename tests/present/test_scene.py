@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from exudyn import graphics
 from exudyn.utilities import InertiaCuboid
-from oracles import hit_by_a_spinning_ball
+from oracles import MARBLE_RADIUS, hit_by_a_spinning_ball
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError
 from exudyn_partition.present.motion import motion_of
-from exudyn_partition.present.scene import few_shapes, split_at_edges
+from exudyn_partition.present.scene import _curve, few_shapes, split_at_edges
 
 
 @pytest.fixture(scope="module")
@@ -34,11 +34,12 @@ def read(page):
 
 
 def test_the_page_holds_the_motion(run, tmp_path):
-    scene = run.scene(tmp_path / "run.html", frames=9)
+    times = np.linspace(run.t[0], run.t[-1], 9)
+    scene = run.scene(tmp_path / "run.html", frames=times)
     assert scene.path.read_text() == scene.page
     facts, array = read(scene.page)
     assert facts["title"] == "run"
-    motion = motion_of(run, frames=9)
+    motion = motion_of(run, frames=times)
     middle = np.mean(motion.bounds, axis=0)
     for given, body in zip(facts["bodies"], motion.bodies, strict=True):
         points, amplitudes = array(given["points"]).reshape(-1, 3), array(given["amplitudes"]).reshape(9, -1)
@@ -54,6 +55,40 @@ def test_the_page_holds_the_motion(run, tmp_path):
             if values is body.colours["speed"]:
                 read_back = most * (array(colour).reshape(9, -1) / 255.0) ** 2
                 np.testing.assert_allclose(read_back, values, atol=2 * most / 255)
+
+
+def test_the_largest_force_is_that_of_all_samples(marble, mbs):
+    """Of an impact that is a hundred times shorter than the run: curve, frames and pressures have its peak."""
+    ball = ep.CreatePartitionBody(
+        mbs, marble, referencePosition=[0, 0, MARBLE_RADIUS + 2e-6], initialVelocity=[0, 0, -0.5]
+    )
+    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="south")
+    mbs.Assemble()
+    run = ep.solve_dynamic(mbs, end_time=6e-3, method="implicit", adaptive=True)
+    force = contact.force(run)
+    facts, array = read(run.scene(frames=5).page)
+    (curve,) = (entry["values"] for entry in facts["forces"])
+    assert max(curve) == pytest.approx(force.max(), rel=1e-4)
+    assert min(curve) == 0.0
+    assert facts["start"] == run.t[force.argmax()]
+    assert facts["start"] in facts["t"]
+    at_peak, _ = read(run.scene(frames=[0.0, facts["start"]]).page)
+    pressures = [c["largest"] for page in (facts, at_peak) for c in page["colours"] if "pressure" in c["name"]]
+    assert len(pressures) == 2
+    assert pressures[0] == pytest.approx(pressures[1], rel=1e-6)
+    assert pressures[0] > 0
+
+
+def test_a_curve_of_few_points_follows_each_sample():
+    """Points are at most one interval away from the samples, and none of these is above or below the curve's ends."""
+    t = np.sort(np.random.default_rng(0).random(5000))
+    force = np.maximum(0.0, np.sin(300 * t)) * 1e-4  # far below a millinewton
+    curve = np.array(_curve(t, force))
+    assert curve.max() == pytest.approx(force.max(), rel=1e-4)
+    at, step = np.linspace(t[0], t[-1], len(curve)), np.ptp(t) / (len(curve) // 2)
+    for time, value in zip(at, curve, strict=True):
+        near = force[abs(t - time) < 2 * step]
+        assert near.min() - 1e-8 <= value <= near.max() + 1e-8
 
 
 def test_text_from_the_user_cannot_end_the_script(run):
@@ -99,8 +134,9 @@ def test_what_is_refused(run, tmp_path):
 
 
 def test_a_browser_plays_the_page(opened, run, tmp_path):
-    page, faults = opened(run.scene(tmp_path / "run.html", frames=21, scale=1.0).path)
-    motion = motion_of(run, frames=21)
+    times = np.linspace(run.t[0], run.t[-1], 21)
+    page, faults = opened(run.scene(tmp_path / "run.html", frames=times, scale=1.0).path)
+    motion = motion_of(run, frames=times)
     middle = np.mean(motion.bounds, axis=0)
     for frame in (0, 7, 20):  # vertices are where the bodies are
         page.evaluate(f"scene.set(scene.times[{frame}])")
