@@ -18,7 +18,7 @@ from ..exudyn_contacts.balance import Balance
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..results.compare import versions
-from ..results.impacts import Ringing
+from ..results.impacts import Ringing, SubImpact
 from ..support.checks import validate_text
 from ..support.files import replacing, writable
 from ..support.foreign import Axes
@@ -28,6 +28,7 @@ from .plot_input import plain
 from .scene import scene_of
 
 _FRAMES = 60  # of the moving bodies
+_ROUNDING = 1e-3  # of a speed: steps change it by less
 _MOST_IMPACTS = 20  # largest number of sub-impacts of a contact to list
 _ADAPTIVE = 1.01  # mean step by that in contact, above which steps are adaptive
 _OTHERS = "joints, springs and loads (ep.CreateWorkSensor tells them apart)"
@@ -163,8 +164,35 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> dict[str
             for i in impacts[:_MOST_IMPACTS]
         ],
         "more": max(0, len(impacts) - _MOST_IMPACTS),
+        "faster": _faster(contact, impacts, result),
         "warnings": warnings,
     }
+
+
+def _faster(contact: PartitionContact, impacts: list[SubImpact], result: Result) -> str:
+    """Why bodies separate faster than they approach, or do not approach at all; empty if none does."""
+    known = [i for i in impacts if i.speed_before is not None and i.speed_after is not None]
+    fast = [i for i in known if i.speed_after > (1 + _ROUNDING) * max(i.speed_before, 0.0)]  # type: ignore[operator,type-var]
+    if not fast:
+        return ""
+    own = {item for item, _ in contact.sides}
+    others = [other for other in result.contacts if other is not contact and own & {item for item, _ in other.sides}]
+    pushed = [i for i in fast if any(_acts(other, result, i) for other in others)]
+    why = f"In {len(fast)} of {len(known)} sub-impacts the bodies separate faster than they approach. "
+    if pushed:
+        why += f"In {len(pushed)} of these another contact pushed one of the bodies meanwhile. "
+    if len(pushed) < len(fast):
+        why += (
+            "Vibration from before, a load or a joint gave the rigid motion energy there. If the balance below grows "
+            "too, steps are too long. "
+        )
+    return why
+
+
+def _acts(contact: PartitionContact, result: Result, impact: SubImpact) -> bool:
+    """Whether a contact has a force during an impact of another one."""
+    during = (result.t >= impact.start) & (result.t <= impact.end)
+    return bool(contact.force(result)[during].any())
 
 
 def _ringing(rings: Ringing) -> str:

@@ -13,7 +13,7 @@ import exudyn as exu
 import exudyn.itemInterface as items
 import numpy as np
 import pytest
-from oracles import TOP, add_loads
+from oracles import MARBLE_RADIUS, TOP, add_loads
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, StoppedRunWarning, YieldWarning
@@ -87,6 +87,29 @@ def test_the_page_holds_the_run_s_own_numbers(impact, tmp_path):
     (impact_,) = contact.impacts(result)
     numbers = [impact_.peak, impact_.mean_force, impact_.impulse, impact_.speed_before, impact_.speed_after]
     assert [*map(float, listed[2:])] == pytest.approx(numbers, rel=1e-5)
+
+
+@pytest.mark.parametrize("pushed", [True, False])
+def test_the_page_says_why_bodies_separate_faster_than_they_approach(mbs, marble, tmp_path, pushed):
+    """A ball on a plane is struck from above while they touch, and rebounds twice as fast, at the same energy."""
+    lower = ep.CreatePartitionBody(mbs, marble, name="lower", initialVelocity=[0, 0, -0.1])
+    plane = ep.RigidPlane(point=(0, 0, -MARBLE_RADIUS - 1e-6))
+    contact = ep.CreatePartitionContact(mbs, lower, plane, slavePatch="south", name="floor")
+    if pushed:
+        place = [0, 0, 2 * MARBLE_RADIUS + 6e-6]
+        upper = ep.CreatePartitionBody(mbs, marble, name="upper", referencePosition=place, initialVelocity=[0, 0, -0.6])
+        ep.CreatePartitionContact(mbs, upper, lower, slavePatch="south", masterPatch="north", name="between")
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=120e-6)
+    energy = sum(item.energy(result) for item in result.bodies) + sum(c.energy(result) for c in result.contacts)
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-3)
+    impacts = [i for i in contact.impacts(result) if i.speed_before is not None and i.speed_after is not None]
+    faster = [i for i in impacts if i.speed_after > 1.5 * i.speed_before]
+    page, _ = read(result.report(tmp_path / "run.html"))
+    said = f"In {len(faster)} of {len(impacts)} sub-impacts the bodies separate faster than they approach."
+    assert bool(faster) == pushed
+    assert (said in page) == pushed
+    assert ("In 1 of these another contact pushed one of the bodies meanwhile." in page) == pushed
 
 
 @pytest.mark.parametrize("known", [True, False])
