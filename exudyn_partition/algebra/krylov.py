@@ -97,7 +97,8 @@ def improved(omega: Array, coupling: Array, own: Array) -> Array:
     """
     values, vectors = np.linalg.eigh(np.block([[np.diag(omega**2), coupling], [coupling.T, own]]))
     alike = abs(vectors[: len(omega)]).argmax(axis=1)
-    return np.sqrt(np.maximum(values[alike], 0.0))
+    found: Array = np.sqrt(np.maximum(values[alike], 0.0))
+    return found
 
 
 class BlockKrylov:

@@ -66,7 +66,7 @@ def test_the_largest_force_is_that_of_all_samples(marble, mbs):
     mbs.Assemble()
     run = ep.solve_dynamic(mbs, end_time=6e-3, method="implicit", adaptive=True)
     force = contact.force(run)
-    facts, array = read(run.scene(frames=5).page)
+    facts, _ = read(run.scene(frames=5).page)
     (curve,) = (entry["values"] for entry in facts["forces"])
     assert max(curve) == pytest.approx(force.max(), rel=1e-4)
     assert min(curve) == 0.0
