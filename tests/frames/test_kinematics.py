@@ -60,6 +60,54 @@ def test_velocities_and_forces_of_nodes(kinematics):
     )
 
 
+def test_the_mean_velocity_is_that_of_rigid_motion_at_any_point(kinematics):
+    """At the place of a node it is the node's velocity, if the body moves as a rigid one; vibration adds nothing."""
+    rng = np.random.default_rng(4)
+    n = kinematics.body.n_dofs
+    q = np.zeros(n)
+    if isinstance(kinematics, FloatingKinematics):
+        q[:6] = rng.standard_normal(6)
+    q_t = rng.standard_normal(n)
+    rigid = kinematics.rigid_part(q_t)
+    at_nodes = kinematics.velocities(q, rigid)
+    for motion in (rigid, q_t):
+        mean = [kinematics.mean_velocity(q, motion, place) for place in kinematics.place(q)]
+        np.testing.assert_allclose(mean, at_nodes, rtol=1e-9, atol=1e-9 * abs(at_nodes).max())
+
+
+def test_momenta_and_energies_are_sums_over_the_nodes(plank, body):
+    """Of a floating frame, with the FE mass between the velocities of all nodes; about any point."""
+    fem = plank[0]
+    floating = FloatingKinematics(body, PLACE, Rotation.from_matrix(TURNED).as_rotvec(), np.arange(fem.n_nodes))
+    M = fem.mass if body.basis.mass == "consistent" else fem.lumped_mass_matrix
+    rng = np.random.default_rng(5)
+    q, q_t, point = *(1e-3 * rng.standard_normal((2, body.n_dofs))), np.array([3.0, -1.0, 2.0])
+    q[:6], q_t[:6] = rng.standard_normal((2, 6))
+    velocity, places = floating.velocities(q, q_t), floating.place(q)
+    impulse = (M @ velocity.ravel()).reshape(-1, 3)
+    np.testing.assert_allclose(floating.momentum(q_t), impulse.sum(axis=0), rtol=1e-9)
+    turning = np.cross(places - point, impulse).sum(axis=0)
+    np.testing.assert_allclose(floating.angular_momentum(q, q_t, point), turning, rtol=1e-9)
+    np.testing.assert_allclose(floating.kinetic_energy(q, q_t), np.sum(velocity * impulse) / 2, rtol=1e-9)
+    gravity = np.array([1.0, -2.0, 9.0])
+    on_nodes = (M @ np.tile(gravity, fem.n_nodes)).reshape(-1, 3)
+    np.testing.assert_allclose(floating.weight(gravity), floating.generalised(q, on_nodes), atol=1e-9)
+
+
+def test_accelerations_are_forces_over_the_mass_of_all_motion(plank, body):
+    """The mass matrix is the FE one between the velocities that unit rates of all coordinates give the nodes."""
+    fem = plank[0]
+    floating = FloatingKinematics(body, PLACE, Rotation.from_matrix(TURNED).as_rotvec(), np.arange(fem.n_nodes))
+    M = fem.mass if body.basis.mass == "consistent" else fem.lumped_mass_matrix
+    rng = np.random.default_rng(6)
+    q = np.r_[np.zeros(6), 1e-3 * rng.standard_normal(body.n_dofs - 6)]
+    unit = np.array([floating.velocities(q, rate).ravel() for rate in np.eye(body.n_dofs)])
+    mass = unit @ (M @ unit.T)
+    forces = rng.standard_normal(body.n_dofs) * np.sqrt(np.diag(mass))
+    found = mass @ floating.accelerations(q, forces)
+    np.testing.assert_allclose(found, forces, rtol=1e-6, atol=1e-6 * abs(forces).max())
+
+
 def test_places_seen_from_near_have_rounding_errors_of_their_ways(kinematics):
     """As large as ways of 1e-12 m allow, wherever the body is; far places alone have errors of 1e-17 m."""
     rng = np.random.default_rng(4)
