@@ -75,23 +75,28 @@ def test_the_mean_velocity_is_that_of_rigid_motion_at_any_point(kinematics):
         np.testing.assert_allclose(mean, at_nodes, rtol=1e-9, atol=1e-9 * abs(at_nodes).max())
 
 
-def test_momenta_and_energies_are_sums_over_the_nodes(plank, body):
-    """Of a floating frame, with the FE mass between the velocities of all nodes; about any point."""
-    fem = plank[0]
-    floating = FloatingKinematics(body, PLACE, Rotation.from_matrix(TURNED).as_rotvec(), np.arange(fem.n_nodes))
-    M = fem.mass if body.basis.mass == "consistent" else fem.lumped_mass_matrix
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_momenta_and_energies_are_sums_over_the_nodes(plank, body, frame):
+    """With the FE mass between the velocities of all nodes; about any point, at a place far from that at the start."""
+    fem, nodes = plank[0], np.arange(plank[0].n_nodes)
     rng = np.random.default_rng(5)
     q, q_t, point = *(1e-3 * rng.standard_normal((2, body.n_dofs))), np.array([3.0, -1.0, 2.0])
-    q[:6], q_t[:6] = rng.standard_normal((2, 6))
-    velocity, places = floating.velocities(q, q_t), floating.place(q)
+    if frame == "floating":
+        kinematics = FloatingKinematics(body, PLACE, Rotation.from_matrix(TURNED).as_rotvec(), nodes)
+        q[:6], q_t[:6] = rng.standard_normal((2, 6))
+    else:  # whose angular momentum is of first order in deformation and rotation
+        kinematics = InertialKinematics(body, PLACE, nodes)
+        q = body.rigid[:, :3] @ rng.standard_normal(3)
+    M = fem.mass if body.basis.mass == "consistent" else fem.lumped_mass_matrix
+    velocity, places = kinematics.velocities(q, q_t), kinematics.place(q)
     impulse = (M @ velocity.ravel()).reshape(-1, 3)
-    np.testing.assert_allclose(floating.momentum(q_t), impulse.sum(axis=0), rtol=1e-9)
+    np.testing.assert_allclose(kinematics.momentum(q_t), impulse.sum(axis=0), rtol=1e-8)
     turning = np.cross(places - point, impulse).sum(axis=0)
-    np.testing.assert_allclose(floating.angular_momentum(q, q_t, point), turning, rtol=1e-9)
-    np.testing.assert_allclose(floating.kinetic_energy(q, q_t), np.sum(velocity * impulse) / 2, rtol=1e-9)
+    np.testing.assert_allclose(kinematics.angular_momentum(q, q_t, point), turning, rtol=1e-8)
+    np.testing.assert_allclose(kinematics.kinetic_energy(q, q_t), np.sum(velocity * impulse) / 2, rtol=1e-8)
     gravity = np.array([1.0, -2.0, 9.0])
     on_nodes = (M @ np.tile(gravity, fem.n_nodes)).reshape(-1, 3)
-    np.testing.assert_allclose(floating.weight(gravity), floating.generalised(q, on_nodes), atol=1e-9)
+    np.testing.assert_allclose(kinematics.weight(gravity), kinematics.generalised(q, on_nodes), atol=1e-8)
 
 
 def test_accelerations_are_forces_over_the_mass_of_all_motion(plank, body):
