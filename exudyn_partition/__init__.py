@@ -60,6 +60,7 @@ _HOMES = {
     "simulation.step_control": ("time_to_contact",),
     "simulation.result": ("Result",),
     "simulation.collect": ("collect",),
+    "simulation.modes": ("natural_modes",),
     "simulation.solve": ("solve_dynamic",),
     "simulation.statics": ("settle", "solve_static"),
     "simulation.stability": ("stability_limit",),

@@ -42,6 +42,7 @@ from .results import compare as report
 from .results.compare import Comparison, compare, versions
 from .results.history import History
 from .simulation.collect import collect
+from .simulation.modes import natural_modes
 from .simulation.result import Result
 from .simulation.solve import solve_dynamic
 from .simulation.stability import stability_limit
@@ -100,6 +101,7 @@ __all__ = [
     "hertz",
     "load_body",
     "mesh_error",
+    "natural_modes",
     "output",
     "plot",
     "progress",

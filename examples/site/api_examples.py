@@ -115,6 +115,9 @@ print(f"explicit steps: at most {ep.stability_limit(mbs):.2g} s")
 q_t = np.concatenate([ball.kinematics.weight([0, 0, -1]) / ball.kinematics.mass, np.zeros(anvil.n_dofs)])
 print(f"closed after {ep.time_to_contact(contact, np.zeros(len(q_t)), q_t):.2g} s at 1 m/s")
 
+# %% natural_modes
+frequencies, modes = ep.natural_modes(mbs)  # of contact as it is in the initial state: closed after solve_static
+
 # %% solve_dynamic, Result
 result = ep.solve_dynamic(mbs, end_time=80e-6)
 print(result, f"peak {contact.force(result).max():.0f} N")

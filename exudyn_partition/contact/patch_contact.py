@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 
 _HELD = 0.75  # share of closed rows: if no more slip, those that stick hold the contact
+_STICKING = 1e6  # coefficient of friction with which no row slips
 _LEAST_WAY = 1e-3  # of the longest: secants count no shorter ones, which may be zero
 
 
@@ -64,6 +65,8 @@ class PatchContact:
     opening : float
         How much of an overlap that is meant is still open [m]: surfaces stand apart by that much more than they are
         placed. Load steps take it to zero.
+    sticks : bool
+        Whether all closed rows with friction stick, whatever its coefficient.
     h : (nr,) array
         Gaps at the last answer [m], see `stored`.
     """
@@ -112,7 +115,7 @@ class PatchContact:
         self._n_nodes = len(self.gaps.slave.surface.points)
         self.memory = FrictionMemory.none(self._n_nodes)
         self.least_gap, self.since, self.opening = np.inf, -math.inf, 0.0
-        self._answered, self._closed_before = False, False
+        self._answered, self._closed_before, self.sticks = False, False, False
         self._same = 0  # number of answers of compiled loops with the same closed rows
         self._evaluated_at = np.empty(0)
         self._zero = np.zeros(self.gaps.n)
@@ -286,6 +289,8 @@ class PatchContact:
     def coefficients(self) -> Array:
         """Coefficients of friction of the present rows in this step, (nr,); zero without friction."""
         nodes = self.gaps.row_nodes
+        if self.sticks:
+            return np.full(len(nodes), _STICKING)
         return np.zeros(len(nodes)) if self.friction is None else self.memory.coefficients(self.friction, nodes)
 
     # Stiffness and energy.

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import warnings
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from ..algebra.friction import SLIP
 from ..algebra.products import dense
+from ..errors import ModelLimitWarning
 from ..exudyn_bodies.model import latest_solver, method_of, user_function
 from ..exudyn_bodies.user_functions import sparse_container, terms
 from ..frames.kinematics import Rows
@@ -50,7 +53,7 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
     # Exudyn passes coordinates as lists. Reading the model's own array is quicker. Returning a list is quicker, too.
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
         run = runs.now(mbs)
-        total = run.force(mbs, t)
+        total = run.settled_force(mbs, t)
         if total is None:
             return [0.0] * len(q)
         values: list[float] = total[run.of_object].tolist()
@@ -60,11 +63,16 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
     ) -> MatrixContainer:
         run = runs.now(mbs)
-        run.force(mbs, t)
-        contacts = run.contacts
-        stuck = [contact for contact in contacts if _sticks(mbs, run.of(contact))]
+        if not (
+            run.over and run.ended_in(mbs.systemData.GetODE2Coordinates(copy=False))
+        ):  # rows slip as they did there
+            run.settled_force(mbs, t)
+        contacts, given_up = run.contacts, run.unsettled is not None
+        stuck = [contact for contact in contacts if given_up or _sticks(mbs, run.of(contact))]
         blocks = [*_of_stuck(run, stuck, fODE2), *_of_each(run, contacts, stuck, fODE2)]
         blocks += _of_groups(mbs, run, contacts, stuck, fODE2)
+        if run.over:
+            _warn_of_slips(run, contacts)
         if run.slip_secants is not None:
             blocks += _of_slips(mbs, run, contacts, run.slip_secants.share(mbs.sys["staticSolver"]) * fODE2)
         return sparse_container(*_assembled(blocks, run.dofs), len(run.dofs))
@@ -190,6 +198,20 @@ def _of_groups(
                 elif zones is not None:
                     K[own, own] = zones.tangent(K[own, own])
             yield by_q * K, closed[j][1], closed[k][1]
+
+
+def _warn_of_slips(model: ModelRun, contacts: Sequence[ModelContact]) -> None:
+    """Warn that rows slip, so that the stiffness that is asked for after a run is not symmetric."""
+    mechanics = {contact.name: model.of(contact).mechanics for contact in contacts}
+    slip = [name for name, one in mechanics.items() if one.friction is not None and (one.state == SLIP).any()]
+    if slip:
+        warnings.warn(
+            f"contact {', '.join(map(repr, slip))}: rows slip, so that the stiffness is not symmetric. Exudyn's "
+            "ComputeODE2Eigenvalues reads half of it: its frequencies are wrong. Take natural_modes(mbs), or "
+            "computeComplexEigenvalues=True",
+            ModelLimitWarning,
+            stacklevel=3,
+        )
 
 
 def _of_slips(mbs: MainSystem, model: ModelRun, contacts: Sequence[ModelContact], by_q: float) -> Iterator[Block]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..contact.formulations.formulation import Method, Together
 from ..contact.patch_contact import PatchContact
-from ..errors import RunError
+from ..errors import ComplementarityError, RunError
 from ..exudyn_bodies.item_work import acts_on_constant_mass
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import coordinate_slices, latest_solver, method_of, registered
@@ -33,6 +33,7 @@ _log = logging.getLogger(__name__)
 
 RUNS = "exudynPartitionRun"  # key in mbs.sys
 _ROUND_OFF = 1e-12  # relative difference of times that are the same
+_NO_MORE = 2**30  # more iterations than Newton's method may make
 
 
 class ModelRun:
@@ -77,6 +78,12 @@ class ModelRun:
         Whether the model has no contact whose sensor would keep this record.
     slip_secants : SlipSecants or None
         Adds to the Jacobian, if a static run needs it.
+    divides : bool
+        Whether the static solver repeats a load step with a shorter length where contact forces do not settle.
+    over : bool
+        Whether the run has ended: who asks for a stiffness linearises about a state.
+    unsettled : ComplementarityError or None
+        Why contact forces did not settle in the present try of a load step.
     """
 
     def __init__(
@@ -108,6 +115,8 @@ class ModelRun:
         self._all_ask = all(run.place is None for run in self._runs.values())
         self.record = RunRecord(t, keep)
         self.slip_secants: SlipSecants | None = None
+        self.divides = self.over = False
+        self.unsettled: ComplementarityError | None = None
         carriers = [contact.carrier.body for contact in contacts if contact.carrier is not None]
         self.others, self.unsampled = OtherBodies(mbs, map(int, carriers)), not contacts
         self._steppers: list[MultiplierStep] = []
@@ -264,6 +273,21 @@ class ModelRun:
         self._spent_s += time.perf_counter() - begin
         return total
 
+    def settled_force(self, mbs: MainSystem, t: float) -> Array | None:
+        """See `force`. Where it `divides`, a load step is given up if forces do not settle; then it returns None.
+
+        Newton's method then makes no more iterations, so that Exudyn repeats the step with a shorter length.
+        """
+        if not self.divides:
+            return self.force(mbs, t)
+        if self.unsettled is None:
+            try:
+                return self.force(mbs, t)
+            except ComplementarityError as error:
+                self.unsettled = error
+        mbs.sys["staticSolver"].it.newtonSteps = _NO_MORE
+        return None
+
     def contact_force(self) -> Array:
         """Generalised forces of all contacts within the step in the state that was evaluated last, (nq,)."""
         total = np.zeros_like(self._total)
@@ -342,6 +366,7 @@ class ModelRun:
 
     def release(self) -> None:
         """Drop the data that only the run needed. Results keep contacts and samples; joints would keep the model."""
+        self.over = True
         for group in self._groups:
             group.end()
         jointed = [stepper for stepper in self._steppers if stepper.joints is not None]
@@ -441,6 +466,16 @@ class Runs:
             if run.unsampled:
                 self._solver = mbs.sys.get("dynamicSolver")
             run.release()
+
+    @contextlib.contextmanager
+    def aside(self, mbs: MainSystem) -> Iterator[ModelRun]:
+        """A static run at the initial state that makes no step; after it, the run before is the present one again."""
+        kept, t = {**vars(self)}, mbs.systemData.GetTime(require("exudyn").ConfigurationType.Initial)
+        try:
+            with self.begun(mbs, float(t), "static") as run:
+                yield run
+        finally:
+            vars(self).update(kept)
 
     def at_work(self, contact: ModelContact) -> ContactRun:
         """State of a contact in the present run."""

@@ -17,7 +17,7 @@ from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import coordinate_slices, start_of_step, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.contact_object import called_if_needed
-from ..exudyn_contacts.model_run import runs_of
+from ..exudyn_contacts.model_run import ModelRun, runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..exudyn_contacts.slip_secants import SlipSecants
 from ..support.arrays import Array
@@ -29,6 +29,7 @@ from .step_control import StepControl
 
 _RESIDUAL = 3e-18  # share of forces that move bodies by their size in a period of f_cut: 1e-8 N for some centimetres
 _OVER = 1e-6  # share of a step: a run that has less time left is at its end
+_SETTLED = 2  # divided load steps that settle before they are longer again
 _ROUNDINGS = 4  # number of roundings of a patch's places that reach its forces
 _FAR = 1e-3  # share of a facet's size: largest motion in an iteration of bodies that springs hold
 _SLOW = 0.1  # rad/s, frequency of bodies on such springs if forces are balanced
@@ -195,6 +196,7 @@ def watched(
             for configuration in (kinds.StartOfStep, kinds.Current):
                 mbs.systemData.SetODE2Coordinates_tt(accelerations, configuration)
         run = runs.now(mbs)
+        run.unsettled = None
         if run.unsampled and run.others:
             run.others.keep(mbs, start, start_of_step=True)
         if not run.idle:
@@ -276,6 +278,8 @@ def kept_apart(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
             for kind in (exu.ConfigurationType.StartOfStep, exu.ConfigurationType.Current)
         )
         share = min((_share_of_way(contact, mbs, start, now) for contact in contacts), default=1.0)
+        if runs_of(mbs).now(mbs).unsettled is not None:
+            share = 0.5
         if share < 1.0:
             return [refused, share * mbs.sys["staticSolver"].it.currentStepSize]
         return [0.0, -1.0] if own_after_newton is None else own_after_newton(mbs, t)
@@ -285,6 +289,53 @@ def kept_apart(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
         yield
     finally:
         mbs.SetPostNewtonUserFunction(own_after_newton or 0)
+
+
+@contextlib.contextmanager
+def divided(mbs: MainSystem, settings: SimulationSettings, start: float, step: float) -> Iterator[ModelRun]:
+    """Repeat load steps in which contact forces do not settle, shorter; all load levels remain ends of steps.
+
+    The model's own PostStep function runs first. A level is the end of a load step as the user asked for, from `start`
+    in steps of `step`. Lengths double after some steps that settle. Exudyn's own growth would step over levels.
+    """
+    static, own_after_step = settings.staticSolver, user_function(mbs.GetPostStepUserFunction())
+    run = runs_of(mbs).now(mbs)
+    run.divides = True
+    if static.loadStepGeometric:
+        yield run
+        return
+    length, planned, settled = step, step, 0
+
+    def after_step(mbs: MainSystem, t: float) -> bool:
+        nonlocal length, planned, settled
+        go_on, it = own_after_step is None or own_after_step(mbs, t), mbs.sys["staticSolver"].it
+        if it.currentStepSize < (1 - _OVER) * planned:  # Exudyn has divided this step
+            length, settled = it.currentStepSize, 0
+        settled += 1
+        if settled >= _SETTLED and length < step:
+            length, settled = min(2 * length, step), 0
+        left = step * (math.floor((t - start) / step + _OVER) + 1) - (t - start)
+        it.currentStepSize = planned = left if left < (1 + _OVER) * length else length
+        return go_on
+
+    own_growth, static.adaptiveStepIncrease = static.adaptiveStepIncrease, 1.0
+    mbs.SetPostStepUserFunction(after_step)
+    try:
+        yield run
+    finally:
+        static.adaptiveStepIncrease = own_growth
+        mbs.SetPostStepUserFunction(own_after_step or 0)
+
+
+@contextlib.contextmanager
+def quiet(asked: bool) -> Iterator[None]:
+    """Keep Exudyn's text of a failure off the terminal: a second try may succeed, and our own error tells the cause."""
+    config = require("exudyn").config
+    own, config.printToConsole = config.printToConsole, config.printToConsole and not asked
+    try:
+        yield
+    finally:
+        config.printToConsole = own
 
 
 @contextlib.contextmanager

@@ -17,7 +17,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from ..algebra.blas_threads import one_blas_thread
-from ..errors import InputError, ModelLimitWarning, RunError
+from ..errors import ComplementarityError, InputError, ModelLimitWarning, RunError
 from ..exudyn_bodies.item_work import Others
 from ..exudyn_bodies.model import coordinate_slices, registry, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
@@ -30,8 +30,9 @@ from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
 from .continuation import keep_end
-from .hooks import begun, cause, held, kept_apart, residual, slips_opposed, watched
+from .hooks import begun, cause, divided, held, kept_apart, quiet, residual, slips_opposed, watched
 from .joint_checks import check_start
+from .modes import linearised, linearising
 from .result import Result, called, samples
 from .review import noted, reviewed
 from .step_control import time_to_contact
@@ -53,6 +54,12 @@ _REMEDY = (
     "above a face lies beside it, nor a body that slides, because more pushes it along a contact than friction holds. "
     "Else take more load_steps; a spring's preload does not grow with them: give it as a load, and the spring no offset"
 )
+_FINER = (
+    "Shorter load steps did not help. Take a finer mesh of the patches, so that each row has nodes of its own, or less "
+    "friction"
+)
+_SHORTEST = 2.0**-8  # of a load step: no further is it divided
+_FINER_STEPS = 4, 16  # parts of load steps in which a run that has ended too early begins again: friction has a path
 _UNSETTLED, _SINGULAR = "terminated due to errors", "Jacobian seems to be singular"  # what Exudyn says then
 _PARTS = 16  # of a load step of a press fit: shortest one before bodies are held by springs without forces
 _PRESSED = (
@@ -80,17 +87,18 @@ def solve_static(
     All bodies are at rest in it, so that dampers and inertia give no force. Velocities of the initial state remain
     there, and a dynamic run begins with them.
 
-    For natural frequencies about the equilibrium with closed contact, set `update_initial=True`. Then call Exudyn's
-    `mbs.ComputeODE2Eigenvalues(convert2Frequencies=True)`. It linearises about the initial state: rows that are closed
-    there stay closed.
+    For natural frequencies about the equilibrium with closed contact, set `update_initial=True`. Then call
+    `natural_modes`.
 
     Parameters
     ----------
     mbs : exudyn.MainSystem
         The model, assembled. The run begins in its initial state. Bodies without other support must touch another one.
     load_steps : int
-        Number of steps. There is a sample of the initial state and one at the end of each step. Exudyn divides steps in
-        which Newton's method does not converge.
+        Number of steps. There is a sample of the initial state and one at the end of each step. A step in which
+        Newton's method or contact forces do not settle is halved, again and again, down to 1/256. Lengths grow again
+        where two shorter steps have settled. If that does not help, the run begins again, with 4 and then 16 times as
+        many load steps. Samples of shorter steps come in addition.
     load_factor : bool
         Whether all of Exudyn's loads grow in proportion to the static time. If not, they act in full, or by their user
         functions of time. `gravity=` of bodies, springs and prescribed motion never grow by the factor.
@@ -412,6 +420,8 @@ def _run(
         settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
         settings.solution.file.write = False
         settings.staticSolver.verboseMode = 0
+        settings.staticSolver.adaptiveStepDecrease = 0.5
+        settings.staticSolver.minimumStepSize = _SHORTEST / load_steps
         newton = settings.staticSolver.newton
         newton.absoluteTolerance = residual(mbs)
         if all(contact.mechanics.zones is None for contact in partition_items(mbs)[1]):
@@ -427,13 +437,20 @@ def _run(
     _log.info("%s load steps to %.6g", load_steps, end)
     status, message = "finished", "reached the full load"
     bar = progress_bar("load steps", after=LONG) if progress is None else contextlib.nullcontext(progress)
-    with one_blas_thread(), _at_rest(mbs), _quiet(static.verboseMode == 0), bar as report:
+    with one_blas_thread(), _at_rest(mbs), quiet(static.verboseMode == 0), bar as report:
 
-        def attempt(more: contextlib.AbstractContextManager[None]) -> tuple[int, bool, Exception | None]:
-            """Run Exudyn; returns the number of load steps, whether the user asked to stop, and the error."""
+        def attempt(
+            more: contextlib.AbstractContextManager[None], parts: int = 1
+        ) -> tuple[int, bool, Exception | None]:
+            """Run Exudyn, with load steps in some parts.
+
+            Returns the number of load steps, whether the user asked to stop, and the error.
+            """
+            static.numberOfLoadSteps = parts * load_steps
             with (
                 begun(mbs, start, "static"),
                 watched(mbs, start, end, step, report) as watch,
+                divided(mbs, settings, start, step / parts) as run,
                 springs(),
                 more,
                 kept_apart(mbs, settings),
@@ -441,7 +458,7 @@ def _run(
                 try:
                     mbs.SolveStatic(settings)
                 except Exception as error:  # Exudyn wraps errors of user functions in its own types
-                    return watch.steps, watch.interrupted, error
+                    return watch.steps, watch.interrupted, run.unsettled or error
             return watch.steps, watch.interrupted, None
 
         begin = time.perf_counter()
@@ -458,7 +475,15 @@ def _run(
             if again and error is not None and any(text in cause(error) for text in said):
                 _log.info("no equilibrium: again, %s", how)
                 steps, interrupted, error = attempt(other)
+        for parts in _FINER_STEPS:
+            if error is None or steps <= 1 or interrupted or not _settles_later(error):
+                break
+            _log.info("load steps end without an equilibrium: again, in %s parts each", parts)
+            steps, interrupted, error = attempt(contextlib.nullcontext(), parts)
+        static.numberOfLoadSteps = load_steps
         remedy = f"{_REMEDY}. {_PRESSED}" if pressed else _REMEDY
+        if isinstance(error, ComplementarityError):
+            remedy = _FINER
         if error is not None and steps <= 1:
             raise RunError(f"mbs: Exudyn finds no equilibrium: {cause(error)}. {remedy}") from error
         if error is not None:
@@ -475,6 +500,11 @@ def _run(
     return replace(result, status=status, message=message)
 
 
+def _settles_later(error: Exception) -> bool:
+    """Whether a run that ended with this error may succeed with shorter load steps from its start."""
+    return isinstance(error, ComplementarityError) or _UNSETTLED in cause(error)
+
+
 @contextlib.contextmanager
 def _at_rest(mbs: MainSystem) -> Iterator[None]:
     """Begin with all velocities zero within the block; after it, the initial and the last state have them again."""
@@ -486,17 +516,6 @@ def _at_rest(mbs: MainSystem) -> Iterator[None]:
     finally:
         for state in (configurations.Initial, configurations.Current):
             data.SetODE2Coordinates_t(speeds, state)
-
-
-@contextlib.contextmanager
-def _quiet(asked: bool) -> Iterator[None]:
-    """Keep Exudyn's text of a failure off the terminal: a second try may succeed, and our own error tells the cause."""
-    config = require("exudyn").config
-    own, config.printToConsole = config.printToConsole, config.printToConsole and not asked
-    try:
-        yield
-    finally:
-        config.printToConsole = own
 
 
 @contextlib.contextmanager
@@ -512,22 +531,12 @@ def _divided(settings: SimulationSettings, least: float) -> Iterator[None]:
 
 def _warn_if_neutral(mbs: MainSystem) -> None:
     """Warn of a body that nothing holds against some motion: round-off determines its place."""
-    solver, n = mbs.sys["staticSolver"], mbs.systemData.ODE2Size()
-    bodies = partition_items(mbs)[0]
+    n, bodies = mbs.systemData.ODE2Size(), partition_items(mbs)[0]
     if not bodies or n + mbs.systemData.AEsize() > _MOST_DENSE:
         return
-    solver.ComputeMassMatrix(mbs)
-    M = np.array(solver.GetSystemMassMatrix())
-    M += _LEAST_MASS * np.trace(M) / n * np.eye(n)  # nodes without mass are fine in statics
-    solver.ComputeJacobianODE2RHS(mbs, scalarFactor_ODE2=-1, scalarFactor_ODE2_t=0, scalarFactor_ODE1=0)
-    if mbs.systemData.AEsize():
-        solver.ComputeJacobianAE(
-            mbs, scalarFactor_ODE2=1.0, scalarFactor_ODE2_t=0.0, scalarFactor_ODE1=0.0, velocityLevel=False
-        )
-    system = np.array(solver.GetSystemJacobian())
-    joints = system[len(system) - mbs.systemData.AEsize() :, :n]
-    allowed = scipy.linalg.null_space(joints) if len(joints) else np.eye(n)  # SciPy 1.13 accepts no empty matrix
-    M, K = (allowed.T @ matrix @ allowed for matrix in (M, system[:n, :n]))
+    with linearising():
+        M, K, allowed = linearised(mbs, mbs.sys["staticSolver"])
+    M += _LEAST_MASS * np.trace(M) / n * np.eye(len(M))  # nodes without mass are fine in statics
     squares, motions = scipy.linalg.eigh((K + K.T) / 2, M)
     slowest, least = int(abs(squares).argmin()), (_NEUTRAL * 2 * np.pi * max(item.body.f_cut for item in bodies)) ** 2
     _warn_if_unstable(mbs, squares[0], least)

@@ -12,7 +12,17 @@ import scipy.linalg
 from oracles import add_loads, add_springs, end, ground
 
 import exudyn_partition as ep
-from exudyn_partition.errors import ContactPatchWarning, InputError, ModelLimitWarning, PartitionWarning, RunError
+from exudyn_partition.errors import (
+    ComplementarityError,
+    ContactPatchWarning,
+    InputError,
+    ModelLimitWarning,
+    PartitionWarning,
+    RunError,
+    StoppedRunWarning,
+)
+from exudyn_partition.exudyn_bodies.model import start_of_step
+from exudyn_partition.exudyn_contacts.model_run import ModelRun
 
 FORCE, SPRING = 50.0, 1e5
 pytestmark = pytest.mark.filterwarnings("ignore:contact .floor. at t = .* of 123 rows is closed at the peak")
@@ -279,3 +289,42 @@ def test_options_that_are_none(mbs, bodies, options, message):
     pressed(mbs, bodies[0])
     with pytest.raises(InputError, match=message):
         ep.solve_static(mbs, **options)
+
+
+def settling(monkeypatch, settles):
+    """Let contact forces settle only where `settles(start, end)` of a load step says so."""
+    force = ModelRun.force
+
+    def forces(run, mbs, t):
+        if not settles(start_of_step(mbs), t):
+            raise ComplementarityError("the forces did not settle")
+        return force(run, mbs, t)
+
+    monkeypatch.setattr(ModelRun, "force", forces)
+
+
+def test_load_steps_are_halved_where_forces_do_not_settle_and_grow_again(mbs, bodies, monkeypatch):
+    """All levels that were asked for are there, and contact and spring carry the load in each."""
+    item, contact, _ = pressed(mbs, bodies[0])
+    settling(monkeypatch, lambda start, end: not 0.25 - 1e-9 < start < 0.5 - 1e-9 or end - start < 0.1)
+    result = ep.solve_static(mbs, load_steps=4)
+    assert result.status == "finished"
+    levels = np.array([0.25, 0.5, 0.75, 1.0])
+    at = abs(result.t[:, None] - levels).argmin(axis=0)
+    np.testing.assert_allclose(result.t[at], levels, rtol=1e-9)
+    short = np.diff(result.t)
+    assert short.min() == pytest.approx(0.0625)
+    assert short[-1] > 2 * short.min()
+    np.testing.assert_allclose(contact.force(result) - sunk(item, result) * SPRING, FORCE * result.t, atol=1e-4 * FORCE)
+
+
+def test_forces_that_settle_in_no_load_step_are_named_as_the_cause(mbs, bodies, monkeypatch):
+    pressed(mbs, bodies[0])
+    settling(monkeypatch, lambda start, end: end < 0.51)
+    with pytest.warns(StoppedRunWarning) as said:
+        result = ep.solve_static(mbs, load_steps=4)
+    assert result.status == "unstable"
+    assert result.t[-1] <= 0.51
+    text = str(said[0].message)
+    assert "the forces did not settle. Shorter load steps did not help" in text
+    assert "hold it by joints" not in text

@@ -163,7 +163,7 @@ ARGUMENTS = {
     "folder": v.folder,
     "cache": v.path_out.but("folder", "no folder", "/proc", "pipe", "400 characters", "device")(False),
     # The rest
-    **each("showMarkers verbose superElement bodyFixed hollow inside correct load_factor update_initial", v.flag),
+    **each("showMarkers verbose superElement bodyFixed hollow inside correct load_factor update_initial slipping", v.flag),
     **each("go_on adaptive static_answer geometric_stiffness", v.flag),
     **each("progress loadUserFunction loadVectorUserFunction", v.function),
     "refine": Kind({"text": "x", "number": 1, "tuples": [((0, 0, 0), 1, 1)], "Nones": [None]}, ()),
@@ -553,6 +553,7 @@ CALLS = {
     "PlasticState.load": dict(path=v.path_in(Made(Scene.plastic_file))),
     "collect": dict(mbs=v.mbs.but(**{"not run": Made(Scene.assembled)})),
     "stability_limit": {},
+    "natural_modes": dict(mbs=RUNNABLE),
     "solve_static": dict(mbs=RUNNABLE, load_steps=v.count),
     "settle": dict(
         mbs=RUNNABLE.but(**{"without a weight": Made(Scene.assembled)})(Made(Scene.resting)),

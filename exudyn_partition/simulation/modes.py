@@ -1,0 +1,122 @@
+"""Natural modes about the initial state, with closed contacts."""
+
+from __future__ import annotations
+
+import contextlib
+import warnings
+from collections.abc import Iterator
+
+import numpy as np
+import scipy.linalg
+
+from ..algebra.blas_threads import one_blas_thread
+from ..errors import ModelLimitWarning, RunError
+from ..exudyn_bodies.model import validate_model
+from ..exudyn_contacts.model_run import runs_of
+from ..exudyn_contacts.partition_contact import partition_items
+from ..support.arrays import Array
+from ..support.checks import validate_flag
+from ..support.foreign import MainSolver, MainSystem
+from ..support.optional import require
+from .hooks import quiet
+
+
+def natural_modes(mbs: MainSystem, *, slipping: bool = False) -> tuple[Array, Array]:
+    """Find natural frequencies and modes of small vibration about the initial state, such as that of a preload.
+
+    Rows that are closed there stay closed. With friction, all of them stick, also those that slipped under the preload:
+    the least vibration lets them stick, as far as it does not reach the limit of friction again. Joints hold what they
+    hold. Damping is left out. Call it after `solve_static(mbs, update_initial=True)`.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+        The model, assembled.
+    slipping : bool
+        Whether rows that slipped in the last load step go on slipping. Their stiffness is not symmetric; then the modes
+        are those of its symmetric part.
+
+    Returns
+    -------
+    frequencies : (k,) array
+        All of them, ascending [Hz]; a negative one, beyond round-off, is that of an unstable motion.
+    modes : (nq, k) array
+        Coordinates of the model, in columns; of unit modal mass.
+
+    Raises
+    ------
+    InputError
+        If an argument has the wrong type.
+    RunError
+        If the model is not assembled, if contacts have multipliers, which have no stiffness, if coordinates have no
+        mass or are of first order, or if `slipping` does not follow a run of `solve_static` with `update_initial=True`.
+    """
+    validate_model(mbs)
+    validate_flag("slipping", slipping)
+    if not mbs.systemIsConsistent:
+        raise RunError("mbs: it is not assembled; call mbs.Assemble() before natural_modes")
+    contacts = partition_items(mbs)[1]
+    ahead = ", ".join(repr(contact.name) for contact in contacts if contact.mechanics.ahead)
+    if ahead:
+        raise RunError(
+            f"contact {ahead}: multipliers have no stiffness, so that natural_modes has no modes with them. Take "
+            "formulation='compliance'"
+        )
+    exu, runs, last = require("exudyn"), runs_of(mbs), mbs.sys.get("staticSolver")
+    initial, settings = mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Initial), exu.SimulationSettings()
+    settings.solution.file.write = settings.solution.sensors.active = False
+    if slipping:
+        run = runs.now(mbs)
+        if not (run.method == "static" and run.has_steps and run.ended_in(initial)):
+            raise RunError(
+                "slipping: which rows slip is known only after solve_static(mbs, update_initial=True)"
+            )
+    solver = exu.MainSolverStatic()
+    with one_blas_thread(), quiet(True), linearising() if slipping else runs.aside(mbs):
+        for contact in () if slipping else contacts:
+            runs.at_work(contact).mechanics.sticks = True
+        mbs.sys["staticSolver"] = solver
+        try:
+            solver.InitializeSolver(mbs, settings)
+            M, K, allowed = linearised(mbs, solver)
+            solver.FinalizeSolver(mbs, settings)
+        finally:
+            mbs.sys["staticSolver"] = last
+            if last is None:
+                del mbs.sys["staticSolver"]
+    try:
+        squares, modes = scipy.linalg.eigh((K + K.T) / 2, M)
+    except scipy.linalg.LinAlgError as error:
+        raise RunError("mbs: coordinates have no mass, so that natural_modes finds no frequencies") from error
+    return np.sign(squares) * np.sqrt(abs(squares)) / (2 * np.pi), allowed @ modes
+
+
+@contextlib.contextmanager
+def linearising() -> Iterator[None]:
+    """Within the block, the stiffness of rows that slip is asked for on purpose, and no warning tells of it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelLimitWarning)
+        yield
+
+
+def linearised(mbs: MainSystem, solver: MainSolver) -> tuple[Array, Array, Array]:
+    """Mass and stiffness in the solver's present state, (k, k), of motions that joints allow, (n, k), its last value.
+
+    Raises
+    ------
+    RunError
+        If the model has coordinates of first order.
+    """
+    n, joints = mbs.systemData.ODE2Size(), mbs.systemData.AEsize()
+    if mbs.systemData.ODE1Size():
+        raise RunError("mbs: coordinates of first order have no natural modes; remove nodes such as NodeGenericODE1")
+    solver.ComputeMassMatrix(mbs)
+    M = np.array(solver.GetSystemMassMatrix())
+    solver.ComputeJacobianODE2RHS(mbs, scalarFactor_ODE2=-1, scalarFactor_ODE2_t=0, scalarFactor_ODE1=0)
+    if joints:
+        solver.ComputeJacobianAE(
+            mbs, scalarFactor_ODE2=1.0, scalarFactor_ODE2_t=0.0, scalarFactor_ODE1=0.0, velocityLevel=False
+        )
+    system = np.array(solver.GetSystemJacobian())
+    allowed = scipy.linalg.null_space(system[len(system) - joints :, :n]) if joints else np.eye(n)
+    return allowed.T @ M @ allowed, allowed.T @ system[:n, :n] @ allowed, allowed

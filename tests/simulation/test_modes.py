@@ -1,0 +1,93 @@
+"""Natural modes at a preload: springs and flexibility by hand, differences of forces, joints, and what is refused."""
+
+import exudyn as exu
+import exudyn.itemInterface as items
+import numpy as np
+import pytest
+import scipy.linalg
+from oracles import add_loads, add_springs
+
+import exudyn_partition as ep
+from exudyn_partition.errors import ModelLimitWarning, RunError
+
+FORCE = 50.0
+
+
+@pytest.fixture
+def held(mbs, round_body):
+    """A ball that springs hold, pressed on a plane and aside, so that some rows slip and others stick."""
+    item = ep.CreatePartitionBody(mbs, round_body, name="ball")
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), name="floor", friction=0.5)
+    K = add_springs(mbs, item, np.diag([1e5, 1e7, 1e5, 1e3, 1e3, 1e3]))
+    for axis, force in ((2, 10 * FORCE), (0, 2 * FORCE)):
+        load = np.asarray(item.body.mass @ item.body.rigid)[:, axis] * -force / item.body.total_mass
+        add_loads(mbs, item, load)
+    mbs.Assemble()
+    result = ep.solve_static(mbs, load_steps=2, update_initial=True)
+    assert 0 < contact.friction.stuck_rows(result)[-1] < np.count_nonzero(contact.friction.states(result)[-1])
+    return item, contact, K, result
+
+
+def frequencies(K, item):
+    squares = scipy.linalg.eigh((K + K.T) / 2, item.body.mass.toarray(), eigvals_only=True)
+    return np.sign(squares) * np.sqrt(abs(squares)) / (2 * np.pi)
+
+
+def test_closed_rows_stick(mbs, held):
+    """Stiffness by hand: springs and modes, and the inverse of the flexibility of all closed rows."""
+    item, contact, K, result = held
+    rows = contact.mechanics.for_run("static").rows
+    rows.gaps.at(item.coordinates(result)[-1])
+    closed = np.flatnonzero(np.isin(rows.gaps.row_nodes, np.flatnonzero(contact.friction.states(result)[-1])))
+    H, F = rows.jacobian(closed), rows.flexibility(closed)
+    H = H.toarray() if hasattr(H, "toarray") else H
+    right = frequencies(item.body.stiffness.toarray() + K + H.T @ np.linalg.solve(F, H), item)
+    found, modes = ep.natural_modes(mbs)
+    np.testing.assert_allclose(found, right, rtol=1e-5)
+    np.testing.assert_allclose(modes.T @ item.body.mass @ modes, np.eye(len(found)), atol=1e-8)
+    assert (ep.natural_modes(mbs, slipping=True)[0] / right).min() < 0.99
+
+
+def test_exudyn_reads_half_of_what_slips_and_says_so(mbs, held):
+    """The symmetric part of the whole stiffness has the modes of `slipping`; one triangle has not."""
+    with pytest.warns(ModelLimitWarning, match="contact 'floor': rows slip, so that the stiffness is not symmetric"):
+        [M, K, _] = mbs.ComputeLinearizedSystem()
+    squares = scipy.linalg.eigh((K + K.T) / 2, M, eigvals_only=True)
+    found, _ = ep.natural_modes(mbs, slipping=True)
+    np.testing.assert_allclose(found, np.sqrt(squares) / (2 * np.pi), rtol=1e-6)
+    ep.natural_modes(mbs)
+    np.testing.assert_allclose(ep.natural_modes(mbs, slipping=True)[0], found, rtol=1e-6)
+
+
+def test_masses_on_a_joint(mbs):
+    """A mass on a spring, another on a stiffer one; a joint makes both move as one."""
+    ground = mbs.CreateGround()
+    masses = [mbs.CreateMassPoint(referencePosition=[0, 0, z], mass=m) for z, m in ((0, 2.0), (1, 3.0))]
+    for mass, k in zip(masses, (1e4, 5e4), strict=True):
+        mbs.CreateCartesianSpringDamper(itemNumbers=[ground, mass], stiffness=[k] * 3, localPosition0=[0, 0, 0])
+    one, other = (
+        mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=mbs.GetObject(mass)["nodeNumber"], coordinate=0))
+        for mass in masses
+    )
+    mbs.AddObject(items.CoordinateConstraint(markerNumbers=[one, other]))
+    mbs.Assemble()
+    found, modes = ep.natural_modes(mbs)
+    right = np.sort(np.sqrt([1e4 / 2, 1e4 / 2, 5e4 / 3, 5e4 / 3, 6e4 / 5])) / (2 * np.pi)
+    np.testing.assert_allclose(found, right, rtol=1e-9)
+    np.testing.assert_allclose(modes[0], modes[3], atol=1e-12)
+
+
+def test_what_has_no_modes_is_refused(mbs, bodies, pair_of):
+    with pytest.raises(RunError, match="not assembled"):
+        ep.natural_modes(mbs)
+    item = ep.CreatePartitionBody(mbs, pair_of("craig-bampton")[0])
+    ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), formulation="lagrange", name="floor")
+    mbs.Assemble()
+    with pytest.raises(RunError, match="contact 'floor': multipliers have no stiffness"):
+        ep.natural_modes(mbs)
+    other = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(other, bodies[0])
+    ep.CreatePartitionContact(other, item, ep.RigidPlane())
+    other.Assemble()
+    with pytest.raises(RunError, match="slipping: which rows slip is known only after solve_static"):
+        ep.natural_modes(other, slipping=True)
