@@ -15,6 +15,7 @@ from ..surfaces.points import ContactPoints, RowKind, contact_points
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from .gaps import Gaps
 from .linear_gaps import LinearGaps
+from .rigid_mesh import RigidMesh
 from .side import Side
 from .stages import Frozen, PresentRows, Stage
 
@@ -183,7 +184,7 @@ class RigidGaps(Gaps):
         linear = slave.kinematics.linear and isinstance(surface, RigidPlane) and pose is None
         linear = linear and not slave.surface.wanders
         self._start_q, self._loaded = np.zeros(self.n), {}
-        self._start, gap = self._stage_at(self._rows_at_start(), [slave.surface.points - slave.centre])
+        self._start, gap = self._stage_at(self._rows_at_start(), [slave.surface.points - slave.centre], self._start_q)
         self._take(self._start, self._start_q)
         self.pressed, self.clearance = pressed, float(gap.min())
         self._check_start(gap)
@@ -193,6 +194,9 @@ class RigidGaps(Gaps):
             start = self._start.rows, self._start.normals, self._start.shares
             self._start = Frozen(*start, LinearGaps(H, gap, *no_drift, 0.0))
         self.stage = self._start.again()
+
+    _faced_by: ContactPoints | None = None  # points whose outward normals, (p, 3), on the body as made are known
+    _outward: Array
 
     def placed_rows(self) -> tuple[ContactPoints, Array, Array]:
         """See `Gaps.placed_rows`."""
@@ -207,10 +211,20 @@ class RigidGaps(Gaps):
         at_rim = np.isin(points.row_nodes, self.slave.surface.rim)
         return PresentRows(points, np.where(at_rim, 0.0, np.inf), self.sides)
 
-    def _stage_at(self, rows: PresentRows, places: list[Array]) -> tuple[Stage, Array]:
-        """Stage of some rows with the slave's nodes at `places`, one (np, 3) array [m], and gaps, (nr,) [m]."""
-        pose = self.carrier_pose
-        gap, normals = self._projected(rows.points.at(places[0]), pose)
+    def _stage_at(self, rows: PresentRows, places: list[Array], q: Array) -> tuple[Stage, Array]:
+        """Stage of some rows with the slave's nodes at `places`, one (np, 3) array [m], and gaps, (nr,) [m].
+
+        `q`, (n,), are the coordinates.
+        """
+        pose, points = self.carrier_pose, rows.points
+        gap, normals = self._projected(x := points.at(places[0]), pose)
+        if isinstance(self.surface, RigidMesh) and gap.min(initial=0.0) < 0.0:
+            if self._faced_by is not points:
+                self._faced_by, self._outward = points, self.slave.surface.normals_at(points.nodes, points.weights)
+            outward = self._outward @ self.slave.kinematics.frame(q)[1].T
+            place, axes = (pose[:3], pose[3:].reshape(3, 3)) if len(pose) else (np.zeros(3), np.eye(3))
+            gap, normals = self.surface.entered((x - place) @ axes, outward @ axes, gap, normals @ axes)
+            normals = normals @ axes.T
         stage = Stage(rows, normals, ((rows.points.nodes, rows.points.weights),))
         stage.places, stage.pose = places, pose
         return stage, rows.points.average(gap)
@@ -244,7 +258,7 @@ class RigidGaps(Gaps):
         if isinstance(stage, Frozen):  # rows on a plane stay the same at any sliding
             self._take(stage, q)
             return stage.gap(q)
-        found, gap = self._stage_at(stage.rows, self.places_of(stage.rows.sides, q))
+        found, gap = self._stage_at(stage.rows, self.places_of(stage.rows.sides, q), q)
         self._take(found, q)
         return gap
 

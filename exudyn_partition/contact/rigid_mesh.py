@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..errors import InputError, MeshError, UnitsWarning
+from ..errors import InputError, MeshError, RunError, UnitsWarning
 from ..meshing.mesh_files import read_triangles
 from ..meshing.netgen_mesh import shape_of, surface_triangles
 from ..meshing.step_files import ENDINGS
@@ -37,6 +37,11 @@ _SAME = 1e-9  # of the size of the mesh: corners that are nearer to each other a
 _FLAT = 1e-10  # of the squared longest edge: triangles with a smaller area are left out
 _ON = 1e-9  # of the size of the mesh: points that are nearer lie on an edge or a corner
 _LARGEST = 20.0  # [m]: files of larger meshes may be in millimetres
+_OPPOSED = 0.1  # cosine: a face whose normal opposes a body's less than this is not the one that the body meets
+_BACK, _LEFT = (
+    0.5,
+    0.05,
+)  # cosine from which a face is the back of a sheet; share of its thickness before a row is through
 _CHUNK = 4096  # points that are projected at once, to bound the memory
 
 
@@ -179,6 +184,53 @@ class RigidMesh:
         """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3)."""
         parts = [self._project(x[i : i + _CHUNK]) for i in range(0, max(len(x), 1), _CHUNK)]
         return np.concatenate([gap for gap, _ in parts]), np.vstack([normal for _, normal in parts])
+
+    def entered(self, x: Array, outward: Array, gap: Array, normals: Array) -> tuple[Array, Array]:
+        """Gaps, (k,) [m], and normals, (k, 3), of points inside by the faces through which their body has come.
+
+        The closest face is the wrong one where a point has passed half the thickness of a sheet: its normal does not
+        oppose the body's. The right one lies behind the point, against the body's outward normal.
+
+        Parameters
+        ----------
+        x, outward : (k, 3) arrays
+            Points [m], and the body's outward unit normals there.
+        gap, normals : (k,), (k, 3) arrays
+            Those of `project`.
+
+        Raises
+        ------
+        RunError
+            If a point is about to leave a sheet on its back.
+        """
+        wrong = np.flatnonzero((gap < 0.0) & (np.einsum("kd,kd->k", normals, outward) > -_OPPOSED))
+        if not len(wrong):
+            return gap, normals
+        behind, gap, normals = normals, gap.copy(), normals.copy()
+        for point in wrong:
+            triangle = self._behind(x[point], -outward[point])
+            if triangle is None:
+                continue
+            left, normals[point] = -gap[point], self._normals[triangle, 0]
+            gap[point] = (x[point] - self._corners[triangle, 0]) @ normals[point]
+            if behind[point] @ outward[point] > _BACK and left < _LEFT * (left - gap[point]):
+                raise RunError(
+                    f"RigidMesh: a row at {x[point]} m, in the frame of the mesh, has passed through a part of it that "
+                    f"is {left - gap[point]:.3g} m thick; behind it nothing would hold the row. Make that part of the "
+                    "mesh thicker on its back: it is rigid, so that its thickness has no other effect"
+                )
+        return gap, normals
+
+    def _behind(self, x: Array, way: Array) -> int | None:
+        """First triangle on a ray from x along `way`, (3,) each, that it leaves the solid through; None without one."""
+        a, faces = self._corners[:, 0], self._normals[:, 0]
+        slope = faces @ way
+        distance = np.einsum("td,td->t", a - x, faces) / _not_zero(slope)
+        ahead = np.flatnonzero((slope > _OPPOSED) & (distance >= 0.0))
+        hit = x + distance[ahead, None] * way
+        place, _ = _on_triangles(hit, self._corners[ahead])
+        met = ahead[np.linalg.norm(hit - place, axis=1) <= self._rounding]
+        return int(met[distance[met].argmin()]) if len(met) else None
 
     def _project(self, x: Array) -> tuple[Array, Array]:
         triangle, place, feature = self._closest(x)

@@ -25,6 +25,7 @@ from .model import BodyItem, Samples
 
 Static = FEModel | StaticAnswer
 
+_AT_REST = 1e-2  # change of a force over the force, below which the body rests
 _LACKING = 0.02  # largest missing share of a history; its estimate is right within a factor of about two
 
 
@@ -64,7 +65,7 @@ def warn_near_contact(
     The patch, of radius a, yields to a force by its residual flexibility. A point at a distance d yields by about
     a / (a + d) of that, like the surface of a half-space (Boussinesq).
     """
-    lacking = 0.0
+    lacking = least = 0.0  # of what changes in the run, as `kept` does
     for contact in result.contacts:
         for other, number in contact.sides:
             if other == item and item.body.basis.flexibility is not None and contact.compliant:
@@ -76,9 +77,11 @@ def warn_near_contact(
                 radius = np.sqrt(area.sum() / np.pi)
                 away = np.linalg.norm(item.body.points[patch.nodes] - point, axis=1).min()
                 compliance = load @ item.body.flexibility(number) @ load * radius / (radius + away)
-                lacking += compliance * float(np.linalg.norm(of_force(contact.force(result))))
+                force = of_force(contact.force(result))
+                lacking += compliance * float(np.linalg.norm(force - force[0]))
+                least += _AT_REST * compliance * float(np.linalg.norm(force))
     size = float(np.linalg.norm(kept - kept[0])) if len(kept) else 0.0
-    if lacking > _LACKING * size > 0:
+    if lacking > max(_LACKING * size, least) and size > 0.0:
         warnings.warn(
             f"body {item.name!r}: near a contact the {what} of a point lacks its static answer to the contact's "
             f"force; at {np.round(point, 6)} m this is about {lacking / size:.2g} of it. Give the FE model: "

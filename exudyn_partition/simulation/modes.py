@@ -68,9 +68,7 @@ def natural_modes(mbs: MainSystem, *, slipping: bool = False) -> tuple[Array, Ar
     if slipping:
         run = runs.now(mbs)
         if not (run.method == "static" and run.has_steps and run.ended_in(initial)):
-            raise RunError(
-                "slipping: which rows slip is known only after solve_static(mbs, update_initial=True)"
-            )
+            raise RunError("slipping: which rows slip is known only after solve_static(mbs, update_initial=True)")
     solver = exu.MainSolverStatic()
     with one_blas_thread(), quiet(True), linearising() if slipping else runs.aside(mbs):
         for contact in () if slipping else contacts:

@@ -1,5 +1,6 @@
 """Rigid surfaces of triangles: signed distances of solids, files, and contact with them."""
 
+import exudyn as exu
 import meshio
 import netgen.occ as occ
 import numpy as np
@@ -8,7 +9,7 @@ from oracles import compliant, floating, moved
 
 import exudyn_partition as ep
 from exudyn_partition.contact.rigid import RigidGaps
-from exudyn_partition.errors import InputError, MeshError, UnitsWarning
+from exudyn_partition.errors import InputError, MeshError, RunError, UnitsWarning
 
 HALF = np.array([0.03, 0.02, 0.001])  # half sides of a thin plate
 CORNERS = HALF * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -114,3 +115,68 @@ def test_wrong_meshes(tmp_path):
     meshio.write_points_cells(path, CORNERS, [("quad", np.array(FACES))])
     with pytest.raises(MeshError, match="expected triangles with three corners alone, got 6 quad"):
         ep.RigidMesh.of(path)
+
+
+def rows_of(body, surface, **position):
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, body, **position)
+    return item, ep.CreatePartitionContact(mbs, item, surface).mechanics.for_run("static").gaps
+
+
+def disc(radius, thickness, n=24):
+    """A disc whose top is the plane z = 0."""
+    angle = 2 * np.pi * np.arange(n) / n
+    rim = radius * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    down = np.array([0, 0, -thickness])
+    i, j = np.arange(n), np.roll(np.arange(n), -1)
+    flat = np.column_stack([np.full(n, 2 * n), i, j]), np.column_stack([np.full(n, 2 * n + 1), j + n, i + n])
+    sides = np.column_stack([i, i + n, j]), np.column_stack([j, i + n, j + n])
+    return ep.RigidMesh(np.vstack([rim, rim + down, [[0, 0, 0], down]]), np.vstack([*flat, *sides]))
+
+
+@pytest.mark.parametrize(
+    "sheet",
+    [lambda: ep.RigidMesh.of(occ.Box((-0.03, -0.03, -2e-5), (0.03, 0.03, 0)), maxh=0.06), lambda: disc(0.03, 2e-5)],
+    ids=["plate", "disc"],
+)
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_rows_within_a_thin_sheet_are_as_deep_as_within_a_solid(round_body, sheet, frame):
+    """Also beyond half its thickness, where its back is nearer."""
+    gaps = [
+        rows_of(round_body, surface, referencePosition=[0, 0, 1e-6], frame=frame)[1]
+        for surface in (ep.RigidPlane(), sheet())
+    ]
+    item, _ = rows_of(round_body, ep.RigidPlane(), referencePosition=[0, 0, 1e-6], frame=frame)
+    for depth in (5e-6, 1.2e-5, 1.8e-5):
+        q = item.kinematics.moved(
+            np.zeros(round_body.n_dofs), -depth * item.kinematics.weight(np.array([0, 0, 1.0])) / item.kinematics.mass
+        )
+        right, found = (one.at(q) for one in gaps)
+        closed = right < 0
+        assert closed.any()
+        np.testing.assert_allclose(found[closed], right[closed], atol=1e-12)
+        np.testing.assert_allclose(gaps[1].normal[closed], np.tile([0, 0, 1.0], (closed.sum(), 1)), atol=1e-12)
+
+
+def test_rows_that_have_passed_through_a_sheet_are_refused():
+    """Behind it nothing would hold them; within a solid they are as deep as they are."""
+    sheet = ep.RigidMesh.of(occ.Box((-1, -1, -0.1), (1, 1, 0)), maxh=2)
+    down = np.array([[0, 0, -1.0]])
+    for depth in (0.04, 0.07, 0.09):
+        x = np.array([[0.1, 0.2, -depth]])
+        gap, normals = sheet.entered(x, down, *sheet.project(x))
+        np.testing.assert_allclose(gap, -depth, atol=1e-12)
+        np.testing.assert_allclose(normals, -down, atol=1e-12)
+    x = np.array([[0.1, 0.2, -0.098]])
+    with pytest.raises(RunError, match=r"has passed through a part of it that is 0\.1 m thick"):
+        sheet.entered(x, down, *sheet.project(x))
+
+
+def test_a_row_meets_the_rim_of_a_thin_disc_that_its_body_has_come_through():
+    """Its flat faces are nearer, but the body has not come through them."""
+    round_one = disc(1.0, 0.02, 96)
+    for z in (-0.004, 0.0, 0.006):
+        x, outward = np.array([[0.96, 0.0, z - 0.01]]), np.array([[-np.cos(z), 0.0, np.sin(z)]])
+        gap, normals = round_one.entered(x, outward, *round_one.project(x))
+        assert gap[0] == pytest.approx(-0.04, abs=2e-3)  # the sag of its edges
+        assert normals[0, 0] > 0.99
