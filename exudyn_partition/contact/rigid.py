@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ..errors import InputError, PenetrationError
+from ..errors import InputError, PenetrationError, RunError
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_flag, validate_positive, validate_vector
 from ..surfaces.points import ContactPoints, RowKind, contact_points
@@ -18,6 +18,8 @@ from .linear_gaps import LinearGaps
 from .rigid_mesh import RigidMesh
 from .side import Side
 from .stages import Frozen, PresentRows, Stage
+
+_LEFT = 0.05  # of a row's depth: with less of a sheet before it, the row has passed through
 
 
 class RigidSurface(Protocol):
@@ -195,6 +197,15 @@ class RigidGaps(Gaps):
             self._start = Frozen(*start, LinearGaps(H, gap, *no_drift, 0.0))
         self.stage = self._start.again()
 
+    def _entered(self, x: Array, outward: Array, q: Array, gap: Array, normals: Array) -> tuple[Array, Array, Array]:
+        """See `RigidMesh.entered`; all in space, but `outward`, which belongs to the slave as it was made."""
+        assert isinstance(self.surface, RigidMesh)
+        pose = self.carrier_pose
+        place, axes = (pose[:3], pose[3:].reshape(3, 3)) if len(pose) else (np.zeros(3), np.eye(3))
+        turned = outward @ self.slave.kinematics.frame(q)[1].T @ axes
+        gap, normals, left = self.surface.entered((x - place) @ axes, turned, gap, normals @ axes)
+        return gap, normals @ axes.T, left
+
     _faced_by: ContactPoints | None = None  # points whose outward normals, (p, 3), on the body as made are known
     _outward: Array
 
@@ -221,10 +232,14 @@ class RigidGaps(Gaps):
         if isinstance(self.surface, RigidMesh) and gap.min(initial=0.0) < 0.0:
             if self._faced_by is not points:
                 self._faced_by, self._outward = points, self.slave.surface.normals_at(points.nodes, points.weights)
-            outward = self._outward @ self.slave.kinematics.frame(q)[1].T
-            place, axes = (pose[:3], pose[3:].reshape(3, 3)) if len(pose) else (np.zeros(3), np.eye(3))
-            gap, normals = self.surface.entered((x - place) @ axes, outward @ axes, gap, normals @ axes)
-            normals = normals @ axes.T
+            gap, normals, left = self._entered(x, self._outward, q, gap, normals)
+            if (left < -_LEFT * gap).any():
+                through = int((left + gap).argmin())
+                raise RunError(
+                    f"RigidMesh: a row at {x[through]} m has passed through a part of the mesh that is "
+                    f"{left[through] - gap[through]:.3g} m thick; behind it nothing would hold the row. Make that part "
+                    "thicker on its back: it is rigid, so that its thickness has no other effect"
+                )
         stage = Stage(rows, normals, ((rows.points.nodes, rows.points.weights),))
         stage.places, stage.pose = places, pose
         return stage, rows.points.average(gap)
@@ -265,7 +280,12 @@ class RigidGaps(Gaps):
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; only for a surface that is fixed in space."""
         (nodes,) = self.dented([self.whole], q, dents)
-        return float(self._seen.project(np.vstack([nodes, self._all.at(nodes)]))[0].min())
+        gap, normals = self._seen.project(x := np.vstack([nodes, self._all.at(nodes)]))
+        if isinstance(self.surface, RigidMesh) and gap.min() < 0.0:
+            own, every = self.whole.surface, np.arange(len(nodes))[:, None]
+            at = (every, np.ones(every.shape)), (self._all.nodes, self._all.weights)
+            gap = self._entered(x, np.vstack([own.normals_at(*one) for one in at]), q, gap, normals)[0]
+        return float(gap.min())
 
     @property
     def whole(self) -> Side:

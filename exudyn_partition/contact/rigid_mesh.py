@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..errors import InputError, MeshError, RunError, UnitsWarning
+from ..errors import InputError, MeshError, UnitsWarning
 from ..meshing.mesh_files import read_triangles
 from ..meshing.netgen_mesh import shape_of, surface_triangles
 from ..meshing.step_files import ENDINGS
@@ -38,10 +38,7 @@ _FLAT = 1e-10  # of the squared longest edge: triangles with a smaller area are 
 _ON = 1e-9  # of the size of the mesh: points that are nearer lie on an edge or a corner
 _LARGEST = 20.0  # [m]: files of larger meshes may be in millimetres
 _OPPOSED = 0.1  # cosine: a face whose normal opposes a body's less than this is not the one that the body meets
-_BACK, _LEFT = (
-    0.5,
-    0.05,
-)  # cosine from which a face is the back of a sheet; share of its thickness before a row is through
+_BACK = 0.5  # cosine between normals of face and body, above which the face is the back of a sheet
 _CHUNK = 4096  # points that are projected at once, to bound the memory
 
 
@@ -185,11 +182,12 @@ class RigidMesh:
         parts = [self._project(x[i : i + _CHUNK]) for i in range(0, max(len(x), 1), _CHUNK)]
         return np.concatenate([gap for gap, _ in parts]), np.vstack([normal for _, normal in parts])
 
-    def entered(self, x: Array, outward: Array, gap: Array, normals: Array) -> tuple[Array, Array]:
+    def entered(self, x: Array, outward: Array, gap: Array, normals: Array) -> tuple[Array, Array, Array]:
         """Gaps, (k,) [m], and normals, (k, 3), of points inside by the faces through which their body has come.
 
         The closest face is the wrong one where a point has passed half the thickness of a sheet: its normal does not
-        oppose the body's. The right one lies behind the point, against the body's outward normal.
+        oppose the body's. The right one lies behind the point, against the body's outward normal. The last value,
+        (k,), is the thickness that is left before the point [m], infinite where no sheet has a back there.
 
         Parameters
         ----------
@@ -197,29 +195,22 @@ class RigidMesh:
             Points [m], and the body's outward unit normals there.
         gap, normals : (k,), (k, 3) arrays
             Those of `project`.
-
-        Raises
-        ------
-        RunError
-            If a point is about to leave a sheet on its back.
         """
-        wrong = np.flatnonzero((gap < 0.0) & (np.einsum("kd,kd->k", normals, outward) > -_OPPOSED))
+        left = np.full(len(gap), np.inf)
+        opposing = np.einsum("kd,kd->k", normals, outward)
+        wrong = np.flatnonzero((gap < 0.0) & (opposing > -_OPPOSED))
         if not len(wrong):
-            return gap, normals
-        behind, gap, normals = normals, gap.copy(), normals.copy()
+            return gap, normals, left
+        gap, normals = gap.copy(), normals.copy()
         for point in wrong:
             triangle = self._behind(x[point], -outward[point])
             if triangle is None:
                 continue
-            left, normals[point] = -gap[point], self._normals[triangle, 0]
+            if opposing[point] > _BACK:
+                left[point] = -gap[point]
+            normals[point] = self._normals[triangle, 0]
             gap[point] = (x[point] - self._corners[triangle, 0]) @ normals[point]
-            if behind[point] @ outward[point] > _BACK and left < _LEFT * (left - gap[point]):
-                raise RunError(
-                    f"RigidMesh: a row at {x[point]} m, in the frame of the mesh, has passed through a part of it that "
-                    f"is {left - gap[point]:.3g} m thick; behind it nothing would hold the row. Make that part of the "
-                    "mesh thicker on its back: it is rigid, so that its thickness has no other effect"
-                )
-        return gap, normals
+        return gap, normals, left
 
     def _behind(self, x: Array, way: Array) -> int | None:
         """First triangle on a ray from x along `way`, (3,) each, that it leaves the solid through; None without one."""

@@ -158,18 +158,24 @@ def test_rows_within_a_thin_sheet_are_as_deep_as_within_a_solid(round_body, shee
         np.testing.assert_allclose(gaps[1].normal[closed], np.tile([0, 0, 1.0], (closed.sum(), 1)), atol=1e-12)
 
 
-def test_rows_that_have_passed_through_a_sheet_are_refused():
-    """Behind it nothing would hold them; within a solid they are as deep as they are."""
+def test_how_much_of_a_sheet_is_left_before_a_row():
     sheet = ep.RigidMesh.of(occ.Box((-1, -1, -0.1), (1, 1, 0)), maxh=2)
     down = np.array([[0, 0, -1.0]])
     for depth in (0.04, 0.07, 0.09):
         x = np.array([[0.1, 0.2, -depth]])
-        gap, normals = sheet.entered(x, down, *sheet.project(x))
+        gap, normals, left = sheet.entered(x, down, *sheet.project(x))
         np.testing.assert_allclose(gap, -depth, atol=1e-12)
         np.testing.assert_allclose(normals, -down, atol=1e-12)
-    x = np.array([[0.1, 0.2, -0.098]])
-    with pytest.raises(RunError, match=r"has passed through a part of it that is 0\.1 m thick"):
-        sheet.entered(x, down, *sheet.project(x))
+        np.testing.assert_allclose(left, 0.1 - depth if depth > 0.05 else np.inf, atol=1e-12)
+
+
+def test_rows_that_pass_through_a_sheet_are_refused(round_body):
+    """Behind it nothing would hold them."""
+    sheet = ep.RigidMesh.of(occ.Box((-0.03, -0.03, -2e-5), (0.03, 0.03, 0)), maxh=0.06)
+    gaps = RigidGaps(floating(round_body), sheet)
+    gaps.at(moved(gaps.slave, [0, 0, -1.8e-5]))
+    with pytest.raises(RunError, match=r"has passed through a part of the mesh that is 2e-05 m thick"):
+        gaps.at(moved(gaps.slave, [0, 0, -1.98e-5]))
 
 
 def test_a_row_meets_the_rim_of_a_thin_disc_that_its_body_has_come_through():
@@ -177,6 +183,6 @@ def test_a_row_meets_the_rim_of_a_thin_disc_that_its_body_has_come_through():
     round_one = disc(1.0, 0.02, 96)
     for z in (-0.004, 0.0, 0.006):
         x, outward = np.array([[0.96, 0.0, z - 0.01]]), np.array([[-np.cos(z), 0.0, np.sin(z)]])
-        gap, normals = round_one.entered(x, outward, *round_one.project(x))
+        gap, normals, _ = round_one.entered(x, outward, *round_one.project(x))
         assert gap[0] == pytest.approx(-0.04, abs=2e-3)  # the sag of its edges
         assert normals[0, 0] > 0.99
