@@ -1,5 +1,6 @@
 """Strain and stress of bodies that have yielded."""
 
+import warnings
 from dataclasses import replace
 from fractions import Fraction
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError, YieldWarning
+from exudyn_partition.errors import InputError, ModelLimitWarning, YieldWarning
 
 E, YIELD_STRESS, SLOPE = 70e9, 200e6, 2e9
 LENGTH, WIDTH = 30e-3, 10e-3
@@ -108,3 +109,26 @@ def test_numbers_are_kept_as_they_were_checked():
     kept = [ep.RigidSphere((0, 0, 0), one).radius, ep.RigidCylinder((0, 0, 0), (0, 0, 1), one).radius]
     kept += [ep.Refine((0, 0, 0), one, 0.1 * one).radius, ep.Rayleigh(one, Fraction(1)).beta]
     assert {type(number) for number in kept} == {float}
+
+
+def test_a_body_at_rest_lacks_nothing_and_one_that_is_hit_is_told(mbs, round_body):
+    """Round-off is no motion of which a share could be missing: the force that holds a ball at rest stays the same."""
+    ball = ep.CreatePartitionBody(mbs, round_body, name="ball", gravity=[0, 0, -9.81], damping=0.05)
+    floor = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane())
+    mbs.Assemble()
+    place = round_body.points[round_body.partition.patches[0].nodes[0]]
+    down = -ball.kinematics.weight(np.array([0, 0, 1.0])) / ball.kinematics.mass
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the contact of a ball at rest is smaller than its facets
+        ep.settle(mbs)
+        resting = ep.solve_dynamic(mbs, end_time=10e-6)
+        mbs.systemData.SetODE2Coordinates_t(down, exu.ConfigurationType.Initial)
+        hit = ep.solve_dynamic(mbs, end_time=20e-6)
+    np.testing.assert_allclose(floor.force(resting), 9.81 * round_body.total_mass, rtol=1e-3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ball.velocity(resting, place)
+        assert np.ptp(ball.displacement(resting, place), axis=0).max() < 1e-9
+    assert floor.force(hit).max() > 10 * floor.force(hit)[0]
+    with pytest.warns(ModelLimitWarning, match="near a contact the displacement of a point lacks its static answer"):
+        ball.displacement(hit, place)

@@ -118,6 +118,10 @@ CROSSED = {
         ],
         "What touches and is pushed": ["simulation/test_statics.py::test_a_block_that_only_stands_carries_its_weight"],
         "If a load step": [],
+        "If that does not help": [
+            "simulation/test_statics.py::test_forces_that_settle_in_no_load_step_are_named_as_the_cause"
+        ],
+        "The result has samples": [],
         "Friction and plastic flow": [],
         "Take more load steps": [],
         "Multipliers (": ["simulation/test_statics.py::test_multipliers_are_refused_before_the_first_step"],
