@@ -796,6 +796,7 @@ NOT_CALLED = {
         f"{name}.project": _EVERY_STEP
         for name in ("RigidPlane", "RigidSphere", "RigidCylinder", "RigidProfile", "RigidMesh")
     },
+    "RigidMesh.entered": _EVERY_STEP,
     "PlasticState": _MADE_BY_US,
     **{f"PlasticState.{name}": _INSIDE for name in ("virgin", "at", "changed")},
     "FEModel.shares_of_walls": _INSIDE,
