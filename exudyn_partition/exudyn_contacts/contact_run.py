@@ -96,7 +96,7 @@ class ContactRun:
         self.joined = self.goes_on = False
         self.areas = mechanics.node_areas
         self._open_index: Array | None = None
-        self._open_values: list[float] = []  # values of `sFriction` while all rows are open
+        self._open_values: list[float] = []  # values of `sFriction` while all rows are open, without plastic zones
         self._samples: list[tuple[float, Array, Array]] = []
         self._stored: dict[float, float] = {}
         self.tangential: dict[float, tuple[Array, Array]] = {}
@@ -338,7 +338,7 @@ class ContactRun:
             values = [*mechanics.traction.sum(axis=0).tolist(), stuck, slipping, self._dissipated(), mechanics.stored()]
         else:
             values = [0.0, 0.0, 0.0, 0.0, 0.0, self._dissipated(), mechanics.stored()]
-            if self._impulses() is None:
+            if self._impulses() is None and mechanics.zones is None:  # what zones store changes as bodies swing
                 self._open_index, self._open_values = mechanics.index, values
         return values if (impulse := self._impulses()) is None else values + impulse[4:].tolist()
 

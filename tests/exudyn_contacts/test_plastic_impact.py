@@ -340,7 +340,8 @@ def test_friction_and_plastic_flow_together(models):
         result = ep.solve_dynamic(mbs, end_time=40e-6)
     work, taken = contact.plastic.work(result)[-1], contact.dissipated_energy(result)[-1]
     assert 0 < work < taken
-    np.testing.assert_allclose(energy_by_start([plate], contact, result), 1.0, atol=1e-3)
+    balance = energy_by_start([plate], contact, result)
+    np.testing.assert_allclose(balance, 1.0, atol=2e-4)  # also after the impact, where the plate swings about its dent
     along = abs(contact.friction.tangential_force(result)).max(axis=1)
     assert (along <= 0.2 * contact.force(result) * (1 + 1e-9)).all()
     assert ends_with_the_force(contact, result)

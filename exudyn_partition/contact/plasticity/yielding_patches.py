@@ -199,7 +199,7 @@ class YieldingPatches(Zones):
         if not all(zone.goes_on for _, zone in self.zones):
             respond(pushed + self._moved(rows))
             forces = zip(self.zones, self._on_patches(rows), strict=True)
-            if all(zone.stays_elastic(force) for (_, zone), force in forces):
+            if all([zone.stays_elastic(force) for (_, zone), force in forces]):  # each zone takes its force
                 return
             if not any([zone.look() for _, zone in self.zones]):
                 return
