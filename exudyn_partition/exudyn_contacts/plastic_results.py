@@ -130,7 +130,7 @@ class PlasticResults:
             flow = states[name].equivalent * zone.weight
             at_border = np.where(zone.border, flow, 0.0)
             if at_border.sum() > _AT_BORDER * flow.sum():
-                return name, zone.place(int(at_border.argmax()))
+                return name, zone.edge_near(int(at_border.argmax()))
         return None
 
     def _samples(self, result: RunSamples) -> Array:

@@ -37,6 +37,7 @@ KINDS: tuple[InterfaceKind, ...] = get_args(InterfaceKind)
 
 _NODES = (3, 4, 6, 8, 10)  # of a facet
 _UNIT = 1e-9  # allowed error of a unit vector's length
+_REACHES = 0.75  # of the radius of a plastic zone: elements with a node nearer to its centre belong to it
 _FLAT = 1e-6  # least extent of an interface across its longest axis, by its size
 
 
@@ -73,7 +74,10 @@ class PlasticRegion:
 
 
 def plastic_region(fem: FEModel, center: Array, radius: float) -> PlasticRegion:
-    """Elements whose centre lies within `radius` [m] of a point, (3,) [m].
+    """Elements whose centre lies within `radius` [m] of a point, (3,) [m], and those that reach far into this ball.
+
+    A mesh gets coarser outwards. A large element whose centre lies outside may reach to the middle of the ball. There
+    the zone would be as narrow as that. So elements with a node within three quarters of the radius belong to it too.
 
     Raises
     ------
@@ -95,6 +99,11 @@ def plastic_region(fem: FEModel, center: Array, radius: float) -> PlasticRegion:
             f"plastic_radius: expected elements of one material within {radius:.4g} m of the patch's center, got "
             "several materials or moduli. Take a smaller radius"
         )
+    reaches = (np.linalg.norm(fem.points - center, axis=1) <= _REACHES * radius)[fem.cells].any(axis=1)
+    if fem.regions is not None:
+        for kind in (fem.regions.number, fem.regions.E):
+            reaches &= kind == kind[within][0]
+    within |= reaches
     border = np.intersect1d(fem.cells[within], fem.cells[~within])
     return PlasticRegion(fem.cells[within], border, fem.hexahedra)
 

@@ -69,6 +69,7 @@ class PlasticZone:
         self.gradient, self.own = gradient.reshape(-1, k, 3), np.repeat(own, q, axis=0)
         self.border = _at_border(region).ravel()
         self._places = np.repeat(centres_of(points, region.cells, region.hexahedra), q, axis=0)
+        self._edge = points[region.border]
 
     @cached_property
     def strain(self) -> sp.csr_matrix:
@@ -154,6 +155,11 @@ class PlasticZone:
         """Centre of the element of an integration point, (3,), or of several, (k, 3) [m], in the body's coordinates."""
         place: Array = self._places[point]
         return place
+
+    def edge_near(self, point: int) -> Array:
+        """Node at the edge of the zone, (3,) [m], that is nearest to the element of an integration point."""
+        nearest: Array = self._edge[np.linalg.norm(self._edge - self._places[point], axis=1).argmin()]
+        return nearest
 
 
 def _at_border(region: PlasticRegion) -> Array:

@@ -228,7 +228,8 @@ def test_flow_at_the_edge_of_the_zone_warns(models):
     assert not any("stays elastic here" in str(w.message) for w in warned)
     side, place = contact.plastic.flow_at_border(result)
     assert side == "slave"
-    assert np.linalg.norm(place) < 0.6e-3
+    border = fem.points[small.patches[0].plastic.border]
+    assert np.linalg.norm(border - place, axis=1).min() == 0.0
 
 
 @pytest.mark.parametrize("speed", [0.1, 1.5])
@@ -236,7 +237,7 @@ def test_a_zone_that_flow_just_reaches_is_wide_enough(speed):
     """Two balls that yield, with one element beyond the estimate of how far flow reaches: it ends in these.
 
     No warning comes. In a wider zone no other elements flow, and the force is the same but for the elements that no
-    longer lock. A zone half as wide changes the force, and a warning tells.
+    longer lock. A zone of 0.4 of the width changes the force, and a warning tells.
     """
     radii = 4e-3, 7e-3
     mass = ep.hertz.effective(*(4 / 3 * math.pi * R**3 * MATERIAL.rho for R in radii))
@@ -272,7 +273,7 @@ def test_a_zone_that_flow_just_reaches_is_wide_enough(speed):
         assert np.linalg.norm(run.zone.place(flows), axis=1).max() < reached
     assert np.linalg.norm(force - wide) < 4e-3 * np.linalg.norm(wide)
     with pytest.warns(YieldWarning, match="reached the edge of its plastic zone"):
-        small = impact(0.5)
+        small = impact(0.4)
     assert small[0].force(small[1]).max() > 1.005 * wide.max()
 
 

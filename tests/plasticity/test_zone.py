@@ -274,3 +274,26 @@ def test_nodal_stress_of_a_uniform_plastic_strain(model):
     found = ZoneStress(fem, region, fem.material).at_nodes(np.zeros((fem.n_nodes, 3)), np.tile(own, (n, 1)))
     expected = -2 * fem.material.shear_modulus * of_mandel(own)
     np.testing.assert_allclose(found, np.tile(expected, (fem.n_nodes, 1)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("grading", [0.5, 0.8])
+def test_a_zone_is_nowhere_narrower_than_three_quarters_of_its_radius(grading):
+    """Where the mesh gets coarser, large elements with their centres outside reach to the middle of the ball."""
+    fem = ep.fe_model(
+        box(20e-3, 20e-3, 10e-3), MATERIAL, maxh=6e-3, refine=[ep.Refine((0, 0, 10e-3), 0.3e-3, 0.2e-3)], grading=grading
+    )
+    center, radius = np.array([0, 0, 10e-3]), 1.2e-3
+    region = ep.Partition.ball(fem, center, 0.6e-3, plastic_radius=radius).patches[0].plastic
+    away = np.linalg.norm(fem.points - center, axis=1)
+    mean = fem.points[fem.cells].mean(axis=1) - center
+    own = {tuple(cell) for cell in region.cells}
+    inside = np.array([tuple(cell) in own for cell in fem.cells])
+    assert away[fem.cells[~inside]].min() > 0.75 * radius
+    assert inside[np.linalg.norm(mean, axis=1) <= radius].all()
+    reaching = away[fem.cells].min(axis=1) <= 0.75 * radius
+    assert np.count_nonzero(reaching & (np.linalg.norm(mean, axis=1) > radius)) > 0  # the mesh has such elements
+    np.testing.assert_array_equal(inside, reaching | (np.linalg.norm(mean, axis=1) <= radius))
+    zone = PlasticZone(fem.points, region, MATERIAL)
+    for point in np.flatnonzero(zone.border)[:5]:
+        to_edge = np.linalg.norm(fem.points[region.border] - zone.place(point), axis=1)
+        assert np.linalg.norm(zone.edge_near(point) - zone.place(point)) == to_edge.min()
