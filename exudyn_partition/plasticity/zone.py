@@ -57,6 +57,8 @@ class PlasticZone:
     flow : Flow
     border : (g,) bool array
         Points whose nearest corner of their element lies at the edge of the zone, beyond which the body goes on.
+    spacing : (g,) array
+        Mean distance of neighbouring nodes along the edges of each point's element [m].
     """
 
     def __init__(self, points: Array, region: PlasticRegion, material: Material) -> None:
@@ -70,6 +72,7 @@ class PlasticZone:
         self.border = _at_border(region).ravel()
         self._places = np.repeat(centres_of(points, region.cells, region.hexahedra), q, axis=0)
         self._edge = points[region.border]
+        self.spacing = np.repeat(_spacings(points, region), q)
 
     @cached_property
     def strain(self) -> sp.csr_matrix:
@@ -160,6 +163,15 @@ class PlasticZone:
         """Node at the edge of the zone, (3,) [m], that is nearest to the element of an integration point."""
         nearest: Array = self._edge[np.linalg.norm(self._edge - self._places[point], axis=1).argmin()]
         return nearest
+
+
+def _spacings(points: Array, region: PlasticRegion) -> Array:
+    """Mean distance of neighbouring nodes along the edges of each element, (nc,) [m]."""
+    spacing = np.empty(len(region.cells))
+    for kind, rows in kinds_of(region.cells, region.hexahedra):
+        ends = points[region.cells[rows][:, kind.columns[: kind.corners]][:, kind.edges]]
+        spacing[rows] = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2).mean(axis=1) / kind.order
+    return spacing
 
 
 def _at_border(region: PlasticRegion) -> Array:

@@ -26,6 +26,8 @@ _ASIDE = np.radians(30)  # angle from a patch's line of contact, or from the nor
 _SHARE_ASIDE = 0.1  # of the force that may be beyond this angle from the normals
 _FAR, _NEARER = 20.0, 0.01  # distance over the bodies' size that may be a wrong unit; share of it travelled
 _LARGE_STRAIN = 0.1  # equivalent plastic strain
+_PRESSED = 2.8  # mean pressure of a plastic contact by the yield stress
+_COARSE = 0.6  # distance of nodes by the radius of the contact from which on flow is not resolved
 _TO_DAMP, _DAMPS = 0.3, 0.35  # spectral radius that damps unresolved ringing, and one from which on it need be smaller
 _LISTED = 5  # largest number of contacts that a warning lists
 _LOOKED_AT = 64  # largest number of samples at which velocities are checked
@@ -42,6 +44,7 @@ def warn_of_contacts(contacts: Sequence[PartitionContact], result: Result) -> No
         _warn_of_missing(contact, result)
         warn_of_passing(contact, contacts, result)
         _warn_of_zone(contact, result)
+        _warn_of_coarse_zone(contact, result)
         _warn_of_plastic_strain(contact, result)
     rings = {i: found for i, contact in enumerate(contacts) if (found := contact.ringing(result)) is not None}
     by_faces = {}
@@ -262,6 +265,30 @@ def _warn_of_zone(contact: PartitionContact, result: Result) -> None:
         YieldWarning,
         stacklevel=5,
     )
+
+
+def _warn_of_coarse_zone(contact: PartitionContact, result: Result) -> None:
+    """Warn of flow in elements that are too large for the contact, of whatever kind they are."""
+    force = contact.force(result)
+    top = int(force.argmax())
+    if not contact.plastic or force[top] <= 0 or (top == len(force) - 1 and result.method != "static"):
+        return  # a growing contact begins small
+    closed, states = contact.radius(result.at(result.t[[top]]))[0], contact.plastic.states(result)
+    for side, run in contact.plastic.zones:
+        zone = run.zone
+        flow = states[SIDES[side]].equivalent * zone.weight
+        # The mean pressure hardly exceeds 2.8 times the yield stress. On coarse meshes closed rows tell less than that.
+        radius = max(closed, np.sqrt(force[top] / (_PRESSED * np.pi * zone.flow.yield_stress)))
+        if flow.any() and (spacing := flow @ zone.spacing / flow.sum()) > _COARSE * radius:
+            warnings.warn(
+                f"{called(contact)}: where {contact.side_names[side]} has yielded, the nodes of its elements are "
+                f"{spacing:.3g} m apart, but the contact has a radius of some {radius:.3g} m. Flow is too coarse there: "
+                "the force, and more so the dent and the plastic work, are off by a tenth or much more. Refine the "
+                f"mesh in the zone to nodes {radius / 4:.2g} m apart, so quadratic elements of {radius / 2:.2g} m",
+                ModelLimitWarning,
+                stacklevel=5,
+            )
+            return
 
 
 def _warn_of_plastic_strain(contact: PartitionContact, result: Result) -> None:

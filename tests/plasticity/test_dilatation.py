@@ -21,7 +21,7 @@ MATERIAL = ep.Material(E=70e9, nu=0.3, rho=2700.0, yield_stress=200e6, hardening
 @pytest.fixture(scope="module")
 def model():
     fem = ep.fe_model(box(12e-3, 12e-3, 12e-3), MATERIAL, maxh=2.4e-3)
-    return fem, ep.Partition.ball(fem, (0, 0, 12e-3), 2e-3, plastic_radius=3e-3)
+    return fem, ep.Partition.ball(fem, (0, 0, 12e-3), 2e-3, plastic_radius=2.4e-3)
 
 
 def test_nine_tenths_of_the_pressure_follow_the_mean_dilatation_of_each_element(model):
