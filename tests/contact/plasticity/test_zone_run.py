@@ -20,14 +20,14 @@ def motion():
     return ZoneMotion.of(item.kinematics, 0)
 
 
-def step(run, force, settled):
+def step(run, force, settled, q=0.0):
     """One step with forces on the patch, by the plain fixed point, until the forces change by less than `settled`.
 
     Returns how often it ends, with all points that flow or not.
     """
     ended = 0
     run.back()
-    run.move(np.zeros(run.motion.kinematics.rows.shape[1]))
+    run.move(q + np.zeros(run.motion.kinematics.rows.shape[1]))
     if run.goes_on or (not run.stays_elastic(force) and run.look()):
         while True:
             ended += 1
@@ -44,13 +44,16 @@ def step(run, force, settled):
     return ended
 
 
+def at_first_flow(motion, moved):
+    """By what factor displacements of the nodes, (3 nz,) [m], make the zone flow first."""
+    return MATERIAL.yield_stress / motion.zone.flow.of_strain(np.linalg.norm(motion.zone.strains(moved), axis=1).max())
+
+
 def pressed(run, settled):
     """How often each step ends, to twice the force at which the zone first flows."""
     motion = run.motion
     force = -np.ones(motion.flexibility.of_patch.shape[1])
-    first = MATERIAL.yield_stress / motion.zone.flow.of_strain(
-        np.linalg.norm(motion.zone.strains(motion.flexibility.of_patch @ force), axis=1).max()
-    )
+    first = at_first_flow(motion, motion.flexibility.of_patch @ force)
     return [step(run, share * first * force, settled) for share in np.linspace(0.0, 2.0, STEPS + 1)[1:]]
 
 
@@ -117,3 +120,26 @@ def test_a_combination_of_guesses_does_what_the_same_guess_does(motion, kind):
         ends.append((found, at_patch, run.generalised, [run.stored()], run.guess))
     for one, same in zip(*ends, strict=True):
         np.testing.assert_allclose(one, same, rtol=0, atol=(1e-9 if kind is float else 1e-5) * np.abs(same).max())
+
+
+@pytest.mark.parametrize("share_of_body", [0.0, 0.8])
+def test_work_done_on_the_zone_is_stored_or_taken_by_flow(motion, share_of_body):
+    """By forces on the patch and by the body's own motion, loaded, unloaded and pulled, beyond flow both ways."""
+    run, rows = ZoneRun(motion), motion.kinematics.rows
+    force, shape = -np.ones(motion.flexibility.of_patch.shape[1]), np.zeros(rows.shape[1])
+    shape[-1] = share_of_body
+    force = force * at_first_flow(motion, motion.flexibility.of_patch @ force)
+    if share_of_body:
+        shape *= at_first_flow(motion, np.asarray(rows @ shape))
+    done = before = 0.0
+    last = run.moved_patch, run.generalised
+    for share in np.r_[np.linspace(0, 2, 13), np.linspace(2, -2, 17)[1:], np.linspace(-2, 0, 5)[1:]]:
+        step(run, share * force, 1e-11, share * shape)
+        done += (share + before) / 2 * force @ (run.moved_patch - last[0])
+        done -= (run.generalised + last[1]) / 2 @ ((share - before) * shape)
+        before, last = share, (run.moved_patch, run.generalised)
+        assert run.stored() + run.work == pytest.approx(done, rel=1e-6, abs=1e-8 * abs(done))
+    assert run.work > 0
+    p = motion.zone.pseudo_forces(run.committed.strain)
+    assert run.stored() == pytest.approx(motion.zone.own_energy(run.committed) - p @ (motion.flexibility.own @ p) / 2)
+    assert 0 < run.stored() < 0.2 * run.work
