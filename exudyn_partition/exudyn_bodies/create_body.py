@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from ..support.arrays import Array, Vector
 from ..support.checks import listed, validate_array, validate_choice, validate_flag, validate_number, validate_vector
 from ..support.foreign import MainSystem, NodeIndex, ObjectIndex
 from ..support.optional import require
+from .held_damping import add_damping_sensor
 from .markers import EXUDYN_COLOUR
 from .model import registry, validate_model, validate_new_name
 from .partition_body import PartitionBody
@@ -191,7 +192,7 @@ def CreatePartitionBody(
         )
         loss = None if damping is None else damping_of(floating, damping)
         item = _add_floating(mbs, floating, name, velocity, angular_velocity, terms, loss)
-    item.damping = loss
+    item.damping, item.ratios = loss, damping
     if damping is not None:
         _warn_if_overdamped(body, damping, loss)
     _warn_of_gravity(body, acceleration)
@@ -211,6 +212,8 @@ def CreatePartitionBody(
         ]
     item.as_made = made(mbs, item)
     registry(mbs).bodies[int(item["oGenericODE2"])] = item
+    if damping is not None:
+        add_damping_sensor(mbs)
     if superElement:
         item._super_element(mbs, color, offsets)
         for interface in body.partition.interfaces:
@@ -254,8 +257,8 @@ def _warn_if_overdamped(body: ReducedBody, damping: Ratios, loss: Damping | None
         ratios = damping.alpha / (2 * omega) + damping.beta * omega / 2
         ratio, said = ratios.min(initial=np.inf), "the ratios of all modes, from"
     else:
-        rates = loss.rates[6:] if isinstance(loss, ModeDamping) else np.zeros(0)
-        ratio, said = (rates / (2 * body.basis.omega[6:])).max(initial=0.0), "a ratio of"
+        ratios = loss.rates / (2 * loss.omega) if isinstance(loss, ModeDamping) else np.zeros(0)
+        ratio, said = ratios.max(initial=0.0), "a ratio of"
     if 1 < ratio < np.inf:
         warnings.warn(
             f"damping: {said} {ratio:.4g}, above 1, lets nothing swing; structures have 0.001 to 0.1. Is it in per "
@@ -326,7 +329,7 @@ def _add_inertial(
     functions: Functions = {}
     stiffening = None if body.stiffening is None else SteppedStiffening(body.stiffening, body)
     if "nNodal" in indices:
-        functions = coupling_functions(item, body.stiffness - diagonal, damping, stiffening)
+        functions = coupling_functions(item, body.stiffness - diagonal, _present(item, damping), stiffening)
     elif stiffening is not None:
         functions = stiffening_functions(stiffening)
     item["oGenericODE2"] = _add_object(mbs, item, body.mass, diagonal, functions, damping)
@@ -375,7 +378,7 @@ def _add_floating(
     if len(body.basis.nodal):
         forces = InertiaForces(inertia, kinematics.elastic_force, terms)
         functions = inertia_functions(
-            exu, item, kinematics.acting, forces, lambda: kinematics.elastic_stiffness, damping, stiffening
+            exu, item, kinematics.acting, forces, lambda: kinematics.elastic_stiffness, _present(item, damping), stiffening
         )
         stiffness = sp.csr_matrix((body.n_dofs,) * 2)
     else:
@@ -385,6 +388,11 @@ def _add_floating(
         stiffness = sp.diags(omega_squared, format="csr")
     item["oGenericODE2"] = _add_object(mbs, item, mass, stiffness, functions, damping)
     return item
+
+
+def _present(item: PartitionBody, damping: Damping | None) -> Callable[[], Damping] | None:
+    """Damping as joints hold the body, which may change when the model is assembled; None if there is none."""
+    return None if damping is None else lambda: item.damping
 
 
 def _add_node(mbs: MainSystem, velocities: Array) -> NodeIndex:

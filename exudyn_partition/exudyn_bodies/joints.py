@@ -309,7 +309,7 @@ def _constant_mass(entry: ItemEntry, n: int) -> sp.coo_matrix | None:
         return sp.coo_matrix(entry["mass"] * np.eye(n))
     if kind == "RotationalMass1D":
         return sp.coo_matrix(entry["inertia"] * np.eye(n))
-    if kind == "FFRFreducedOrder" and _massless(entry):
+    if kind == "FFRFreducedOrder" and is_massless(entry):
         return sp.coo_matrix((n, n))
     if kind == "RigidBody2D" and not np.any(entry.get("centerOfMass", 0.0)):
         return sp.coo_matrix(np.diag([entry["mass"], entry["mass"], entry["inertia"]]))
@@ -322,7 +322,7 @@ def _constant_mass(entry: ItemEntry, n: int) -> sp.coo_matrix | None:
     return sp.coo_matrix(matrix) if np.size(matrix) else sp.coo_matrix((n, n))
 
 
-def _massless(entry: ItemEntry) -> bool:
+def is_massless(entry: ItemEntry) -> bool:
     """Whether an `ObjectFFRFreducedOrder` never has a mass: our bodies' markers hang on such objects."""
     if entry["computeFFRFterms"] or isinstance(entry["massMatrixUserFunction"], dict):
         return False

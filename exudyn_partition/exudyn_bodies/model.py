@@ -31,6 +31,7 @@ from ..support.optional import require
 REGISTRY = "exudynPartition"  # key in mbs.sys
 _PACKAGE = f"{__name__.partition('.')[0]}."
 WORK = "work of items"  # name of the sensor of `CreateWorkSensor`
+DAMPING = "damping of held bodies"  # name of the sensor that finds the joints which hold damped bodies
 
 
 class BodyItem(Protocol):
@@ -114,6 +115,8 @@ class Registry:
     bodies, contacts : dict
         By number of their object, and of their sensor.
     work : WorkSensor or None
+    damping : exudyn.SensorIndex or None
+        See `held_damping.add_damping_sensor`.
     springs : dict of int to (n, n) csr matrix
         What holds bodies in the present run, beside the stiffness that their objects were made with; by object number.
     """
@@ -121,6 +124,7 @@ class Registry:
     bodies: dict[int, Any] = field(default_factory=dict)
     contacts: dict[int, Any] = field(default_factory=dict)
     work: Any = None
+    damping: SensorIndex | None = None
     springs: dict[int, sp.csr_matrix] = field(default_factory=dict)
 
 
@@ -156,8 +160,13 @@ def registered(mbs: MainSystem) -> Registry:
     for number, contact in list(held.contacts.items()):
         if not all(item in there for item, _ in contact.sides):
             del held.contacts[number]
-    if held.work is not None and (int(held.work.number) >= sensors or mbs.GetSensor(held.work.number)["name"] != WORK):
+    def is_there(number: SensorIndex, name: str) -> bool:
+        return int(number) < sensors and bool(mbs.GetSensor(number)["name"] == name)
+
+    if held.work is not None and not is_there(held.work.number, WORK):
         held.work = None
+    if held.damping is not None and not is_there(held.damping, DAMPING):
+        held.damping = None
     return held
 
 

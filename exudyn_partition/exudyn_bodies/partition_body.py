@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..fe.partition import interface_named
 from ..fe.places import interpolation
-from ..frames.damping import Damping
+from ..frames.damping import Damping, Ratios
 from ..frames.floating import FloatingKinematics
 from ..frames.kinematics import Frame
 from ..plasticity.flow import PlasticState
@@ -45,8 +45,8 @@ class PartitionBody(BodyResults):
     """
 
     _inside = frozenset(
-        {"as_made", "frame_markers", "is_in", "kinematics", "node_sizes", "offset_markers", "plastic_states",
-         "point_markers", "weight"}
+        {"as_made", "frame_markers", "is_in", "kinematics", "mobility", "node_sizes", "offset_markers",
+         "plastic_states", "point_markers", "ratios", "weight"}
     )  # fmt: skip
 
     def __init__(
@@ -61,6 +61,8 @@ class PartitionBody(BodyResults):
         self.body, self.name, self.kinematics, self._frame_left_out = body, name, kinematics, frame_left_out
         self.point_markers: dict[int, Vector] = {}
         self.damping: Damping | None = None
+        self.ratios: Ratios | None = None
+        self.mobility: Array | None = None
         self.weight: Array | None = None
         self.plastic_states: dict[int, PlasticState] = {}
         self.frame_markers: list[int] = []

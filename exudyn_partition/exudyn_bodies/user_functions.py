@@ -53,7 +53,7 @@ def inertia_functions(
     acting: ActingMass,
     forces: InertiaForces,
     stiffness: Callable[[], Array] | None = None,
-    damping: Damping | None = None,
+    damping: Callable[[], Damping] | None = None,
     stiffening: SteppedStiffening | None = None,
 ) -> Functions:
     """User functions for inertia forces of a floating frame; with the other forces of the body that are given."""
@@ -85,7 +85,7 @@ def inertia_functions(
             result[RIGID:] -= stiffening.force(mbs, t, z)
         if np.count_nonzero(v):  # none in a static solution
             if damping is not None:
-                result -= damping.force(np.asarray(q_t))
+                result -= damping().force(np.asarray(q_t))
             if _runs_verlet(mbs, t):
                 v = end_velocities(mbs, t, z, v)
             constant_mass = acts_on_constant_mass(mbs, item, acting)
@@ -105,7 +105,7 @@ def inertia_functions(
         if stiffening is not None:
             result[RIGID:, RIGID:] += fODE2 * stiffening.tangent(mbs, z, fODE2_t)
         if damping is not None:
-            result += (fODE2_t * damping.matrix()).toarray()
+            result += (fODE2_t * damping().matrix()).toarray()
         return sparse_container(*terms(result), len(result))
 
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}
@@ -148,7 +148,10 @@ def stiffening_functions(stiffening: SteppedStiffening) -> Functions:
 
 
 def coupling_functions(
-    item: BodyItem, stiffness: sp.csr_matrix, damping: Damping | None, stiffening: SteppedStiffening | None
+    item: BodyItem,
+    stiffness: sp.csr_matrix,
+    damping: Callable[[], Damping] | None,
+    stiffening: SteppedStiffening | None,
 ) -> Functions:
     """User functions for the part of stiffness and damping that is not diagonal, and for geometric stiffness.
 
@@ -157,7 +160,8 @@ def coupling_functions(
     """
     stiffness = sp.csr_matrix(stiffness)
     stiffness.eliminate_zeros()
-    constant, of_damping = terms(stiffness), None if damping is None else terms(damping.matrix())
+    constant = terms(stiffness)
+    terms_of = lru_cache(maxsize=1)(lambda damping: terms(damping.matrix()))  # it is another one with other joints
 
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
         slices = coordinate_slices(mbs, item)
@@ -168,7 +172,7 @@ def coupling_functions(
             result -= stiffening.force(mbs, t, own)
         if damping is not None:
             velocities = mbs.systemData.GetODE2Coordinates_t(copy=False)
-            result -= damping.force(np.concatenate([velocities[s] for s in slices]))
+            result -= damping().force(np.concatenate([velocities[s] for s in slices]))
         return _listed(result)
 
     def jacobian(
@@ -177,8 +181,8 @@ def coupling_functions(
         parts = [(fODE2, constant)]
         if stiffening is not None:
             parts.append((fODE2, terms(stiffening.tangent(mbs, np.asarray(q), fODE2_t))))
-        if of_damping is not None:
-            parts.append((fODE2_t, of_damping))
+        if damping is not None:
+            parts.append((fODE2_t, terms_of(damping())))
         rows, columns = (np.concatenate([part[axis] for _, part in parts]) for axis in (0, 1))
         values = np.concatenate([factor * part[2] for factor, part in parts])
         return sparse_container(rows, columns, values, stiffness.shape[0])

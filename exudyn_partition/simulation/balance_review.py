@@ -139,14 +139,13 @@ def _kinetic_at_end(result: Result) -> float:
 
 def _by_strong_damping(item: PartitionBody, result: Result) -> float:
     """Energy that strong damping of modes took from a body [J]."""
-    if not isinstance(item.damping, ModeDamping):
+    damping = result.damping_of(item)
+    if not isinstance(damping, ModeDamping):
         return 0.0
-    rates, omega = item.damping.rates, item.body.basis.omega
-    strong = np.flatnonzero((rates >= 2 * _STRONG * omega) & (rates > 0))
-    if not strong.size:
+    strong = (damping.rates >= 2 * _STRONG * damping.omega) & (damping.rates > 0)
+    if not strong.any():
         return 0.0
-    power = item.coordinates_t(result)[:, strong] ** 2 @ rates[strong]
-    return float(np.trapezoid(power, result.t))
+    return float(np.trapezoid(damping.power(item.coordinates_t(result))[:, strong].sum(axis=1), result.t))
 
 
 def _warn_of_momentum(item: PartitionBody, result: Result, judged: Array) -> None:

@@ -12,6 +12,7 @@ import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
+from ..exudyn_bodies.held_damping import hold_damping
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..support.arrays import Array, consecutive
@@ -35,7 +36,9 @@ def stability_limit(mbs: MainSystem) -> float:
     float
         `math.inf` for a model without partition bodies, or if its bodies neither vibrate nor touch.
     """
-    return limit_of(*partition_items(mbs))
+    bodies, contacts = partition_items(mbs)
+    hold_damping(mbs)
+    return limit_of(bodies, contacts)
 
 
 def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> float:

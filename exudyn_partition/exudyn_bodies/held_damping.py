@@ -1,0 +1,244 @@
+"""Damping of bodies as the joints of a model hold them: ratios are those of these modes.
+
+Exudyn knows the joints when it has assembled the model. A sensor finds them at the start of each run, before Exudyn asks
+for the first force, and the damping matrices then are constant.
+
+Theory: examples/site/theory.md, "Damping".
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+import scipy.sparse.csgraph
+
+from ..frames.damping import Damping, ModeDamping, Ratios, damping_of
+from ..frames.floating import FloatingKinematics
+from ..frames.inertial import InertialKinematics
+from ..support.arrays import Array
+from ..support.foreign import MainSystem
+from ..support.optional import require
+from .joints import is_massless, mass_and_rows
+from .model import DAMPING, coordinate_slices, registered, registry
+from .unchanged import MadeBody, check_unchanged, made
+from .user_functions import RIGID
+
+_REDUNDANT = 1e-11  # least eigenvalue of the scaled rows of joints; those of redundant rows are round-off
+
+
+class DampedBody(MadeBody, Protocol):
+    """A body whose damping depends on the joints that hold it.
+
+    Attributes
+    ----------
+    kinematics : InertialKinematics or FloatingKinematics
+    damping : Damping or None
+    ratios : Ratios or None
+        What the user gave.
+    mobility : (n_dofs, n_dofs) array or None
+        That of the joints which `damping` is for.
+    """
+
+    kinematics: InertialKinematics | FloatingKinematics
+    damping: Damping | None
+    ratios: Ratios | None
+    mobility: Array | None
+
+
+def add_damping_sensor(mbs: MainSystem) -> None:
+    """Add the sensor that calls `hold_damping` at the start of each run, unless the model has it; it stores nothing."""
+    if registered(mbs).damping is not None:
+        return
+    latest = math.inf
+
+    def value(mbs: MainSystem, t: float, *unused: object) -> list[float]:
+        nonlocal latest
+        if t <= latest:
+            hold_damping(mbs)
+        latest = t
+        return [0.0]
+
+    items = require("exudyn.itemInterface")
+    registry(mbs).damping = mbs.AddSensor(
+        items.SensorUserFunction(name=DAMPING, sensorUserFunction=value, writeToFile=False, storeInternal=False)
+    )
+
+
+def hold_damping(mbs: MainSystem) -> None:
+    """Give each damped body the damping of its modes as the joints of the model hold it.
+
+    It is that of the model at its reference coordinates, so that it does not depend on the state. Joints hold what
+    their rows hold; springs and contacts hold nothing. A body that is held by another body moves with its mass: other
+    bodies count as rigid.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+        It is not changed before it is assembled.
+
+    Raises
+    ------
+    InputError
+        If a damping matrix was changed since the body was made.
+    """
+    items: list[DampedBody] = [item for item in registered(mbs).bodies.values() if item.damping is not None]
+    if not items or not mbs.systemData.ODE2Size():
+        return
+    joints = _Joints.of(mbs) if mbs.systemData.AEsize() else None
+    changed = []
+    for item in items:
+        mobility = None if joints is None else joints.mobility(item)
+        if not _same(mobility, item.mobility):
+            changed.append(item)
+            item.mobility = mobility
+            item.damping = damping_of(item.kinematics, item.ratios, mobility)
+    if not changed:
+        return
+    if joints is not None:
+        fastest = joints.largest_rate([item for item in items if isinstance(item.damping, ModeDamping)])
+        for item in items:
+            if isinstance(item.damping, ModeDamping) and item.mobility is not None:
+                item.damping = replace(item.damping, fastest=fastest)
+    check_unchanged(mbs, changed)
+    for item in changed:
+        if not len(item.body.basis.nodal):  # user functions apply the damping of nodal coordinates
+            matrix = require("exudyn").MatrixContainer(item.damping.matrix())
+            mbs.SetObjectParameter(item["oGenericODE2"], "dampingMatrix", matrix)
+            item.as_made = item.as_made | {"dampingMatrix": made(mbs, item)["dampingMatrix"]}
+
+
+def _same(one: Array | None, other: Array | None) -> bool:
+    return one is other or (one is not None and other is not None and np.array_equal(one, other))
+
+
+@dataclass(frozen=True, eq=False)
+class _Joints:
+    """Rows of the active joints of a model, and inverse masses, at its reference coordinates.
+
+    Parameters
+    ----------
+    rows : (k, n) csr matrix
+    inverse_mass : (n, n) csr matrix
+        Zero for coordinates without mass.
+    places : dict of int to (m,) int array
+        Coordinates of each partition body, by the number of its object.
+    yields : (k, k) array
+        Accelerations of the rows by unit multipliers, if all bodies are rigid.
+    """
+
+    rows: sp.csr_matrix
+    inverse_mass: sp.csr_matrix
+    places: Mapping[int, Array]
+    yields: Array
+
+    @classmethod
+    def of(cls, mbs: MainSystem) -> _Joints:
+        """Rows and masses of an assembled model."""
+        q = mbs.systemData.GetODE2Coordinates(copy=False)
+        present = q.copy()
+        q[:] = 0.0
+        try:
+            mass, rows = mass_and_rows(mbs)
+        finally:
+            q[:] = present
+        rows, inverse = sp.csr_matrix(sp.diags(_active(mbs)) @ rows), _inverse(mass)
+        bodies = registered(mbs).bodies
+        places = {
+            number: np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)]) for number, item in bodies.items()
+        }
+        yields = np.zeros((rows.shape[0],) * 2)
+        others = np.ones(rows.shape[1])
+        for number, item in bodies.items():
+            yields += _as_rigid(item, rows[:, places[number]].toarray())
+            others[places[number]] = 0.0
+        for columns, rigid in _flexible(mbs):
+            on_frame = rows[:, columns[:rigid]].toarray()
+            block = mass[columns[:rigid]][:, columns[:rigid]].toarray()
+            yields += on_frame @ scipy.linalg.pinvh(block) @ on_frame.T
+            others[columns] = 0.0
+        rest = sp.csr_matrix(rows @ sp.diags(others))
+        return cls(rows, inverse, places, yields + (rest @ inverse @ rest.T).toarray())
+
+    def mobility(self, item: DampedBody) -> Array | None:
+        """Velocities of a body's coordinates by unit impulses on them, (n_dofs, n_dofs); None if no joint holds it."""
+        rows, mass = self.rows[:, self.places[int(item["oGenericODE2"])]].toarray(), item.kinematics.mass
+        if not rows.any():
+            return None
+        push = rows / mass
+        yields = self.yields - _as_rigid(item, rows) + push @ rows.T
+        mobility: Array = np.diag(1 / mass) - push.T @ _solve(yields, push)
+        return mobility
+
+    def largest_rate(self, items: Sequence[DampedBody]) -> float:
+        """Largest eigenvalue of M^-1 D [1/s] of bodies that are flexible, all of them with `ModeDamping`."""
+        rows = []
+        for item in items:
+            damping: Any = item.damping
+            of_body = sp.csr_matrix(sp.diags(np.sqrt(damping.rates)) @ damping.rows).tocoo()
+            columns = self.places[int(item["oGenericODE2"])][of_body.col]
+            rows.append(sp.csr_matrix((of_body.data, (of_body.row, columns)), (of_body.shape[0], self.rows.shape[1])))
+        damped = sp.vstack(rows, format="csr")
+        push = (self.rows @ self.inverse_mass @ damped.T).toarray()
+        yields = (self.rows @ self.inverse_mass @ self.rows.T).toarray()
+        free = (damped @ self.inverse_mass @ damped.T).toarray()
+        return float(np.linalg.eigvalsh(free - push.T @ _solve(yields, push)).max(initial=0.0))
+
+
+def _as_rigid(item: Any, rows: Array) -> Array:
+    """Accelerations of rows on a body's coordinates, (k, n_dofs), by unit multipliers, (k, k), if it is rigid."""
+    rigid = item.body.rigid if item.kinematics.linear else np.eye(item.body.n_dofs, RIGID)
+    on_rigid = rows @ rigid
+    yields: Array = on_rigid @ np.linalg.solve(rigid.T @ (item.kinematics.mass[:, None] * rigid), on_rigid.T)
+    return yields
+
+
+def _active(mbs: MainSystem) -> Array:
+    """Ones for the rows of joints that are switched on, (k,), zeros for others."""
+    active = np.ones(mbs.systemData.AEsize())
+    for number in map(require("exudyn").ObjectIndex, range(mbs.systemData.NumberOfObjects())):
+        rows = np.array(mbs.systemData.GetObjectLTGAE(number), dtype=int)
+        if rows.size:
+            active[rows] = mbs.GetObject(number).get("activeConnector", True)
+    return active
+
+
+def _flexible(mbs: MainSystem) -> Iterator[tuple[Array, int]]:
+    """Coordinates of each of Exudyn's own flexible bodies with a frame, which stands first, and how many it has."""
+    for number in map(require("exudyn").ObjectIndex, range(mbs.systemData.NumberOfObjects())):
+        entry = mbs.GetObject(number)
+        if entry["objectType"].startswith("FFRF") and not is_massless(entry):
+            turns_by_euler = "EP" in mbs.GetNode(entry["nodeNumbers"][0])["nodeType"]
+            yield np.array(mbs.systemData.GetObjectLTGODE2(number), dtype=int), RIGID + turns_by_euler
+
+
+def _inverse(mass: sp.csr_matrix) -> sp.csr_matrix:
+    """Inverse of a mass matrix, (n, n), with blocks; zero where there is no mass, as for the length of Euler parameters."""
+    count, labels = scipy.sparse.csgraph.connected_components(mass)
+    groups = np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels))[:-1])
+    diagonal, parts = mass.diagonal(), []
+    alone = np.array([group[0] for group in groups if len(group) == 1], dtype=int)
+    alone = alone[diagonal[alone] > 0]
+    parts.append((alone, alone, 1 / diagonal[alone]))
+    for group in groups:
+        if len(group) > 1:
+            block = scipy.linalg.pinvh(mass[group][:, group].toarray())
+            parts.append((np.repeat(group, len(group)), np.tile(group, len(group)), block.ravel()))
+    rows, columns, values = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return sp.csr_matrix((values, (rows, columns)), shape=mass.shape)
+
+
+def _solve(yields: Array, rhs: Array) -> Array:
+    """Multipliers, (k, m), that give the rows the accelerations rhs, (k, m); rows may be redundant."""
+    diagonal = yields.diagonal()
+    scale = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 0.0)
+    values, vectors = np.linalg.eigh(scale[:, None] * yields * scale)
+    kept = values > _REDUNDANT
+    vectors = scale[:, None] * vectors[:, kept]
+    multipliers: Array = vectors / values[kept] @ (vectors.T @ rhs)
+    return multipliers
