@@ -46,7 +46,7 @@ class BodyResults(Item[ItemIndex]):
     kinematics : Kinematics
         Motion of the body in space.
     damping : Damping or None
-        Of the kept modes.
+        Of the modes, as joints held the body in the last run.
     weight : (n_dofs,) array or None
         Generalised forces of gravity.
     """
@@ -230,10 +230,10 @@ class BodyResults(Item[ItemIndex]):
 
         It is integrated by the trapezoidal rule; the samples must resolve the vibration.
         """
-        q_t = self.coordinates_t(result)
-        if self.damping is None:
+        q_t, damping = self.coordinates_t(result), result.damping_of(self)
+        if damping is None:
             return np.zeros(len(result.t))
-        value: Array = cumulative_trapezoid(np.sum(q_t * self.damping.force(q_t), axis=1), result.t, initial=0.0)
+        value: Array = cumulative_trapezoid(np.sum(q_t * damping.force(q_t), axis=1), result.t, initial=0.0)
         return value
 
     def rigid_motion(self, q: Array) -> Array:

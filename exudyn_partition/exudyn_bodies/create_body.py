@@ -378,7 +378,13 @@ def _add_floating(
     if len(body.basis.nodal):
         forces = InertiaForces(inertia, kinematics.elastic_force, terms)
         functions = inertia_functions(
-            exu, item, kinematics.acting, forces, lambda: kinematics.elastic_stiffness, _present(item, damping), stiffening
+            exu,
+            item,
+            kinematics.acting,
+            forces,
+            lambda: kinematics.elastic_stiffness,
+            _present(item, damping),
+            stiffening,
         )
         stiffness = sp.csr_matrix((body.n_dofs,) * 2)
     else:
@@ -390,8 +396,8 @@ def _add_floating(
     return item
 
 
-def _present(item: PartitionBody, damping: Damping | None) -> Callable[[], Damping] | None:
-    """Damping as joints hold the body, which may change when the model is assembled; None if there is none."""
+def _present(item: PartitionBody, damping: Damping | None) -> Callable[[], Any] | None:
+    """Function that returns the body's damping as joints hold it; None if there is none."""
     return None if damping is None else lambda: item.damping
 
 

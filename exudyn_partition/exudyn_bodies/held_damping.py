@@ -1,7 +1,7 @@
-"""Damping of bodies as the joints of a model hold them: ratios are those of these modes.
+"""Damping of bodies as the joints of a model hold them.
 
-Exudyn knows the joints when it has assembled the model. A sensor finds them at the start of each run, before Exudyn asks
-for the first force, and the damping matrices then are constant.
+Exudyn knows the joints when it has assembled the model. A sensor finds them at the start of each run, before Exudyn
+asks for the first force. Damping matrices are constant then, and cost nothing more.
 
 Theory: examples/site/theory.md, "Damping".
 """
@@ -33,21 +33,21 @@ _REDUNDANT = 1e-11  # least eigenvalue of the scaled rows of joints; those of re
 
 
 class DampedBody(MadeBody, Protocol):
-    """A body whose damping depends on the joints that hold it.
+    """A body with damping, which depends on the joints that hold it.
 
     Attributes
     ----------
     kinematics : InertialKinematics or FloatingKinematics
-    damping : Damping or None
-    ratios : Ratios or None
+    damping : Damping
+    ratios : Ratios
         What the user gave.
     mobility : (n_dofs, n_dofs) array or None
         That of the joints which `damping` is for.
     """
 
     kinematics: InertialKinematics | FloatingKinematics
-    damping: Damping | None
-    ratios: Ratios | None
+    damping: Damping
+    ratios: Ratios
     mobility: Array | None
 
 
@@ -87,7 +87,7 @@ def hold_damping(mbs: MainSystem) -> None:
     InputError
         If a damping matrix was changed since the body was made.
     """
-    items: list[DampedBody] = [item for item in registered(mbs).bodies.values() if item.damping is not None]
+    items: list[DampedBody] = [item for item in registered(mbs).bodies.values() if item.ratios is not None]
     if not items or not mbs.systemData.ODE2Size():
         return
     joints = _Joints.of(mbs) if mbs.systemData.AEsize() else None
@@ -96,8 +96,7 @@ def hold_damping(mbs: MainSystem) -> None:
         mobility = None if joints is None else joints.mobility(item)
         if not _same(mobility, item.mobility):
             changed.append(item)
-            item.mobility = mobility
-            item.damping = damping_of(item.kinematics, item.ratios, mobility)
+            item.mobility, item.damping = mobility, damping_of(item.kinematics, item.ratios, mobility)
     if not changed:
         return
     if joints is not None:
@@ -218,8 +217,8 @@ def _flexible(mbs: MainSystem) -> Iterator[tuple[Array, int]]:
 
 
 def _inverse(mass: sp.csr_matrix) -> sp.csr_matrix:
-    """Inverse of a mass matrix, (n, n), with blocks; zero where there is no mass, as for the length of Euler parameters."""
-    count, labels = scipy.sparse.csgraph.connected_components(mass)
+    """Inverse of a mass matrix, (n, n), with blocks; zero where there is no mass, as along Euler parameters."""
+    labels = scipy.sparse.csgraph.connected_components(mass)[1]
     groups = np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels))[:-1])
     diagonal, parts = mass.diagonal(), []
     alone = np.array([group[0] for group in groups if len(group) == 1], dtype=int)

@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from ..contact.formulations.formulation import Method
 from ..contact.step_mean import GeneralizedAlpha
 from ..errors import InputError
+from ..frames.damping import Damping
 from ..plasticity.strain_history import StrainHistory
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
@@ -102,6 +103,9 @@ class Samples(Protocol):
     def contacts(self) -> Sequence[ContactItem]:
         """Contacts of the model."""
 
+    def damping_of(self, item: Any) -> Damping | None:
+        """Damping that a body of the model had in the run, as joints held it."""
+
     def sensor_of(self, item: object, number: SensorIndex) -> Array:
         """Samples of sensor `number`, which belongs to `item`, (n, k)."""
 
@@ -160,6 +164,7 @@ def registered(mbs: MainSystem) -> Registry:
     for number, contact in list(held.contacts.items()):
         if not all(item in there for item, _ in contact.sides):
             del held.contacts[number]
+
     def is_there(number: SensorIndex, name: str) -> bool:
         return int(number) < sensors and bool(mbs.GetSensor(number)["name"] == name)
 

@@ -161,7 +161,10 @@ def coupling_functions(
     stiffness = sp.csr_matrix(stiffness)
     stiffness.eliminate_zeros()
     constant = terms(stiffness)
-    terms_of = lru_cache(maxsize=1)(lambda damping: terms(damping.matrix()))  # it is another one with other joints
+
+    @lru_cache(maxsize=1)
+    def of_damping(damping: Damping) -> tuple[Array, Array, Array]:  # another one where joints are others
+        return terms(damping.matrix())
 
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
         slices = coordinate_slices(mbs, item)
@@ -182,7 +185,7 @@ def coupling_functions(
         if stiffening is not None:
             parts.append((fODE2, terms(stiffening.tangent(mbs, np.asarray(q), fODE2_t))))
         if damping is not None:
-            parts.append((fODE2_t, terms_of(damping())))
+            parts.append((fODE2_t, of_damping(damping())))
         rows, columns = (np.concatenate([part[axis] for _, part in parts]) for axis in (0, 1))
         values = np.concatenate([factor * part[2] for factor, part in parts])
         return sparse_container(rows, columns, values, stiffness.shape[0])

@@ -8,6 +8,7 @@ from typing import Protocol
 from ..exudyn_bodies.item_work import WorkSensor
 from ..exudyn_bodies.other_bodies import OtherBody
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..frames.damping import Damping
 from ..results.history import History
 from ..results.newmark import Newmark
 from ..support.arrays import Array
@@ -81,6 +82,9 @@ class RunResult(Protocol):
 
     def sensor_of(self, item: object, number: SensorIndex) -> Array:
         """Samples of the sensor `number` of `item`, (n, k)."""
+
+    def damping_of(self, item: PartitionBody) -> Damping | None:
+        """Damping that a body of the model had in the run, as joints held it."""
 
     def kept(self, contact: PartitionContact) -> ContactRun | KeptRun:
         """Data of the run that a contact kept."""

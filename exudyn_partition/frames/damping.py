@@ -9,7 +9,7 @@ Theory: examples/site/theory.md, "Damping".
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -56,7 +56,7 @@ Ratios = float | Sequence[float] | Callable[[Array], Array] | Rayleigh
 """What `CreatePartitionBody` takes as `damping`."""
 
 
-class Damping(Protocol):
+class Damping(Hashable, Protocol):
     """Damping of one body in its frame."""
 
     def force(self, q_t: Array) -> Array:
@@ -170,7 +170,7 @@ def damping_of(kinematics: Kinematics, damping: Ratios, mobility: Array | None =
 
 
 def _free_modes(kinematics: Kinematics) -> tuple[Array, Rows]:
-    """Frequencies of the elastic modes of the free body, and their velocities by the coordinates': (k,), (k, n_dofs)."""
+    """Frequencies of the free body's elastic modes, (k,), and their velocities by the coordinates', (k, n_dofs)."""
     basis, n = kinematics.body.basis, kinematics.body.n_dofs
     if not len(basis.nodal):  # rigid shapes stand first in both frames
         return basis.omega[6:], sp.eye(n, format="csr")[6:]

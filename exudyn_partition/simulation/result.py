@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, RunError
+from ..exudyn_bodies.held_damping import hold_damping
 from ..exudyn_bodies.item_work import WorkSensor
 from ..exudyn_bodies.model import registered
 from ..exudyn_bodies.other_bodies import OtherBody
@@ -20,6 +21,7 @@ from ..exudyn_contacts.kept_run import KeptRun
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..exudyn_contacts.run_record import Solver
+from ..frames.damping import Damping
 from ..present.body_fields import Shown
 from ..present.film import film
 from ..present.motion import Colour
@@ -105,6 +107,8 @@ class Result:
         Parameters of the implicit method. Default: another method, or not known, as in a result from a file.
     others : tuple of OtherBody
         Motion of Exudyn's own bodies that have a shape, or carry the rigid surface of a contact.
+    dampings : tuple of (Damping or None)
+        Damping of each body in the run; the model may be assembled with other joints since.
     """
 
     t: Array
@@ -125,6 +129,7 @@ class Result:
     marks: tuple[ItemMark, ...] | None = field(default=None, repr=False)
     newmark: Newmark | None = field(default=None, repr=False)
     others: tuple[OtherBody, ...] = field(default=(), repr=False)
+    dampings: tuple[Damping | None, ...] = field(default=(), repr=False)
 
     if not TYPE_CHECKING:  # type checkers would accept every attribute
 
@@ -133,7 +138,9 @@ class Result:
             raise no_attribute(self, name, _MEANT)
 
     def __dir__(self) -> list[str]:
-        return for_users(self, {"item_work", "kept", "marks", "newmark", "runs", "seldom", "sensor_of"})
+        return for_users(
+            self, {"damping_of", "dampings", "item_work", "kept", "marks", "newmark", "runs", "seldom", "sensor_of"}
+        )
 
     def __repr__(self) -> str:
         step = f"{self.steps} steps of {self.step:.4g} s, {self.method}, " if self.method else ""
@@ -179,6 +186,10 @@ class Result:
                 "a run before it was added; take what solve_dynamic or collect returns for its own"
             )
         return self.sensor(number)
+
+    def damping_of(self, item: PartitionBody) -> Damping | None:
+        """Damping that a body of the model had in the run, as joints held it."""
+        return self.dampings[self.bodies.index(item)]
 
     def kept(self, contact: PartitionContact) -> ContactRun | KeptRun:
         """Return the data of the run that a contact kept beside its sensors: mechanics at the end, forces of rows.
@@ -293,7 +304,7 @@ class Result:
         ----------
         path : str or Path
         mbs : exudyn.MainSystem, optional
-            The model; it need not have been run.
+            The model; it need not have been run. With damping and joints, it must be assembled.
 
         Raises
         ------
@@ -303,6 +314,7 @@ class Result:
         if mbs is None:
             return _restored(FILE.load(path))
         bodies, contacts = partition_items(mbs)
+        hold_damping(mbs)
         stored: StoredRun = FILE.load(path)
         check_items(stored.items, described(bodies, contacts))
         return replace(
@@ -311,6 +323,7 @@ class Result:
             contacts=tuple(contacts),
             item_work=registered(mbs).work,
             marks=None,
+            dampings=tuple(item.damping for item in bodies),
         )
 
     def report(self, path: str | Path, *, title: str = "") -> Path:
@@ -572,6 +585,7 @@ def samples(mbs: MainSystem) -> Result:
         item_work=registered(mbs).work,
         newmark=None if solver is None else solver.newmark,
         others=() if run is None else run.others.motions(mbs),
+        dampings=tuple(item.damping for item in bodies),
     )
     times = np.empty(0) if run is None else run.record.times
     return result if run is None or not len(times) else _joined(result, times, run.record.sensors(mbs))
