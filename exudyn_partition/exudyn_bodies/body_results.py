@@ -230,10 +230,11 @@ class BodyResults(Item[ItemIndex]):
 
         It is integrated by the trapezoidal rule; the samples must resolve the vibration.
         """
-        q_t, damping = self.coordinates_t(result), result.damping_of(self)
-        if damping is None:
-            return np.zeros(len(result.t))
-        value: Array = cumulative_trapezoid(np.sum(q_t * damping.force(q_t), axis=1), result.t, initial=0.0)
+        q_t, power = self.coordinates_t(result), np.zeros(len(result.t))
+        for since, damping in result.dampings_of(self):
+            then = result.t >= since
+            power[then] = np.sum(q_t[then] * damping.force(q_t[then]), axis=1)
+        value: Array = cumulative_trapezoid(power, result.t, initial=0.0)
         return value
 
     def rigid_motion(self, q: Array) -> Array:

@@ -212,7 +212,8 @@ def CreatePartitionBody(
         ]
     item.as_made = made(mbs, item)
     registry(mbs).bodies[int(item["oGenericODE2"])] = item
-    if damping is not None:
+    if loss is not None:
+        item.dampings = ((-np.inf, loss),)
         add_damping_sensor(mbs)
     if superElement:
         item._super_element(mbs, color, offsets)

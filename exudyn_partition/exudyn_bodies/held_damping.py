@@ -22,7 +22,7 @@ from ..frames.damping import Damping, ModeDamping, Ratios, damping_of
 from ..frames.floating import FloatingKinematics
 from ..frames.inertial import InertialKinematics
 from ..support.arrays import Array
-from ..support.foreign import MainSystem
+from ..support.foreign import MainSystem, ObjectIndex, SensorIndex
 from ..support.optional import require
 from .joints import is_massless, mass_and_rows
 from .model import DAMPING, coordinate_slices, registered, registry
@@ -43,34 +43,76 @@ class DampedBody(MadeBody, Protocol):
         What the user gave.
     mobility : (n_dofs, n_dofs) array or None
         That of the joints which `damping` is for.
+    dampings : tuple of (float, Damping)
+        Those of the last run, each with the time from which it acted [s].
     """
 
     kinematics: InertialKinematics | FloatingKinematics
     damping: Damping
     ratios: Ratios
     mobility: Array | None
+    dampings: tuple[tuple[float, Damping], ...]
+
+
+class DampingSensor:
+    """Sensor that finds what holds damped bodies, at the start of a run and if joints are switched; it stores nothing.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    """
+
+    def __init__(self, mbs: MainSystem) -> None:
+        latest = math.inf
+
+        def value(mbs: MainSystem, t: float, *unused: object) -> list[float]:
+            nonlocal latest
+            if t <= latest:
+                self.begin(mbs)
+            self.update(mbs, t)
+            latest = t
+            return [0.0]
+
+        items = require("exudyn.itemInterface")
+        self._switches: list[ObjectIndex] = []
+        self._active: list[bool] = []
+        self.number: SensorIndex = mbs.AddSensor(
+            items.SensorUserFunction(name=DAMPING, sensorUserFunction=value, writeToFile=False, storeInternal=False)
+        )
+
+    def begin(self, mbs: MainSystem) -> None:
+        """Find the damping for a run."""
+        hold_damping(mbs)
+        for item in registered(mbs).bodies.values():
+            item.dampings = item.dampings[-1:] and ((-math.inf, item.damping),)
+        self._switches = _switches(mbs)
+        self._active = self._now(mbs)
+
+    def update(self, mbs: MainSystem, t: float) -> None:
+        """Find the damping from time t [s] on, if joints were switched in the run."""
+        active = self._now(mbs)
+        if active != self._active:
+            self._active = active
+            hold_damping(mbs, t)
+
+    def _now(self, mbs: MainSystem) -> list[bool]:
+        return [mbs.GetObjectParameter(number, "activeConnector") for number in self._switches]
 
 
 def add_damping_sensor(mbs: MainSystem) -> None:
-    """Add the sensor that calls `hold_damping` at the start of each run, unless the model has it; it stores nothing."""
-    if registered(mbs).damping is not None:
-        return
-    latest = math.inf
-
-    def value(mbs: MainSystem, t: float, *unused: object) -> list[float]:
-        nonlocal latest
-        if t <= latest:
-            hold_damping(mbs)
-        latest = t
-        return [0.0]
-
-    items = require("exudyn.itemInterface")
-    registry(mbs).damping = mbs.AddSensor(
-        items.SensorUserFunction(name=DAMPING, sensorUserFunction=value, writeToFile=False, storeInternal=False)
-    )
+    """Add a `DampingSensor` to a model that has none."""
+    if registered(mbs).damping is None:
+        registry(mbs).damping = DampingSensor(mbs)
 
 
-def hold_damping(mbs: MainSystem) -> None:
+def _switches(mbs: MainSystem) -> list[ObjectIndex]:
+    """Joints that can be switched."""
+    numbers = map(require("exudyn").ObjectIndex, range(mbs.systemData.NumberOfObjects()))
+    joints = (number for number in numbers if len(mbs.systemData.GetObjectLTGAE(number)))
+    return [number for number in joints if "activeConnector" in mbs.GetObject(number)]
+
+
+def hold_damping(mbs: MainSystem, since: float = -math.inf) -> None:
     """Give each damped body the damping of its modes as the joints of the model hold it.
 
     It is that of the model at its reference coordinates, so that it does not depend on the state. Joints hold what
@@ -81,6 +123,8 @@ def hold_damping(mbs: MainSystem) -> None:
     ----------
     mbs : exudyn.MainSystem
         It is not changed before it is assembled.
+    since : float
+        Time in a run from which the joints hold so [s]. Default: the whole run.
 
     Raises
     ------
@@ -97,11 +141,17 @@ def hold_damping(mbs: MainSystem) -> None:
         if not _same(mobility, item.mobility):
             changed.append(item)
             item.mobility, item.damping = mobility, damping_of(item.kinematics, item.ratios, mobility)
-    if not changed:
-        return
-    if joints is not None:
-        fastest = joints.largest_rate([item for item in items if isinstance(item.damping, ModeDamping)])
-        for item in items:
+            item.dampings = (*(past for past in item.dampings if past[0] < since), (since, item.damping))
+    if changed:
+        _apply(mbs, items, changed, joints)
+
+
+def _apply(mbs: MainSystem, items: list[DampedBody], changed: list[DampedBody], joints: _Joints | None) -> None:
+    """Give Exudyn the new damping matrices of some bodies."""
+    of_modes = [item for item in items if isinstance(item.damping, ModeDamping)]
+    if joints is not None and of_modes:
+        fastest = joints.largest_rate(of_modes)
+        for item in of_modes:
             if isinstance(item.damping, ModeDamping) and item.mobility is not None:
                 item.damping = replace(item.damping, fastest=fastest)
     check_unchanged(mbs, changed)
@@ -146,7 +196,7 @@ class _Joints:
             mass, rows = mass_and_rows(mbs)
         finally:
             q[:] = present
-        rows, inverse = sp.csr_matrix(sp.diags(_active(mbs)) @ rows), _inverse(mass)
+        inverse = _inverse(mass)
         bodies = registered(mbs).bodies
         places = {
             number: np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)]) for number, item in bodies.items()
@@ -195,16 +245,6 @@ def _as_rigid(item: Any, rows: Array) -> Array:
     on_rigid = rows @ rigid
     yields: Array = on_rigid @ np.linalg.solve(rigid.T @ (item.kinematics.mass[:, None] * rigid), on_rigid.T)
     return yields
-
-
-def _active(mbs: MainSystem) -> Array:
-    """Ones for the rows of joints that are switched on, (k,), zeros for others."""
-    active = np.ones(mbs.systemData.AEsize())
-    for number in map(require("exudyn").ObjectIndex, range(mbs.systemData.NumberOfObjects())):
-        rows = np.array(mbs.systemData.GetObjectLTGAE(number), dtype=int)
-        if rows.size:
-            active[rows] = mbs.GetObject(number).get("activeConnector", True)
-    return active
 
 
 def _flexible(mbs: MainSystem) -> Iterator[tuple[Array, int]]:

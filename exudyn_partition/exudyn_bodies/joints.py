@@ -256,7 +256,10 @@ def _reach(mbs: MainSystem) -> float:
 
 
 def mass_and_rows(mbs: MainSystem) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Mass matrix, (n, n), and rows of all algebraic equations, (nAE, n), of a model at its present coordinates."""
+    """Mass matrix, (n, n), and rows of all algebraic equations, (nAE, n), of a model at its present coordinates.
+
+    Joints that are switched off have rows of zeros.
+    """
     exu, data, kind = require("exudyn"), mbs.systemData, require("exudyn").ComputeItemType
     n = data.ODE2Size()
     M, C = sp.csr_matrix((n, n)), sp.lil_matrix((data.AEsize(), n))
@@ -265,7 +268,8 @@ def mass_and_rows(mbs: MainSystem) -> tuple[sp.csr_matrix, sp.csr_matrix]:
         M = M + _placed(own, columns, n)
     for number in map(exu.ObjectIndex, range(data.NumberOfObjects())):
         rows, columns = np.array(data.GetObjectLTGAE(number), int), np.array(data.GetObjectLTGODE2(number), int)
-        if rows.size and kind.ConstraintJacobian in mbs.ComputeItem(number):
+        active = rows.size and mbs.GetObject(number).get("activeConnector", True)
+        if active and kind.ConstraintJacobian in mbs.ComputeItem(number):
             J = np.asarray(mbs.ComputeItem(number, kind.ConstraintJacobian))
             for row, values in zip(rows, J, strict=True):
                 for column, value in zip(columns, values, strict=True):  # a joint may name a coordinate twice

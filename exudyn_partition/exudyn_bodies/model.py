@@ -103,8 +103,8 @@ class Samples(Protocol):
     def contacts(self) -> Sequence[ContactItem]:
         """Contacts of the model."""
 
-    def damping_of(self, item: Any) -> Damping | None:
-        """Damping that a body of the model had in the run, as joints held it."""
+    def dampings_of(self, item: Any) -> tuple[tuple[float, Damping], ...]:
+        """Damping of a body in the run, as joints held it, each with the time from which it acted [s]."""
 
     def sensor_of(self, item: object, number: SensorIndex) -> Array:
         """Samples of sensor `number`, which belongs to `item`, (n, k)."""
@@ -119,8 +119,7 @@ class Registry:
     bodies, contacts : dict
         By number of their object, and of their sensor.
     work : WorkSensor or None
-    damping : exudyn.SensorIndex or None
-        See `held_damping.add_damping_sensor`.
+    damping : DampingSensor or None
     springs : dict of int to (n, n) csr matrix
         What holds bodies in the present run, beside the stiffness that their objects were made with; by object number.
     """
@@ -128,7 +127,7 @@ class Registry:
     bodies: dict[int, Any] = field(default_factory=dict)
     contacts: dict[int, Any] = field(default_factory=dict)
     work: Any = None
-    damping: SensorIndex | None = None
+    damping: Any = None
     springs: dict[int, sp.csr_matrix] = field(default_factory=dict)
 
 
@@ -170,7 +169,7 @@ def registered(mbs: MainSystem) -> Registry:
 
     if held.work is not None and not is_there(held.work.number, WORK):
         held.work = None
-    if held.damping is not None and not is_there(held.damping, DAMPING):
+    if held.damping is not None and not is_there(held.damping.number, DAMPING):
         held.damping = None
     return held
 

@@ -45,7 +45,7 @@ class PartitionBody(BodyResults):
     """
 
     _inside = frozenset(
-        {"as_made", "frame_markers", "is_in", "kinematics", "mobility", "node_sizes", "offset_markers",
+        {"as_made", "dampings", "frame_markers", "is_in", "kinematics", "mobility", "node_sizes", "offset_markers",
          "plastic_states", "point_markers", "ratios", "weight"}
     )  # fmt: skip
 
@@ -63,6 +63,7 @@ class PartitionBody(BodyResults):
         self.damping: Damping | None = None
         self.ratios: Ratios | None = None
         self.mobility: Array | None = None
+        self.dampings: tuple[tuple[float, Damping], ...] = ()
         self.weight: Array | None = None
         self.plastic_states: dict[int, PlasticState] = {}
         self.frame_markers: list[int] = []

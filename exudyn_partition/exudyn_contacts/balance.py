@@ -113,7 +113,7 @@ def _given(result: RunResult) -> dict[str, Array]:
 def doubt(result: RunResult) -> Array:
     """Bound on the error of the trapezoidal rule in the terms that are integrated over samples, (n,) [J]."""
     value = np.zeros(len(result.t))
-    integrated = [item.dissipated_energy(result) for item in result.bodies if result.damping_of(item) is not None]
+    integrated = [item.dissipated_energy(result) for item in result.bodies if result.dampings_of(item)]
     if result.item_work is not None:
         integrated += [*result.item_work.work(result).values()]
     for work in integrated:

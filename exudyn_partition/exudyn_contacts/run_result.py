@@ -83,8 +83,8 @@ class RunResult(Protocol):
     def sensor_of(self, item: object, number: SensorIndex) -> Array:
         """Samples of the sensor `number` of `item`, (n, k)."""
 
-    def damping_of(self, item: PartitionBody) -> Damping | None:
-        """Damping that a body of the model had in the run, as joints held it."""
+    def dampings_of(self, item: PartitionBody) -> tuple[tuple[float, Damping], ...]:
+        """Damping of a body in the run, as joints held it, each with the time from which it acted [s]."""
 
     def kept(self, contact: PartitionContact) -> ContactRun | KeptRun:
         """Data of the run that a contact kept."""

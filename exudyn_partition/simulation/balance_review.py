@@ -139,13 +139,13 @@ def _kinetic_at_end(result: Result) -> float:
 
 def _by_strong_damping(item: PartitionBody, result: Result) -> float:
     """Energy that strong damping of modes took from a body [J]."""
-    damping = result.damping_of(item)
-    if not isinstance(damping, ModeDamping):
-        return 0.0
-    strong = (damping.rates >= 2 * _STRONG * damping.omega) & (damping.rates > 0)
-    if not strong.any():
-        return 0.0
-    return float(np.trapezoid(damping.power(item.coordinates_t(result))[:, strong].sum(axis=1), result.t))
+    q_t, power = item.coordinates_t(result), np.zeros(len(result.t))
+    for since, damping in result.dampings_of(item):
+        if isinstance(damping, ModeDamping):
+            then = result.t >= since
+            strong = (damping.rates >= 2 * _STRONG * damping.omega) & (damping.rates > 0)
+            power[then] = damping.power(q_t[then])[:, strong].sum(axis=1)
+    return float(np.trapezoid(power, result.t))
 
 
 def _warn_of_momentum(item: PartitionBody, result: Result, judged: Array) -> None:

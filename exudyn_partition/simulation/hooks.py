@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from ..contact.formulations.formulation import Method
 from ..errors import PartitionError
 from ..exudyn_bodies.joints import Joints
-from ..exudyn_bodies.model import coordinate_slices, start_of_step, user_function
+from ..exudyn_bodies.model import coordinate_slices, registered, start_of_step, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.contact_object import called_if_needed
 from ..exudyn_contacts.model_run import ModelRun, runs_of
@@ -182,6 +182,7 @@ def watched(
     last_start = None
     own_function = user_function(mbs.GetPreStepUserFunction())
     runs, kinds = runs_of(mbs), require("exudyn").ConfigurationType
+    damping = registered(mbs).damping
     next_report = start_time
 
     def before_step(mbs: MainSystem, t: float) -> bool:
@@ -202,6 +203,8 @@ def watched(
         if not run.idle:
             run.before_step(mbs, t, joined=False)  # also where the model's own function was set after contacts
         go_on = own_function is None or own_function(mbs, t)
+        if damping is not None:
+            damping.update(mbs, start)  # after the function, which may have switched joints
         if not run.idle:
             run.before_step(mbs, t, joined=True)  # after the function, which may have moved joints
         watch.steps += start != previous  # steps that are repeated with a shorter length do not count

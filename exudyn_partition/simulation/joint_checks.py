@@ -14,9 +14,8 @@ import scipy.sparse as sp
 import scipy.sparse.linalg
 
 from ..errors import InputError, ModelLimitWarning, RunError
-from ..exudyn_bodies.held_damping import hold_damping
 from ..exudyn_bodies.joints import is_timed, mass_and_rows
-from ..exudyn_bodies.model import coordinate_slices, validate_model
+from ..exudyn_bodies.model import coordinate_slices, registered, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody, check_model
 from ..exudyn_bodies.user_functions import RIGID
 from ..exudyn_contacts.partition_contact import partition_items
@@ -200,7 +199,8 @@ def check_start(
     if mbs.systemData.ODE2Size() == 0:
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
     check_model(mbs)
-    hold_damping(mbs)
+    if (damping := registered(mbs).damping) is not None:
+        damping.begin(mbs)
     check_sensors(mbs)
     return check_joints(mbs, partition_items(mbs)[0], start(), judges_velocities=judges_velocities)
 

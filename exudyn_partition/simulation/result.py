@@ -107,8 +107,8 @@ class Result:
         Parameters of the implicit method. Default: another method, or not known, as in a result from a file.
     others : tuple of OtherBody
         Motion of Exudyn's own bodies that have a shape, or carry the rigid surface of a contact.
-    dampings : tuple of (Damping or None)
-        Damping of each body in the run; the model may be assembled with other joints since.
+    dampings : tuple of tuple
+        Of each body, see `dampings_of`; the model may be assembled with other joints since.
     """
 
     t: Array
@@ -129,7 +129,7 @@ class Result:
     marks: tuple[ItemMark, ...] | None = field(default=None, repr=False)
     newmark: Newmark | None = field(default=None, repr=False)
     others: tuple[OtherBody, ...] = field(default=(), repr=False)
-    dampings: tuple[Damping | None, ...] = field(default=(), repr=False)
+    dampings: tuple[tuple[tuple[float, Damping], ...], ...] = field(default=(), repr=False)
 
     if not TYPE_CHECKING:  # type checkers would accept every attribute
 
@@ -139,7 +139,7 @@ class Result:
 
     def __dir__(self) -> list[str]:
         return for_users(
-            self, {"damping_of", "dampings", "item_work", "kept", "marks", "newmark", "runs", "seldom", "sensor_of"}
+            self, {"dampings", "dampings_of", "item_work", "kept", "marks", "newmark", "runs", "seldom", "sensor_of"}
         )
 
     def __repr__(self) -> str:
@@ -187,8 +187,8 @@ class Result:
             )
         return self.sensor(number)
 
-    def damping_of(self, item: PartitionBody) -> Damping | None:
-        """Damping that a body of the model had in the run, as joints held it."""
+    def dampings_of(self, item: PartitionBody) -> tuple[tuple[float, Damping], ...]:
+        """Damping of a body in the run, as joints held it, each with the time from which it acted [s]."""
         return self.dampings[self.bodies.index(item)]
 
     def kept(self, contact: PartitionContact) -> ContactRun | KeptRun:
@@ -323,7 +323,7 @@ class Result:
             contacts=tuple(contacts),
             item_work=registered(mbs).work,
             marks=None,
-            dampings=tuple(item.damping for item in bodies),
+            dampings=tuple(item.dampings for item in bodies),
         )
 
     def report(self, path: str | Path, *, title: str = "") -> Path:
@@ -585,7 +585,7 @@ def samples(mbs: MainSystem) -> Result:
         item_work=registered(mbs).work,
         newmark=None if solver is None else solver.newmark,
         others=() if run is None else run.others.motions(mbs),
-        dampings=tuple(item.damping for item in bodies),
+        dampings=tuple(item.dampings for item in bodies),
     )
     times = np.empty(0) if run is None else run.record.times
     return result if run is None or not len(times) else _joined(result, times, run.record.sensors(mbs))
