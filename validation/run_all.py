@@ -216,7 +216,8 @@ def ordering(d):
 
 
 def damping(d):
-    return [Row(f"{k} of a damped mode", "one mode", d["limit"], found) for k, found in d["worst"].items()]
+    rows = [Row(f"{k} of a damped mode", "one mode", d["limit"], found) for k, found in d["worst"].items()]
+    return [*rows, Row("ratios of held strips", "those given", d["held"]["limit"], d["held"]["worst"])]
 
 
 def limits(units):
