@@ -108,9 +108,11 @@ def CreatePartitionBody(
         What an earlier impact has left in the plastic zones of patches, by their number or name: see
         `PlasticResults.states`. The body begins with the shape that they give it. Default: it never yielded.
     damping : float, sequence, callable or Rayleigh, optional
-        Damping of vibration: one ratio for all kept modes, one ratio for each elastic mode, a function from frequencies
-        [Hz] to ratios, or `Rayleigh(alpha, beta)`. Bases that keep nodes need Rayleigh. Rigid motion is not damped.
-        Default: none. Damping lowers the explicit stability limit.
+        Damping of vibration: one ratio for all modes, one ratio for each elastic mode in order of frequency, a function
+        from frequencies [Hz] to ratios, or `Rayleigh(alpha, beta)`. The modes are those of the body as joints, clamps
+        and drives of the model hold it, with other bodies rigid. A body that only contacts or springs support has the
+        ratios of its free modes. Deformations that joints prevent come last in a sequence. Bases that keep nodes need
+        Rayleigh. Rigid motion is not damped. Default: none. Damping lowers the explicit stability limit.
     massProportionalDamping, stiffnessProportionalDamping : float
         Exudyn's names for `damping=Rayleigh(alpha, beta)` [1/s], [s]; instead of `damping`.
     superElement : bool

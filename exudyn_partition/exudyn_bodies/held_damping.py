@@ -196,7 +196,7 @@ class _Joints:
             mass, rows = mass_and_rows(mbs)
         finally:
             q[:] = present
-        inverse = _inverse(mass)
+        inverse = _inverse(mass, np.unique(rows.nonzero()[1]))
         bodies = registered(mbs).bodies
         places = {
             number: np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)]) for number, item in bodies.items()
@@ -256,16 +256,19 @@ def _flexible(mbs: MainSystem) -> Iterator[tuple[Array, int]]:
             yield np.array(mbs.systemData.GetObjectLTGODE2(number), dtype=int), RIGID + turns_by_euler
 
 
-def _inverse(mass: sp.csr_matrix) -> sp.csr_matrix:
-    """Inverse of a mass matrix, (n, n), with blocks; zero where there is no mass, as along Euler parameters."""
+def _inverse(mass: sp.csr_matrix, needed: Array) -> sp.csr_matrix:
+    """Inverse of a mass matrix, (n, n), with the blocks that have `needed` coordinates, (k,) int array.
+
+    It is zero where there is no mass, as along Euler parameters.
+    """
     labels = scipy.sparse.csgraph.connected_components(mass)[1]
     groups = np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels))[:-1])
-    diagonal, parts = mass.diagonal(), []
+    diagonal = mass.diagonal()
     alone = np.array([group[0] for group in groups if len(group) == 1], dtype=int)
     alone = alone[diagonal[alone] > 0]
-    parts.append((alone, alone, 1 / diagonal[alone]))
+    parts = [(alone, alone, 1 / diagonal[alone])]
     for group in groups:
-        if len(group) > 1:
+        if len(group) > 1 and np.isin(group, needed).any():
             block = scipy.linalg.pinvh(mass[group][:, group].toarray())
             parts.append((np.repeat(group, len(group)), np.tile(group, len(group)), block.ravel()))
     rows, columns, values = (np.concatenate(each) for each in zip(*parts, strict=True))

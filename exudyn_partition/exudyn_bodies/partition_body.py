@@ -91,6 +91,8 @@ class PartitionBody(BodyResults):
     def matrices(self) -> BodyMatrices:
         """`ReducedBody.matrices` with the damping of this item.
 
+        The damping is that of the body as joints held it in the last run, and of a free body before the first one.
+
         Raises
         ------
         InputError

@@ -31,18 +31,19 @@ def step_once(mbs, t=1e-7):
     mbs.SolveDynamic(settings)
 
 
-def hold_head(mbs, item, axes, mass=None):
+def hold_head(mbs, item, axes, mass=None, rotation=exu.NodeType.RotationRotationVector):
     """Join the head with the ground, or with a rigid body of some mass [kg]."""
-    other = ground(mbs, END) if mass is None else on_rigid_body(mbs, END, mass)
+    other = ground(mbs, END) if mass is None else on_rigid_body(mbs, END, mass, rotation)
     joint = items.GenericJoint(markerNumbers=[other, item.CreateInterfaceMarker(mbs, "head")], constrainedAxes=axes)
     return mbs.AddObject(joint)
 
 
-def on_rigid_body(mbs, place, mass):
+def on_rigid_body(mbs, place, mass, rotation):
+    """Marker on a new rigid body."""
     body = mbs.CreateRigidBody(
         referencePosition=list(place),
         inertia=exu.utilities.RigidBodyInertia(mass=mass, inertiaTensor=mass * 1e-4 * np.eye(3)),
-        nodeType=exu.NodeType.RotationRotationVector,
+        nodeType=rotation,
     )
     return mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=[0, 0, 0]))
 
@@ -81,10 +82,11 @@ def test_modes_of_a_held_body_have_the_ratio(any_arm, foot, head):
     assert ratios(any_arm, free, rows)[0][0] < 0.75 * RATIO  # the ratio of free modes is another one
 
 
-def test_a_shaft_moves_with_the_mass_of_its_flywheel(any_arm):
+@pytest.mark.parametrize("rotation", ["RotationRotationVector", "RotationEulerParameters", "RotationRxyz"])
+def test_a_shaft_moves_with_the_mass_of_its_flywheel(any_arm, rotation):
     mass = 5 * any_arm.total_mass
     mbs, item, _ = jointed(any_arm, "inertial", damping=lambda f: 1e-6 * f)
-    hold_head(mbs, item, CLAMP, mass)
+    hold_head(mbs, item, CLAMP, mass, getattr(exu.NodeType, rotation))
     mbs.Assemble()
     step_once(mbs)
     P = np.asarray(any_arm.interface_rows("head"))
@@ -153,9 +155,7 @@ def test_bodies_that_hold_each_other_keep_their_momenta(arm_body, frame, method)
     both = []
     for i, place in enumerate(([0, 0, 0], END)):
         options = {"initialVelocity": [1.0, 0.5, 0.0], "initialAngularVelocity": spin, "damping": 0.1}
-        both.append(
-            ep.CreatePartitionBody(mbs, arm_body, name=str(i), frame=frame, referencePosition=place, **options)
-        )
+        both.append(ep.CreatePartitionBody(mbs, arm_body, name=str(i), frame=frame, referencePosition=place, **options))
     markers = [both[0].CreateInterfaceMarker(mbs, "head"), both[1].CreateInterfaceMarker(mbs, "foot")]
     mbs.AddObject(items.GenericJoint(markerNumbers=markers, constrainedAxes=CLAMP))
     mbs.Assemble()
