@@ -262,19 +262,21 @@ def mass_and_rows(mbs: MainSystem) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """
     exu, data, kind = require("exudyn"), mbs.systemData, require("exudyn").ComputeItemType
     n = data.ODE2Size()
-    M, C = sp.csr_matrix((n, n)), sp.lil_matrix((data.AEsize(), n))
+    M = sp.csr_matrix((n, n))
     for number, columns, mass in _masses(mbs):
         own = sp.coo_matrix(mbs.ComputeItem(number, kind.MassMatrix)) if mass is None else mass
         M = M + _placed(own, columns, n)
+    places: list[tuple[Array, Array, Array]] = [(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0))]
     for number in map(exu.ObjectIndex, range(data.NumberOfObjects())):
         rows, columns = np.array(data.GetObjectLTGAE(number), int), np.array(data.GetObjectLTGODE2(number), int)
         active = rows.size and mbs.GetObject(number).get("activeConnector", True)
         if active and kind.ConstraintJacobian in mbs.ComputeItem(number):
             J = np.asarray(mbs.ComputeItem(number, kind.ConstraintJacobian))
-            for row, values in zip(rows, J, strict=True):
-                for column, value in zip(columns, values, strict=True):  # a joint may name a coordinate twice
-                    C[row, column] += value
-    return M, sp.csr_matrix(C)
+            places.append((np.repeat(rows, len(columns)), np.tile(columns, len(rows)), J.ravel()))
+    rows, columns, values = (np.concatenate(part) for part in zip(*places, strict=True))
+    C = sp.csr_matrix((values, (rows, columns)), shape=(data.AEsize(), n))  # a joint may name a coordinate twice
+    C.eliminate_zeros()
+    return M, C
 
 
 def _masses(mbs: MainSystem) -> Iterator[tuple[ObjectIndex, Array, sp.coo_matrix | None]]:
