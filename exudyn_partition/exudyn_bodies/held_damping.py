@@ -177,13 +177,16 @@ class _Joints:
         Zero for coordinates without mass.
     places : dict of int to (m,) int array
         Coordinates of each partition body, by the number of its object.
+    own : dict of int to (k, k) array
+        Accelerations of the rows by unit multipliers on each partition body, if it is rigid.
     yields : (k, k) array
-        Accelerations of the rows by unit multipliers, if all bodies are rigid.
+        The same of all bodies.
     """
 
     rows: sp.csr_matrix
     inverse_mass: sp.csr_matrix
     places: Mapping[int, Array]
+    own: Mapping[int, Array]
     yields: Array
 
     @classmethod
@@ -196,32 +199,37 @@ class _Joints:
             mass, rows = mass_and_rows(mbs)
         finally:
             q[:] = present
-        inverse = _inverse(mass, np.unique(rows.nonzero()[1]))
         bodies = registered(mbs).bodies
         places = {
             number: np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)]) for number, item in bodies.items()
         }
-        yields = np.zeros((rows.shape[0],) * 2)
-        others = np.ones(rows.shape[1])
+        inverse = _inverse(mass, np.unique(np.concatenate([rows.nonzero()[1], *places.values()])))
+        own, others = {}, np.ones(rows.shape[1])
         for number, item in bodies.items():
-            yields += _as_rigid(item, rows[:, places[number]].toarray())
-            others[places[number]] = 0.0
-        for columns, rigid in _flexible(mbs):
-            on_frame = rows[:, columns[:rigid]].toarray()
-            block = mass[columns[:rigid]][:, columns[:rigid]].toarray()
-            yields += on_frame @ scipy.linalg.pinvh(block) @ on_frame.T
+            at = places[number]
+            rigid = item.body.rigid if item.kinematics.linear else np.eye(item.body.n_dofs, RIGID)
+            on_rigid = rows[:, at] @ rigid
+            own[number] = on_rigid @ np.linalg.solve(rigid.T @ (mass[at][:, at] @ rigid), on_rigid.T)
+            others[at] = 0.0
+        yields = np.sum([np.zeros((rows.shape[0],) * 2), *own.values()], axis=0)
+        for columns, size in _flexible(mbs):
+            at = columns[:size]
+            on_frame = rows[:, at].toarray()
+            yields += on_frame @ scipy.linalg.pinvh(mass[at][:, at].toarray()) @ on_frame.T
             others[columns] = 0.0
         rest = sp.csr_matrix(rows @ sp.diags(others))
-        return cls(rows, inverse, places, yields + (rest @ inverse @ rest.T).toarray())
+        return cls(rows, inverse, places, own, yields + (rest @ inverse @ rest.T).toarray())
 
     def mobility(self, item: DampedBody) -> Array | None:
         """Velocities of a body's coordinates by unit impulses on them, (n_dofs, n_dofs); None if no joint holds it."""
-        rows, mass = self.rows[:, self.places[int(item["oGenericODE2"])]].toarray(), item.kinematics.mass
-        if not rows.any():
+        number = int(item["oGenericODE2"])
+        at = self.places[number]
+        rows = self.rows[:, at]
+        if not rows.nnz:
             return None
-        push = rows / mass
-        yields = self.yields - _as_rigid(item, rows) + push @ rows.T
-        mobility: Array = np.diag(1 / mass) - push.T @ _solve(yields, push)
+        inverse = self.inverse_mass[at][:, at].toarray()
+        push = rows @ inverse
+        mobility: Array = inverse - push.T @ _solve(self.yields - self.own[number] + push @ rows.T, push)
         return mobility
 
     def largest_rate(self, items: Sequence[DampedBody]) -> float:
@@ -237,14 +245,6 @@ class _Joints:
         yields = (self.rows @ self.inverse_mass @ self.rows.T).toarray()
         free = (damped @ self.inverse_mass @ damped.T).toarray()
         return float(np.linalg.eigvalsh(free - push.T @ _solve(yields, push)).max(initial=0.0))
-
-
-def _as_rigid(item: Any, rows: Array) -> Array:
-    """Accelerations of rows on a body's coordinates, (k, n_dofs), by unit multipliers, (k, k), if it is rigid."""
-    rigid = item.body.rigid if item.kinematics.linear else np.eye(item.body.n_dofs, RIGID)
-    on_rigid = rows @ rigid
-    yields: Array = on_rigid @ np.linalg.solve(rigid.T @ (item.kinematics.mass[:, None] * rigid), on_rigid.T)
-    return yields
 
 
 def _flexible(mbs: MainSystem) -> Iterator[tuple[Array, int]]:

@@ -188,8 +188,14 @@ class Result:
         return self.sensor(number)
 
     def dampings_of(self, item: PartitionBody) -> tuple[tuple[float, Damping], ...]:
-        """Damping of a body in the run, as joints held it, each with the time from which it acted [s]."""
-        return self.dampings[self.bodies.index(item)]
+        """Damping of a body in the run, as joints held it, each with the time from which it acted [s].
+
+        Parameters
+        ----------
+        item : PartitionBody
+            A body of the model; others have none.
+        """
+        return next((found for body, found in zip(self.bodies, self.dampings, strict=False) if body is item), ())
 
     def kept(self, contact: PartitionContact) -> ContactRun | KeptRun:
         """Return the data of the run that a contact kept beside its sensors: mechanics at the end, forces of rows.

@@ -245,3 +245,15 @@ def test_explicit_steps_of_a_held_body_are_stable_up_to_the_limit(arm_body, rati
     assert result.status == "finished"
     energy = item.energy(result)
     assert energy[-1] <= energy.max() < arm_body.total_mass * 1000.0 * 1e-3
+
+
+def test_both_frames_have_the_same_held_modes(arm_body):
+    """Also where the axes of the frame's node are not those of the inertia, as with every floating frame."""
+    found = []
+    for frame in ("inertial", "floating"):
+        mbs, item, _ = jointed(arm_body, frame, HINGE, damping=RATIO)
+        hold_head(mbs, item, [1, 1, 0, 0, 0, 0], 2 * arm_body.total_mass)
+        mbs.Assemble()
+        step_once(mbs)
+        found.append(item.damping.omega)
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-7)
