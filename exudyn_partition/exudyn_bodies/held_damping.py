@@ -135,31 +135,24 @@ def hold_damping(mbs: MainSystem, since: float = -math.inf) -> None:
     if not items or not mbs.systemData.ODE2Size():
         return
     joints = _Joints.of(mbs) if mbs.systemData.AEsize() else None
-    changed = []
-    for item in items:
-        mobility = None if joints is None else joints.mobility(item)
-        if not _same(mobility, item.mobility):
-            changed.append(item)
-            item.mobility, item.damping = mobility, damping_of(item.kinematics, item.ratios, mobility)
-            item.dampings = (*(past for past in item.dampings if past[0] < since), (since, item.damping))
-    if changed:
-        _apply(mbs, items, changed, joints)
-
-
-def _apply(mbs: MainSystem, items: list[DampedBody], changed: list[DampedBody], joints: _Joints | None) -> None:
-    """Give Exudyn the new damping matrices of some bodies."""
+    found = [(item, None if joints is None else joints.mobility(item)) for item in items]
+    changed = [(item, mobility) for item, mobility in found if not _same(mobility, item.mobility)]
+    if not changed:
+        return
+    check_unchanged(mbs, [item for item, _ in changed])
+    for item, mobility in changed:
+        item.mobility, item.damping = mobility, damping_of(item.kinematics, item.ratios, mobility)
+        item.dampings = (*(past for past in item.dampings if past[0] < since), (since, item.damping))
+        if not len(item.body.basis.nodal):  # user functions apply the damping of nodal coordinates
+            matrix = require("exudyn").MatrixContainer(item.damping.matrix())
+            mbs.SetObjectParameter(item["oGenericODE2"], "dampingMatrix", matrix)
+            item.as_made = item.as_made | {"dampingMatrix": made(mbs, item)["dampingMatrix"]}
     of_modes = [item for item in items if isinstance(item.damping, ModeDamping)]
     if joints is not None and of_modes:
         fastest = joints.largest_rate(of_modes)
         for item in of_modes:
             if isinstance(item.damping, ModeDamping) and item.mobility is not None:
                 item.damping = replace(item.damping, fastest=fastest)
-    check_unchanged(mbs, changed)
-    for item in changed:
-        if not len(item.body.basis.nodal):  # user functions apply the damping of nodal coordinates
-            matrix = require("exudyn").MatrixContainer(item.damping.matrix())
-            mbs.SetObjectParameter(item["oGenericODE2"], "dampingMatrix", matrix)
-            item.as_made = item.as_made | {"dampingMatrix": made(mbs, item)["dampingMatrix"]}
 
 
 def _same(one: Array | None, other: Array | None) -> bool:

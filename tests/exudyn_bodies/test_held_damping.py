@@ -9,6 +9,7 @@ import scipy.linalg
 from oracles import HINGE, ground, jointed
 
 import exudyn_partition as ep
+from exudyn_partition.errors import InputError
 from exudyn_partition.exudyn_bodies.joints import mass_and_rows
 from exudyn_partition.frames.damping import damping_of
 
@@ -257,3 +258,19 @@ def test_both_frames_have_the_same_held_modes(arm_body):
         step_once(mbs)
         found.append(item.damping.omega)
     np.testing.assert_allclose(found[0], found[1], rtol=1e-7)
+
+
+def test_a_damping_matrix_of_the_users_own_is_refused(arm_body):
+    """Again and again, until it is restored."""
+    mbs, item, _ = jointed(arm_body, "inertial", damping=RATIO)
+    number, n = item["oGenericODE2"], arm_body.n_dofs
+    made = mbs.GetObjectParameter(number, "dampingMatrix")
+    mbs.SetObjectParameter(number, "dampingMatrix", exu.MatrixContainer(np.eye(n)))
+    mbs.Assemble()
+    for _ in range(2):
+        with pytest.raises(InputError, match="a change of dampingMatrix"):
+            ep.stability_limit(mbs)
+    mbs.SetObjectParameter(number, "dampingMatrix", made)
+    ep.stability_limit(mbs)
+    rows = held_by(arm_body, CLAMP)
+    np.testing.assert_allclose(ratios(arm_body, item.damping.matrix().toarray(), rows)[0], RATIO, rtol=1e-6)
