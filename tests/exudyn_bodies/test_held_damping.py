@@ -6,6 +6,7 @@ import exudyn.utilities
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.sparse as sp
 from oracles import HINGE, ground, jointed
 
 import exudyn_partition as ep
@@ -265,7 +266,7 @@ def test_a_damping_matrix_of_the_users_own_is_refused(arm_body):
     mbs, item, _ = jointed(arm_body, "inertial", damping=RATIO)
     number, n = item["oGenericODE2"], arm_body.n_dofs
     made = mbs.GetObjectParameter(number, "dampingMatrix")
-    mbs.SetObjectParameter(number, "dampingMatrix", exu.MatrixContainer(np.eye(n)))
+    mbs.SetObjectParameter(number, "dampingMatrix", exu.MatrixContainer(sp.eye(n, format="csr")))
     mbs.Assemble()
     for _ in range(2):
         with pytest.raises(InputError, match="a change of dampingMatrix"):
