@@ -156,7 +156,9 @@ def hold_damping(mbs: MainSystem, since: float = -math.inf) -> None:
 
 
 def _same(one: Array | None, other: Array | None) -> bool:
-    return one is other or (one is not None and other is not None and np.array_equal(one, other))
+    if one is None or other is None:
+        return one is None and other is None
+    return np.array_equal(one, other)
 
 
 @dataclass(frozen=True, eq=False)

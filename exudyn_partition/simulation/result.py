@@ -195,7 +195,7 @@ class Result:
         item : PartitionBody
             A body of the model; others have none.
         """
-        return next((found for body, found in zip(self.bodies, self.dampings, strict=False) if body is item), ())
+        return next((found for body, found in zip(self.bodies, self.dampings, strict=False) if body == item), ())
 
     def kept(self, contact: PartitionContact) -> ContactRun | KeptRun:
         """Return the data of the run that a contact kept beside its sensors: mechanics at the end, forces of rows.
