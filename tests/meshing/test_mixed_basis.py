@@ -6,7 +6,7 @@ import exudyn as exu
 import meshio
 import numpy as np
 import pytest
-from oracles import SIZE, TOP, box, hexahedra, quadratic, split, write_deck
+from oracles import SIZE, TOP, box, hexahedra, quadratic, split, write, write_deck
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.krylov import eigenmodes, mass_normalised
@@ -100,6 +100,38 @@ def test_matrices_are_those_of_the_element_s_own_functions(models, name):
         mass[np.ix_(row, row)] += ep.STEEL.rho * np.einsum("q,qi,qj->ij", volume, values, values)
     np.testing.assert_allclose(fem.stiffness.toarray(), stiffness, atol=1e-12 * abs(stiffness).max())
     np.testing.assert_allclose(fem.mass[::3, ::3].toarray(), mass, atol=1e-12 * abs(mass).max())
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_the_mass_of_one_tapered_and_bent_element_is_exact(tmp_path, name):
+    """By Gauss' points that integrate it exactly, on the element as a cube that has collapsed, in which it is smooth."""
+    kind, way = BY_NAME[name], np.random.default_rng(4)
+    x = kind.nodes + 0.05 * way.uniform(-1, 1, kind.nodes.shape)
+    x[: kind.corners, :2] *= 1 - 0.6 * kind.nodes[: kind.corners, 2:]  # half as wide at its top
+    x[kind.corners :] = x[kind.edges].mean(axis=1)[: len(x) - kind.corners]
+    x[kind.corners :] += 0.08 * way.uniform(-1, 1, (len(x) - kind.corners, 3))
+    x *= 0.1
+    local, weight = kind.gauss(12)
+    values, slopes = kind.functions(local)
+    volume = weight * np.linalg.det(np.einsum("qnr,nd->qrd", slopes, x))
+    assert volume.min() > 0
+    fem = ep.fe_model(write(tmp_path / "one.vtu", x, (name, np.arange(len(x))[None])), ep.STEEL, order=kind.order)
+    mass = fem.mass[::3, ::3].toarray() / ep.STEEL.rho
+    wrong = mass - np.einsum("q,qa,qb->ab", volume, values, values)
+    assert abs(wrong).max() < (1e-9 if kind.corners == 5 else 1e-13) * abs(mass).max()  # NGSolve moves pyramids' tips
+
+
+@pytest.mark.parametrize("top", [0.6, 0.05])
+@pytest.mark.parametrize(("name", "foot"), [("hexahedron", 1 / 3), ("wedge", 1 / 12)])
+def test_a_tapered_column_of_one_element_is_no_overlap(tmp_path, name, foot, top):
+    """A slice at height z is the foot times s(z); its second moment is that of the foot, times s^4."""
+    x = 0.1 * BY_NAME[name].nodes
+    x[:, :2] *= 1 - 10 * (1 - top) * x[:, 2:]
+    fem = ep.fe_model(write(tmp_path / "one.vtu", x, (name, np.arange(len(x))[None])), ep.STEEL, order=1)
+    z, w = np.polynomial.legendre.leggauss(6)
+    exact = 0.1**5 * foot * w @ (1 - (1 - top) * (z + 1) / 2) ** 4 / 2
+    found = fem.points[:, 0] @ (fem.mass[::3, ::3] @ fem.points[:, 0])
+    assert found / ep.STEEL.rho == pytest.approx(exact, rel=1e-12)
 
 
 @pytest.fixture(scope="module")
