@@ -28,6 +28,7 @@ from .collapsed import as_they_are, with_middles
 from .deck_materials import DeckMaterial
 from .file_mesh import FACE_CORNERS, CellRegions, FileMesh, Origins, refuse_regions
 from .gmsh_files import in_groups
+from .med_files import write_mesh_alone
 from .mesh_counts import counts_said
 from .nastran_decks import ENDINGS, is_bulk_data, read_nastran
 from .regions import regions_of
@@ -273,6 +274,9 @@ def _read_by_meshio(path: Path) -> MeshioMesh:
             if path.suffix.lower() == ".msh" and in_groups(data := path.read_bytes()) != data:
                 clean = Path(folder) / path.name
                 clean.write_bytes(in_groups(data))
+            elif path.suffix.lower() == ".med":
+                clean = Path(folder) / path.name
+                write_mesh_alone(path, clean)
             return meshio.read(clean)
     except ImportError as error:
         raise MissingPackageError(

@@ -383,6 +383,30 @@ def test_what_a_format_needs_is_named(tmp_path, monkeypatch):
         ep.fe_model(tmp_path / "mesh.med", ep.STEEL)
 
 
+@pytest.mark.parametrize("results", ["many", "partial"])
+def test_results_beside_a_mesh_of_med_are_left_out(small, tmp_path, results):
+    """As Code_Aster writes them: several fields of different components, some on some kinds of elements alone."""
+    h5py, fem = pytest.importorskip("h5py"), small[2]
+    skin = fem.facets[:, :3]
+    data = {"run_DEPL": np.ones((fem.n_nodes, 3)), "run_TEMP": np.ones(fem.n_nodes)}
+    path = tmp_path / "results.med"
+    blocks = [("triangle", skin), ("tetra10", fem.cells)]
+    cell_data = {"run_SIEF": [np.ones((len(rows), 6)) for _, rows in blocks]}
+    cell_data["cell_tags"] = [np.full(len(rows), -1 - i) for i, (_, rows) in enumerate(blocks)]
+    file = meshio.Mesh(fem.points, blocks, point_data=data, cell_data=cell_data)
+    file.field_data = {"med:nom": [["DX", "DY", "DZ"], ["TEMP"], ["SIXX", "SIYY", "SIZZ", "SIXY", "SIXZ", "SIYZ"]]}
+    file.write(path)
+    if results == "partial":  # and a family that is 0 is not written
+        with h5py.File(path, "a") as written:
+            (steps,) = written["ENS_MAA"].values()
+            (step,) = steps.values()
+            del step["MAI/TR3/FAM"]
+            for field in written["CHA"].values():
+                for at in field.values():
+                    at.pop("MAI.TR3", None)
+    assert_same_matrices(ep.fe_model(path, ep.STEEL), fem, np.arange(fem.n_nodes))
+
+
 @pytest.mark.parametrize(("name", "order"), [("hexahedron", 2), ("tetra10", 1)])
 def test_orders_that_the_file_s_elements_do_not_have(small, tmp_path, name, order):
     points, cells = hexahedra(1, 2, 3) if name == "hexahedron" else (small[2].points, small[2].cells)
