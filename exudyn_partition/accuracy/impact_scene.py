@@ -12,7 +12,7 @@ from ..fe.material import Material
 from ..fe.model import FEModel
 from ..fe.partition import Partition
 from ..meshing.mesh_size import Refine
-from ..meshing.netgen_mesh import ONE_AT_A_TIME, meshed, volume_of
+from ..meshing.netgen_mesh import ONE_AT_A_TIME, in_metres, meshed, volume_of
 from ..meshing.ngsolve_fem import fe_model
 from ..prediction.hertz import effective, impact
 from ..support.arrays import Array
@@ -54,9 +54,8 @@ class Scene:
         fine = Refine(self.place.points[i], radius, sizes.near, long_axis=long_axis)
         regions = [fine] if sizes.near < sizes.far else []
         with ONE_AT_A_TIME:
-            mesh = meshed(self.shapes[i], sizes.far, regions, GRADING, sizes.order, sizes.curvature)
-            mesh.Curve(_CURVED)
-            return mesh
+            made = meshed(self.shapes[i], sizes.far, regions, GRADING, sizes.order, sizes.curvature)
+            return in_metres(self.shapes[i], *made, _CURVED)
 
     def missed(self, i: int, mesh: FEModel | NGSolveMesh) -> float:
         """Share of a body's volume that its mesh misses."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import pickle
 import shutil
+import sys
 import tempfile
 import threading
 import warnings
@@ -26,13 +28,25 @@ from ..support.optional import require
 from ..support.progress import pulsing
 from .mesh_size import Refine, check_memory_of_mesh, check_sizes
 from .step_files import ENDINGS, check_step, solids_said
+from .trials import failure
 
 _LOG = logging.getLogger(__name__)
 
 _SHARP = np.sin(np.radians(44.0))  # sine of a cone's half angle, below which Netgen fails at the tip
 GRADING = 0.3
 CURVATURE = 2.0  # elements in a radius of curvature
+_OWN_SCALE = (1e-3, 1e4)  # sizes [m] of bodies for which Netgen's tolerances, which are lengths, are meant
+_NO_SIZE = 1e98  # of elements on a face that was given none
 _SCALES = (1e-9, 1e9)  # beyond these, OCC raises errors of its own, or crashes
+_TRIAL = """
+import pickle, sys, ngsolve
+from netgen.meshing import MeshingParameters
+geometry, options, sizes = pickle.load(sys.stdin.buffer)
+parameters = MeshingParameters(**options)
+for x, y, z, h in sizes:
+    parameters.RestrictH(x=x, y=y, z=z, h=h)
+ngsolve.Mesh(geometry.GenerateMesh(mp=parameters)).Curve(2)
+"""
 _GRADINGS = (0.05, 1.0)  # below these, Netgen forgets local sizes or crashes; above, it does not end
 
 # Threads wait by spinning. Where other processes want the cores too, they make a small mesh much slower. The mesh is
@@ -81,7 +95,18 @@ def generate_mesh(shape: Shape, *, maxh: float, refine: Iterable[Refine] = (), g
         If `maxh` is longer than the body, or a ball misses it or has no effect.
     """
     with ONE_AT_A_TIME:
-        return meshed(shape, maxh, refine, grading, 1)
+        return in_metres(shape, *meshed(shape, maxh, refine, grading, 1), 2)
+
+
+def in_metres(shape: Shape, mesh: NGSolveMesh, unit: float, order: int) -> NGSolveMesh:
+    """Mesh that `meshed` made of a shape, in metres, curved with some order."""
+    if unit != 1:
+        mesh.ngmesh.Scale(unit)
+        mesh.ngmesh.SetGeometry(require("netgen.occ").OCCGeometry(solids_alone(shape)))
+        mesh = require("ngsolve").Mesh(mesh.ngmesh)
+    if unit != 1 or mesh.GetCurveOrder() != order:
+        mesh.Curve(order)
+    return mesh
 
 
 def volume_of(mesh: NGSolveMesh) -> float:
@@ -93,8 +118,15 @@ def volume_of(mesh: NGSolveMesh) -> float:
 
 def meshed(
     shape: Shape, maxh: object, refine: object, grading: object, order: int, curvature: float = CURVATURE
-) -> NGSolveMesh:
-    """Do the work of `generate_mesh`, also for `fe_model`, of some order; warnings name the line that called either."""
+) -> tuple[NGSolveMesh, float]:
+    """Do the work of `generate_mesh`, also for `fe_model`, of some order; warnings name the line that called either.
+
+    Returns
+    -------
+    ngsolve.Mesh
+    float
+        Its unit of length [m]: the size of the body, if it is so small or large that Netgen and OCC would fail.
+    """
     ngsolve, occ, meshing = require("ngsolve"), require("netgen.occ"), require("netgen.meshing")
     maxh, grading = validate_positive("maxh", maxh, "m"), validate_number("grading", grading)
     if not _GRADINGS[0] <= grading <= _GRADINGS[1]:
@@ -106,25 +138,28 @@ def meshed(
         raise InputError("shape: expected a body of finite size, got corners that are not finite")
     low, high = (np.array([p.x, p.y, p.z]) for p in shape.bounding_box)
     size = check_sizes(low, high, maxh, regions)
-    _check_tips(shape, size)
+    tip = _sharp_tip(shape, size)
     surface = sum(face.mass for face in shape.faces)
     elements = check_memory_of_mesh(size, abs(shape.mass), surface, maxh, regions, grading, order)
-    parameters = meshing.MeshingParameters(
-        maxh=maxh, grading=grading, curvaturesafety=curvature, parallel_meshing=elements > _MANY
-    )
-    for region in regions:
-        for x, y, z in region.points():
-            parameters.RestrictH(x=x, y=y, z=z, h=region.h)
+    unit = 1.0 if _OWN_SCALE[0] <= size <= _OWN_SCALE[1] else float(np.clip(size, *_SCALES))
+    geometry = occ.OCCGeometry(scaled(shape, 1 / unit))
+    options = {"maxh": maxh / unit, "grading": grading, "curvaturesafety": curvature}
+    sizes = [(x / unit, y / unit, z / unit, region.h / unit) for region in regions for x, y, z in region.points()]
+    if tip:
+        _try_tip(tip, maxh, pickle.dumps((geometry, options, sizes)))
+    parameters = meshing.MeshingParameters(**options, parallel_meshing=elements > _MANY)
+    for x, y, z, h in sizes:
+        parameters.RestrictH(x=x, y=y, z=z, h=h)
     try:
         threads = ngsolve.TaskManager() if elements > _SOME and alone() else contextlib.nullcontext()
         with pulsing("mesh"), threads:
-            mesh = ngsolve.Mesh(occ.OCCGeometry(shape).GenerateMesh(mp=parameters))
+            mesh = ngsolve.Mesh(geometry.GenerateMesh(mp=parameters))
     except (meshing.NgException, RuntimeError) as error:  # OCC raises the latter
         raise MeshError(
             f"shape: Netgen could not mesh it with maxh={maxh:.4g} m ({error}). Take a smaller maxh; walls need "
             "elements not much larger than they are thick"
         ) from error
-    vertices = mesh.ngmesh.Coordinates()
+    vertices = unit * np.array(mesh.ngmesh.Coordinates())
     for region in regions:
         distance = distance_within(vertices, region.center, region.radius, region.long_axis).min()
         if distance > region.radius + region.h:
@@ -139,11 +174,11 @@ def meshed(
     _LOG.info(
         "mesh: %d elements, %d vertices, elements up to %.4g m, finer in %d balls", mesh.ne, mesh.nv, maxh, len(regions)
     )
-    return mesh
+    return mesh, unit
 
 
-def _check_tips(shape: Shape, size: float) -> None:
-    """Refuse the tips of sharp cones, on which Netgen fails, often after it has damaged memory.
+def _sharp_tip(shape: Shape, size: float) -> str:
+    """Say where the tip of a sharp cone is, on which Netgen may fail after it has damaged memory; blank if nowhere.
 
     A cone is a surface whose straight lines, along its second parameter, meet in one point.
     """
@@ -158,11 +193,19 @@ def _check_tips(shape: Shape, size: float) -> None:
         corners = np.array([[*vertex.p] for vertex in face.vertices])
         if np.linalg.norm(tip - beside) < 1e-9 * size and np.linalg.norm(corners - tip, axis=1).min() < 1e-6 * size:
             half_angle = np.degrees(np.arcsin(abs(widening)))
-            raise MeshError(
-                f"shape: the cone with its tip at {tip} m is sharp, its half angle {half_angle:.3g} degrees. Netgen "
-                "fails on tips below 45 degrees and may end the program. Round the tip, or cut it off where it is a "
-                "few elements wide; or bring a mesh file"
-            )
+            return f"the cone with its tip at {tip} m is sharp, its half angle {half_angle:.3g} degrees"
+    return ""
+
+
+def _try_tip(said: str, maxh: float, given: bytes) -> None:
+    """Mesh a shape with a sharp tip in a child process; MeshError if Netgen fails there."""
+    reason = failure(_TRIAL, given=given) if sys.executable else "it is not tried inside another program"
+    if reason:
+        raise MeshError(
+            f"shape: {said}. Netgen fails on it with maxh={maxh:.4g} m ({reason}), as on many tips below 45 degrees. "
+            "Take another maxh; round the tip, or cut it off where it is a few elements wide; or bring a mesh file"
+        )
+    _LOG.info("shape: %s; a trial in a child process has meshed it", said)
 
 
 def _derivatives(surface: ShapeSurface, v: float) -> list[Array]:
@@ -315,7 +358,14 @@ def scaled(shape: Shape, scale: float) -> Shape:
         raise InputError(
             f"scale: expected {_SCALES[0]:g} to {_SCALES[1]:g}, such as 1e-3 for millimetres, got {scale:g}"
         )
-    return shape.Scale(require("netgen.occ").Pnt(0, 0, 0), scale) if scale != 1 else shape
+    if scale == 1:
+        return shape
+    larger = shape.Scale(require("netgen.occ").Pnt(0, 0, 0), scale)
+    for kind in ("solids", "faces", "edges", "vertices"):  # which keep the sizes of elements that they were given
+        for part in set(getattr(larger, kind)):
+            if part.maxh < _NO_SIZE:
+                part.maxh *= scale
+    return larger
 
 
 def shape_of(source: Shape | str | Path, scale: float, name: str = "source") -> Shape:

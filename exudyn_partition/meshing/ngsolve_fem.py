@@ -171,10 +171,10 @@ def fe_model(
                 given.check("shape", "solids", [solid.name or "default" for solid in shape.solids])
                 maxh = validate_positive("maxh", maxh, "m")
                 for finer in _FINER:
-                    mesh = meshed(shape, finer * maxh, refine, grading, order or 2, CURVATURE / finer)
+                    mesh, unit = meshed(shape, finer * maxh, refine, grading, order or 2, CURVATURE / finer)
                     try:
                         with pulsing("assemble"):
-                            fem = _from_mesh(ngsolve, mesh, given, order or 2)
+                            fem = _from_mesh(ngsolve, mesh, given, order or 2, unit=unit)
                         check_inside(fem)
                         break
                     except InvertedElementsError as error:
@@ -323,9 +323,14 @@ def _refuse_mesh_options(maxh: object, refine: object, grading: object) -> None:
 
 
 def _from_mesh(
-    ngsolve: NGSolve, mesh: NGSolveMesh, given: GivenMaterial, order: int, regions: CellRegions | None = None
+    ngsolve: NGSolve,
+    mesh: NGSolveMesh,
+    given: GivenMaterial,
+    order: int,
+    regions: CellRegions | None = None,
+    unit: float = 1.0,
 ) -> FEModel:
-    """FE model with NGSolve's own numbering: vertices, then edges."""
+    """FE model with NGSolve's own numbering: vertices, then edges; `unit` is the mesh's unit of length [m]."""
     if mesh.dim != 3 or {len(el.vertices) for el in mesh.Elements(ngsolve.VOL)} != {4}:
         raise MeshError("mesh: expected a three-dimensional mesh of tetrahedra")
     corners = mesh.ngmesh.Elements3D().NumPy()["nodes"][:, :4].astype(np.int64) - 1
@@ -345,14 +350,14 @@ def _from_mesh(
         mesh.Curve(1)
     try:
         basis = NodalBasis(ngsolve, mesh, order)
-        points = _places(ngsolve, mesh, basis.numbers(corners), basis.to_hierarchical.shape[0])
+        points = unit * _places(ngsolve, mesh, basis.numbers(corners), basis.to_hierarchical.shape[0])
         cells = basis.cells(corners, points)
         _check_volume(points, cells)
         if regions is None:
             number = mesh.ngmesh.Elements3D().NumPy()["index"].astype(np.int64) - 1
             regions = CellRegions("solids", tuple(mesh.GetMaterials()), number)
         elastic = given.on("mesh", regions, points[cells].mean(axis=1))
-        fem = _assemble(ngsolve, mesh, elastic, points, cells, basis.to_hierarchical)
+        fem = _assemble(ngsolve, mesh, elastic, points, cells, basis.to_hierarchical, unit=unit)
     finally:
         if order == 1:
             mesh.Curve(curve_order)
@@ -500,8 +505,9 @@ def _assemble(
     to_hierarchical: sp.csr_matrix,
     *,
     hexahedra: bool = False,
+    unit: float = 1.0,
 ) -> FEModel:
-    """Assemble by NGSolve; change from its hierarchical basis to nodal values."""
+    """Assemble by NGSolve, in the mesh's unit of length [m]; change from its hierarchical basis to nodal values."""
     order = 2 if hexahedra and cells.shape[1] == 20 else ORDERS[cells.shape[1]]
     check_memory_of_model(to_hierarchical.shape[0], order)
     stiffness, mass = _forms(ngsolve, mesh, elastic, order, hexahedra)
@@ -511,13 +517,14 @@ def _assemble(
         with _threads(ngsolve, len(points)):
             degree = _degree_of_volume(order, hexahedra)
             volume = np.array(ngsolve.Integrate(ngsolve.CF(1), mesh, ngsolve.VOL, degree, element_wise=True))
+        volume *= unit**3
     change = sp.kron(to_hierarchical, sp.identity(3), format="csr")
     back, back_scalar = change.T.tocsr(), to_hierarchical.T.tocsr()  # products of rows with rows need no conversion
     return FEModel(
         points=points,
         cells=cells,
-        mass=sp.kron(_symmetric(back_scalar @ (_csr(mass.mat) @ to_hierarchical)), sp.identity(3), format="csr"),
-        stiffness=_symmetric(back @ (_csr(stiffness.mat) @ change)),
+        mass=sp.kron(_symmetric(back_scalar @ (_csr(mass.mat) @ to_hierarchical)), unit**3 * sp.identity(3), "csr"),
+        stiffness=unit * _symmetric(back @ (_csr(stiffness.mat) @ change)),
         cell_mass=elastic.rho * volume,
         material=elastic.largest(volume) if isinstance(elastic, Regions) else elastic,
         boundaries={},

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 from ..errors import InputError
+from .trials import failure
 
 ENDINGS = (".step", ".stp")
 
@@ -28,17 +26,8 @@ def check_step(path: Path, name: str) -> None:
     ------
     InputError
     """
-    if not sys.executable:  # an interpreter inside another program
-        return
-    call = [sys.executable, "-c", TRIAL, str(path)]
-    # PYTHONSAFEPATH: a file in the working directory may have the name of a package.
-    run = subprocess.run(
-        call, capture_output=True, text=True, errors="replace", env=os.environ | {"PYTHONSAFEPATH": "1"}, check=False
-    )
-    if run.returncode:
-        said = run.stderr.strip().splitlines()
-        crashed = not said or not said[-1].partition(":")[0].endswith(("Exception", "Error"))
-        reason = f"its reader crashes, exit code {run.returncode}" if crashed else said[-1]
+    reason = failure(TRIAL, str(path))
+    if reason:
         raise InputError(f"{name}: {path} could not be read by Netgen ({reason}). Is it a complete STEP file?")
 
 

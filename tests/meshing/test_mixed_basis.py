@@ -104,7 +104,7 @@ def test_matrices_are_those_of_the_element_s_own_functions(models, name):
 
 @pytest.mark.parametrize("name", BY_NAME)
 def test_the_mass_of_one_tapered_and_bent_element_is_exact(tmp_path, name):
-    """By Gauss' points that integrate it exactly, on the element as a cube that has collapsed, in which it is smooth."""
+    """By enough of Gauss' points on the element as a cube that has collapsed, on which it is smooth."""
     kind, way = BY_NAME[name], np.random.default_rng(4)
     x = kind.nodes + 0.05 * way.uniform(-1, 1, kind.nodes.shape)
     x[: kind.corners, :2] *= 1 - 0.6 * kind.nodes[: kind.corners, 2:]  # half as wide at its top

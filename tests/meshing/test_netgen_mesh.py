@@ -7,6 +7,7 @@ import meshio
 import netgen.occ as occ
 import numpy as np
 import pytest
+import scipy.sparse.linalg
 from oracles import box
 
 import exudyn_partition as ep
@@ -74,8 +75,8 @@ def test_threads_take_turns_and_standard_output_comes_back(block, tmp_path):
     assert sys.stdout is before
 
 
-def test_the_tip_of_a_sharp_cone_is_refused():
-    """Netgen writes where it must not there, and ends the program then or later; blunt cones and spheres it can."""
+def test_the_tip_of_a_sharp_cone_is_tried_in_a_child_process():
+    """Netgen may write where it must not there, and end the program then or later; blunt cones and spheres it can."""
 
     def cone(half_angle):
         frame = occ.gp_Ax2(occ.Pnt(0, 0, 0), occ.gp_Dir(0, 0, 1))
@@ -89,3 +90,39 @@ def test_the_tip_of_a_sharp_cone_is_refused():
     cut = occ.Cone(occ.gp_Ax2(occ.Pnt(0, 0, 0), occ.gp_Dir(0, 0, 1)), 2e-3, 9e-3, 0.02, 2 * np.pi)
     for shape in (cone(60), cut):  # spheres and cylinders are in other tests
         assert ep.generate_mesh(shape, maxh=0.02).ne > 0
+
+
+def test_a_hole_that_ends_in_a_sharp_cone_is_meshed_where_netgen_can():
+    half, rim, length = np.radians(39), 2e-3, 20e-3
+    depth = rim / np.tan(half)
+    hole = occ.Cone(occ.Axes((0, 0, length - depth), occ.Z), 0, rim, depth, 2 * np.pi)
+    fem = ep.fe_model(occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, r=5e-3, h=length) - hole, ep.STEEL, maxh=2e-3)
+    exact = np.pi * (5e-3**2 * length - rim**2 * depth / 3)
+    assert fem.cell_volume.sum() == pytest.approx(exact, rel=2e-3)
+
+
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.UnitsWarning")
+@pytest.mark.parametrize("radius", [5e-7, 5e-6, 1e5])
+def test_tiny_and_huge_balls_are_meshed_as_others_are(radius):
+    """OCC takes 1e-7 m for nothing. The lowest mode is torsional, omega R / c = 2.5011 whatever nu is (Lamb)."""
+    ball = occ.Sphere((0, 0, 0), radius)
+    top = ep.Refine((0, 0, radius), 0.2 * radius, 0.1 * radius)
+    fem = ep.fe_model(ball, ep.STEEL, maxh=0.6 * radius, refine=[top])
+    assert fem.total_mass == pytest.approx(4 / 3 * np.pi * radius**3 * ep.STEEL.rho, rel=5e-3)
+    shift = -((0.5 * ep.STEEL.shear_wave_speed / radius) ** 2)
+    omega = np.sqrt(scipy.sparse.linalg.eigsh(fem.stiffness, 8, fem.mass, sigma=shift)[0][6:])
+    assert omega * radius / ep.STEEL.shear_wave_speed == pytest.approx(2.5011, rel=5e-3)
+    mesh = ep.generate_mesh(ball, maxh=0.6 * radius)
+    assert np.linalg.norm(mesh.ngmesh.Coordinates(), axis=1).max() == pytest.approx(radius, rel=1e-6)
+    assert ep.fe_model(mesh, ep.STEEL).total_mass == pytest.approx(fem.total_mass, rel=5e-3)
+
+
+def test_sizes_that_faces_have_been_given_are_scaled_with_the_shape():
+    def shape(length):
+        made = occ.Box((0, 0, 0), (length, length, length))
+        made.faces[0].maxh = length / 8
+        return made
+
+    expected = len(ep.fe_model(shape(0.02), ep.STEEL, maxh=0.01).facets)
+    assert expected > 150
+    assert len(ep.fe_model(shape(20.0), ep.STEEL, maxh=0.01, scale=1e-3).facets) == pytest.approx(expected, rel=0.1)
