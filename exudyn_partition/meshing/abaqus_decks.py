@@ -37,6 +37,12 @@ _STRUCTURE = (
     "FRAMESECTION", "GASKETSECTION", "COHESIVESECTION", "MASS", "NONSTRUCTURALMASS", "ROTARYINERTIA", "SPRING",
     "DASHPOT", "CONNECTORSECTION", "JOINT", "USERELEMENT",
 )  # fmt: skip
+# Materials that are not linear, by their keywords.
+_NOT_LINEAR = {
+    "HYPERELASTIC": "hyperelastic", "ANISOTROPICHYPERELASTIC": "anisotropic and hyperelastic",
+    "HYPERFOAM": "a hyperelastic foam", "LOWDENSITYFOAM": "a foam", "HYPOELASTIC": "hypoelastic",
+    "POROUSELASTIC": "porous elastic", "USERMATERIAL": "a user's material",
+}  # fmt: skip
 
 
 def read_abaqus(path: Path, only_solids: bool = False) -> FileMesh:
@@ -230,6 +236,12 @@ class _Deck:
             E, nu = [*block.data[0].numbers, 0.0][:2]
             self._tell(E=E, nu=nu)
 
+    def not_linear(self, block: Block) -> None:
+        """Take the name of a law that is not linear, with its form, such as NEO HOOKE."""
+        parts = [part.strip().upper() for part in block.line.text.split(",")]
+        law = ", ".join(part for part in parts if part and "=" not in part)
+        self._tell(besides=f"{_NOT_LINEAR[block.name]} ({law}), expected *ELASTIC")
+
     def density(self, block: Block) -> None:
         """Take the density of the open material."""
         if len({line.numbers[0] for line in block.data}) > 1:
@@ -252,6 +264,7 @@ _TAKERS: dict[str, Callable[[_Deck, Block], None]] = {
     "INSTANCE": _Deck.instance, "ENDINSTANCE": _Deck.end, "SYSTEM": _Deck.system, "NODE": _Deck.nodes,
     "ELEMENT": _Deck.elements, "NSET": _Deck.node_set, "ELSET": _Deck.element_set, "SURFACE": _Deck.surface,
     "SOLIDSECTION": _Deck.section, "MATERIAL": _Deck.material, "ELASTIC": _Deck.elastic, "DENSITY": _Deck.density,
+    **dict.fromkeys(_NOT_LINEAR, _Deck.not_linear),
 }  # fmt: skip
 
 

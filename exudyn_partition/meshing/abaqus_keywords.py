@@ -9,11 +9,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import InputError
-from .deck_lines import OUTSIDE_QUOTES, Line
+from .deck_lines import OUTSIDE_QUOTES, Line, included
 
 _LOG = logging.getLogger(__name__)
 
-_INCLUDES = re.compile(r"\*\s*(INCLUDE|NODE|ELEMENT)\s*,.*\bINPUT\s*=", re.IGNORECASE)
+_INCLUDE = re.compile(r"\*\s*INCLUDE\b\s*,?", re.IGNORECASE)
+_OF_A_FILE = re.compile(r"\*\s*(NODE|ELEMENT)\s*,", re.IGNORECASE)  # whose data may be in one
 _DEEPEST = 20  # files that include files
 
 
@@ -55,9 +56,6 @@ def blocks(path: Path) -> Iterator[Block]:
             raise InputError(f"source: {line.where}: expected keywords that begin with *, got {line.text[:40]!r}")
         elif block is None:
             before += 1
-        elif not block.data and block.line.text.endswith(",") and not line.begins_with_number:
-            block.line = block.line._replace(text=block.line.text + line.text)  # options continue in the next line
-            block.options = _options(block.line.text)
         else:
             block.data.append(line)
     if block is None:
@@ -68,35 +66,43 @@ def blocks(path: Path) -> Iterator[Block]:
 
 
 def _lines(path: Path, depth: int = 0, home: Path | None = None) -> Iterator[Line]:
-    """Lines that are no comments, with those of included files in their place; `home` is the first file's folder."""
+    """Lines that are no comments, with those of included files in their place; `home` is the first file's folder.
+
+    Lines of keywords are whole.
+    """
     texts = enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), 1)
-    for number, text in texts:
-        line = Line(text.strip(), path, number)
-        if not line.text or line.text.startswith("**"):
-            continue
-        if line.text[0] != "*":
+    lines = (Line(text, path, number) for number, own in texts if (text := own.strip()) and not text.startswith("**"))
+    following = next(lines, None)
+    while following is not None:
+        line, following = following, next(lines, None)
+        while following is not None and line.text[0] == "*" and _goes_on(line.text, following):
+            line, following = line._replace(text=line.text + following.text), next(lines, None)
+        is_include = _INCLUDE.match(line.text)
+        if not is_include:
             yield line
-            continue
-        while line.text.upper().startswith("*INCLUDE") and line.text.endswith(","):
-            line = line._replace(text=line.text + next(texts, (0, ""))[1].strip())
-        if not line.text.upper().startswith("*INCLUDE"):
-            yield line
-        if _INCLUDES.match(line.text):
-            yield from _included(line, depth, home or path.parent)
-        elif line.text.upper().startswith("*INCLUDE"):
+        name = _file(line.text) if is_include or _OF_A_FILE.match(line.text) else ""
+        if name:
+            places = (path.parent, home or path.parent)  # codes look beside the file that includes, or the first one
+            other = included(line, name, places)
+            if depth == _DEEPEST:
+                raise line.refuse("expected files that do not include each other")
+            yield from _lines(other, depth + 1, places[1])
+        elif is_include:
             raise line.refuse("*INCLUDE needs INPUT=")
 
 
-def _included(line: Line, depth: int, home: Path) -> Iterator[Line]:
-    """Lines of the file that an option names, beside the file that names it, beside the deck or at an absolute path."""
-    name = _options(line.text)["INPUT"].replace("\\", "/")
-    places = (line.path.parent / name, home / name)
-    other = next((place for place in places if place.is_file()), None)
-    if other is None:
-        raise line.refuse(f"expected a file to include, there is none at {places[0]}")
-    if depth == _DEEPEST:
-        raise line.refuse("expected files that do not include each other")
-    yield from _lines(other, depth + 1, home)
+def _goes_on(text: str, following: Line) -> bool:
+    """Whether the line of a keyword continues in the following one."""
+    if following.text[0] == "*":
+        return False
+    if _INCLUDE.match(text):
+        return not _file(text) or text.count('"') % 2 == 1
+    return text.endswith(",") and not following.begins_with_number
+
+
+def _file(text: str) -> str:
+    """File that a keyword names, blank if none."""
+    return _options(_INCLUDE.sub("*INCLUDE,", text)).get("INPUT", "")
 
 
 def _options(text: str) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -72,3 +73,28 @@ class Line(NamedTuple):
 def _number(text: str) -> float:
     text = text.strip()
     return float(text.replace("D", "e").replace("d", "e")) if text else 0.0
+
+
+def included(line: Line, name: str, folders: Sequence[Path]) -> Path:
+    """File that a line includes, beside one of some folders or at an absolute path; capitals matter only if they must.
+
+    Raises
+    ------
+    MeshError
+        If it is not there.
+    """
+    name = name.strip(" ,'\"").replace("\\", "/")
+    places = [folder / name for folder in folders]
+    for place in [*places, *map(_whatever_capitals, places)]:
+        if name and place.is_file():
+            return place
+    raise line.refuse(f"expected a file to include, there is none at {places[0]}")
+
+
+def _whatever_capitals(path: Path) -> Path:
+    """Path of what is there, whose name differs in capitals alone, as decks from Windows have them."""
+    if path.exists() or path == path.parent:
+        return path
+    folder = _whatever_capitals(path.parent)
+    same = [other for other in folder.iterdir() if other.name.lower() == path.name.lower()] if folder.is_dir() else []
+    return same[0] if len(same) == 1 else folder / path.name

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import InputError, MeshError
-from .deck_lines import Line
+from .deck_lines import Line, included
 
 _MARK = re.compile(r"[+*]([A-Za-z]\w*)?$")  # of a continuation at the end of a line in free fields; no number
 _WHOLE = re.compile(r"[+-]?\d{1,15}", re.ASCII)
@@ -180,16 +180,17 @@ def _lines(path: Path, depth: int = 0, home: Path | None = None) -> Iterator[Lin
         if not _INCLUDE.match(line.text):
             yield line
             continue
-        while line.text.count("'") == 1:  # the name continues in the next line
-            line = line._replace(text=line.text + next(texts, (0, "'"))[1].strip())
-        name = line.text.strip()[len("INCLUDE") :].strip(" ,'\"").replace("\\", "/")
+        name = _INCLUDE.sub("", line.text).strip(" ,=")
+        while not name or (name[0] in "'\"" and name.count(name[0]) == 1):  # it continues in the next line
+            following = next(texts, None)
+            if following is None:
+                break
+            name += following[1].partition("$")[0].strip()
         folders = (path.parent, home or path.parent)  # codes look from the file that includes, or from the first one
-        other = next((folder / name for folder in folders if (folder / name).is_file()), None)
-        if not name or other is None:
-            raise line.refuse(f"expected a file to include, there is none at {path.parent / name}")
+        other = included(line, name, folders)
         if depth == _DEEPEST:
             raise line.refuse("expected files that do not include each other")
-        yield from _lines(other, depth + 1, home or path.parent)
+        yield from _lines(other, depth + 1, folders[1])
 
 
 def _split(line: Line) -> tuple[str, list[str], str]:

@@ -42,6 +42,12 @@ _STRUCTURE = re.compile(
 # Shells and lines, which have mass and stiffness by their property alone; Gmsh writes its surfaces and curves as such.
 _LINES = ("CBAR", "CBEAM", "CROD", "CTUBE")
 _PROPERTY = re.compile(r"P(SHELL|COMPG?|SHEAR|MEMBR|LPLANE|BARL?|BEAML?|BCOMP|BRSECT|BMSECT|ROD|TUBE)$")
+# Materials that are not read, by their cards.
+_NOT_ISOTROPIC = {
+    "MAT2": "anisotropic, of shells", "MAT3": "orthotropic", "MAT8": "orthotropic, of shells", "MAT9": "anisotropic",
+    "MAT10": "a fluid", "MAT11": "orthotropic", "MATHP": "hyperelastic", "MATHE": "hyperelastic",
+    "MATHED": "hyperelastic", "MATG": "a gasket", "MATUSR": "a user's material", "MATDIGI": "of layers",
+}  # fmt: skip
 # Other elements with volume, and cards that make or move nodes and elements.
 _NOT_READ = re.compile(r"C(HEX|TET|PEN|PYR|IHEX|WEDGE)")
 _NOT_FOLLOWED = ("EGRID", "GRIDG", "CGEN", "CORD3G", "CORD3R", "CORD3C", "CORD3S")
@@ -254,6 +260,10 @@ def _materials(found: dict[str, list[Card]], properties: Array, regions: list[Ce
             E = 2 * G * (1 + nu)
         rho = card.real(5) * (weight[-1] if weight else 1.0)
         known[card.field(1)] = DeckMaterial(f"MAT1 {card.field(1)}", card.line.where, E, nu, rho)
+    for kind, called in _NOT_ISOTROPIC.items():
+        for card in found.get(kind, []):
+            name = f"{kind} {card.field(1)}"
+            known.setdefault(card.field(1), DeckMaterial(name, card.line.where, besides=f"{called}, expected MAT1"))
     of_property = {
         str(card.integer(1)): known[card.field(2)]
         for name in ("PSOLID", "PLSOLID")

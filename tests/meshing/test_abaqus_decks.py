@@ -123,6 +123,28 @@ def test_included_files(tmp_path, inside):
     np.testing.assert_array_equal(fem.boundaries["FOOT"], feet(fem))
 
 
+@pytest.mark.parametrize(
+    "include",
+    [
+        "*INCLUDE, INPUT='the parts/Nodes.inc'",
+        '* include , Input = "THE PARTS/nodes.INC"',
+        "*INCLUDE, INPUT=the parts\\nodes.inc,",
+        "*INCLUDE INPUT=the parts/Nodes.inc",
+        "*INCLUDE\n, INPUT=\n** a comment\nthe parts/Nodes.inc",
+        '*INCLUDE, INPUT="the parts/\nNodes.inc"',
+    ],
+)
+def test_spellings_of_include(tmp_path, include):
+    """Capitals of files do not matter on Windows, where many decks were written."""
+    (tmp_path / "the parts").mkdir()
+    (tmp_path / "the parts" / "Nodes.inc").write_text(nodes(POINTS))
+    path = tmp_path / "bar.inp"
+    path.write_text(f"*NODE\n{include}\n{HEAD}{elements(CELLS)}")
+    np.testing.assert_array_equal(ep.fe_model(path, ep.STEEL).points, POINTS)
+    path.write_text(f"*NODE, NSET=all,\n INPUT='the parts/nodes.inc'\n{HEAD}{elements(CELLS)}")
+    np.testing.assert_array_equal(ep.fe_model(path, ep.STEEL).points, POINTS)
+
+
 def test_an_instance_is_shifted_then_turned(tmp_path):
     line = "*INSTANCE, NAME=bar-1, PART=bar\n"
     path = tmp_path / "bar.inp"

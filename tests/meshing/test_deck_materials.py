@@ -64,6 +64,14 @@ def test_a_material_for_each_section(tmp_path):
         ([*STEEL[:3], *SECTION], "'Steel' .*line [0-9]+.* has no density in the deck"),
         ([STEEL[0], *STEEL[3:], *SECTION], "has no modulus and no Poisson's ratio in the deck"),
         ([STEEL[0], "*ELASTIC, TYPE=ENGINEERING CONSTANTS", "1, 2, 3", *STEEL[3:], *SECTION], "expected ISOTROPIC"),
+        (
+            [STEEL[0], "*HYPERELASTIC, NEO HOOKE", "1e6, 1e-9", *STEEL[3:], *SECTION],
+            r"'Steel' .*line [0-9]+.* is hyperelastic \(\*HYPERELASTIC, NEO HOOKE\), expected \*ELASTIC",
+        ),
+        (
+            [STEEL[0], "*User Material, CONSTANTS=1", "1.", *STEEL[3:], *SECTION],
+            r"a user's material \(\*USER MATERIAL\)",
+        ),
         ([*STEEL[:3], "1.9e11, 0.3, 500.", *STEEL[3:], *SECTION], "elastic by temperature, expected one line"),
     ],
 )
@@ -101,6 +109,20 @@ def test_materials_of_nastran(tmp_path):
     assert scaled.material.rho == 3900
     with pytest.raises(InputError, match=r"material: .* has none"):
         ep.fe_model(bulk(tmp_path / "none.bdf"))
+
+
+@pytest.mark.parametrize(
+    ("card", "said"),
+    [
+        ("MAT9,1,1.+9,0.,0.,0.,0.,0.,1.+9", "'MAT9 1' .*line [0-9]+.* is anisotropic, expected MAT1"),
+        ("MAT11,1,1.+9,1.+9,1.+9,.3,.3,.3,1.+8", "'MAT11 1' .* is orthotropic"),
+        ("MATHP,1,1.+6,0.,1.+9", "'MATHP 1' .* is hyperelastic"),
+    ],
+)
+def test_materials_of_nastran_that_are_not_isotropic_are_named(tmp_path, card, said):
+    with pytest.raises(InputError, match=f"material: {said}.*Give material= of fe_model"):
+        ep.fe_model(bulk(tmp_path / "one.bdf", card, "PSOLID,5,1"))
+    assert ep.fe_model(bulk(tmp_path / "given.bdf", card, "PSOLID,5,1"), ep.STEEL).material == ep.STEEL
 
 
 OTHERS = ["*ELEMENT, TYPE=S4, ELSET=skin", "101, 1, 6, 26, 21", "*SHELL SECTION, ELSET=skin, MATERIAL=STEEL", "0.001,",

@@ -146,6 +146,22 @@ def test_included_files(tmp_path):
     np.testing.assert_array_equal(ep.fe_model(path, ep.STEEL).cells, CELLS)
 
 
+@pytest.mark.parametrize(
+    "include",
+    [
+        "INCLUDE = 'Mesh/grids.bdf'",
+        'include "mesh/\nGRIDS.bdf"',
+        "INCLUDE\n'mesh/grids.bdf'",
+        "Include mesh\\Grids.BDF",
+    ],
+)
+def test_spellings_of_include(tmp_path, include):
+    (tmp_path / "mesh").mkdir()
+    (tmp_path / "mesh" / "grids.bdf").write_text(grids())
+    (tmp_path / "bar.bdf").write_text(bulk(include + "\n", solids()))
+    assert_same_cells(ep.fe_model(tmp_path / "bar.bdf", ep.STEEL).cells)
+
+
 def test_files_are_included_from_the_first_one_too(tmp_path):
     (tmp_path / "mesh").mkdir()
     (tmp_path / "mesh" / "grids.inc").write_text(grids() + "INCLUDE 'mesh/solids.inc'\n")
