@@ -27,7 +27,7 @@ from ..reduction.body import ReducedBody
 from ..reduction.static_answer import StaticAnswer
 from ..support.arrays import Array
 from ..support.checks import listed, validate_callable, validate_choice, validate_flag, validate_result, validate_type
-from ..support.files import filling
+from ..support.files import distinct, filling
 from ..support.progress import Progress, shown
 from .body_fields import BodyFields, Shown, contact_loads, shown_bodies, validate_contacts
 
@@ -189,15 +189,9 @@ def _field_names(fields: Field | Iterable[Field]) -> list[Field]:
 
 def _stems(pieces: Sequence[BodyFields]) -> list[str]:
     """File names from the bodies' names, without special characters; they differ in more than case."""
-    stems: list[str] = []
-    for i, piece in enumerate(pieces):
-        wanted = re.sub(r"[^\w.-]+", "_", piece.item.name)[:_LONGEST_STEM] or f"body{i}"
-        stem, number = wanted, 1
-        while stem.casefold() in [other.casefold() for other in stems]:
-            number += 1
-            stem = f"{wanted}_{number}"
-        stems.append(stem)
-    return stems
+    return distinct(
+        re.sub(r"[^\w.-]+", "_", piece.item.name)[:_LONGEST_STEM] or f"body{i}" for i, piece in enumerate(pieces)
+    )
 
 
 def _write_pvd(path: Path, entries: Iterable[tuple[float, int, str]]) -> None:

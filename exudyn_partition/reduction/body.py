@@ -492,7 +492,9 @@ class ReducedBody:
         BodyMatrices
         """
         contacts = {}
+        named = {patch.name for patch in self.partition.patches}
         for number, patch in enumerate(self.partition.patches):
+            unnamed = f"patch {number}" if str(number) in named else str(number)
             moved = self.rows(patch.nodes)
             if patch.axes == "normal":
                 directions = patch.node_normals
@@ -500,7 +502,7 @@ class ReducedBody:
                 moved = sp.csr_matrix((directions.ravel(), np.arange(directions.size), starts)) @ moved
             else:
                 directions = np.tile(np.eye(3), (len(patch.nodes), 1))
-            contacts[patch.name or str(number)] = ContactRows(
+            contacts[patch.name or unnamed] = ContactRows(
                 points=self.points[patch.nodes],
                 directions=directions,
                 area=nodal_area(self.points, patch.facets)[patch.nodes],

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..errors import InputError
 from ..support.arrays import Array
-from ..support.files import filling, replacing, writable
+from ..support.files import distinct, filling, replacing, writable
 from ..support.foreign import SecondOrderModel
 from ..support.optional import require
+
+_NOT_PLAIN = re.compile(r"[^A-Za-z0-9_]")  # what names of variables in MATLAB must not have
+_LONGEST = 40  # letters of a name, of which MATLAB takes 63 with what stands before and behind
 
 _LEGEND = """\
 SI units. Coordinates q are those of a body whose frame does not move; the list below says what each is. Shapes have
@@ -85,7 +90,7 @@ class BodyMatrices:
         return _LEGEND
 
     def arrays(self) -> dict[str, object]:
-        """All of them by flat names, as `save` writes them: mass, ..., contact_NAME_rows, interface_NAME, load_NAME."""
+        """All of them by flat names: mass, ..., contact_NAME_rows, interface_NAME, load_NAME."""
         found: dict[str, object] = {"mass": self.mass, "stiffness": self.stiffness, "rigid": self.rigid}
         if self.damping is not None:
             found["damping"] = self.damping
@@ -139,6 +144,7 @@ class BodyMatrices:
         ----------
         path : str or Path
             Ending with `.mat`, or a folder, which is made if it is not there; `legend.txt` there says what they are.
+            Names are those of `arrays`, with letters, digits and underscores alone; the legend says which are others.
 
         Returns
         -------
@@ -152,22 +158,30 @@ class BodyMatrices:
             If the system cannot write.
         """
         path, io = Path(path), require("scipy.io")
-        said = "\n".join([self.legend, "", *(f"{i}: {label}" for i, label in enumerate(self.coordinates))])
+        plain, renamed = self._with_plain_names()
+        labels = [f"{i}: {label}" for i, label in enumerate(self.coordinates)]
+        said = "\n".join([self.legend, *renamed, "", *labels])
         if path.suffix == ".mat":
             with replacing(writable(path)) as file:
-                named = {_plain(name): value for name, value in self.arrays().items()}
-                io.savemat(file, {"legend": said, **named})
+                io.savemat(file, {"legend": said, **plain.arrays()})
         elif not path.suffix:
             with filling(path, last="legend.txt") as new:
-                for name, value in self.arrays().items():
+                for name, value in plain.arrays().items():
                     matrix = value if sp.issparse(value) else np.atleast_2d(np.asarray(value))
-                    io.mmwrite(new / f"{_plain(name)}.mtx", matrix, precision=17)
+                    io.mmwrite(new / f"{name}.mtx", matrix, precision=17)
                 (new / "legend.txt").write_text(said, encoding="utf-8")
         else:
             raise InputError(f"path: expected a file that ends with .mat, or a folder, got {str(path)!r}")
         return path
 
-
-def _plain(name: str) -> str:
-    """Name with letters, digits and underscores alone, as MATLAB takes them."""
-    return "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name)
+    def _with_plain_names(self) -> tuple[BodyMatrices, list[str]]:
+        """Return the same with names that MATLAB and file systems take, and a line for each that is another."""
+        changed: dict[str, Any] = {}
+        said: list[str] = []
+        for kind in ("contacts", "interfaces", "loads"):
+            given = getattr(self, kind)
+            plain = distinct(_NOT_PLAIN.sub("_", name)[:_LONGEST] for name in given)
+            changed[kind] = dict(zip(plain, given.values(), strict=True))
+            pairs = zip(given, plain, strict=True)
+            said += [f"In names of files and variables, {old!r} is {new}." for old, new in pairs if old != new]
+        return replace(self, **changed), said

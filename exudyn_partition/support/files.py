@@ -8,7 +8,7 @@ import re
 import secrets
 import shutil
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -240,3 +240,17 @@ def _kind(path: Path) -> int | None:
         return path.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
         return None
+
+
+def distinct(names: Iterable[str]) -> list[str]:
+    """Names for files, with a number where two differ in nothing, or in capitals alone."""
+    found: list[str] = []
+    taken: set[str] = set()
+    for wanted in names:
+        name, number = wanted, 1
+        while name.casefold() in taken:
+            number += 1
+            name = f"{wanted}_{number}"
+        taken.add(name.casefold())
+        found.append(name)
+    return found

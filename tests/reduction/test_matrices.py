@@ -1,5 +1,8 @@
 """Matrices for other codes: an impact from them alone is Exudyn's, and files bring them back."""
 
+import re
+from dataclasses import replace
+
 import exudyn as exu
 import numpy as np
 import pytest
@@ -82,6 +85,30 @@ def test_files_bring_them_back(given, tmp_path):
     assert "0: " in (folder / "legend.txt").read_text()
     with pytest.raises(InputError, match=r"\.mat, or a folder"):
         matrices.save(tmp_path / "ball.npz")
+
+
+def test_names_that_differ_in_signs_or_capitals_alone_have_files_of_their_own(given, tmp_path):
+    """Also names longer than MATLAB's; each is told in the legend."""
+    *_, matrices = given
+    (contact,), (rows,), (load,) = (kind.values() for kind in (matrices.contacts, matrices.interfaces, matrices.loads))
+    names = ["pad 1", "pad-1", "Pad.1", "pad_1_2", "ä", "ö", "a" * 60, "a" * 60 + "b"]
+    contacts = {name: replace(contact, area=i * contact.area) for i, name in enumerate(names, 1)}
+    interfaces = {name: i * rows for i, name in enumerate(names, 1)}
+    loads = {name: i * load for i, name in enumerate(names, 1)}
+    several = replace(matrices, contacts=contacts, interfaces=interfaces, loads=loads)
+    found = scipy.io.loadmat(several.save(tmp_path / "ball.mat"))
+    folder = several.save(tmp_path / "ball")
+    said = (folder / "legend.txt").read_text(encoding="utf-8")
+    new = dict(re.findall(r"names of files and variables, '(.*)' is (.*)\.\n", said))
+    assert set(names) - set(new) <= {"pad_1_2"}
+    for i, name in enumerate(names, 1):
+        plain = new.get(name, name)
+        for key, value in ((f"contact_{plain}_area", contact.area), (f"load_{plain}", load)):
+            assert len(key) <= 63
+            np.testing.assert_allclose(np.ravel(found[key]), i * value)
+            np.testing.assert_allclose(np.ravel(scipy.io.mmread(folder / f"{key}.mtx")), i * value)
+        np.testing.assert_allclose(scipy.io.mmread(folder / f"interface_{plain}.mtx"), i * rows)
+    assert len({path.name.casefold() for path in folder.iterdir()}) == len(several.arrays()) + 1
 
 
 def test_a_model_of_pymor_responds_as_the_matrices_do(given):
