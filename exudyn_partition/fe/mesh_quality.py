@@ -109,6 +109,33 @@ def warn_of_damage(fem: FEModel, *, meshed: bool = False) -> None:
             return  # other findings have the same cause
 
 
+def warn_of_stiff_walls(fem: FEModel, *, meshed: bool) -> None:
+    """Warn of walls that the elements make more than 5 % too stiff in bending; see `warn_of_damage`.
+
+    Warns
+    -----
+    MeshQualityWarning
+        With the thickness of the wall and the length of the elements, and how much too stiff linear ones are.
+    """
+    wall = fem.stiff_wall
+    if wall is None:
+        return
+    ratio, material = wall.element / wall.thickness, wall.material
+    if wall.order == 1:
+        factor = 1 + material.shear_modulus / material.plane_strain_modulus * ratio**2
+        said = f"linear elements make it {factor:.3g} times as stiff in bending as it is, or stiffer"
+        advice = "Give order=2, which adds nodes in the middle of edges; or order=1, to take them as they are"
+    else:
+        said = "quadratic elements longer than 5 thicknesses make it more than 5 % too stiff where its bending varies"
+        advice = "Take a smaller maxh, or order=3" if meshed else "Mesh it finer, or with two elements across"
+    warnings.warn(
+        f"mesh: elements are {wall.element:.3g} m long in a wall of {wall.thickness:.3g} m, {ratio:.2g} times as long "
+        f"as thick; {said}. {advice}",
+        MeshQualityWarning,
+        stacklevel=3,
+    )
+
+
 def volume_inside(points: Array, facets: Array) -> tuple[float, Array]:
     """Volume inside facets, and its second moments of x, y and z, (3,), by the divergence theorem."""
     x, w = np.polynomial.legendre.leggauss(6)

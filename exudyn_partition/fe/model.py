@@ -29,7 +29,7 @@ from ..support.checks import (
 )
 from .consistency import check_elements, check_symmetric, integrals, largest_entry, plain_matrix
 from .elements import HEXAHEDRA, Kind, faces_of, kinds_of
-from .facets import check_connected, check_neighbours, facet_corners
+from .facets import by_shape, check_connected, check_neighbours, facet_corners
 from .given_matrices import (
     cells_beneath,
     check_against_surface,
@@ -43,8 +43,9 @@ from .given_matrices import (
 )
 from .material import Material, Regions
 from .places import nearest_node
+from .quadrature import facet_integration
 from .shapes import ORDERS, QUADS
-from .walls import Wall, shares_of_walls, weakest_between, weakest_wall
+from .walls import Wall, at_facets, shares_of_walls, stiff_wall, weakest_between, weakest_wall
 
 _CALLED = {4: "tetrahedra", 5: "pyramids", 6: "wedges", 8: "hexahedra"}  # elements by their corners
 
@@ -537,7 +538,21 @@ class FEModel:
         facets = self._facet_faces
         every = ((self.material, np.arange(len(facets))),)
         materials = every if self.regions is None else self.regions.softest(facets[:, 0])
-        return weakest_wall(self.points, *self._walls, self.order, materials)
+        return weakest_wall(*self._at_facets, self.order, materials)
+
+    @property
+    def stiff_wall(self) -> Wall | None:
+        """A wall that the elements make too stiff in bending, if there is one; see `walls.stiff_wall`."""
+        size = float(np.ptp(self.points, axis=0).max())
+        area = np.zeros(len(self.facets))
+        for rows, columns in by_shape(self.facets):
+            area[rows] = facet_integration(self.points, self.facets[rows][:, columns])[1].sum(axis=1)
+        return stiff_wall(*self._at_facets, area, size, self.order, self.material)
+
+    @cached_property
+    def _at_facets(self) -> tuple[Array, Array]:
+        """Length of the elements, and thickness of the wall, at each facet, (nf,) [m]."""
+        return at_facets(self.points, *self._walls)
 
     def shares_of_walls(self, cells: Array) -> Array:
         """Height of elements by the thickness of the wall in which they lie; see `walls.shares_of_walls`.
@@ -572,6 +587,7 @@ class FEModel:
                 "need_cells",
                 "neighbours",
                 "shares_of_walls",
+                "stiff_wall",
                 "warn_if_units_slipped",
                 "weakest_wall",
             },

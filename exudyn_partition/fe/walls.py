@@ -18,6 +18,10 @@ _THICK = 2.0  # a wall with more elements than this across it counts as solid
 _SEEN, _FOLLOWED = {2: 1.3, 3: 0.87}, {2: 4.0, 3: 1.2}
 _LOCKS, _LOCKS_LINEAR = 5.0, 3.0  # elements lock if they are longer than this many thicknesses
 _LOCKING = {2: 2, 3: 1}  # power of that ratio by which a wave needs more elements
+_STIFF = 0.05  # share of bending stiffness by which elements may be off
+_EQUAL = 1e-6  # round-off
+_SLENDER = 5.0  # a body that is longer than this many thicknesses of a wall bends it
+_A_WALL = 0.1  # share of the surface that counts as a wall
 _NEAREST = 8  # facets at which an element looks for its wall
 _SHEAR = 5 / 6  # Mindlin's shear coefficient
 
@@ -62,14 +66,26 @@ class Wall:
         )
 
 
-def weakest_wall(
-    points: Array,
-    corners: Array,
-    facets: Array,
-    number: Array,
-    order: int,
-    materials: Sequence[tuple[Material, Array]],
-) -> Wall:
+def at_facets(points: Array, corners: Array, facets: Array, number: Array) -> tuple[Array, Array]:
+    """Length of the elements, and thickness of the wall, at each facet of the surface, (nf,) [m].
+
+    The thickness is infinite where more than two elements lie in it.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+    corners : (ne, faces of a cell, corners of a face) int array
+        Outward faces of each cell, as corner nodes.
+    facets : (nf, 2) int array
+        Cell of each surface facet and its face there.
+    number : (ne, faces of a cell) int array
+        Numbers that equal faces have in common.
+    """
+    length = _lengths(points, corners[facets[:, 0], facets[:, 1]])
+    return length, _thickness(points, corners, facets, number, _THICK * length)
+
+
+def weakest_wall(length: Array, thickness: Array, order: int, materials: Sequence[tuple[Material, Array]]) -> Wall:
     """Wall whose bending waves its elements resolve worst; with infinite thickness if there is no thin wall.
 
     Let L be the length of a quadratic element and t the thickness of the wall. A bending wave needs at least 1.3
@@ -81,32 +97,58 @@ def weakest_wall(
 
     Parameters
     ----------
-    points : (n, 3) array
-    corners : (ne, faces of a cell, corners of a face) int array
-        Outward faces of each cell, as corner nodes.
-    facets : (nf, 2) int array
-        Cell of each surface facet and its face there.
-    number : (ne, faces of a cell) int array
-        Numbers that equal faces have in common.
+    length, thickness : (nf,) array
+        See `at_facets`.
     order : {1, 2, 3}
         Of the elements.
     materials : sequence of (Material, (k,) int array)
-        Each material of the body, and the rows of `facets` that it has.
+        Each material of the body, and the rows of facets that it has.
 
     References
     ----------
     R. D. Mindlin, Influence of rotatory inertia and shear on flexural motions of isotropic, elastic plates, 1951.
     """
-    length = _lengths(points, corners[facets[:, 0], facets[:, 1]])
-    thickness = _thickness(points, corners, facets, number, _THICK * length)
-    return _weakest(length, thickness, order, materials)
+    walls = []
+    for material, rows in materials:
+        worst = rows[_resolved(length[rows], thickness[rows], order, material, accurate=False).argmin()]
+        walls.append(Wall(float(thickness[worst]), float(length[worst]), order, material))
+    return min(walls, key=lambda wall: wall.frequency)
+
+
+def stiff_wall(
+    length: Array, thickness: Array, area: Array, size: float, order: int, material: Material
+) -> Wall | None:
+    """Wall, of a tenth of the surface at least, that its elements make more than 5 % too stiff in bending.
+
+    A linear hexahedron shears where it should bend, so that a wall is too stiff by G / E' (L / t)^2, with E' that of
+    plane strain; wedges and tetrahedra are stiffer still. Quadratic elements lock in shear beyond L = 5 t: plates that
+    are clamped all around are too stiff then (`tests/fe/test_walls.py`). Where bending is even, they are exact.
+
+    Parameters
+    ----------
+    length, thickness, area : (nf,) array
+        See `at_facets`; area of each facet [m2].
+    size : float
+        Length of the body [m]. It bends where it is at least five times as long as a wall is thick.
+    order : {1, 2, 3}
+        Of the elements.
+    material : Material
+    """
+    ratio = length / thickness
+    bound = {1: np.sqrt(_STIFF * material.plane_strain_modulus / material.shear_modulus), 2: _LOCKS, 3: np.inf}[order]
+    stiff = (ratio > (1 + _EQUAL) * bound) & (size > _SLENDER * thickness)
+    if area[stiff].sum() <= _A_WALL * area.sum():
+        return None
+    rows = np.flatnonzero(stiff)
+    typical = rows[np.argsort(ratio[rows])[len(rows) // 2]]
+    return Wall(float(thickness[typical]), float(length[typical]), order, material)
 
 
 def weakest_between(points: Array, facets: Array, order: int, material: Material) -> Wall:
     """`weakest_wall` of a body whose elements are not known, by the corners of its facets, (nf, 3) or (nf, 4) int."""
     length = _lengths(points, facets)
     thickness = _distance_to_opposite(points, facets, _THICK * length)
-    return _weakest(length, thickness, order, ((material, np.arange(len(facets))),))
+    return weakest_wall(length, thickness, order, ((material, np.arange(len(facets))),))
 
 
 def shares_of_walls(points: Array, elements: Array, corners: Array, facets: Array, number: Array) -> Array:
@@ -132,15 +174,6 @@ def shares_of_walls(points: Array, elements: Array, corners: Array, facets: Arra
     ]
     shares: Array = np.max(heights, axis=0)
     return shares
-
-
-def _weakest(length: Array, thickness: Array, order: int, materials: Sequence[tuple[Material, Array]]) -> Wall:
-    """Weakest wall by the length of the elements and the thickness at each facet, (nf,) [m]."""
-    walls = []
-    for material, rows in materials:
-        worst = rows[_resolved(length[rows], thickness[rows], order, material, accurate=False).argmin()]
-        walls.append(Wall(float(thickness[worst]), float(length[worst]), order, material))
-    return min(walls, key=lambda wall: wall.frequency)
 
 
 def _resolved(

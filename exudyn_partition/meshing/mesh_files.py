@@ -10,16 +10,16 @@ import tempfile
 import threading
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TextIO
 
 import numpy as np
 
 from ..errors import InputError, InvertedElementsError, MeshError, MeshQualityWarning, MissingPackageError
-from ..fe.elements import Kind, faces_of, kinds_named, kinds_of, rows_of_cells
+from ..fe.elements import HEXAHEDRA, Kind, faces_of, kinds_named, kinds_of, rows_of_cells
 from ..fe.facets import check_connected, check_neighbours
-from ..support.arrays import Array
+from ..support.arrays import Array, consecutive
 from ..support.checks import read_only, validate_array, validate_file
 from ..support.foreign import Meshio, MeshioMesh
 from ..support.optional import require
@@ -200,11 +200,12 @@ def check_order(path: Path, file: VolumeMesh, order: int | None) -> None:
     -----
     MeshQualityWarning
     """
-    n_nodes = file.cells.shape[1]
-    if order not in (None, file.order) and n_nodes != 4:
+    possible = (2,) if file.order == 2 else (1, 2) if file.hexahedra else (1, 2, 3)
+    if order is not None and order not in possible:
         kinds = ", ".join(kind.name for kind, _ in kinds_of(file.cells, file.hexahedra))
-        raise InputError(f"order: {path} holds {kinds}, expected {file.order}, got {order}")
-    if order is None and n_nodes == 4:
+        expected = " or ".join(map(str, possible))
+        raise InputError(f"order: {path} holds {kinds}, expected {expected}, got {order}")
+    if order is None and file.cells.shape[1] == 4:
         warnings.warn(
             f"order: {path} holds linear tetrahedra, which bend too stiffly; with two elements across a bar its first "
             "frequency of bending is a quarter too high. Give order=2, which adds nodes in the middle of their edges; "
@@ -212,6 +213,20 @@ def check_order(path: Path, file: VolumeMesh, order: int | None) -> None:
             MeshQualityWarning,
             stacklevel=4,
         )
+
+
+def raised(file: VolumeMesh) -> VolumeMesh:
+    """Mesh of quadratic hexahedra and others in place of linear ones; new nodes, in the middle of edges, come last."""
+    kinds = [(kind, rows, file.cells[rows][:, kind.columns]) for kind, rows in kinds_of(file.cells, True)]
+    ends = [np.sort(own[:, kind.edges], axis=2).reshape(-1, 2) for kind, _, own in kinds]
+    edges, number = np.unique(np.concatenate(ends), axis=0, return_inverse=True)
+    middles = consecutive(list(map(len, ends)))
+    cells = np.empty((len(file.cells), 20), dtype=np.int64)
+    for (kind, rows, own), part in zip(kinds, middles, strict=True):
+        nodes = np.hstack([own, len(file.points) + number.ravel()[part].reshape(len(own), -1)])
+        cells[rows] = nodes[:, HEXAHEDRA[20][kind.corners].of_row]
+    points = np.vstack([file.points, file.points[edges].mean(axis=1)])
+    return replace(file, points=points, cells=cells)
 
 
 def write_vtu(path: Path, points: Array, blocks: list[tuple[str, Array]], fields: dict[str, Array]) -> None:

@@ -17,7 +17,7 @@ from ..fe.consistency import integrals
 from ..fe.elements import centres_of, corner_keys, faces_of, kinds_of
 from ..fe.facets import check_conforming
 from ..fe.material import Material, Regions
-from ..fe.mesh_quality import check_inside, warn_of_damage
+from ..fe.mesh_quality import check_inside, warn_of_damage, warn_of_stiff_walls
 from ..fe.model import FEModel
 from ..fe.patch_facets import show
 from ..fe.shapes import ORDERS, TET_NODES
@@ -37,7 +37,7 @@ from ..support.progress import pulsing
 from .deck_materials import material_of_deck
 from .file_mesh import CellRegions
 from .materials import GivenMaterial, Modulus
-from .mesh_files import DECKS, VolumeMesh, check_order, inverted, read_mesh
+from .mesh_files import DECKS, VolumeMesh, check_order, inverted, raised, read_mesh
 from .mesh_size import Refine, check_memory_of_model
 from .mixed_basis import to_coefficients
 from .netgen_mesh import (
@@ -102,7 +102,7 @@ def fe_model(
         scaling; returns (ne,) [Pa]. It is constant in an element.
     order : {1, 2, 3}, optional
         Linear elements with straight sides, or quadratic or cubic ones that follow the mesh's curvature. Default: 2, or
-        that of a mesh file. Linear tetrahedra of a file bend too stiffly: raise them by order=2. The nodes that this
+        that of a mesh file. Linear elements of a file bend too stiffly: raise them by order=2. The nodes that this
         adds follow those of the file, and lie on straight edges. Thin bodies need far fewer nodes with order 3
         (`validation/mesh/order.py`).
     maxh, refine, grading :
@@ -203,6 +203,8 @@ def fe_model(
     if not is_shape:
         check_inside(fem)
     warn_of_damage(fem, meshed=is_shape)
+    if order != 1 and not (fem.order == 1 and fem.tetrahedral):  # of which `check_order` has warned
+        warn_of_stiff_walls(fem, meshed=is_shape)
     _LOG.info("FE model: %d nodes, %d elements of order %d", fem.n_nodes, len(fem.cells), fem.order)
     _LOG.debug("FE model: %d entries in the stiffness, resolves %.4g Hz", fem.stiffness.nnz, fem.resolved_frequency)
     if is_shape and fem.order > 1:
@@ -399,6 +401,8 @@ def _from_file(
     """FE model with the nodes of a mesh file in their order."""
     file = replace(file, points=scale * file.points)
     check_order(path, file, order)
+    if file.hexahedra and file.order == 1 and order == 2:
+        file = raised(file)
     if file.order == 1 and order in (2, 3):
         fem = _from_mesh(ngsolve, _volume_mesh(ngsolve, file.points, file.cells), given, order, file.regions)
     else:

@@ -2,16 +2,15 @@
 
 import re
 
-import meshio
 import netgen.occ as occ
 import numpy as np
 import pytest
 import scipy.optimize
 import scipy.sparse.linalg
-from oracles import box
+from oracles import box, split, write
 
 import exudyn_partition as ep
-from exudyn_partition.errors import FrequencyRangeError
+from exudyn_partition.errors import FrequencyRangeError, MeshQualityWarning
 from exudyn_partition.fe.walls import bending_frequency
 
 T = 1e-3
@@ -72,6 +71,7 @@ def plate_modes(side):
     return factor / (2 * np.pi * side**2) * np.sqrt(ep.STEEL.plane_strain_modulus * T**2 / 12 / ep.STEEL.rho)
 
 
+@pytest.mark.filterwarnings("ignore:.*times as long as thick")
 def test_elements_far_longer_than_the_wall_resolve_nothing_of_use():
     """The fourth mode, at 870 Hz, comes out above 3 kHz; elements of that volume seem fine for shear waves."""
     plate = ep.fe_model(box(0.1, 0.1, T), ep.STEEL, maxh=0.02)
@@ -83,6 +83,7 @@ def test_elements_far_longer_than_the_wall_resolve_nothing_of_use():
         ep.reduce(plate, partition, f_cut=1e3)
 
 
+@pytest.mark.filterwarnings("ignore:.*times as long as thick")
 def test_modes_that_a_coarse_plate_follows_are_promised():
     """Elements nine times as long as the plate is thick lock, but not for its first modes; a quarter has the second."""
     quarter = ep.fe_model(box(0.05, 0.05, T), ep.STEEL, maxh=8e-3)
@@ -97,6 +98,7 @@ def test_modes_that_a_coarse_plate_follows_are_promised():
     assert np.sqrt(found) / (2 * np.pi) == pytest.approx(second, rel=0.08)
 
 
+@pytest.mark.filterwarnings("ignore:.*times as long as thick")
 def test_a_thin_bar_struck_on_its_end_is_told_the_mesh_that_does():
     """Its axial waves are long, but no contact is quite even: what bends it must be resolved too."""
     length, f_cut = 0.05, 60e3
@@ -127,16 +129,62 @@ def test_walls_of_tubes_are_found_and_solids_are_none():
     assert ball.resolved_frequency == ball.resolved_shear_frequency
 
 
-@pytest.mark.parametrize(("along", "layers", "resolves"), [(2, 1, False), (2, 4, False), (15, 2, True)])
-def test_linear_hexahedra_in_a_wall(tmp_path, along, layers, resolves):
-    """Far longer than the wall is thick they lock in shear, however many are on each other."""
-    axes = [np.linspace(0, 0.01, along + 1)] * 2 + [np.linspace(0, T, layers + 1)]
+def blocks(axes):
+    """Points and hexahedra between places along each axis."""
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     number = np.arange(len(points)).reshape([len(a) for a in axes])
     ring = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
     cells = [number[tuple(slice(a, a + s - 1) for a, s in zip(at, number.shape, strict=True))].ravel() for at in ring]
-    meshio.Mesh(points, [("hexahedron", np.stack(cells, axis=1))]).write(tmp_path / "wall.vtu")
-    fem = ep.fe_model(tmp_path / "wall.vtu", ep.STEEL)
+    return points, np.stack(cells, axis=1)
+
+
+@pytest.mark.parametrize("kind", ["hexahedron", "wedge"])
+@pytest.mark.parametrize("ratio", [1, 4])
+def test_linear_elements_that_make_a_strip_too_stiff_warn(tmp_path, kind, ratio):
+    """Energy of even bending, u = (x z, 0, -x^2 / 2), by that of a beam: linear elements shear."""
+    no_poisson = ep.Material(E=2e11, nu=0.0, rho=7800)
+    points, cells = blocks([ratio * T * np.arange(7), ratio * T * np.arange(3), T * np.arange(2)])
+    points, parts = split(points, cells, [kind] * len(cells))
+    path = write(tmp_path / "strip.vtu", points, *parts)
+
+    def energy(fem):
+        x, _, z = (fem.points - [0, 0, T / 2]).T
+        motion = np.stack([x * z, 0 * x, -(x**2) / 2], axis=1).ravel()
+        return motion @ (fem.stiffness @ motion) / (no_poisson.E * fem.cell_volume.sum() * T**2 / 12)
+
+    with pytest.warns(MeshQualityWarning, match="times as long as thick; linear elements make it") as said:
+        linear = energy(ep.fe_model(path, no_poisson))
+    told = float(re.search(r"make it (\S+) times as stiff", str(said[0].message))[1])
+    assert told == pytest.approx(1 + ratio**2 / 2, rel=0.2)
+    if kind == "hexahedron":
+        assert linear == pytest.approx(1 + ratio**2 / 2, rel=1e-9)
+    assert linear > 1.4
+    assert energy(ep.fe_model(path, no_poisson, order=1)) == linear  # without a warning, as it was asked for
+    assert energy(ep.fe_model(path, no_poisson, order=2)) == pytest.approx(1, rel=1e-9)
+
+
+def test_quadratic_elements_far_longer_than_a_plate_is_thick_warn():
+    """A square plate clamped all around under its weight, by its work, against cubic elements."""
+
+    def work(fem):
+        held = np.isclose(abs(fem.points[:, :2]), 20 * T).any(axis=1)
+        dofs = np.flatnonzero(np.repeat(~held, 3))
+        force = (fem.mass @ np.tile([0.0, 0.0, 1.0], fem.n_nodes))[dofs]
+        return force @ scipy.sparse.linalg.spsolve(fem.stiffness[dofs][:, dofs].tocsc(), force)
+
+    plate = box(40 * T, 40 * T, T)
+    exact = work(ep.fe_model(plate, ep.STEEL, maxh=5 * T, order=3))
+    with pytest.warns(MeshQualityWarning, match=r"times as long as thick; quadratic .* maxh, or order=3"):
+        coarse = ep.fe_model(plate, ep.STEEL, maxh=5 * T)
+    assert work(coarse) < 0.95 * exact
+    assert work(ep.fe_model(plate, ep.STEEL, maxh=3 * T)) > 0.95 * exact
+
+
+@pytest.mark.parametrize(("along", "layers", "resolves"), [(2, 1, False), (2, 4, False), (15, 2, True)])
+def test_linear_hexahedra_in_a_wall(tmp_path, along, layers, resolves):
+    """Far longer than the wall is thick they lock in shear, however many are on each other."""
+    axes = [np.linspace(0, 0.01, along + 1)] * 2 + [np.linspace(0, T, layers + 1)]
+    fem = ep.fe_model(write(tmp_path / "wall.vtu", *blocks(axes)), ep.STEEL, order=1)
     assert fem.weakest_wall.thickness == pytest.approx(T)
     np.testing.assert_allclose(fem.shares_of_walls(fem.cells).max(), 1 / min(layers, along))
     assert (fem.resolved_frequency > 0) == resolves

@@ -407,11 +407,25 @@ def test_results_beside_a_mesh_of_med_are_left_out(small, tmp_path, results):
     assert_same_matrices(ep.fe_model(path, ep.STEEL), fem, np.arange(fem.n_nodes))
 
 
-@pytest.mark.parametrize(("name", "order"), [("hexahedron", 2), ("tetra10", 1)])
-def test_orders_that_the_file_s_elements_do_not_have(small, tmp_path, name, order):
+@pytest.mark.parametrize(("name", "order", "expected"), [("hexahedron", 3, "1 or 2"), ("tetra10", 1, "2")])
+def test_orders_that_the_file_s_elements_do_not_have(small, tmp_path, name, order, expected):
     points, cells = hexahedra(1, 2, 3) if name == "hexahedron" else (small[2].points, small[2].cells)
     path = write(tmp_path / "mesh.vtu", points, cells)
-    refused(path, f"holds {name}, expected {3 - order}, got {order}", error=InputError, order=order)
+    refused(path, f"holds {name}, expected {expected}, got {order}", error=InputError, order=order)
+
+
+@pytest.mark.parametrize("kinds", [["hexahedron"], ["wedge"], ["foot", "pyramid", "hexahedron", "hexahedron"]])
+def test_linear_elements_of_a_file_are_raised(tmp_path, kinds):
+    """They are those of a file with the nodes in the middle of edges."""
+    points, cells = hexahedra(1, 1, 4)
+    linear = split(points, cells, np.resize(kinds, len(cells)) if len(kinds) == 1 else kinds)
+    wanted = quadratic(*linear)
+    expected = ep.fe_model(write(tmp_path / "quadratic.vtu", wanted[0], *wanted[1]), ep.STEEL)
+    fem = ep.fe_model(write(tmp_path / "linear.vtu", linear[0], *linear[1]), ep.STEEL, order=2)
+    assert fem.order == 2
+    np.testing.assert_array_equal(fem.points[: len(linear[0])], linear[0])
+    np.testing.assert_allclose(fem.points, expected.points)
+    assert_same_matrices(fem, expected, np.arange(fem.n_nodes))
 
 
 def test_what_other_threads_print_while_a_file_is_read_is_not_swallowed(tmp_path, monkeypatch):

@@ -235,6 +235,8 @@ def test_triangles_on_a_quadrilateral(tmp_path):
     path = write_deck(tmp_path / "joined.inp", points, *blocks)
     with pytest.warns(MeshQualityWarning, match="1 quadrilaterals of elements meet two triangles each"):
         fem = ep.fe_model(path, ep.STEEL)
+    with pytest.raises(MeshError, match="triangles of elements lie on quadrilaterals of others"):
+        ep.fe_model(path, ep.STEEL, order=2)
     assert fem.total_mass == pytest.approx(7800 * SIZE.prod(), rel=1e-12)
     assert len(fem.facets) == 5 + 4 + 2  # none between the bricks
     assert not (fem.points[fem.facets, 2] == SIZE[2] / 2).all(axis=1).any()
