@@ -126,7 +126,7 @@ def warn_of_stiff_walls(fem: FEModel, *, meshed: bool) -> None:
         said = f"linear elements make it {factor:.3g} times as stiff in bending as it is, or stiffer"
         advice = "Give order=2, which adds nodes in the middle of edges; or order=1, to take them as they are"
     else:
-        said = "quadratic elements longer than 5 thicknesses make it more than 5 % too stiff where its bending varies"
+        said = "quadratic elements longer than 5 thicknesses can make it 5 % too stiff and more where bending varies"
         advice = "Take a smaller maxh, or order=3" if meshed else "Mesh it finer, or with two elements across"
     warnings.warn(
         f"mesh: elements are {wall.element:.3g} m long in a wall of {wall.thickness:.3g} m, {ratio:.2g} times as long "

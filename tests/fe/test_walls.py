@@ -71,7 +71,6 @@ def plate_modes(side):
     return factor / (2 * np.pi * side**2) * np.sqrt(ep.STEEL.plane_strain_modulus * T**2 / 12 / ep.STEEL.rho)
 
 
-@pytest.mark.filterwarnings("ignore:.*times as long as thick")
 def test_elements_far_longer_than_the_wall_resolve_nothing_of_use():
     """The fourth mode, at 870 Hz, comes out above 3 kHz; elements of that volume seem fine for shear waves."""
     plate = ep.fe_model(box(0.1, 0.1, T), ep.STEEL, maxh=0.02)
@@ -83,7 +82,6 @@ def test_elements_far_longer_than_the_wall_resolve_nothing_of_use():
         ep.reduce(plate, partition, f_cut=1e3)
 
 
-@pytest.mark.filterwarnings("ignore:.*times as long as thick")
 def test_modes_that_a_coarse_plate_follows_are_promised():
     """Elements nine times as long as the plate is thick lock, but not for its first modes; a quarter has the second."""
     quarter = ep.fe_model(box(0.05, 0.05, T), ep.STEEL, maxh=8e-3)
@@ -98,7 +96,6 @@ def test_modes_that_a_coarse_plate_follows_are_promised():
     assert np.sqrt(found) / (2 * np.pi) == pytest.approx(second, rel=0.08)
 
 
-@pytest.mark.filterwarnings("ignore:.*times as long as thick")
 def test_a_thin_bar_struck_on_its_end_is_told_the_mesh_that_does():
     """Its axial waves are long, but no contact is quite even: what bends it must be resolved too."""
     length, f_cut = 0.05, 60e3
