@@ -133,6 +133,11 @@ def stiff_wall(
     order : {1, 2, 3}
         Of the elements.
     material : Material
+
+    Returns
+    -------
+    Wall or None
+        A typical one of those that are too stiff.
     """
     ratio = length / thickness
     bound = {1: np.sqrt(_STIFF * material.plane_strain_modulus / material.shear_modulus), 2: _LOCKS, 3: np.inf}[order]
