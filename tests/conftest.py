@@ -124,6 +124,15 @@ def round_body(ball, kept):
 
 
 @pytest.fixture(scope="session")
+def yielding():
+    """A coarse ball of a soft metal, with all three directions."""
+    shape = occ.Sphere(occ.Pnt(0, 0, SPHERE_RADIUS), SPHERE_RADIUS)
+    soft = ep.Material(E=210e9, nu=0.3, rho=7800.0, yield_stress=300e6, hardening=1e9)
+    fem = ep.fe_model(shape, soft, maxh=5e-3, refine=[ep.Refine((0, 0, 0), 1e-3, 0.5e-3)])
+    return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 1e-3, axes="xyz"), f_cut=60e3)
+
+
+@pytest.fixture(scope="session")
 def flat_body(kept):
     """A steel plate, 16 x 16 x 5 mm, its upper face at z = 0, fine in the middle, with all three directions."""
     shape = box(0.016, 0.016, 0.005).Move((0, 0, -0.005))

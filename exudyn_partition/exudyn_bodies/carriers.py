@@ -16,6 +16,8 @@ from ..support.optional import require
 Pose = Callable[[], tuple[Array, Array]]  # place, (3,) [m], and axes as columns, (3, 3)
 Motion = Callable[[], tuple[Array, Array]]  # velocity, (3,) [m/s], and angular velocity, (3,) [rad/s]
 
+_POINTS = "MassPoint"  # how types of bodies without axes begin; for all others Exudyn itself tells
+
 
 class OnCarrier(Protocol):
     """A contact with a rigid surface, as far as its carrier needs it."""
@@ -53,6 +55,12 @@ def validate_carrier(name: str, mbs: MainSystem, body: object) -> None:
             )
     except Exception as error:  # Exudyn raises several types of errors
         raise InputError(f"{expected}; Exudyn says: {error}") from error
+    kind = mbs.GetObject(body)["objectType"]
+    if kind.startswith(_POINTS):  # Exudyn gives them axes that stand still
+        raise InputError(
+            f"{name}: expected a body that has axes, because contact turns what carries a surface; got a {kind}. Take "
+            "mbs.CreateRigidBody, and joints if it must not turn"
+        )
 
 
 def pose(mbs: MainSystem, body: ObjectIndex) -> Pose:

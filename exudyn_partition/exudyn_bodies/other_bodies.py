@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from ..support.arrays import Array
+from ..support.checks import read_only
 from ..support.foreign import ItemEntry, MainSystem
 from ..support.optional import require
 from .carriers import Carrier, pose_in
@@ -50,6 +51,9 @@ class OtherBody:
     t: Array
     place: Array
     turn: Array
+
+    def __post_init__(self) -> None:
+        read_only(self.points, self.triangles, self.t, self.place, self.turn)
 
     @property
     def moves(self) -> bool:

@@ -23,6 +23,7 @@ from ..plasticity.flow import PlasticState
 from ..plasticity.strain_history import StrainHistory
 from ..plasticity.zone import PlasticZone
 from ..support.arrays import Array, consecutive, joined_slices
+from ..support.checks import read_only
 from ..support.foreign import MainSystem
 from ..support.twins import Known, twin
 
@@ -326,6 +327,7 @@ class ContactRun:
     def look_for_edge(self, t: float) -> None:
         """Record the time and place at which a closed row first leaves its patch."""
         if self.edge is None and (reached := self.mechanics.edge_reached()) is not None:
+            read_only(reached)  # results return it
             self.edge = t, reached
 
     def friction_values(self) -> list[float]:

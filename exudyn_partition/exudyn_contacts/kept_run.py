@@ -14,6 +14,7 @@ from ..plasticity.flow import PlasticState
 from ..plasticity.strain_history import StrainHistory
 from ..plasticity.zone import PlasticZone
 from ..support.arrays import Array
+from ..support.checks import read_only
 from .contact_run import ContactRun
 
 
@@ -119,6 +120,9 @@ class KeptRun:
     strains: tuple[KeptStrains, ...]
     on_nodes_times: Array
     forces_on_nodes: tuple[Array, ...]
+
+    def __post_init__(self) -> None:
+        read_only(*(value for value in vars(self).values() if isinstance(value, np.ndarray)))
 
     @classmethod
     def of(cls, run: ContactRun | KeptRun) -> KeptRun:

@@ -75,7 +75,7 @@ class PlasticResults:
             If nothing can yield, or nothing was kept of the run.
         """
         self._samples(result)
-        return {SIDES[side]: state for side, state in result.kept(self._contact).plastic_ends.items()}
+        return {SIDES[side]: state.copy() for side, state in result.kept(self._contact).plastic_ends.items()}
 
     def strain_histories(self, result: RunSamples) -> list[StrainHistory | None]:
         """Plastic strain in the run beneath the patch of each side, in the order of `sides`; None if it cannot yield.

@@ -89,6 +89,10 @@ class PlasticState:
                 f"{self.strain.shape}, {self.equivalent.shape} and {self.back.shape}"
             )
 
+    def copy(self) -> PlasticState:
+        """State with arrays of its own."""
+        return PlasticState(self.strain.copy(), self.equivalent.copy(), self.back.copy())
+
     def at(self, points: Array) -> PlasticState:
         """State of some points, (k,) int array."""
         return PlasticState(self.strain[points], self.equivalent[points], self.back[points])
@@ -209,7 +213,7 @@ def von_mises(stress: Array) -> Array:
 
 
 def validate_state(name: str, state: object, points: int) -> PlasticState:
-    """Return a state that a user gave, if it is one of a zone with this number of points.
+    """Return a copy of a state that a user gave, if it is one of a zone with this number of points.
 
     Raises
     ------
@@ -221,4 +225,4 @@ def validate_state(name: str, state: object, points: int) -> PlasticState:
     check_floats("strain", state.strain, (points, 6))
     check_floats("equivalent", state.equivalent, (points,))
     check_floats("back", state.back, (points, 6))
-    return state
+    return state.copy()

@@ -17,6 +17,7 @@ from ..fe.material import Material
 from ..fe.model import node_dofs
 from ..fe.patches import PlasticRegion
 from ..support.arrays import Array
+from ..support.checks import read_only
 from . import loops
 from .flow import Flow, PlasticState
 from .integration import at_points, nearest_corners
@@ -71,6 +72,7 @@ class PlasticZone:
         self.gradient, self.own = gradient.reshape(-1, k, 3), np.repeat(own, q, axis=0)
         self.border = _at_border(region).ravel()
         self._places = np.repeat(centres_of(points, region.cells, region.hexahedra), q, axis=0)
+        read_only(self._places)
         self._edge = points[region.border]
         self.spacing = np.repeat(_spacings(points, region), q)
 

@@ -92,7 +92,7 @@ class FullBody:
                 raise InputError("plastic_state: this body cannot yield; give hardening= to its Material")
             cells = self.region.cells
             n = len(cells) * points_an_element(cells, self.region.hexahedra)
-            validate_state("plastic_state", self.plastic_state, n)
+            object.__setattr__(self, "plastic_state", validate_state("plastic_state", self.plastic_state, n))
 
     @property
     def yields(self) -> bool:

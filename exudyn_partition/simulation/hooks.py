@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 import re
 from collections.abc import Iterator
@@ -134,6 +135,31 @@ class Watch:
     def interrupted(self) -> bool:
         """Whether the user asked to stop."""
         return self._interrupt.asked
+
+
+@contextlib.contextmanager
+def quiet(asked: bool = True) -> Iterator[None]:
+    """Keep Exudyn's texts off the terminal: after a failure, a second try may succeed, and our error tells the cause."""
+    config = require("exudyn").config
+    own, config.printToConsole = config.printToConsole, config.printToConsole and not asked
+    try:
+        yield
+    finally:
+        config.printToConsole = own
+
+
+@functools.cache
+def hear_of_verlet() -> None:
+    """Let Exudyn say, unseen and of a model without coordinates, that its VelocityVerlet is under development.
+
+    It says so once in a process, in the first run. No user can act on it, and no setting keeps back this line alone.
+    """
+    exu, settings = require("exudyn"), require("exudyn").SimulationSettings()
+    settings.solution.file.write, settings.timeIntegration.verboseMode = False, 0
+    mbs = exu.SystemContainer().AddSystem()
+    mbs.Assemble()
+    with quiet():
+        mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.VelocityVerlet)
 
 
 @contextlib.contextmanager

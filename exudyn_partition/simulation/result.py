@@ -32,7 +32,7 @@ from ..results.history import History
 from ..results.newmark import Newmark
 from ..support.arrays import Array
 from ..support.attributes import for_users, no_attribute
-from ..support.checks import validate_integer, validate_text, validate_times, validate_type
+from ..support.checks import read_only, validate_integer, validate_text, validate_times, validate_type
 from ..support.files import writable
 from ..support.foreign import DataFrame, Dataset, MainSystem, SensorIndex
 from ..support.progress import Progress
@@ -130,6 +130,9 @@ class Result:
     newmark: Newmark | None = field(default=None, repr=False)
     others: tuple[OtherBody, ...] = field(default=(), repr=False)
     dampings: tuple[tuple[tuple[float, Damping], ...], ...] = field(default=(), repr=False)
+
+    def __post_init__(self) -> None:
+        read_only(self.t, *self.sensors.values())
 
     if not TYPE_CHECKING:  # type checkers would accept every attribute
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import logging
 import math
 import time
@@ -36,7 +37,7 @@ from ..support.progress import progress as progress_bar
 from .balance_review import warn_of_balance, warn_of_long_steps
 from .contact_work import ContactWork
 from .continuation import RunEnd, accelerated, keep_end, last_end, origin_of, started_from
-from .hooks import begun, cause, controlled, residual, unsettled, watched
+from .hooks import begun, cause, controlled, hear_of_verlet, residual, unsettled, watched
 from .joint_checks import OpenJoints, check_start, refuse_drives_by_rates
 from .lasting_review import tell_what_rings
 from .result import Result, cut, samples
@@ -128,9 +129,9 @@ def solve_dynamic(
         largest changes of velocity so far; in impacts a twentieth of it. Default, and most: 1e-3. Take 1e-4 for
         histories of forces, or if gentle impacts follow a hard one.
     settings : exudyn.SimulationSettings, optional
-        All other settings. Start, end, number of steps, spectral radius, period of samples and adaptive steps are set
-        in it. For all else Exudyn's own defaults hold: they solve by dense matrices, and write a file with the
-        solution. Default: sparse matrices, no file, and options of Newton's method that suit contacts.
+        All other settings; the run takes a copy. End, number of steps, spectral radius, period of samples and adaptive
+        steps are those of this call. For all else Exudyn's own defaults hold: they solve by dense matrices, and write a
+        file with the solution. Default: sparse matrices, no file, and options of Newton's method that suit contacts.
     progress : callable, optional
         Called with the share done, 0 to 1, a hundred times. Default: a bar on the terminal, if it takes long.
 
@@ -240,7 +241,7 @@ def _run(
         sample_period = validate_positive("sample_period", sample_period, "s")
     steps, between = _counts(end_time - start, step, None if adaptive else sample_period)
     step = (end_time - start) / steps
-    settings = _own_settings(mbs, method, end_time - (start_time or 0.0)) if settings is None else settings
+    settings = _own_settings(mbs, method, end_time - (start_time or 0.0)) if settings is None else copy.copy(settings)
     integration = settings.timeIntegration
     # Very short steps do not reach the end, because Exudyn stops early. So there are more, and a hook ends the run.
     # The last step of an adaptive run has only the time that is left, and may be very short.
@@ -265,7 +266,10 @@ def _run(
         integration.adaptiveStep, integration.minimumStepSize = True, _SHORTEST * step
         # The control makes steps longer; Exudyn only makes failed steps shorter.
         integration.adaptiveStepRecoverySteps = steps
-    solver = exu.DynamicSolverType.VelocityVerlet if method == "explicit" else exu.DynamicSolverType.GeneralizedAlpha
+    solver = exu.DynamicSolverType.GeneralizedAlpha
+    if method == "explicit":
+        solver = exu.DynamicSolverType.VelocityVerlet
+        hear_of_verlet()
 
     end = origin_of(mbs, start, method, last)
     if control is not None and end is not None:

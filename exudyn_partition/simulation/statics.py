@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import itertools
 import logging
 import math
@@ -105,8 +106,8 @@ def solve_static(
     update_initial : bool
         Whether the equilibrium becomes the model's initial state. The next run then begins there: a preload.
     settings : exudyn.SimulationSettings, optional
-        All other settings, such as `staticSolver.loadStepStart` and `loadStepDuration`, the static time. Number of load
-        steps, load factor and the period of samples are set in it.
+        All other settings, such as `staticSolver.loadStepStart` and `loadStepDuration`, the static time; the run takes
+        a copy. Number of load steps, load factor and the period of samples are those of this call.
     progress : callable, optional
         Called with the share done, 0 to 1. Default: a bar on the terminal, if it takes long.
 
@@ -426,6 +427,8 @@ def _run(
         newton.absoluteTolerance = residual(mbs)
         if all(contact.mechanics.zones is None for contact in partition_items(mbs)[1]):
             newton.relativeTolerance = _RELATIVE  # forces of plastic zones are not known as closely
+    else:
+        settings = copy.copy(settings)
     static = settings.staticSolver
     start, duration = float(static.loadStepStart), float(static.loadStepDuration)
     if not duration > 0:

@@ -93,6 +93,9 @@ class StoredBodyRun:
     energy: Array
     momentum: Array
 
+    def __post_init__(self) -> None:
+        read_only(self.energy, self.momentum)
+
 
 @dataclass(frozen=True, eq=False)
 class StoredContactRun:

@@ -9,6 +9,7 @@ from oracles import MARBLE_RADIUS as R
 from scipy.integrate import solve_ivp
 
 import exudyn_partition as ep
+from exudyn_partition.errors import InputError
 from exudyn_partition.exudyn_bodies.model import coordinate_slices
 
 HEAD = 0.01  # m, from the hammer's face to its centre
@@ -192,3 +193,27 @@ def test_a_point_near_the_contact_moves_as_on_a_plane_that_stands_still(bodies, 
         point = bodies[0].points[bodies[0].partition.patch_nodes[0]]
         found.append(item.displacement(result, point, fem=ball[0]))
     np.testing.assert_allclose(found[1], found[0], atol=1e-6 * abs(found[0]).max())
+
+
+@pytest.mark.parametrize("kind", ["point", "point in a plane", "cable", "spring", "nobody"])
+def test_what_has_no_axes_carries_no_surface(mbs, marble, kind):
+    """Exudyn gives points axes that stand still, and said at Assemble alone that nothing can turn them."""
+    ball = ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, R])
+    match kind:
+        case "point":
+            carrier = mbs.CreateMassPoint(mass=0.05)
+        case "point in a plane":
+            node = mbs.AddNode(items.NodePoint2D(referenceCoordinates=[0, 0]))
+            carrier = mbs.AddObject(items.MassPoint2D(mass=0.05, nodeNumber=node))
+        case "cable":
+            ends = [mbs.AddNode(items.Point2DS1(referenceCoordinates=[x, 0, 1, 0])) for x in (0, 1)]
+            carrier = mbs.AddObject(items.Cable2D(length=1, massPerLength=1, axialStiffness=1, nodeNumbers=ends))
+        case "spring":
+            points = [mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=mbs.CreateGround())) for _ in range(2)]
+            carrier = mbs.AddObject(items.CartesianSpringDamper(markerNumbers=points))
+        case _:
+            carrier = 99
+    before = mbs.systemData.NumberOfMarkers()
+    with pytest.raises(InputError, match="masterBody: expected .*body"):
+        ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="south", masterBody=carrier)
+    assert mbs.systemData.NumberOfMarkers() == before

@@ -8,7 +8,10 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
+from exudyn_partition.contact.plasticity.zone_run import ZoneMotion
 from exudyn_partition.errors import InputError
+from exudyn_partition.frames.inertial import InertialKinematics
+from exudyn_partition.plasticity.flow import PlasticState
 
 KIND = exu.OutputVariableType
 TURNED = Rotation.from_rotvec([0.5, -1.0, 0.7]).as_matrix()
@@ -139,3 +142,17 @@ def test_what_does_not_fit_is_named(mbs, arm_body, options, message):
     with pytest.raises(InputError, match=message):
         ep.CreatePartitionBody(mbs, arm_body, **options)
     assert mbs.systemData.NumberOfNodes() == before
+
+
+def test_plastic_states_of_a_user_are_copied(mbs, yielding):
+    """What changed after CreatePartitionBody had changed the run."""
+    points = len(ZoneMotion.of(InertialKinematics(yielding, np.zeros(3)), 0).zone)
+    state = PlasticState(np.full((points, 6), 1e-3), np.full(points, 2e-3), np.zeros((points, 6)))
+    item = ep.CreatePartitionBody(mbs, yielding, plasticStates={0: state})
+    for array in (state.strain, state.equivalent, state.back):
+        array[:] = 7.0  # still the user's own
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane())
+    ((_, zone),) = contact.plastic.zones
+    assert (zone.present.strain == 1e-3).all()
+    assert (zone.present.equivalent == 2e-3).all()
+    assert not zone.present.back.any()

@@ -20,15 +20,6 @@ def model():
     return exu.SystemContainer().AddSystem()
 
 
-@pytest.fixture(scope="module")
-def yielding():
-    """The coarse ball of a soft metal, with all three directions."""
-    shape = occ.Sphere(occ.Pnt(0, 0, 0.01), 0.01)
-    soft = ep.Material(E=210e9, nu=0.3, rho=7800.0, yield_stress=300e6, hardening=1e9)
-    fem = ep.fe_model(shape, soft, maxh=5e-3, refine=[ep.Refine((0, 0, 0), 1e-3, 0.5e-3)])
-    return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 1e-3, axes="xyz"), f_cut=60e3)
-
-
 def slides(body, *, frame="inertial", friction=0.3, formulation="compliance", damping=None):
     """A ball that hits a plane at an angle."""
     mbs = model()

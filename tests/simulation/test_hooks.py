@@ -1,6 +1,8 @@
 """User functions and settings of the caller around a run, Ctrl-C, and runs that end early."""
 
 import signal
+import subprocess
+import sys
 
 import exudyn as exu
 import exudyn.itemInterface as items
@@ -175,3 +177,32 @@ def test_a_deleted_sensor_is_named(impact, which):
     mbs.Assemble()
     with pytest.raises(RunError, match=r"has lost its sensor \d+: a sensor was deleted"):
         ep.solve_dynamic(mbs, end_time=1e-6, step=0.2e-6)
+
+
+PRINTS = """
+import exudyn as exu, exudyn.itemInterface as items
+import exudyn_partition as ep
+
+mbs = exu.SystemContainer().AddSystem()
+mass = mbs.CreateMassPoint(mass=1.0, initialVelocity=[1, 0, 0])
+place = exu.OutputVariableType.Position
+mbs.AddSensor(items.SensorBody(bodyNumber=mass, outputVariableType=place, storeInternal=True))
+mbs.SetPreStepUserFunction(lambda mbs, t: (print("the user's"), exu.Print("by Exudyn"), True)[-1])
+mbs.Assemble()
+ep.solve_dynamic(mbs, end_time=1.0, step=1.0)
+mbs.SetPreStepUserFunction(lambda mbs, t: 1 / 0)
+try:
+    ep.solve_dynamic(mbs, end_time=1.0, step=1.0)
+except ep.errors.RunError:
+    print("and after", exu.config.printToConsole)
+"""
+
+
+def test_a_run_prints_what_its_user_prints_and_errors_alone():
+    """Each first run of a process had a line on VelocityVerlet, which no user can act on."""
+    run = subprocess.run([sys.executable, "-c", PRINTS], capture_output=True, text=True, check=True, timeout=120)
+    printed = [line for line in run.stdout.splitlines() if line]
+    assert printed[:2] == ["the user's", "by Exudyn"]
+    assert printed[-1] == "and after True"
+    assert "DYNAMIC SOLVER FAILED" in run.stdout
+    assert "WARNING" not in run.stdout + run.stderr

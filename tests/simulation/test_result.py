@@ -11,6 +11,9 @@ import exudyn_partition as ep
 from exudyn_partition.errors import (
     InputError,
 )
+from exudyn_partition.plasticity.flow import PlasticState
+from exudyn_partition.plasticity.strain_history import StrainHistory
+from exudyn_partition.results.history import History
 
 END = 60e-6
 
@@ -101,3 +104,81 @@ def test_questions_change_no_run(impact):
     assert len(asked) > 50
     np.testing.assert_array_equal(contact.force(second), contact.force(first))
     np.testing.assert_array_equal(striker.coordinates(second), striker.coordinates(first))
+
+
+def written(value):
+    """Write into all arrays of an answer, as far as NumPy allows it."""
+    match value:
+        case np.ndarray() if value.flags.writeable:
+            value[...] = 7
+        case dict():
+            written(list(value.values()))
+        case list() | tuple():
+            for item in value:
+                written(item)
+        case _ if sp.issparse(value):
+            written(value.data)
+        case PlasticState():
+            written([value.strain, value.equivalent, value.back])
+        case History():
+            written([value.t, value.force, value.tangential_force, value.dissipated, dict(value.velocity)])
+        case StrainHistory():
+            written(value.strain(5))
+
+
+def plain(value):
+    """The same answer in lists and numbers."""
+    match value:
+        case np.ndarray():
+            return value.tolist()
+        case dict():
+            return {key: plain(item) for key, item in value.items()}
+        case list() | tuple():
+            return [plain(item) for item in value]
+        case _ if sp.issparse(value):
+            return plain(value.toarray())
+        case PlasticState():
+            return plain([value.strain, value.equivalent, value.back])
+        case History():
+            return plain([value.t, value.force, value.tangential_force, value.dissipated, dict(value.velocity)])
+        case StrainHistory():
+            return plain(value.strain(5))
+    return value
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("stored", [False, True])
+def test_what_a_user_writes_into_an_answer_changes_no_other(mbs, yielding, tmp_path, stored):
+    """A conversion of units in place had changed the result itself: impulses, energies, pages and files."""
+    item = ep.CreatePartitionBody(
+        mbs, yielding, name="ball", referencePosition=[0, 0, 1e-6], initialVelocity=[0.5, 0, -1.5]
+    )
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), friction=0.3, name="floor")
+    contact.AddMomentSensor(mbs)
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=12e-6, step=0.25e-6)
+    if stored:
+        result.save(tmp_path / "run")
+        result = ep.Result.load(tmp_path / "run", mbs)
+    asked = {f"sensor {number}": (lambda number=number: result.sensor(number)) for number in result.sensors}
+    asked |= {"t": lambda: result.t, "history": lambda: result.history(contact)}
+    asked |= {"at": lambda: [result.at(5).t, contact.force(result.at(5))]}
+    for of in (contact, contact.friction, contact.plastic, item):
+        for name in dir(type(of)):
+            method = getattr(of, name, None)
+            if callable(method) and not name.startswith(("_", "Create", "Add")) and name not in dir(dict):
+                asked[f"{type(of).__name__}.{name}"] = lambda method=method: method(result)
+    answers = {}
+    for name, ask in list(asked.items()):
+        try:
+            answers[name] = plain(ask())
+        except (TypeError, AttributeError, InputError):  # it takes something else than a result alone
+            del asked[name]
+    assert len(asked) > 35
+    assert {"PartitionContact.force", "FrictionResults.slip_path", "PlasticResults.states"} < {*asked}
+    for ask in asked.values():
+        written(ask())
+    assert [name for name, ask in asked.items() if repr(plain(ask())) != repr(answers[name])] == []
+    for mine in (result.t, contact.force(result), contact.friction.work(result)):
+        with pytest.raises(ValueError, match="read-only"):
+            mine *= 1e3

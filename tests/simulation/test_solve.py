@@ -296,3 +296,26 @@ def test_misuse(mbs, bodies, block):
         ep.CreatePartitionContact(mbs, body, ep.CreatePartitionBody(mbs, bodies[1]), formulation="glue")
     with pytest.raises(RunError, match=r"call mbs.Assemble\(\)"):
         ep.solve_dynamic(mbs, end_time=1e-3)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_settings_of_a_user_stay_as_they_are(mbs, bodies):
+    """Start, end and steps of one run had stayed in them, and moved the next one; also after an error."""
+    ball = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=[0, 0, 1e-6], initialVelocity=[0, 0, -0.5])
+    ep.CreatePartitionContact(mbs, ball, ep.RigidPlane())
+    mbs.Assemble()
+    settings = exu.SimulationSettings()
+    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+    settings.solution.file.write, settings.timeIntegration.verboseMode, settings.staticSolver.verboseMode = False, 0, 0
+    given, own = settings.GetDictionary(), {"step": 0.25e-6, "settings": settings}
+    first = ep.solve_dynamic(mbs, start_time=1e-6, end_time=2e-6, **own)
+    ep.solve_dynamic(mbs, end_time=3e-6, go_on=True, **own)
+    ep.solve_dynamic(mbs, end_time=2e-6, method="implicit", adaptive=True, spectral_radius=0.5, **own)
+    ep.solve_static(mbs, load_steps=7, load_factor=False, settings=settings)
+    mbs.SetPreStepUserFunction(lambda mbs, t: 1 / 0)
+    with pytest.raises(RunError, match="ZeroDivisionError"):
+        ep.solve_dynamic(mbs, end_time=2e-6, adaptive=True, **own)
+    mbs.SetPreStepUserFunction(0)
+    assert settings.GetDictionary() == given
+    last = ep.solve_dynamic(mbs, end_time=2e-6, **own)
+    assert (first.t[0], last.t[0]) == (1e-6, 0.0)
