@@ -139,7 +139,7 @@ class Watch:
 
 @contextlib.contextmanager
 def quiet(asked: bool = True) -> Iterator[None]:
-    """Keep Exudyn's texts off the terminal: after a failure, a second try may succeed, and our error tells the cause."""
+    """Keep Exudyn's texts off the terminal, as where a second try may succeed and our own error tells the cause."""
     config = require("exudyn").config
     own, config.printToConsole = config.printToConsole, config.printToConsole and not asked
     try:

@@ -214,6 +214,6 @@ def test_what_has_no_axes_carries_no_surface(mbs, marble, kind):
         case _:
             carrier = 99
     before = mbs.systemData.NumberOfMarkers()
-    with pytest.raises(InputError, match="masterBody: expected .*body"):
+    with pytest.raises(InputError, match=r"masterBody: expected .*body"):
         ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="south", masterBody=carrier)
     assert mbs.systemData.NumberOfMarkers() == before
