@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -418,8 +419,8 @@ class PatchContact:
     def resume(self, earlier: PatchContact, q: Array) -> bool:
         """Start from the end of an earlier run of this contact, `earlier`, if that ended at coordinates q, (n,).
 
-        Plastic strains stay. Rows that stuck still stick, with the same forces. The dissipation starts again at zero.
-        Return whether this run starts so.
+        Plastic strains stay. Rows that stuck still stick, with the same forces. The dissipation starts again at zero,
+        unless `count_on` is called. Return whether this run starts so.
         """
         sticks = self.friction is not None and not self.ahead and earlier.index.size > 0
         if not (sticks or self.zones is not None) or not earlier.ended_at(q):
@@ -432,6 +433,17 @@ class PatchContact:
             self.gaps.at(q)
             self.rows.hold()
         return True
+
+    def count_on(self, end: PatchContact, *, moves: bool) -> None:
+        """Go on with the slip paths and energies that another run of this contact has come to at its `end`.
+
+        Rows that `moves` also go on with the speeds at which they slipped; statics know no speed.
+        """
+        last = end.memory
+        of_motion = {"slipped": last.slipped, "speed": last.speed} if moves else {}
+        self.memory = replace(self.memory, path=last.path, dissipated=last.dissipated, **of_motion)
+        if self.zones is not None and end.zones is not None:
+            self.zones.count_on(end.zones)
 
     # Results.
 

@@ -71,6 +71,16 @@ class MultiplierStep:
         if self._looked_from is not None:
             self._looked_from = t
 
+    def step_back(self, t: float) -> bool:
+        """Return to the start of a step, t [s]; whether that can be done: no multiplier of it was applied, or all were.
+
+        Those of contacts alone are applied at the end of the step before.
+        """
+        if self._stepped_to is None or self._stepped_to <= t:
+            return True
+        self._stepped_to = t
+        return self._looked_from == t
+
     @property
     def iterations(self) -> int:
         """Iterations of the active set so far."""

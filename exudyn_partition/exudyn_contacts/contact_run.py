@@ -218,6 +218,32 @@ class ContactRun:
             setattr(self, name, copy.copy(getattr(earlier, name)))
         self.goes_on_at = t
 
+    def at_end(self) -> PatchContact:
+        """Mechanics after the last step, as the next one would find them; those of this run do not change."""
+        known: Known = {}
+        mechanics = twin(self.mechanics, known)
+        (mechanics if self.impulses is None else twin(self.impulses, known)).commit(self._at)
+        return mechanics
+
+    def begun(self, t: float) -> bool:
+        """Whether forces were found in the step that begins at time t [s]."""
+        if self.impulses is not None:
+            return self._start == t
+        return not self._mechanics.remembers or self._mechanics.since == t
+
+    def step_back(self, mbs: MainSystem, t: float, q: Array) -> bool:
+        """Return to the start of a step, t [s], at the model's coordinates q, (nq,); whether that can be done."""
+        if not self.begun(t):
+            return True
+        if self.impulses is not None:  # they are means of the whole step
+            return False
+        self._at, mechanics = t, self._mechanics
+        if mechanics.needs_motion:
+            self.force = mechanics.evaluate(SolverMotion(mbs, self.of))
+        else:
+            self.force = mechanics.force(self.of(q))
+        return True
+
     def evaluate(self, mbs: MainSystem, t: float, q: Array) -> None:
         """Find the force of this contact alone at the model's coordinates q, (nq,), and time t [s]."""
         mechanics = self._mechanics
@@ -429,10 +455,29 @@ class GroupRun:
         else:
             for member in self._remembering:
                 member.follow(start_of_step(mbs), t)
-            forces = self.together.forces_at(q, lambda: [member.of(q) for member in self.members])
-            for member, force in zip(self.members, forces, strict=True):
-                member.force = force
+            self._find_together(q)
         self._find_whether_pushes()
+
+    def step_back(self, mbs: MainSystem, t: float, q: Array) -> bool:
+        """Return to the start of a step, t [s], at the model's coordinates q, (nq,); whether all members can."""
+        self._known_at = None
+        if self.together is None:
+            found = [member.step_back(mbs, t, q) for member in self._within]
+        elif not self._remembering:
+            found = []
+            self.evaluate(mbs, t, q)
+        else:
+            found = [member.impulses is None or not member.begun(t) for member in self._remembering]
+            if any(member.begun(t) for member in self._remembering):
+                self._find_together(q)
+        self._find_whether_pushes()
+        return all(found)
+
+    def _find_together(self, q: Array) -> None:
+        assert self.together is not None
+        forces = self.together.forces_at(q, lambda: [member.of(q) for member in self.members])
+        for member, force in zip(self.members, forces, strict=True):
+            member.force = force
 
     def _find_whether_pushes(self) -> None:
         self.pushes = any([member.pushes for member in self._within])

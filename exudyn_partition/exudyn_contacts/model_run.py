@@ -84,6 +84,8 @@ class ModelRun:
         Whether the run has ended: who asks for a stiffness linearises about a state.
     unsettled : ComplementarityError or None
         Why contact forces did not settle in the present try of a load step.
+    broken : bool
+        Whether an error stopped the run in a step to whose start its multipliers cannot return.
     """
 
     def __init__(
@@ -99,6 +101,7 @@ class ModelRun:
         self.contacts, self._spent_s, self._began = [*contacts], 0.0, t
         self.method, self.at = method, t
         self.ended: tuple[float, Array] | None = None
+        self.broken = False
         items = [*{id(item): item for contact in contacts for item, _ in contact.sides}.values()]
         for item in items:
             if isinstance(item.kinematics, FloatingKinematics):
@@ -169,9 +172,9 @@ class ModelRun:
 
     def ended_at(self, t: float, method: Method, q: Array) -> bool:
         """Whether the run had this method and ended at time t [s], at the model's coordinates q, (nq,)."""
-        if self.ended is None or self.method != method or not np.array_equal(self.ended[1], q):
+        if self.method != method or self.broken or not self.ended_in(q):
             return False
-        return max(abs(self.ended[0] - t), abs(self.at - t)) <= _ROUND_OFF * abs(t)
+        return self.ended_when(t) and abs(self.at - t) <= _ROUND_OFF * abs(t)
 
     @property
     def contact_s(self) -> float:
@@ -210,10 +213,11 @@ class ModelRun:
         """State of a contact; None if it was not in the model when the run began."""
         return self._runs.get(id(contact))
 
-    def resume(self, initial: Array, earlier: Sequence[ModelRun]) -> ModelRun | None:
+    def resume(self, initial: Array, earlier: Sequence[ModelRun], t: float, *, goes_on: bool) -> ModelRun | None:
         """Let contacts that remember, or are pressed, go on from the end of earlier runs, if that is the initial state.
 
-        `initial`, (nq,), are the model's initial coordinates. Return the first run from which a contact goes on.
+        `initial`, (nq,), are the model's initial coordinates. Return the first run from which a contact goes on. The
+        energies that contacts have taken go on too if the user said so by `goes_on`, or if that run ended at time t.
         """
         found = None
         for contact in self.contacts:
@@ -233,6 +237,13 @@ class ModelRun:
                     run.mechanics.opening = min(run.mechanics.opening, last.mechanics.opening)
                     found = found or before
                     break
+            for before in earlier:
+                last = before.find(contact)
+                at_end = before.ended_in(initial) and (goes_on or (before.has_steps and before.ended_when(t)))
+                if last is not None and at_end:
+                    run.mechanics.count_on(last.at_end(), moves=before.method != "static")
+                    found = found or before
+                    break
         return found
 
     @property
@@ -243,6 +254,24 @@ class ModelRun:
     def ended_in(self, q: Array) -> bool:
         """Whether the run ended at the model's coordinates q, (nq,), at any time."""
         return self.ended is not None and np.array_equal(self.ended[1], q)
+
+    def ended_when(self, t: float) -> bool:
+        """Whether the run ended at time t [s]."""
+        return self.ended is not None and abs(self.ended[0] - t) <= _ROUND_OFF * abs(t)
+
+    def step_back(self, mbs: MainSystem) -> None:
+        """Return to the start of the step in which an error stopped the run; the model is there again.
+
+        Forces within steps are found again from the memory of the last step that was made. Multipliers that were
+        applied in this step cannot be taken back: then the run is `broken`.
+        """
+        t, q = float(mbs.systemData.GetTime()), mbs.systemData.GetODE2Coordinates()
+        if self.method == "static" and t > self._began:
+            self._press(mbs, t)
+        within = [group.step_back(mbs, t, q) for group in self._within]
+        ahead = [stepper.step_back(t) for stepper in self._steppers]
+        self.broken, self.at = not all(within + ahead), t
+        self.publish(mbs)
 
     def force(self, mbs: MainSystem, t: float) -> Array | None:
         """Generalised forces of all contacts within a step, (nq,), in the model's present state at t [s].
@@ -384,6 +413,7 @@ class Runs:
         self._solver: MainSolver = None
         self._solver_comes = self._outdated = False
         self._latest, self._goes_on = -math.inf, False
+        self._continues = False  # whether a run goes on because its user said so, see `going_on`
 
     def now(self, mbs: MainSystem) -> ModelRun:
         """The present run, which evaluates contacts. If there is none, or contacts were added, a run begins."""
@@ -440,7 +470,7 @@ class Runs:
         self._now = ModelRun(mbs, contacts, t, method, joints, keep, same)
         for contact in contacts:
             self._now.of(contact).goes_on = self._goes_on
-        resumed = same or self._now.resume(initial, earlier)
+        resumed = same or self._now.resume(initial, earlier, t, goes_on=self._continues)
         # Later runs from the same initial state go on from the same run, also if its contacts remember nothing.
         self._origin = next((run for run in earlier if run.has_steps and run.ended_in(initial)), resumed)
         return self._now
@@ -477,6 +507,32 @@ class Runs:
         finally:
             vars(self).update(kept)
 
+    @contextlib.contextmanager
+    def going_on(self, mbs: MainSystem) -> Iterator[None]:
+        """Let a run within the block go on from the end of the last one, whatever their methods.
+
+        The model's initial state must be that end only within the block. Runs from its own initial state later go on
+        from the same run as before the block.
+        """
+        initial = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
+        known = (run for run in (self._now, self._origin) if run is not None)
+        origin = next((run for run in known if run.has_steps and run.ended_in(initial)), None)
+        self._continues = True
+        try:
+            yield
+        finally:
+            self._continues, self._origin = False, origin
+
+    @contextlib.contextmanager
+    def unless_refused(self) -> Iterator[None]:
+        """Forget what begins within the block if it raises an error: such a run was not made."""
+        before = vars(self).copy()
+        try:
+            yield
+        except BaseException:
+            vars(self).update(before)
+            raise
+
     def at_work(self, contact: ModelContact) -> ContactRun:
         """State of a contact in the present run."""
         assert self._now is not None
@@ -492,10 +548,22 @@ class Runs:
         """The last run; None if Exudyn has run the model since, without contacts."""
         return self._now if mbs.sys.get("dynamicSolver") is self._solver else None
 
-    def end(self, mbs: MainSystem) -> None:
-        """Record that the present run ended in the model's present state: without contacts no sensor records it."""
+    def end(self, mbs: MainSystem, *, stopped: bool = False) -> None:
+        """Record that the present run ended in the model's present state: without contacts no sensor records it.
+
+        `stopped` is whether this state is the start of a step that an error has stopped, see `ModelRun.step_back`.
+        """
         if self._now is not None:
+            if stopped:
+                self._now.step_back(mbs)
             self._now.ended = float(mbs.systemData.GetTime()), mbs.systemData.GetODE2Coordinates()
+
+    def is_whole(self, mbs: MainSystem) -> bool:
+        """Whether the last run ended with a step that was made whole, so that another one can go on from there."""
+        run, t = self.last(mbs), float(mbs.systemData.GetTime())
+        if run is None or run.unsampled or run.ended is None:
+            return run is None or not run.broken
+        return not run.broken and abs(run.ended[0] - t) <= _ROUND_OFF * abs(t)
 
 
 def runs_of(mbs: MainSystem) -> Runs:

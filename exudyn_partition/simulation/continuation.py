@@ -56,22 +56,31 @@ class RunEnd:
     solvers: tuple[int, ...]
 
     @classmethod
-    def of(cls, mbs: MainSystem, control: StepControl | None = None) -> RunEnd:
+    def of(cls, mbs: MainSystem, control: StepControl | None = None, *, stopped: bool = False) -> RunEnd:
         """End of the model's last run, if the model is still in that state.
+
+        `stopped` is whether an error stopped the run in a step, and the model stands at the start of that step again.
 
         Raises
         ------
         InputError
-            If there was none.
+            If there was none, or one that did not end with a whole step.
         """
         solver = latest_solver(mbs)
         if solver is None:
             raise InputError(
                 "go_on: the model has not been run yet, or was changed since; run it first, or leave go_on out"
             )
+        if not runs_of(mbs).is_whole(mbs):
+            raise InputError(
+                "go_on: an error stopped the last run within a step, whose multipliers of contacts or joints cannot be "
+                "taken back; repeat that run without the error, and leave go_on out"
+            )
         data, method = mbs.systemData, method_of(solver)
         q_tt = np.array(data.GetODE2Coordinates_tt())
-        algorithmic = np.array(solver.GetAAlgorithmic()) if method == "implicit" else q_tt
+        algorithmic = q_tt
+        if method == "implicit":
+            algorithmic = np.array(solver.GetStartOfStepStateAAlgorithmic() if stopped else solver.GetAAlgorithmic())
         return cls(
             t=float(data.GetTime()),
             method=method,
@@ -85,17 +94,62 @@ class RunEnd:
 
     def is_start(self, mbs: MainSystem, start: float, method: Method) -> bool:
         """Whether a run with this method that begins at `start` [s] in the model's initial state goes on from here."""
-        initial = mbs.systemData.GetSystemState(require("exudyn").ConfigurationType.Initial)
         same_time = abs(start - self.t) <= _ROUND_OFF * abs(start)
-        motion = zip(initial[:2], self.state[:2], strict=True)
-        return method == self.method and same_time and all(np.array_equal(one, other) for one, other in motion)
+        return method == self.method and same_time and self.is_initial(mbs)
+
+    def is_initial(self, mbs: MainSystem) -> bool:
+        """Whether it is the model's initial state."""
+        initial = mbs.systemData.GetSystemState(require("exudyn").ConfigurationType.Initial)
+        return all(np.array_equal(one, other) for one, other in zip(initial[:2], self.state[:2], strict=True))
 
 
-def keep_end(mbs: MainSystem, control: StepControl | None = None, origin: RunEnd | None = None) -> None:
-    """Keep the end of a run, and the end from which it went on: later calls may change the model's state."""
-    if latest_solver(mbs) is not None:
-        runs_of(mbs).end(mbs)
-        mbs.sys[_KEY] = RunEnd.of(mbs, control), origin
+def keep_end(mbs: MainSystem, control: StepControl | None = None, *, stopped: bool = False) -> None:
+    """Keep the end of a run, because later calls may change the model's state, and an end that is the initial state.
+
+    `stopped` is whether an error stopped the run: it then ends with the last step that was made whole.
+    """
+    if latest_solver(mbs) is None:
+        return
+    if stopped:
+        _step_back(mbs)
+    runs = runs_of(mbs)
+    runs.end(mbs, stopped=stopped)
+    mbs.sys[_KEY] = RunEnd.of(mbs, control, stopped=stopped) if runs.is_whole(mbs) else None, _origin(mbs)
+
+
+def _step_back(mbs: MainSystem) -> None:
+    """Return to the start of the step that an error has stopped, where Exudyn has left no more than a part of it."""
+    data, start = mbs.systemData, require("exudyn").ConfigurationType.StartOfStep
+    solver, t = latest_solver(mbs), data.GetTime(start)
+    data.SetSystemState(data.GetSystemState(start))
+    data.SetODE2Coordinates_tt(data.GetODE2Coordinates_tt(start))
+    data.SetTime(t)
+    solver.it.currentTime = t  # by which the latest solver is known
+
+
+def _origin(mbs: MainSystem) -> RunEnd | None:
+    """End of an earlier run that is the model's initial state: each run from there goes on from it."""
+    ends = (end for end in mbs.sys.get(_KEY, ()) if end is not None)
+    return next((end for end in ends if end.is_initial(mbs)), None)
+
+
+@contextlib.contextmanager
+def unless_refused(mbs: MainSystem) -> Iterator[None]:
+    """Leave the model as it was if the block raises an error: no run goes on from one that was not made."""
+    data, keys = mbs.systemData, (*_SOLVERS, "simulationSettings")
+    held, state = {key: mbs.sys[key] for key in keys if key in mbs.sys}, data.GetSystemState()
+    q_tt, t = data.GetODE2Coordinates_tt(), data.GetTime()
+    try:
+        with runs_of(mbs).unless_refused():
+            yield
+    except BaseException:
+        for key in keys:
+            mbs.sys.pop(key, None)
+        mbs.sys.update(held)
+        data.SetSystemState(state)
+        data.SetODE2Coordinates_tt(q_tt)
+        data.SetTime(t)
+        raise
 
 
 def last_end(mbs: MainSystem) -> RunEnd:
@@ -130,14 +184,17 @@ def started_from(mbs: MainSystem, end: RunEnd | None) -> Iterator[None]:
         yield
         return
     data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
-    own = data.GetSystemState(initial)
+    own, origin = data.GetSystemState(initial), _origin(mbs)
     if [len(part) for part in own] != [len(part) for part in end.state]:
         raise InputError("go_on: the model has other coordinates than in its last run; run it from the start")
-    data.SetSystemState(end.state, initial)
-    try:
-        yield
-    finally:
-        data.SetSystemState(own, initial)
+    with runs_of(mbs).going_on(mbs):
+        data.SetSystemState(end.state, initial)
+        try:
+            yield
+        finally:
+            data.SetSystemState(own, initial)
+            last, _ = mbs.sys.get(_KEY, (None, None))
+            mbs.sys[_KEY] = last, origin
 
 
 @contextlib.contextmanager

@@ -36,7 +36,7 @@ from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
 from .balance_review import warn_of_balance, warn_of_long_steps
 from .contact_work import ContactWork
-from .continuation import RunEnd, accelerated, keep_end, last_end, origin_of, started_from
+from .continuation import RunEnd, accelerated, keep_end, last_end, origin_of, started_from, unless_refused
 from .hooks import begun, cause, controlled, hear_of_verlet, residual, unsettled, watched
 from .joint_checks import OpenJoints, check_start, refuse_drives_by_rates
 from .lasting_review import tell_what_rings
@@ -279,6 +279,7 @@ def _run(
     status, message = "finished", f"reached {end_time:.6g} s"
     bar = progress_bar("stepping", after=LONG) if progress is None else contextlib.nullcontext(progress)
     with (
+        unless_refused(mbs),
         one_blas_thread(),
         bar as report,
         begun(mbs, start, method),
@@ -296,7 +297,7 @@ def _run(
             more = unsettled(mbs, said) if method == "implicit" else ""
             status, message = "unstable", f"the solver stopped: {said}{more}"
         time_s = time.perf_counter() - begin
-    keep_end(mbs, control, end)
+    keep_end(mbs, control, stopped=status == "unstable")
     result = replace(samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
     _log.debug("%s steps in %.4g s: %s", watch.steps, time_s, result.work)
     made = 0.0 if control is None else control.share_made

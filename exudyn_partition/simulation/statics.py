@@ -30,7 +30,7 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
-from .continuation import keep_end
+from .continuation import keep_end, unless_refused
 from .hooks import begun, cause, divided, held, kept_apart, quiet, residual, slips_opposed, watched
 from .joint_checks import check_start
 from .modes import linearised, linearising
@@ -142,7 +142,7 @@ def solve_static(
             settings=settings,
             progress=progress,
         )
-        keep_end(mbs)
+        keep_end(mbs, stopped=result.status == "unstable")
         with noted() as warned:
             result = reviewed(mbs, result)
             if result.status == "finished":
@@ -229,7 +229,7 @@ def settle(
                 if result.status != "finished" or max(pulls.values(), default=0.0) <= _SLACK:
                     break
             _refuse_pulled(pulls)
-            keep_end(mbs)
+            keep_end(mbs, stopped=result.status == "unstable")
             with noted() as warned:
                 result = reviewed(mbs, result)
         for own in itertools.chain.from_iterable(coordinate_slices(mbs, item) for item in kept):
@@ -440,7 +440,7 @@ def _run(
     _log.info("%s load steps to %.6g", load_steps, end)
     status, message = "finished", "reached the full load"
     bar = progress_bar("load steps", after=LONG) if progress is None else contextlib.nullcontext(progress)
-    with one_blas_thread(), _at_rest(mbs), quiet(static.verboseMode == 0), bar as report:
+    with unless_refused(mbs), one_blas_thread(), _at_rest(mbs), quiet(static.verboseMode == 0), bar as report:
 
         def attempt(
             more: contextlib.AbstractContextManager[None], parts: int = 1
@@ -510,14 +510,14 @@ def _settles_later(error: Exception) -> bool:
 
 @contextlib.contextmanager
 def _at_rest(mbs: MainSystem) -> Iterator[None]:
-    """Begin with all velocities zero within the block; after it, the initial and the last state have them again."""
+    """Begin with all velocities zero within the block; after it, the initial and the last states have them again."""
     data, configurations = mbs.systemData, require("exudyn").ConfigurationType
     speeds = data.GetODE2Coordinates_t(configurations.Initial)
     data.SetODE2Coordinates_t(np.zeros_like(speeds), configurations.Initial)
     try:
         yield
     finally:
-        for state in (configurations.Initial, configurations.Current):
+        for state in (configurations.Initial, configurations.Current, configurations.StartOfStep):
             data.SetODE2Coordinates_t(speeds, state)
 
 

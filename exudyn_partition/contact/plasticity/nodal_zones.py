@@ -52,6 +52,10 @@ class NodalZone:
         """Start from the present state of an earlier run."""
         self.enter(last.present)
 
+    def count_on(self, work: float) -> None:
+        """Count plastic work from what an earlier run has come to [J]."""
+        self.work = self._committed_work = work
+
     def _take(self, state: PlasticState) -> None:
         self.present = state
         self._p = self.zone.pseudo_forces(state.strain)

@@ -53,6 +53,9 @@ class Zone(Protocol):
     def resume(self, last: Self) -> None:
         """Start from the present state of an earlier run."""
 
+    def count_on(self, work: float) -> None:
+        """Count plastic work from what an earlier run has come to [J]."""
+
     def commit(self) -> None:
         """Accept the present state."""
 
@@ -125,6 +128,11 @@ class Zones:
         """Start from the present states of an earlier run."""
         for (_, zone), (_, last) in zip(self.zones, earlier.zones, strict=True):
             zone.resume(last)
+
+    def count_on(self, end: Zones) -> None:
+        """Count plastic work from what another run has come to at its end."""
+        for (_, zone), (_, last) in zip(self.zones, end.zones, strict=True):
+            zone.count_on(last.work)
 
 
 class YieldingPatches(Zones):

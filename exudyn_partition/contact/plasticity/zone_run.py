@@ -339,6 +339,10 @@ class ZoneRun:
         """Start from the present state of an earlier run, and from the pseudo-forces that its last step has applied."""
         self.enter(last.present, last._now.p)
 
+    def count_on(self, work: float) -> None:
+        """Count plastic work from what an earlier run has come to [J]."""
+        self.work = self._committed_work = work
+
     def enter(self, state: PlasticState, applied: Array | None = None) -> None:
         """Take a state as the end of an accepted step, which has applied some pseudo-forces, (3 nz,) [N]; else all."""
         self.committed = self.present = state
