@@ -52,6 +52,7 @@ class MultiplierStep:
     def __init__(self, contacts: Sequence[ContactRun], joints: Joints | None = None) -> None:
         self.contacts, self.joints = contacts, joints
         self._stepped_to: float | None = None
+        self._corrected_to = -np.inf  # end of the last step after which velocities were corrected
         self._looked_from: float | None = None  # start of the step whose multipliers `look_ahead` has applied
         self._pushes: list[tuple[Array, Array]] = []  # coordinates, and accelerations by contacts in the last step
         self._predicted: list[tuple[Array, Array]] = []  # those in the present velocities that must be removed again
@@ -59,6 +60,7 @@ class MultiplierStep:
         self._forward = ForwardIncrement([contact.forward for contact in contacts if contact.forward], self._dofs)
         if joints is not None:
             self._carried, self._usual = np.zeros(joints.n), 0.0
+            self._carried_before = self._carried  # at the start of the last step
             # Multipliers of joints that answer those of contacts: in the last step, and in the step before it.
             self._answer = self._answered = np.zeros(joints.n)
             self._shared = [np.intersect1d(dofs, joints.dofs, return_indices=True)[1:] for dofs in self._dofs]
@@ -72,14 +74,17 @@ class MultiplierStep:
             self._looked_from = t
 
     def step_back(self, t: float) -> bool:
-        """Return to the start of a step, t [s]; whether that can be done: no multiplier of it was applied, or all were.
+        """Return to the start of a step, t [s]; whether that can be done.
 
-        Those of contacts alone are applied at the end of the step before.
+        Multipliers of contacts alone were applied at the end of the step before, and those of joints alone leave
+        nothing behind. But those of contacts with joints, and of a first step, are counted when they are applied.
         """
         if self._stepped_to is None or self._stepped_to <= t:
             return True
         self._stepped_to = t
-        return self._looked_from == t
+        if self._corrected_to > t:
+            self._carried = self._carried_before
+        return self._looked_from == t or not self.contacts
 
     @property
     def iterations(self) -> int:
@@ -143,6 +148,7 @@ class MultiplierStep:
         if self.joints is None or t != self._stepped_to:  # also called before the first step
             return
         joints, data = self.joints, mbs.systemData
+        self._carried_before, self._corrected_to = self._carried, t
         joints.update()
         q_t, q_tt = data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
         drift, now = joints.drift(self._step), (q_t, q_t, q_tt)

@@ -269,7 +269,7 @@ class ModelRun:
         if self.method == "static" and t > self._began:
             self._press(mbs, t)
         within = [group.step_back(mbs, t, q) for group in self._within]
-        ahead = [stepper.step_back(t) for stepper in self._steppers]
+        ahead = [stepper.step_back(t) for stepper in self._served.values()]  # with those of joints
         self.broken, self.at = not all(within + ahead), t
         self.publish(mbs)
 

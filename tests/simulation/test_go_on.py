@@ -279,3 +279,47 @@ def test_a_drive_that_has_moved_a_joint_goes_on():
         found.append(item.momentum(result)[-1, 0] / body.total_mass)
     assert found[0] == pytest.approx(8.0, rel=0.01)  # 2000 m/s2 for 4 ms
     assert found[1] == pytest.approx(found[0], rel=1e-6)
+
+
+def jointed(body, **options):
+    """A ball on a slide that a prismatic joint holds, above a plane."""
+    mbs = model()
+    motion = {"initialVelocity": [0, 0, -1.0], "referencePosition": [0, 0, 1e-6]}
+    item = ep.CreatePartitionBody(mbs, body, frame="floating", **motion)
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), friction=0.3, **options)
+    ground = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.CreateGround(referencePosition=[0, 0, 0.02])))
+    marker = item.CreateInterfaceMarker(mbs, "head")
+    mbs.AddObject(items.GenericJoint(markerNumbers=[ground, marker], constrainedAxes=[1, 1, 0, 1, 1, 1]))
+    mbs.Assemble()
+    return mbs, [item], [contact]
+
+
+class Away(Exception):  # noqa: N818  # of a user
+    """An error of a user's function."""
+
+
+def failing(mbs, place, at):
+    """Let a user function of the model fail at a time; return a function that mends it."""
+    on = [True]
+
+    def check(t):
+        if on[0] and t > at:
+            raise KeyboardInterrupt if place == "Ctrl-C" else Away("licence server is away")
+        return True
+
+    match place:
+        case "load":
+            node = mbs.AddNode(items.NodePoint(referenceCoordinates=[9.0, 9.0, 9.0]))
+            mass = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=mbs.AddObject(items.MassPoint(mass=1.0, nodeNumber=node))))
+            force = {"loadVectorUserFunction": lambda mbs, t, load: check(t) and load}
+            mbs.AddLoad(items.LoadForceVector(markerNumber=mass, loadVector=[0, 0, 0], **force))
+            mbs.Assemble()
+        case "sensor":
+            sense = {"sensorUserFunction": lambda mbs, t, *unused: [float(check(t))]}
+            mbs.AddSensor(items.SensorUserFunction(storeInternal=True, **sense))
+            mbs.Assemble()
+        case "PostStep":
+            mbs.SetPostStepUserFunction(lambda mbs, t: check(t))
+        case _:
+            mbs.SetPreStepUserFunction(lambda mbs, t: check(t))
+    return on.clear if False else lambda: on.__setitem__(0, False)
