@@ -10,7 +10,7 @@ from oracles import MARBLE_RADIUS as R
 from oracles import add_springs
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError, StoppedRunWarning
+from exudyn_partition.errors import InputError, RunError, StoppedRunWarning
 
 ROUND_OFF = 1e-9  # m/s
 INITIAL = exu.ConfigurationType.Initial
@@ -281,45 +281,193 @@ def test_a_drive_that_has_moved_a_joint_goes_on():
     assert found[1] == pytest.approx(found[0], rel=1e-6)
 
 
-def jointed(body, **options):
-    """A ball on a slide that a prismatic joint holds, above a plane."""
-    mbs = model()
-    motion = {"initialVelocity": [0, 0, -1.0], "referencePosition": [0, 0, 1e-6]}
-    item = ep.CreatePartitionBody(mbs, body, frame="floating", **motion)
-    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), friction=0.3, **options)
-    ground = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.CreateGround(referencePosition=[0, 0, 0.02])))
-    marker = item.CreateInterfaceMarker(mbs, "head")
-    mbs.AddObject(items.GenericJoint(markerNumbers=[ground, marker], constrainedAxes=[1, 1, 0, 1, 1, 1]))
-    mbs.Assemble()
-    return mbs, [item], [contact]
-
-
-class Away(Exception):  # noqa: N818  # of a user
-    """An error of a user's function."""
-
-
 def failing(mbs, place, at):
-    """Let a user function of the model fail at a time; return a function that mends it."""
+    """Let a user function of the model fail after a time; return what mends it when it is cleared."""
     on = [True]
 
-    def check(t):
-        if on[0] and t > at:
-            raise KeyboardInterrupt if place == "Ctrl-C" else Away("licence server is away")
+    def check(mbs, t, *unused):
+        if on and t > at:
+            raise (OSError("away") if place != "Ctrl-C" else KeyboardInterrupt)
         return True
 
     match place:
         case "load":
-            node = mbs.AddNode(items.NodePoint(referenceCoordinates=[9.0, 9.0, 9.0]))
-            mass = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=mbs.AddObject(items.MassPoint(mass=1.0, nodeNumber=node))))
-            force = {"loadVectorUserFunction": lambda mbs, t, load: check(t) and load}
-            mbs.AddLoad(items.LoadForceVector(markerNumber=mass, loadVector=[0, 0, 0], **force))
-            mbs.Assemble()
+            mass = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=mbs.CreateMassPoint(mass=1.0)))
+            force = {"loadVectorUserFunction": lambda mbs, t, load: [0.0 * check(mbs, t)] * 3}
+            mbs.AddLoad(items.LoadForceVector(markerNumber=mass, **force))
         case "sensor":
-            sense = {"sensorUserFunction": lambda mbs, t, *unused: [float(check(t))]}
+            sense = {"sensorUserFunction": lambda *arguments: [float(check(*arguments))]}
             mbs.AddSensor(items.SensorUserFunction(storeInternal=True, **sense))
-            mbs.Assemble()
         case "PostStep":
-            mbs.SetPostStepUserFunction(lambda mbs, t: check(t))
+            mbs.SetPostStepUserFunction(check)
         case _:
-            mbs.SetPreStepUserFunction(lambda mbs, t: check(t))
-    return on.clear if False else lambda: on.__setitem__(0, False)
+            mbs.SetPreStepUserFunction(check)
+    mbs.Assemble()
+    return on
+
+
+STOPPED = [
+    ("explicit", "PreStep", {"frame": "floating"}), ("explicit", "load", {"frame": "floating"}),
+    ("explicit", "sensor", {"formulation": "penalty"}), ("implicit", "PostStep", {"frame": "floating"}),
+    ("implicit", "Ctrl-C", {"friction": None}), ("implicit", "load", {"friction": 0.3}),
+]  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(("method", "place", "options"), STOPPED)
+def test_a_run_that_an_error_stopped_goes_on_from_its_last_whole_step(round_body, method, place, options):
+    """It went on from a part of a step: a step too late, or with friction's energy off by a per cent."""
+    steps, cut = {"step": 0.25e-6, "method": method}, 10e-6
+    mbs, (ball,), (contact,) = slides(round_body, **options)
+    whole = ep.solve_dynamic(mbs, end_time=16e-6, **steps)
+    mbs, (same,), (again,) = slides(round_body, **options)
+    on = failing(mbs, place, cut + 0.1e-6)
+    first = ep.solve_dynamic(mbs, end_time=16e-6, **steps)
+    assert first.status == "unstable"
+    on.clear()
+    rest = ep.solve_dynamic(mbs, end_time=16e-6, go_on=True, **steps)
+    assert rest.t[0] == first.t[-1] == pytest.approx(cut)
+    later = slice(len(whole.t) - len(rest.t), None)
+    close = {"rtol": 0, "atol": ROUND_OFF * ball.body.total_mass}
+    np.testing.assert_allclose(same.momentum(rest), ball.momentum(whole)[later], **close)
+    for of in ("force", "energy", "dissipated_energy"):
+        mine, one = getattr(again, of)(rest), getattr(contact, of)(whole)
+        np.testing.assert_allclose(mine, one[later], rtol=0, atol=1e-8 * abs(one).max() + 1e-15)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_reactions_of_joints_go_on_after_an_error():
+    """A pendulum, whose PostStep function fails: the reactions are those of one run."""
+    reactions = []
+    for cut in (None, 0.1):
+        mbs = model()
+        inertia, turns = utilities.InertiaCuboid(1000, [1.0, 0.1, 0.1]), exu.NodeType.RotationRotationVector
+        body = mbs.CreateRigidBody(
+            inertia=inertia, nodeType=turns, referencePosition=[0.5, 0, 0], gravity=[0, -9.81, 0]
+        )
+        joint = mbs.CreateRevoluteJoint(bodyNumbers=[mbs.CreateGround(), body], position=[0, 0, 0], axis=[0, 0, 1])
+        kind = exu.OutputVariableType.ForceLocal
+        sensor = mbs.AddSensor(items.SensorObject(objectNumber=joint, outputVariableType=kind, storeInternal=True))
+        mbs.Assemble()
+        if cut is not None:
+            on = failing(mbs, "PostStep", cut + 0.5e-3)
+            ep.solve_dynamic(mbs, end_time=0.2, step=1e-3)
+            on.clear()
+        result = ep.solve_dynamic(mbs, end_time=0.2, step=1e-3, go_on=cut is not None)
+        reactions.append(result.sensor(sensor)[-99:])
+    np.testing.assert_allclose(reactions[1], reactions[0], rtol=1e-9, atol=1e-9 * abs(reactions[0]).max())
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_multipliers_that_cannot_be_taken_back_are_refused_by_name(pair_of):
+    """Those of implicit steps are means of the whole step. Until they are found, the step has not begun."""
+    end = {"method": "implicit", "step": 0.1e-6, "end_time": 2e-6}
+    for place, refused in (("PostStep", True), ("PreStep", False)):
+        mbs, *_ = hits(pair_of("free"), formulation="lagrange")
+        on = failing(mbs, place, 1.55e-6)
+        first = ep.solve_dynamic(mbs, **end)
+        on.clear()
+        if refused:
+            with pytest.raises(InputError, match="go_on: an error stopped the last run within a step, whose mult"):
+                ep.solve_dynamic(mbs, go_on=True, **end)
+        else:
+            assert ep.solve_dynamic(mbs, go_on=True, **end).t[0] == first.t[-1]
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("go_on", [False, True])
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_a_run_that_was_refused_leaves_the_last_one_to_go_on_from(round_body, method, go_on):
+    """A second run failed in its first step, and the third began where no run had ended."""
+    options = {"step": 0.25e-6, "method": method}
+    mbs, (ball,), (contact,) = slides(round_body)
+    whole = ep.solve_dynamic(mbs, end_time=16e-6, **options)
+    first = ep.solve_dynamic(mbs, end_time=10e-6, **options)
+    mbs.SetPreStepUserFunction(lambda mbs, t: 1 / 0)
+    with pytest.raises(RunError, match="ZeroDivisionError"):
+        ep.solve_dynamic(mbs, end_time=16e-6, go_on=go_on, **options)
+    mbs.SetPreStepUserFunction(0)
+    rest = ep.solve_dynamic(mbs, end_time=16e-6, go_on=True, **options)
+    assert rest.t[0] == first.t[-1]
+    end = ball.momentum(whole)[-1]
+    np.testing.assert_allclose(ball.momentum(rest)[-1], end, rtol=0, atol=1e-8 * abs(end).max())
+    taken = contact.friction.work(whole)[-1]
+    assert contact.friction.work(rest)[-1] == pytest.approx(taken, rel=1e-7)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_plain_run_that_an_error_stopped_is_no_run_to_go_on_from(round_body):
+    mbs, *_ = slides(round_body)
+    settings = exu.SimulationSettings()
+    settings.solution.file.write, settings.timeIntegration.verboseMode = False, 0
+    settings.timeIntegration.endTime, settings.timeIntegration.numberOfSteps = 4e-6, 16
+    on = failing(mbs, "PostStep", 2.1e-6)
+    with pytest.raises(Exception, match="away"):
+        mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.VelocityVerlet)
+    on.clear()
+    with pytest.raises(InputError, match="go_on: an error stopped the last run within a step"):
+        ep.solve_dynamic(mbs, end_time=8e-6, go_on=True)
+    mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.VelocityVerlet)
+    assert ep.solve_dynamic(mbs, end_time=8e-6, step=0.25e-6, go_on=True).t[0] == pytest.approx(4e-6)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("methods", [("explicit", "implicit"), ("implicit", "explicit")])
+def test_energies_and_slip_go_on_with_another_method(yielding, methods):
+    """They began again at zero."""
+    mbs, _, (contact,) = slides(yielding)
+    first = ep.solve_dynamic(mbs, end_time=12e-6, step=0.2e-6, method=methods[0])
+    rest = ep.solve_dynamic(mbs, end_time=13e-6, step=0.2e-6, method=methods[1], go_on=True)
+    for of in (contact.friction.work, contact.plastic.work):
+        assert of(first)[-1] > 0
+        assert of(rest)[0] == pytest.approx(of(first)[-1], rel=1e-3)
+        assert of(rest)[-1] > of(rest)[0]
+    assert (contact.friction.slip_path(rest) >= 0.999 * contact.friction.slip_path(first)).all()
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_energies_and_slip_go_on_from_statics(mbs, round_body, method):
+    """A load along the plane makes the rim of the contact slip. Nothing slips after it, at rest."""
+    ball = ep.CreatePartitionBody(mbs, round_body, gravity=[10 / round_body.total_mass, 0, -50 / round_body.total_mass])
+    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), friction=0.3)
+    add_springs(mbs, ball, 1e4 / round_body.total_mass)
+    mbs.Assemble()
+    first = ep.solve_static(mbs)
+    rest = ep.solve_dynamic(mbs, end_time=1e-6, step=0.25e-6, method=method, go_on=True)
+    taken = contact.friction.work(first)[-1]
+    assert taken > 0
+    np.testing.assert_allclose(contact.friction.work(rest), taken, rtol=1e-4)
+    path = contact.friction.slip_path(first)
+    np.testing.assert_allclose(contact.friction.slip_path(rest), path, atol=1e-3 * path.max())
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_a_run_begins_anew_after_go_on_as_it_did_before(mbs, round_body, method):
+    """From a preload, and from the end of a run that was made the initial state: what they held was forgotten."""
+    ball = ep.CreatePartitionBody(mbs, round_body, gravity=[10 / round_body.total_mass, 0, -50 / round_body.total_mass])
+    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), friction=0.3)
+    add_springs(mbs, ball, 1e4 / round_body.total_mass)
+    mbs.Assemble()
+    options, found = {"step": 0.25e-6, "method": method}, []
+    ep.solve_static(mbs, update_initial=True)
+
+    def four_runs(start, length):
+        for go_on in (False, False, True, False):
+            end = {"end_time": start + (2 if go_on else 1) * length, "go_on": go_on}
+            result = ep.solve_dynamic(mbs, **end, **options, **({} if go_on else {"start_time": start}))
+            if not go_on:
+                found.append([contact.friction.tangential_force(result), ball.coordinates_t(result)])
+        return result
+
+    last = four_runs(0.0, 2e-6)
+    assert abs(found[0][0][:, 0]).min() > 1.0  # friction holds
+    for one in found[1:]:
+        np.testing.assert_array_equal(one[0], found[0][0])
+        np.testing.assert_array_equal(one[1], found[0][1])
+    found.clear()
+    mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), INITIAL)
+    four_runs(last.t[-1], 2e-6)
+    for one in found[1:]:
+        np.testing.assert_array_equal(one[1], found[0][1])
