@@ -5,7 +5,7 @@ Without the model that was run, `StoredContact` and `StoredBody` replace its ite
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NoReturn
 
@@ -20,11 +20,16 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.kept_run import KEPT, KeptRun
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..support.archive import Format, sketch
-from ..support.arrays import Array
+from ..support.arrays import Array, consecutive
 from ..support.checks import read_only, validate_result
 from .work import Work
 
+_PLAIN = bool, int, float, str, np.ndarray
 _OF_MODEL = ("slave", "master", "sides", "formulation", "carrier", "group", "together", "moment_about")
+_CHOSEN = frozenset(  # parts of marks that users choose; all else comes of the mesh and the partition
+    {"damping", "weight", "plastic states", "marked interfaces", "friction", "surface", "interference", "formulation",
+     "point of the moment"}
+)  # fmt: skip
 _SAME = 1e-7  # share of the norm of an array that rounding may change if a body is reduced again
 
 
@@ -36,35 +41,50 @@ class ItemMark:
     ----------
     said : str
         The item in words.
-    exact : str
-        Digest of the data without rounding.
+    parts : tuple of str
+        Names of what the item consists of.
+    exact : tuple of str
+        For each part, a digest of what rounding does not change.
     names : tuple of str
-        Names of the data with rounding.
-    sketches : tuple of (k,) arrays
-        Sketches of the data with rounding, see `archive.sketch`.
+        Names of the sketches of what rounding changes, see `archive.sketch`.
+    sizes : tuple of int
+        Length of each sketch.
+    sketches : (n,) array
+        All of them, one behind the other.
     """
 
     said: str
-    exact: str
+    parts: tuple[str, ...]
+    exact: tuple[str, ...]
     names: tuple[str, ...]
-    sketches: tuple[Array, ...]
+    sizes: tuple[int, ...]
+    sketches: Array
 
     @classmethod
-    def of(cls, said: str, content: object) -> ItemMark:
-        """Mark of an item with this content."""
-        exact, found = sketch(content)
-        return cls(said, exact, tuple(found), tuple(found.values()))
+    def of(cls, said: str, content: Mapping[str, object]) -> ItemMark:
+        """Mark of an item with this content, by the names of its parts."""
+        exact, sketches = [], dict[str, Array]()
+        for part, value in content.items():
+            digest, numbers = sketch(value)
+            exact.append(digest)
+            sketches |= {f"{part}.{name}" if name else part: one for name, one in numbers.items() if one.size}
+        sizes = tuple(map(len, sketches.values()))
+        return cls(said, tuple(content), tuple(exact), tuple(sketches), sizes, np.concatenate([[], *sketches.values()]))
 
     def difference(self, other: ItemMark) -> str:
         """Difference from another mark, in words; empty if there is none."""
         if self.said != other.said:
             return f"{self.said}; this one has {other.said}"
-        if (self.exact, self.names) != (other.exact, other.names):
-            return f"{self.said}, of another mesh, partition or size"
-        for name, one, two in zip(self.names, self.sketches, other.sketches, strict=True):
-            scale = abs(one) if not name else one[:1]
-            if one.shape != two.shape or not (abs(one - two) <= _SAME * scale).all():
-                return f"{self.said}, with other numbers in {name or 'its options'}"
+        for part, mine, others in zip(self.parts, self.exact, other.exact, strict=True):
+            if mine != others:
+                return f"{self.said}, " + (
+                    f"with other {part}" if part in _CHOSEN else "of another mesh, partition or size"
+                )
+        for name, place in zip(self.names, consecutive(self.sizes), strict=True):
+            one, two = self.sketches[place], other.sketches[place]
+            scale = abs(one) if name in self.parts else one[:1]
+            if not (abs(one - two) <= _SAME * scale).all():
+                return f"{self.said}, with other {name if name in _CHOSEN else f'numbers in {name}'}"
         return ""
 
 
@@ -198,7 +218,7 @@ class StoredRun:
 
 FILE = Format(
     name="result",
-    version=4,
+    version=5,
     units="SI (m, kg, s, N, rad), or the consistent units that the model was made in",
     classes=(StoredRun, Work, ItemMark, StoredBodyRun, StoredContactRun, Coulomb, OtherBody, *KEPT),
 )
@@ -329,10 +349,10 @@ def _needs_model(item: str, name: str) -> InputError:
 
 
 def described(bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact]) -> tuple[ItemMark, ...]:
-    """Marks of the items of a model: names, frames, places, reduced bodies, mechanics, and numbers of sensors.
+    """Marks of the items of a model: all that changes what a result answers, and numbers of sensors.
 
     The inside of bodies is not in the marks: a run of bodies that were saved without it can be read with whole ones.
-    Nor are the yield stress, the time of the reduction, and `left_out`.
+    Nor are the yield stress, the time of the reduction, and `left_out`. Of joints, interfaces with markers are known.
     """
     marks = []
     for item in bodies:
@@ -342,20 +362,40 @@ def described(bodies: Sequence[PartitionBody], contacts: Sequence[PartitionConta
             "patches": tuple(replace(patch, material=None) for patch in body.partition.patches),
             "interfaces": body.partition.interfaces,
             "matrices": (body.points, body.facets, body.mass, body.stiffness, body.centre_of_mass),
-            "numbers": (float(body.total_mass), float(body.f_cut)),
+            "its options": (float(body.total_mass), float(body.f_cut)),
             "position": np.asarray(item.position, dtype=float),
             "rotation": np.asarray(item.kinematics.rotation, dtype=float),
+            "geometric stiffness": body.stiffening,
+            "damping": None if item.damping is None else item.damping.force(np.cos(np.arange(body.n_dofs))),
+            "weight": item.weight,
+            "plastic states": {str(patch): vars(state) for patch, state in item.plastic_states.items()},
+            "marked interfaces": tuple(sorted(key for key in item if _marks_interface(item, key))),
         }
         sensors = [*map(int, item["sCoordinates"]), *map(int, item["sCoordinates_t"])]
         marks.append(ItemMark.of(f"body {item.name!r}, {item.frame} frame, sensors {sensors}", content))
     for contact in contacts:
         of = [(item.name, patch) for item, patch in contact.sides]
-        said = (
-            f"contact {contact.name!r} of {of}, {type(contact.mechanics.law).__name__}, sensor {int(contact['sForce'])}"
-        )
-        mechanics = {"friction": contact.friction.coulomb, "areas": np.array(contact.mechanics.node_areas)}
-        marks.append(ItemMark.of(said, mechanics))
+        rigid = None if isinstance(contact.master, PartitionBody) else contact.master
+        master = "" if rigid is None else f" with a {type(rigid).__name__}"
+        master += "" if contact.carrier is None else f" on the body with number {int(contact.carrier.body)}"
+        law = type(contact.mechanics.law).__name__
+        options = {name: value for name, value in vars(contact.formulation).items() if isinstance(value, _PLAIN)}
+        content = {
+            "friction": contact.friction.coulomb,
+            "surface": rigid,
+            "interference": float(contact.mechanics.gaps.overlap),
+            "formulation": (type(contact.formulation).__name__, options),
+            "point of the moment": contact.moment_about,
+            "areas": np.array(contact.mechanics.node_areas),
+        }
+        said = f"contact {contact.name!r} of {of}{master}, {law}, {contact.rows} rows, sensor {int(contact['sForce'])}"
+        marks.append(ItemMark.of(said, content))
     return tuple(marks)
+
+
+def _marks_interface(item: PartitionBody, key: str) -> bool:
+    """Whether a body has the marker of an interface under this key."""
+    return any(key in (one.name, f"{item.name}:{one.name}") for one in item.body.partition.interfaces)
 
 
 def check_items(stored: Sequence[ItemMark], found: Sequence[ItemMark]) -> None:

@@ -198,3 +198,52 @@ def test_bodies_that_are_reduced_again_are_the_same_but_for_rounding(mbs, bodies
         model, *_ = striking(exu.SystemContainer().AddSystem(), (replace(ball, **changed), block))
         with pytest.raises(InputError, match=rf"mbs: expected the model that was run.* body 'ball'.*{what}"):
             ep.Result.load(tmp_path / "run", model)
+
+
+OTHERS = {
+    "damping": ({"damping": 0.5}, {}),
+    "no damping": ({"damping": None}, {}),
+    "gravity": ({"gravity": [0, 0, -9.81]}, {}),
+    "plane": ({}, {"master": ep.RigidPlane((0, 0, -1e-6))}),
+    "tilted plane": ({}, {"master": ep.RigidPlane((0, 0, 0), (1e-4, 0, 1))}),
+    "sphere": ({}, {"master": ep.RigidSphere((0, 0, -0.02), 0.02)}),
+    "friction": ({}, {"friction": 0.21}),
+    "no friction": ({}, {"friction": None}),
+    "rows": ({}, {"rows": "node-to-segment"}),
+    "penalty": ({}, {"formulation": "penalty"}),
+    "layer": ({}, {"formulation": "penalty", "stiffness": 1e14}),
+    "carrier": ({}, {"masterBody": 0}),
+}
+SAID = {
+    "damping": "with other damping", "no damping": "with other damping", "gravity": "with other weight",
+    "plane": "with other numbers in surface.point", "tilted plane": r"with other numbers in surface\.",
+    "sphere": "RigidPlane.*this one has.*RigidSphere", "friction": "with other friction",
+    "rows": "integrated rows.*this one has.*node-to-segment rows",
+    "penalty": "Compliance.*this one has.*Penalty", "carrier": "this one has.*on the body with number",
+}  # fmt: skip
+
+
+def test_what_changes_an_answer_is_another_model(round_body, tmp_path):
+    """Runs of other damping, planes and weights were read without a word, with other energies, gaps and stresses."""
+
+    def placed(body_options, contact_options):
+        mbs = exu.SystemContainer().AddSystem()
+        if "masterBody" in contact_options:
+            mbs.CreateGround()
+        options = {"damping": 0.05, "referencePosition": [0, 0, 1e-6], "initialVelocity": [0.1, 0, -0.3]}
+        ball = ep.CreatePartitionBody(mbs, round_body, name="ball", **options | body_options)
+        options = {"master": ep.RigidPlane(), "friction": 0.2, "name": "floor"} | contact_options
+        ep.CreatePartitionContact(mbs, ball, options.pop("master"), **options)
+        mbs.Assemble()
+        return mbs
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        ep.solve_dynamic(placed({}, {}), end_time=2e-6).save(tmp_path / "run")
+        layer = {"formulation": "penalty", "stiffness": 1.01e14}
+        ep.solve_dynamic(placed({}, layer), end_time=2e-6, method="implicit", step=1e-6).save(tmp_path / "layer")
+    ep.Result.load(tmp_path / "run", placed({"initialVelocity": [9, 9, 9]}, {}))  # the start changes no answer
+    ep.Result.load(tmp_path / "layer", placed({}, layer))
+    for name, other in OTHERS.items():
+        with pytest.raises(InputError, match=SAID.get(name, "mbs: expected the model that was run")):
+            ep.Result.load(tmp_path / ("layer" if name == "layer" else "run"), placed(*other))
