@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..exudyn_bodies.model import latest_solver, method_of
 from ..exudyn_contacts.model_run import runs_of
 from ..support.arrays import Array
-from ..support.foreign import MainSystem, SimulationSettings
+from ..support.foreign import MainSolver, MainSystem, SimulationSettings
 from ..support.optional import require
 from .step_control import Pace, StepControl
 
@@ -108,19 +108,19 @@ def keep_end(mbs: MainSystem, control: StepControl | None = None, *, stopped: bo
 
     `stopped` is whether an error stopped the run: it then ends with the last step that was made whole.
     """
-    if latest_solver(mbs) is None:
+    if (solver := latest_solver(mbs)) is None:
         return
     if stopped:
-        _step_back(mbs)
+        _step_back(mbs, solver)
     runs = runs_of(mbs)
     runs.end(mbs, stopped=stopped)
     mbs.sys[_KEY] = RunEnd.of(mbs, control, stopped=stopped) if runs.is_whole(mbs) else None, _origin(mbs)
 
 
-def _step_back(mbs: MainSystem) -> None:
+def _step_back(mbs: MainSystem, solver: MainSolver) -> None:
     """Return to the start of the step that an error has stopped, where Exudyn has left no more than a part of it."""
     data, start = mbs.systemData, require("exudyn").ConfigurationType.StartOfStep
-    solver, t = latest_solver(mbs), data.GetTime(start)
+    t = data.GetTime(start)
     data.SetSystemState(data.GetSystemState(start))
     data.SetODE2Coordinates_tt(data.GetODE2Coordinates_tt(start))
     data.SetTime(t)
