@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 import math
+import weakref
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -28,6 +29,47 @@ from ..support.foreign import MainSystem
 from ..support.twins import Known, twin
 
 N_VALUES, N_VALUES_AHEAD = 6, 10  # numbers of values of `sForce`; those of multipliers include impulses
+
+
+class LoopedSamples:
+    """What results need of samples that compiled loops have evaluated, of all contacts of a group."""
+
+    def __init__(self) -> None:
+        self._kept: list[tuple[float, Array, list[int], Array, Array]] = []
+
+    def drop(self, t: float) -> None:
+        """Drop the last sample if it has this time [s]."""
+        if self._kept and self._kept[-1][0] == t:
+            self._kept.pop()
+
+    def add(self, t: float, nodes: Array, bounds: list[int], lam: Array, stored: Array) -> None:
+        """Keep a sample.
+
+        Parameters
+        ----------
+        t : float
+            [s]
+        nodes, lam : (na,) arrays
+            Patch nodes of the closed rows, and the forces on them [N].
+        bounds : list of int
+            Places where the rows of each contact begin, and where the last ones end.
+        stored : (n,) array
+            Energy that each contact stores [J].
+        """
+        self._kept.append((t, nodes, bounds, lam, stored))
+
+    def samples(self, place: int) -> list[tuple[float, Array, Array]]:
+        """Samples of the contact at a place of the group, see `ContactRun.samples`."""
+        found = []
+        for t, nodes, bounds, lam, _ in self._kept:
+            start, end = bounds[place : place + 2]
+            if start < end:
+                found.append((t, nodes[start:end], lam[start:end]))
+        return found
+
+    def stored(self, place: int) -> dict[float, float]:
+        """Energy that this contact stored while it was closed [J]; keys are times [s]."""
+        return {t: float(stored[place]) for t, _, bounds, _, stored in self._kept if bounds[place] < bounds[place + 1]}
 
 
 class ContactRun:
@@ -93,7 +135,9 @@ class ContactRun:
         self.dofs = np.concatenate([np.r_[s] for s in slices])
         self._slices = joined_slices(slices)  # fewer slices are quicker
         self._own = consecutive([s.stop - s.start for s in self._slices])
-        self._group: GroupRun | None = None
+        self._group_of: Callable[[], GroupRun | None] = lambda: None
+        self._looped = LoopedSamples()
+        self._place = 0  # in the group
         self.joined = self.goes_on = False
         self.areas = mechanics.node_areas
         self._open_index: Array | None = None
@@ -116,10 +160,14 @@ class ContactRun:
         self._closed = self._closed_nodes = np.empty(0, dtype=np.int64)
 
     @property
+    def _group(self) -> GroupRun | None:
+        return self._group_of()
+
+    @property
     def mechanics(self) -> PatchContact:
         """Rows, forces and memory of the contact, in their present state."""
-        if self._group is not None:
-            self._group.update_members()
+        if (group := self._group) is not None:
+            group.update_members()
         return self._mechanics
 
     @property
@@ -152,8 +200,9 @@ class ContactRun:
     @property
     def group(self) -> GroupRun:
         """Contacts whose forces are found together with this one's."""
-        assert self._group is not None
-        return self._group
+        group = self._group
+        assert group is not None
+        return group
 
     @property
     def acts_within(self) -> bool:
@@ -173,14 +222,12 @@ class ContactRun:
     @property
     def samples(self) -> list[tuple[float, Array, Array]]:
         """Times with closed rows [s], the slave's patch nodes of these rows, and the forces on them [N]."""
-        if self._group is None:
-            return self._samples
-        return sorted([*self._samples, *self._group.samples(self._place)], key=lambda sample: sample[0])
+        return sorted([*self._samples, *self._looped.samples(self._place)], key=lambda sample: sample[0])
 
     @property
     def stored(self) -> dict[float, float]:
         """Energy that an elastic contact stores while rows are closed [J]; keys are times [s]."""
-        return self._stored if self._group is None else self._stored | self._group.stored(self._place)
+        return self._stored | self._looped.stored(self._place)
 
     @property
     def law_name(self) -> str:
@@ -207,8 +254,11 @@ class ContactRun:
         return np.concatenate([coordinates[s] for s in self._slices])
 
     def join(self, group: GroupRun, place: int) -> None:
-        """Let the group find the forces; `place` is this contact's place in it."""
-        self._group, self._place = group, place
+        """Let the group find the forces; `place` is this contact's place in it.
+
+        The group is the model's. Held by a contact and holding it, its memory would wait for the collector of garbage.
+        """
+        self._group_of, self._place, self._looped = weakref.ref(group), place, group.kept
 
     def go_on(self, earlier: ContactRun, t: float, known: Known) -> None:
         """Go on from the end of an earlier run at time t [s]. `known` has the twin of its mechanics, now this one's."""
@@ -416,6 +466,7 @@ class GroupRun:
     ----------
     pushes : bool
         Whether any force was not zero in the last evaluation.
+    kept : LoopedSamples
     """
 
     def __init__(self, members: Sequence[ContactRun], together: Together | None = None) -> None:
@@ -433,7 +484,7 @@ class GroupRun:
         readers = [(j, member.place) for j, member in enumerate(members) if member.place is not None]
         starts = np.reshape(readers, (-1, 2)).astype(int) * [N_VALUES, 1]
         self._from, self._to = np.add.outer(starts.T, np.arange(N_VALUES)).reshape(2, -1)  # places, from and to
-        self._kept: list[tuple[float, Array, list[int], Array, Array]] = []
+        self.kept = LoopedSamples()
         self._at_edge = np.empty(0, dtype=np.int64)  # closed rows whose depth is watched, see `_look_for_edges`
         for place, member in enumerate(members):
             member.join(self, place)
@@ -548,8 +599,7 @@ class GroupRun:
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """Keep the data that results need of the members' state at t; `q` returns the model's coordinates at t."""
         frozen = self._frozen
-        if self._kept and self._kept[-1][0] == t:  # a second call for this time
-            self._kept.pop()
+        self.kept.drop(t)  # a second call for this time
         if self._q is None or frozen is None:
             for member in self.members:
                 member.keep(t, q)
@@ -564,7 +614,7 @@ class GroupRun:
         if len(self._at_edge):
             self._look_for_edges(t, frozen)
         if len(closed):
-            self._kept.append((t, self._nodes, self._bounds, frozen.lam[closed], frozen.stored.copy()))
+            self.kept.add(t, self._nodes, self._bounds, frozen.lam[closed], frozen.stored.copy())
 
     def _look_for_edges(self, t: float, frozen: FrozenContacts) -> None:
         """Let members whose closed rows leave their patch record it; then they look no more at the same rows."""
@@ -574,16 +624,3 @@ class GroupRun:
         for j in leaving:
             self.members[j].look_for_edge(t)
         self._at_edge = rows[~np.isin(members, leaving)]
-
-    def samples(self, place: int) -> list[tuple[float, Array, Array]]:
-        """Samples that the group kept for a member, see `ContactRun.samples`."""
-        found = []
-        for t, nodes, bounds, lam, _ in self._kept:
-            start, end = bounds[place : place + 2]
-            if start < end:
-                found.append((t, nodes[start:end], lam[start:end]))
-        return found
-
-    def stored(self, place: int) -> dict[float, float]:
-        """Energy that a member stored while it was closed [J]; keys are times [s]."""
-        return {t: float(stored[place]) for t, _, bounds, _, stored in self._kept if bounds[place] < bounds[place + 1]}

@@ -50,10 +50,10 @@ def test_a_group_keeps_what_each_member_has_once_a_time_and_notes_its_edge():
         group.evaluate(None, t, np.array([size]))
         group.keep(t, lambda: np.zeros(1))
     assert noted == [(1, 1.0)]
-    kept = [(t, nodes.tolist(), lam.tolist()) for t, nodes, lam in group.samples(1)]
+    kept = [(t, nodes.tolist(), lam.tolist()) for t, nodes, lam in group.kept.samples(1)]
     assert kept == [(1.0, [7], [2.0]), (2.0, [7], [8.0])]
-    assert [nodes.tolist() for _, nodes, _ in group.samples(0)] == [[6], [6]]
-    assert group.stored(1) == {1.0: 0.2, 2.0: 0.8}
+    assert [nodes.tolist() for _, nodes, _ in group.kept.samples(0)] == [[6], [6]]
+    assert group.kept.stored(1) == {1.0: 0.2, 2.0: 0.8}
 
 
 class Known(Diary):

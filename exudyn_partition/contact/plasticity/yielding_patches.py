@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import weakref
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -14,6 +15,7 @@ from ...errors import ComplementarityError
 from ...plasticity.flow import PlasticState
 from ...plasticity.zone import PlasticZone
 from ...support.arrays import Array
+from ...support.twins import Known, copied, twin
 from .zone_run import ZoneMotion, ZoneRun
 
 if TYPE_CHECKING:
@@ -172,11 +174,22 @@ class YieldingPatches(Zones):
         self._take(contact)
 
     def _take(self, contact: Any, method: str = "explicit") -> None:
-        self.contact, self.iterations = contact, 0
+        self._contact, self.iterations = weakref.ref(contact), 0  # which holds the zones
         self._settled = _SETTLED if method == "explicit" else _SETTLED_FOR_NEWTON
         self._broyden = None if method == "explicit" else Broyden()
         self._unsettled = 0.0
         self._rows: dict[int, tuple[object, Array]] = {}
+
+    @property
+    def contact(self) -> Any:
+        """The contact."""
+        return self._contact()
+
+    def twin(self, known: Known) -> YieldingPatches:
+        """See `support.twins`."""
+        result = copied(self, known)
+        result._contact = weakref.ref(twin(self.contact, known))
+        return result
 
     def for_run(self, contact: Any, method: str) -> YieldingPatches:
         """See `Zones`."""
