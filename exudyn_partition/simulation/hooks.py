@@ -357,17 +357,6 @@ def divided(mbs: MainSystem, settings: SimulationSettings, start: float, step: f
 
 
 @contextlib.contextmanager
-def quiet(asked: bool) -> Iterator[None]:
-    """Keep Exudyn's text of a failure off the terminal: a second try may succeed, and our own error tells the cause."""
-    config = require("exudyn").config
-    own, config.printToConsole = config.printToConsole, config.printToConsole and not asked
-    try:
-        yield
-    finally:
-        config.printToConsole = own
-
-
-@contextlib.contextmanager
 def slips_opposed(mbs: MainSystem) -> Iterator[None]:
     """Add a stiffness along slips to the Jacobian of the static run that has begun, see `SlipSecants`."""
     runs_of(mbs).now(mbs).slip_secants = SlipSecants()

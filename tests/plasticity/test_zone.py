@@ -282,7 +282,11 @@ def test_nodal_stress_of_a_uniform_plastic_strain(model):
 def test_a_zone_is_nowhere_narrower_than_three_quarters_of_its_radius(grading):
     """Where the mesh gets coarser, large elements with their centres outside reach to the middle of the ball."""
     fem = ep.fe_model(
-        box(20e-3, 20e-3, 10e-3), MATERIAL, maxh=6e-3, refine=[ep.Refine((0, 0, 10e-3), 0.3e-3, 0.2e-3)], grading=grading
+        box(20e-3, 20e-3, 10e-3),
+        MATERIAL,
+        maxh=6e-3,
+        refine=[ep.Refine((0, 0, 10e-3), 0.3e-3, 0.2e-3)],
+        grading=grading,
     )
     center, radius = np.array([0, 0, 10e-3]), 1.2e-3
     region = ep.Partition.ball(fem, center, 0.6e-3, plastic_radius=radius).patches[0].plastic
