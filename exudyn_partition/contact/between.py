@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -77,7 +77,7 @@ class FlexibilityBetween:
         result = np.zeros((len(rows), len(others)))
         for side, other, between in self._links.get((j, k), []):
             (left, used), (right, pushing) = self._rows(j, side), self._rows(k, other)
-            result += left[rows] @ between[np.ix_(used, pushing)] @ right[others].T
+            result += self._yields(j, side) * (left[rows] @ between[np.ix_(used, pushing)] @ right[others].T)
         return result
 
     def moved(self, j: int, k: int, others: Array, forces: Array) -> Array:
@@ -85,8 +85,25 @@ class FlexibilityBetween:
         result: Array = np.zeros(1)
         for side, other, between in self._links.get((j, k), []):
             (left, used), (right, pushing) = self._rows(j, side), self._rows(k, other)
-            result = result + left @ (between[np.ix_(used, pushing)] @ (forces @ right[others]))
+            moved = left @ (between[np.ix_(used, pushing)] @ (forces @ right[others]))
+            result = result + self._yields(j, side) * moved
         return result
+
+    def across(self, forces: Sequence[Sequence[Array]]) -> list[list[Array]]:
+        """Displacements of each side's present rows, (nr, d) [m], by forces on other contacts, as their sides carry
+        them, (nr, d) [N]: those of all contacts."""
+        result = [[np.zeros_like(own) for own in sides] for sides in forces]
+        for (j, k), links in self._links.items():
+            for side, other, between in links:
+                (left, used), (right, pushing) = self._rows(j, side), self._rows(k, other)
+                moved = left @ (between[np.ix_(used, pushing)] @ (forces[k][other].ravel() @ right))
+                result[j][side] += moved.reshape(result[j][side].shape)
+        return result
+
+    def _yields(self, j: int, side: int) -> float:
+        """Share of the flexibility of a side's body that yields within the step."""
+        yielding = self._contacts[j].gaps.yielding
+        return 1.0 if yielding is None else yielding[side]
 
     def _rows(self, j: int, side: int) -> tuple[Array, Array]:
         """Present rows of a side on the coordinates that they need, (nr, m), and these coordinates' numbers, (m,)."""
@@ -156,6 +173,20 @@ class Exchange:
         return cls(fields, core, neighbours)
 
 
+    def of_side(self, j: int, side: int) -> Array:
+        """Which fields of contact j are those of a side, (m,) bool."""
+        own = [wide.any(axis=0) for place, wide in self.fields.get(j, ()) if place == side]
+        return own[0] if own else np.zeros(1, dtype=bool)
+
+    def yielding(self, shares: Sequence[Sequence[float]]) -> Exchange:
+        """Return the exchange if only shares of the bodies' flexibilities yield, by the sides of the contacts."""
+        core = {}
+        for (j, k), block in self.core.items():
+            rows = sum(share * self.of_side(j, side) for side, share in enumerate(shares[j]))
+            core[j, k] = np.reshape(rows, (-1, 1)) * block
+        return replace(self, core=core)
+
+
 class RowFields:
     """Displacements of the rows of contacts in the fields of their patches.
 
@@ -185,6 +216,20 @@ class RowFields:
     def normal(self, j: int) -> Array:
         """Changes of the gaps of the rows of contact j, (nr, m)."""
         return self._of(j)[2]
+
+    def across(self, exchange: Exchange, forces: Sequence[Sequence[Array]]) -> list[list[Array]]:
+        """See `FlexibilityBetween.across`."""
+        pushing = [
+            sum((own.ravel() @ self.of(k) * exchange.of_side(k, side) for side, own in enumerate(sides)), np.zeros(1))
+            for k, sides in enumerate(forces)
+        ]
+        result = []
+        for j, sides in enumerate(forces):
+            near = exchange.neighbours.get(j, [])
+            c = sum((exchange.core[j, k] @ pushing[k] for k in near), np.zeros(1))
+            moved = [self.of(j) @ (c * exchange.of_side(j, side)) if near else 0 * own for side, own in enumerate(sides)]
+            result.append([np.reshape(one, own.shape) for one, own in zip(moved, sides, strict=True)])
+        return result
 
     def _of(self, j: int) -> tuple[Standing, Array, Array]:
         rows, kept = self._contacts[j], self._kept.get(j)

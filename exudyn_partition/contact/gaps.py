@@ -67,6 +67,8 @@ class Gaps:
         Smallest gap of the rows as the sides are placed [m].
     pressed : bool
         Whether an overlap of the sides as they are placed is meant. Load steps close it.
+    yielding : tuple of float or None
+        Share of each side's flexibility that yields within the present step, see `viscosity`; None if all of it does.
     """
 
     sides: tuple[Side, ...]
@@ -79,6 +81,7 @@ class Gaps:
     between: Array | None = None
     clearance: float
     pressed: bool = False
+    yielding: tuple[float, ...] | None = None
     searches: int = 0
     _all: ContactPoints  # of the slave
     _start: Stage
@@ -98,7 +101,7 @@ class Gaps:
     def fresh(self) -> Self:
         """Return the same rows in their start state, for another run; constant data are shared."""
         result = copy.copy(self)
-        result.searches, result._loaded = 0, {}
+        result.searches, result._loaded, result.yielding = 0, {}, None
         result.reset()
         return result
 
@@ -283,6 +286,11 @@ class Gaps:
         """Give the sides' patches other residual flexibilities, (d np, d np) each [m/N]."""
         self.sides = tuple(replace(side, flexibility=own) for side, own in zip(self.sides, flexibility, strict=True))
         self._loaded, self._start, self.stage = {}, self._start.on(self.sides), self.stage.on(self.sides)
+
+    def yield_by(self, shares: tuple[float, ...]) -> None:
+        """Let only these shares of the sides' flexibilities yield, see `viscosity.shares`."""
+        if shares != self.yielding:
+            self.yielding, self.stage = shares, self.stage.on(self.sides)
 
     def split(self, q: Array) -> list[Array]:
         """Split q, (n,), into the coordinates of each side."""
@@ -470,11 +478,20 @@ class Gaps:
         F = np.zeros((n_rows, n_rows))
         for place, (side, q) in enumerate(zip(self.sides, self.split(self._q), strict=True)):
             if side.flexibility is not None:
-                F += self.loaded_nodes(place).flexibility(q, self.points, self.shares[place], self.normals)
+                own = self.loaded_nodes(place).flexibility(q, self.points, self.shares[place], self.normals)
+                F += own if self.yielding is None else self.yielding[place] * own
         if self.between is not None:
             across = self.side_rows(0) @ (self.side_rows(1) @ self.between.T).T
-            F += across + across.T
+            F += across + across.T if self.yielding is None else self.yielding[0] * (across + across.T)
         return F
+
+    def loaded_rows(self, place: int) -> tuple[LoadedNodes, Array]:
+        """Nodes of one side that carry the present rows, and these rows on their coordinates, (nr, m); kept like F."""
+        return self.stage.rows.slowly(("loaded rows", place), self.stance(), SAME, lambda: self._loaded_rows(place))
+
+    def _loaded_rows(self, place: int) -> tuple[LoadedNodes, Array]:
+        loaded, q = self.loaded_nodes(place), self.split(self._q)[place]
+        return loaded, loaded.rows(q, self.points, self.shares[place], self.normals)
 
     def loaded_nodes(self, place: int) -> LoadedNodes:
         """One side's nodes that carry the present rows, and perhaps nodes that carried earlier rows."""

@@ -123,11 +123,14 @@ class Law:
     elastic : bool
         Whether forces without friction follow from the coordinates alone and have a potential, so that they can be
         found again after a run.
+    residual : bool
+        Whether rows yield through the residual flexibility of their bodies, which the bodies' damping may delay.
     iterations : int
         Iterations of the set of closed rows since the start of the run.
     """
 
     compliant = True
+    residual = False
     ahead = False
     elastic = True
     iterations = 0

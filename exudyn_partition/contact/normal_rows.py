@@ -7,7 +7,7 @@ import numpy as np
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from .gaps import Gaps
-from .side import Standing
+from .side import LoadedNodes, Standing
 
 
 class NormalRows:
@@ -42,6 +42,10 @@ class NormalRows:
     def side_rows(self, side: int) -> Rows:
         """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
         return self.gaps.side_rows(side)
+
+    def loaded_rows(self, place: int) -> tuple[LoadedNodes, Array]:
+        """See `Gaps.loaded_rows`."""
+        return self.gaps.loaded_rows(place)
 
     def standing(self) -> Standing:
         """Where the rows stand."""

@@ -22,6 +22,7 @@ from .memory import FrictionMemory, by_nodes, on_rows
 from .normal_rows import NormalRows
 from .plasticity.yielding_patches import Zones
 from .tangential import TangentialRows
+from .viscosity import Creep, ViscousMemory, Yielding, shares
 
 if TYPE_CHECKING:
     from typing import Self
@@ -61,6 +62,10 @@ class PatchContact:
         Smallest gap of the present rows, without the deformation by the contact's own flexibility [m].
     memory : FrictionMemory
         Memory of the last accepted step.
+    betas : tuple of float or None
+        Times with which the residual flexibilities of the sides yield [s], see `viscosity`; None if all yield at once.
+    creep : ViscousMemory
+        What viscous flexibilities remember of the last accepted step.
     since : float
         Start of the present step [s].
     opening : float
@@ -83,6 +88,8 @@ class PatchContact:
         self.rows: NormalRows | TangentialRows = NormalRows(gaps) if friction is None else TangentialRows(gaps)
         self.law: Law = formulation.law(self.rows)
         self.zones: Zones | None = formulation.zones(self)
+        betas = tuple(side.beta for side in gaps.sides)
+        self.betas = betas if self.law.residual and any(betas) else None
         self._reset()
 
     def for_run(self, method: str = "explicit") -> Self:
@@ -105,6 +112,7 @@ class PatchContact:
         result.law = self.law.fresh(result.rows)
         result._reset()
         if method == "static":
+            result.betas = None
             result.opening = self.gaps.overlap
             if self.gaps.overlap:
                 result.least_gap = self.gaps.clearance + result.opening
@@ -114,7 +122,9 @@ class PatchContact:
 
     def _reset(self) -> None:
         self._n_nodes = len(self.gaps.slave.surface.points)
-        self.memory = FrictionMemory.none(self._n_nodes)
+        self.memory, self.creep = FrictionMemory.none(self._n_nodes), ViscousMemory()
+        self.yielding: Yielding | None = None  # in the present step, if a flexibility is viscous
+        self._creep: Creep | None = None  # at the present answer, once it is asked for
         self.least_gap, self.since, self.opening = np.inf, -math.inf, 0.0
         self._answered, self._closed_before, self.sticks = False, False, False
         self._same = 0  # number of answers of compiled loops with the same closed rows
@@ -160,7 +170,12 @@ class PatchContact:
     @property
     def remembers(self) -> bool:
         """Whether forces within steps depend on those of earlier steps. Then `commit` must be called."""
-        return self.zones is not None or (self.friction is not None and not self.ahead)
+        return self.zones is not None or self.viscous or (self.friction is not None and not self.ahead)
+
+    @property
+    def viscous(self) -> bool:
+        """Whether a residual flexibility yields with time, see `viscosity`."""
+        return self.betas is not None
 
     @property
     def needs_motion(self) -> bool:
@@ -193,7 +208,7 @@ class PatchContact:
 
     def force(self, q: Array, motion: Motion | None = None) -> Array:
         """Generalised contact force, (n,), at the coordinates q, (n,), of slave and master."""
-        quick = self.index.size and self.zones is None and self.opening == 0.0
+        quick = self.index.size and self.zones is None and not self.viscous and self.opening == 0.0
         problem = self.law.closed_problem() if quick else None
         if problem is None:
             gap = self.gap_at(q)
@@ -219,6 +234,9 @@ class PatchContact:
         last accepted step.
         """
         self._begin_answer()
+        lasting = None if self.yielding is None else self.yielding.lasting(self.last)
+        if lasting is not None:
+            pushed = lasting if pushed is None else pushed + lasting
         if self.zones is None:
             self._answer(gap, pushed, motion)
             self.h = gap
@@ -231,6 +249,8 @@ class PatchContact:
         self._answered = True
         if isinstance(self.rows, TangentialRows) and not self.rows.held:
             self.rows.hold()
+        if self.betas is not None:
+            self.yielding, self._creep = Yielding(self.rows, self.creep), None
 
     def _answer(self, gap: Array, pushed: Array | None, motion: Motion | None) -> None:
         self.h = h = gap if pushed is None else gap + pushed[:, 0]
@@ -252,7 +272,8 @@ class PatchContact:
     def places(self, gap: Array) -> Places:
         """Places of the present rows with gaps, (nr,) [m], for which others find the forces and let them be taken."""
         self._begin_answer()
-        return self._places(gap, None, None)
+        lasting = None if self.yielding is None else self.yielding.lasting(self.last)
+        return self._places(gap if lasting is None else gap + lasting[:, 0], lasting, None)
 
     def _places(self, gap: Array, pushed: Array | None, motion: Motion | None) -> Places:
         self._at = Places(gap, self._way(pushed), self.last, self.coefficients, motion=motion, since=self.since)
@@ -334,9 +355,18 @@ class PatchContact:
         secants = size[some] / np.maximum(ways[some], _LEAST_WAY * ways.max())
         return np.asarray(along.T @ (secants[:, None] * along))
 
-    def closed_stiffness(self) -> Array | None:
-        """Stiffness with all rows closed, (n, n), which limits explicit steps; None if it sets no limit."""
-        return self.law.closed_stiffness(self.rows)
+    def closed_stiffness(self, step: float = math.inf) -> Array | None:
+        """Stiffness with all rows closed, (n, n), which limits explicit steps; None if it sets no limit.
+
+        In steps of central differences of length `step` [s], it includes the viscosity of the flexibilities. Its forces
+        belong to the velocity half a step before. So by h^2 omega^2 + 2 h d <= 4 they count twice.
+        """
+        if self.betas is None or math.isinf(step):
+            return self.law.closed_stiffness(self.rows)
+        gaps = self.gaps.fresh()
+        gaps.yield_by(shares([2 * beta for beta in self.betas], step))
+        rows = self.rows.fresh(gaps)
+        return self.law.fresh(rows).closed_stiffness(rows)
 
     def press(self, gap: Array) -> tuple[float, int]:
         """Stored energy [J] and number of closed rows for gaps of the present rows, (nr,) [m], without friction."""
@@ -351,8 +381,38 @@ class PatchContact:
 
     def stored(self) -> float:
         """Energy stored at present [J]."""
-        own = self.law.stored(self.h, self.forces) if self.index.size and not self.ahead else 0.0
+        if self.yielding is not None:
+            own = self._crept(self.yielding).stored
+        else:
+            own = self.law.stored(self.h, self.forces) if self.index.size and not self.ahead else 0.0
         return own if self.zones is None else own + self.zones.stored()
+
+    @property
+    def shares(self) -> tuple[float, ...]:
+        """Share of each side's flexibility that yields within the present step, see `viscosity.shares`."""
+        return self.gaps.yielding or (1.0,) * len(self.gaps.sides)
+
+    def carried_before(self, last: Array) -> list[Array]:
+        """Forces that each side carried elastically at the end of the last step, (nr, d) [N].
+
+        Those of a side that yields at once are `last`, (nr, 3) [N].
+        """
+        return [last[:, : self.rows.d]] * len(self.gaps.sides) if self.yielding is None else self.yielding.before
+
+    def carried(self) -> list[Array]:
+        """Forces that each side carries elastically at the present answer, (nr, d) [N]."""
+        return [self.forces] * len(self.gaps.sides) if self.yielding is None else self.yielding.elastic(self.forces)
+
+    def _crept(self, yielding: Yielding) -> Creep:
+        """State of viscous flexibilities at the present answer."""
+        if self._creep is None:
+            self._creep = yielding.creep(self.forces)
+        return self._creep
+
+    def viscous_work(self) -> float:
+        """Energy that the viscosity of the flexibilities has dissipated since the start of the run [J]."""
+        within = self._answered and self.yielding is not None
+        return self.creep.dissipated + (self._crept(self.yielding).taken if within else 0.0)
 
     def dissipated(self) -> float:
         """Energy that friction has dissipated since the start of the run [J]."""
@@ -380,11 +440,30 @@ class PatchContact:
     def commit(self, start: float) -> None:
         """Begin a step at time `start` [s]. The step before was accepted; remember its end."""
         if self._answered and start > self.since:
+            self._remember_creep()
             if isinstance(self.rows, TangentialRows) and not self.ahead:
                 self._remember(self.rows, start - self.since)
             if self.zones is not None:
                 self.zones.commit()
         self.since, self._answered = start, False
+
+    def take_step(self, end: float) -> None:
+        """Take the time [s] at which forces are evaluated next: viscous flexibilities depend on the step up to it.
+
+        Ahead of the first step nothing moves. If the contact is closed then, its flexibility is at rest.
+        """
+        if self.betas is None:
+            return
+        step, before = end - self.since, self.gaps.yielding
+        if step > 0.0 and self._answered and before is not None and min(before) == 1.0 and not self.creep.elastic:
+            self._remember_creep()
+        self.gaps.yield_by(shares(self.betas, step))
+
+    def _remember_creep(self) -> None:
+        """Remember the present state of viscous flexibilities."""
+        if self.yielding is not None and (self.index.size or self.creep.elastic):
+            now = self._crept(self.yielding)
+            self.creep = self.creep.after(self.rows, self.forces, now.elastic, self._n_nodes, now.taken)
 
     def _remember(self, rows: TangentialRows, step: float) -> None:
         closed = self.index.size > 0
@@ -407,6 +486,8 @@ class PatchContact:
         rows = self.rows
         if not self._answered or self.index.size or self._closed_before or self.zones is not None or self.ahead:
             return False
+        if self.creep.elastic:
+            return False
         self.since = start
         if isinstance(rows, TangentialRows):
             rows.hold(soon=False)
@@ -423,8 +504,11 @@ class PatchContact:
         unless `count_on` is called. Return whether this run starts so.
         """
         sticks = self.friction is not None and not self.ahead and earlier.index.size > 0
-        if not (sticks or self.zones is not None) or not earlier.ended_at(q):
+        creeps = self.betas is not None and bool(earlier.index.size or earlier.creep.elastic)
+        if not (sticks or creeps or self.zones is not None) or not earlier.ended_at(q):
             return False
+        if creeps:
+            self.creep = earlier.left_creep()
         if self.zones is not None and earlier.zones is not None:
             self.zones.resume(earlier.zones)
         if sticks and isinstance(earlier.rows, TangentialRows) and isinstance(self.rows, TangentialRows):
@@ -444,6 +528,11 @@ class PatchContact:
         self.memory = replace(self.memory, path=last.path, dissipated=last.dissipated, **of_motion)
         if self.zones is not None and end.zones is not None:
             self.zones.count_on(end.zones)
+
+    def left_creep(self) -> ViscousMemory:
+        """What flexibilities remember at the present answer, for another run; those that yield at once are at rest."""
+        elastic = [self.forces] * len(self.gaps.sides) if self.yielding is None else self._crept(self.yielding).elastic
+        return ViscousMemory().after(self.rows, self.forces, elastic, self._n_nodes, 0.0)
 
     # Results.
 

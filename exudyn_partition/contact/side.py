@@ -47,6 +47,8 @@ class Side:
         Nodes of the patch that are followed, as rows of `surface.points`. Default: all.
     centre : (3,) array
         Point of space from which `place` counts [m]; those of `surface` and of all else count from the origin.
+    beta : float
+        Time with which the flexibility yields [s], see `viscosity`; zero if it yields at once.
     """
 
     surface: Surface
@@ -55,6 +57,7 @@ class Side:
     zone: ZoneMotion | None = None
     active: Array | None = None
     centre: Array = field(default_factory=lambda: np.zeros(3))
+    beta: float = 0.0
 
     @cached_property
     def n(self) -> int:
@@ -91,16 +94,18 @@ class Side:
         return len(np.asarray(self.flexibility)) == len(self.surface.points)
 
     @classmethod
-    def of(cls, kinematics: Kinematics, patch: int = 0, state: PlasticState | None = None) -> Side:
+    def of(cls, kinematics: Kinematics, patch: int = 0, state: PlasticState | None = None, beta: float = 0.0) -> Side:
         """Patch of the body with these kinematics, at the start, with its flexibility if the basis has one.
 
-        `state` is that of its plastic zone; None if it never yielded.
+        `state` is that of its plastic zone; None if it never yielded. `beta` is the body's damping in proportion to
+        its stiffness [s].
         """
         body: ReducedBody = kinematics.body
         surface = body.surface(np.zeros(3), patch)
         own = kinematics.at(body.partition.patches[patch].nodes)
         flexibility = None if body.basis.flexibility is None else body.flexibility(patch)
-        side = cls(surface, own, flexibility, ZoneMotion.of(kinematics, patch, state))
+        beta = 0.0 if flexibility is None else beta
+        side = cls(surface, own, flexibility, ZoneMotion.of(kinematics, patch, state), beta=beta)
         start = np.zeros(body.n_dofs)
         return replace(side, surface=side._placed(start, surface.direction))
 
@@ -234,6 +239,11 @@ class LoadedNodes:
         dofs = used if side.normal_only else node_dofs(used)
         return cls(side, column, used, np.asarray(side.flexibility)[np.ix_(dofs, dofs)])
 
+    @property
+    def dofs(self) -> Array:
+        """Numbers of their flexibility coordinates among those of the patch, (d n,)."""
+        return self.nodes if self.side.normal_only else node_dofs(self.nodes)
+
     def carry(self, nodes: Array) -> bool:
         """Whether the nodes of some points, (p, k) int array, are among these nodes."""
         return bool(self.column[nodes].min(initial=0) >= 0)
@@ -250,9 +260,13 @@ class LoadedNodes:
             Nodes of the points, and their signed weights in the gap.
         normals : (p, 3) array
         """
+        return congruence(self.rows(q, points, shares, normals), self.F)
+
+    def rows(self, q: Array, points: ContactPoints, shares: tuple[Array, Array], normals: Array) -> Array:
+        """Rows on the flexibility coordinates of these nodes, (nr, d n); arguments are those of `flexibility`."""
         nodes, weights = self.column[shares[0]], shares[1]
         along = np.ones((len(normals), 1)) if self.side.normal_only else self.side.kinematics.in_frame(q, normals)
-        return congruence(loops.rows_along(points, nodes, weights, along, len(self.nodes)), self.F)
+        return loops.rows_along(points, nodes, weights, along, len(self.nodes))
 
     def directed_flexibility(self, rows: Array) -> Array:
         """Contribution of this side to the flexibility of rows with directions, (3 na, 3 na) [m/N].

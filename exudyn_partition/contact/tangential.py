@@ -245,11 +245,13 @@ class TangentialRows:
 
     def _across(self, index: Array) -> Array:
         """Flexibility between both sides if one body touches itself, (3 na, 3 na) [m/N]; else zero."""
-        result, between = np.zeros((3 * len(index), 3 * len(index))), self.gaps.between
+        gaps = self.gaps
+        result, between = np.zeros((3 * len(index), 3 * len(index))), gaps.between
         if between is not None:
             (loaded, rows), (others, pushed) = (self._some_side_rows(place, index) for place in (0, 1))
             across = rows @ between[np.ix_(node_dofs(loaded.nodes), node_dofs(others.nodes))] @ pushed.T
             result += across + across.T
+            result *= 1.0 if gaps.yielding is None else gaps.yielding[0]
         return result
 
     def standing(self) -> Standing:
@@ -260,7 +262,14 @@ class TangentialRows:
     def _part(self, place: int, index: Array) -> Array:
         """Contribution of one side to the flexibility of some rows, (3 na, 3 na) [m/N]."""
         loaded, rows = self._some_side_rows(place, index)
-        return loaded.directed_flexibility(rows)
+        own, yielding = loaded.directed_flexibility(rows), self.gaps.yielding
+        return own if yielding is None else yielding[place] * own
+
+    def loaded_rows(self, place: int) -> tuple[LoadedNodes, Array]:
+        """See `Gaps.loaded_rows`; in three directions, (3 nr, m)."""
+        gaps, what = self.gaps, ("loaded rows", place, self.axis)
+        everything = np.arange(len(gaps.row_nodes))
+        return gaps.stage.rows.slowly(what, gaps.stance(), _SAME, lambda: self._some_side_rows(place, everything))
 
     def carrier_rows(self, index: Array) -> Array:
         """Derivative of the rates of some rows with respect to the velocities of the surface's carrier, (3 na, 6)."""

@@ -81,6 +81,11 @@ class PartitionBody(BodyResults):
         return self.kinematics.position
 
     @property
+    def beta(self) -> float:
+        """That of stiffness-proportional damping [s]; zero for other damping, and without any."""
+        return 0.0 if self.damping is None else self.damping.beta
+
+    @property
     def left_out(self) -> tuple[str, ...]:
         """What body and frame leave out, as a list of texts."""
         dents = ("the local dents of forces on node and point markers (an interface has their static answer)",)

@@ -10,6 +10,7 @@ import numpy as np
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_bodies.user_functions import RIGID
 from ..support.arrays import Array
+from .contact_replay import viscous_work
 from .partition_contact import PartitionContact
 from .run_result import RunResult
 
@@ -73,7 +74,10 @@ def taken_by(
 ) -> dict[str, Array]:
     """Energy taken from bodies and contacts so far, (n,) [J], by the name of the cause; empty if nothing took any."""
     each = {
-        DAMPING: [body.dissipated_energy(result) for body in bodies],
+        DAMPING: [
+            *(body.dissipated_energy(result) for body in bodies),
+            *(viscous_work(contact, result) for contact in contacts),
+        ],
         FRICTION: [contact.friction.work(result) for contact in contacts],
         FLOW: [contact.plastic.work(result) for contact in contacts],
     }

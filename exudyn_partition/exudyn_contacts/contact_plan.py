@@ -258,7 +258,7 @@ def _placed(
     given: Sequence[BodyPatch], passes: Passes, formulation: Formulation
 ) -> tuple[Sequence[BodyPatch], list[Side]]:
     """Slave and master, and the places of their patches in space."""
-    placed = [Side.of(item.kinematics, patch, item.plastic_states.get(patch)) for item, patch in given]
+    placed = [Side.of(item.kinematics, patch, item.plastic_states.get(patch), item.beta) for item, patch in given]
     if not formulation.edges:
         placed = [replace(side, surface=side.surface.without_edges) for side in placed]
     if len(given) > 1 and given[0] == given[1]:

@@ -23,7 +23,8 @@ def nodal_forces(contact: ModelContact, result: RunSamples) -> list[Array]:
     if mechanics.gaps.carried:
         return _kept_of_carried(contact, result)
     pressed = mechanics.gaps.overlap and result.method == "static"  # then forces depend on the load step
-    if mechanics.friction is not None or mechanics.zones is not None or pressed:
+    remembers = mechanics.friction is not None or mechanics.zones is not None or mechanics.viscous
+    if remembers or pressed:
         return _kept_on_nodes(contact, result)
     if not mechanics.elastic:
         raise InputError("nodal_forces: multipliers are not known from coordinates; row_forces has what was stored")
@@ -46,6 +47,15 @@ def stored_energy(contact: ModelContact, result: RunSamples) -> Array:
             [[mechanics.stored() for mechanics in parts] for parts in _evaluated(contact, result)]
         )
     return found[id(contact.group)][:, _place_in_group(contact)].copy()
+
+
+def viscous_work(contact: ModelContact, result: RunSamples) -> Array:
+    """Energy that the viscosity of the contact's flexibilities has taken since the start of the run, (n,) [J]."""
+    validate_result(result)
+    if not contact.mechanics.viscous:
+        return np.zeros(len(result.t))
+    kept = result.kept(contact).viscous_works
+    return np.array([kept.get(t, 0.0) for t in result.t.tolist()])
 
 
 def _kept_of_carried(contact: ModelContact, result: RunSamples) -> list[Array]:

@@ -101,6 +101,8 @@ class ContactRun:
     on_nodes : dict of float to list of (np, 3) arrays
         Where another body carries the rigid surface: forces on the nodes of the patch in space [N]. Keys are times [s].
         The bodies' coordinates alone do not determine these forces.
+    viscous_works : dict of float to float
+        Energy that the viscosity of flexibilities has dissipated [J]; keys are times [s]. Empty without any.
     plastic_strains : dict of int to StrainHistory
         Plastic strain of each zone. Keys are the numbers of the sides.
     areas : (np,) array
@@ -144,6 +146,7 @@ class ContactRun:
         self._open_values: list[float] = []  # values of `sFriction` while all rows are open, without plastic zones
         self._samples: list[tuple[float, Array, Array]] = []
         self._stored: dict[float, float] = {}
+        self.viscous_works: dict[float, float] = {}
         self.tangential: dict[float, tuple[Array, Array]] = {}
         self.on_nodes: dict[float, list[Array]] = {}
         self.plastic_strains = (
@@ -195,7 +198,8 @@ class ContactRun:
         if looped is not None:  # without friction and plastic zones
             return float(looped.stored[self._place])
         zones = self._mechanics.zones
-        return self._mechanics.stored() + self._dissipated() + (0.0 if zones is None else zones.work())
+        taken = self._dissipated() + self._mechanics.viscous_work() + (0.0 if zones is None else zones.work())
+        return self._mechanics.stored() + taken
 
     @property
     def group(self) -> GroupRun:
@@ -304,6 +308,7 @@ class ContactRun:
         if mechanics.remembers:
             if self._explicit and mechanics.flies_on(self._at):
                 self._start, self._at = self._at, t
+                mechanics.take_step(t)
             else:
                 self.follow(start_of_step(mbs), t)
         if mechanics.needs_motion:
@@ -323,6 +328,7 @@ class ContactRun:
             (self.impulses or self.mechanics).commit(start)
         elif t != self._at and self.impulses is not None:
             self.impulses.rollback()
+        self._mechanics.take_step(t)
         self._start, self._at = start, t
 
     def count_impulse(self, t: float, step: float, *, half: bool = False) -> None:
@@ -378,6 +384,8 @@ class ContactRun:
         """Keep the data that results need of the state at t; `q` returns the model's coordinates at t."""
         mechanics = self._mechanics
         closed = mechanics.index
+        if mechanics.viscous:
+            self._stored[t], self.viscous_works[t] = mechanics.stored(), mechanics.viscous_work()
         if mechanics.zones is not None:
             mechanics.zones.check()
             for side, zone in mechanics.zones.zones:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse as sp
@@ -87,6 +87,8 @@ class KeptRun:
         Whether the rows stick or slip.
     stored_times, stored_energies : (j,) arrays
         Times while an elastic contact was closed, and the energy that it stored [s, J].
+    viscous_times, viscous_energies : (v,) arrays
+        Times, and the energy that the viscosity of flexibilities has dissipated until then [s, J].
     edge_place : (4,) array or None
         Time and place at which the edge of the patch was first reached [s, m].
     slip_path : (np,) array
@@ -120,6 +122,8 @@ class KeptRun:
     strains: tuple[KeptStrains, ...]
     on_nodes_times: Array
     forces_on_nodes: tuple[Array, ...]
+    viscous_times: Array = field(default_factory=lambda: np.empty(0), metadata={"added": True})
+    viscous_energies: Array = field(default_factory=lambda: np.empty(0), metadata={"added": True})
 
     def __post_init__(self) -> None:
         read_only(*(value for value in vars(self).values() if isinstance(value, np.ndarray)))
@@ -147,6 +151,8 @@ class KeptRun:
             states=np.concatenate([state for _, state in along]) if frictional else None,
             stored_times=np.array([*run.stored], dtype=float),
             stored_energies=np.array([*run.stored.values()], dtype=float),
+            viscous_times=np.array([*run.viscous_works], dtype=float),
+            viscous_energies=np.array([*run.viscous_works.values()], dtype=float),
             edge_place=None if run.edge is None else np.r_[run.edge[0], run.edge[1]],
             slip_path=run.slip_path,
             plastic_sides=tuple(ends),
@@ -179,6 +185,11 @@ class KeptRun:
     def stored(self) -> dict[float, float]:
         """See `ContactRun`."""
         return dict(zip(self.stored_times.tolist(), self.stored_energies.tolist(), strict=True))
+
+    @property
+    def viscous_works(self) -> dict[float, float]:
+        """See `ContactRun`."""
+        return dict(zip(self.viscous_times.tolist(), self.viscous_energies.tolist(), strict=True))
 
     @property
     def on_nodes(self) -> dict[float, list[Array]]:

@@ -25,7 +25,7 @@ from ..support.items import Item
 from ..support.optional import require
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from .contact_plan import ContactPlan
-from .contact_replay import nodal_forces, stored_energy
+from .contact_replay import nodal_forces, stored_energy, viscous_work
 from .contact_samples import RunSamples, mean_forces
 from .friction_results import FrictionResults
 from .model_run import runs_of
@@ -384,17 +384,20 @@ class PartitionContact(Item[Any]):
             return result.sensor_of(self, self["sFriction"])[:, 6]
         if self.plastic:
             return result.sensor_of(self, self["sPlastic"])[:, 0]
-        return stored_energy(self, result) if self.elastic else np.zeros(len(result.t))
+        known = self.elastic or self.mechanics.viscous
+        return stored_energy(self, result) if known else np.zeros(len(result.t))
 
     def dissipated_energy(self, result: RunSamples) -> Array:
-        """Energy that friction and plastic flow have taken since the start of the run, (n,) [J]; zero without them.
+        """Energy that friction, plastic flow and damping of the contact's flexibility have taken so far, (n,) [J].
+
+        It counts from the start of the run. The damping of the bodies' modes is in `PartitionBody.dissipated_energy`.
 
         Raises
         ------
         InputError
             If `result` is no result, or is of another model.
         """
-        return self.friction.work(result) + self.plastic.work(result)
+        return self.friction.work(result) + self.plastic.work(result) + viscous_work(self, result)
 
     def nodal_forces(self, result: RunSamples) -> list[Array]:
         """Forces on the nodes of each side's patch, (n, np, 3) in space [N], in the order of `sides`.

@@ -57,7 +57,15 @@ Ratios = float | Sequence[float] | Callable[[Array], Array] | Rayleigh
 
 
 class Damping(Hashable, Protocol):
-    """Damping of one body in its frame."""
+    """Damping of one body in its frame.
+
+    Attributes
+    ----------
+    beta : float
+        That of stiffness-proportional damping [s], zero for other damping. A static answer yields with it, too.
+    """
+
+    beta: float
 
     def force(self, q_t: Array) -> Array:
         """Generalised forces against velocities q_t; both (..., n_dofs)."""
@@ -83,12 +91,15 @@ class ModeDamping:
         Velocities of the modes, which have unit mass, by those of the coordinates; zero for rigid motion.
     fastest : float, optional
         Largest eigenvalue of M^-1 D where joints hold the body [1/s]. Default: the largest rate.
+    beta : float
+        See `Damping`.
     """
 
     omega: Array
     rates: Array
     rows: Rows
     fastest: float | None = None
+    beta: float = 0.0
 
     def power(self, q_t: Array) -> Array:
         """Power that the damping of each mode takes [W], (..., k), at velocities q_t, (..., n_dofs)."""
@@ -115,7 +126,7 @@ class ProportionalDamping:
     """Rayleigh damping of a basis that keeps nodes; the coordinates of nodes are no modes."""
 
     def __init__(self, kinematics: Kinematics, rayleigh: Rayleigh) -> None:
-        self._kinematics, self._rayleigh = kinematics, rayleigh
+        self._kinematics, self._rayleigh, self.beta = kinematics, rayleigh, rayleigh.beta
 
     def force(self, q_t: Array) -> Array:
         """See `Damping.force`."""
@@ -166,7 +177,8 @@ def damping_of(kinematics: Kinematics, damping: Ratios, mobility: Array | None =
     omega, rows = _free_modes(kinematics)
     if mobility is not None:
         omega, rows = _held_modes(omega, rows, mobility)
-    return ModeDamping(omega, _rates(omega, damping), rows)
+    beta = damping.beta if isinstance(damping, Rayleigh) else 0.0
+    return ModeDamping(omega, _rates(omega, damping), rows, beta=beta)
 
 
 def _free_modes(kinematics: Kinematics) -> tuple[Array, Rows]:

@@ -64,7 +64,11 @@ def _of_contacts(result: Result) -> dict[str, tuple[str, dict[str, Array]]]:
     }
     rubbing = {name: contact for name, contact in known.items() if contact.friction}
     found["tangential force"] = ("N", _each(rubbing, lambda contact: contact.friction.tangential_force(result)))
-    lossy = {name: contact for name, contact in known.items() if contact.friction or contact.plastic}
+    lossy = {
+        name: contact
+        for name, contact in known.items()
+        if contact.friction or contact.plastic or contact.mechanics.viscous
+    }
     found["dissipated energy"] = ("J", _each(lossy, lambda contact: contact.dissipated_energy(result)))
     return {name: entry for name, entry in found.items() if entry[1]}
 

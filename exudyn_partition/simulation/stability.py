@@ -18,6 +18,9 @@ from ..exudyn_contacts.partition_contact import PartitionContact, partition_item
 from ..support.arrays import Array, consecutive
 from ..support.foreign import MainSystem
 
+_TRIES = 10  # of the limit of viscous contacts
+_CLOSE = 1e-2  # relative change of the limit with which it is known
+
 
 def stability_limit(mbs: MainSystem) -> float:
     """Largest stable step of central differences for the partition bodies with all contact rows closed [s].
@@ -25,7 +28,7 @@ def stability_limit(mbs: MainSystem) -> float:
     It is 2 / omega_max of K + H' F^-1 H and M, by Lanczos, with the pairs and normals at the start. Damping of the
     bodies lowers the limit. This is computed by a bound that is exact if the highest mode has the largest damping.
     Other items of the model are not included, nor is the mass of a body that carries a rigid surface. Multipliers of
-    the lagrange formulation do not lower the limit.
+    the lagrange formulation do not lower the limit. Viscous flexibilities of contacts do, see `contact.viscosity`.
 
     Parameters
     ----------
@@ -51,14 +54,18 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
     if not contacts and not K.data.any():
         return math.inf  # bodies without elastic coordinates that touch nothing
     scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
-    closed = []
-    for contact in contacts:
-        stiffness = contact.mechanics.closed_stiffness()  # with the pairs at the start, as if all of them closed
-        if stiffness is not None:
-            items = [item for item, _ in contact.sides]
-            to_coordinates = sp.block_diag([item.kinematics.from_basis for item in items], format="csr")
-            dofs = np.concatenate([place[id(item)] for item in items])
-            closed.append((dofs, to_coordinates.T @ stiffness @ to_coordinates))
+    closed: list[tuple[Array, Array]] = []
+
+    def close(step: float) -> None:
+        """Close all rows with the pairs at the start; in steps of this length [s], viscous flexibilities are stiffer"""
+        closed.clear()
+        for contact in contacts:
+            stiffness = contact.mechanics.closed_stiffness(step)
+            if stiffness is not None:
+                items = [item for item, _ in contact.sides]
+                to_coordinates = sp.block_diag([item.kinematics.from_basis for item in items], format="csr")
+                dofs = np.concatenate([place[id(item)] for item in items])
+                closed.append((dofs, to_coordinates.T @ stiffness @ to_coordinates))
 
     def apply(x: Array) -> Array:
         x = scale * x.ravel()
@@ -71,8 +78,23 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
     n = K.shape[0]
     operator = scipy.sparse.linalg.LinearOperator((n, n), matvec=apply, dtype=float)
     start = np.ones(n)
-    largest = scipy.sparse.linalg.eigsh(operator, k=1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)[0]
-    omega = float(np.sqrt(largest))
+
+    def largest(step: float) -> float:
+        close(step)
+        found = scipy.sparse.linalg.eigsh(operator, k=1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)
+        return float(found[0])
+
+    square = largest(math.inf)
+    omega = math.sqrt(square)
     rate = max((item.damping.largest_rate(omega) for item in bodies if item.damping is not None), default=0.0)
     # VelocityVerlet computes damping forces with the velocities half a step before: h^2 omega^2 + 2 h d <= 4.
-    return 4 / (rate + math.hypot(rate, 2 * omega))
+    limit = 4 / (rate + math.hypot(rate, 2 * omega))
+    if not any(contact.mechanics.viscous for contact in contacts):
+        return limit
+    for _ in range(_TRIES):  # viscous contacts have omega^2 + d / h instead of omega^2, where d hardly depends on h
+        late = limit * (largest(limit) - square) / 2
+        shorter = 4 / (rate + late + math.hypot(rate + late, 2 * omega))
+        if shorter > (1 - _CLOSE) * limit:
+            break
+        limit = shorter
+    return min(limit, shorter)

@@ -126,7 +126,7 @@ class StoredContactRun:
     name : str
     sensors : dict of str to int
         Numbers of its sensors; keys are those of the contact.
-    ahead, elastic, compliant : bool
+    ahead, elastic, compliant, viscous : bool
         See `PatchContact`.
     yields : bool
         Whether the contact has plastic zones.
@@ -143,6 +143,7 @@ class StoredContactRun:
     yields: bool
     friction: Coulomb | None
     kept: KeptRun | None
+    viscous: bool = field(default=False, metadata={"added": True})
 
     @classmethod
     def of(cls, contact: PartitionContact, kept: KeptRun | None) -> StoredContactRun:
@@ -157,6 +158,7 @@ class StoredContactRun:
             yields=bool(contact.plastic),
             friction=contact.friction.coulomb,
             kept=kept,
+            viscous=mechanics.viscous,
         )
 
 
@@ -230,6 +232,7 @@ class StoredLaw:
     def __init__(self, run: StoredContactRun) -> None:
         self.ahead, self.elastic, self.compliant, self.friction = run.ahead, run.elastic, run.compliant, run.friction
         self.zones = _StoredZones(run.name) if run.yields else None
+        self.viscous = run.viscous
         self._name, self._kept = run.name, run.kept
 
     @property

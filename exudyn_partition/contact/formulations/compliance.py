@@ -56,6 +56,7 @@ class NormalCompliance(Law):
         If the flexibility of the rows is not positive definite.
     """
 
+    residual = True
     _held: object = None  # the frozen rows that `problem` belongs to
     _everything: Array  # their numbers
     _near: Array | None = None  # rows that could close at the last answer
@@ -168,6 +169,7 @@ class FrictionalCompliance(Law):
     1991.
     """
 
+    residual = True
     problem: FrictionProblem | None = None
 
     def __init__(self, rows: RowDirections) -> None:

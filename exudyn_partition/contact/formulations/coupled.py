@@ -20,6 +20,7 @@ from ..between import SAME, Exchange, FlexibilityBetween, Link, RowFields
 from ..frozen import FrozenContacts
 from ..patch_contact import PatchContact
 from ..side import Standing
+from ..viscosity import lasting
 from .compliance import NormalCompliance
 
 if TYPE_CHECKING:
@@ -45,6 +46,8 @@ class Coupled:
 
     _by_fields = True  # whether few fields are all that contacts exchange
 
+    _moved_before: list[list[Array] | None]  # of each contact's sides by others in the last step, if they are viscous
+
     def __init__(self, contacts: Sequence[PatchContact], links: Callable[[], Sequence[Link]]) -> None:
         self.contacts, self._links = [*contacts], links
         self._at: Array | None = None
@@ -52,6 +55,11 @@ class Coupled:
     @cached_property
     def _exchange(self) -> Exchange:
         return Exchange.of(self._links())
+
+    @property
+    def _exchange_now(self) -> Exchange:
+        """`_exchange` by what yields within the present step."""
+        return self._exchange if self._yielding_exchange is None else self._yielding_exchange
 
     @cached_property
     def _all_links(self) -> Sequence[Link]:
@@ -68,6 +76,9 @@ class Coupled:
         self._since: list[float] = []
         self._carried = [contact for contact in self.contacts if contact.gaps.carried]
         self._pressed = [contact for contact in self.contacts if contact.gaps.overlap]
+        self._viscous = any(contact.viscous for contact in self.contacts)
+        self._yielding: list[tuple[float, ...]] = []  # shares of the sides' flexibilities in the present step
+        self._yielding_exchange: Exchange | None = None  # by these shares
 
     def for_run(self, contacts: Sequence[PatchContact]) -> Self:
         """Return the same object for the contacts of a run; the flexibility between patches is shared."""
@@ -102,12 +113,51 @@ class Coupled:
             self._remember()
         more = [contact.gaps.carrier_pose for contact in self._carried]
         more += [np.atleast_1d(contact.opening) for contact in self._pressed]
+        if self._viscous:
+            more += self._yield()
         at = np.concatenate([state, since, *more]) if since or more else state
         if self._at is None or not _equal(at, self._at):
             gaps = [contact.gap_at(q) for contact, q in zip(self.contacts, coordinates(), strict=True)]
             self._find(gaps)
+            if self._viscous:
+                self._creep()
             self._at, self._forces = at.copy(), [contact.generalised() for contact in self.contacts]
         return self._forces
+
+    def _yield(self) -> list[Array]:
+        """Let flexibilities between contacts yield as those of the sides do in this step; return the sides' shares."""
+        shares = [contact.shares for contact in self.contacts]
+        if shares != self._yielding:
+            self._yielding = shares
+            if self._by_fields:
+                self._yielding_exchange = self._exchange.yielding(shares)
+        return [np.array(each) for each in shares]
+
+    def _across(self, forces: Sequence[Sequence[Array]]) -> list[list[Array]]:
+        """See `FlexibilityBetween.across`."""
+        raise NotImplementedError
+
+    def _lasting(self, last: Sequence[Array]) -> list[Array] | None:
+        """Displacements of the rows that last from forces on other contacts, (nr, d) each [m]; None if there are none.
+
+        See `viscosity.Yielding.lasting`. `last`, (nr, 3) each [N], are forces at the end of the last accepted step.
+        """
+        self._moved_before = [None] * len(self.contacts)
+        if not any(contact.creep.elastic for contact in self.contacts):
+            return None
+        before = [contact.carried_before(f) for contact, f in zip(self.contacts, last, strict=True)]
+        since = [[f[:, : own.shape[1]] - own for own in sides] for sides, f in zip(before, last, strict=True)]
+        found, more = self._across(before), self._across(since)
+        self._moved_before = [*found]
+        both = zip(self.contacts, found, more, strict=True)
+        return [lasting(contact.shares, own, others) for contact, own, others in both]
+
+    def _creep(self) -> None:
+        """Tell contacts how the elastic forces on others move their rows in the present answer."""
+        moved = self._across([contact.carried() for contact in self.contacts])
+        for contact, own, before in zip(self.contacts, moved, self._moved_before, strict=True):
+            if contact.yielding is not None:
+                contact.yielding.across, contact.yielding.across_before = own, before
 
     def _remember(self) -> None:
         """Remember the present forces of contacts that have no memory: a new step begins after them."""

@@ -50,6 +50,10 @@ class CoupledFriction(Coupled):
         """How often the rows of each contact were found for the flexibility between contacts."""
         return self._fields.made
 
+    def _across(self, forces: Sequence[Sequence[Array]]) -> list[list[Array]]:
+        """See `Coupled`."""
+        return self._fields.across(self._exchange, forces)
+
     def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
         """See `Coupled`; unsymmetric where rows slip."""
         assert self._problem is not None
@@ -76,8 +80,10 @@ class CoupledFriction(Coupled):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
         for part, gap in zip(self._parts, gaps, strict=True):
             part.at = part.contact.places(gap)
-        ways = [part.way() for part in self._parts]
         last = [part.last() for part in self._parts]
+        for part, own in zip(self._parts, (self._viscous and self._lasting(last)) or [], strict=False):
+            part.at.gap, part.at.way = part.at.gap + own[:, 0], part.at.way + own[:, 1:]
+        ways, placed, gaps = [part.way() for part in self._parts], gaps, [part.at.gap for part in self._parts]
         pushed, more = self._pushed(gaps), False
         for _ in range(_PASSES):
             for part, gap, before in zip(self._parts, pushed, last, strict=True):
@@ -99,7 +105,7 @@ class CoupledFriction(Coupled):
         moved, state = self._problem.moved_by(found), self._problem.state
         ends = np.cumsum(list(map(len, near)))[:-1]
         answers = zip(*(np.split(values, ends) for values in (found, moved, h, state)), strict=True)
-        for part, gap, least, answer in zip(self._parts, gaps, pushed, answers, strict=True):
+        for part, gap, least, answer in zip(self._parts, placed, pushed, answers, strict=True):
             part.take(gap, least.min(initial=np.inf), *answer)
 
     def _pushed(self, gaps: list[Array]) -> list[Array]:
@@ -140,7 +146,7 @@ class CoupledFriction(Coupled):
 
     def _flexibility(self, near: Sequence[Array], own: Sequence[Array]) -> BlockFlexibility:
         """Flexibility of some rows, (k,) of each contact; `own` is that of each contact alone."""
-        core, fields = self._exchange.core, []
+        core, fields = self._exchange_now.core, []
         for j, (part, rows) in enumerate(zip(self._parts, near, strict=True)):
             fields.append(part.spread(self._fields.of(j)[part.contact.rows.directions(rows)]))
         self._near_fields, between = fields, {}
@@ -173,7 +179,7 @@ class CoupledFriction(Coupled):
 
     def _keep(self, found: Sequence[Array]) -> None:
         """Keep how the forces on the rows that can close, (k, 3) of each contact [N], push the others."""
-        core = self._exchange.core
+        core = self._exchange_now.core
         pushing = [lam.ravel() @ W for lam, W in zip(found, self._near_fields, strict=True)]
         self._amplitudes = [
             sum((core[j, k] @ pushing[k] for k in others), np.zeros(1))
@@ -200,6 +206,9 @@ class SharedFriction(CoupledFriction):
 
     def _rows_made(self) -> Sequence[int]:
         return self._between.made()
+
+    def _across(self, forces: Sequence[Sequence[Array]]) -> list[list[Array]]:
+        return self._between.across(forces)
 
     def _pushed(self, gaps: list[Array]) -> list[Array]:
         pushed, pressing = [*gaps], [*map(self._present, range(len(gaps)))]

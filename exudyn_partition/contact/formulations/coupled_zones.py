@@ -37,7 +37,7 @@ class CoupledZones(Coupled):
         """See `Coupled`: d lambda = -D (dh + F_between d lambda)."""
         own = [contact.rows.directions(contact.index) for contact in self.contacts]
         D = scipy.linalg.block_diag(*(contact.row_stiffness() for contact in self.contacts))
-        K = np.linalg.solve(np.eye(len(D)) + D @ between(closed, own, self._fields, self._exchange), D)
+        K = np.linalg.solve(np.eye(len(D)) + D @ between(closed, own, self._fields, self._exchange_now), D)
         return lambda k, way: K[:, closed[k]] @ way
 
     def _remember(self) -> None:
@@ -51,16 +51,21 @@ class CoupledZones(Coupled):
         """See `Coupled`."""
         for contact, h in zip(self.contacts, gaps, strict=True):
             contact.answer(h)
-        if any(map(self._pushes, range(len(gaps)))):
-            self._settle(gaps)
+        lasting = self._lasting([*map(self._last_of, range(len(gaps)))]) if self._viscous else None
+        if lasting or any(map(self._pushes, range(len(gaps)))):
+            self._settle(gaps, lasting)
+
+    def _across(self, forces: Sequence[Sequence[Array]]) -> list[list[Array]]:
+        """See `Coupled`."""
+        return self._fields.across(self._exchange, forces)
 
     def _pushes(self, j: int) -> bool:
         """Whether forces of a contact, or those at the end of the last accepted step, move the rows of others."""
         contact = self.contacts[j]
         return contact.index.size > 0 or bool(contact.memory.forces.any())
 
-    def _settle(self, gaps: list[Array]) -> None:
-        pushed_ever = [False] * len(self.contacts)  # contacts that nothing has pushed have their answer
+    def _settle(self, gaps: list[Array], lasting: list[Array] | None) -> None:
+        pushed_ever = [lasting is not None] * len(self.contacts)  # contacts that nothing has pushed have their answer
         settled = _SETTLED_WITH_FRICTION if self._frictional else _SETTLED
         for _ in range(_SWEEPS):
             change = size = 0.0
@@ -68,7 +73,8 @@ class CoupledZones(Coupled):
                 pushing = [k for k in self._exchange.neighbours[j] if self._pushes(k)]
                 if pushing or pushed_ever[j]:
                     before, pushed_ever[j] = contact.forces, True
-                    contact.answer(gaps[j], sum((self._pushed(j, k) for k in pushing), np.zeros(before.shape)))
+                    start = np.zeros(before.shape) if lasting is None else lasting[j]
+                    contact.answer(gaps[j], sum((self._pushed(j, k) for k in pushing), start))
                     change += abs(contact.forces - before).sum()
                 size += contact.lam.sum()
             if change <= settled * size:
@@ -88,10 +94,17 @@ class CoupledZones(Coupled):
         contact, other = self.contacts[j], self.contacts[k]
         pushed = self._moved(j, k, other.forces).reshape(contact.forces.shape)
         if contact.friction is not None:
-            last = other.last if other.friction is not None else self._last[k][other.row_nodes]
-            pushed[:, 1:] -= self._moved(j, k, last).reshape(-1, 3)[:, 1:]
+            pushed[:, 1:] -= self._moved(j, k, self._last_of(k)[:, : other.rows.d]).reshape(-1, 3)[:, 1:]
         return pushed
 
+    def _last_of(self, k: int) -> Array:
+        """Forces on the rows of contact k at the end of the last accepted step, (nr, 3) [N]."""
+        contact = self.contacts[k]
+        last = contact.last
+        if contact.friction is None:
+            last[:, 0] = self._last[k][contact.row_nodes]
+        return last
+
     def _moved(self, j: int, k: int, forces: Array) -> Array:
-        amplitudes = self._exchange.core[j, k] @ (forces.ravel() @ self._fields.of(k))
+        amplitudes = self._exchange_now.core[j, k] @ (forces.ravel() @ self._fields.of(k))
         return np.asarray(self._fields.of(j) @ amplitudes)
