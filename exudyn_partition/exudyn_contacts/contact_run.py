@@ -424,7 +424,8 @@ class ContactRun:
             values = [*mechanics.traction.sum(axis=0).tolist(), stuck, slipping, self._dissipated(), mechanics.stored()]
         else:
             values = [0.0, 0.0, 0.0, 0.0, 0.0, self._dissipated(), mechanics.stored()]
-            if self._impulses() is None and mechanics.zones is None:  # what zones store changes as bodies swing
+            # What zones and viscous flexibilities store changes as bodies swing.
+            if self._impulses() is None and mechanics.zones is None and not mechanics.creep.elastic:
                 self._open_index, self._open_values = mechanics.index, values
         return values if (impulse := self._impulses()) is None else values + impulse[4:].tolist()
 
