@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +16,7 @@ from ..support.arrays import Array
 from .gaps import Gaps
 from .side import Standing
 
+_NONE = np.zeros(1, dtype=bool)
 SAME = 0.02  # of a facet's size, or change of normals: below it, the flexibility between patches is kept
 
 # Numbers of a contact and its side, of another and its side, and the body's flexibility between the patches [m/N].
@@ -173,10 +175,13 @@ class Exchange:
         return cls(fields, core, neighbours)
 
 
+    @cached_property
+    def _of_sides(self) -> dict[tuple[int, int], Array]:
+        return {(j, side): wide.any(axis=0) for j, sides in self.fields.items() for side, wide in sides}
+
     def of_side(self, j: int, side: int) -> Array:
         """Which fields of contact j are those of a side, (m,) bool."""
-        own = [wide.any(axis=0) for place, wide in self.fields.get(j, ()) if place == side]
-        return own[0] if own else np.zeros(1, dtype=bool)
+        return self._of_sides.get((j, side), _NONE)
 
     def yielding(self, shares: Sequence[Sequence[float]]) -> Exchange:
         """Return the exchange if only shares of the bodies' flexibilities yield, by the sides of the contacts."""

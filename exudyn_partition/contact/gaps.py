@@ -30,7 +30,7 @@ from . import loops
 from .followed import BULGE
 from .linear_gaps import LinearGaps
 from .side import LoadedNodes, Side, Standing
-from .stages import NOTHING, Frozen, Pressed, Shares, Stage
+from .stages import NOTHING, OF_SIDE, Frozen, Pressed, Shares, Stage
 
 if TYPE_CHECKING:
     from typing import Self
@@ -290,7 +290,7 @@ class Gaps:
     def yield_by(self, shares: tuple[float, ...]) -> None:
         """Let only these shares of the sides' flexibilities yield, see `viscosity.shares`."""
         if shares != self.yielding:
-            self.yielding, self.stage = shares, self.stage.on(self.sides)
+            self.yielding, self.stage = shares, self.stage.yielding()
 
     def split(self, q: Array) -> list[Array]:
         """Split q, (n,), into the coordinates of each side."""
@@ -476,22 +476,29 @@ class Gaps:
     def _all_flexibility(self) -> Array:
         n_rows = len(self.row_nodes)
         F = np.zeros((n_rows, n_rows))
-        for place, (side, q) in enumerate(zip(self.sides, self.split(self._q), strict=True)):
+        for place, side in enumerate(self.sides):
             if side.flexibility is not None:
-                own = self.loaded_nodes(place).flexibility(q, self.points, self.shares[place], self.normals)
-                F += own if self.yielding is None else self.yielding[place] * own
+                F += self._side_flexibility(place) if self.yielding is None else self._yielding_part(place)
         if self.between is not None:
-            across = self.side_rows(0) @ (self.side_rows(1) @ self.between.T).T
+            across = self.across()
             F += across + across.T if self.yielding is None else self.yielding[0] * (across + across.T)
         return F
 
-    def loaded_rows(self, place: int) -> tuple[LoadedNodes, Array]:
-        """Nodes of one side that carry the present rows, and these rows on their coordinates, (nr, m); kept like F."""
-        return self.stage.rows.slowly(("loaded rows", place), self.stance(), SAME, lambda: self._loaded_rows(place))
+    def _side_flexibility(self, place: int) -> Array:
+        q, loaded = self.split(self._q)[place], self.loaded_nodes(place)
+        return loaded.flexibility(q, self.points, self.shares[place], self.normals)
 
-    def _loaded_rows(self, place: int) -> tuple[LoadedNodes, Array]:
-        loaded, q = self.loaded_nodes(place), self.split(self._q)[place]
-        return loaded, loaded.rows(q, self.points, self.shares[place], self.normals)
+    def _yielding_part(self, place: int) -> Array:
+        assert self.yielding is not None
+        return np.asarray(self.yielding[place] * self.side_flexibility(place))
+
+    def side_flexibility(self, place: int) -> Array:
+        """Contribution of one side to the flexibility of the present rows, (nr, nr) [m/N], whatever yields of it."""
+        return self.stage.rows.slowly((OF_SIDE, place), self.stance(), SAME, lambda: self._side_flexibility(place))
+
+    def across(self) -> Array:
+        """Motion of the slave's rows by forces on the master's, (nr, nr) [m/N], of a body that touches itself."""
+        return np.asarray(self.side_rows(0) @ (self.side_rows(1) @ np.asarray(self.between).T).T)
 
     def loaded_nodes(self, place: int) -> LoadedNodes:
         """One side's nodes that carry the present rows, and perhaps nodes that carried earlier rows."""

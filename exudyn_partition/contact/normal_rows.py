@@ -7,7 +7,7 @@ import numpy as np
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from .gaps import Gaps
-from .side import LoadedNodes, Standing
+from .side import Standing
 
 
 class NormalRows:
@@ -43,9 +43,13 @@ class NormalRows:
         """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
         return self.gaps.side_rows(side)
 
-    def loaded_rows(self, place: int) -> tuple[LoadedNodes, Array]:
-        """See `Gaps.loaded_rows`."""
-        return self.gaps.loaded_rows(place)
+    def side_flexibility(self, place: int) -> Array:
+        """See `Gaps.side_flexibility`."""
+        return self.gaps.side_flexibility(place)
+
+    def across(self) -> Array:
+        """See `Gaps.across`."""
+        return self.gaps.across()
 
     def standing(self) -> Standing:
         """Where the rows stand."""

@@ -239,11 +239,6 @@ class LoadedNodes:
         dofs = used if side.normal_only else node_dofs(used)
         return cls(side, column, used, np.asarray(side.flexibility)[np.ix_(dofs, dofs)])
 
-    @property
-    def dofs(self) -> Array:
-        """Numbers of their flexibility coordinates among those of the patch, (d n,)."""
-        return self.nodes if self.side.normal_only else node_dofs(self.nodes)
-
     def carry(self, nodes: Array) -> bool:
         """Whether the nodes of some points, (p, k) int array, are among these nodes."""
         return bool(self.column[nodes].min(initial=0) >= 0)
@@ -260,13 +255,9 @@ class LoadedNodes:
             Nodes of the points, and their signed weights in the gap.
         normals : (p, 3) array
         """
-        return congruence(self.rows(q, points, shares, normals), self.F)
-
-    def rows(self, q: Array, points: ContactPoints, shares: tuple[Array, Array], normals: Array) -> Array:
-        """Rows on the flexibility coordinates of these nodes, (nr, d n); arguments are those of `flexibility`."""
         nodes, weights = self.column[shares[0]], shares[1]
         along = np.ones((len(normals), 1)) if self.side.normal_only else self.side.kinematics.in_frame(q, normals)
-        return loops.rows_along(points, nodes, weights, along, len(self.nodes))
+        return congruence(loops.rows_along(points, nodes, weights, along, len(self.nodes)), self.F)
 
     def directed_flexibility(self, rows: Array) -> Array:
         """Contribution of this side to the flexibility of rows with directions, (3 na, 3 na) [m/N].

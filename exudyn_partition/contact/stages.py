@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Shares = Sequence[tuple[Array, Array]]  # for each side: nodes of the points, and their signed weights in the gap
 NOTHING = np.empty(0)
+OF_SIDE = "of one side"  # in the names of values that do not depend on what share of flexibilities yields
 Pressed = tuple[Array, Array, float]  # forces on rows, (nr,) [N], generalised forces, (n,), and the least gap [m]
 
 
@@ -112,6 +113,12 @@ class PresentRows:
         result._slow = {}
         return result
 
+    def yielding(self) -> Self:
+        """Return the same rows when other shares of flexibilities yield; what belongs to a side stays."""
+        result = copy.copy(self)
+        result._slow = {what: known for what, known in self._slow.items() if isinstance(what, tuple) and OF_SIDE in what}
+        return result
+
     def again(self) -> Self:
         """Return the same rows for another run, with the values known so far."""
         result = copy.copy(self)
@@ -165,6 +172,12 @@ class Stage:
         """Return the same stage for sides with other flexibilities."""
         result = copy.copy(self)
         result.rows, result.pairing, result._made = self.rows.on(sides), None, {}
+        return result
+
+    def yielding(self) -> Stage:
+        """Return the same stage when other shares of the sides' flexibilities yield."""
+        result = copy.copy(self)
+        result.rows, result.pairing, result._made = self.rows.yielding(), None, {}
         return result
 
     def again(self) -> Stage:

@@ -12,7 +12,7 @@ import copy
 import numpy as np
 import scipy.sparse as sp
 
-from ..algebra.products import dense, joined
+from ..algebra.products import congruence, dense, joined
 from ..errors import InputError
 from ..fe.model import node_dofs
 from ..frames.kinematics import Rows
@@ -23,6 +23,7 @@ from ..surfaces.vectors import cross
 from . import loops
 from .gaps import Gaps
 from .side import LoadedNodes, Standing
+from .stages import OF_SIDE
 
 _SAME = 0.02  # of a facet's size, or change of normals: below it, rows keep their flexibility in three directions
 _STEEP = 0.9  # cosine between a row's normal and the axis of its tangents, above which another axis is taken
@@ -245,14 +246,10 @@ class TangentialRows:
 
     def _across(self, index: Array) -> Array:
         """Flexibility between both sides if one body touches itself, (3 na, 3 na) [m/N]; else zero."""
-        gaps = self.gaps
-        result, between = np.zeros((3 * len(index), 3 * len(index))), gaps.between
-        if between is not None:
-            (loaded, rows), (others, pushed) = (self._some_side_rows(place, index) for place in (0, 1))
-            across = rows @ between[np.ix_(node_dofs(loaded.nodes), node_dofs(others.nodes))] @ pushed.T
-            result += across + across.T
-            result *= 1.0 if gaps.yielding is None else gaps.yielding[0]
-        return result
+        if self.gaps.between is None:
+            return np.zeros((3 * len(index),) * 2)
+        across, yielding = self.across(index), self.gaps.yielding
+        return across + across.T if yielding is None else yielding[0] * (across + across.T)
 
     def standing(self) -> Standing:
         """Where the rows stand; tangents that follow another axis count as other rows."""
@@ -265,11 +262,22 @@ class TangentialRows:
         own, yielding = loaded.directed_flexibility(rows), self.gaps.yielding
         return own if yielding is None else yielding[place] * own
 
-    def loaded_rows(self, place: int) -> tuple[LoadedNodes, Array]:
-        """See `Gaps.loaded_rows`; in three directions, (3 nr, m)."""
-        gaps, what = self.gaps, ("loaded rows", place, self.axis)
-        everything = np.arange(len(gaps.row_nodes))
-        return gaps.stage.rows.slowly(what, gaps.stance(), _SAME, lambda: self._some_side_rows(place, everything))
+    def side_flexibility(self, place: int) -> Array:
+        """See `Gaps.side_flexibility`; in three directions, (3 nr, 3 nr) [m/N]."""
+        gaps, everything = self.gaps, np.arange(len(self.gaps.row_nodes))
+
+        def make() -> Array:
+            loaded, rows = self._some_side_rows(place, everything)
+            return congruence(rows, loaded.F, threes=True)
+
+        return gaps.stage.rows.slowly((OF_SIDE, place, self.axis), gaps.stance(), _SAME, make)
+
+    def across(self, index: Array | None = None) -> Array:
+        """See `Gaps.across`; of some rows, by default of all, in three directions, (3 na, 3 na) [m/N]."""
+        index = np.arange(len(self.gaps.row_nodes)) if index is None else index
+        (loaded, rows), (others, pushed) = (self._some_side_rows(place, index) for place in (0, 1))
+        between = np.asarray(self.gaps.between)[np.ix_(node_dofs(loaded.nodes), node_dofs(others.nodes))]
+        return np.asarray(rows @ between @ pushed.T)
 
     def carrier_rows(self, index: Array) -> Array:
         """Derivative of the rates of some rows with respect to the velocities of the surface's carrier, (3 na, 6)."""

@@ -100,19 +100,17 @@ def moved(rows: Rows, forces: Sequence[Array]) -> list[Array]:
     `forces` are those on the rows, as each side carries them, (nr, d) each [N]. A body that touches itself moves one
     side by the forces on the other, too.
     """
-    gaps, found = rows.gaps, []
-    for place, (side, own) in enumerate(zip(gaps.sides, forces, strict=True)):
-        if side.flexibility is None or not own.any():
-            found.append(np.zeros_like(own))
-            continue
-        loaded, on_nodes = rows.loaded_rows(place)
-        found.append((on_nodes @ (loaded.F @ (own.ravel() @ on_nodes))).reshape(own.shape))
+    gaps = rows.gaps
+    found = [
+        np.zeros_like(own)
+        if side.flexibility is None or not own.any()
+        else (rows.side_flexibility(place) @ own.ravel()).reshape(own.shape)
+        for place, (side, own) in enumerate(zip(gaps.sides, forces, strict=True))
+    ]
     if gaps.between is not None:
-        both = [rows.loaded_rows(place) for place in (0, 1)]
-        between = gaps.between[np.ix_(both[0][0].dofs, both[1][0].dofs)]
-        on_nodes = [own.ravel() @ on for own, (_, on) in zip(forces, both, strict=True)]
-        found[0] += (both[0][1] @ (between @ on_nodes[1])).reshape(found[0].shape)
-        found[1] += (both[1][1] @ (on_nodes[0] @ between)).reshape(found[1].shape)
+        across = rows.across()
+        found[0] += (across @ forces[1].ravel()).reshape(found[0].shape)
+        found[1] += (forces[0].ravel() @ across).reshape(found[1].shape)
     return found
 
 

@@ -146,8 +146,10 @@ class Coupled:
         if not any(contact.creep.elastic for contact in self.contacts):
             return None
         before = [contact.carried_before(f) for contact, f in zip(self.contacts, last, strict=True)]
-        since = [[f[:, : own.shape[1]] - own for own in sides] for sides, f in zip(before, last, strict=True)]
-        found, more = self._across(before), self._across(since)
+        found = more = self._across(before)
+        if any(contact.rows.d > 1 for contact in self.contacts):
+            exceed = [[f[:, : own.shape[1]] - own for own in sides] for sides, f in zip(before, last, strict=True)]
+            more = self._across(exceed)
         self._moved_before = [*found]
         both = zip(self.contacts, found, more, strict=True)
         return [lasting(contact.shares, own, others) for contact, own, others in both]
