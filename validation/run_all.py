@@ -349,6 +349,8 @@ CASES = {
                                 quick=(),
                                 figures=("joints_geometric_stiffness.png",)),
     "damping": Case("inelastic/damping.py", damping),
+    "kelvin_voigt": Case("inelastic/kelvin_voigt.py", limits(
+        ("restitution", "kuwabara_kono", "peak", "two_balls", "energy", "order"))),
     "statics": Case("inelastic/statics.py", limits(("spheres", "pressure", "stack", "frequencies", "preloaded")),
                     quick=None, figures=("inelastic_statics.png",)),
     "plastic_impact": Case("inelastic/impact.py", limits(("force", "peak", "rebound", "work", "balance")),

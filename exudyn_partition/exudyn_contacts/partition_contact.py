@@ -413,10 +413,28 @@ class PartitionContact(Item[Any]):
         return nodal_forces(self, result)
 
     @property
+    def flexible_sides(self) -> list[tuple[PartitionBody, int]]:
+        """Those of `sides` whose bodies have a residual flexibility."""
+        return [side for side in self.sides if side[0].body.basis.flexibility is not None]
+
+    @property
+    def undamped(self) -> bool:
+        """Whether the contact yields without the stiffness-proportional damping that its bodies have."""
+        delayed = any(item.beta for item, _ in self.flexible_sides)
+        return delayed and self.compliant and not self.mechanics.viscous
+
+    @property
     def left_out(self) -> list[str]:
         """Sentences on the effects that the contact leaves out."""
         unpaired = self.mechanics.gaps.unpaired
         said = [] if self.friction else ["tangential rows: the contact is frictionless"]
+        if self.undamped:
+            said.append("damping of the contact's layer, in which bodies with a residual flexibility yield")
+        elif any(item.damping is not None and not item.beta for item, _ in self.flexible_sides):
+            said.append(
+                "damping of the contact's flexibility, what the modes lack of the static answer: only damping in "
+                "proportion to the stiffness has a time for it (beta of ep.Rayleigh)"
+            )
         if self.plastic:
             said.append("plastic flow outside the plastic zones, and the change of gaps' normals by dents")
             said.append(

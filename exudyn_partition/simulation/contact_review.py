@@ -43,6 +43,7 @@ def warn_of_contacts(contacts: Sequence[PartitionContact], result: Result) -> No
         _warn_of_direction(contact, result)
         _warn_of_missing(contact, result)
         warn_of_passing(contact, contacts, result)
+        _warn_of_undamped_layer(contact, result)
         _warn_of_zone(contact, result)
         _warn_of_coarse_zone(contact, result)
         _warn_of_plastic_strain(contact, result)
@@ -247,6 +248,18 @@ def _warn_of_missing(contact: PartitionContact, result: Result) -> None:
             f"with outward normal {patch.direction}, did not face what it is to meet. Check referencePosition, "
             "referenceRotation and the partitions, or run longer",
             ContactPatchWarning,
+            stacklevel=5,
+        )
+
+
+def _warn_of_undamped_layer(contact: PartitionContact, result: Result) -> None:
+    """Warn of contacts that yield without the damping of their bodies: impacts lose too little."""
+    if result.method != "static" and contact.undamped and contact.force(result).any():
+        warnings.warn(
+            f"{called(contact)} has no damping, though its bodies have one in proportion to their stiffness: most of "
+            "the energy that this takes from an impact is lost in the contact itself. Take formulation='compliance', "
+            "whose flexibility has the damping of its bodies",
+            ModelLimitWarning,
             stacklevel=5,
         )
 

@@ -13,6 +13,7 @@ from oracles import MARBLE_RADIUS, SPHERE_MATERIAL, SPHERE_RADIUS, add_force, ad
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.products import dense
+from exudyn_partition.errors import ModelLimitWarning
 
 SPEED = 0.3
 PLANE = ep.Material(E=1e19, nu=0.3, rho=1e4)
@@ -283,16 +284,37 @@ def rough_marble(marble_parts, kept):
     return ep.reduce(marble_parts[0], south, f_cut=300e3, cache=kept)
 
 
-@pytest.mark.parametrize("friction", [None, MU])
-@pytest.mark.parametrize("kind", ["shared", "apart"])
-@pytest.mark.parametrize("method", ["explicit", "implicit"])
-@pytest.mark.filterwarnings("ignore:the contact 'c?.*at t")  # a few rows are closed
-@pytest.mark.filterwarnings("ignore:.*few")
-def test_contacts_on_one_body_move_each_other_with_its_time(plate_of, rough_marble, kind, friction, method):
-    """Energy is balanced, and the forces of both contacts are the whole problem's."""
-    patches = ["top", "top"] if kind == "shared" else ["left", "right"]
-    mbs, items, contacts = side_by_side(plate_of(kind), rough_marble, patches, (1e-6, 0.3e-6), friction)
-    result = ep.solve_dynamic(mbs, end_time=30e-6, step=0.05e-6, method=method)
-    taken = sum(contact.dissipated_energy(result) for contact in contacts)
-    assert taken[-1] > 0.05 * items[1].energy(result)[0]
-    assert balance(items, contacts, result) < 1e-3
+@pytest.mark.parametrize(("friction", "method"), [(None, "explicit"), (MU, "explicit"), (None, "implicit")])
+@pytest.mark.filterwarnings("ignore:the contact.* at t")  # a few rows are closed
+def test_contacts_on_one_body_move_each_other_with_its_time(plate_of, rough_marble, friction, method):
+    """All of the energy is known, and a shared patch gives the same as a patch for each contact."""
+    forces = []
+    for kind, patches in (("shared", ["top", "top"]), ("apart", ["left", "right"])):
+        mbs, items, contacts = side_by_side(plate_of(kind), rough_marble, patches, (1e-6, 0.3e-6), friction)
+        result = ep.solve_dynamic(mbs, end_time=16e-6, step=0.2e-6, method=method)
+        taken = sum(contact.dissipated_energy(result) for contact in contacts)
+        assert taken[-1] > 0.05 * items[1].energy(result)[0]
+        assert balance(items, contacts, result) < 3e-4
+        forces.append(contacts[0].force(result))
+    assert relative(*forces) < 1e-3
+
+
+def test_what_has_no_time_is_told(round_body, flat_body):
+    """A ratio has no time for a static answer, and a layer is not damped: that warns where it matters."""
+    mbs, _, contact = pair(round_body, flat_body, (1e-6, 1e-6))
+    assert not any("damping" in said for said in contact.left_out)
+    item = ep.CreatePartitionBody(mbs, round_body, damping=0.02)
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane((0, 0, -1.0)))
+    assert contact.elastic
+    assert any("damping of the contact's flexibility" in said for said in contact.left_out)
+
+
+@pytest.mark.filterwarnings("ignore:the contact.* at t")
+def test_a_layer_without_the_damping_of_its_bodies_warns(round_body):
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, round_body, damping=ep.Rayleigh(0.0, 1e-6), initialVelocity=[0, 0, -SPEED])
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), formulation="penalty")
+    mbs.Assemble()
+    assert any("damping of the contact's layer" in said for said in contact.left_out)
+    with pytest.warns(ModelLimitWarning, match="has no damping, though its bodies have one"):
+        ep.solve_dynamic(mbs, end_time=T, step=T / 200)

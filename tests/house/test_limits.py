@@ -34,6 +34,7 @@ CROSSED = {
         "The kept modes have no damping": [
             "simulation/test_review.py::test_vibration_that_lasts_without_damping_is_told"
         ],
+        "In contacts, only damping in proportion": ["exudyn_contacts/test_viscosity.py::test_what_has_no_time_is_told"],
         "A static answer exists": [],
         "A force on any other node": [
             "simulation/test_dent_review.py::test_what_a_sensor_misses_is_told",

@@ -76,7 +76,7 @@ class Coupled:
         self._since: list[float] = []
         self._carried = [contact for contact in self.contacts if contact.gaps.carried]
         self._pressed = [contact for contact in self.contacts if contact.gaps.overlap]
-        self._viscous = any(contact.viscous for contact in self.contacts)
+        self._viscous = any(contact.viscous for contact in self._remembering)
         self._yielding: list[tuple[float, ...]] = []  # shares of the sides' flexibilities in the present step
         self._yielding_exchange: Exchange | None = None  # by these shares
 
