@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from typing import Self
 
 MANY = 50_000  # entries that can be spared, see `Side.spares`: above it, only the needed nodes are followed
+_ROUND_OFF = 1e-9  # relative difference of shares of a flexibility that are the same
 SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
 
 
@@ -288,8 +289,11 @@ class Gaps:
         self._loaded, self._start, self.stage = {}, self._start.on(self.sides), self.stage.on(self.sides)
 
     def yield_by(self, shares: tuple[float, ...]) -> None:
-        """Let only these shares of the sides' flexibilities yield, see `viscosity.shares`."""
-        if shares != self.yielding:
+        """Let only these shares of the sides' flexibilities yield, see `viscosity.shares`.
+
+        Times of steps are rounded. Shares that differ by no more are the same, so that the flexibility is kept.
+        """
+        if self.yielding is None or not np.allclose(shares, self.yielding, rtol=_ROUND_OFF, atol=0.0):
             self.yielding, self.stage = shares, self.stage.yielding()
 
     def split(self, q: Array) -> list[Array]:
