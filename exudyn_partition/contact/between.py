@@ -174,7 +174,6 @@ class Exchange:
             neighbours.setdefault(j, []).append(k)
         return cls(fields, core, neighbours)
 
-
     @cached_property
     def _of_sides(self) -> dict[tuple[int, int], Array]:
         return {(j, side): wide.any(axis=0) for j, sides in self.fields.items() for side, wide in sides}
@@ -232,7 +231,9 @@ class RowFields:
         for j, sides in enumerate(forces):
             near = exchange.neighbours.get(j, [])
             c = sum((exchange.core[j, k] @ pushing[k] for k in near), np.zeros(1))
-            moved = [self.of(j) @ (c * exchange.of_side(j, side)) if near else 0 * own for side, own in enumerate(sides)]
+            moved = [
+                self.of(j) @ (c * exchange.of_side(j, side)) if near else 0 * own for side, own in enumerate(sides)
+            ]
             result.append([np.reshape(one, own.shape) for one, own in zip(moved, sides, strict=True)])
         return result
 

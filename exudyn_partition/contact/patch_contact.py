@@ -250,7 +250,9 @@ class PatchContact:
         if isinstance(self.rows, TangentialRows) and not self.rows.held:
             self.rows.hold()
         if self.betas is not None:
-            self.yielding, self._creep = Yielding(self.rows, self.creep), None
+            self._creep = None
+            if self.yielding is None or not self.yielding.holds(self.creep):
+                self.yielding = Yielding(self.rows, self.creep)
 
     def _answer(self, gap: Array, pushed: Array | None, motion: Motion | None) -> None:
         self.h = h = gap if pushed is None else gap + pushed[:, 0]

@@ -116,7 +116,9 @@ class PresentRows:
     def yielding(self) -> Self:
         """Return the same rows when other shares of flexibilities yield; what belongs to a side stays."""
         result = copy.copy(self)
-        result._slow = {what: known for what, known in self._slow.items() if isinstance(what, tuple) and OF_SIDE in what}
+        result._slow = {
+            what: known for what, known in self._slow.items() if isinstance(what, tuple) and OF_SIDE in what
+        }
         return result
 
     def again(self) -> Self:

@@ -100,13 +100,13 @@ def moved(rows: Rows, forces: Sequence[Array]) -> list[Array]:
     `forces` are those on the rows, as each side carries them, (nr, d) each [N]. A body that touches itself moves one
     side by the forces on the other, too.
     """
-    gaps = rows.gaps
-    found = [
-        np.zeros_like(own)
-        if side.flexibility is None or not own.any()
-        else (rows.side_flexibility(place) @ own.ravel()).reshape(own.shape)
-        for place, (side, own) in enumerate(zip(gaps.sides, forces, strict=True))
-    ]
+    gaps, found = rows.gaps, []
+    for place, (side, own) in enumerate(zip(gaps.sides, forces, strict=True)):
+        some = rows.directions(np.flatnonzero(own.any(axis=1)))  # few rows of many carry forces
+        if side.flexibility is None or not len(some):
+            found.append(np.zeros_like(own))
+        else:
+            found.append((own.ravel()[some] @ rows.side_flexibility(place)[some]).reshape(own.shape))
     if gaps.between is not None:
         across = rows.across()
         found[0] += (across @ forces[1].ravel()).reshape(found[0].shape)
@@ -153,10 +153,15 @@ class Yielding:
     across: list[Array] | None = None
 
     def __init__(self, rows: Rows, memory: ViscousMemory) -> None:
-        self.rows, self._memory = rows, memory
+        self.rows, self._memory, self._stage = rows, memory, rows.gaps.stage
         self.shares = rows.gaps.yielding or (1.0,) * len(rows.gaps.sides)
         self.before = self._on_rows(memory.elastic)
         self._moved_before: list[Array] | None = None
+        self._lasting: Array | None = None
+
+    def holds(self, memory: ViscousMemory) -> bool:
+        """Whether this is still so: neither the memory, nor the rows, nor the step have changed."""
+        return memory is self._memory and self.rows.gaps.stage is self._stage
 
     def _on_rows(self, kept: Sequence[Array]) -> list[Array]:
         if kept:
@@ -175,12 +180,12 @@ class Yielding:
         last : (nr, 3) array
             Forces on the rows at the end of the last accepted step [N].
         """
-        if not self._memory.elastic:
-            return None
-        moved_before = self._moved_before = moved(self.rows, self.before)
-        if self.rows.d == 1:
-            return lasting(self.shares, moved_before, moved_before)
-        return lasting(self.shares, moved_before, moved(self.rows, [last - own for own in self.before]))
+        if self._lasting is None and self._memory.elastic:
+            moved_before = since = self._moved_before = moved(self.rows, self.before)
+            if self.rows.d > 1:
+                since = moved(self.rows, [last - own for own in self.before])
+            self._lasting = lasting(self.shares, moved_before, since)
+        return self._lasting
 
     def elastic(self, lam: Array) -> list[Array]:
         """Forces that each side carries elastically, (nr, d) [N], at forces lam, (nr, d) [N], on the rows."""

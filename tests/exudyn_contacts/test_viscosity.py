@@ -17,7 +17,9 @@ from exudyn_partition.errors import ModelLimitWarning
 
 SPEED = 0.3
 PLANE = ep.Material(E=1e19, nu=0.3, rho=1e4)
-IMPACT = ep.hertz.impact(4 / 3 * math.pi * SPHERE_RADIUS**3 * ep.STEEL.rho, SPEED, SPHERE_RADIUS, math.inf, ep.STEEL, PLANE)
+IMPACT = ep.hertz.impact(
+    4 / 3 * math.pi * SPHERE_RADIUS**3 * ep.STEEL.rho, SPEED, SPHERE_RADIUS, math.inf, ep.STEEL, PLANE
+)
 T = IMPACT.duration
 
 
@@ -179,7 +181,9 @@ def test_of_two_bodies_the_mean_of_their_times_counts(sphere, other_sphere, redu
         found.append(apart / mass / SPEED)
         assert balance(items, [contact], result) < 3e-4
     assert found[0] == pytest.approx((found[1] + found[2]) / 2, abs=6e-4)  # which decreases with the squared time
-    assert found[0] == pytest.approx(kuwabara_kono(short, mass / 2, SPHERE_RADIUS / 2, parts=2, material=steel), abs=2e-3)
+    assert found[0] == pytest.approx(
+        kuwabara_kono(short, mass / 2, SPHERE_RADIUS / 2, parts=2, material=steel), abs=2e-3
+    )
 
 
 def test_the_limit_of_explicit_steps_has_viscous_forces_half_a_step_late(round_body):
@@ -272,7 +276,9 @@ def plate_of(kept):
     places = [(-0.85e-3, 0, 0), (0.85e-3, 0, 0)]
     fem = ep.fe_model(shape, ep.STEEL, maxh=4e-3, refine=[ep.Refine(p, 0.6e-3, 0.2e-3) for p in places], grading=0.6)
     one = ep.Partition.ball(fem, (0, 0, 0), 1.6e-3, name="top", axes="xyz")
-    two = [ep.Partition.ball(fem, p, 0.6e-3, name=n, axes="xyz") for p, n in zip(places, ("left", "right"), strict=True)]
+    two = [
+        ep.Partition.ball(fem, p, 0.6e-3, name=n, axes="xyz") for p, n in zip(places, ("left", "right"), strict=True)
+    ]
     parts = {"shared": one, "apart": two[0] | two[1]}
     return lambda kind: ep.reduce(fem, parts[kind], f_cut=150e3, cache=kept)
 
