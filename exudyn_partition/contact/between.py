@@ -92,8 +92,10 @@ class FlexibilityBetween:
         return result
 
     def across(self, forces: Sequence[Sequence[Array]]) -> list[list[Array]]:
-        """Displacements of each side's present rows, (nr, d) [m], by forces on other contacts, as their sides carry
-        them, (nr, d) [N]: those of all contacts."""
+        """Displacements of the present rows of each side of each contact, (nr, d) [m], by forces on other contacts.
+
+        `forces`, (nr, d) [N], are those on the rows of all contacts, as each of their sides carries them.
+        """
         result = [[np.zeros_like(own) for own in sides] for sides in forces]
         for (j, k), links in self._links.items():
             for side, other, between in links:
@@ -176,7 +178,7 @@ class Exchange:
 
     @cached_property
     def _of_sides(self) -> dict[tuple[int, int], Array]:
-        return {(j, side): wide.any(axis=0) for j, sides in self.fields.items() for side, wide in sides}
+        return {(j, side): np.asarray(wide.any(axis=0)) for j, sides in self.fields.items() for side, wide in sides}
 
     def of_side(self, j: int, side: int) -> Array:
         """Which fields of contact j are those of a side, (m,) bool."""

@@ -413,8 +413,9 @@ class PatchContact:
 
     def viscous_work(self) -> float:
         """Energy that the viscosity of the flexibilities has dissipated since the start of the run [J]."""
-        within = self._answered and self.yielding is not None
-        return self.creep.dissipated + (self._crept(self.yielding).taken if within else 0.0)
+        if not self._answered or self.yielding is None:
+            return self.creep.dissipated
+        return self.creep.dissipated + self._crept(self.yielding).taken
 
     def dissipated(self) -> float:
         """Energy that friction has dissipated since the start of the run [J]."""

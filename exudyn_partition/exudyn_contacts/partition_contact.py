@@ -413,14 +413,14 @@ class PartitionContact(Item[Any]):
         return nodal_forces(self, result)
 
     @property
-    def flexible_sides(self) -> list[tuple[PartitionBody, int]]:
+    def _flexible_sides(self) -> list[tuple[PartitionBody, int]]:
         """Those of `sides` whose bodies have a residual flexibility."""
         return [side for side in self.sides if side[0].body.basis.flexibility is not None]
 
     @property
     def undamped(self) -> bool:
         """Whether the contact yields without the stiffness-proportional damping that its bodies have."""
-        delayed = any(item.beta for item, _ in self.flexible_sides)
+        delayed = any(item.beta for item, _ in self._flexible_sides)
         return delayed and self.compliant and not self.mechanics.viscous
 
     @property
@@ -430,7 +430,7 @@ class PartitionContact(Item[Any]):
         said = [] if self.friction else ["tangential rows: the contact is frictionless"]
         if self.undamped:
             said.append("damping of the contact's layer, in which bodies with a residual flexibility yield")
-        elif any(item.damping is not None and not item.beta for item, _ in self.flexible_sides):
+        elif any(item.damping is not None and not item.beta for item, _ in self._flexible_sides):
             said.append(
                 "damping of the contact's flexibility, what the modes lack of the static answer: only damping in "
                 "proportion to the stiffness has a time for it (beta of ep.Rayleigh)"

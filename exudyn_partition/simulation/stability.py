@@ -57,7 +57,7 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
     closed: list[tuple[Array, Array]] = []
 
     def close(step: float) -> None:
-        """Close all rows with the pairs at the start; in steps of this length [s], viscous flexibilities are stiffer"""
+        """Close all rows with the pairs at the start. In steps of this length [s], viscous flexibilities are stiff."""
         closed.clear()
         for contact in contacts:
             stiffness = contact.mechanics.closed_stiffness(step)

@@ -205,7 +205,7 @@ def test_the_limit_of_explicit_steps_has_viscous_forces_half_a_step_late(round_b
 @pytest.mark.parametrize("friction", [None, 0.3])
 def test_a_run_in_two_parts_is_one_run(round_body, friction, tmp_path):
     options = {"friction": friction, "along": 0.1, "step": T / 200}
-    _, item, contact, whole = impact(round_body, T / 30, **options)
+    _, _, contact, whole = impact(round_body, T / 30, **options)
     mbs, *_ = impact(round_body, T / 30, end_time=0.7 * T, **options)
     then = ep.solve_dynamic(mbs, end_time=1.4 * T, go_on=True)
     part = then.contacts[0]

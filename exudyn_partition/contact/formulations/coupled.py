@@ -137,14 +137,14 @@ class Coupled:
         """See `FlexibilityBetween.across`."""
         raise NotImplementedError
 
-    def _lasting(self, last: Sequence[Array]) -> list[Array] | None:
-        """Displacements of the rows that last from forces on other contacts, (nr, d) each [m]; None if there are none.
+    def _lasting(self, last: Sequence[Array]) -> list[Array]:
+        """Displacements of the rows that last from forces on other contacts, (nr, d) each [m]; empty without any.
 
         See `viscosity.Yielding.lasting`. `last`, (nr, 3) each [N], are forces at the end of the last accepted step.
         """
         self._moved_before = [None] * len(self.contacts)
         if not any(contact.creep.elastic for contact in self.contacts):
-            return None
+            return []
         before = [contact.carried_before(f) for contact, f in zip(self.contacts, last, strict=True)]
         found = more = self._across(before)
         if any(contact.rows.d > 1 for contact in self.contacts):

@@ -81,8 +81,8 @@ class CoupledFriction(Coupled):
         for part, gap in zip(self._parts, gaps, strict=True):
             part.at = part.contact.places(gap)
         last = [part.last() for part in self._parts]
-        for part, own in zip(self._parts, (self._viscous and self._lasting(last)) or [], strict=False):
-            part.at.gap, part.at.way = part.at.gap + own[:, 0], part.at.way + own[:, 1:]
+        for part, lasts in zip(self._parts, self._lasting(last), strict=False):
+            part.at.gap, part.at.way = part.at.gap + lasts[:, 0], part.at.way + lasts[:, 1:]
         ways, placed, gaps = [part.way() for part in self._parts], gaps, [part.at.gap for part in self._parts]
         pushed, more = self._pushed(gaps), False
         for _ in range(_PASSES):

@@ -51,7 +51,7 @@ class CoupledZones(Coupled):
         """See `Coupled`."""
         for contact, h in zip(self.contacts, gaps, strict=True):
             contact.answer(h)
-        lasting = self._lasting([*map(self._last_of, range(len(gaps)))]) if self._viscous else None
+        lasting = self._lasting([*map(self._last_of, range(len(gaps)))]) if self._viscous else []
         if lasting or any(map(self._pushes, range(len(gaps)))):
             self._settle(gaps, lasting)
 
@@ -64,8 +64,8 @@ class CoupledZones(Coupled):
         contact = self.contacts[j]
         return contact.index.size > 0 or bool(contact.memory.forces.any())
 
-    def _settle(self, gaps: list[Array], lasting: list[Array] | None) -> None:
-        pushed_ever = [lasting is not None] * len(self.contacts)  # contacts that nothing has pushed have their answer
+    def _settle(self, gaps: list[Array], lasting: list[Array]) -> None:
+        pushed_ever = [bool(lasting)] * len(self.contacts)  # contacts that nothing has pushed have their answer
         settled = _SETTLED_WITH_FRICTION if self._frictional else _SETTLED
         for _ in range(_SWEEPS):
             change = size = 0.0
@@ -73,7 +73,7 @@ class CoupledZones(Coupled):
                 pushing = [k for k in self._exchange.neighbours[j] if self._pushes(k)]
                 if pushing or pushed_ever[j]:
                     before, pushed_ever[j] = contact.forces, True
-                    start = np.zeros(before.shape) if lasting is None else lasting[j]
+                    start = lasting[j] if lasting else np.zeros(before.shape)
                     contact.answer(gaps[j], sum((self._pushed(j, k) for k in pushing), start))
                     change += abs(contact.forces - before).sum()
                 size += contact.lam.sum()
