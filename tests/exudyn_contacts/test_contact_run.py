@@ -18,6 +18,9 @@ class Diary:
     def commit(self, start):
         self.pages.append(("commit", start))
 
+    def take_step(self, end):
+        """It would need the time at which forces come next if it were viscous."""
+
 
 def test_laws_that_remember_are_told_of_steps_once_and_of_those_that_are_repeated():
     """A step is the one before again if it begins at the same time and ends at another."""
