@@ -161,7 +161,7 @@ class Yielding:
 
     def holds(self, memory: ViscousMemory) -> bool:
         """Whether this is still so: neither the memory, nor the rows, nor the step have changed."""
-        return memory is self._memory and self.rows.gaps.stage is self._stage
+        return memory == self._memory and self.rows.gaps.stage == self._stage
 
     def _on_rows(self, kept: Sequence[Array]) -> list[Array]:
         if kept:
