@@ -57,15 +57,11 @@ Ratios = float | Sequence[float] | Callable[[Array], Array] | Rayleigh
 
 
 class Damping(Hashable, Protocol):
-    """Damping of one body in its frame.
+    """Damping of one body in its frame."""
 
-    Attributes
-    ----------
-    beta : float
-        That of stiffness-proportional damping [s], zero for other damping. A static answer yields with it, too.
-    """
-
-    beta: float
+    @property
+    def beta(self) -> float:
+        """That of stiffness-proportional damping [s], zero for other damping. A static answer yields with it, too."""
 
     def force(self, q_t: Array) -> Array:
         """Generalised forces against velocities q_t; both (..., n_dofs)."""
