@@ -124,7 +124,10 @@ class BodyResults(Item[ItemIndex]):
         """
         point = validate_vector("point", point)
         nodes, weights = self._around(point)
-        kept: Array = weights @ self.kinematics.at(nodes).displacements(self.coordinates(result))
+        q, around = self.coordinates(result), self.kinematics.at(nodes)
+        kept: Array = weights @ around.displacements(q)
+        if isinstance(around, FloatingKinematics):
+            kept += weights @ around.grown(q, self.coordinates_t(result))
         if fem is not None:
             return kept + static_motion(self, result, nodes, weights, fem)
         warn_near_contact(self, result, point, kept, "displacement", lambda force: force)
@@ -171,7 +174,7 @@ class BodyResults(Item[ItemIndex]):
         YieldWarning
             If rows lie within a plastic zone that has flowed, where those of stress lack plastic strain; see `stress`.
         """
-        kept = self.kinematics.elastic(self.coordinates(result)) @ self.body.reduced_rows(rows).T
+        kept = self._kept_part(result, rows)
         warn_within_zones(self, result, rows)
         return kept if fem is None else kept + static_part(self, result, rows, fem)
 
@@ -199,9 +202,16 @@ class BodyResults(Item[ItemIndex]):
         validate_result(result)
         self.body.check_fem(fem)
         rows, taken = stress_parts(self, result, points, fem)
-        kept = self.kinematics.elastic(self.coordinates(result)) @ self.body.reduced_rows(rows).T
-        whole = kept + static_part(self, result, rows, fem)
+        whole = self._kept_part(result, rows) + static_part(self, result, rows, fem)
         return whole.reshape(len(result.t), -1, 6) - taken
+
+    def _kept_part(self, result: Samples, rows: sp.csr_matrix) -> Array:
+        """`rows` times the nodal displacements of the coordinates and of the growth by rotation, (n, k)."""
+        kept: Array = self.kinematics.elastic(self.coordinates(result)) @ self.body.reduced_rows(rows).T
+        growth = self.body.growth_in(rows) if isinstance(self.kinematics, FloatingKinematics) else None
+        if growth is not None:
+            kept += self.kinematics.products(self.coordinates_t(result)) @ growth.T
+        return kept
 
     def momentum(self, result: Samples) -> Array:
         """Linear momentum of the body, (n, 3) [N s]."""

@@ -11,7 +11,7 @@ from ..contact.patch_contact import PatchContact
 from ..errors import InputError
 from ..support.arrays import Array
 from ..support.checks import validate_result
-from .contact_samples import ModelContact, RunSamples, kept_rows
+from .contact_samples import ModelContact, RunSamples, Turned, kept_rows
 
 # Energies of contacts that are solved together, by the list of these contacts, as long as the result exists.
 _ENERGIES: WeakKeyDictionary[RunSamples, dict[int, Array]] = WeakKeyDictionary()
@@ -75,10 +75,12 @@ def _kept_on_nodes(contact: ModelContact, result: RunSamples) -> list[Array]:
     """See `nodal_forces`. They follow from the forces of rows that the run kept."""
     validate_result(result)
     mechanics = contact.mechanics.for_run("explicit")
-    q = np.hstack([item.coordinates(result) for item, _ in contact.sides])
+    q, turned = np.hstack([item.coordinates(result) for item, _ in contact.sides]), Turned(contact.sides, result)
     forces = [np.zeros((len(result.t), len(side.surface.points), 3)) for side in mechanics.gaps.sides]
     for i, nodes, lam, tangential, _ in kept_rows(contact, result):
-        for on_side, now in zip(forces, mechanics.forces_on_nodes(q[i], nodes, lam, tangential), strict=True):
+        with turned.at(i):
+            found = mechanics.forces_on_nodes(q[i], nodes, lam, tangential)
+        for on_side, now in zip(forces, found, strict=True):
             on_side[i] = now
     return forces
 
@@ -102,7 +104,11 @@ def _coordinates(contact: ModelContact, result: RunSamples) -> Iterator[Sequence
             "contact: its forces are not known after the run where a body of another kind carries the rigid surface"
         )
     group = _solved_together(contact)
-    return zip(*(np.hstack([item.coordinates(result) for item, _ in c.sides]) for c in group), strict=True)
+    turned = Turned([side for c in group for side in c.sides], result)
+    histories = [np.hstack([item.coordinates(result) for item, _ in c.sides]) for c in group]
+    for i in range(len(result.t)):
+        with turned.at(i):
+            yield [q[i] for q in histories]
 
 
 def _solved_together(contact: ModelContact) -> Sequence[ModelContact]:

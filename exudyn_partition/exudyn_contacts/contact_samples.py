@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,6 +14,7 @@ from ..contact.patch_contact import PatchContact
 from ..exudyn_bodies.carriers import Carrier
 from ..exudyn_bodies.model import Samples
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..frames.floating import FloatingKinematics
 from ..results.history import at_times
 from ..support.arrays import Array
 from ..support.checks import validate_result
@@ -71,6 +73,34 @@ class ModelContact(Protocol):
 
     def __contains__(self, key: object, /) -> bool:
         """Whether the contact has such an item."""
+
+
+class Turned:
+    """Bodies of contacts at the samples of a result: their places follow the rotation, as they did in the run.
+
+    Parameters
+    ----------
+    sides : sequence of (PartitionBody, int)
+    result : Result
+    """
+
+    def __init__(self, sides: Sequence[tuple[PartitionBody, int]], result: Samples) -> None:
+        self._turning = [
+            (item.kinematics, item.coordinates_t(result))
+            for item in {id(item): item for item, _ in sides}.values()
+            if isinstance(item.kinematics, FloatingKinematics)
+        ]
+
+    @contextmanager
+    def at(self, sample: int) -> Iterator[None]:
+        """Within this context, bodies have the growth of their rotation at a sample, by its number."""
+        for kinematics, q_t in self._turning:
+            kinematics.turn(q_t[sample])
+        try:
+            yield
+        finally:
+            for kinematics, _ in self._turning:
+                kinematics.turn(None)
 
 
 def mean_forces(contact: ModelContact, result: RunSamples, sensor: str, forces: slice, impulses: slice) -> Array:

@@ -283,6 +283,7 @@ class ModelRun:
             self.keep_last_step(mbs, t)
         self.at, total = t, None
         q = mbs.systemData.GetODE2Coordinates(copy=False)
+        self._turn(mbs)
         if self.method == "static" and t > self._began:
             self._press(mbs, t)
         for group in self._within:
@@ -324,6 +325,13 @@ class ModelRun:
             if group.pushes:
                 group.add_force(total)
         return total
+
+    def _turn(self, mbs: MainSystem) -> None:
+        """Let the growth of bodies in floating frames follow their rotation."""
+        if self._floating and self.method != "static":
+            q_t = mbs.systemData.GetODE2Coordinates_t(copy=False)
+            for own, kinematics in self._floating:
+                kinematics.turn(q_t[own])
 
     def _press(self, mbs: MainSystem, t: float) -> None:
         """Close overlaps that are meant, in proportion to the static time t."""
@@ -376,6 +384,7 @@ class ModelRun:
         A second call for the same step does nothing.
         """
         begin, self.at = time.perf_counter(), t
+        self._turn(mbs)
         for stepper in self._steppers:
             if (stepper.joints is not None) == joined:
                 stepper.before_step(mbs, t)
@@ -384,6 +393,7 @@ class ModelRun:
     def look_ahead(self, mbs: MainSystem, t: float) -> None:
         """Apply multipliers of contacts in the explicit step that begins at t; a second call does nothing."""
         begin = time.perf_counter()
+        self._turn(mbs)
         for stepper in self._steppers:
             stepper.look_ahead(mbs, t)
         self._spent_s += time.perf_counter() - begin
@@ -396,6 +406,8 @@ class ModelRun:
     def release(self) -> None:
         """Drop the data that only the run needed. Results keep contacts and samples; joints would keep the model."""
         self.over = True
+        for _, kinematics in self._floating:
+            kinematics.turn(None)
         for group in self._groups:
             group.end()
         jointed = [stepper for stepper in self._steppers if stepper.joints is not None]

@@ -26,7 +26,7 @@ from ..support.optional import require
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from .contact_plan import ContactPlan
 from .contact_replay import nodal_forces, stored_energy, viscous_work
-from .contact_samples import RunSamples, mean_forces
+from .contact_samples import RunSamples, Turned, mean_forces
 from .friction_results import FrictionResults
 from .model_run import runs_of
 from .plastic_results import PlasticResults, dent_motion
@@ -259,8 +259,13 @@ class PartitionContact(Item[Any]):
             dents = dent_motion(self, result)
         except InputError:  # a result from a file, or one with too many states of the zones to keep
             return None
-        q = np.hstack([item.coordinates(result) for item, _ in self.sides])
-        return functools.cache(lambda sample: gaps.surface_gap(q[sample], dents(sample)))
+        q, turned = np.hstack([item.coordinates(result) for item, _ in self.sides]), Turned(self.sides, result)
+
+        def gap(sample: int) -> float:
+            with turned.at(sample):
+                return gaps.surface_gap(q[sample], dents(sample))
+
+        return functools.cache(gap)
 
     def row_forces(self, result: RunSamples) -> sp.csr_matrix:
         """Force of the row of each of the slave's patch nodes, (n, np) [N], in the order of the patch's nodes.

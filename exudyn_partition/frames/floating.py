@@ -21,6 +21,7 @@ from ..errors import InputError
 from ..fe.model import node_dofs
 from ..reduction.body import ReducedBody
 from ..reduction.geometric_stiffness import GeometricStiffness
+from ..reduction.inertia import PAIRS
 from ..support.arrays import Array
 from . import loops
 from .inertia import Inertia
@@ -29,6 +30,8 @@ from .kinematics import NO_NODES, node_fields
 from .mean_axes import MeanAxes
 from .nodal_inertia import NodalInertia
 from .rotations import rotation_matrix
+
+_ROUND_OFF = 1e-13  # of places of nodes, by the body's size
 
 
 @dataclass
@@ -48,6 +51,25 @@ class ActingMass:
     constant: bool
     settled: bool
     items: tuple[int, int] = (0, 0)
+
+
+@dataclass
+class Spin:
+    """Rotation that a body's growth follows now: one for all copies of its kinematics, see `FloatingKinematics.turn`.
+
+    Parameters
+    ----------
+    largest : (6,) array
+        Largest growth of a node, by each product of angular velocities [m s2].
+    least : float
+        Growth that round-off of the nodes' places hides [m].
+    products : (6,) array or None
+        Products of angular velocities [rad2/s2]; None while the body does not turn, and between runs.
+    """
+
+    largest: Array
+    least: float
+    products: Array | None = None
 
 
 class FloatingKinematics:
@@ -77,6 +99,8 @@ class FloatingKinematics:
     ----------
     acting : ActingMass
         See `on_constant_mass`; constant for a body with geometric stiffness.
+    spin : Spin or None
+        Rotation that places of nodes follow within runs; None if the growth is not known.
 
     Raises
     ------
@@ -103,6 +127,10 @@ class FloatingKinematics:
         self.mass = np.r_[np.full(3, body.total_mass), np.diag(self.inertia.tensor), np.ones(body.n_dofs - 6)]
         self.origin = position + axes @ body.centre_of_mass
         self.acting = ActingMass(constant=body.stiffening is not None, settled=body.stiffening is not None)
+        growth = body.basis.growth
+        self.spin = None
+        if growth is not None:
+            self.spin = Spin(abs(growth).max(axis=0), _ROUND_OFF * float(np.ptp(body.points, axis=0).max()))
         self._of(nodes)
 
     def _of(self, nodes: Array) -> None:
@@ -111,6 +139,7 @@ class FloatingKinematics:
         self.start = self.origin + self.arms @ self._axes_at_start.T
         rows = self.body.rows(nodes)
         self.rows = self.mean_axes.restrict(rows if isinstance(rows, np.ndarray) else rows.toarray())
+        self.growth = self.body.growth_rows(nodes)
 
     def at(self, nodes: Array) -> FloatingKinematics:
         """See `Kinematics.at`."""
@@ -123,6 +152,7 @@ class FloatingKinematics:
         result = copy.copy(self)
         result.nodes, result.arms, result.rows = self.nodes[index], self.arms[index], self.rows[node_dofs(index)]
         result.start = self.start[index]
+        result.growth = None if self.growth is None else self.growth[node_dofs(index)]
         return result
 
     def displaced(self, by: Array) -> FloatingKinematics:
@@ -214,7 +244,33 @@ class FloatingKinematics:
 
     def place(self, q: Array) -> Array:
         """See `Kinematics.place`."""
-        return loops.places(q, self.start, self.rotation, self.node_axes, self.arms, self.rows)
+        places: Array = loops.places(q, self.start, self.rotation, self.node_axes, self.arms, self.rows)
+        if self.spin is None or self.spin.products is None:
+            return places
+        return places + node_fields(self.growth, self.spin.products) @ self.frame(q)[1].swapaxes(-1, -2)
+
+    def products(self, q_t: Array) -> Array:
+        """Products of the body's angular velocities, (..., 6) [rad2/s2], in the order of `inertia.PAIRS`."""
+        omega = q_t[..., 3:6] @ self.node_axes.T
+        return np.stack([omega[..., a] * omega[..., b] for a, b in PAIRS], axis=-1)
+
+    def turn(self, q_t: Array | None) -> None:
+        """Let places of nodes follow the rotation in velocities q_t, (n_dofs,), until the next call; None ends that.
+
+        Centrifugal forces deform the body beyond its coordinates, in a quasi-static way. Contact sees this growth.
+        """
+        if self.spin is None:
+            return
+        products = None if q_t is None else self.products(q_t)
+        small = products is None or abs(products) @ self.spin.largest <= self.spin.least
+        self.spin.products = None if small else products
+
+    def grown(self, q: Array, q_t: Array) -> Array:
+        """Displacements of the nodes by rotation, beyond the coordinates, (..., k, 3) [m]; zero if not known."""
+        if self.growth is None:
+            return np.zeros((*q.shape[:-1], len(self.arms), 3))
+        grown: Array = node_fields(self.growth, self.products(q_t)) @ self.frame(q)[1].swapaxes(-1, -2)
+        return grown
 
     def displacements(self, q: Array) -> Array:
         """See `Kinematics.displacements`."""

@@ -21,6 +21,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from ..algebra.krylov import RitzPairs, eigenmodes, improved, orthonormal_complement
+from ..algebra.sparse.flexibility import selection
 from ..algebra.sparse.solver import factorise
 from ..errors import FrequencyRangeError, InputError, UnitsWarning
 from ..fe.model import MASSES, FEModel, MassKind, node_dofs
@@ -30,6 +31,7 @@ from ..support.arrays import Array
 from ..support.checks import check_floats, check_indices, check_tuple, read_only, validate_choice, validate_text
 from ..support.progress import Progress
 from .free_body import DROP_ABOVE, AdaptedSpace, FreeBody, StaticAnswers
+from .inertia_relief import static_answers
 from .loads import attached_loads, patch_rows, patch_slice
 
 BasisName = Literal["contact-adapted", "residual", "craig-bampton", "free"]
@@ -69,6 +71,9 @@ class ReducedBasis:
         Nodes that the rows of `shapes`, then (3k, ns), are of, ascending, those of `nodal` among them. Default: all.
     zones : tuple of ZoneFlexibility
         Residual flexibility of the plastic zones, in the order of the patches that have one.
+    growth : (3n, 6) array or None
+        The part of the static answer to centrifugal forces that the columns of T do not contain, by products of
+        angular velocities in the order of `inertia.PAIRS` [m s2]; at the nodes of `shapes`. None if it is not known.
     """
 
     name: str
@@ -82,6 +87,7 @@ class ReducedBasis:
     left_out: tuple[str, ...] = field(default=())
     shape_nodes: Array | None = None
     zones: tuple[ZoneFlexibility, ...] = field(default=(), metadata={"added": True})
+    growth: Array | None = field(default=None, metadata={"added": True})
 
     def __post_init__(self) -> None:
         validate_text("name", self.name)
@@ -108,6 +114,9 @@ class ReducedBasis:
         if self.flexibility is not None:
             check_floats("flexibility", self.flexibility, (len(self.flexibility),) * 2)
             read_only(self.flexibility)
+        if self.growth is not None:
+            check_floats("growth", self.growth, (n_dofs, 6))
+            read_only(self.growth)
 
 
 def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | None = None) -> ReducedBasis:
@@ -122,11 +131,11 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
     if len(nodal) == fem.n_nodes:
         return _all_nodal(fem, nodal)
     body = FreeBody(fem, partition, mass="lumped")
-    pairs = modes = _modes_to(body, f_cut, progress)
+    modes = _modes_to(body, f_cut, progress)
     if not len(modes.omega):
         raise _no_mode_below(fem, f_cut)
-    if partition.interfaces or partition.loads:
-        pairs = _with_attachments(body, modes, body.static_answers().of_attached)
+    static = body.static_answers()
+    pairs = _with_attachments(body, modes, static.of_attached)
     left_out = f"elastic modes above {f_cut:.6g} Hz"
     whole = body.model.expand @ modes.vectors
     # Rayleigh's quotient with consistent mass tells what lumping has changed.
@@ -148,6 +157,7 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
             nodal=nodal,
             mass="lumped",
             left_out=(f"{left_out} (f_cut raises that)", *off),
+            growth=_growth(body, pairs, static.of_rotation),
         )
     region = node_dofs(nodal)
     # The part of a rigid motion in region I is a shape, because it strains the elements between the regions.
@@ -169,6 +179,7 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
         nodal=nodal,
         mass="lumped",
         left_out=(f"{left_out}, outside the impact region (f_cut raises that)", *off),
+        growth=_growth_beyond(fem, shapes, region, body.model.expand @ static.of_rotation),
     )
 
 
@@ -201,6 +212,7 @@ def _all_nodal(fem: FEModel, nodal: Array) -> ReducedBasis:
         nodal=nodal,
         mass="lumped",
         left_out=("all modes: the impact region covers the body",),
+        growth=np.zeros((fem.n_dofs, 6)),
     )
 
 
@@ -227,10 +239,12 @@ def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Pr
     K, M = model.stiffness[interior][:, interior], model.mass[interior][:, interior]
     averaged = [i for i in partition.interfaces if i.kind == "averaged"]
     loads = attached_loads(fem, averaged, partition.loads) @ model.expand
-    held_factors = factorise(K)
+    held_factors, centrifugal = factorise(K), body.centrifugal()[interior]
     answers = held_factors.solve(
-        np.hstack([-model.stiffness[interior][:, boundary].toarray(), loads[:, interior].toarray().T])
+        np.hstack([-model.stiffness[interior][:, boundary].toarray(), loads[:, interior].toarray().T, centrifugal])
     )
+    of_rotation = np.zeros((model.n, 6))
+    of_rotation[interior], answers = answers[:, -6:], answers[:, :-6]
     held = eigenmodes(K, M, np.empty((len(interior), 0)), 2 * np.pi * f_cut, progress=progress)
     n_held, n_boundary = len(held.omega), len(boundary)
     # Only the part of these answers that the held modes do not contain is a new motion.
@@ -266,6 +280,7 @@ def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Pr
         nodal=np.empty(0, dtype=np.int64),
         mass="consistent",
         left_out=(f"elastic modes above {f_cut:.6g} Hz of the body held at its boundary (f_cut raises that)",),
+        growth=_growth(body, pairs, of_rotation),
     )
 
 
@@ -464,7 +479,30 @@ def _with_residual_flexibility(
         flexibility=residual_flexibility(body, pairs, static),
         left_out=left_out,
         zones=tuple(zones),
+        growth=_growth(body, pairs, static.of_rotation),
     )
+
+
+def _growth(body: FreeBody, pairs: RitzPairs, answers: Array) -> Array:
+    """The part, (3n, 6), of static answers to centrifugal forces, (nz, 6), that rigid motion and pairs do not contain.
+
+    It is orthogonal to them by the stiffness, as the residual flexibility is. So it moves no interface, and forces on
+    kept coordinates do no work on it.
+    """
+    rigid, model = body.rigid, body.model
+    rest = answers - pairs.vectors @ ((pairs.vectors.T @ (model.stiffness @ answers)) / pairs.omega[:, None] ** 2)
+    return np.asarray(model.expand @ (rest - rigid @ (rigid.T @ (model.mass @ rest))))
+
+
+def _growth_beyond(fem: FEModel, shapes: Array, region: Array, answers: Array) -> Array:
+    """The same of answers at all nodes, (3n, 6), for shapes, (3n, ns), and dofs that stay, (k,)."""
+    K, n = fem.stiffness, shapes.shape[1]
+    columns = sp.hstack([sp.csr_matrix(shapes), selection(region, fem.n_dofs).T], format="csr")
+    M = columns.T @ fem.lumped_mass_matrix @ columns
+    outside = np.array(fem.rigid_modes)
+    outside[region] = 0.0
+    rigid = np.vstack([shapes.T @ (fem.lumped_mass_matrix @ outside), fem.rigid_modes[region]])
+    return answers - columns @ static_answers(columns.T @ K @ columns, M, rigid, columns.T @ (K @ answers))
 
 
 def _rigid_coordinates(body: FreeBody, n_elastic: int) -> Array:

@@ -274,8 +274,9 @@ class ReducedBody:
         kept = np.unique(np.concatenate([self.facets.ravel(), self.basis.nodal, *joints, *zones]))
         if not self.has_inside or len(kept) == len(self.points):
             return self
-        shapes = self.basis.shapes[node_dofs(kept)]
-        return replace(self, basis=replace(self.basis, shapes=shapes, shape_nodes=kept))
+        dofs, growth = node_dofs(kept), self.basis.growth
+        growth = None if growth is None else growth[dofs]
+        return replace(self, basis=replace(self.basis, shapes=self.basis.shapes[dofs], shape_nodes=kept, growth=growth))
 
     @cached_property
     def rigid(self) -> Array:
@@ -335,11 +336,19 @@ class ReducedBody:
             raise InputError(f"rows: expected {self.fe_dofs} columns, the dofs of the FE model, got {rows.shape[1]}")
         dofs = (3 * self.basis.nodal[:, None] + np.arange(3)).ravel()
         rows = sp.csr_matrix(rows)
-        of_shapes = rows
-        if self.basis.shape_nodes is not None:
-            self.check_nodes(np.unique(rows.indices[rows.data != 0] // 3))
-            of_shapes = rows[:, node_dofs(self.basis.shape_nodes)]
-        return np.hstack([of_shapes @ self.basis.shapes, rows[:, dofs].toarray()])
+        return np.hstack([self._known_columns(rows) @ self.basis.shapes, rows[:, dofs].toarray()])
+
+    def _known_columns(self, rows: sp.csr_matrix) -> sp.csr_matrix:
+        """Columns of rows on the nodal displacements, (k, 3n), at the nodes at which the shapes are known."""
+        if self.basis.shape_nodes is None:
+            return rows
+        self.check_nodes(np.unique(rows.indices[rows.data != 0] // 3))
+        return rows[:, node_dofs(self.basis.shape_nodes)]
+
+    def growth_in(self, rows: sp.csr_matrix) -> Array | None:
+        """The same of the growth by rotation, rows U, (k, 6); None if it is not known. See `growth_rows`."""
+        growth = self.basis.growth
+        return None if growth is None else self._known_columns(sp.csr_matrix(rows)) @ growth
 
     def check_nodes(self, nodes: Array) -> None:
         """Raise unless the shapes are known at nodes, (k,) int array.
@@ -361,12 +370,25 @@ class ReducedBody:
         InputError
             If the body has no shapes there.
         """
-        known = self.basis.shape_nodes
         if nodes is None:
             self.check_inside("what is asked at all nodes")
             return self.basis.shapes
         self.check_nodes(nodes)
-        return self.basis.shapes[node_dofs(nodes if known is None else np.searchsorted(known, nodes))]
+        return self.basis.shapes[self._known_dofs(nodes)]
+
+    def _known_dofs(self, nodes: Array) -> Array:
+        """Rows of the shapes, (3k,), at nodes, (k,) int array."""
+        known = self.basis.shape_nodes
+        return node_dofs(nodes if known is None else np.searchsorted(known, nodes))
+
+    def growth_rows(self, nodes: Array) -> Array | None:
+        """Growth by rotation at nodes, (k,) int array, that the coordinates do not have: (3k, 6) [m s2].
+
+        It is times products of angular velocities, in the order of `inertia.PAIRS`. None if it is not known.
+        """
+        growth = self.basis.growth
+        self.check_nodes(nodes)
+        return None if growth is None else growth[self._known_dofs(nodes)]
 
     def displacement(self, q: Array) -> Array:
         """Displacements of all nodes, (n, 3) [m], of coordinates q, (n_dofs,); velocities likewise.

@@ -27,7 +27,7 @@ from ..plasticity.zone_flexibility import ZoneFlexibility
 from ..support.arrays import Array
 from ..support.machine import give_memory_back
 from ..support.progress import Progress
-from .loads import attached_loads, leading, patch_rows, patch_slice, resultants, unit_loads
+from .loads import attached_loads, centrifugal_accelerations, leading, patch_rows, patch_slice, resultants, unit_loads
 from .tied import TiedModel, tie
 
 _LOG = logging.getLogger(__name__)
@@ -58,12 +58,15 @@ class StaticAnswers:
         Displacements at the patches' rows by unit forces there, G F_e G' [m/N].
     of_attached : (nz, 6 i + l) array
         Displacements of all coordinates by the rows of `attached_loads` [m/N].
+    of_rotation : (nz, 6) array
+        Displacements of all coordinates by centrifugal forces, see `FreeBody.centrifugal` [m s2].
     zones : dict of int to ZoneFlexibility
         Flexibility of the plastic zones, by the number of their patch.
     """
 
     at_patches: Array
     of_attached: Array
+    of_rotation: Array
     zones: dict[int, ZoneFlexibility]
 
 
@@ -83,7 +86,7 @@ class FreeBody:
     """
 
     def __init__(self, fem: FEModel, partition: Partition, mass: MassKind = "consistent") -> None:
-        self.fem, self.partition = fem, partition
+        self.fem, self.partition, self.mass = fem, partition, mass
         self.model = tie(fem, partition, mass)
         if self.model.n == 6:
             raise InputError(
@@ -104,12 +107,18 @@ class FreeBody:
         flexibility = flexibility or self.flexibility()
         rows = self._patch_rows()
         attached = attached_loads(self.fem, self.partition.interfaces, self.partition.loads) @ self.model.expand
+        answers = flexibility(np.hstack([attached.T.toarray(), self.centrifugal()]))
         zones = {number: self.zone_dofs(patch) for number, patch in enumerate(self.partition.patches) if patch.plastic}
         flexibilities = {
             number: _zone_flexibility(flexibility, dofs, rows[patch_slice(self.partition, number)])
             for number, dofs in zones.items()
         }
-        return StaticAnswers(flexibility.at(rows), flexibility(attached.T.toarray()), flexibilities)
+        return StaticAnswers(flexibility.at(rows), answers[:, :-6], answers[:, -6:], flexibilities)
+
+    def centrifugal(self) -> Array:
+        """Centrifugal forces on the coordinates, (nz, 6) [kg m], by products of angular velocities, see `PAIRS`."""
+        weights = self.fem.mass if self.mass == "consistent" else self.fem.lumped_mass_matrix
+        return np.asarray(self.model.expand.T @ (weights @ centrifugal_accelerations(self.fem)))
 
     def _patch_rows(self) -> sp.csr_matrix:
         """(r, nz) rows: displacements of the patches' nodes by the coordinates."""

@@ -13,6 +13,7 @@ from ..fe.model import FEModel, node_dofs
 from ..fe.partition import Partition
 from ..fe.patches import Interface, LoadPattern, Patch
 from ..support.arrays import Array
+from .inertia import PAIRS
 
 _FEWEST = 8  # load patterns on a patch over which contact wanders, in each direction
 _MIXED = 32  # loads to which the cells of all such patches are mixed, if they are more than twice as many
@@ -82,6 +83,17 @@ def unit_loads(fem: FEModel, partition: Partition) -> sp.csr_matrix:
     """(r + 6 i + l, 3n) rows of all loads of the scene: of the patches' nodes, interfaces, and distributed loads."""
     attached = attached_loads(fem, partition.interfaces, partition.loads)
     return sp.vstack([patch_rows(fem, partition), attached], format="csr")
+
+
+def centrifugal_accelerations(fem: FEModel) -> Array:
+    """Accelerations, (3n, 6) [m], by products of angular velocities about the centre of mass, in order of `PAIRS`."""
+    arms = fem.points - fem.centre_of_mass
+    fields = np.zeros((6, fem.n_nodes, 3))
+    for field, (a, b) in zip(fields, PAIRS, strict=True):
+        field[:, a] -= arms[:, b]
+        field[:, b] -= arms[:, a] if a != b else 0.0
+        field += arms if a == b else 0.0
+    return fields.reshape(6, -1).T
 
 
 def resultants(fem: FEModel, partition: Partition, f_cut: float = 0.0) -> sp.csc_matrix:

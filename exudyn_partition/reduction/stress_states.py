@@ -26,9 +26,8 @@ from .basis import least_frequency
 from .body import ReducedBody
 from .free_body import FreeBody
 from .geometric_stiffness import GeometricStiffness
-from .inertia import PAIRS
 from .inertia_relief import static_answers
-from .loads import resultants, unit_loads
+from .loads import centrifugal_accelerations, resultants, unit_loads
 
 _LEAST_ENERGY = 1e-2  # of a centrifugal load, by that of the one with most at the same speed
 _SAME = 1e-3  # share of a unit load's energy norm that others do not have, below which it is no state of its own
@@ -119,7 +118,7 @@ def with_stress_loads(fem: FEModel, partition: Partition, mass: MassKind) -> tup
         def answer(loads: Array) -> Array:
             return np.asarray(expand @ flexibility(expand.T @ loads))
 
-        centrifugal = weights @ _centrifugal_accelerations(fem)
+        centrifugal = weights @ centrifugal_accelerations(fem)
         energies, combinations = np.linalg.eigh(centrifugal.T @ answer(centrifugal))
         kept = combinations[:, energies > _LEAST_ENERGY * energies.max()]
         rotating = _with_loads(partition, "centrifugal load", centrifugal @ kept)
@@ -145,17 +144,6 @@ def _tractions(fem: FEModel, patch: Patch) -> Array:
     share = nodal_area(fem.points, patch.facets)
     directions = patch.direction[:, None] if patch.axes == "normal" else np.eye(3)
     return np.kron((share / share.sum())[:, None], directions)
-
-
-def _centrifugal_accelerations(fem: FEModel) -> Array:
-    """Accelerations, (3n, 6) [m], by products of angular velocities about the centre of mass, in order of `PAIRS`."""
-    arms = fem.points - fem.centre_of_mass
-    fields = np.zeros((6, fem.n_nodes, 3))
-    for field, (a, b) in zip(fields, PAIRS, strict=True):
-        field[:, a] -= arms[:, b]
-        field[:, b] -= arms[:, a] if a != b else 0.0
-        field += arms if a == b else 0.0
-    return fields.reshape(6, -1).T
 
 
 def _of_rigid_interfaces(fem: FEModel, partition: Partition, shapes: Array, fields: Array) -> Array:
