@@ -126,8 +126,9 @@ class BodyResults(Item[ItemIndex]):
         nodes, weights = self._around(point)
         q, around = self.coordinates(result), self.kinematics.at(nodes)
         kept: Array = weights @ around.displacements(q)
-        if isinstance(around, FloatingKinematics):
-            kept += weights @ around.grown(q, self.coordinates_t(result))
+        grown = around.grown(self.coordinates_t(result))
+        if grown is not None:
+            kept += weights @ (grown @ around.frame(q)[1].swapaxes(1, 2))
         if fem is not None:
             return kept + static_motion(self, result, nodes, weights, fem)
         warn_near_contact(self, result, point, kept, "displacement", lambda force: force)
@@ -208,10 +209,8 @@ class BodyResults(Item[ItemIndex]):
     def _kept_part(self, result: Samples, rows: sp.csr_matrix) -> Array:
         """`rows` times the nodal displacements of the coordinates and of the growth by rotation, (n, k)."""
         kept: Array = self.kinematics.elastic(self.coordinates(result)) @ self.body.reduced_rows(rows).T
-        growth = self.body.growth_in(rows) if isinstance(self.kinematics, FloatingKinematics) else None
-        if growth is not None:
-            kept += self.kinematics.products(self.coordinates_t(result)) @ growth.T
-        return kept
+        products = self.kinematics.products(self.coordinates_t(result))
+        return kept if products is None else kept + products @ self.body.growth_in(rows).T
 
     def momentum(self, result: Samples) -> Array:
         """Linear momentum of the body, (n, 3) [N s]."""

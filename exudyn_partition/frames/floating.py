@@ -245,32 +245,31 @@ class FloatingKinematics:
     def place(self, q: Array) -> Array:
         """See `Kinematics.place`."""
         places: Array = loops.places(q, self.start, self.rotation, self.node_axes, self.arms, self.rows)
-        if self.spin is None or self.spin.products is None:
+        if self.growth is None or self.spin is None or self.spin.products is None:
             return places
         return places + node_fields(self.growth, self.spin.products) @ self.frame(q)[1].swapaxes(-1, -2)
 
-    def products(self, q_t: Array) -> Array:
-        """Products of the body's angular velocities, (..., 6) [rad2/s2], in the order of `inertia.PAIRS`."""
+    def products(self, q_t: Array) -> Array | None:
+        """See `Kinematics.products`."""
+        if self.growth is None:
+            return None
         omega = q_t[..., 3:6] @ self.node_axes.T
         return np.stack([omega[..., a] * omega[..., b] for a, b in PAIRS], axis=-1)
+
+    def grown(self, q_t: Array) -> Array | None:
+        """See `Kinematics.grown`."""
+        products = self.products(q_t)
+        return None if products is None or self.growth is None else node_fields(self.growth, products)
 
     def turn(self, q_t: Array | None) -> None:
         """Let places of nodes follow the rotation in velocities q_t, (n_dofs,), until the next call; None ends that.
 
         Centrifugal forces deform the body beyond its coordinates, in a quasi-static way. Contact sees this growth.
         """
-        if self.spin is None:
-            return
-        products = None if q_t is None else self.products(q_t)
-        small = products is None or abs(products) @ self.spin.largest <= self.spin.least
-        self.spin.products = None if small else products
-
-    def grown(self, q: Array, q_t: Array) -> Array:
-        """Displacements of the nodes by rotation, beyond the coordinates, (..., k, 3) [m]; zero if not known."""
-        if self.growth is None:
-            return np.zeros((*q.shape[:-1], len(self.arms), 3))
-        grown: Array = node_fields(self.growth, self.products(q_t)) @ self.frame(q)[1].swapaxes(-1, -2)
-        return grown
+        if self.spin is not None:
+            products = None if q_t is None else self.products(q_t)
+            small = products is None or abs(products) @ self.spin.largest <= self.spin.least
+            self.spin.products = None if small else products
 
     def displacements(self, q: Array) -> Array:
         """See `Kinematics.displacements`."""
@@ -278,9 +277,9 @@ class FloatingKinematics:
 
     def velocities(self, q: Array, q_t: Array) -> Array:
         """See `Kinematics.velocities`."""
-        local = np.cross((q_t[..., 3:6] @ self.node_axes.T)[..., None, :], self._arms(q)) + node_fields(
-            self.rows, q_t[..., 6:]
-        )
+        arms, grown = self._arms(q), self.grown(q_t)
+        arms = arms if grown is None else arms + grown
+        local = np.cross((q_t[..., 3:6] @ self.node_axes.T)[..., None, :], arms) + node_fields(self.rows, q_t[..., 6:])
         velocities: Array = q_t[..., None, :3] + local @ self.frame(q)[1].swapaxes(-1, -2)
         return velocities
 

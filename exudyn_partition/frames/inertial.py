@@ -106,6 +106,12 @@ class InertialKinematics:
         """See `Kinematics.displacements`."""
         return node_fields(self.rows, q)
 
+    def products(self, q_t: Array) -> None:
+        """See `Kinematics.products`."""
+
+    def grown(self, q_t: Array) -> None:
+        """See `Kinematics.grown`."""
+
     def velocities(self, q: Array, q_t: Array) -> Array:
         """See `Kinematics.velocities`."""
         return node_fields(self.rows, q_t)

@@ -111,6 +111,18 @@ class Kinematics(Protocol):
     def deformation(self, q: Array) -> Array:
         """Displacements of the nodes by deformation alone, in the body's axes, (..., k, 3) [m]."""
 
+    def products(self, q_t: Array) -> Array | None:
+        """Products of angular velocities by velocities q_t, (..., 6) [rad2/s2], in the order of `inertia.PAIRS`.
+
+        They make the body grow. None if the growth is not known, or the frame does not turn.
+        """
+
+    def grown(self, q_t: Array) -> Array | None:
+        """Displacements of the nodes by centrifugal forces, beyond the coordinates, in the body's axes, (..., k, 3) [m].
+
+        They are not in `place`, unless the kinematics were told to follow a rotation; see `FloatingKinematics.turn`.
+        """
+
     def velocities(self, q: Array, q_t: Array) -> Array:
         """Velocities of the nodes, (..., k, 3) [m/s]."""
 

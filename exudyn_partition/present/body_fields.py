@@ -194,6 +194,9 @@ class BodyFields:
         """Fields at coordinates q and velocities q_t, (m, n_dofs), with the static answer to what contacts do."""
         kinematics, axes = self.kinematics, self.kinematics.frame(q)[1]
         displacement, deformation = kinematics.displacements(q), kinematics.deformation(q)
+        grown, products = kinematics.grown(q_t), kinematics.products(q_t)
+        if grown is not None:
+            deformation, displacement = deformation + grown, displacement + grown @ axes.swapaxes(1, 2)
         moved, answer = self._answer(acting)
         if len(moved):
             shown = answer[:, self.nodes] if self._stressed else answer
@@ -204,6 +207,8 @@ class BodyFields:
             data["velocity"] = kinematics.velocities(q, q_t)
         if self.fem is not None and self._stressed:
             whole = self._everywhere(kinematics.elastic(q))
+            if products is not None:
+                whole += (self.body.basis.growth @ products.T).reshape(whole.shape)
             whole[..., moved] += answer.transpose(1, 2, 0)
             stress = nodal_stresses(self.fem, whole, self.nodes)
             if acting is not None:

@@ -268,6 +268,9 @@ def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Pr
     pairs = _with_answers(body, RitzPairs(shapes, np.sqrt(omega_squared[6:])), f_cut, answered)
     if not (pairs.omega < 2 * np.pi * f_cut).any():
         raise _no_mode_below(fem, f_cut)
+    # Growth leaves the boundary at rest, where joints and contact see the coordinates alone.
+    growth = _rest(body, pairs, of_rotation)
+    growth -= rigid @ np.linalg.lstsq(rigid[boundary], growth[boundary])[0]
     # Of each shape's mass in the held modes' span.
     share_held = np.sum(((model.mass @ columns[:, :n_held]).T @ pairs.vectors) ** 2, axis=0)
     kinds = np.where(share_held > 0.5, "fixed-interface", "constraint")
@@ -280,7 +283,7 @@ def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Pr
         nodal=np.empty(0, dtype=np.int64),
         mass="consistent",
         left_out=(f"elastic modes above {f_cut:.6g} Hz of the body held at its boundary (f_cut raises that)",),
-        growth=_growth(body, pairs, of_rotation),
+        growth=model.expand @ growth,
     )
 
 
@@ -489,14 +492,21 @@ def _growth(body: FreeBody, pairs: RitzPairs, answers: Array) -> Array:
     It is orthogonal to them by the stiffness, as the residual flexibility is. So it moves no interface, and forces on
     kept coordinates do no work on it.
     """
-    rigid, model = body.rigid, body.model
-    rest = answers - pairs.vectors @ ((pairs.vectors.T @ (model.stiffness @ answers)) / pairs.omega[:, None] ** 2)
-    return np.asarray(model.expand @ (rest - rigid @ (rigid.T @ (model.mass @ rest))))
+    rest, rigid = _rest(body, pairs, answers), body.rigid
+    return np.asarray(body.model.expand @ (rest - rigid @ (rigid.T @ (body.model.mass @ rest))))
+
+
+def _rest(body: FreeBody, pairs: RitzPairs, answers: Array) -> Array:
+    """Static answers without what the pairs contain by the stiffness, (nz, k); rigid motion is arbitrary."""
+    rest: Array = answers - pairs.vectors @ (
+        (pairs.vectors.T @ (body.model.stiffness @ answers)) / pairs.omega[:, None] ** 2
+    )
+    return rest
 
 
 def _growth_beyond(fem: FEModel, shapes: Array, region: Array, answers: Array) -> Array:
     """The same of answers at all nodes, (3n, 6), for shapes, (3n, ns), and dofs that stay, (k,)."""
-    K, n = fem.stiffness, shapes.shape[1]
+    K = fem.stiffness
     columns = sp.hstack([sp.csr_matrix(shapes), selection(region, fem.n_dofs).T], format="csr")
     M = columns.T @ fem.lumped_mass_matrix @ columns
     outside = np.array(fem.rigid_modes)

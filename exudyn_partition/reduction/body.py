@@ -345,10 +345,10 @@ class ReducedBody:
         self.check_nodes(np.unique(rows.indices[rows.data != 0] // 3))
         return rows[:, node_dofs(self.basis.shape_nodes)]
 
-    def growth_in(self, rows: sp.csr_matrix) -> Array | None:
-        """The same of the growth by rotation, rows U, (k, 6); None if it is not known. See `growth_rows`."""
-        growth = self.basis.growth
-        return None if growth is None else self._known_columns(sp.csr_matrix(rows)) @ growth
+    def growth_in(self, rows: sp.csr_matrix) -> Array:
+        """The same of the growth by rotation, rows U, (k, 6); see `growth_rows`."""
+        known: Array = self._known_columns(sp.csr_matrix(rows)) @ self.basis.growth
+        return known
 
     def check_nodes(self, nodes: Array) -> None:
         """Raise unless the shapes are known at nodes, (k,) int array.

@@ -7,14 +7,16 @@ import netgen.occ as occ
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.sparse as sp
 import scipy.sparse.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles import SPHERE_RADIUS, dense_basis, mass_matrix, relative
+from oracles import SPHERE_RADIUS, dense_basis, end, mass_matrix, relative
 
 import exudyn_partition as ep
-from exudyn_partition.fe.model import rigid_modes
+from exudyn_partition.fe.model import node_dofs, rigid_modes
 from exudyn_partition.reduction.free_body import FreeBody
+from exudyn_partition.reduction.inertia import PAIRS
 
 BASES = ["free", "craig-bampton", "residual", "contact-adapted"]
 
@@ -229,3 +231,52 @@ def test_the_paper_s_basis_names_the_frequencies_that_its_lumped_mass_changes(ro
     for f, by in zip(found, change, strict=True):
         if f <= 1.0001 * off.max():  # of many, the lowest are named
             assert (abs(off / f - 1) < 1e-4).any() == (by > 0.01) or 0.006 < by < 0.012
+
+
+def centrifugal_forces(fem, mass, omega):
+    """-M w x (w x r) about the centre of mass, (3n,)."""
+    return mass @ -np.cross(omega, np.cross(omega, fem.points - fem.centre_of_mass)).ravel()
+
+
+@pytest.mark.parametrize("basis", BASES)
+@pytest.mark.parametrize("kind", ["rigid", "averaged"])
+def test_a_body_that_a_joint_holds_grows_as_the_whole_fe_model_does(link, basis, kind):
+    """Coordinates and growth together have the static answer to rotation about any axis, with the interface held.
+
+    The interface does not see the growth: joints pull at coordinates alone.
+    """
+    patch = ep.Partition.ball(link, (0.005, 0.004, 0.06), 4e-3)
+    part = patch | ep.Partition.interface(link, "foot", end(link, 0.0), kind=kind)
+    body = ep.reduce(link, part, basis=basis, f_cut=60e3)
+    omega = np.array([700.0, -400.0, 900.0])
+    products = [omega[a] * omega[b] for a, b in PAIRS]
+    growth = (body.basis.growth @ products).reshape(-1, 3)
+    T, rows, held = dense_basis(body), body.interface_rows("foot"), part.interfaces[0]
+
+    force = centrifugal_forces(link, mass_matrix(link, body), omega)
+    zero = np.zeros((6, 6))
+    if kind == "rigid":  # all its nodes stand still
+        free = np.setdiff1d(np.arange(link.n_dofs), node_dofs(held.nodes))
+        exact = np.zeros(link.n_dofs)
+        exact[free] = scipy.sparse.linalg.spsolve(link.stiffness[free][:, free].tocsc(), force[free])
+    else:  # their mean motion is none
+        dofs = node_dofs(held.nodes)
+        motion = sp.csr_matrix((held.motion.ravel(), (np.repeat(range(6), len(dofs)), np.tile(dofs, 6))), (6, len(T)))
+        whole = sp.bmat([[link.stiffness, motion.T * 1e9], [motion * 1e9, zero]], format="csc")
+        exact = scipy.sparse.linalg.spsolve(whole, np.r_[force, np.zeros(6)])[:-6]
+    K = np.block([[body.stiffness.toarray(), rows.T * 1e9], [rows * 1e9, zero]])
+    kept = T @ np.linalg.solve(K, np.r_[T.T @ force, np.zeros(6)])[:-6]
+
+    size = abs(exact).max()
+    assert abs(kept + growth.ravel() - exact).max() < 1e-6 * size
+    assert abs(held.motion[:3] @ growth[held.nodes].ravel()).max() < 1e-8 * size
+
+
+def test_growth_makes_the_answer_of_few_coordinates_whole(link):
+    """Without it a body of rigid motion and contact alone would not grow at all."""
+    body = ep.reduce(link, ep.Partition.ball(link, (0.005, 0.004, 0.06), 4e-3), f_cut=3e3)
+    growth = (body.basis.growth[:, 0] * 1000.0**2).reshape(-1, 3)  # turns about x
+    length = 0.03 - abs(link.points[:, 2] - 0.03).min()
+    ends = abs(link.points[:, 2] - 0.03) > 0.9999 * length
+    bar = link.material.rho * 1000.0**2 * 0.03**3 / (3 * link.material.E)  # each half, from the middle
+    np.testing.assert_allclose(abs(growth[ends, 2]).mean(), bar, rtol=0.02)  # the faces are not quite plane
