@@ -118,7 +118,7 @@ class Kinematics(Protocol):
         """
 
     def grown(self, q_t: Array) -> Array | None:
-        """Displacements of the nodes by centrifugal forces, beyond the coordinates, in the body's axes, (..., k, 3) [m].
+        """Displacements of the nodes by centrifugal forces beyond the coordinates, (..., k, 3) [m], in the body's axes.
 
         They are not in `place`, unless the kinematics were told to follow a rotation; see `FloatingKinematics.turn`.
         """
