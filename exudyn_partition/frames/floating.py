@@ -247,7 +247,8 @@ class FloatingKinematics:
         places: Array = loops.places(q, self.start, self.rotation, self.node_axes, self.arms, self.rows)
         if self.growth is None or self.spin is None or self.spin.products is None:
             return places
-        return places + node_fields(self.growth, self.spin.products) @ self.frame(q)[1].swapaxes(-1, -2)
+        places += node_fields(self.growth, self.spin.products) @ self.frame(q)[1].swapaxes(-1, -2)
+        return places
 
     def products(self, q_t: Array) -> Array | None:
         """See `Kinematics.products`."""

@@ -512,7 +512,8 @@ def _growth_beyond(fem: FEModel, shapes: Array, region: Array, answers: Array) -
     outside = np.array(fem.rigid_modes)
     outside[region] = 0.0
     rigid = np.vstack([shapes.T @ (fem.lumped_mass_matrix @ outside), fem.rigid_modes[region]])
-    return answers - columns @ static_answers(columns.T @ K @ columns, M, rigid, columns.T @ (K @ answers))
+    kept: Array = columns @ static_answers(columns.T @ K @ columns, M, rigid, columns.T @ (K @ answers))
+    return answers - kept
 
 
 def _rigid_coordinates(body: FreeBody, n_elastic: int) -> Array:

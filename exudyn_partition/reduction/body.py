@@ -171,6 +171,8 @@ class ReducedBody:
             known = all(material and material.yield_stress is not None for material in elastic)
             said.append(f"plastic deformation (yield_stress= of Material {'tells' if known else 'would tell'} of it)")
         said.append("strain and stress, which `recovery` computes on request")
+        if self.basis.growth is None:  # from a file of before it was stored
+            said.append("growth by rotation beyond the coordinates (reduce it anew)")
         if self.stiffening is None:
             said.append(
                 "geometric stiffness: tension and rotation do not stiffen, compression does not soften "

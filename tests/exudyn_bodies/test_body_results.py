@@ -132,3 +132,93 @@ def test_a_body_at_rest_lacks_nothing_and_one_that_is_hit_is_told(mbs, round_bod
     assert floor.force(hit).max() > 10 * floor.force(hit)[0]
     with pytest.warns(ModelLimitWarning, match="near a contact the displacement of a point lacks its static answer"):
         ball.displacement(hit, place)
+
+
+SPIN, HALF = 2500.0, 40e-3  # rad/s about an axis across a bar, and half its length
+
+
+@pytest.fixture(scope="module")
+def rod():
+    """FE model of a bar about the origin along x, and its only load, a patch at one end."""
+    material = ep.Material(E=E, nu=0.0, rho=2700.0)
+    fem = ep.fe_model(occ.Box((-HALF, -4e-3, -4e-3), (HALF, 4e-3, 4e-3)), material, maxh=6e-3)
+    return fem, ep.Partition.ball(fem, (HALF, 0, 0), 4e-3, direction=(1, 0, 0))
+
+
+def spun(mbs, body, axis=(0, 0, 1), **options):
+    """The bar in free rotation for a tenth of a turn, with its vibration damped."""
+    turning = {"frame": "floating", "initialAngularVelocity": list(SPIN * np.array(axis)), **options}
+    return ep.CreatePartitionBody(mbs, body, name="rod", damping=ep.Rayleigh(4e4, 0.0), **turning)
+
+
+def run(mbs):
+    mbs.Assemble()
+    return ep.solve_dynamic(mbs, end_time=5e-4, method="implicit", step=1e-5, spectral_radius=0.5)
+
+
+@pytest.mark.parametrize("basis, f_cut", [("contact-adapted", 3e3), ("contact-adapted", 90e3), ("residual", 3e3)])
+def test_a_bar_that_turns_grows_and_is_stretched_whatever_its_basis_keeps(mbs, rod, basis, f_cut):
+    """rho w^2 L^3 / (3 E) at the ends and rho w^2 L^2 / (2 E) in the middle; ends move as their displacement says."""
+    fem, part = rod
+    body = ep.reduce(fem, part, f_cut=f_cut, basis=basis)
+    item = spun(mbs, body)
+    result = run(mbs)
+    ends = [item.displacement(result, (x, 0, 0))[-1] + (x, 0, 0) for x in (-HALF, HALF)]
+    grown = np.linalg.norm(ends[1] - ends[0]) / 2 - HALF
+    assert abs(grown / (2700.0 * SPIN**2 * HALF**3 / (3 * E)) - 1) < 0.005
+    stress = item.stress(result, np.zeros((1, 3)), fem)[-1, 0]
+    assert abs(stress[0] / (2700.0 * SPIN**2 * HALF**2 / 2) - 1) < 0.01
+    gauge = ep.recovery.gauge_rows(fem, [ep.StrainGauge((0, 0, 0), (1, 0, 0), HALF)])
+    strain = 2700.0 * SPIN**2 * (HALF**2 - HALF**2 / 12) / (2 * E)  # a gauge has the mean
+    assert abs(item.recover(result, gauge)[-1, 0] / strain - 1) < 0.005
+    speed = np.linalg.norm(item.velocity(result, (HALF, 0, 0))[-1])
+    rate = np.linalg.norm(item.coordinates_t(result)[-1, 3:6])  # less than at first, if coordinates have grown
+    assert abs(speed / (rate * (HALF + grown)) - 1) < 0.02 * grown / HALF
+
+
+def test_growth_turns_with_the_axes_of_the_mesh(mbs, rod):
+    """The bar lies along y in space, and turns about a slanted axis: only what is across its length counts."""
+    body = ep.reduce(*rod, f_cut=3e3)
+    turned = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    item = spun(mbs, body, (0.0, 0.6, 0.8), referenceRotationMatrix=turned)
+    result = run(mbs).at(np.array([1e-5]))
+    ends = [item.displacement(result, (x, 0, 0))[0] + turned @ (x, 0, 0) for x in (-HALF, HALF)]
+    grown = np.linalg.norm(ends[1] - ends[0]) / 2 - HALF
+    assert abs(grown / (2700.0 * (0.8 * SPIN) ** 2 * HALF**3 / (3 * E)) - 1) < 0.01
+
+
+def test_contact_sees_the_growth(mbs, rod):
+    """A bar within a wide ring comes closer to it, in the run's own sensor and in what results find anew."""
+    item = spun(mbs, ep.reduce(*rod, f_cut=3e3))
+    ring = ep.RigidCylinder((0, 0, 0), (0, 0, 1), HALF + 1e-3, hollow=True)
+    contact = ep.CreatePartitionContact(mbs, item, ring)
+    result = run(mbs)
+    grown = 2700.0 * SPIN**2 * HALF**3 / (3 * E)
+    corner = HALF + 1e-3 - np.hypot(HALF, rod[0].points[item.body.partition.patch_nodes, 1].max())
+    gap = contact.gap(result)
+    assert abs((corner - gap[-1]) / grown - 1) < 0.01
+    assert item.kinematics.spin.products is None  # after the run, and after each look at it
+
+
+def test_a_body_that_does_not_turn_does_not_grow(mbs, rod):
+    item = spun(mbs, ep.reduce(*rod, f_cut=3e3), (0, 0, 0), initialVelocity=[1.0, 0, 0])
+    result = run(mbs)
+    way = item.displacement(result, (HALF, 0, 0))[-1]
+    assert abs(way - [5e-4, 0, 0]).max() < 1e-15
+
+
+def test_markers_on_nodes_move_by_the_coordinates_alone(mbs, rod):
+    """The site's page of limits says so: a sensor there lacks the growth that `displacement` has."""
+    item = spun(mbs, ep.reduce(*rod, f_cut=3e3))
+    place = mbs.AddSensor(
+        items.SensorMarker(
+            markerNumber=item.CreateNodeMarker(mbs, (HALF, 0, 0)),
+            outputVariableType=exu.OutputVariableType.Position,
+            storeInternal=True,
+        )
+    )
+    result = run(mbs)
+    marked = np.linalg.norm(mbs.GetSensorStoredData(place)[-1, 1:])
+    whole = np.linalg.norm(item.displacement(result, (HALF, 0, 0))[-1] + (HALF, 0, 0))
+    grown = 2700.0 * SPIN**2 * HALF**3 / (3 * E)
+    assert abs((whole - marked) / grown - 1) < 0.03

@@ -100,7 +100,8 @@ def disc(body, held, steps=300):
         joint = [ground, item.CreateInterfaceMarker(mbs, "shaft")]
         mbs.AddObject(items.GenericJoint(markerNumbers=joint, constrainedAxes=[1, 1, 1, 1, 1, 0]))
     housing = ep.RigidCylinder((0, 0, 0), (0, 0, 1), RIM + CLEARANCE, hollow=True)
-    contact = ep.CreatePartitionContact(mbs, item, housing)
+    sees = body.basis.flexibility is not None  # contact by compliance needs it
+    contact = ep.CreatePartitionContact(mbs, item, housing) if sees else None
     mbs.Assemble()
     begin = time.process_time()
     result = ep.solve_dynamic(mbs, end_time=steps * 1e-5, method="implicit", step=1e-5, spectral_radius=0.5)
@@ -109,28 +110,30 @@ def disc(body, held, steps=300):
         places = [(radius * math.cos(a), radius * math.sin(a), 0.0) for a in (1.0, 2.5, 4.0, 5.5)]
         moved = [np.linalg.norm((np.array(p) + item.displacement(result, p)[-1])[:2]) for p in places]
         grown.append(float(np.mean(moved)) - radius)
-    return *grown, CLEARANCE - contact.gap(result)[-1], spent
+    return *grown, CLEARANCE - contact.gap(result)[-1] if contact else None, spent
 
 
 def discs():
-    """Errors of a held disc's rim and gap, and of a free one's bore and rim; what growth costs."""
+    """Errors of a held disc's rim and of its gap, and of a free one's bore and rim; what growth costs."""
     fem = ring(BORE, RIM, THICK, 12e-3, [ep.Refine((RIM, 0, 0), 4e-3, 2e-3)])
     patch = ep.Partition.ball(fem, (RIM, 0, 0), 3e-3, direction=(1, 0, 0), name="tip")
     shaft = ep.Partition.interface(fem, "shaft", "bore", position=(0, 0, 0))
-    held, free, cost = {}, {}, {}
+    held, gaps, free, cost = {}, {}, {}, {}
     for basis, cuts in (("contact-adapted", (5e3, 15e3)), ("residual", (15e3,)), ("craig-bampton", (15e3,))):
         for f_cut in cuts:
             body = ep.reduce(fem, patch | shaft, f_cut=f_cut, basis=basis)
             _, rim, gap, _ = disc(body, True)
             exact = annulus(1500.0, BORE, RIM, True)[1]
-            held[f"{basis} {f_cut:g} Hz"] = rim / exact - 1, gap / exact - 1
+            held[f"{basis} {f_cut:g} Hz"] = (rim / exact - 1,)
+            if gap is not None:
+                gaps[f"{basis} {f_cut:g} Hz"] = (gap / exact - 1,)
             if f_cut == 5e3:
                 cost = costs(fem, patch | shaft, body)
     for basis, f_cut in (("contact-adapted", 5e3), ("residual", 15e3)):
         bore, rim, _, _ = disc(ep.reduce(fem, patch, f_cut=f_cut, basis=basis), False)
         exact = annulus(1500.0, BORE, RIM, False)
         free[f"{basis} {f_cut:g} Hz"] = bore / exact[0] - 1, rim / exact[1] - 1
-    return held, free, cost
+    return held, gaps, free, cost
 
 
 def costs(fem, part, body):
@@ -174,7 +177,7 @@ def press_fit(f_cut=40e3, omega=4000.0):
 def main():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        bars, (held, free, cost), (left, expected) = bar(), discs(), press_fit()
+        bars, (held, gaps, free, cost), (left, expected) = bar(), discs(), press_fit()
 
     def worst(errors, which):
         return float(max(abs(error[which]) for error in errors.values()))
@@ -183,14 +186,23 @@ def main():
         "bar": worst(bars, 0),
         "strain": worst(bars, 1),
         "rim": max(worst(held, 0), worst(free, 1)),
-        "gap": worst(held, 1),
+        "gap": worst(gaps, 0),
         "bore": worst(free, 0),
         "press_fit": float(abs(left / expected - 1)),
         **{name: cost[name] for name in ("share_of_reduction", "file", "run")},
     }
-    print(json.dumps(found, indent=1), bars, held, free, f"pressure left {left:.4f} of {expected:.4f}", cost, sep="\n")
+    print(
+        json.dumps(found, indent=1),
+        bars,
+        held,
+        gaps,
+        free,
+        f"pressure left {left:.4f} of {expected:.4f}",
+        cost,
+        sep="\n",
+    )
     failed = [key for key, limit in LIMITS.items() if not found[key] <= limit]
-    cases = {"bar": bars, "held_disc": held, "free_disc": free, "pressure_left": [left, expected]}
+    cases = {"bar": bars, "held_disc": held, "gap": gaps, "free_disc": free, "pressure_left": [left, expected]}
     scenes.finish(__file__, {"found": found, "limits": LIMITS, "cases": cases, "reduce_s": cost["reduce_s"]}, failed)
 
 
