@@ -343,6 +343,8 @@ CASES = {
     "hammer": Case("joints/hammer.py", limits(("hinge", "hinge_peak", "blow")), quick=None),
     "rotation": Case("joints/rotation.py",
                      limits(("angular_momentum", "energy", "angular_velocity", "modal_coordinates"))),
+    "growth": Case("joints/growth.py", limits(("bar", "strain", "rim", "gap", "bore", "press_fit", "share_of_reduction",
+                                              "file", "run")), quick=()),
     "geometric_stiffness": Case("joints/geometric_stiffness.py",
                                 limits(("strut", "strut_with_nodes", "pressed", "flap", "lag", "southwell", "link",
                                         "step_ratio", "iterations", "step_ratio_with_nodes", "iterations_with_nodes")),

@@ -31,6 +31,7 @@ from .mean_axes import MeanAxes
 from .nodal_inertia import NodalInertia
 from .rotations import rotation_matrix
 
+_FIRST, _SECOND = np.array(PAIRS).T
 _ROUND_OFF = 1e-13  # of places of nodes, by the body's size
 
 
@@ -167,7 +168,7 @@ class FloatingKinematics:
         result.start = self.start - point
         return result
 
-    @property
+    @cached_property
     def _axes_at_start(self) -> Array:
         return rotation_matrix(self.rotation) @ self.node_axes.T
 
@@ -244,10 +245,11 @@ class FloatingKinematics:
 
     def place(self, q: Array) -> Array:
         """See `Kinematics.place`."""
-        places: Array = loops.places(q, self.start, self.rotation, self.node_axes, self.arms, self.rows)
-        if self.growth is None or self.spin is None or self.spin.products is None:
-            return places
-        places += node_fields(self.growth, self.spin.products) @ self.frame(q)[1].swapaxes(-1, -2)
+        start, arms = self.start, self.arms
+        if self.growth is not None and self.spin is not None and self.spin.products is not None:
+            grown = node_fields(self.growth, self.spin.products)
+            start, arms = start + grown @ self._axes_at_start.T, arms + grown
+        places: Array = loops.places(q, start, self.rotation, self.node_axes, arms, self.rows)
         return places
 
     def products(self, q_t: Array) -> Array | None:
@@ -255,7 +257,8 @@ class FloatingKinematics:
         if self.growth is None:
             return None
         omega = q_t[..., 3:6] @ self.node_axes.T
-        return np.stack([omega[..., a] * omega[..., b] for a, b in PAIRS], axis=-1)
+        products: Array = omega[..., _FIRST] * omega[..., _SECOND]
+        return products
 
     def grown(self, q_t: Array) -> Array | None:
         """See `Kinematics.grown`."""

@@ -21,7 +21,7 @@ from ..support.foreign import MainSystem
 from .contact_review import warn_of_contacts
 from .dent_review import warn_of_dents
 from .result import Result, called, cut, when
-from .spin_review import warn_of_spin
+from .spin_review import warn_of_growth, warn_of_spin
 from .yield_review import warn_of_bending
 
 _LARGEST_DEFORMATION = 0.1  # share of a body's size; linear elasticity is not valid far below it
@@ -73,6 +73,7 @@ def reviewed(mbs: MainSystem, result: Result) -> Result:
         for item, share in zip(bodies, shares, strict=True):
             if item.frame == "inertial":
                 _warn_of_rotation(item, result)
+            warn_of_growth(item, result)
             if item.body.stiffening is None:
                 _warn_of_axial_forces(item, result)
                 warn_of_spin(mbs, item, result)

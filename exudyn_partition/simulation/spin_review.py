@@ -26,6 +26,8 @@ from ..support.arrays import Array
 from ..support.foreign import MainSystem
 from .result import Result, called
 
+_GROWTH = 0.01  # of a marker's place by rotation, by what its body's coordinates deform it there, which warns
+_LEAST_GROWTH = 1e-6  # by the body's size, below which nobody looks at it
 _LARGEST = 0.1  # share by which rotation may stiffen the bending of a body that does not know of it
 _FREE, _CLAMPED = 3.0, 1.2  # Southwell's factor of a bar: free, hinged, or on a guide; and of a cantilever
 _HELD = 1e3  # largest ratio that is expected of squared frequencies, of a free body by those of one that joints hold
@@ -68,6 +70,29 @@ def warn_of_spin(mbs: MainSystem, item: PartitionBody, result: Result) -> None:
                 f"so fast that its bending at {np.sqrt(value) / (2 * np.pi):.4g} Hz, {held}, would be stiffer by about "
                 f"{share[top] / value:.2g} of its stiffness. Rotation does not stiffen this body: it bends too easily. "
                 "Reduce it with geometric_stiffness=True",
+                ModelLimitWarning,
+                stacklevel=4,
+            )
+            return
+
+
+def warn_of_growth(item: PartitionBody, result: Result) -> None:
+    """Warn of markers on nodes and points that would move by rotation, but do not: they move by coordinates alone."""
+    growths = item.kinematics.products(item.coordinates_t(result))
+    if growths is None or not item.point_markers:
+        return
+    q, size = item.coordinates(result), float(np.ptp(item.body.points, axis=0).max())
+    for point in item.point_markers.values():
+        node = item.kinematics.at(np.array([item.body.nearest_node(point)]))
+        grown, deformed = (
+            float(np.linalg.norm(motion, axis=-1).max())
+            for motion in (node.grown(item.coordinates_t(result)), node.deformation(q))
+        )
+        if grown > max(_LEAST_GROWTH * size, _GROWTH * deformed):
+            warnings.warn(
+                f"{called(item)} rotates so fast that centrifugal forces move its point {point} by up to {grown:.3g} "
+                f"m, beside the {deformed:.3g} m of its coordinates. Markers on nodes and points lack that; "
+                "displacement(), stresses and contact have it. Take an interface for a joint, or raise f_cut",
                 ModelLimitWarning,
                 stacklevel=4,
             )

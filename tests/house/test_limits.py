@@ -66,6 +66,10 @@ CROSSED = {
         "Bodies with geometric stiffness keep": [
             "exudyn_bodies/test_joints.py::test_bodies_tell_what_mass_forces_act_on"
         ],
+        "[Growth by rotation]": [
+            "exudyn_bodies/test_body_results.py::test_markers_on_nodes_move_by_the_coordinates_alone"
+        ],
+        "Contact and results have it": [],
         "A [sharp edge]": [
             "simulation/test_penetration_review.py::test_a_corner_or_edge_that_sinks_into_a_rigid_surface_is_told"
         ],
