@@ -78,16 +78,14 @@ def warn_of_spin(mbs: MainSystem, item: PartitionBody, result: Result) -> None:
 
 def warn_of_growth(item: PartitionBody, result: Result) -> None:
     """Warn of markers on nodes and points that would move by rotation, but do not: they move by coordinates alone."""
-    growths = item.kinematics.products(item.coordinates_t(result))
-    if growths is None or not item.point_markers:
-        return
+    q_t = item.coordinates_t(result)
     q, size = item.coordinates(result), float(np.ptp(item.body.points, axis=0).max())
     for point in item.point_markers.values():
         node = item.kinematics.at(np.array([item.body.nearest_node(point)]))
-        grown, deformed = (
-            float(np.linalg.norm(motion, axis=-1).max())
-            for motion in (node.grown(item.coordinates_t(result)), node.deformation(q))
-        )
+        growth = node.grown(q_t)
+        if growth is None:
+            return
+        grown, deformed = (float(np.linalg.norm(motion, axis=-1).max()) for motion in (growth, node.deformation(q)))
         if grown > max(_LEAST_GROWTH * size, _GROWTH * deformed):
             warnings.warn(
                 f"{called(item)} rotates so fast that centrifugal forces move its point {point} by up to {grown:.3g} "
