@@ -27,7 +27,7 @@ from ..support.foreign import MainSystem
 from .result import Result, called
 
 _GROWTH = 0.01  # of a marker's place by rotation, by what its body's coordinates deform it there, which warns
-_LEAST_GROWTH = 1e-6  # by the body's size, below which nobody looks at it
+_LEAST_GROWTH = 1e-5  # by the body's size, below which it is a matter of small stress
 _LARGEST = 0.1  # share by which rotation may stiffen the bending of a body that does not know of it
 _FREE, _CLAMPED = 3.0, 1.2  # Southwell's factor of a bar: free, hinged, or on a guide; and of a cantilever
 _HELD = 1e3  # largest ratio that is expected of squared frequencies, of a free body by those of one that joints hold
