@@ -74,6 +74,7 @@ class ReducedBasis:
     growth : (3n, 6) array or None
         The part of the static answer to centrifugal forces that the columns of T do not contain, by products of
         angular velocities in the order of `inertia.PAIRS` [m s2]; at the nodes of `shapes`. None if it is not known.
+        It is kept in single precision.
     """
 
     name: str
@@ -116,6 +117,8 @@ class ReducedBasis:
             read_only(self.flexibility)
         if self.growth is not None:
             check_floats("growth", self.growth, (n_dofs, 6))
+            # Six digits are enough of a small displacement, and files stay small.
+            object.__setattr__(self, "growth", self.growth.astype(np.float32))
             read_only(self.growth)
 
 

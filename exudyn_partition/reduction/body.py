@@ -390,7 +390,7 @@ class ReducedBody:
         """
         growth = self.basis.growth
         self.check_nodes(nodes)
-        return None if growth is None else growth[self._known_dofs(nodes)]
+        return None if growth is None else growth[self._known_dofs(nodes)].astype(float)
 
     def displacement(self, q: Array) -> Array:
         """Displacements of all nodes, (n, 3) [m], of coordinates q, (n_dofs,); velocities likewise.
