@@ -137,8 +137,8 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
     modes = _modes_to(body, f_cut, progress)
     if not len(modes.omega):
         raise _no_mode_below(fem, f_cut)
-    static = body.static_answers()
-    pairs = _with_attachments(body, modes, static.of_attached)
+    attached, rotating = body.of_loads(body.flexibility())
+    pairs = _with_attachments(body, modes, attached)
     left_out = f"elastic modes above {f_cut:.6g} Hz"
     whole = body.model.expand @ modes.vectors
     # Rayleigh's quotient with consistent mass tells what lumping has changed.
@@ -160,7 +160,7 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
             nodal=nodal,
             mass="lumped",
             left_out=(f"{left_out} (f_cut raises that)", *off),
-            growth=_growth(body, pairs, static.of_rotation),
+            growth=_growth(body, pairs, rotating),
         )
     region = node_dofs(nodal)
     # The part of a rigid motion in region I is a shape, because it strains the elements between the regions.
@@ -182,7 +182,7 @@ def free(fem: FEModel, partition: Partition, f_cut: float, progress: Progress | 
         nodal=nodal,
         mass="lumped",
         left_out=(f"{left_out}, outside the impact region (f_cut raises that)", *off),
-        growth=_growth_beyond(fem, shapes, region, body.model.expand @ static.of_rotation),
+        growth=_growth_beyond(fem, shapes, region, body.model.expand @ rotating),
     )
 
 

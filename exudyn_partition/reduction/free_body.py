@@ -106,14 +106,18 @@ class FreeBody:
         """Elastic answers of the free body to the loads of its patches and interfaces."""
         flexibility = flexibility or self.flexibility()
         rows = self._patch_rows()
-        attached = attached_loads(self.fem, self.partition.interfaces, self.partition.loads) @ self.model.expand
-        answers = flexibility(np.hstack([attached.T.toarray(), self.centrifugal()]))
         zones = {number: self.zone_dofs(patch) for number, patch in enumerate(self.partition.patches) if patch.plastic}
         flexibilities = {
             number: _zone_flexibility(flexibility, dofs, rows[patch_slice(self.partition, number)])
             for number, dofs in zones.items()
         }
-        return StaticAnswers(flexibility.at(rows), answers[:, :-6], answers[:, -6:], flexibilities)
+        return StaticAnswers(flexibility.at(rows), *self.of_loads(flexibility), flexibilities)
+
+    def of_loads(self, flexibility: FreeBodyFlexibility) -> tuple[Array, Array]:
+        """Answers `of_attached` and `of_rotation` of `StaticAnswers`."""
+        attached = attached_loads(self.fem, self.partition.interfaces, self.partition.loads) @ self.model.expand
+        answers = flexibility(np.hstack([attached.T.toarray(), self.centrifugal()]))
+        return answers[:, :-6], answers[:, -6:]
 
     def centrifugal(self) -> Array:
         """Centrifugal forces on the coordinates, (nz, 6) [kg m], by products of angular velocities, see `PAIRS`."""
