@@ -365,6 +365,9 @@ CASES = {
     "plastic_zones": Case("inelastic/zones.py", limits(
         ("force", "work", "offline_s", "memory_GB", "large_offline_s", "large_GB", "online_by_nodes", "wide_offline",
          "wide_online"))),
+    "plastic_settling": Case("inelastic/settling.py", limits(
+        ("settling", "step", "mesh: restitution", "mesh: work", "mesh: dent")),
+        ("--quick", "--out", "{out}/settling_quick.json")),
     "zone_radius": Case("inelastic/zone_radius.py", limits(("reached", "force"))),
     "plastic_nodes": Case("inelastic/nodal_region.py", limits(("contact-adapted", "all nodes", "balance")), quick=None),
     "indentation": Case("inelastic/indentation.py",

@@ -227,9 +227,10 @@ class Partition:
             Directions in which the basis knows the flexibility of the patch: along the line of contact, which is
             enough without friction, or in all three.
         plastic_radius : float, optional
-            Elements this near to `center` may yield [m], if the material has `hardening`. `hertz.impact` tells how far
-            flow may reach: take its `plastic_radius`, and the size of two elements. A warning tells if flow reaches the
-            edge. Default: `radius`, or the length of `long_axis`.
+            Elements this near to `center` may yield [m], if the material has `hardening`: by their centres, and by
+            their nodes up to three quarters of it. `hertz.impact` tells how far flow may reach: take its
+            `plastic_radius`, and the size of two elements. A warning tells if flow reaches the edge. Default: `radius`,
+            or the length of `long_axis`.
         name : str
             To tell patches of one body apart.
 

@@ -295,9 +295,9 @@ def _warn_of_coarse_zone(contact: PartitionContact, result: Result) -> None:
         if flow.any() and (spacing := flow @ zone.spacing / flow.sum()) > _COARSE * radius:
             warnings.warn(
                 f"{called(contact)}: where {contact.side_names[side]} has yielded, the nodes of its elements are "
-                f"{spacing:.3g} m apart, but the contact has a radius of some {radius:.3g} m. Flow is too coarse there: "
-                "the force, and more so the dent and the plastic work, are off by a tenth or much more. Refine the "
-                f"mesh in the zone to nodes {radius / 4:.2g} m apart, so quadratic elements of {radius / 2:.2g} m",
+                f"{spacing:.3g} m apart, but the contact has a radius of some {radius:.3g} m. That does not resolve "
+                "the flow: the force, and more so the dent and the plastic work, are off by a tenth or more. Refine "
+                f"the mesh in the zone to nodes {radius / 4:.2g} m apart, so quadratic elements of {radius / 2:.2g} m",
                 ModelLimitWarning,
                 stacklevel=5,
             )

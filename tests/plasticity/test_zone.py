@@ -306,7 +306,7 @@ def test_a_zone_is_nowhere_narrower_than_three_quarters_of_its_radius(grading):
 
 
 def test_work_of_strain_is_stored_or_taken_by_flow(zone):
-    """Stress grows along a straight path in each step, so that the trapezoid is exact, of strain and of flow."""
+    """Stress grows along a straight path in each step, so that the trapezoid is exact for both works."""
     rng, state, strain = np.random.default_rng(7), PlasticState.virgin(len(zone)), np.zeros((len(zone), 6))
     for _ in range(3):
         u = 2e-5 * rng.standard_normal(3 * len(zone.nodes))

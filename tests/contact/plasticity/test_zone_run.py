@@ -143,3 +143,16 @@ def test_work_done_on_the_zone_is_stored_or_taken_by_flow(motion, share_of_body)
     p = motion.zone.pseudo_forces(run.committed.strain)
     assert run.stored() == pytest.approx(motion.zone.own_energy(run.committed) - p @ (motion.flexibility.own @ p) / 2)
     assert 0 < run.stored() < 0.2 * run.work
+
+
+def test_the_bound_on_stress_is_that_of_first_flow_for_a_force_on_one_row(motion):
+    """From a state below flow: with more force a look is needed, with less it is not."""
+    run, rows = ZoneRun(motion), motion.flexibility.of_patch.shape[1]
+    force = np.eye(rows)[rows // 2]
+    force *= at_first_flow(motion, motion.flexibility.of_patch @ force)
+    run.move(np.zeros(motion.kinematics.rows.shape[1]))
+    assert not run.stays_elastic(0.6 * force)
+    assert not run.look()
+    assert run.stays_elastic(0.99 * force)
+    assert not run.stays_elastic(1.01 * force)
+    assert not run.stays_elastic(-1.01 * force)
