@@ -9,7 +9,7 @@ import meshio
 import netgen.occ as occ
 import numpy as np
 import pytest
-from oracles import energy_by_start, small_zone
+from oracles import SIZE, energy_by_start, hexahedra, quadratic, small_zone, split, write_deck
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, ModelLimitWarning, YieldWarning
@@ -230,6 +230,31 @@ def test_flow_at_the_edge_of_the_zone_warns(models):
     assert side == "slave"
     border = fem.points[small.patches[0].plastic.border]
     assert np.linalg.norm(border - place, axis=1).min() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("order", "per_radius", "told"), [(1, 0.5, True), (1, 4, False), (2, 0.5, True), (2, 2, False)]
+)
+def test_hexahedra_that_are_coarse_for_the_contact_are_told(tmp_path, order, per_radius, told):
+    """Elements of the body, by their number in the radius that 2.8 times the yield stress gives the contact."""
+    force = 40.0
+    h = np.sqrt(force / (2.8 * np.pi * MATERIAL.yield_stress)) / per_radius
+    points, cells = hexahedra(6, 6, 4)
+    points = (points / SIZE - [0, 0, 1]) * [6 * h, 6 * h, 4 * h]
+    points, blocks = split(points, cells, np.full(len(cells), "hexahedron"))
+    if order == 2:
+        points, blocks = quadratic(points, blocks)
+    fem = ep.fe_model(write_deck(tmp_path / "box.inp", points, *blocks), MATERIAL, order=order)
+    part = ep.Partition.ball(fem, (0, 0, 0), 2.2 * h, direction=(0, 0, 1), plastic_radius=2.2 * h)
+    mbs = exu.SystemContainer().AddSystem()
+    speed = np.sqrt(2 * force * 1e-6 / fem.total_mass)
+    block = ep.CreatePartitionBody(mbs, ep.reduce(fem, part, f_cut=F_CUT), initialVelocity=[0, 0, speed])
+    ep.CreatePartitionContact(mbs, block, ep.RigidSphere((0, 0, RADIUS), RADIUS))
+    mbs.Assemble()
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        ep.solve_dynamic(mbs, end_time=8e-6 / speed)
+    assert any("does not resolve the flow" in str(one.message) for one in warned) == told
 
 
 @pytest.mark.parametrize("speed", [0.1, 1.5])
