@@ -286,6 +286,8 @@ def _warn_of_coarse_zone(contact: PartitionContact, result: Result) -> None:
     top = int(force.argmax())
     if not contact.plastic or force[top] <= 0 or (top == len(force) - 1 and result.method != "static"):
         return  # a growing contact begins small
+    if contact.closed_rows(result)[top] == contact.n_rows:
+        return  # flow beneath whole faces is even
     closed, states = contact.radius(result.at(result.t[[top]]))[0], contact.plastic.states(result)
     for side, run in contact.plastic.zones:
         zone = run.zone

@@ -27,9 +27,8 @@ from .work import Work
 _PLAIN = bool, int, float, str, np.ndarray
 _OF_MODEL = ("slave", "master", "sides", "formulation", "carrier", "group", "together", "moment_about")
 _CHOSEN = frozenset(  # parts of marks that users choose; all else comes of the mesh and the partition
-    {"damping", "weight", "plastic states", "marked interfaces", "friction", "surface", "interference", "formulation",
-     "point of the moment"}
-)  # fmt: skip
+    {"damping", "weight", "plastic states", "friction", "surface", "interference", "formulation", "point of the moment"}
+)
 _SAME = 1e-7  # share of the norm of an array that rounding may change if a body is reduced again
 
 
@@ -355,7 +354,7 @@ def described(bodies: Sequence[PartitionBody], contacts: Sequence[PartitionConta
     """Marks of the items of a model: all that changes what a result answers, and numbers of sensors.
 
     The inside of bodies is not in the marks: a run of bodies that were saved without it can be read with whole ones.
-    Nor are the yield stress, the time of the reduction, and `left_out`. Of joints, interfaces with markers are known.
+    Nor are the yield stress, the time of the reduction, and `left_out`. Of joints, what they do to damping is known.
     """
     marks = []
     for item in bodies:
@@ -372,7 +371,6 @@ def described(bodies: Sequence[PartitionBody], contacts: Sequence[PartitionConta
             "damping": None if item.damping is None else item.damping.force(np.cos(np.arange(body.n_dofs))),
             "weight": item.weight,
             "plastic states": {str(patch): vars(state) for patch, state in item.plastic_states.items()},
-            "marked interfaces": tuple(sorted(key for key in item if _marks_interface(item, key))),
         }
         sensors = [*map(int, item["sCoordinates"]), *map(int, item["sCoordinates_t"])]
         marks.append(ItemMark.of(f"body {item.name!r}, {item.frame} frame, sensors {sensors}", content))
@@ -394,11 +392,6 @@ def described(bodies: Sequence[PartitionBody], contacts: Sequence[PartitionConta
         said = f"contact {contact.name!r} of {of}{master}, {law}, {contact.rows} rows, sensor {int(contact['sForce'])}"
         marks.append(ItemMark.of(said, content))
     return tuple(marks)
-
-
-def _marks_interface(item: PartitionBody, key: str) -> bool:
-    """Whether a body has the marker of an interface under this key."""
-    return any(key in (one.name, f"{item.name}:{one.name}") for one in item.body.partition.interfaces)
 
 
 def check_items(stored: Sequence[ItemMark], found: Sequence[ItemMark]) -> None:

@@ -806,8 +806,11 @@ NOT_CALLED = {
     "Partition.check_mesh": _INSIDE,
     "ReducedBody.check_inside": _INSIDE,
     "ReducedBody.check_nodes": _INSIDE,
+    "ReducedBody.growth_in": _INSIDE,
+    "ReducedBody.growth_rows": _INSIDE,
     "ReducedBody.shape_rows": _INSIDE,
     "ReducedBody.strain_energy": _INSIDE,
+    "Result.dampings_of": _INSIDE,
 }
 NOT_EVERYWHERE = {
     "view.show": "it needs a screen",
