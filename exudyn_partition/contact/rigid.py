@@ -206,9 +206,6 @@ class RigidGaps(Gaps):
         gap, normals, left = self.surface.entered((x - place) @ axes, turned, gap, normals @ axes)
         return gap, normals @ axes.T, left
 
-    _faced_by: ContactPoints | None = None  # points whose outward normals, (p, 3), on the body as made are known
-    _outward: Array
-
     def placed_rows(self) -> tuple[ContactPoints, Array, Array]:
         """See `Gaps.placed_rows`."""
         gap, normals = self._projected(self._all.at(self.whole.surface.points - self.centre), self.carrier_pose)
@@ -230,9 +227,8 @@ class RigidGaps(Gaps):
         pose, points = self.carrier_pose, rows.points
         gap, normals = self._projected(x := points.at(places[0]), pose)
         if isinstance(self.surface, RigidMesh) and gap.min(initial=0.0) < 0.0:
-            if self._faced_by is not points:
-                self._faced_by, self._outward = points, self.slave.surface.normals_at(points.nodes, points.weights)
-            gap, normals, left = self._entered(x, self._outward, q, gap, normals)
+            outward = self.slave.surface.normals_at(points.nodes, points.weights)
+            gap, normals, left = self._entered(x, outward, q, gap, normals)
             if (left < -_LEFT * gap).any():
                 through = int((left + gap).argmin())
                 raise RunError(

@@ -173,11 +173,11 @@ def _facts(motion: Motion, title: str, scale: float) -> JSON:
         "colours": colours,
         "levels": _LEVELS,
         "map": _map(),
-        "forces": [{"name": name, "values": _curve(motion.force_t, force)} for name, force in motion.forces.items()],
+        "forces": [{"name": name, "values": force_curve(motion.force_t, own)} for name, own in motion.forces.items()],
     }
 
 
-def _curve(t: Array, force: Array) -> list[float]:
+def force_curve(t: Array, force: Array) -> list[float]:
     """A curve of few points, equally spaced: least and largest value in each interval, so that no peak is missed."""
     edges = np.linspace(t[0], t[-1], _CURVE // 2 + 1)
     every = np.union1d(t, edges)

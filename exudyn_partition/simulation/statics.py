@@ -59,7 +59,7 @@ _FINER = (
     "Shorter load steps did not help. Take a finer mesh of the patches, so that each row has nodes of its own, or less "
     "friction"
 )
-_SHORTEST = 2.0**-8  # of a load step: no further is it divided
+_SHORTEST = 2.0**-20  # of a load step: no further is it divided
 _FINER_STEPS = 4, 16  # parts of load steps in which a run that has ended too early begins again: friction has a path
 _UNSETTLED, _SINGULAR = "terminated due to errors", "Jacobian seems to be singular"  # what Exudyn says then
 _PARTS = 16  # of a load step of a press fit: shortest one before bodies are held by springs without forces
@@ -97,9 +97,9 @@ def solve_static(
         The model, assembled. The run begins in its initial state. Bodies without other support must touch another one.
     load_steps : int
         Number of steps. There is a sample of the initial state and one at the end of each step. A step in which
-        Newton's method or contact forces do not settle is halved, again and again, down to 1/256. Lengths grow again
-        where two shorter steps have settled. If that does not help, the run begins again, with 4 and then 16 times as
-        many load steps. Samples of shorter steps come in addition.
+        Newton's method or contact forces do not settle is halved, again and again, down to a millionth. Lengths grow
+        again where two shorter steps have settled. If that does not help, the run begins again, with 4 and then 16
+        times as many load steps. Samples of shorter steps come in addition.
     load_factor : bool
         Whether all of Exudyn's loads grow in proportion to the static time. If not, they act in full, or by their user
         functions of time. `gravity=` of bodies, springs and prescribed motion never grow by the factor.

@@ -49,10 +49,14 @@ def test_markers_move_as_interfaces_nodes_and_points(mbs, arm, arm_body, frame):
     mbs.Assemble()
     result = ep.solve_dynamic(mbs, end_time=2e-5, step=5e-7)
     q, q_t = item.coordinates(result), item.coordinates_t(result)
+    grown = item.kinematics.at(mean.nodes).grown(q_t)  # by rotation, which markers on nodes do not follow
+    size = 0.0 if grown is None else abs(grown).max()
+    apart = size * np.linalg.norm(q_t[:, 3:6], axis=1).max()
+    assert apart < 1e-7 * abs(q_t[:, :3]).max()
 
     end = item.kinematics.at(mean.nodes)
     np.testing.assert_allclose(result.sensor(head[0]), mean.weights @ end.place(q), atol=1e-12)
-    np.testing.assert_allclose(result.sensor(head[1]), mean.weights @ end.velocities(q, q_t), atol=1e-9)
+    np.testing.assert_allclose(result.sensor(head[1]), mean.weights @ end.velocities(q, q_t), atol=1e-9 + apart)
     A = item.kinematics.frame(q)[1]
     rows = mean.motion[3:] @ end.rows
     elastic = rows.shape[1]
@@ -65,11 +69,11 @@ def test_markers_move_as_interfaces_nodes_and_points(mbs, arm, arm_body, frame):
 
     near = item.kinematics.at(np.array([arm_body.nearest_node((0.005, 0.004, 0.06))]))
     np.testing.assert_allclose(result.sensor(corner[0]), near.place(q)[:, 0], atol=1e-12)
-    np.testing.assert_allclose(result.sensor(corner[1]), near.velocities(q, q_t)[:, 0], atol=1e-9)
+    np.testing.assert_allclose(result.sensor(corner[1]), near.velocities(q, q_t)[:, 0], atol=1e-9 + apart)
     assert relative(result.sensor(point[0])[0], PLACE + item.kinematics.frame(q)[1][0] @ inside) < 1e-4
-    np.testing.assert_allclose(item.velocity(result, inside), result.sensor(point[1]), atol=1e-9)
+    np.testing.assert_allclose(item.velocity(result, inside), result.sensor(point[1]), atol=1e-9 + apart)
     way = item.displacement(result, inside)
-    np.testing.assert_allclose(way - way[0], result.sensor(point[0]) - result.sensor(point[0])[0], atol=1e-12)
+    np.testing.assert_allclose(way - way[0], result.sensor(point[0]) - result.sensor(point[0])[0], atol=1e-12 + size)
 
 
 def static_solver(mbs):

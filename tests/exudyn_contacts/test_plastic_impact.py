@@ -288,6 +288,7 @@ def test_a_zone_that_flow_just_reaches_is_wide_enough(speed):
 
     with warnings.catch_warnings():
         warnings.filterwarnings("error", message=".*reached the edge of its plastic zone")
+        warnings.filterwarnings("ignore", message=".*does not resolve the flow")
         (contact, result), found = impact(1.0), impact(1.5)
     assert contact.plastic.flow_at_border(result) is None
     force = contact.force(result)
@@ -297,8 +298,10 @@ def test_a_zone_that_flow_just_reaches_is_wide_enough(speed):
         assert flows.any()
         assert np.linalg.norm(run.zone.place(flows), axis=1).max() < reached
     assert np.linalg.norm(force - wide) < 4e-3 * np.linalg.norm(wide)
-    with pytest.warns(YieldWarning, match="reached the edge of its plastic zone"):
-        small = impact(0.4)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*does not resolve the flow")
+        with pytest.warns(YieldWarning, match="reached the edge of its plastic zone"):
+            small = impact(0.4)
     assert small[0].force(small[1]).max() > 1.005 * wide.max()
 
 
@@ -340,6 +343,7 @@ def test_flow_of_two_zones_near_each_other_warns(distance, near):
         warnings.simplefilter("always")
         result = ep.solve_dynamic(mbs, end_time=8e-6)
     told = [str(one.message) for one in told if issubclass(one.category, ModelLimitWarning)]
+    told = [text for text in told if "does not resolve the flow" not in text]  # the mesh is coarse, too
     assert ["beneath contact '0' and contact '1'" in text for text in told if "energy" not in text] == [True] * near
     # The work of each zone alone is not that of both.
     assert any("J of energy" in text for text in told) == near

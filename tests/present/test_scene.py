@@ -15,7 +15,7 @@ from oracles import MARBLE_RADIUS, hit_by_a_spinning_ball
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError
 from exudyn_partition.present.motion import motion_of
-from exudyn_partition.present.scene import _curve, few_shapes, split_at_edges
+from exudyn_partition.present.scene import few_shapes, force_curve, split_at_edges
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def test_a_curve_of_few_points_follows_each_sample():
     """Points are at most one interval away from the samples, and none of these is above or below the curve's ends."""
     t = np.sort(np.random.default_rng(0).random(5000))
     force = np.maximum(0.0, np.sin(300 * t)) * 1e-4  # far below a millinewton
-    curve = np.array(_curve(t, force))
+    curve = np.array(force_curve(t, force))
     assert curve.max() == pytest.approx(force.max(), rel=1e-4)
     at, step = np.linspace(t[0], t[-1], len(curve)), np.ptp(t) / (len(curve) // 2)
     for time, value in zip(at, curve, strict=True):
