@@ -99,6 +99,10 @@ class Roaming(Spring):
 
     node_areas, row_nodes = np.ones(2), np.zeros(1, dtype=int)
 
+    @property
+    def last(self):
+        return np.zeros((1, 3))
+
     def gap_at(self, q):
         self.row_nodes = q[:1].astype(int)
         return q[1:]
@@ -108,7 +112,7 @@ class Listener(Runaway):
     """A contact with friction that presses nothing, and knows what the other one has pushed it."""
 
     d = 3
-    friction, remembers, forces = True, True, np.zeros((1, 3))
+    friction, remembers, viscous, forces = True, True, False, np.zeros((1, 3))
     row_nodes, index = np.zeros(1, dtype=int), np.empty(0)
 
     def reset(self):
