@@ -7,6 +7,7 @@ from oracles import SPHERE_RADIUS, compliant, floating, inertial, moved, relativ
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.frames.floating import FloatingKinematics
 from exudyn_partition.surfaces.points import ROWS
+from exudyn_partition.surfaces.vectors import triangle_frame
 
 
 @pytest.mark.parametrize("kind", ROWS)
@@ -242,6 +243,20 @@ def test_pairs_freeze_again_when_the_sliding_stops(round_body, flat_body):
         law.force(q)
     assert not law.gaps.moving
     assert law.lam.sum() == pytest.approx(moving, rel=1e-9)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("sense", [1, -1])
+def test_pairs_that_slide_slowly_along_either_direction_do_not_freeze(round_body, flat_body, axis, sense):
+    """At a hundredth of a facet in as many evaluations as a contact must stand still to freeze."""
+    gaps = PatchGaps(inertial(round_body), inertial(flat_body))
+    master = gaps.sides[1].surface.points[gaps.witnesses[1]]
+    way = sense * triangle_frame(master)[1][:, axis]
+    assert abs(way[2]) < 1e-9
+    for x in 0.1 + 0.01 * np.arange(500) / 200:
+        q = moved(inertial(round_body), x * gaps.size * way + [0, 0, -4e-6])
+        gaps.at(np.r_[q, np.zeros(flat_body.n_dofs)])
+        assert gaps.moving
 
 
 def test_points_past_the_master_s_edge_carry_nothing(round_body, flat_body):

@@ -5,6 +5,7 @@ import pytest
 from oracles import compliant, floating, inertial, moved
 from scipy.spatial.transform import Rotation
 
+from exudyn_partition.algebra.coulomb import Coulomb
 from exudyn_partition.contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere
 from exudyn_partition.contact.tangential import TangentialRows
 from exudyn_partition.errors import InputError, PenetrationError
@@ -69,6 +70,40 @@ def test_rows_change_with_the_motion_of_the_carrier(round_body, surface):
     for now["t"] in (-1e-6, 1e-6):
         changes.append(np.column_stack([gaps.at(q), rows.way()]))
     np.testing.assert_allclose((changes[1] - changes[0]) / 2e-6, found, rtol=0, atol=1e-5 * abs(found).max())
+
+
+@pytest.mark.parametrize("friction", [None, 0.3])
+@pytest.mark.parametrize("surface", [RigidPlane(), RigidCylinder((0, 0, -0.02), (1.0, 0.3, 0), 0.02)])
+def test_the_carrier_bears_the_reaction(round_body, surface, friction):
+    """By virtual work: what closed rows change with the carrier's motion; and the patch bears the opposite force."""
+    turn, place = np.array([0.4, 0.2, -0.3]), np.array([0.1, 0.2, 0.3])
+    A, side = Rotation.from_rotvec(turn).as_matrix(), floating(round_body, place, turn)
+    law = compliant(RigidGaps(side, surface, pose=lambda: (place, A)), friction and Coulomb(friction))
+    for n, way in enumerate([(0, 0, 0), (0, 0, -4e-6), (1e-6, 2e-6, -5e-6)]):
+        law.force(moved(side, A @ way))
+        law.commit(float(n))
+    force = law.on_carrier(place)
+    np.testing.assert_allclose(force, law.row_carrier().T @ law.forces[law.index].ravel(), rtol=1e-9, atol=1e-9)
+    (on_patch,), elsewhere = law.nodal_forces(), place + [0.3, -0.1, 0.2]
+    np.testing.assert_allclose(on_patch.sum(axis=0), -force[:3], rtol=1e-9)
+    assert (-A.T @ force[:3])[2] > 50
+    moment = np.cross(law.gaps.centre + law.gaps.places_now()[0] - elsewhere, on_patch).sum(axis=0)
+    np.testing.assert_allclose(law.on_carrier(elsewhere)[3:], -moment, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("friction", [None, 0.3])
+def test_moments_of_a_contact_far_from_the_origin(round_body, friction):
+    """Points count from a place near the contact; moments about any point in space are those of the nodes' forces."""
+    place, point = np.array([3.0, -2.0, 0.5]), np.array([0.3, 1.0, -0.7])
+    side = inertial(round_body, place)
+    law = compliant(RigidGaps(side, RigidPlane(place)), friction and Coulomb(friction))
+    for n, way in enumerate([(0, 0, 0), (0, 0, -4e-6), (2e-6, 0, -4e-6)]):
+        law.force(moved(side, way))
+        law.commit(float(n))
+    x = place + way + round_body.points[round_body.partition.patches[0].nodes]
+    moment = np.cross(x - point, law.nodal_forces()[0]).sum(axis=0)
+    np.testing.assert_allclose(law.moment(point), moment, rtol=1e-9)
+    assert np.linalg.norm(moment) > 50
 
 
 def test_the_gap_of_a_surface_is_that_of_its_lowest_point(flat_body):

@@ -84,6 +84,31 @@ def test_growing_steps_are_few():
     assert shrunk.next_step(steps[-1]) == pytest.approx(0.25 * steps[-1])
 
 
+@pytest.mark.parametrize("share", [0.6, 0.1])
+def test_a_share_of_the_tolerance_shortens_steps_by_its_root(share):
+    """Their error, which is half of what is allowed, is of second order."""
+    errors = at_start([[1.0]], [0.0])  # a step of 1 s follows one of 1 s
+    assert errors.next_step(1.0) == 1.0
+    for last in (1.0, 1.3):
+        short = errors.next_step(last, share)
+        assert short == pytest.approx(np.sqrt(share) if last**2 > 2 * share else last)
+    assert errors.next_step(0.1, share) == pytest.approx(0.15)
+
+
+def test_a_body_at_rest_is_judged_as_one_that_moved_with_a_hundredth_of_what_is_stored():
+    moved, stands = after(at_start([[2.0]], [0.0]), 1.0, [1.0], [0.0]), at_start([[2.0]], [0.0], stored=100.0)
+    now = BodyMotion(np.zeros(1), np.array([0.7]))
+    assert stands.of(0.3, now) == pytest.approx(moved.of(0.3, now), rel=1e-12)
+
+
+def test_energy_is_that_of_the_largest_changes_of_velocity_or_a_hundredth_of_what_is_stored():
+    errors = at_start([[2.0], [3.0]], [1.0, 5.0], stored=40.0)
+    assert errors.energy == pytest.approx(0.4)
+    for q_t in ([0.0, 8.0], [0.5, 4.0]):  # 1 J and 13.5 J of one and the other at first
+        errors = after(errors, 1.0, q_t, [0.0, 0.0])
+        assert errors.energy == pytest.approx(14.5)
+
+
 def test_a_step_with_too_large_an_error_is_replaced_by_one_with_the_allowed_error():
     errors = at_start([[1.0]], [0.0])
     assert errors.shorter_step(1.0, 1.9 * TOLERANCE) is None
