@@ -1,5 +1,7 @@
 """Complementarity problems against non-negative least squares, and problems that are none."""
 
+import itertools
+
 import numpy as np
 import pytest
 import scipy.optimize
@@ -8,7 +10,7 @@ from hypothesis import strategies as st
 from oracles import rows_on_few_nodes
 
 from exudyn_partition.algebra import complementarity
-from exudyn_partition.algebra.complementarity import Complementarity
+from exudyn_partition.algebra.complementarity import Complementarity, regularised
 from exudyn_partition.errors import (
     ComplementarityError,
     IndefiniteMatrixError,
@@ -56,6 +58,22 @@ def test_many_stiff_rows_on_few_soft_nodes(own, curvature):
         lam = problem.solve(h)
         conditions(F, h, lam)
         assert problem.iterations < 3 * len(h)
+
+
+def test_rows_that_only_rounding_violates_do_not_hold_it_up():
+    """Seven nearly redundant rows that move each other in both senses: w is a small difference of large numbers."""
+    rows = np.array([[1, 0], [0, 0], [0, -1], [1, 0], [0, -1], [-1, 0], [-1, 0]])
+    apart = np.array([[1, -1], [1, -1], [-1, 0], [0, 1], [-1, 0], [0, 0], [-1, 0]])
+    A = np.hstack([rows, 1e-5 * apart])
+    F = regularised(A @ A.T)
+    for x in itertools.product(range(-3, 4), repeat=4):
+        h = A @ x
+        if h.any():
+            lam = Complementarity(F)._one_by_one(h, np.zeros(len(h)))
+            w, rounding = F @ lam + h, 1e-12 * abs(h).max() + 1e-14 * (abs(F) @ lam).max()
+            assert (lam >= 0).all()
+            assert w.min() >= -rounding
+            assert abs(w[lam > 0]).max(initial=0.0) <= rounding
 
 
 def test_an_unchanged_active_set_takes_one_iteration():

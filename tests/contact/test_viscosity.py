@@ -1,0 +1,92 @@
+"""Viscous flexibilities with friction against fields of displacements by brute force, and what is remembered of them."""
+
+import numpy as np
+import pytest
+from oracles import broken_law
+
+import exudyn_partition as ep
+from exudyn_partition.algebra.friction import SLIP, STICK
+from exudyn_partition.algebra.products import dense
+from exudyn_partition.contact.formulations.choices import Compliance
+from exudyn_partition.contact.patch_contact import PatchContact
+from exudyn_partition.contact.patch_gaps import PatchGaps
+from exudyn_partition.contact.rigid import RigidGaps, RigidPlane
+from exudyn_partition.contact.side import Side
+from exudyn_partition.frames.inertial import InertialKinematics
+
+MU, BETAS = 0.3, (2e-6, 0.5e-6)  # times of ball and plate [s]
+STEPS = [  # lengths [us] and ways of the ball [um]: down, aside with stick and slip, at rest, up, away, and down again
+    (0.4, (0, 0, -9)), (0.4, (0.3, 0, -9.5)), (0.8, (2.0, 0.8, -9)), (3.0, (2.0, 0.8, -9)), (0.2, (1.2, 1.2, -7)),
+    (0.3, (1.2, 1.2, 3)), (0.5, (1.2, 1.2, -5)),
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module", params=[1, 2], ids=["plane", "plate"])
+def contact(round_body, flat_body, request):
+    """A ball on a rigid plane, or on a plate whose flexibility has another time."""
+    both = zip((round_body, flat_body), BETAS, strict=True)
+    sides = [Side.of(InertialKinematics(body, np.zeros(3)), beta=beta) for body, beta in both]
+    gaps = RigidGaps(sides[0], RigidPlane()) if request.param == 1 else PatchGaps(*sides)
+    return PatchContact(gaps, Compliance(), ep.Coulomb(MU)).for_run()
+
+
+def coordinates(contact, way):
+    q = np.zeros(contact.gaps.n)
+    ball = contact.gaps.sides[0].kinematics.body
+    q[: ball.n_dofs] = ball.rigid[:, :3] @ np.multiply(way, 1e-6)
+    return q
+
+
+def test_forces_energy_and_work_are_those_of_fields_of_displacements(contact):
+    """Each side has displacements u of its nodes with u + beta u' = F G' lambda, by implicit steps of Euler's method.
+
+    Tangential places count from the end of the last step, where displacements are not zero.
+    """
+    law = contact.for_run()
+    sides = range(len(law.gaps.sides))
+    G, F = [law.rows.side_rows(side) for side in sides], [np.asarray(side.flexibility) for side in law.gaps.sides]
+    H = dense(law.rows.jacobian(np.arange(len(law.row_nodes))))
+    u, last_q, t = [np.zeros(len(own)) for own in F], coordinates(law, (0, 0, 0)), 0.0
+    elastic = last = np.zeros((len(sides), len(law.row_nodes), 3))
+    work = rubbed = 0.0
+    states = set()
+    for step, way in STEPS:
+        law.commit(t)
+        t, q = t + 1e-6 * step, coordinates(law, way)
+        law.take_step(t)
+        law.force(q)
+        share = [1e-6 * step / (1e-6 * step + beta) for beta in BETAS[: len(sides)]]
+        whole = sum(share[s] * G[s] @ F[s] @ G[s].T for s in sides)
+        before = [(G[s] @ u[s]).reshape(-1, 3) for s in sides]
+        h = (H @ (q - last_q)).reshape(-1, 3) - sum(share[s] * before[s] for s in sides)
+        h[:, 0] = law.gaps.at(q) + sum((1 - share[s]) * before[s][:, 0] for s in sides)
+        lam = law.forces
+        assert broken_law(whole, h, np.full(len(h), MU), lam) < 1e-6
+        u = [share[s] * F[s] @ (G[s].T @ lam.ravel()) + (1 - share[s]) * u[s] for s in sides]
+        elastic = [share[s] * lam + (1 - share[s]) * elastic[s] for s in sides]
+        now = [(G[s] @ u[s]).reshape(-1, 3) for s in sides]
+        stored = 0.5 * sum(np.vdot(elastic[s], now[s]) for s in sides)
+        work += 0.5 * sum(np.vdot(lam + last[0], now[s] - before[s]) for s in sides)
+        slips = (h + (whole @ lam.ravel()).reshape(-1, 3))[:, 1:]
+        if law.index.size:
+            rubbed -= 0.5 * np.vdot((lam + last[0])[:, 1:], slips)
+        assert law.stored() == pytest.approx(stored, rel=1e-5)
+        assert law.viscous_work() == pytest.approx(work - stored, rel=1e-5)
+        assert law.dissipated() == pytest.approx(rubbed, rel=1e-5, abs=1e-6 * stored)
+        last, last_q = [lam.copy()], q
+        states |= {*law.state}
+    assert not law.gaps.moving
+    assert {STICK, SLIP} < states
+    assert law.viscous_work() > 0.5 * stored > 0
+
+
+def test_nothing_is_left_after_a_long_time(contact):
+    """Elastic forces fade by 1 / (1 + h / beta) in a step; then runs are as before the impact, but for the energy."""
+    law, t = contact.for_run(), 0.0
+    for way in [(0, 0, -3)] + 70 * [(0, 0, 50)]:
+        law.commit(t)
+        t += 1e-6
+        law.take_step(t)
+        law.force(coordinates(law, way))
+    law.commit(t)
+    assert not law.creep.elastic
