@@ -198,11 +198,12 @@ class RigidGaps(Gaps):
         self.stage = self._start.again()
 
     def _entered(self, x: Array, outward: Array, q: Array, gap: Array, normals: Array) -> tuple[Array, Array, Array]:
-        """See `RigidMesh.entered`; all in space, but `outward`, which belongs to the slave as it was made."""
+        """See `RigidMesh.entered`; all in space, but `outward`, which belongs to the slave as it was placed."""
         assert isinstance(self.surface, RigidMesh)
         pose = self.carrier_pose
         place, axes = (pose[:3], pose[3:].reshape(3, 3)) if len(pose) else (np.zeros(3), np.eye(3))
-        turned = outward @ self.slave.kinematics.frame(q)[1].T @ axes
+        placed, now = (self.slave.kinematics.frame(at)[1] for at in (np.zeros(self.n), q))
+        turned = outward @ placed @ now.T @ axes
         gap, normals, left = self.surface.entered((x - place) @ axes, turned, gap, normals @ axes)
         return gap, normals @ axes.T, left
 

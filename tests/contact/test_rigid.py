@@ -84,7 +84,7 @@ def test_the_carrier_bears_the_reaction(round_body, surface, friction):
         law.commit(float(n))
     force = law.on_carrier(place)
     np.testing.assert_allclose(force, law.row_carrier().T @ law.forces[law.index].ravel(), rtol=1e-9, atol=1e-9)
-    (on_patch,), elsewhere = law.nodal_forces(), place + [0.3, -0.1, 0.2]
+    (on_patch,), elsewhere = law.nodal_forces(), place + np.array([0.3, -0.1, 0.2])
     np.testing.assert_allclose(on_patch.sum(axis=0), -force[:3], rtol=1e-9)
     assert (-A.T @ force[:3])[2] > 50
     moment = np.cross(law.gaps.centre + law.gaps.places_now()[0] - elsewhere, on_patch).sum(axis=0)

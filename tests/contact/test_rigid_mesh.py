@@ -6,6 +6,7 @@ import netgen.occ as occ
 import numpy as np
 import pytest
 from oracles import compliant, floating, moved
+from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition.contact.rigid import RigidGaps
@@ -169,6 +170,48 @@ def test_how_much_of_a_sheet_is_left_before_a_row():
         np.testing.assert_allclose(left, 0.1 - depth if depth > 0.05 else np.inf, atol=1e-12)
 
 
+def test_a_body_has_come_through_the_sheet_that_it_is_in():
+    """There are sheets before it and behind it, all in one mesh."""
+    sheets = [ep.RigidMesh.of(occ.Box((-1, -1, z - 0.1), (1, 1, z)), maxh=2) for z in (-1.0, 0.0, 2.0)]
+    first = np.cumsum([0] + [len(sheet.points) for sheet in sheets])
+    triangles = [sheet.triangles + n for sheet, n in zip(sheets, first, strict=False)]
+    mesh = ep.RigidMesh(np.vstack([sheet.points for sheet in sheets]), np.vstack(triangles))
+    for z, sense in ((-0.07, 1), (-0.03, -1)):  # from above and from below
+        x, up = np.array([[0.1, 0.2, z]]), np.array([[0, 0, float(sense)]])
+        gap, normals, left = mesh.entered(x, -up, *mesh.project(x))
+        np.testing.assert_allclose(gap, -0.07, atol=1e-12)
+        np.testing.assert_allclose(normals, up, atol=1e-12)
+        np.testing.assert_allclose(left, 0.03, atol=1e-12)
+
+
+@pytest.mark.parametrize("turn", [(0.0, 0, 0), (0.4, 0.2, -0.3), (2.5, 1.0, 0.5)])
+@pytest.mark.parametrize("since", [False, True], ids=["placed", "turned since"])
+def test_sheets_that_a_body_carries_are_entered_as_planes_are(round_body, turn, since):
+    """Wherever body and sheet have turned together, from the start or since then."""
+    sheet, place = ep.RigidMesh.of(occ.Box((-0.03, -0.03, -2e-5), (0.03, 0.03, 0)), maxh=0.06), np.array([0.3, 0.1, 0])
+    A, found = Rotation.from_rotvec(turn).as_matrix(), []
+    for surface in (ep.RigidPlane(), sheet):
+        pose = {"A": np.eye(3) if since else A}
+        side = floating(round_body, place, np.zeros(3) if since else turn)
+        gaps = RigidGaps(side, surface, pose=lambda pose=pose: (place, pose["A"]))
+        pose["A"] = A
+        down, arm = A @ [0, 0, -1.8e-5], side.kinematics.origin - place
+        q = moved(side, down + A @ arm - arm, turn) if since else moved(side, down)
+        found.append((gaps.at(q), gaps.normal))
+    closed = found[0][0] < 0
+    assert closed.any()
+    for plane, mesh in zip(*found, strict=True):
+        np.testing.assert_allclose(mesh[closed], plane[closed], atol=1e-12)
+
+
+def test_the_gap_of_a_surface_within_a_thin_sheet_is_its_depth(round_body):
+    found = []
+    for surface in (ep.RigidPlane(), disc(0.03, 2e-5)):
+        gaps = RigidGaps(floating(round_body), surface)
+        found.append(gaps.surface_gap(moved(gaps.slave, [0, 0, -1.8e-5])))
+    assert found[1] == pytest.approx(found[0], abs=1e-12)
+
+
 def test_rows_that_pass_through_a_sheet_are_refused(round_body):
     """Behind it nothing would hold them."""
     sheet = ep.RigidMesh.of(occ.Box((-0.03, -0.03, -2e-5), (0.03, 0.03, 0)), maxh=0.06)
@@ -183,6 +226,7 @@ def test_a_row_meets_the_rim_of_a_thin_disc_that_its_body_has_come_through():
     round_one = disc(1.0, 0.02, 96)
     for z in (-0.004, 0.0, 0.006):
         x, outward = np.array([[0.96, 0.0, z - 0.01]]), np.array([[-np.cos(z), 0.0, np.sin(z)]])
-        gap, normals, _ = round_one.entered(x, outward, *round_one.project(x))
+        gap, normals, left = round_one.entered(x, outward, *round_one.project(x))
+        assert left[0] == np.inf
         assert gap[0] == pytest.approx(-0.04, abs=2e-3)  # the sag of its edges
         assert normals[0, 0] > 0.99

@@ -1,4 +1,4 @@
-"""Viscous flexibilities with friction against fields of displacements by brute force, and what is remembered of them."""
+"""Viscous flexibilities with friction against fields of displacements by brute force, and what is left of them."""
 
 import numpy as np
 import pytest
