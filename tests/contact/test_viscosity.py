@@ -12,6 +12,7 @@ from exudyn_partition.contact.patch_contact import PatchContact
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.rigid import RigidGaps, RigidPlane
 from exudyn_partition.contact.side import Side
+from exudyn_partition.contact.viscosity import moved as displacements
 from exudyn_partition.frames.inertial import InertialKinematics
 
 MU, BETAS = 0.3, (2e-6, 0.5e-6)  # times of ball and plate [s]
@@ -90,3 +91,25 @@ def test_nothing_is_left_after_a_long_time(contact):
         law.force(coordinates(law, way))
     law.commit(t)
     assert not law.creep.elastic
+
+
+@pytest.mark.parametrize("friction", [None, ep.Coulomb(MU)])
+def test_sides_of_a_body_that_touches_itself_move_each_other(round_body, flat_body, friction):
+    """Both together are moved by the flexibility of the rows, which is symmetric; what goes across is not."""
+    sides = [Side.of(InertialKinematics(body, np.zeros(3))) for body in (round_body, flat_body)]
+    size = 1e-3 * abs(np.asarray(sides[0].flexibility)).max()
+    shape = [len(np.asarray(side.flexibility)) for side in sides]
+    between = size * np.random.default_rng(0).standard_normal(shape)
+    gaps = PatchGaps(*sides, between=between)
+    rows = PatchContact(gaps, Compliance(), friction).rows
+    gaps.at(np.zeros(gaps.n))
+    forces = [np.random.default_rng(n).standard_normal((len(gaps.row_nodes), rows.d)) for n in (1, 2)]
+    G = [dense(rows.side_rows(side)) for side in (0, 1)]
+    own = [G[s] @ np.asarray(sides[s].flexibility) @ (G[s].T @ forces[s].ravel()) for s in (0, 1)]
+    right = (
+        own[0] + G[0] @ between @ (G[1].T @ forces[1].ravel()),
+        own[1] + G[1] @ between.T @ (G[0].T @ forces[0].ravel()),
+    )
+    for found, expected in zip(displacements(rows, forces), right, strict=True):
+        np.testing.assert_allclose(found.ravel(), expected, rtol=0, atol=1e-9 * abs(expected).max())
+    assert abs(right[0] - own[0]).max() > 1e-3 * abs(own[0]).max()
