@@ -14,12 +14,13 @@ FORCE = 50.0
 
 
 @pytest.fixture
-def held(mbs, round_body):
+def held(mbs, round_body, request):
     """A ball that springs hold, pressed on a plane and aside, so that some rows slip and others stick."""
+    friction = getattr(request, "param", 0.5)
     item = ep.CreatePartitionBody(mbs, round_body, name="ball")
-    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), name="floor", friction=0.5)
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), name="floor", friction=friction)
     K = add_springs(mbs, item, np.diag([1e5, 1e7, 1e5, 1e3, 1e3, 1e3]))
-    for axis, force in ((2, 10 * FORCE), (0, 2 * FORCE)):
+    for axis, force in ((2, 10 * FORCE), (0, 4 * friction * FORCE)):
         load = np.asarray(item.body.mass @ item.body.rigid)[:, axis] * -force / item.body.total_mass
         add_loads(mbs, item, load)
     mbs.Assemble()
@@ -33,6 +34,7 @@ def frequencies(K, item):
     return np.sign(squares) * np.sqrt(abs(squares)) / (2 * np.pi)
 
 
+@pytest.mark.parametrize("held", [0.5, 0.02], indirect=True)
 def test_closed_rows_stick(mbs, held):
     """Stiffness by hand: springs and modes, and the inverse of the flexibility of all closed rows."""
     item, contact, K, result = held
@@ -75,6 +77,17 @@ def test_masses_on_a_joint(mbs):
     right = np.sort(np.sqrt([1e4 / 2, 1e4 / 2, 5e4 / 3, 5e4 / 3, 6e4 / 5])) / (2 * np.pi)
     np.testing.assert_allclose(found, right, rtol=1e-9)
     np.testing.assert_allclose(modes[0], modes[3], atol=1e-12)
+    np.testing.assert_allclose(modes.T @ np.diag([2.0] * 3 + [3.0] * 3) @ modes, np.eye(5), atol=1e-12)
+
+
+def test_an_unstable_motion_has_a_negative_frequency(mbs):
+    """A mass on springs, one of which pushes it away."""
+    mass = mbs.CreateMassPoint(physicsMass=2.0)
+    mbs.CreateCartesianSpringDamper(itemNumbers=[mbs.CreateGround(), mass], stiffness=[1e4, -3e4, 2e4])
+    mbs.Assemble()
+    found, modes = ep.natural_modes(mbs)
+    np.testing.assert_allclose(found, [-np.sqrt(3e4 / 2) / (2 * np.pi), *np.sqrt([1e4 / 2, 2e4 / 2]) / (2 * np.pi)])
+    np.testing.assert_allclose(abs(modes), np.eye(3)[:, [1, 0, 2]] / np.sqrt(2.0), atol=1e-12)
 
 
 def test_what_has_no_modes_is_refused(mbs, bodies, pair_of):
