@@ -74,6 +74,7 @@ def test_masses_on_a_joint(mbs):
     mbs.AddObject(items.CoordinateConstraint(markerNumbers=[one, other]))
     mbs.Assemble()
     found, modes = ep.natural_modes(mbs)
+    assert "staticSolver" not in mbs.sys  # no run was made
     right = np.sort(np.sqrt([1e4 / 2, 1e4 / 2, 5e4 / 3, 5e4 / 3, 6e4 / 5])) / (2 * np.pi)
     np.testing.assert_allclose(found, right, rtol=1e-9)
     np.testing.assert_allclose(modes[0], modes[3], atol=1e-12)
@@ -104,3 +105,22 @@ def test_what_has_no_modes_is_refused(mbs, bodies, pair_of):
     other.Assemble()
     with pytest.raises(RunError, match="slipping: which rows slip is known only after solve_static"):
         ep.natural_modes(other, slipping=True)
+
+
+def test_rows_slip_only_in_the_state_that_statics_have_found(mbs, held):
+    data, initial = mbs.systemData, exu.ConfigurationType.Initial
+    ep.natural_modes(mbs, slipping=True)
+    data.SetODE2Coordinates(0.5 * np.array(data.GetODE2Coordinates(initial)), initial)
+    with pytest.raises(RunError, match="slipping: which rows slip is known only after solve_static"):
+        ep.natural_modes(mbs, slipping=True)
+
+
+def test_coordinates_of_first_order_are_refused(mbs):
+    mbs.CreateMassPoint(physicsMass=1.0)
+    node = mbs.AddNode(
+        items.NodeGenericODE1(referenceCoordinates=[0], initialCoordinates=[0], numberOfODE1Coordinates=1)
+    )
+    mbs.AddObject(items.ObjectGenericODE1(nodeNumbers=[node], systemMatrix=[[-1.0]]))
+    mbs.Assemble()
+    with pytest.raises(RunError, match="first order have no natural modes"):
+        ep.natural_modes(mbs)
