@@ -80,8 +80,8 @@ class ModelRun:
         Adds to the Jacobian, if a static run needs it.
     divides : bool
         Whether the static solver repeats a load step with a shorter length where contact forces do not settle.
-    over : bool
-        Whether the run has ended: who asks for a stiffness linearises about a state.
+    solver : exudyn.MainSolver or None
+        Exudyn's solver that makes the run, if the run was not begun for one that comes.
     unsettled : ComplementarityError or None
         Why contact forces did not settle in the present try of a load step.
     broken : bool
@@ -118,7 +118,8 @@ class ModelRun:
         self._all_ask = all(run.place is None for run in self._runs.values())
         self.record = RunRecord(t, keep)
         self.slip_secants: SlipSecants | None = None
-        self.divides = self.over = False
+        self.divides = self._released = False
+        self.solver: MainSolver | None = None
         self.unsettled: ComplementarityError | None = None
         carriers = [contact.carrier.body for contact in contacts if contact.carrier is not None]
         self.others, self.unsampled = OtherBodies(mbs, map(int, carriers)), not contacts
@@ -403,9 +404,14 @@ class ModelRun:
         for stepper in self._steppers if t > self._began else ():
             stepper.after_step(mbs, t)
 
+    @property
+    def over(self) -> bool:
+        """Whether the run has ended: who asks for a stiffness linearises about a state."""
+        return self._released or (self.solver is not None and bool(self.solver.output.finishedSuccessfully))
+
     def release(self) -> None:
         """Drop the data that only the run needed. Results keep contacts and samples; joints would keep the model."""
-        self.over = True
+        self._released, self.solver = True, None
         for _, kinematics in self._floating:
             kinematics.turn(None)
         for group in self._groups:
@@ -466,7 +472,7 @@ class Runs:
         keep. With a method, only sensors keep steps, with the period that the user chose.
         """
         self._solver, self._latest, self._outdated = mbs.sys.get("dynamicSolver"), t, False
-        keep = method is None and not sensors_keep_all(mbs)
+        keep, solver = method is None and not sensors_keep_all(mbs), None
         if method is None:
             solver = latest_solver(mbs)
             method = "explicit" if solver is None else method_of(solver)
@@ -480,6 +486,8 @@ class Runs:
         if self._now is not None:
             self._now.release()
         self._now = ModelRun(mbs, contacts, t, method, joints, keep, same)
+        if solver is not None and not solver.output.finishedSuccessfully:  # one that has finished made an earlier run
+            self._now.solver = solver
         for contact in contacts:
             self._now.of(contact).goes_on = self._goes_on
         resumed = same or self._now.resume(initial, earlier, t, goes_on=self._continues)

@@ -1,5 +1,7 @@
 """Natural modes at a preload: springs and flexibility by hand, differences of forces, joints, and what is refused."""
 
+import warnings
+
 import exudyn as exu
 import exudyn.itemInterface as items
 import numpy as np
@@ -13,10 +15,8 @@ from exudyn_partition.errors import ModelLimitWarning, RunError
 FORCE = 50.0
 
 
-@pytest.fixture
-def held(mbs, round_body, request):
-    """A ball that springs hold, pressed on a plane and aside, so that some rows slip and others stick."""
-    friction = getattr(request, "param", 0.5)
+def pressed(mbs, round_body, friction=0.5):
+    """A ball that springs hold, with loads that press it on a plane and aside: some rows will slip and others stick."""
     item = ep.CreatePartitionBody(mbs, round_body, name="ball")
     contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), name="floor", friction=friction)
     K = add_springs(mbs, item, np.diag([1e5, 1e7, 1e5, 1e3, 1e3, 1e3]))
@@ -24,6 +24,13 @@ def held(mbs, round_body, request):
         load = np.asarray(item.body.mass @ item.body.rigid)[:, axis] * -force / item.body.total_mass
         add_loads(mbs, item, load)
     mbs.Assemble()
+    return item, contact, K
+
+
+@pytest.fixture
+def held(mbs, round_body, request):
+    """The ball after a preload, and its result."""
+    item, contact, K = pressed(mbs, round_body, getattr(request, "param", 0.5))
     result = ep.solve_static(mbs, load_steps=2, update_initial=True)
     assert 0 < contact.friction.stuck_rows(result)[-1] < np.count_nonzero(contact.friction.states(result)[-1])
     return item, contact, K, result
@@ -59,6 +66,22 @@ def test_exudyn_reads_half_of_what_slips_and_says_so(mbs, held):
     np.testing.assert_allclose(found, np.sqrt(squares) / (2 * np.pi), rtol=1e-6)
     ep.natural_modes(mbs)
     np.testing.assert_allclose(ep.natural_modes(mbs, slipping=True)[0], found, rtol=1e-6)
+
+
+def test_exudyn_says_so_after_its_own_solver_too(mbs, round_body):
+    """The stiffness within a run warns of nothing; the one after it does, until another run begins."""
+    pressed(mbs, round_body)
+    settings = exu.SimulationSettings()
+    settings.solution.file.write = False
+    settings.staticSolver.numberOfLoadSteps = settings.timeIntegration.numberOfSteps = 2
+    settings.timeIntegration.endTime = 1e-6
+    for _ in range(2):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", ModelLimitWarning)
+            mbs.SolveDynamic(settings)
+            mbs.SolveStatic(settings, updateInitialValues=True)
+        with pytest.warns(ModelLimitWarning, match="contact 'floor': rows slip"):
+            mbs.ComputeODE2Eigenvalues()
 
 
 def test_masses_on_a_joint(mbs):
