@@ -183,11 +183,10 @@ ARGUMENTS = {
         (32, 24),
     ),
 }
-ASSEMBLY = Made(lambda s: ep.read_step(s.folder / "block.step", scale=1.0))
 OBJECTS = {
     "FEModel": the.fem,
     "FileMatrices": Made(lambda s: ep.read_matrices(s.matrix_files())),
-    "StepAssembly": ASSEMBLY,
+    "StepAssembly": the.assembly,
     "Partition": the.part,
     "ReducedBody": the.body,
     "PartitionBody": the.item,
@@ -235,7 +234,7 @@ CALLS = {
     ),
     "StepAssembly.find": dict(name=Kind({"unknown": "rod", "number": 1, "list": ["solid"]})),
     "fe_models": dict(
-        assembly=Kind({**v.NOTHING, "a shape": the.shape, "a path": file("block.step"), "a list": []}, ASSEMBLY),
+        assembly=Kind({**v.NOTHING, "a shape": the.shape, "a path": file("block.step"), "a list": []}, the.assembly),
         materials=Kind(
             {**v.NOTHING, "a material": ep.STEEL, "unknown": {"rod": ep.STEEL}, "text in it": {"solid": "steel"}},
             {"solid": ep.STEEL},
@@ -405,7 +404,7 @@ CALLS = {
         duration=v.positive(1e-5),
     ),
     "with_mesh_error": dict(
-        slave=v.model_and_body(Made(lambda s: (s.fem, ep.reduce(s.fem, s.body.partition, tolerance=0.2)))),
+        slave=v.model_and_body(Made(lambda s: (s.fem, s.tolerant))),
         master=v.model_and_body(PLANE),
         speed=v.positive.or_none(1.0),
         duration=1e-5,
@@ -420,7 +419,7 @@ CALLS = {
         max_dofs=v.count.but(few=10)(200_000),
     ),
     "from_feminterface": dict(
-        fem=Kind({**v.NOTHING, "number": 1, "a model of ours": the.fem}, Made(Scene.feminterface)),
+        fem=Kind({**v.NOTHING, "number": 1, "a model of ours": the.fem}, the.feminterface),
     ),
     "load_body": dict(path=v.path_in(file("body.npz"))),
     "ReducedBody.save": dict(path=file("saved.npz"), inside=True),
@@ -614,7 +613,7 @@ CALLS = {
     "Result.save": dict(path=file("npz")),
     "Result.load": dict(
         path=v.path_in.but(**{"a body": file("body.npz")})(file("run.npz")),
-        mbs=v.mbs.but("None", another=Made(Scene.empty)),
+        mbs=v.mbs.but("None", another=Made(Scene.empty))(Made(Scene.again)),
     ),
     "History": dict(
         t=v.samples.but(none=[], descending=[2.0, 1.0, 0.0])(np.arange(3.0)),

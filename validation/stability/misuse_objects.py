@@ -107,6 +107,16 @@ class Scene:
         """FE model of the upper block of a denser material, on the same mesh."""
         return ep.fe_model(self.shape, replace(ep.STEEL, rho=7900.0), maxh=8e-3)
 
+    @cached_property
+    def tolerant(self):
+        """The upper block, reduced to a tolerance."""
+        return ep.reduce(self.fem, self.part, tolerance=0.2)
+
+    @cached_property
+    def assembly(self):
+        """What the STEP file of the upper block holds."""
+        return ep.read_step(self.folder / "block.step", scale=1.0)
+
     @property
     def moved(self):
         """FE model of the upper block at another place."""
@@ -191,6 +201,13 @@ class Scene:
         contact = ep.CreatePartitionContact(mbs, self.striker, self.struck, **options)
         return mbs, self.striker, self.struck, contact
 
+    def again(self):
+        """The model that was run, made anew: other calls have since added markers and sensors to the first one."""
+        mbs, _, _, contact = self.model()
+        contact.AddMomentSensor(mbs)
+        mbs.Assemble()
+        return mbs
+
     def assembled(self):
         """A model that is ready to run."""
         mbs = self.model()[0]
@@ -206,6 +223,7 @@ class Scene:
         """A model without anything."""
         return exu.SystemContainer().AddSystem()
 
+    @cached_property
     def feminterface(self):
         """Exudyn's import of a block with linear elements."""
         mesh = ep.generate_mesh(occ.Box((0, 0, 0), (0.01, 0.01, 0.01)), maxh=0.01)
