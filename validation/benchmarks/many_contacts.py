@@ -34,7 +34,7 @@ from validation.contact import scenes
 R, SPEED, STEP = 0.010, 0.1, 5e-7  # [m], of neighbours to each other [m/s], [s]
 APART = 1e-5  # between balls that are to stay apart [m]
 CHAINS, QUICK_CHAINS = (12, 50, 200), (5, 12, 24)  # balls
-BEGIN, END, END_APART = 40, 100, 1600  # steps
+BEGIN, END, END_APART, QUICK_END_APART = 40, 100, 1600, 600  # steps
 REPETITIONS = 5
 LIMITS = {"growth": 1.2, "closed_us": 15.0, "open_us": 4.0, "symmetry": 1e-6}
 
@@ -100,8 +100,8 @@ def step_us(models, run, end=END):
     return 1e6 * min(spent), result
 
 
-def measured(body, balls, frame):
-    """Times and closed contacts of one chain."""
+def measured(body, balls, frame, end_apart=END_APART):
+    """Times and closed contacts of one chain; balls that are apart are watched up to the step `end_apart`."""
     made = []
 
     def pressed():
@@ -114,7 +114,7 @@ def measured(body, balls, frame):
     force = np.array([contact.force(result) for contact in contacts])
     closed = np.count_nonzero(rows) / rows.shape[1]
     resting, flying, alone = (
-        step_us(lambda v=v, c=c: chain(body, balls, frame, v, c)[0], by_library, END_APART)[0]
+        step_us(lambda v=v, c=c: chain(body, balls, frame, v, c)[0], by_library, end_apart)[0]
         for v, c in ((0.0, True), (SPEED, True), (SPEED, False))
     )
     return {
@@ -136,9 +136,11 @@ def main():
     parser.add_argument("--quick", action="store_true", help="short chains")
     options = parser.parse_args()
     threadpool_limits(1)
-    body, chains = reduced_ball(), QUICK_CHAINS if options.quick else CHAINS
+    chains, end_apart = (QUICK_CHAINS, QUICK_END_APART) if options.quick else (CHAINS, END_APART)
+    body = reduced_ball()
+    gc.freeze()  # collections between runs pass over the modules, which would take as long as the runs
     results = {
-        frame: [measured(body, balls, frame) for balls in (chains if frame == "inertial" else chains[:1])]
+        frame: [measured(body, balls, frame, end_apart) for balls in (chains if frame == "inertial" else chains[:1])]
         for frame in ("inertial", "floating")
     }
     table = Table("frame", *results["inertial"][0])
