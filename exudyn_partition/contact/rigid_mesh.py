@@ -38,7 +38,7 @@ _FLAT = 1e-10  # of the squared longest edge: triangles with a smaller area are 
 _ON = 1e-9  # of the size of the mesh: points that are nearer lie on an edge or a corner
 _LARGEST = 20.0  # [m]: files of larger meshes may be in millimetres
 _OPPOSED = 0.1  # cosine: a face whose normal opposes a body's less than this is not the one that the body meets
-_BACK = 0.5  # cosine between normals of face and body, above which the face is the back of a sheet
+_BACK = 0.5  # cosine from which on a face looks the way of the body, and away from the face that the body met
 _CHUNK = 4096  # points that are projected at once, to bound the memory
 
 
@@ -206,9 +206,10 @@ class RigidMesh:
             triangle = self._behind(x[point], -outward[point])
             if triangle is None:
                 continue
-            if opposing[point] > _BACK:
+            met = self._normals[triangle, 0]
+            if opposing[point] > _BACK and normals[point] @ met < -_BACK:  # the side of an edge is no back
                 left[point] = -gap[point]
-            normals[point] = self._normals[triangle, 0]
+            normals[point] = met
             gap[point] = (x[point] - self._corners[triangle, 0]) @ normals[point]
         return gap, normals, left
 

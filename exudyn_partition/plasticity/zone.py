@@ -72,8 +72,8 @@ class PlasticZone:
         self.gradient, self.own = gradient.reshape(-1, k, 3), np.repeat(own, q, axis=0)
         self.border = _at_border(region).ravel()
         self._places = np.repeat(centres_of(points, region.cells, region.hexahedra), q, axis=0)
-        read_only(self._places)
         self._edge = points[region.border]
+        read_only(self._places, self._edge)
         self.spacing = np.repeat(_spacings(points, region), q)
 
     @cached_property

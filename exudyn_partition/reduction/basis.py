@@ -308,6 +308,8 @@ def _with_answers(body: FreeBody, pairs: RitzPairs, f_cut: float, answered: Call
     K, M, omega_cut = body.model.stiffness, body.model.mass, 2 * np.pi * f_cut
     while True:
         near = pairs.omega < _ABOVE * omega_cut
+        if not near.any():
+            return pairs
         vectors, omega = pairs.vectors[:, near], pairs.omega[near]
         answers = answered(K @ vectors - (M @ vectors) * omega**2)
         more = orthonormal_complement(answers, M, np.hstack([body.rigid, vectors]))

@@ -27,7 +27,7 @@ def test_a_step_file_that_crashes_its_reader(tmp_path, monkeypatch):
     path = tmp_path / "block.step"
     BLOCK.WriteStep(str(path))
     monkeypatch.setattr(step_files, "TRIAL", "import os; os.abort()")
-    with pytest.raises(InputError, match=r"could not be read by Netgen \(its reader crashes, exit code -6\)"):
+    with pytest.raises(InputError, match=r"could not be read by Netgen \(it crashes, exit code -6\)"):
         ep.fe_model(path, ep.STEEL, maxh=0.02)
     monkeypatch.undo()
     lines = path.read_text().splitlines(keepends=True)

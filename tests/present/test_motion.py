@@ -25,7 +25,10 @@ def test_places_are_those_of_the_run(spinning, scale):
     for item, body in zip(items, motion.bodies, strict=True):
         at, q = item.kinematics.at(np.unique(item.body.facets)), item.coordinates(run)
         axes = at.frame(q)[1]
-        expected = at.place(q) + (scale - 1) * at.deformation(q) @ axes.swapaxes(1, 2)
+        grown = at.grown(item.coordinates_t(run))  # by rotation
+        assert (grown is None) == (item.frame == "inertial")
+        deformed, beyond = at.deformation(q), 0.0 if grown is None else grown
+        expected = at.place(q) + ((scale - 1) * deformed + scale * beyond) @ axes.swapaxes(1, 2)
         places = np.array([body.at(frame, scale) for frame in range(7)])
         np.testing.assert_allclose(places, expected, atol=1e-12)
         speed = np.linalg.norm(at.velocities(q, item.coordinates_t(run)), axis=2)
