@@ -54,7 +54,7 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
     if not contacts and not K.data.any():
         return math.inf  # bodies without elastic coordinates that touch nothing
     scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
-    closed: list[tuple[Array, Array]] = []
+    closed: list[tuple[Array, sp.csr_matrix, Array]] = []
 
     def close(step: float) -> None:
         """Close all rows with the pairs at the start. In steps of this length [s], viscous flexibilities are stiff."""
@@ -65,13 +65,14 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
                 items = [item for item, _ in contact.sides]
                 to_coordinates = sp.block_diag([item.kinematics.from_basis for item in items], format="csr")
                 dofs = np.concatenate([place[id(item)] for item in items])
-                closed.append((dofs, to_coordinates.T @ stiffness @ to_coordinates))
+                closed.append((dofs, to_coordinates, stiffness))
 
     def apply(x: Array) -> Array:
         x = scale * x.ravel()
         y = K @ x
-        for dofs, stiffness in closed:
-            np.add.at(y, dofs, stiffness @ x[dofs])  # a body that touches itself has its numbers twice
+        for dofs, to_coordinates, stiffness in closed:
+            forces = to_coordinates.T @ (stiffness @ (to_coordinates @ x[dofs]))
+            np.add.at(y, dofs, forces)  # a body that touches itself has its numbers twice
         value: Array = scale * y
         return value
 
