@@ -17,7 +17,7 @@ from exudyn_partition.frames.inertial import InertialKinematics
 
 MU, BETAS = 0.3, (2e-6, 0.5e-6)  # times of ball and plate [s]
 STEPS = [  # lengths [us] and ways of the ball [um]: down, aside with stick and slip, at rest, up, away, and down again
-    (0.4, (0, 0, -9)), (0.44, (0.3, 0, -9.5)), (0.8, (2.0, 0.8, -9)), (3.0, (2.0, 0.8, -9)), (0.2, (1.2, 1.2, -7)),
+    (0.4, (0, 0, -9)), (0.401, (0.3, 0, -9.5)), (0.8, (2.0, 0.8, -9)), (3.0, (2.0, 0.8, -9)), (0.2, (1.2, 1.2, -7)),
     (0.3, (1.2, 1.2, 3)), (0.5, (1.2, 1.2, -5)),
 ]  # fmt: skip
 
