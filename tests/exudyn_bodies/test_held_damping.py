@@ -11,6 +11,7 @@ from oracles import HINGE, ground, jointed
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError
+from exudyn_partition.exudyn_bodies.held_damping import hold_damping
 from exudyn_partition.exudyn_bodies.joints import mass_and_rows
 from exudyn_partition.frames.damping import damping_of
 
@@ -123,6 +124,34 @@ def test_ratios_in_order_are_of_the_held_modes_first(arm_body):
     np.testing.assert_allclose(found, given[:3], rtol=1e-6)
     np.testing.assert_allclose(item.damping.omega[:3], omega, rtol=1e-6)
     assert len(item.damping.omega) == len(given)
+
+
+def test_damping_is_that_of_the_reference_in_any_state(arm_body, frame):
+    """It is found where the model is as it was made, and the state stays."""
+    found = []
+    for turned in (False, True):
+        mbs, item, _ = jointed(arm_body, frame, HINGE, damping=RATIO)
+        hold_head(mbs, item, [0, 0, 1, 0, 0, 0])
+        mbs.Assemble()
+        state = turned * np.linspace(0.3, -0.5, mbs.systemData.ODE2Size())
+        mbs.systemData.SetODE2Coordinates(state)
+        hold_damping(mbs)
+        np.testing.assert_array_equal(mbs.systemData.GetODE2Coordinates(), state)
+        found.append(item.damping.matrix().toarray())
+    np.testing.assert_array_equal(*found)
+
+
+def test_joints_that_hold_twice_hold_as_once(arm_body, frame):
+    """Their rows are redundant, or nearly so."""
+    found = []
+    for often in (1, 2):
+        mbs, item, _ = jointed(arm_body, frame, CLAMP, damping=RATIO)
+        for _ in range(often):
+            hold_head(mbs, item, CLAMP)
+        mbs.Assemble()
+        hold_damping(mbs)
+        found.append(item.damping.matrix().toarray())
+    np.testing.assert_allclose(found[1], found[0], atol=1e-9 * abs(found[0]).max())
 
 
 def test_ring_down_of_a_cantilever(arm_body, frame):
