@@ -100,9 +100,10 @@ class CoupledZones(Coupled):
     def _last_of(self, k: int) -> Array:
         """Forces on the rows of contact k at the end of the last accepted step, (nr, 3) [N]."""
         contact = self.contacts[k]
-        last = contact.last
-        if contact.friction is None:
-            last[:, 0] = self._last[k][contact.row_nodes]
+        if contact.friction is not None:
+            return contact.last
+        last = np.zeros((len(contact.row_nodes), 3))
+        last[:, 0] = self._last[k][contact.row_nodes]
         return last
 
     def _moved(self, j: int, k: int, forces: Array) -> Array:
