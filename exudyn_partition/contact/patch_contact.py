@@ -243,6 +243,7 @@ class PatchContact:
         else:
             more = np.zeros((len(gap), self.rows.d)) if pushed is None else pushed
             self.zones.solve(lambda moved: self._answer(gap, moved, motion), more)
+            self.h = self.h - more[:, 0]  # what others have pushed is no gap: its energy is stored here
 
     def _begin_answer(self) -> None:
         """Sliding counts from the present places if no step has begun."""

@@ -442,6 +442,8 @@ class PartitionContact(Item[Any]):
             )
         if self.plastic:
             said.append("plastic flow outside the plastic zones, and the change of gaps' normals by dents")
+            if self.mechanics.viscous:
+                said.append("damping of what plastic strain moves: dents follow at once, and flow sees the whole force")
             said.append(
                 "plastic strain in stresses and static answers that `recovery` and `output` compute: these are elastic"
             )
