@@ -123,7 +123,8 @@ class PartitionContact(Item[Any]):
     def AddMomentSensor(self, mbs: MainSystem, point: Vector = (0.0, 0.0, 0.0)) -> SensorIndex:
         """Add a sensor of the moment on the slave about a point in space, (3,) [m]; returns its number, also `sMoment`.
 
-        Contacts do not have it by default, because every sample computes the places of the patch's nodes.
+        Contacts do not have it by default, because every sample computes the places of the patch's nodes. Add it before
+        the run: results of earlier runs have no moments.
 
         Raises
         ------
@@ -195,10 +196,13 @@ class PartitionContact(Item[Any]):
         Raises
         ------
         InputError
-            If there is no such sensor.
+            If there was no such sensor in the run.
         """
         if "sMoment" not in self:
-            raise InputError("contact: it has no moment sensor; call AddMomentSensor(mbs) before mbs.Assemble()")
+            raise InputError(
+                "contact: it has no moment sensor; call AddMomentSensor(mbs) before mbs.Assemble(). Without another run, "
+                "nodal_forces(result) has the forces whose moment it is, if they are no multipliers"
+            )
         validate_result(result)
         return result.sensor_of(self, self["sMoment"])
 

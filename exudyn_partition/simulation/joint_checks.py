@@ -199,9 +199,14 @@ def check_start(
     if mbs.systemData.ODE2Size() == 0:
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
     check_model(mbs)
+    check_sensors(mbs)
+    if not mbs.systemIsConsistent:  # Exudyn would assemble it within the run, which begins from other values then
+        raise RunError(
+            "mbs: an item was added or deleted since mbs.Assemble(); call it again before solving. Assemble sets "
+            "initial values back to those of the nodes: find a preload again, or take go_on=True"
+        )
     if (damping := registered(mbs).damping) is not None:
         damping.begin(mbs)
-    check_sensors(mbs)
     return check_joints(mbs, partition_items(mbs)[0], start(), judges_velocities=judges_velocities)
 
 

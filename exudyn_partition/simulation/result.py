@@ -166,7 +166,10 @@ class Result:
                 "settings.solution.sensors.writePeriod to the step before mbs.SolveDynamic"
             )
         if int(number) not in self.sensors:
-            raise InputError(f"number: sensor {int(number)} stored nothing in this run; set storeInternal=True")
+            raise InputError(
+                f"number: sensor {int(number)} stored nothing in this run: it was added later, or without "
+                "storeInternal=True. Run the model again with it"
+            )
         return self.sensors[int(number)]
 
     def sensor_of(self, item: object, number: SensorIndex) -> Array:

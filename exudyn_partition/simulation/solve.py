@@ -107,8 +107,9 @@ def solve_dynamic(
         in explicit steps.
     sample_period : float, optional
         Time between samples [s], rounded so that the duration is a multiple of it: samples are equally spaced. Steps
-        are shortened so that it is a multiple of them; if it is shorter than a step, each has a sample. Default: every
-        step. The steps of an adaptive run are at most this long, and it has samples at the ends of steps.
+        are shortened so that it is a multiple of them; if it is shorter than a step, each has a sample. If it is longer
+        than the run, only start and end have one. Default: every step. The steps of an adaptive run are at most this
+        long, and it has samples at the ends of steps.
     spectral_radius : float
         Spectral radius of generalized-alpha at infinity; 1 does not damp.
     adaptive : bool

@@ -239,8 +239,13 @@ def test_a_sensor_that_is_read_again_counts_once(mbs, marble):
 def test_moments_are_asked_for(mbs, marble):
     _, contact = drop(mbs, marble, ep.RigidPlane())
     result = ep.solve_dynamic(mbs, end_time=1e-6)
-    with pytest.raises(InputError, match="call AddMomentSensor"):
+    with pytest.raises(InputError, match=r"call AddMomentSensor.*nodal_forces\(result\) has the forces"):
         contact.moment_on_slave(result)
+    contact.AddMomentSensor(mbs)
+    with pytest.raises(InputError, match=r"stored nothing in this run: it was added later.*Run the model again"):
+        contact.moment_on_slave(result)
+    mbs.Assemble()
+    assert contact.moment_on_slave(ep.solve_dynamic(mbs, end_time=2e-6, go_on=True)).shape[1] == 3
 
 
 def test_bad_contacts(mbs, marble):

@@ -261,6 +261,24 @@ def test_what_cannot_go_on_is_refused(round_body):
         ep.solve_dynamic(mbs, end_time=2e-6, go_on=True)
 
 
+@pytest.mark.filterwarnings("ignore")
+def test_a_sensor_that_is_added_between_two_runs_changes_neither(round_body):
+    """Exudyn would assemble the model within the run, which then began from the nodes' initial values."""
+    mbs, _, _ = slides(round_body)
+    whole = ep.solve_dynamic(mbs, end_time=8e-6, step=0.2e-6)
+    mbs, [item], [contact] = slides(round_body)
+    ep.solve_dynamic(mbs, end_time=4e-6, step=0.2e-6)
+    contact.AddMomentSensor(mbs)
+    for run in (ep.solve_static, lambda mbs: ep.solve_dynamic(mbs, end_time=8e-6, go_on=True)):
+        with pytest.raises(RunError, match=r"an item was added or deleted since mbs.Assemble\(\); call it again"):
+            run(mbs)
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=8e-6, go_on=True)
+    expected = whole.bodies[0].coordinates_t(whole)[-len(result.t) :]
+    np.testing.assert_allclose(item.coordinates_t(result), expected, atol=ROUND_OFF)
+    assert abs(contact.moment_on_slave(result)[-1]).max() > 0
+
+
 def test_a_drive_that_has_moved_a_joint_goes_on():
     """At the start of the second part the drive is far from where it was at time zero, and moves."""
     fem = ep.fe_model(occ.Box((0, 0, 0), (0.05, 0.01, 0.01)), ep.STEEL, maxh=10e-3)
