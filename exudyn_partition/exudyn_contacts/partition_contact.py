@@ -200,8 +200,8 @@ class PartitionContact(Item[Any]):
         """
         if "sMoment" not in self:
             raise InputError(
-                "contact: it has no moment sensor; call AddMomentSensor(mbs) before mbs.Assemble(). Without another run, "
-                "nodal_forces(result) has the forces whose moment it is, if they are no multipliers"
+                "contact: it has no moment sensor; call AddMomentSensor(mbs) before mbs.Assemble(). Without another "
+                "run, nodal_forces(result) has the forces whose moment it is, if they are no multipliers"
             )
         validate_result(result)
         return result.sensor_of(self, self["sMoment"])

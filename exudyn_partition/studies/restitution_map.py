@@ -126,7 +126,8 @@ def restitution_map(
     kept = _File(file, settings)
     points = [Point(*values) for values in itertools.product(*axes.values())]
     known = {point: record for point, record in kept.records() if point in set(points)}
-    missing = [point for point in points if point not in known]
+    # The largest friction comes first: a patch without rows for it is refused before any impact is run.
+    missing = [point for point in points[::-1] if point not in known]
     with shown(progress, "restitution map") as report, _executor(workers) as (submit, count):
         for records in submit([(source, part, given, lasts) for part in _parts(missing, count)]):
             kept.add(records)

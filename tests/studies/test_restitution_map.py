@@ -229,3 +229,11 @@ def test_wrong_bodies_are_named(ball):
 def test_the_point_of_a_failed_impact_is_named(ball):
     with pytest.raises(PartitionError, match=r"at place 0, speed 0\.2 m/s"):
         ep.restitution_map((ball, ep.RigidPlane((0, 0, 1e-3))), speed=0.2)  # they overlap
+
+
+def test_friction_that_a_patch_does_not_carry_is_refused_before_any_impact(monkeypatch):
+    fem = ep.fe_model(occ.Box((-0.01, -0.01, 0), (0.01, 0.01, 0.02)), MATERIAL, maxh=0.01)
+    bodies = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), radius=6e-3), f_cut=60e3), PLANE
+    monkeypatch.delattr("exudyn_partition.studies.free_impact.solve_dynamic")
+    with pytest.raises(InputError, match="friction: needs the residual flexibility of tangential forces"):
+        ep.restitution_map(bodies, speed=1.0, friction=(0.0, 0.3), duration=1e-5)
