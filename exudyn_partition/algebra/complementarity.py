@@ -175,12 +175,12 @@ class Complementarity:
             elif patience:
                 patience -= 1
             else:
-                return self._one_by_one(h, np.maximum(lam, 0.0))
+                return self.solve_one_by_one(h, np.maximum(lam, 0.0))
             self._set(self.active ^ wrong)
         raise self._not_settled()
 
-    def _one_by_one(self, h: Array, lam: Array) -> Array:
-        """Return lambda by changes of single rows, from forces that do not pull, (nc,)."""
+    def solve_one_by_one(self, h: Array, lam: Array) -> Array:
+        """Return lambda, (nc,) [N], for gaps h, (nc,) [m], by changes of single rows, from forces that do not pull."""
         self._set(lam > 0.0)
         lowest, at_zero, worst = -ROUNDING * abs(h).max(), np.zeros(len(h), dtype=bool), 0
         for _ in range(50 + 20 * len(h)):

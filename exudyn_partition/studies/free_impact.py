@@ -133,16 +133,16 @@ def _measured(
     middles = [item.momentum(ends) / item.body.total_mass for item in items]
     middle = middles[0] - sum(middles[1:])
     tangential = velocity @ beside
-    spin = _spin(items[0], ends) @ np.cross(normal, beside)
+    spin = rigid_spin(items[0], ends) @ np.cross(normal, beside)
     impulse = np.trapezoid(force, result.t)
     friction = contact.friction
     along = np.trapezoid(friction.tangential_force(result) @ beside, result.t) if friction else 0.0
     sign = 1.0 if contact.slave == items[0] else -1.0
     found = {
         "restitution": -(velocity[1] @ normal) / (velocity[0] @ normal),
-        "tangential_restitution": -_ratio(tangential[1], tangential[0], point.speed),
+        "tangential_restitution": -speed_ratio(tangential[1], tangential[0], point.speed),
         "impulse_ratio": -sign * along / impulse,
-        "centre_tangential": _ratio(middle[1] @ beside, middle[0] @ beside, point.speed),
+        "centre_tangential": speed_ratio(middle[1] @ beside, middle[0] @ beside, point.speed),
         "rebound_angle": math.atan2(middle[1] @ beside, -(middle[1] @ normal)),
         "spin": spin,
         "contacts": len(impacts),
@@ -156,7 +156,7 @@ def _measured(
     return {key: float(found[key]) for key in QUANTITIES}
 
 
-def _ratio(after: float, before: float, speed: float) -> float:
+def speed_ratio(after: float, before: float, speed: float) -> float:
     """After over before; nan if before is nothing beside the speed."""
     return after / before if abs(before) > _STANDS * speed else math.nan
 
@@ -170,7 +170,7 @@ def _centre(contact: PartitionContact, peak: Result, normal: Array) -> Array:
     return centre
 
 
-def _spin(item: PartitionBody, ends: Result) -> Array:
+def rigid_spin(item: PartitionBody, ends: Result) -> Array:
     """Angular velocity of the body as a rigid one at the end, (3,) [rad/s]."""
     q, q_t = item.coordinates(ends)[1], item.coordinates_t(ends)[1]
     at = [item.kinematics.mean_velocity(q, q_t, place) for place in (np.zeros(3), *np.eye(3))]
@@ -182,7 +182,7 @@ def _spin(item: PartitionBody, ends: Result) -> Array:
 def _shares(items: list[PartitionBody], contact: PartitionContact, result: Result, ends: Result) -> dict[str, float]:
     """Where the energy of the start is at the end, by its amount."""
     energy = [item.energy(ends) for item in items]
-    start, vibration = sum(e[0] for e in energy), [_vibration(item, ends)[1] for item in items]
+    start, vibration = sum(e[0] for e in energy), [vibration_energy(item, ends)[1] for item in items]
     rigid = sum(e[1] for e in energy) - sum(vibration)
     plastic = contact.plastic.work(result)[-1] if contact.plastic else 0.0
     friction = contact.friction.work(result)[-1] if contact.friction else 0.0
@@ -198,7 +198,7 @@ def _shares(items: list[PartitionBody], contact: PartitionContact, result: Resul
     }
 
 
-def _vibration(item: PartitionBody, result: Result) -> Array:
+def vibration_energy(item: PartitionBody, result: Result) -> Array:
     """Energy of the body beyond that of a rigid one with its momenta, (n,) [J]."""
     q, q_t = item.coordinates(result), item.coordinates_t(result)
     rigid = np.array([item.kinematics.rigid_part(v) for v in q_t])
@@ -221,5 +221,5 @@ def _is_over(items: list[PartitionBody], contact: PartitionContact, ends: Result
         row = part.direction @ (body.rows(part.nodes[:1]) @ np.eye(body.n_dofs))
         gap += float(row @ item.kinematics.deformed(item.coordinates(last)[0]))
         flexibility = float(row @ np.linalg.lstsq(body.stiffness.toarray(), row, rcond=1e-10)[0])
-        reach += math.sqrt(max(2 * _vibration(item, last)[0] * flexibility, 0.0))
+        reach += math.sqrt(max(2 * vibration_energy(item, last)[0] * flexibility, 0.0))
     return bool(gap > reach)

@@ -69,7 +69,7 @@ def test_rows_that_only_rounding_violates_do_not_hold_it_up():
     for x in itertools.product(range(-3, 4), repeat=4):
         h = A @ x
         if h.any():
-            lam = Complementarity(F)._one_by_one(h, np.zeros(len(h)))
+            lam = Complementarity(F).solve_one_by_one(h, np.zeros(len(h)))
             w, rounding = F @ lam + h, 1e-12 * abs(h).max() + 1e-14 * (abs(F) @ lam).max()
             assert (lam >= 0).all()
             assert w.min() >= -rounding

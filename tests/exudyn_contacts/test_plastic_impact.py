@@ -344,9 +344,8 @@ def test_flow_of_two_zones_near_each_other_warns(distance, near):
         result = ep.solve_dynamic(mbs, end_time=8e-6)
     told = [str(one.message) for one in told if issubclass(one.category, ModelLimitWarning)]
     told = [text for text in told if "does not resolve the flow" not in text]  # the mesh is coarse, too
-    assert ["beneath contact '0' and contact '1'" in text for text in told if "energy" not in text] == [True] * near
-    # The work of each zone alone is not that of both.
-    assert any("J of energy" in text for text in told) == near
+    assert ["beneath contact '0' and contact '1'" in text for text in told] == [True] * near
+    assert not any("J of energy" in text for text in told)  # contacts count what they push each other
 
     zones = [PlasticZone(fem.points, part.patches[0].plastic, MATERIAL) for part in (first, second)]
     (state,) = contacts[0].plastic.states(result).values()

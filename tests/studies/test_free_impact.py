@@ -7,7 +7,7 @@ import pytest
 
 from exudyn_partition.frames.floating import FloatingKinematics
 from exudyn_partition.frames.inertial import InertialKinematics
-from exudyn_partition.studies.free_impact import _ratio, _spin, _vibration
+from exudyn_partition.studies.free_impact import rigid_spin, speed_ratio, vibration_energy
 
 VELOCITY, SPIN = np.array([0.3, -0.2, 0.1]), np.array([10.0, -20.0, 30.0])
 
@@ -33,17 +33,19 @@ def moving(body, frame, modes=0.0):
 
 
 def test_spin_about_each_axis(round_body, frame):
-    np.testing.assert_allclose(_spin(moving(round_body, frame), None), SPIN, rtol=1e-9)
+    np.testing.assert_allclose(rigid_spin(moving(round_body, frame), None), SPIN, rtol=1e-9)
 
 
 def test_vibration_is_what_a_rigid_body_of_the_same_momenta_lacks(round_body, frame):
     """Modes are orthogonal to rigid motion and of unit mass."""
     assert len(round_body.basis.omega) == round_body.n_dofs
     expected = 0.5 * (round_body.n_dofs - 6) * 0.02**2
-    np.testing.assert_allclose(_vibration(moving(round_body, frame, 0.02), None), [0, expected], rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose(
+        vibration_energy(moving(round_body, frame, 0.02), None), [0, expected], rtol=1e-6, atol=1e-15
+    )
 
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_ratio_to_nothing_is_not_defined(sign):
-    assert _ratio(0.3, sign * 0.2, 1.0) == pytest.approx(sign * 1.5)
-    assert np.isnan(_ratio(0.3, sign * 1e-12, 1.0))
+    assert speed_ratio(0.3, sign * 0.2, 1.0) == pytest.approx(sign * 1.5)
+    assert np.isnan(speed_ratio(0.3, sign * 1e-12, 1.0))
