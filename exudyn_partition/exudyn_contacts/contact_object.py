@@ -63,9 +63,8 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
     ) -> MatrixContainer:
         run = runs.now(mbs)
-        if not (
-            run.over and run.ended_in(mbs.systemData.GetODE2Coordinates(copy=False))
-        ):  # rows slip as they did there
+        # At the end of a run rows slip as they did there.
+        if not (run.over and run.ended_in(mbs.systemData.GetODE2Coordinates(copy=False))):
             run.settled_force(mbs, t)
         contacts, given_up = run.contacts, run.unsettled is not None
         stuck = [contact for contact in contacts if given_up or _sticks(mbs, run.of(contact))]
