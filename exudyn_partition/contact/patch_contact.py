@@ -482,21 +482,6 @@ class PatchContact:
         assert isinstance(self.rows, TangentialRows)
         self.memory = self.memory.after(self.rows, self.lam, self.traction, self.state, slips, speeds, taken)
 
-    def flies_on(self, start: float) -> bool:
-        """Begin a step at time `start` [s] without `commit` if all rows are open now and were in the step before.
-
-        Return whether it began. The last evaluation is the end of the step before. Only its places are remembered.
-        """
-        rows = self.rows
-        if not self._answered or self.index.size or self._closed_before or self.zones is not None or self.ahead:
-            return False
-        if self.creep.elastic:
-            return False
-        self.since = start
-        if isinstance(rows, TangentialRows):
-            rows.hold(soon=False)
-        return True
-
     def ended_at(self, q: Array) -> bool:
         """Whether the coordinates, (n,), are those of the last evaluation."""
         return np.array_equal(self._evaluated_at if self.ahead else self.gaps.q, q)

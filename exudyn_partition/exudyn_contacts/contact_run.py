@@ -133,7 +133,6 @@ class ContactRun:
         self.name, self._mechanics, self.place = name, mechanics, place
         self.forward = ForwardRows(mechanics) if mechanics.ahead and method == "explicit" else None
         self.impulses = StepImpulses(mechanics) if mechanics.ahead and method == "implicit" else None
-        self._explicit = method == "explicit"  # then the last evaluation was made at the end of the last step
         self.dofs = np.concatenate([np.r_[s] for s in slices])
         self._slices = joined_slices(slices)  # fewer slices are quicker
         self._own = consecutive([s.stop - s.start for s in self._slices])
@@ -306,11 +305,7 @@ class ContactRun:
             self.force = self.impulses.evaluate(SolverMotion(mbs, self.of))
             return
         if mechanics.remembers:
-            if self._explicit and mechanics.flies_on(self._at):
-                self._start, self._at = self._at, t
-                mechanics.take_step(t)
-            else:
-                self.follow(start_of_step(mbs), t)
+            self.follow(start_of_step(mbs), t)
         if mechanics.needs_motion:
             self.force = mechanics.evaluate(SolverMotion(mbs, self.of))
         else:

@@ -133,22 +133,6 @@ def test_what_is_asked_between_accepted_steps_leaves_no_trace(law):
     assert asked.dissipated() == pytest.approx(straight.dissipated(), rel=1e-6)
 
 
-def test_steps_in_flight_are_remembered_as_others(law):
-    """As long as all rows are open, a run need not commit; the first step in contact counts from the step before."""
-    told, flown = law.for_run(), law.for_run()
-    above = np.concatenate([law.gaps.bodies[0].rigid[:, :3] @ [0, 0, DEPTH], np.zeros(law.gaps.bodies[1].n_dofs)])
-    assert not flown.flies_on(0.0)  # nothing was evaluated
-    for n, q in enumerate([above, above, pressed(law, (0.05 * DEPTH, 0)), pressed(law, (4 * DEPTH, 0)), above, above]):
-        told.commit(1.0 + n)
-        in_flight = flown.flies_on(1.0 + n)
-        assert in_flight == (n in (1, 2))  # rows are open in the last evaluation, and were so before it
-        if not in_flight:
-            flown.commit(1.0 + n)
-        np.testing.assert_array_equal(flown.force(q), told.force(q))
-        np.testing.assert_array_equal(flown.traction, told.traction)
-    assert flown.dissipated() == told.dissipated() > 0
-
-
 @pytest.mark.parametrize("opens", [False, True])
 def test_a_run_that_goes_on_from_another_is_as_one_run(law, opens):
     """Also if the contact opens at once: what stuck before is then forgotten."""
@@ -160,8 +144,7 @@ def test_a_run_that_goes_on_from_another_is_as_one_run(law, opens):
     assert not resumed.resume(one, 2 * here)
     for q in [pressed(law, (0.6 * DEPTH, 0))] * (not opens) + [-here, pressed(law, (0.6 * DEPTH, 0)), here]:
         for each in (one, resumed):
-            if not each.flies_on(n):
-                each.commit(n)
+            each.commit(n)
         n += 1.0
         expected = one.force(q)
         np.testing.assert_allclose(resumed.force(q), expected, rtol=1e-7, atol=1e-7 * abs(expected).max())
