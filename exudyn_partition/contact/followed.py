@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from ..surfaces.vectors import triangle_frame
 from ..surfaces.witnesses import pose_of, seen_from
 from . import loops
 from .side import Side
-from .stages import NOTHING, Pair, PresentRows, Pressed, Shares, Stage
+from .stages import NOTHING, Pair, PresentRows, Shares, Stage
 
 if TYPE_CHECKING:
     from ..frames.kernels import Fixed
@@ -34,7 +34,6 @@ BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the 
 NEAR = 1.0  # of a facet's size: rows with larger gaps are not followed, as closest points jump there
 SEARCHED = 0.25  # of a facet's size: motion after which all points are searched again
 _AHEAD = 0.006  # of a facet's size: rows are followed up to this margin above the gaps that matter now
-_NOT_ASKED = np.zeros((3, 3)), 0.0, np.empty(0, dtype=np.int64), *np.empty((2, 0, 0)), np.empty(0, dtype=np.int64)
 
 
 class Apart(Stage):
@@ -54,7 +53,7 @@ class Apart(Stage):
         super().__init__(rows, normals, shares)
         self.here, self.reach = here, reach
 
-    def advance(self, pair: Pair, q: Array, asked: tuple[Any, ...] | None = None) -> tuple[Stage, Array]:
+    def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.advance`."""
         here = seen_from(pair.places_of(self.rows.sides, q), pair.witnesses)
         return (self, NOTHING) if largest_change(here, self.here) <= self.reach else pair.search(q)
@@ -215,10 +214,10 @@ class Followed(Stage):
         moving = self.rows.search.pairs.moving(self.rows.points, self.rows.index)
         return loops.generalised(moving, lam, self.normals, *fixed)
 
-    def advance(self, pair: Pair, q: Array, asked: tuple[Any, ...] | None = None) -> tuple[Stage, Array]:
+    def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.advance`; rows are chosen again when others may close."""
         search = self.rows.search
-        found = self._follow(pair, q, search.reach, None, asked)
+        found = self._follow(pair, q, search.reach, pair.places_of(self.rows.sides, q))
         if found is None:
             return pair.search(q)
         stage, gap, enough = found
@@ -235,19 +234,15 @@ class Followed(Stage):
         vars(self.rows).pop("compiled", None)
         return self.rows.search.choose(pair, pair.places(q), self.here, NEAR * pair.size)
 
-    def _follow(
-        self, pair: Pair, q: Array, reach: float, places: list[Array] | None, asked: tuple[Any, ...] | None = None
-    ) -> tuple[Followed, Array, bool] | None:
+    def _follow(self, pair: Pair, q: Array, reach: float, places: list[Array]) -> tuple[Followed, Array, bool] | None:
         """The same rows at coordinates q, (n,), their gaps, (nr,) [m], and whether no other row can close.
 
         None if the patches have moved by more than `reach` [m] since the search, or a point has come to a facet that is
-        not followed. `places` are those of the nodes of both sides. By default, they are computed for the followed
-        nodes.
+        not followed. `places` are those of the nodes of both sides.
         """
         if loops.at_once():
-            return self._follow_at_once(pair, q, reach, places, asked)
+            return self._follow_at_once(pair, q, reach, places)
         rows, search = self.rows, self.rows.search
-        places = pair.places_of(rows.sides, q) if places is None else places
         here = seen_from(places, pair.witnesses)
         if not largest_change(here, search.here) <= reach:
             return None
@@ -259,31 +254,23 @@ class Followed(Stage):
         return self._next(normals, here, places), gap, not rows.others_close(gap, here, pair.size)
 
     def _follow_at_once(
-        self, pair: Pair, q: Array, reach: float, places: list[Array] | None, asked: tuple[Any, ...] | None
+        self, pair: Pair, q: Array, reach: float, places: list[Array]
     ) -> tuple[Followed, Array, bool] | None:
         """Do the same as `_follow` in one compiled call."""
-        rows, bounds, pressed = self.rows, (BULGE, NEAR * pair.size), None
+        rows, bounds = self.rows, (BULGE, NEAR * pair.size)
         how = reach, FOLLOWED, STEPS, pair.size, *bounds
-        if places is None and rows.fixed is not None:
-            found = loops.pressed_at(q, *rows.fixed, rows.compiled, how, asked or _NOT_ASKED)
-            here, normals, of_points, lost, gap, least, others, lam, force, settled = found
-            pressed = (lam, force, least) if settled else None
-        else:
-            places = pair.places_of(rows.sides, q) if places is None else places
-            here, normals, of_points, lost, gap, least, others = loops.followed_gaps(rows.compiled, places, how)
+        here, normals, of_points, lost, gap, least, others = loops.followed_gaps(rows.compiled, places, how)
         if not len(normals):
             return None
         if len(lost):
             x_s, x_m = pair.places(q)
             rows.search.pairs.search(rows.points, rows.index, lost, x_s, x_m, normals, of_points)
             gap, least, others = loops.row_gaps(rows.compiled, of_points, here, *bounds)
-        return None if math.isnan(least) else (self._next(normals, here, places, pressed), gap, not others)
+        return None if math.isnan(least) else (self._next(normals, here, places), gap, not others)
 
-    def _next(
-        self, normals: Array, here: Array, places: list[Array] | None, pressed: Pressed | None = None
-    ) -> Followed:
+    def _next(self, normals: Array, here: Array, places: list[Array]) -> Followed:
         result = Followed(self.rows, normals, here)
-        result.places, result.pressed = places, pressed
+        result.places = places
         return result
 
 

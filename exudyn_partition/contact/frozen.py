@@ -10,7 +10,7 @@ from ..algebra.block_complementarity import FlatBlocks
 from ..support.arrays import Array
 from . import loops
 from .gaps import Gaps
-from .linear_gaps import FlatRows, LowestRows
+from .linear_gaps import FlatRows
 
 
 class FrozenContacts:
@@ -42,8 +42,6 @@ class FrozenContacts:
         and the smallest gap of the rows, without the contact's own flexibility [m].
     stored : (n,) array
         Energy that each contact stores [J].
-    whole : bool
-        Whether `h` and `pushed` belong to the last evaluation. They are not computed while all contacts stay open.
     pushes : bool
         Whether any force acts.
     kept : (k,) int array or None
@@ -55,12 +53,13 @@ class FrozenContacts:
     def __init__(self, gaps: Sequence[Gaps], dofs: Sequence[Array], blocks: FlatBlocks) -> None:
         frozen = [each.linear for each in gaps if each.linear is not None]
         assert len(frozen) == len(gaps)
-        self._rows, self._blocks = FlatRows.of(frozen, [each.normal for each in gaps], dofs), blocks
-        self._lowest, self.whole, self.pushes = LowestRows.of(frozen), True, True
+        rows, self._blocks = FlatRows.of(frozen, [each.normal for each in gaps], dofs), blocks
+        self.pushes = True
         self._stages = [each.stage for each in gaps]
         self.starts, self.lam, self.pushed = blocks.starts, blocks.lam, blocks.pushed
         self.h, self.force = np.empty(len(self.lam)), np.empty(0)
         self.values, self.stored = np.empty((len(gaps), 6)), np.empty(len(gaps))
+        self._together = loops.together(rows, blocks, self.h, self.values, self.stored)
         self.row_nodes = np.concatenate([each.row_nodes for each in gaps])
         self.leaves_at = np.concatenate([each.leaves_at for each in gaps])
 
@@ -68,23 +67,15 @@ class FrozenContacts:
         """Find forces at the model's coordinates q, (nq,), and the values of sensors.
 
         Return False if pairs begin to slide, or if forces do not converge soon. Then each contact must be evaluated
-        alone. While all contacts stay open, only their lowest rows are evaluated; `evaluate_rows` finds the gaps of all
-        rows.
+        alone.
         """
-        if not self.pushes and loops.fly_on(self._rows, self._lowest, q, self.h, self.values):
-            self.whole = False
-            return True
-        return self.evaluate_rows(q)
-
-    def evaluate_rows(self, q: Array) -> bool:
-        """Find gaps of all rows too, see `evaluate`."""
-        self.whole = self.pushes = True
         if len(q) != len(self.force):
             self.force = np.empty(len(q))
-        if not loops.evaluate_frozen(self._rows, self._blocks, q, self.h, self.force, self.values, self.stored):
+        pushing = loops.evaluate_frozen(self._together, q, self.force)
+        if pushing < 0:
             self._blocks.forget()
             return False
-        self.pushes = bool(self.values[:, 1].any())
+        self.pushes = pushing > 0
         return True
 
     def has_pairs_of(self, gaps: Sequence[Gaps]) -> bool:

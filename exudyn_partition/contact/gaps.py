@@ -27,10 +27,9 @@ from ..surfaces.loops import at_points, on_nodes
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import directed_matrix, point_matrix
 from . import loops
-from .followed import BULGE
 from .linear_gaps import LinearGaps
 from .side import LoadedNodes, Side, Standing
-from .stages import NOTHING, OF_SIDE, Frozen, Pressed, Shares, Stage
+from .stages import NOTHING, OF_SIDE, Frozen, Shares, Stage
 
 if TYPE_CHECKING:
     from typing import Self
@@ -127,24 +126,6 @@ class Gaps:
         """Places of all nodes of some sides, (np, 3) for each [m], from `centre`, at coordinates q, with dents."""
         own: Sequence[Array | None] = dents or [None] * len(sides)
         return [side.dented(part, dent) for side, part, dent in zip(sides, self.split(q), own, strict=True)]
-
-    def pressed_at(self, q: Array, problem: tuple[Array, ...]) -> tuple[Array, Pressed | None]:
-        """Gaps as `at` finds them, and the forces that the law would find from them, if one call can find both.
-
-        `problem` has the rows that can close, and the problem with their `regularised_flexibility`.
-        """
-        gap = self.at(q)
-        return gap, self._pressed_again(gap, problem)
-
-    def _pressed_again(self, gap: Array, problem: tuple[Array, ...]) -> Pressed | None:
-        """See `pressed_at`; the gaps, (nr,) [m], are known already."""
-        if not self.moving:
-            return None
-        self._row_flexibility()  # which may be found again, if the rows have moved
-        if not self.is_known(problem[1]):
-            return None
-        found = loops.answer_again(gap, problem, BULGE)
-        return None if found is None else (found[0], self.generalised(found[0]), found[1])
 
     def of_present(self, q: Array) -> Array:
         """Gaps of the present rows at coordinates q, (n,); unlike `at`, this keeps the rows: (nr,) [m]."""
@@ -442,11 +423,6 @@ class Gaps:
     def regularised_flexibility(self, index: Array) -> Array:
         """`flexibility`, regularised as in `problem`; for the same rows, it is the same array too."""
         return self._row_flexibility().regularised_of(index)
-
-    def is_known(self, regularised: Array) -> bool:
-        """Whether `regularised_flexibility` has returned this array for the present rows."""
-        known = self.stage.rows.known("flexibility")
-        return known is not None and known[1].regularised is regularised
 
     def _row_flexibility(self) -> RowFlexibility:
         return self.stage.rows.slowly("flexibility", self.stance(), SAME, self._of_all_rows)

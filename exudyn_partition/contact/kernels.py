@@ -6,16 +6,18 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba.experimental import structref
 
-from ..algebra.kernels import check_active, solve_blocks
-from ..frames.kernels import Fixed, add_on_shapes, place_active
+from ..algebra.kernels import solve_blocks
+from ..frames.kernels import Fixed, add_on_shapes
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined
+from ..support.struct_kernels import StructType
 from ..surfaces.moving_kernels import Followed, Moving, follow_rows, forces_on_nodes, gaps_of_rows
 
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
-    from .linear_gaps import FlatRows, LowestRows
+    from .linear_gaps import FlatRows
 
 
 @compiled
@@ -45,28 +47,6 @@ def same_rows(h: Array, limit: float, index: Array) -> bool:
 
 
 @compiled
-def answer_again(
-    gap: Array, near: Array, F: Array, factor: Array, index: Array, bulge: float, rounding: float
-) -> tuple[Array, float, bool]:
-    """Forces on all rows and the least gap, if the rows that can close, `near`, and the closed ones stay the same.
-
-    F, `factor` and `index` are as in `check_active`. The last result is whether they do; if not, the forces are wrong.
-    """
-    least, total, lam = np.inf, 0.0, np.zeros(len(gap))
-    for row in range(len(gap)):
-        least, total = min(least, gap[row]), total + gap[row]
-    if not (least < 0.0 and math.isfinite(total) and same_rows(gap, -bulge * least, near)):
-        return lam, least, False
-    h = np.empty(len(near))
-    for i in range(len(near)):
-        h[i] = gap[near[i]]
-    some, _, count = check_active(F, factor, index, h, rounding, 0.0)
-    for i in range(len(near)):
-        lam[near[i]] = some[i]
-    return lam, least, count == 0
-
-
-@compiled
 def generalised(m: Moving, lam: Array, normals: Array, slave: Fixed, master: Fixed) -> Array:
     """Generalised forces on both bodies, (n,), from forces on followed rows, along their points' normals."""
     rows_s, rows_m = slave.rows, master.rows
@@ -76,41 +56,6 @@ def generalised(m: Moving, lam: Array, normals: Array, slave: Fixed, master: Fix
     add_on_shapes(rows_s, of_slave, result, 0)
     add_on_shapes(rows_m, of_master, result, n)
     return result
-
-
-@compiled
-def pressed_at(
-    q: Array, slave: Fixed, master: Fixed, r: Followed, reach: float, by: float, steps: int, size: float, bulge: float,
-    most: float, stood: Array, same: float, near: Array, F: Array, factor: Array, index: Array, rounding: float,
-) -> tuple[Array, Array, Array, Array, Array, float, bool, Array, Array, bool]:  # fmt: skip
-    """Follow rows of patches whose frames do not move, and find forces if nothing else changes.
-
-    Parameters
-    ----------
-    q : (n,) array
-    stood : (3, 3) array
-        Place of the slave, divided by `size`, when the flexibility was found; it may change by `same`.
-    near, F, factor, index, rounding
-        See `answer_again`; `near` is empty if no forces are needed.
-
-    Returns
-    -------
-    The results of `follow_rows`, forces on the rows, (nr,), generalised forces, (n,), and whether these two are right.
-    """
-    place_active(slave, q, 0)
-    place_active(master, q, slave.rows.shape[1])
-    x_s, x_m = slave.x, master.x
-    here, normals, of_points, lost, gap, least, more = follow_rows(r, x_s, x_m, reach, by, steps, size, bulge, most)
-    lam = force = np.empty(0)
-    settled = len(near) > 0 and not more and least < 0.0
-    for i in range(3):
-        for j in range(3):
-            settled = settled and abs(here[i, j] / size - stood[i, j]) <= same
-    if settled:
-        lam, _, settled = answer_again(gap, near, F, factor, index, bulge, rounding)
-        if settled:
-            force = generalised(r.points, lam, normals, slave, master)
-    return here, normals, of_points, lost, gap, least, more, lam, force, settled
 
 
 @compiled
@@ -278,67 +223,11 @@ def gaps_of_frozen(rows: FlatRows, q: Array, h: Array) -> bool:
 
 
 @compiled
-def choose_lowest(rows: FlatRows, lowest: LowestRows, j: int, own: Array, gap: Array) -> float:
-    """Choose the lowest rows of contact j at its coordinates; `gap` is work space.
-
-    Return the smallest gap [m], or NaN if pairs have slid too far.
-    """
-    n, few, nr = len(own), lowest.start.shape[1], len(gap)
-    gaps_of_contact(rows, j, own, gap)
-    least, chosen = np.full(few + 1, np.inf), np.zeros(few + 1, np.int64)  # in ascending order
-    for i in range(nr):
-        if gap[i] < least[few]:
-            k = few
-            while k and gap[i] < least[k - 1]:
-                least[k], chosen[k] = least[k - 1], chosen[k - 1]
-                k -= 1
-            least[k], chosen[k] = gap[i], i
-    place, start = rows.places[j], rows.start[rows.starts[j] :]
-    H = rows.numbers[rows.H[j] :][: n * nr].reshape(n, nr)
-    few_H = lowest.H[few * place :][: n * few].reshape(n, few)
-    for k in range(n):
-        lowest.at[place + k] = own[k]
-        for i in range(few):
-            few_H[k, i] = H[k, chosen[i]]
-    for i in range(few):
-        lowest.start[j, i] = start[chosen[i]]
-    lowest.room[j], lowest.slack[j] = least[few] - least[0], rows.reach[j] - slid(rows, j, own)
-    return least[0] if lowest.slack[j] >= 0.0 else np.nan
-
-
-@compiled
-def fly_on(rows: FlatRows, lowest: LowestRows, q: Array, h: Array, told: Array) -> bool:
-    """Write the smallest gaps to `told`; return False if a contact closes or slides. See `linear_gaps.LowestRows`."""
-    few, gap = lowest.start.shape[1], np.empty(lowest.start.shape[1])
-    for j in range(len(told)):
-        own, place, turned, slides, least = coordinates_of(rows, j, q), rows.places[j], 0.0, 0.0, np.inf
-        n, turn, slide = len(own), lowest.numbers[lowest.turn[j] :], lowest.numbers[lowest.slide[j] :]
-        for k in range(n):
-            way = abs(own[k] - lowest.at[place + k])
-            turned += way * turn[k]
-            slides += way * slide[k]
-        if turned < lowest.room[j] and slides < lowest.slack[j]:
-            H = lowest.H[few * place :][: n * few].reshape(n, few)
-            gap[:] = lowest.start[j]
-            for k in range(n):
-                for i in range(few):
-                    gap[i] += own[k] * H[k, i]
-            for i in range(few):
-                least = min(least, gap[i])
-        else:
-            least = choose_lowest(rows, lowest, j, own, h[rows.starts[j] : rows.starts[j + 1]])
-        if not least > 0.0:
-            return False
-        told[j, 5] = least
-    return True
-
-
-@compiled
 def forces_of_frozen(
     rows: FlatRows, h: Array, lam: Array, pushed: Array, force: Array, values: Array, stored: Array
-) -> None:
-    """Set generalised forces, and values of sensors, see `frozen.FrozenContacts`."""
-    force[:], values[:], stored[:] = 0.0, 0.0, 0.0
+) -> int:
+    """Set generalised forces, and values of sensors, see `frozen.FrozenContacts`; return how many contacts push."""
+    force[:], values[:], stored[:], pushing = 0.0, 0.0, 0.0, 0
     for j in range(len(values)):
         dofs, start, own_values = rows.dofs[rows.places[j] : rows.places[j + 1]], rows.starts[j], values[j]
         n, nr, least = len(dofs), rows.starts[j + 1] - start, np.inf
@@ -357,17 +246,45 @@ def forces_of_frozen(
                 stored[j] -= 0.5 * push * h[start + i]
         own_values[5] = least
         if own_values[1] > 0.0:
+            pushing += 1
             for k in range(n):
                 force[dofs[k]] += own[k]
+    return pushing
+
+
+@structref.register
+class TogetherType(StructType):
+    """Type of `Together` in compiled loops."""
+
+
+class Together(structref.StructRefProxy):
+    """What stays where it is while pairs are frozen, see `frozen.FrozenContacts`.
+
+    It is one object, because to pass each of its arrays takes longer than the loops themselves.
+    """
+
+    rows: FlatRows
+    blocks: FlatBlocks
+    h: Array
+    values: Array
+    stored: Array
+
+
+structref.define_proxy(Together, TogetherType, [*Together.__annotations__])  # type: ignore[no-untyped-call]
+
+
+@compiled
+def together(rows: FlatRows, blocks: FlatBlocks, *results: Array) -> Together:
+    """Make one of its fields; unlike its own constructor, this is kept on disk."""
+    return Together(rows, blocks, *results)  # type: ignore[no-untyped-call]
 
 
 @compiled
 def evaluate_frozen(
-    rows: FlatRows, blocks: FlatBlocks, q: Array, h: Array, force: Array, values: Array, stored: Array,
-    rounding: float, settled: float, steps: int, patience: int,
-) -> bool:  # fmt: skip
-    """Find gaps, forces and values of sensors; return whether all pairs stay frozen and the forces settle."""
+    contacts: Together, q: Array, force: Array, rounding: float, settled: float, steps: int, patience: int
+) -> int:
+    """Find gaps, forces and values of sensors; return how many contacts push, or -1 if pairs slide or none settle."""
+    rows, blocks, h = contacts.rows, contacts.blocks, contacts.h
     if not gaps_of_frozen(rows, q, h) or not solve_blocks(blocks, h, rounding, settled, steps, patience):
-        return False
-    forces_of_frozen(rows, h, blocks.lam, blocks.pushed, force, values, stored)
-    return True
+        return -1
+    return forces_of_frozen(rows, h, blocks.lam, blocks.pushed, force, contacts.values, contacts.stored)

@@ -143,13 +143,6 @@ class Law:
         """
         raise NotImplementedError(f"{type(self).__name__} has no answer")
 
-    def closed_problem(self) -> tuple[Array, ...] | None:
-        """Data with which compiled loops find gaps and forces in one call, while the same rows stay closed.
-
-        See `Gaps.pressed_at`; only for laws without friction. None if the law has no such data.
-        """
-        return None
-
     def stiffness(self) -> Array | sp.spmatrix | Solved:
         """Minus the derivative of forces on closed rows with respect to their places, (d na, d na) [N/m].
 

@@ -12,7 +12,6 @@ from ..algebra.block_complementarity import pooled
 from ..support.arrays import Array
 
 _CLEARLY = 1 - 1e-6  # margin for the rounding of how far pairs have slid, relative to their reach
-_FEW = 8  # lowest rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,45 +88,6 @@ class FlatRows(NamedTuple):
             np.concatenate([g.drift_start for g in frozen]),
             np.array([_CLEARLY * g.reach for g in frozen]),
         )
-
-
-class LowestRows(NamedTuple):
-    """Rows with the smallest gaps of each contact. While it moves little, one of them has its smallest gap.
-
-    Parameters
-    ----------
-    H : array
-        Transposes of the rows, (n, k), one contact after the other.
-    start : (nc, k) array
-    at : array
-        Coordinates of each contact at which its rows were chosen.
-    numbers : array
-        Bounds of all contacts, (n,) each, see `turn` and `slide`; equal ones are stored once.
-    turn, slide : (nc,) int arrays
-        Where the two bounds of each contact begin in `numbers`. The first bounds the change of the difference of two
-        gaps with each coordinate. The second bounds the sliding of pairs with each coordinate.
-    room, slack : (nc,) arrays
-        Limits from the coordinates `at` on [m]. The chosen rows are valid while the difference of two gaps changes by
-        less than `room`. Pairs stay frozen while they slide by less than `slack`.
-    """
-
-    H: Array
-    start: Array
-    at: Array
-    numbers: Array
-    turn: Array
-    slide: Array
-    room: Array
-    slack: Array
-
-    @classmethod
-    def of(cls, frozen: Sequence[LinearGaps]) -> LowestRows:
-        """Return the rows before any is chosen."""
-        nc, k, n = len(frozen), min(_FEW, *(len(g.start) for g in frozen)), sum(g.H.shape[1] for g in frozen)
-        turns = {id(g.H): np.ptp(g.H, axis=0) for g in frozen}
-        numbers, at = pooled([turns[id(g.H)] for g in frozen] + [abs(g.drift).max(axis=0, initial=0) for g in frozen])
-        turn, slide = at.reshape(2, -1)
-        return cls(np.empty(k * n), np.empty((nc, k)), np.empty(n), numbers, turn, slide, *np.zeros((2, nc)))
 
 
 def _starts(arrays: Sequence[Array]) -> Array:

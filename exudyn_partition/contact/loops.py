@@ -5,7 +5,6 @@ No other module of `contact` knows which of them run. Module `kernels` has the c
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING, TypeAlias
@@ -13,9 +12,6 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from ..algebra.block_complementarity import LIMITS
-from ..algebra.complementarity import ROUNDING
-from ..algebra.loops import check_active
-from ..algebra.products import smallest
 from ..support.arrays import Array
 from ..support.compiled import kernels
 from ..surfaces.points import ContactPoints
@@ -25,10 +21,10 @@ if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
     from ..frames.kernels import Fixed
     from ..surfaces.moving_kernels import Followed, Moving
-    from .linear_gaps import FlatRows, LowestRows
+    from .kernels import Together
+    from .linear_gaps import FlatRows
 
 _Gaps: TypeAlias = tuple[Array, Array, Array, Array, Array, float, bool]  # see `followed_gaps`
-_Pressed: TypeAlias = tuple[Array, Array, Array, Array, Array, float, bool, Array, Array, bool]  # see `pressed_at`
 
 
 def at_once() -> bool:
@@ -149,46 +145,12 @@ def rows_below(h: Array, limit: float, known: Array | None) -> Array:
     return known if known is not None and np.array_equal(found, known) else found
 
 
-def answer_again(h: Array, problem: tuple[Array, ...], bulge: float) -> tuple[Array, float] | None:
-    """Forces on all rows, (nr,) [N], and the least gap [m], if the same rows are closed; else None.
-
-    Parameters
-    ----------
-    h : (nr,) array
-        Gaps of all rows [m].
-    problem : tuple of arrays
-        Rows that could close at the last answer, (k,), and their problem as in `check_active`, with active rows. None
-        is returned, too, if other rows can close.
-    bulge : float
-        Rows can close whose gap is less than that share of the deepest row's depth.
-    """
-    near, F, factor, index = problem
-    if compiled := kernels("contact"):
-        lam, least, settled = compiled.answer_again(h, near, F, factor, index, bulge, ROUNDING)
-        return (lam, least) if settled else None
-    least = smallest(h)
-    if not (least < 0.0 and math.isfinite(least) and np.array_equal(np.flatnonzero(h < -bulge * least), near)):
-        return None
-    some, _, count = check_active(F, factor, index, h[near], ROUNDING)
-    lam = np.zeros(len(h))
-    lam[near] = some
-    return None if count else (lam, least)
-
-
 # Several steps in one call, only if `at_once()`.
 
 
 def followed_gaps(rows: Followed, places: Sequence[Array], how: tuple[float, ...]) -> _Gaps:
     """Follow points and find the gaps of their rows; see `surfaces.moving_kernels.follow_rows`."""
     found: _Gaps = _compiled().followed_gaps(*places, rows, *how)
-    return found
-
-
-def pressed_at(
-    q: Array, slave: Fixed, master: Fixed, rows: Followed, how: tuple[float, ...], asked: tuple[Array | float, ...]
-) -> _Pressed:
-    """Place nodes, follow points, and find gaps and forces; see `kernels.pressed_at`."""
-    found: _Pressed = _compiled().pressed_at(q, slave, master, rows, *how, *asked, ROUNDING)
     return found
 
 
@@ -204,23 +166,18 @@ def generalised(points: Moving, lam: Array, normals: Array, slave: Fixed, master
     return found
 
 
-def fly_on(rows: FlatRows, lowest: LowestRows, q: Array, h: Array, told: Array) -> bool:
-    """Write the smallest gap of each contact to `told`, (n, 6); return False if one is closed or pairs slide.
-
-    `h`, (nr,), is work space. See `linear_gaps.LowestRows`.
-    """
-    return bool(_compiled().fly_on(rows, lowest, q, h, told))
+def together(rows: FlatRows, blocks: FlatBlocks, h: Array, values: Array, stored: Array) -> Together:
+    """Contacts with frozen pairs, and room for their results, see `evaluate_frozen`."""
+    found: Together = _compiled().together(rows, blocks, h, values, stored)
+    return found
 
 
-def evaluate_frozen(
-    rows: FlatRows, blocks: FlatBlocks, q: Array, h: Array, force: Array, values: Array, stored: Array
-) -> bool:
+def evaluate_frozen(contacts: Together, q: Array, force: Array) -> int:
     """Set gaps h, (nr,) [m], forces, and all else from the model's coordinates q, (nq,), see `frozen.FrozenContacts`.
 
-    Return False if pairs begin to slide, or forces do not settle soon. One call for all costs less than its parts,
-    because compiled code takes over each array anew.
+    Return how many contacts push; -1 if pairs begin to slide, or forces do not settle soon.
     """
-    return bool(_compiled().evaluate_frozen(rows, blocks, q, h, force, values, stored, *LIMITS))
+    return int(_compiled().evaluate_frozen(contacts, q, force, *LIMITS))
 
 
 def _compiled() -> ModuleType:

@@ -127,7 +127,6 @@ class PatchContact:
         self._creep: Creep | None = None  # at the present answer, once it is asked for
         self.least_gap, self.since, self.opening = np.inf, -math.inf, 0.0
         self._answered, self._closed_before, self.sticks = False, False, False
-        self._same = 0  # number of answers of compiled loops with the same closed rows
         self._evaluated_at = np.empty(0)
         self._zero = np.zeros(self.gaps.n)
         self.open_rows()
@@ -190,7 +189,7 @@ class PatchContact:
     @property
     def iterations(self) -> int:
         """Iterations of the set of closed rows since the start of the run."""
-        return self.law.iterations + self._same
+        return self.law.iterations
 
     @property
     def searches(self) -> int:
@@ -208,18 +207,7 @@ class PatchContact:
 
     def force(self, q: Array, motion: Motion | None = None) -> Array:
         """Generalised contact force, (n,), at the coordinates q, (n,), of slave and master."""
-        quick = self.index.size and self.zones is None and not self.viscous and self.opening == 0.0
-        problem = self.law.closed_problem() if quick else None
-        if problem is None:
-            gap = self.gap_at(q)
-        else:
-            gap, found = self.gaps.pressed_at(q, problem)
-            if found is not None:  # the same rows are closed
-                lam, force, self.least_gap = found
-                self.forces, self.h = lam[:, None], gap
-                self._same += 1
-                return force
-        self.answer(gap, motion=motion)
+        self.answer(self.gap_at(q), motion=motion)
         return self.generalised()
 
     def gap_at(self, q: Array) -> Array:

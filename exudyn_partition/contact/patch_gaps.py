@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -25,11 +24,11 @@ from ..surfaces.rows import ContactRows, facing, rows_of
 from ..surfaces.surface import closest_points
 from ..surfaces.witnesses import seen_from, witnesses_of
 from .followed import NEAR, SEARCHED, Apart, Search
-from .gaps import SAME, Gaps
+from .gaps import Gaps
 from .linear_gaps import LinearGaps
 from .pairings import Pairing, drift_rows
 from .side import Side
-from .stages import NOTHING, Frozen, PresentRows, Pressed, Stage
+from .stages import NOTHING, Frozen, PresentRows, Stage
 
 _HELD = 0.02  # of a facet's size: sliding up to which pairs stay frozen
 _STILL = 0.1  # of _HELD: pairs that slide less than that in _PATIENCE evaluations are frozen again
@@ -145,11 +144,7 @@ class PatchGaps(Gaps):
 
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
-        return self._advance(q)
-
-    def _advance(self, q: Array, asked: tuple[Any, ...] | None = None) -> Array:
-        """Go to coordinates q, (n,); return the gaps of the rows there. `asked`: see `Stage.advance`."""
-        stage, gap = self.stage.advance(self, q, asked)
+        stage, gap = self.stage.advance(self, q)
         if stage.moving and len(gap):
             self._since = self._since + 1 if self.stage.moving else 1
             if self._since >= _PATIENCE and self.may_freeze:
@@ -160,13 +155,6 @@ class PatchGaps(Gaps):
                     stage, gap = self._freeze(rows, q), rows.gap
         self._take(stage, q)
         return gap
-
-    def pressed_at(self, q: Array, problem: tuple[Array, ...]) -> tuple[Array, Pressed | None]:
-        """See `Gaps.pressed_at`."""
-        known = self.stage.rows.known("flexibility")
-        asked = None if known is None else (known[0], SAME, *problem)
-        gap = self._advance(q, asked)
-        return gap, self.stage.pressed or self._pressed_again(gap, problem)
 
     def of_present(self, q: Array) -> Array:
         """See `Gaps.of_present`."""

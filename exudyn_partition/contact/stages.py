@@ -27,7 +27,6 @@ T = TypeVar("T")
 Shares = Sequence[tuple[Array, Array]]  # for each side: nodes of the points, and their signed weights in the gap
 NOTHING = np.empty(0)
 OF_SIDE = "of one side"  # in the names of values that do not depend on what share of flexibilities yields
-Pressed = tuple[Array, Array, float]  # forces on rows, (nr,) [N], generalised forces, (n,), and the least gap [m]
 
 
 class Pair(Protocol):
@@ -101,10 +100,6 @@ class PresentRows:
         value: T = known[1]
         return value
 
-    def known(self, what: Hashable) -> tuple[Array, Any, Array] | None:
-        """Last value of `slowly`, with the places for which it was found; None if there is none."""
-        return self._slow.get(what)
-
     def on(self, sides: tuple[Side, ...]) -> Self:
         """Return the same rows for sides with other flexibilities."""
         flexible = zip(self.sides, sides, strict=True)
@@ -145,8 +140,6 @@ class Stage:
     ----------
     moving : bool
         Whether the rows follow the motion. If not, their gaps are linear in the coordinates.
-    pressed : Pressed or None
-        Forces, if they were found together with the gaps.
     here : (3, 3) array
         Place of the slave relative to the master [m], see `witnesses.seen_from`; zero if nothing depends on it.
     pose : (12,) array
@@ -156,7 +149,6 @@ class Stage:
     """
 
     moving = True
-    pressed: Pressed | None = None
     here = np.zeros((3, 3))
     pose = NOTHING
     places: list[Array] | None = None
@@ -205,11 +197,8 @@ class Stage:
         """See `Gaps.generalised`; None if there is no faster way than through the nodes."""
         return None
 
-    def advance(self, pair: Pair, q: Array, asked: tuple[Any, ...] | None = None) -> tuple[Stage, Array]:
-        """Return the stage at coordinates q, (n,), and the gaps of its rows, (nr,) [m].
-
-        `asked` has the data with which compiled loops find forces too, see `Gaps.pressed_at`.
-        """
+    def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
+        """Return the stage at coordinates q, (n,), and the gaps of its rows, (nr,) [m]."""
         return pair.search(q)
 
     def keep_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array] | None:
@@ -247,7 +236,7 @@ class Frozen(Stage):
         """See `Gaps.generalised`."""
         return weighted_rows(lam, self.linear.H)
 
-    def advance(self, pair: Pair, q: Array, asked: tuple[Any, ...] | None = None) -> tuple[Stage, Array]:
+    def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.advance`; when the pairs have slid, they are followed."""
         linear = self.linear
         if largest_change(linear.drift @ q, linear.drift_start) <= linear.reach:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -54,9 +53,10 @@ class WanderingGaps(PatchGaps):
         self._three = [side.kinematics.some(some) for side, some in zip(self.sides, self.witnesses, strict=True)]
         super().reset()
 
-    def _advance(self, q: Array, asked: tuple[Any, ...] | None = None) -> Array:
+    def at(self, q: Array) -> Array:
+        """See `Gaps.at`."""
         self._part_if_moved(q)
-        return super()._advance(q, asked)
+        return super().at(q)
 
     def of_present(self, q: Array) -> Array:
         """See `Gaps.of_present`."""

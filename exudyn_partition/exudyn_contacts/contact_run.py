@@ -573,8 +573,7 @@ class GroupRun:
             return
         assert self.together is not None
         self._members_know, q = True, self._q
-        known = self._frozen.whole or self._frozen.evaluate_rows(q)
-        if not (known and self.together.take(self._frozen, [member.of(q) for member in self.members])):
+        if not self.together.take(self._frozen, [member.of(q) for member in self.members]):
             self._q = None
 
     def end(self) -> None:

@@ -9,7 +9,6 @@ from oracles import compliant, each_way, floating, inertial, moved, relative, wi
 from exudyn_partition.algebra.coulomb import Coulomb
 from exudyn_partition.contact import gaps
 from exudyn_partition.contact.patch_gaps import PatchGaps
-from exudyn_partition.support.compiled import compiles
 from exudyn_partition.surfaces.points import ROWS
 
 
@@ -54,26 +53,6 @@ def test_rows_are_chosen_at_the_same_places(round_body, flat_body):
     compiled, plain = each_way(rows)
     assert compiled == plain
     assert len({len(some) for some in plain}) > 3
-
-
-@pytest.mark.parametrize("kind", ROWS)
-def test_one_call_finds_what_two_do(round_body, flat_body, kind):
-    """Gaps and forces of rows that stay closed, while the ball slides."""
-    sides, together = (inertial(round_body), inertial(flat_body)), []
-
-    class Counting(PatchGaps):
-        def pressed_at(self, *asked):
-            together.append(super().pressed_at(*asked))
-            return together[-1]
-
-    alone, apart = (compliant(gaps(*sides, kind)) for gaps in (Counting, PatchGaps))
-    for u in np.linspace(0, 1, 200):
-        q = np.r_[moved(sides[0], [0.05e-3 * u, 0.02e-3 * u, -5e-6], [1e-4 * u, 0.0, 0.0]), np.zeros(flat_body.n_dofs)]
-        force = alone.force(q)
-        apart.answer(apart.gaps.at(q))
-        assert relative(force, apart.generalised()) < 1e-9
-        assert alone.least_gap == pytest.approx(apart.least_gap, rel=1e-9)
-    assert sum(found is not None for _, found in together) > 20 or not compiles()
 
 
 @pytest.mark.parametrize("frame", [inertial, floating])

@@ -12,7 +12,7 @@ import scipy.linalg
 
 from ...algebra.complementarity import Complementarity, regularised
 from ...algebra.friction import OPEN, FrictionProblem
-from ...algebra.products import Solved, dense
+from ...algebra.products import Solved, dense, smallest
 from ...support.arrays import Array
 from .. import loops
 from ..followed import BULGE
@@ -60,6 +60,8 @@ class NormalCompliance(Law):
     _held: object = None  # the frozen rows that `problem` belongs to
     _everything: Array  # their numbers
     _near: Array | None = None  # rows that could close at the last answer
+    _closed_of: tuple[object, ...] = None, None, None  # what `_closed` and `_closed_nodes` belong to
+    _closed: Array
     problem: Complementarity
 
     def __init__(self, gaps: Gaps) -> None:
@@ -84,15 +86,9 @@ class NormalCompliance(Law):
     def answer(self, at: Places) -> Forces:
         """See `Law`."""
         h = at.gap
-        least = float(h.min())
+        least = smallest(h)
         near = self.near(h, least)
         return self._on_rows(h, near, self.problem.solve(h if len(near) == len(h) else h[near], least))
-
-    def closed_problem(self) -> tuple[Array, ...] | None:
-        """See `Law`; None unless rows are followed and stay the same."""
-        if not self.gaps.moving or self._near is None or not self.gaps.is_known(self.problem.F):
-            return None
-        return self._near, *self.problem.compiled
 
     def near(self, h: Array, least: float) -> Array:
         """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.
@@ -123,11 +119,13 @@ class NormalCompliance(Law):
     def _on_rows(self, h: Array, near: Array, lam: Array) -> Forces:
         if not self.gaps.moving:
             return Forces(lam[:, None], self.problem.index)
-        forces, closed = np.zeros((len(h), 1)), near[self.problem.index]
+        forces, index, row_nodes = np.zeros((len(h), 1)), self.problem.index, self.gaps.row_nodes
         forces[near, 0] = lam
-        self._closed_nodes[:] = False
-        self._closed_nodes[self.gaps.row_nodes[closed]] = True
-        return Forces(forces, closed)
+        if not (self._closed_of[0] is near and self._closed_of[1] is index and self._closed_of[2] is row_nodes):
+            self._closed_of, self._closed = (near, index, row_nodes), near[index]
+            self._closed_nodes[:] = False
+            self._closed_nodes[row_nodes[self._closed]] = True
+        return Forces(forces, self._closed)
 
     def stiffness(self) -> Solved:
         """See `Law`: the inverse of the flexibility of the closed rows."""

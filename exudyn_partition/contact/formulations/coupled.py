@@ -264,7 +264,6 @@ class CoupledContacts(Coupled):
         alone = self.for_run(self.contacts).frozen([np.arange(n)], None)
         if alone is not None:
             alone.evaluate(np.zeros(n))
-            alone.evaluate(np.zeros(n))  # the lowest rows alone
 
     def _begin(self) -> None:
         super()._begin()
