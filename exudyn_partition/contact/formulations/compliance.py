@@ -60,13 +60,11 @@ class NormalCompliance(Law):
     _held: object = None  # the frozen rows that `problem` belongs to
     _everything: Array  # their numbers
     _near: Array | None = None  # rows that could close at the last answer
-    _closed_of: tuple[object, ...] = None, None, None  # what `_closed` and `_closed_nodes` belong to
-    _closed: Array
     problem: Complementarity
 
     def __init__(self, gaps: Gaps) -> None:
         self.gaps, self._counted = gaps, 0
-        self._closed_nodes = np.zeros(len(gaps.slave.surface.points), dtype=bool)
+        self._closed_nodes = np.empty(0, dtype=np.int64)  # of the slave, at the last answer with rows that moved
         self._take_held()
 
     def fresh(self, rows: RowDirections) -> NormalCompliance:
@@ -101,7 +99,9 @@ class NormalCompliance(Law):
         near = self._near = loops.rows_below(h, -BULGE * least, self._near)
         F = self.gaps.regularised_flexibility(near)
         if self.problem.F is not F:
-            self.problem.replace(F, self._closed_nodes[self.gaps.row_nodes[near]])
+            closed = np.zeros(len(self.gaps.slave.surface.points), dtype=bool)
+            closed[self._closed_nodes] = True
+            self.problem.replace(F, closed[self.gaps.row_nodes[near]])
             self._held = None  # the problem of the frozen rows is lost
         return near
 
@@ -119,13 +119,10 @@ class NormalCompliance(Law):
     def _on_rows(self, h: Array, near: Array, lam: Array) -> Forces:
         if not self.gaps.moving:
             return Forces(lam[:, None], self.problem.index)
-        forces, index, row_nodes = np.zeros((len(h), 1)), self.problem.index, self.gaps.row_nodes
+        forces, closed = np.zeros((len(h), 1)), near[self.problem.index]
         forces[near, 0] = lam
-        if not (self._closed_of[0] is near and self._closed_of[1] is index and self._closed_of[2] is row_nodes):
-            self._closed_of, self._closed = (near, index, row_nodes), near[index]
-            self._closed_nodes[:] = False
-            self._closed_nodes[row_nodes[self._closed]] = True
-        return Forces(forces, self._closed)
+        self._closed_nodes = self.gaps.row_nodes[closed]
+        return Forces(forces, closed)
 
     def stiffness(self) -> Solved:
         """See `Law`: the inverse of the flexibility of the closed rows."""
