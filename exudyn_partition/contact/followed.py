@@ -27,7 +27,6 @@ from .side import Side
 from .stages import NOTHING, Pair, PresentRows, Shares, Stage
 
 if TYPE_CHECKING:
-    from ..frames.kernels import Fixed
     from ..surfaces.moving_kernels import Followed as CompiledRows
 
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the surface bulges around a contact
@@ -141,12 +140,6 @@ class FollowedRows(PresentRows):
         self.search, self.index, self._rigid, self._witnesses = search, index, rigid, witnesses
 
     @cached_property
-    def fixed(self) -> tuple[Fixed, Fixed] | None:
-        """Data with which compiled loops place the nodes of both sides; None if a frame moves, see `Side.fixed`."""
-        slave, master = (side.fixed for side in self.sides)
-        return None if slave is None or master is None else (slave, master)
-
-    @cached_property
     def compiled(self) -> CompiledRows:
         """Data with which compiled loops follow the rows."""
         search = self.search
@@ -205,14 +198,6 @@ class Followed(Stage):
         """See `Stage.nodal_forces`; one compiled call."""
         n_nodes = (len(side.surface.points) for side in self.rows.sides)
         return self.rows.search.pairs.nodal_forces(lam, self.normals, *n_nodes) if self._alone else None
-
-    def generalised(self, lam: Array) -> Array | None:
-        """See `Stage.generalised`; one compiled call if no frame moves."""
-        fixed = self.rows.fixed
-        if fixed is None or not (self._alone and loops.at_once()):
-            return None
-        moving = self.rows.search.pairs.moving(self.rows.points, self.rows.index)
-        return loops.generalised(moving, lam, self.normals, *fixed)
 
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.advance`; rows are chosen again when others may close."""

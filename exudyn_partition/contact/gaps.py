@@ -34,7 +34,7 @@ from .stages import NOTHING, OF_SIDE, Frozen, Shares, Stage
 if TYPE_CHECKING:
     from typing import Self
 
-MANY = 50_000  # entries that can be spared, see `Side.spares`: above it, only the needed nodes are followed
+MANY = 5_000  # entries that can be spared, see `Side.spares`: above it, only the needed nodes are followed
 _ROUND_OFF = 1e-9  # relative difference of shares of a flexibility that are the same
 SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
 

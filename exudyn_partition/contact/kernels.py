@@ -9,11 +9,10 @@ import numpy as np
 from numba.experimental import structref
 
 from ..algebra.kernels import solve_blocks
-from ..frames.kernels import Fixed, add_on_shapes
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined
 from ..support.struct_kernels import StructType
-from ..surfaces.moving_kernels import Followed, Moving, follow_rows, forces_on_nodes, gaps_of_rows
+from ..surfaces.moving_kernels import Followed, follow_rows, gaps_of_rows
 
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
@@ -44,18 +43,6 @@ def same_rows(h: Array, limit: float, index: Array) -> bool:
                 return False
             found += 1
     return found == len(index)
-
-
-@compiled
-def generalised(m: Moving, lam: Array, normals: Array, slave: Fixed, master: Fixed) -> Array:
-    """Generalised forces on both bodies, (n,), from forces on followed rows, along their points' normals."""
-    rows_s, rows_m = slave.rows, master.rows
-    of_slave, of_master = forces_on_nodes(m, lam, normals, len(rows_s) // 3, len(rows_m) // 3)
-    n = rows_s.shape[1]
-    result = np.zeros(n + rows_m.shape[1])
-    add_on_shapes(rows_s, of_slave, result, 0)
-    add_on_shapes(rows_m, of_master, result, n)
-    return result
 
 
 @compiled

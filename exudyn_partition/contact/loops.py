@@ -19,8 +19,7 @@ from ..surfaces.vectors import cross
 
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
-    from ..frames.kernels import Fixed
-    from ..surfaces.moving_kernels import Followed, Moving
+    from ..surfaces.moving_kernels import Followed
     from .kernels import Together
     from .linear_gaps import FlatRows
 
@@ -157,12 +156,6 @@ def followed_gaps(rows: Followed, places: Sequence[Array], how: tuple[float, ...
 def row_gaps(rows: Followed, of_points: Array, here: Array, *bounds: float) -> tuple[Array, float, bool]:
     """Gaps of rows from those of their points, the least gap [m], and whether other rows may close."""
     found: tuple[Array, float, bool] = _compiled().row_gaps(rows, of_points, here, *bounds)
-    return found
-
-
-def generalised(points: Moving, lam: Array, normals: Array, slave: Fixed, master: Fixed) -> Array:
-    """Generalised forces on both bodies, (n,), from forces on rows, (nr,) [N], along their points' normals, (p, 3)."""
-    found: Array = _compiled().generalised(points, lam, normals, slave, master)
     return found
 
 

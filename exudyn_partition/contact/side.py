@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -12,9 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ..algebra.products import congruence, largest_change
 from ..fe.model import node_dofs
-from ..frames.inertial import InertialKinematics
 from ..frames.kinematics import Kinematics, Rows
-from ..frames.loops import fixed
 from ..plasticity.flow import PlasticState
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
@@ -22,9 +20,6 @@ from ..surfaces.points import ContactPoints
 from ..surfaces.surface import Surface
 from . import loops
 from .plasticity.zone_run import ZoneMotion
-
-if TYPE_CHECKING:
-    from ..frames.kernels import Fixed
 
 _SAME_ROWS = 1e-3  # change of rows, relative to their largest entry, below which a side keeps its flexibility
 
@@ -79,15 +74,6 @@ class Side:
         """Kinematics of the nodes that are followed, seen from the centre."""
         return (self.kinematics if self.near is None else self.near).seen_from(self.centre)
 
-    @cached_property
-    def fixed(self) -> Fixed | None:
-        """Data with which compiled loops place its nodes; None if its frame moves or its body's rows are sparse."""
-        own = self.kinematics
-        if not isinstance(own, InertialKinematics) or not isinstance(own.rows, np.ndarray):
-            return None
-        start = own.start - self.centre
-        return fixed(start, own.rows, np.arange(len(start)) if self.active is None else self.active)
-
     @property
     def normal_only(self) -> bool:
         """Whether the flexibility is that of nodes along the line of contact, for normals of any direction."""
@@ -136,11 +122,9 @@ class Side:
     def spares(self, nodes: Array) -> int:
         """Measure of the work that is saved if only some nodes, (k,), are followed.
 
-        It is the number of row entries that need not be read. If compiled loops read the rows without a copy,
-        it is ten times that number.
+        It is the number of row entries that need not be read.
         """
-        entries = 3 * (self.n_followed - len(nodes)) * self.n
-        return entries if self.fixed is None else 10 * entries
+        return 3 * (self.n_followed - len(nodes)) * self.n
 
     def following(self, nodes: Array) -> Side:
         """Return the side that follows some nodes of its patch, (k,) int array; its facets stay the same."""

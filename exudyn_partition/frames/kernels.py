@@ -5,46 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.experimental import structref
 
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined
-from ..support.struct_kernels import StructType
-
-
-@structref.register
-class FixedType(StructType):
-    """Type of `Fixed` in compiled loops."""
-
-
-class Fixed(structref.StructRefProxy):
-    """What places the nodes of a patch whose frame does not move.
-
-    Parameters
-    ----------
-    start : (np, 3) array
-        Places at the start [m].
-    rows : (3 np, n) array
-        Displacements by the coordinates.
-    active : (k,) int array
-        Nodes that are followed.
-    x : (np, 3) array
-        Room for their places, NaN for other nodes [m].
-    """
-
-    start: Array
-    rows: Array
-    active: Array
-    x: Array
-
-
-structref.define_proxy(Fixed, FixedType, [*Fixed.__annotations__])  # type: ignore[no-untyped-call]
-
-
-@compiled
-def fixed(*fields: Array) -> Fixed:
-    """Make one of its fields; unlike its own constructor, this is kept on disk."""
-    return Fixed(*fields)  # type: ignore[no-untyped-call]
 
 
 @inlined
@@ -86,14 +49,6 @@ def place_moved(start: Array, rows: Array, q: Array, first: int, node: int, resu
         y += rows[3 * node + 1, k] * q[first + k]
         z += rows[3 * node + 2, k] * q[first + k]
     result[node, 0], result[node, 1], result[node, 2] = x, y, z
-
-
-@inlined
-def place_active(side: Fixed, q: Array, first: int) -> None:
-    """Place the nodes of a patch that are followed; its coordinates begin at q[first]."""
-    start, rows, x = side.start, side.rows, side.x
-    for node in side.active:
-        place_moved(start, rows, q, first, node, x)
 
 
 @compiled

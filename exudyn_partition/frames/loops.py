@@ -6,7 +6,6 @@ This is the only module of `frames` that knows which. `kernels` beside it has th
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,9 +16,6 @@ from ..support.compiled import kernels
 from .inertia import Inertia
 from .kinematics import Rows, node_fields
 from .rotations import rotation_change, rotation_matrix, total_moment
-
-if TYPE_CHECKING:
-    from .kernels import Fixed
 
 LARGE = 30_000  # entries of the rows at nodes from which on those of unloaded nodes are left out
 
@@ -210,20 +206,6 @@ def stiffening_in_step(
         return linear, True
     anchor[:], at_anchor[:] = motion, force
     return force, False
-
-
-def fixed(start: Array, rows: Array, active: Array) -> Fixed | None:
-    """What one compiled call needs to place nodes and more; None where NumPy places nodes in a call of its own.
-
-    Parameters
-    ----------
-    start, rows, active
-        See `kernels.Fixed`.
-    """
-    if compiled := kernels("frames"):
-        value: Fixed = compiled.fixed(start, rows, active, np.full(start.shape, np.nan))
-        return value
-    return None
 
 
 def _axes(q: Array, rotation: Array, node_axes: Array) -> Array:
