@@ -57,10 +57,6 @@ class RunError(PartitionError, RuntimeError):
     """A run that Exudyn could not start or that was set up inconsistently."""
 
 
-class RenamedError(PartitionError, AttributeError):
-    """A name that an earlier version had; the message has the present one."""
-
-
 class OutputError(PartitionError, OSError):
     """A file that the system could not write: a full disk, or a protected folder; the old file is kept."""
 

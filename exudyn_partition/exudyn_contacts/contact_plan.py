@@ -108,7 +108,7 @@ def plan_contact(
     validate_new_name(mbs, name, ("Object", "Sensor"))
     chosen = formulation_of(formulation, stiffness)
     kind = validate_choice("rows", chosen.rows if rows is None else rows, ROW_KINDS)
-    _check_passes(passes)
+    validate_choice("passes", passes, PASSES)
     coulomb = friction_of(friction)
     if coulomb is not None and not chosen.friction:
         raise InputError(
@@ -196,16 +196,6 @@ def _partners(
         if item is not None and item not in bodies:
             raise InputError(f"{role}: body {item.name!r} belongs to another model, or to this one before a Reset")
     return slave, other, rigid
-
-
-def _check_passes(passes: object) -> None:
-    """The slave is one body. An earlier version had "two": half of the contact with each body as slave."""
-    if isinstance(passes, str) and passes == "two":
-        raise InputError(
-            "passes: expected one of 'finer', 'given', got 'two'. Contact in two passes is no more; leave passes out, "
-            "with rows='integrated' where pressures of meshes that do not match should be even"
-        )
-    validate_choice("passes", passes, PASSES)
 
 
 def _check_master(mbs: MainSystem, rigid: RigidSurface | None, patch: object, body: ObjectIndex | None) -> None:

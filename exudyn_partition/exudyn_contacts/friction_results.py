@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..algebra.coulomb import Coulomb
 from ..algebra.friction import OPEN
-from ..errors import InputError, RenamedError
+from ..errors import InputError
 from ..support.arrays import Array
 from ..support.checks import validate_result
 from .contact_samples import ModelContact, RunSamples, kept_rows, mean_forces
@@ -137,8 +135,3 @@ class FrictionResults:
             )
         validate_result(result)
         return result.sensor_of(self._contact, self._contact["sFriction"])
-
-    def __getattr__(self, name: str) -> Any:
-        if name in ("static", "kinetic", "decay", "constant"):  # names of `Coulomb`, which this attribute was before
-            raise RenamedError(f"contact.friction.{name} is now contact.friction.coulomb.{name}")
-        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..contact.formulations.formulation import Together
-from ..errors import InputError, RenamedError
+from ..errors import InputError
 from ..exudyn_bodies.model import coordinate_slices, registered
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..fe.material import Material
@@ -33,21 +33,6 @@ from .plastic_results import PlasticResults, dent_motion
 
 _LARGE = 0.8  # share of the largest force above which stresses are computed
 _WHOLE = 0.9  # share of a patch's area: a larger contact is no Hertz contact
-_RENAMED = {  # old names of results that are now in the views `friction` and `plastic`
-    "tangential_force": "friction.tangential_force",
-    "stuck_rows": "friction.stuck_rows",
-    "row_states": "friction.states",
-    "row_tractions": "friction.row_forces",
-    "traction": "friction.traction",
-    "slip_path": "friction.slip_path",
-    "yielding": "plastic.zones",
-    "plastic_work": "plastic.work",
-    "plastic_strain": "plastic.strain",
-    "plastic_states": "plastic.states",
-    "strain_histories": "plastic.strain_histories",
-    "dents": "plastic.dents",
-    "flow_at_border": "plastic.flow_at_border",
-}
 
 
 class PartitionContact(Item[Any]):
@@ -598,11 +583,6 @@ class PartitionContact(Item[Any]):
     def closed_samples(self, result: RunSamples) -> list[tuple[int, int]]:
         """First and last sample with a force, for each time of uninterrupted contact."""
         return closed_spans(self.force(result))
-
-    def __getattr__(self, name: str) -> Any:
-        if name in _RENAMED:
-            raise RenamedError(f"contact.{name} is now contact.{_RENAMED[name]}")
-        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)
 
 
 def partition_items(mbs: MainSystem) -> tuple[list[PartitionBody], list[PartitionContact]]:

@@ -289,7 +289,7 @@ class StoredContact(PartitionContact):
     def __getattr__(self, name: str) -> Any:
         if name in _OF_MODEL:
             raise _needs_model(f"contact {self.__dict__.get('name', '')!r}", name)
-        return super().__getattr__(name)
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)
 
 
 class StoredBody:

@@ -252,7 +252,7 @@ def test_bad_contacts(mbs, marble):
     item = ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, R])
     with pytest.raises(InputError, match="RigidProfile or RigidMesh, got str"):
         ep.CreatePartitionContact(mbs, item, "floor", slavePatch="south")
-    with pytest.raises(InputError, match=r"^passes: expected one of 'finer', 'given', got 'two'.* leave passes out"):
+    with pytest.raises(InputError, match=r"^passes: expected one of 'finer', 'given', got 'two'"):
         ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="south", passes="two")
     with pytest.raises(InputError, match=r"^slavePatch: expected the name or number of one of the"):
         ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="west")

@@ -1,4 +1,4 @@
-"""The contact as an object of Python: its views, and names that it had earlier."""
+"""The contact as an object of Python: its views."""
 
 import copy
 
@@ -6,7 +6,7 @@ import exudyn as exu
 import pytest
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError, RenamedError
+from exudyn_partition.errors import InputError
 
 
 @pytest.fixture(scope="module")
@@ -16,39 +16,8 @@ def contact(round_body):
     return ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), friction=ep.Coulomb(0.3, 0.2, 0.1))
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("tangential_force", "friction.tangential_force"),
-        ("stuck_rows", "friction.stuck_rows"),
-        ("row_states", "friction.states"),
-        ("row_tractions", "friction.row_forces"),
-        ("traction", "friction.traction"),
-        ("slip_path", "friction.slip_path"),
-        ("yielding", "plastic.zones"),
-        ("plastic_work", "plastic.work"),
-        ("plastic_strain", "plastic.strain"),
-        ("plastic_states", "plastic.states"),
-        ("strain_histories", "plastic.strain_histories"),
-        ("dents", "plastic.dents"),
-        ("flow_at_border", "plastic.flow_at_border"),
-    ],
-)
-def test_names_of_an_earlier_version_say_the_new_one(contact, old, new):
-    assert not hasattr(contact, old)
-    with pytest.raises(RenamedError, match=rf"^contact\.{old} is now contact\.{new}$"):
-        getattr(contact, old)
-    view, name = new.split(".")
-    assert hasattr(type(getattr(contact, view)), name)
-
-
 def test_coefficients_are_those_of_coulombs_law(contact):
-    """The attribute `friction` was the law itself."""
     assert (contact.friction.coulomb.static, contact.friction.coulomb.kinetic) == (0.3, 0.2)
-    for name in ("static", "kinetic", "decay"):
-        assert not hasattr(contact.friction, name)
-        with pytest.raises(RenamedError, match=rf"^contact.friction.{name} is now contact.friction.coulomb.{name}$"):
-            getattr(contact.friction, name)
 
 
 def test_other_names_are_no_attributes(contact):
