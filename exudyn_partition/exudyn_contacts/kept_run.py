@@ -122,8 +122,8 @@ class KeptRun:
     strains: tuple[KeptStrains, ...]
     on_nodes_times: Array
     forces_on_nodes: tuple[Array, ...]
-    viscous_times: Array = field(default_factory=lambda: np.empty(0), metadata={"added": True})
-    viscous_energies: Array = field(default_factory=lambda: np.empty(0), metadata={"added": True})
+    viscous_times: Array = field(default_factory=lambda: np.empty(0))
+    viscous_energies: Array = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         read_only(*(value for value in vars(self).values() if isinstance(value, np.ndarray)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,9 +45,9 @@ class Material:
     E: float
     nu: float
     rho: float
-    yield_stress: float | None = field(default=None, metadata={"added": True})
-    hardening: float | Sequence[tuple[float, float]] | None = field(default=None, metadata={"added": True})
-    kinematic_hardening: float = field(default=0.0, metadata={"added": True})
+    yield_stress: float | None = None
+    hardening: float | Sequence[tuple[float, float]] | None = None
+    kinematic_hardening: float = 0.0
 
     def __post_init__(self) -> None:
         expected = "a Poisson's ratio in (-1, 0.5)"

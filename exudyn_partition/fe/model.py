@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, get_args
 
@@ -116,9 +116,9 @@ class FEModel:
     cell_mass: Array
     material: Material
     boundaries: dict[str, Array]
-    regions: Regions | None = field(default=None, metadata={"added": True})
-    surface: Array | None = field(default=None, metadata={"added": True})
-    hexahedra: bool = field(default=False, metadata={"added": True})
+    regions: Regions | None = None
+    surface: Array | None = None
+    hexahedra: bool = False
 
     def __post_init__(self) -> None:
         validate_type("material", self.material, Material, "ep.Material()")

@@ -79,7 +79,7 @@ class Partition:
     interfaces: tuple[Interface, ...]
     n_nodes: int
     mesh: Array = field(repr=False)
-    loads: tuple[LoadPattern, ...] = field(default=(), metadata={"added": True})
+    loads: tuple[LoadPattern, ...] = ()
 
     def __post_init__(self) -> None:
         n_nodes = validate_integer("n_nodes", self.n_nodes, 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -57,7 +57,7 @@ class PlasticRegion:
 
     cells: Array
     border: Array
-    hexahedra: bool = field(default=False, metadata={"added": True})
+    hexahedra: bool = False
 
     def __post_init__(self) -> None:
         check_indices("cells", self.cells, (None, None))
@@ -143,11 +143,11 @@ class Patch:
     axes: PatchAxes = "normal"
     direction_given: bool = False
     name: str = ""
-    plastic: PlasticRegion | None = field(default=None, metadata={"added": True})
-    material: Material | None = field(default=None, metadata={"added": True})
-    normals: Array | None = field(default=None, metadata={"added": True})
-    extent: Array | None = field(default=None, metadata={"added": True})
-    ends: Array | None = field(default=None, metadata={"added": True})
+    plastic: PlasticRegion | None = None
+    material: Material | None = None
+    normals: Array | None = None
+    extent: Array | None = None
+    ends: Array | None = None
 
     def __post_init__(self) -> None:
         check_facets(self.facets)

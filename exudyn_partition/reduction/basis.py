@@ -87,8 +87,8 @@ class ReducedBasis:
     flexibility: Array | None = None
     left_out: tuple[str, ...] = field(default=())
     shape_nodes: Array | None = None
-    zones: tuple[ZoneFlexibility, ...] = field(default=(), metadata={"added": True})
-    growth: Array | None = field(default=None, metadata={"added": True})
+    zones: tuple[ZoneFlexibility, ...] = ()
+    growth: Array | None = None
 
     def __post_init__(self) -> None:
         validate_text("name", self.name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -99,9 +99,9 @@ class ReducedBody:
     reduce_s: float
     inertia: InertiaIntegrals
     estimate: Estimate | None = None
-    material: Material | None = field(default=None, metadata={"added": True})
-    fingerprint: Array | None = field(default=None, metadata={"added": True})
-    stiffening: GeometricStiffness | None = field(default=None, metadata={"added": True})
+    material: Material | None = None
+    fingerprint: Array | None = None
+    stiffening: GeometricStiffness | None = None
 
     def __post_init__(self) -> None:
         validate_type("basis", self.basis, ReducedBasis, "BASES")
@@ -658,7 +658,7 @@ def _constants(material: Material) -> str:
 
 FILE = Format(
     name="reduced body",
-    version=8,
+    version=1,
     units="SI (m, kg, s, N, rad), or the consistent units that the FE model was made in",
     classes=(
         ReducedBody,

@@ -26,7 +26,7 @@ from __future__ import annotations
 import logging
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -103,10 +103,10 @@ class Estimate:
     against: str
     tolerance: float
     limit: str = ""
-    mesh_force: float | None = field(default=None, metadata={"added": True})
-    mesh_velocity: float | None = field(default=None, metadata={"added": True})
-    step: float | None = field(default=None, metadata={"added": True})
-    mean_velocity: float | None = field(default=None, metadata={"added": True})
+    mesh_force: float | None = None
+    mesh_velocity: float | None = None
+    step: float | None = None
+    mean_velocity: float | None = None
 
     def __post_init__(self) -> None:
         added = ("mesh_force", "mesh_velocity", "step", "mean_velocity")

@@ -26,7 +26,7 @@ Theory: examples/site/theory.md, "Geometric stiffness".
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -50,7 +50,7 @@ class GeometricStiffness:
 
     states: Array
     matrices: Array
-    onto: Array | None = field(default=None, metadata={"added": True})
+    onto: Array | None = None
 
     def __post_init__(self) -> None:
         check_floats("states", self.states, (None, None))

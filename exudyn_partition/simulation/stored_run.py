@@ -6,7 +6,7 @@ Without the model that was run, `StoredContact` and `StoredBody` replace its ite
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, NoReturn
 
 import numpy as np
@@ -142,7 +142,7 @@ class StoredContactRun:
     yields: bool
     friction: Coulomb | None
     kept: KeptRun | None
-    viscous: bool = field(default=False, metadata={"added": True})
+    viscous: bool = False
 
     @classmethod
     def of(cls, contact: PartitionContact, kept: KeptRun | None) -> StoredContactRun:
@@ -209,7 +209,7 @@ class StoredRun:
     bodies: tuple[StoredBodyRun, ...]
     contacts: tuple[StoredContactRun, ...]
     warnings: tuple[str, ...] | None
-    others: tuple[OtherBody, ...] = field(default=(), metadata={"added": True})
+    others: tuple[OtherBody, ...] = ()
 
     def __post_init__(self) -> None:
         read_only(self.t, self.numbers, self.seldom, *self.samples)
@@ -219,7 +219,7 @@ class StoredRun:
 
 FILE = Format(
     name="result",
-    version=5,
+    version=1,
     units="SI (m, kg, s, N, rad), or the consistent units that the model was made in",
     classes=(StoredRun, Work, ItemMark, StoredBodyRun, StoredContactRun, Coulomb, OtherBody, *KEPT),
 )

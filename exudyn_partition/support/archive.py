@@ -6,9 +6,6 @@ describes the value field by field. So NumPy is enough to look into a file.
 A format may be packed. Then larger arrays are stored as planes and deflated: the first bytes of all numbers, then the
 second ones, and so on, (itemsize, size) of uint8, with the numbers in Fortran's order. Signs, exponents and the high
 bytes of whole numbers compress so, the ends of mantissas never do.
-
-A field of a dataclass may be marked by metadata={"added": True}: files from before it lack it, and it has its default
-then. A file lacks it also now if it has its default, so that what does not use it is the same as before.
 """
 
 from __future__ import annotations
@@ -277,11 +274,7 @@ def _describe(value: object, name: str, arrays: dict[str, Array], packed: bool =
         case dict():
             return {"dict": each(value)}
         case _ if dataclasses.is_dataclass(value):
-            fields = {
-                field.name: getattr(value, field.name)
-                for field in dataclasses.fields(value)
-                if not (_is_added(field) and getattr(value, field.name) is field.default)
-            }
+            fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
             return {"class": type(value).__name__, "fields": each(fields)}
     raise TypeError(f"{name}: a {type(value).__name__} cannot be stored")
 
@@ -314,18 +307,10 @@ def _restore(node: JSON, archive: zipfile.ZipFile, classes: dict[str, type]) -> 
         case {"dict": items}:
             return each(items)
         case {"class": name, "fields": fields}:
-            known = {field.name: field for field in dataclasses.fields(classes[name])}
-            optional = {key for key, field in known.items() if _is_added(field)}
-            differing = (fields.keys() ^ known.keys()) - (optional - fields.keys())
-            if differing:
+            if differing := fields.keys() ^ {field.name for field in dataclasses.fields(classes[name])}:
                 raise ValueError(f"fields of {name} that only the file or only the library has: {sorted(differing)}")
             return classes[name](**each(fields))
     return node
-
-
-def _is_added(field: dataclasses.Field[Any]) -> bool:
-    """Whether a field of a dataclass came after files that lack it."""
-    return bool(field.metadata.get("added", False))
 
 
 def _is_packable(array: Array) -> bool:
