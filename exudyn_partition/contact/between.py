@@ -14,10 +14,9 @@ from ..algebra.block_complementarity import shared_fields
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from .gaps import Gaps
-from .side import Standing
+from .stages import Standing
 
 _NONE = np.zeros(1, dtype=bool)
-SAME = 0.02  # of a facet's size, or change of normals: below it, the flexibility between patches is kept
 
 # Numbers of a contact and its side, of another and its side, and the body's flexibility between the patches [m/N].
 Link = tuple[int, int, int, int, Array]
@@ -111,9 +110,12 @@ class FlexibilityBetween:
 
     def _rows(self, j: int, side: int) -> tuple[Array, Array]:
         """Present rows of a side on the coordinates that they need, (nr, m), and these coordinates' numbers, (m,)."""
-        standing, kept = self._contacts[j].standing(), self._kept.get((j, side))
-        if kept is None or not standing.nearly(kept[0], SAME):
-            found = sp.csr_matrix(self._contacts[j].side_rows(side))
+        contact, kept = self._contacts[j], self._kept.get((j, side))
+        standing = contact.standing()
+        if kept is None or not standing.same(kept[0]):
+            found = contact.gaps.at_anchor(
+                ("side rows", side), standing.anchor, lambda: sp.csr_matrix(contact.side_rows(side))
+            )
             used = np.unique(found.indices)
             kept = self._kept[j, side] = standing, found[:, used].toarray(), used
             self._made[j] += 1
@@ -242,12 +244,20 @@ class RowFields:
     def _of(self, j: int) -> tuple[Standing, Array, Array]:
         rows, kept = self._contacts[j], self._kept.get(j)
         standing = rows.standing()
-        if kept is None or not standing.nearly(kept[0], SAME):
-            moved = [rows.side_rows(side) @ fields for side, fields in self._exchange.fields.get(j, ())]
-            found: Array = np.sum(moved, axis=0) if moved else np.zeros((rows.d * len(rows.gaps.row_nodes), 0))
+        if kept is None or not standing.same(kept[0]):
+            found = rows.gaps.found_at(standing.anchor, lambda: self._found(j))
             kept = self._kept[j] = standing, found, np.ascontiguousarray(found[:: rows.d])
             self.made[j] += 1
         return kept
+
+    def _found(self, j: int) -> Array:
+        rows = self._contacts[j]
+        moved = [rows.side_rows(side) @ fields for side, fields in self._exchange.fields.get(j, ())]
+        return np.sum(moved, axis=0) if moved else np.zeros((rows.d * len(rows.gaps.row_nodes), 0))
+
+
+def _sparse_rows(contact: HasRows, side: int) -> sp.csr_matrix:
+    return sp.csr_matrix(contact.side_rows(side))
 
 
 def _identity(block: Array) -> tuple[int, tuple[int, ...]]:

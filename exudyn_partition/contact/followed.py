@@ -16,7 +16,6 @@ import numpy as np
 
 from ..algebra.products import largest_change
 from ..support.arrays import Array
-from ..support.twins import Known, copied
 from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import ContactRows
@@ -144,12 +143,6 @@ class FollowedRows(PresentRows):
         """Data with which compiled loops follow the rows."""
         search = self.search
         return search.pairs.followed(self.points, self.index, *self._witnesses, search.here, *self._rigid)
-
-    def twin(self, known: Known) -> FollowedRows:
-        """See `support.twins`; the data of compiled loops are set up again."""
-        result = copied(self, known)
-        vars(result).pop("compiled", None)
-        return result
 
     def others_close(self, gap: Array, here: Array, size: float) -> bool:
         """Whether rows that are not followed may close, or come nearer than those that are followed.

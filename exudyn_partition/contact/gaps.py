@@ -10,15 +10,15 @@ Theory: examples/site/theory.md, "Rows of gaps".
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.complementarity import Complementarity, regularised
-from ..algebra.products import dense, joined
+from ..algebra.products import dense, joined, largest_change
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..reduction.body import ReducedBody
@@ -28,8 +28,8 @@ from ..surfaces.points import ContactPoints
 from ..surfaces.rows import directed_matrix, point_matrix
 from . import loops
 from .linear_gaps import LinearGaps
-from .side import LoadedNodes, Side, Standing
-from .stages import NOTHING, OF_SIDE, Frozen, Shares, Stage
+from .side import LoadedNodes, Side
+from .stages import NOTHING, OF_SIDE, Anchor, Frozen, Shares, Stage, Standing, T
 
 if TYPE_CHECKING:
     from typing import Self
@@ -37,6 +37,38 @@ if TYPE_CHECKING:
 MANY = 5_000  # entries that can be spared, see `Side.spares`: above it, only the needed nodes are followed
 _ROUND_OFF = 1e-9  # relative difference of shares of a flexibility that are the same
 SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
+_FROZEN = Anchor(NOTHING, NOTHING)  # of frozen rows, whose flexibility does not change
+
+
+@dataclass(frozen=True, eq=False)
+class GapState:
+    """Where the sides of a contact were at the end of a step, and what the gaps of later steps depend on besides.
+
+    Parameters
+    ----------
+    q : (n,) array
+        Coordinates of all sides.
+    pose : (12,) array
+        `Gaps.carrier_pose`; empty if no body carries a rigid surface.
+    anchor : Anchor or None
+        Where the flexibility of the rows was found; None if it was not yet.
+    frozen : (n,) array or None
+        Coordinates at which the pairs were found that are frozen; None while pairs are followed.
+    chosen : Anchor or None
+        Where the rows that can close were chosen, if contact wanders over a patch.
+    stood : (3, 3) array or None
+        Place of the slave relative to the master when it was last asked whether the patches slide [m].
+    steps : int
+        Number of steps since then.
+    """
+
+    q: Array
+    pose: Array
+    anchor: Anchor | None = None
+    frozen: Array | None = None
+    chosen: Anchor | None = None
+    stood: Array | None = None
+    steps: int = 0
 
 
 class Gaps:
@@ -69,6 +101,10 @@ class Gaps:
         Whether an overlap of the sides as they are placed is meant. Load steps close it.
     yielding : tuple of float or None
         Share of each side's flexibility that yields within the present step, see `viscosity`; None if all of it does.
+    anchor : Anchor or None
+        Where the flexibility of the rows was found.
+    accepted : GapState
+        State at the end of the last accepted step. Each try of a step begins from it.
     """
 
     sides: tuple[Side, ...]
@@ -83,9 +119,14 @@ class Gaps:
     pressed: bool = False
     yielding: tuple[float, ...] | None = None
     searches: int = 0
+    anchor: Anchor | None = None
+    accepted: GapState
+    _stood: tuple[object, object, Array] = (None, None, NOTHING)  # stance of rows at an anchor
+    _anchored: tuple[object, object, Stage | None] = (None, None, None)  # stage of rows at an anchor
     _all: ContactPoints  # of the slave
     _start: Stage
     _loaded: dict[int, LoadedNodes]
+    _start_q: Array
     _q: Array
     _places: list[Array] | None  # of the nodes that are followed at the last coordinates, once they are known
 
@@ -102,12 +143,44 @@ class Gaps:
         """Return the same rows in their start state, for another run; constant data are shared."""
         result = copy.copy(self)
         result.searches, result._loaded, result.yielding = 0, {}, None
+        result._stood, result._anchored = (None, None, NOTHING), (None, None, None)
         result.reset()
         return result
 
     def reset(self) -> None:
         """Go back to the start."""
+        self.anchor = None
+        self._go_to_start()
+        self.accepted = GapState(self._q, self.evaluated_pose)
+        self.accepted = self.after()
+
+    def _go_to_start(self) -> None:
+        """Take the rows of the start."""
         raise NotImplementedError
+
+    # State.
+
+    def after(self) -> GapState:
+        """State after a step that ends in the last evaluation."""
+        return GapState(self._q, self.evaluated_pose, self.anchor, self._frozen_at())
+
+    def _frozen_at(self) -> Array | None:
+        """Coordinates at which the pairs were found that are frozen; None if pairs are followed."""
+        return None if self.moving else self._start_q
+
+    def accept(self, state: GapState) -> None:
+        """Accept the step whose end this state is, see `after`."""
+        self.accepted = state
+
+    def retry(self) -> None:
+        """Begin the step again, from the state that was accepted last."""
+        self.anchor = self.accepted.anchor
+
+    def begin(self, state: GapState) -> None:
+        """Begin from a state: a contact that has never moved then answers as the one whose state it is."""
+        self.reset()
+        self.anchor, self.accepted = state.anchor, state
+        self.at(state.q)
 
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
@@ -425,7 +498,56 @@ class Gaps:
         return self._row_flexibility().regularised_of(index)
 
     def _row_flexibility(self) -> RowFlexibility:
-        return self.stage.rows.slowly("flexibility", self.stance(), SAME, self._of_all_rows)
+        return self.at_anchor("flexibility", self.anchored(SAME), self._of_all_rows)
+
+    def at_anchor(self, what: Hashable, anchor: Anchor, make: Callable[[], T], index: Array = NOTHING) -> T:
+        """Return `found_at`, which is kept.
+
+        `index` are the rows to which it belongs; by default, all.
+        """
+        return self.stage.rows.at_anchor(what, anchor, lambda: self.found_at(anchor, make), index)
+
+    def found_at(self, anchor: Anchor, make: Callable[[], T]) -> T:
+        """Value that is found with the present rows, but with the places, pairs and normals at an anchor."""
+        if anchor is _FROZEN:
+            return make()
+        now = self.stage, self._q, self._places
+        self._take(self._stage_of_anchor(anchor), anchor.q)
+        try:
+            return make()
+        finally:
+            self.stage, self._q, self._places = now
+
+    def anchored(self, by: float) -> Anchor:
+        """The anchor. If the sides have moved by more than `by` since, this is where they are now.
+
+        `by` is in sizes of a facet, or changes of normals.
+        """
+        if not self.moving:
+            return _FROZEN
+        if self.anchor is None or not largest_change(self.stance(), self.stance_at(self.anchor)) <= by:
+            self.anchor = Anchor(self._q.copy(), self.evaluated_pose)
+        return self.anchor
+
+    def stance_at(self, anchor: Anchor) -> Array:
+        """`stance` of the present rows at an anchor."""
+        if self._stood[0] is not anchor or self._stood[1] is not self.stage.rows:
+            self._stood = anchor, self.stage.rows, self._stance_of(anchor)
+        return self._stood[2]
+
+    def _stance_of(self, anchor: Anchor) -> Array:
+        return self.found_at(anchor, self.stance)
+
+    def _stage_of_anchor(self, anchor: Anchor) -> Stage:
+        """The present rows with their pairs and normals at an anchor."""
+        known, rows, stage = self._anchored
+        if stage is None or known is not anchor or rows is not self.stage.rows:
+            stage = self._stage_anchored(anchor)
+            self._anchored = anchor, self.stage.rows, stage
+        return stage
+
+    def _stage_anchored(self, anchor: Anchor) -> Stage:
+        raise NotImplementedError
 
     def _of_all_rows(self) -> RowFlexibility:
         return RowFlexibility(self._all_flexibility())
@@ -446,8 +568,8 @@ class Gaps:
         return Complementarity(regularised(self.flexibility(np.arange(len(self.row_nodes)))))
 
     def standing(self) -> Standing:
-        """Where the rows stand at the last coordinates."""
-        return Standing(self.stage.rows, self.stance())
+        """Which rows are present, and where their flexibility was found."""
+        return Standing(self.stage.rows, self.anchored(SAME))
 
     def stance(self) -> Array:
         """Values on which the flexibility of the rows depends: places divided by a facet's size, or directions."""
@@ -474,7 +596,7 @@ class Gaps:
 
     def side_flexibility(self, place: int) -> Array:
         """Contribution of one side to the flexibility of the present rows, (nr, nr) [m/N], whatever yields of it."""
-        return self.stage.rows.slowly((OF_SIDE, place), self.stance(), SAME, lambda: self._side_flexibility(place))
+        return self.at_anchor((OF_SIDE, place), self.anchored(SAME), lambda: self._side_flexibility(place))
 
     def across(self) -> Array:
         """Motion of the slave's rows by forces on the master's, (nr, nr) [m/N], of a body that touches itself."""

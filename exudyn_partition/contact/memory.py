@@ -1,8 +1,9 @@
-"""Memory of a contact with friction after the last accepted step, as one value."""
+"""Forces on the rows of a contact after the last accepted step, and with friction their slip, as one value."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -21,7 +22,8 @@ class FrictionMemory:
     Parameters
     ----------
     forces : (np, 4) array
-        Normal forces, and tangential forces as vectors in axes that turn with the master [N].
+        Normal forces, and tangential forces as vectors in axes that turn with the master [N]. Without friction, (np, 1)
+        with normal forces.
     slipped : (np,) bool array
         Whether the row of each node slipped.
     speed : (np,) array
@@ -39,9 +41,14 @@ class FrictionMemory:
     dissipated: float = 0.0
 
     @classmethod
-    def none(cls, n: int) -> FrictionMemory:
-        """Return the memory of n nodes at the start of a run."""
-        return cls(np.zeros((n, 4)), np.zeros(n, dtype=bool), np.zeros(n), np.zeros(n))
+    def none(cls, n: int, columns: int = 4) -> FrictionMemory:
+        """Return the memory of n nodes at the start of a run; `columns` are those of `forces`."""
+        return cls(np.zeros((n, columns)), np.zeros(n, dtype=bool), np.zeros(n), np.zeros(n))
+
+    @cached_property
+    def closed(self) -> bool:
+        """Whether any row was closed."""
+        return bool(self.forces[:, 0].any())
 
     def after(
         self,
@@ -76,9 +83,9 @@ class FrictionMemory:
         speed[nodes] = np.where(slides, speeds, 0.0)
         return FrictionMemory(by_nodes(rows, lam, traction, n), slipped, speed, path, self.dissipated + taken)
 
-    def resumed(self, forces: Array) -> FrictionMemory:
-        """Return the memory of a run that begins with these forces at the nodes, (np, 4) [N]."""
-        return replace(self, forces=forces)
+    def with_forces(self, forces: Array) -> FrictionMemory:
+        """Return the memory with other forces at the nodes, as `forces` [N]."""
+        return FrictionMemory(forces, self.slipped, self.speed, self.path, self.dissipated)
 
     def coefficients(self, friction: Coulomb, nodes: Array) -> Array:
         """Coefficients of friction of some nodes' rows in the next step, (k,)."""

@@ -7,7 +7,7 @@ import numpy as np
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from .gaps import Gaps
-from .side import Standing
+from .stages import Standing
 
 
 class NormalRows:

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.coulomb import Coulomb
-from ..algebra.friction import OPEN, SLIP
+from ..algebra.friction import OPEN, SLIP, STICK
 from ..algebra.products import dense, smallest
 from ..errors import ComplementarityError, InputError, RunError
 from ..frames.kinematics import Rows
@@ -21,6 +21,7 @@ from .law import Forces, Law, LawMaker, Motion, Places
 from .memory import FrictionMemory, by_nodes, on_rows
 from .normal_rows import NormalRows
 from .plasticity.yielding_patches import Zones
+from .state import ContactState
 from .tangential import TangentialRows
 from .viscosity import Creep, ViscousMemory, Yielding, shares
 
@@ -37,8 +38,8 @@ class PatchContact:
     """A contact in a run: its rows, the forces on them, and its memory of the last accepted step.
 
     With friction, rows have three directions instead of one. Plastic zones are a part that any law can have. Besides
-    the present motion, forces depend on a memory. Only `commit` changes this memory, when a step is accepted. So a
-    repeated step begins from the same memory.
+    the present motion, forces depend on the state at the end of the last accepted step. Only `accept` changes it. So a
+    repeated step begins from the same state. All else is kept to save time, and may be lost.
 
     Parameters
     ----------
@@ -60,17 +61,17 @@ class PatchContact:
         Rows that are closed.
     least_gap : float
         Smallest gap of the present rows, without the deformation by the contact's own flexibility [m].
-    memory : FrictionMemory
-        Memory of the last accepted step.
+    state : ContactState
+        At the end of the last accepted step.
     betas : tuple of float or None
         Times with which the residual flexibilities of the sides yield [s], see `viscosity`; None if all yield at once.
-    creep : ViscousMemory
-        What viscous flexibilities remember of the last accepted step.
     since : float
         Start of the present step [s].
     opening : float
         How much of an overlap that is meant is still open [m]: surfaces stand apart by that much more than they are
         placed. Load steps take it to zero.
+    told : bool
+        Whether other contacts need to know the forces at the end of the last accepted step.
     sticks : bool
         Whether all closed rows with friction stick, whatever its coefficient.
     h : (nr,) array
@@ -118,23 +119,38 @@ class PatchContact:
                 result.least_gap = self.gaps.clearance + result.opening
         if self.zones is not None:
             result.zones = self.zones.for_run(result, method)
+            result.state = replace(result.state, zones=result.zones.after())
         return result
 
     def _reset(self) -> None:
         self._n_nodes = len(self.gaps.slave.surface.points)
-        self.memory, self.creep = FrictionMemory.none(self._n_nodes), ViscousMemory()
+        memory = FrictionMemory.none(self._n_nodes, 4 if self.rows.d == 3 else 1)
+        zones = () if self.zones is None else self.zones.after()
+        self.state = ContactState(self.gaps.accepted, memory, ViscousMemory(), zones)
+        self._begun: ContactState | None = None  # state at the start of the run, until the first answer
         self.yielding: Yielding | None = None  # in the present step, if a flexibility is viscous
         self._creep: Creep | None = None  # at the present answer, once it is asked for
         self.least_gap, self.since, self.opening = np.inf, -math.inf, 0.0
-        self._answered, self._closed_before, self.sticks = False, False, False
+        self.sticks = self.told = False
         self._evaluated_at = np.empty(0)
         self._zero = np.zeros(self.gaps.n)
         self.open_rows()
+        self._answered = False
 
     @property
     def gaps(self) -> Gaps:
         """Gaps of the rows."""
         return self.rows.gaps
+
+    @property
+    def memory(self) -> FrictionMemory:
+        """Forces on the rows at the end of the last accepted step, and their slip."""
+        return self.state.memory
+
+    @property
+    def creep(self) -> ViscousMemory:
+        """What viscous flexibilities remember of the last accepted step."""
+        return self.state.creep
 
     @property
     def lam(self) -> Array:
@@ -143,13 +159,13 @@ class PatchContact:
         return value
 
     @property
-    def state(self) -> Array:
+    def status(self) -> Array:
         """Whether each present row is open, sticks or slips, (nr,) int8; closed rows without friction slip."""
-        if self._state is not None:
-            return self._state
-        state = np.full(len(self.forces), OPEN, dtype=np.int8)
-        state[self.index] = SLIP
-        return state
+        if self._status is not None:
+            return self._status
+        status = np.full(len(self.forces), OPEN, dtype=np.int8)
+        status[self.index] = SLIP
+        return status
 
     @property
     def compliant(self) -> bool:
@@ -168,7 +184,7 @@ class PatchContact:
 
     @property
     def remembers(self) -> bool:
-        """Whether forces within steps depend on those of earlier steps. Then `commit` must be called."""
+        """Whether forces within steps depend on those of earlier steps."""
         return self.zones is not None or self.viscous or (self.friction is not None and not self.ahead)
 
     @property
@@ -235,7 +251,6 @@ class PatchContact:
 
     def _begin_answer(self) -> None:
         """Sliding counts from the present places if no step has begun."""
-        self._answered = True
         if isinstance(self.rows, TangentialRows) and not self.rows.held:
             self.rows.hold()
         if self.betas is not None:
@@ -277,7 +292,8 @@ class PatchContact:
 
     def take(self, forces: Forces) -> None:
         """Set the forces on the present rows."""
-        self.forces, self.index, self._state, self._slips = forces
+        self._answered, self._begun = True, None
+        self.forces, self.index, self._status, self._slips = forces
         self._traction: Array | None = None
         self._slid: tuple[Array, float] | None = None  # see `_sliding`
 
@@ -333,7 +349,7 @@ class PatchContact:
 
         `H`, (d na, m), is the derivative of the places of closed rows.
         """
-        slipping = np.flatnonzero(self.state[self.index] == SLIP)
+        slipping = np.flatnonzero(self.status[self.index] == SLIP)
         K = np.zeros((H.shape[1],) * 2)
         if len(slipping) <= _HELD * len(self.index):
             return K
@@ -372,6 +388,8 @@ class PatchContact:
 
     def stored(self) -> float:
         """Energy stored at present [J]."""
+        if self._begun is not None:
+            return self._begun.stored
         if self.yielding is not None:
             own = self._crept(self.yielding).stored
         else:
@@ -427,17 +445,68 @@ class PatchContact:
             self._slid = slips, -0.5 * float(np.vdot(slips, (self._at.last + self.forces)[:, 1:]))
         return self._slid
 
-    # Memory.
+    # State.
 
-    def commit(self, start: float) -> None:
-        """Begin a step at time `start` [s]. The step before was accepted; remember its end."""
-        if self._answered and start > self.since:
-            self._remember_creep()
-            if isinstance(self.rows, TangentialRows) and not self.ahead:
-                self._remember(self.rows, start - self.since)
-            if self.zones is not None:
-                self.zones.commit()
+    def begin(self, state: ContactState, t: float) -> None:
+        """Begin at time t [s] from a state of this contact, or of the same one in another run, process or model."""
+        self.gaps.begin(state.gaps)
+        if isinstance(self.rows, TangentialRows):
+            self.rows.hold()
+        if self.zones is not None:
+            self.zones.begin(state.zones)
+        self.state, self.since, self.opening = state, t, state.opening
+        self.h, self._evaluated_at = self.gap_at(state.gaps.q), state.gaps.q
+        nodes, memory = self.gaps.row_nodes, state.memory
+        closed = np.flatnonzero(memory.forces[nodes, 0])
+        if isinstance(self.rows, TangentialRows):
+            status = np.where(memory.slipped[nodes], SLIP, STICK).astype(np.int8)
+            status[memory.forces[nodes, 0] == 0.0] = OPEN
+            self.take(Forces(on_rows(self.rows, memory.forces), closed, status, np.zeros((len(nodes), 2))))
+        else:
+            self.take(Forces(memory.forces[nodes], closed))
+        if self.betas is not None and memory.closed and not state.creep.elastic:  # of a run in which all yields at once
+            at_rest = [self.forces] * len(self.gaps.sides)
+            creep = ViscousMemory().after(self.rows, self.forces, at_rest, self._n_nodes, state.creep.dissipated)
+            self.state = replace(state, creep=creep)
+        self.least_gap, self._answered, self._begun = state.least_gap, False, state
+
+    def after(self, end: float) -> ContactState:
+        """State after a step that ends at time `end` [s] with the last answer."""
+        if not self._answered:
+            return self.state
+        if self.ahead or self.friction is None:
+            memory = self.memory.with_forces(self._at_nodes())
+        else:
+            memory = self._slid_memory(end - self.since)
+        zones = () if self.zones is None else self.zones.after()
+        return ContactState(self.gaps.after(), memory, self._crept_memory(), zones, self.opening)
+
+    def at_end(self, end: float) -> ContactState:
+        """State at the end of a run, at time `end` [s], with what its results tell of it."""
+        return replace(self.after(end), stored=self.stored(), least_gap=float(self.least_gap))
+
+    def accept(self, start: float) -> None:
+        """Begin a step at time `start` [s]. The step before ended there, with the last answer."""
+        if start > self.since:
+            closed = self.index.size > 0
+            if self._answered and (self.remembers or self.told):
+                self.state = self.after(start)
+                if self.zones is not None:
+                    self.zones.accept(self.state.zones)
+                gaps = self.state.gaps
+            else:
+                gaps = self.gaps.after()
+            if not self.ahead:
+                self.gaps.accept(gaps)
+            if isinstance(self.rows, TangentialRows) and self._answered and not self.ahead:
+                self.rows.hold(soon=closed)
         self.since, self._answered = start, False
+
+    def retry(self) -> None:
+        """Begin the step again, from the state that was accepted last."""
+        self.gaps.retry()
+        if self.zones is not None:
+            self.zones.retry()
 
     def take_step(self, end: float) -> None:
         """Take the time [s] at which forces are evaluated next: viscous flexibilities depend on the step up to it.
@@ -448,68 +517,44 @@ class PatchContact:
             return
         step, before = end - self.since, self.gaps.yielding
         if step > 0.0 and self._answered and before is not None and min(before) == 1.0 and not self.creep.elastic:
-            self._remember_creep()
+            self.state = replace(self.state, creep=self._crept_memory())
         self.gaps.yield_by(shares(self.betas, step))
 
-    def _remember_creep(self) -> None:
-        """Remember the present state of viscous flexibilities."""
-        if self.yielding is not None and (self.index.size or self.creep.elastic):
-            now = self._crept(self.yielding)
-            self.creep = self.creep.after(self.rows, self.forces, now.elastic, self._n_nodes, now.taken)
+    def _crept_memory(self) -> ViscousMemory:
+        """What viscous flexibilities remember of the last answer."""
+        if self.yielding is None or not (self.index.size or self.creep.elastic):
+            return self.creep
+        now = self._crept(self.yielding)
+        return self.creep.after(self.rows, self.forces, now.elastic, self._n_nodes, now.taken)
 
-    def _remember(self, rows: TangentialRows, step: float) -> None:
+    def _slid_memory(self, step: float) -> FrictionMemory:
+        """What rows with friction remember of the last answer, after a step [s]."""
         closed = self.index.size > 0
-        if closed or self._closed_before:
-            slips, taken = self._sliding() if closed else (np.zeros((len(self.forces), 2)), 0.0)
-            self.remember(slips, np.hypot(*slips.T) / step, taken)
-        self._closed_before = closed
-        rows.hold(soon=closed)
+        if not (closed or self.memory.closed):
+            return self.memory
+        slips, taken = self._sliding() if closed else (np.zeros((len(self.forces), 2)), 0.0)
+        return self.slid_memory(slips, np.hypot(*slips.T) / step, taken)
 
-    def remember(self, slips: Array, speeds: Array, taken: float) -> None:
-        """Remember the present forces for the next step; see `FrictionMemory.after`."""
+    def slid_memory(self, slips: Array, speeds: Array, taken: float) -> FrictionMemory:
+        """What rows with friction remember of the present forces; see `FrictionMemory.after`."""
         assert isinstance(self.rows, TangentialRows)
-        self.memory = self.memory.after(self.rows, self.lam, self.traction, self.state, slips, speeds, taken)
+        return self.memory.after(self.rows, self.lam, self.traction, self.status, slips, speeds, taken)
+
+    def remember(self, memory: FrictionMemory) -> None:
+        """Take what is remembered of forces that are found ahead of steps."""
+        self.state = replace(self.state, memory=memory)
+
+    def _at_nodes(self) -> Array:
+        """Present forces stored for the nodes of the slave's patch, as in `FrictionMemory`."""
+        if isinstance(self.rows, TangentialRows):
+            return by_nodes(self.rows, self.lam, self.traction, self._n_nodes)
+        found = np.zeros((self._n_nodes, 1))
+        found[self.gaps.row_nodes] = self.forces
+        return found
 
     def ended_at(self, q: Array) -> bool:
         """Whether the coordinates, (n,), are those of the last evaluation."""
         return np.array_equal(self._evaluated_at if self.ahead else self.gaps.q, q)
-
-    def resume(self, earlier: PatchContact, q: Array) -> bool:
-        """Start from the end of an earlier run of this contact, `earlier`, if that ended at coordinates q, (n,).
-
-        Plastic strains stay. Rows that stuck still stick, with the same forces. The dissipation starts again at zero,
-        unless `count_on` is called. Return whether this run starts so.
-        """
-        sticks = self.friction is not None and not self.ahead and earlier.index.size > 0
-        creeps = self.betas is not None and bool(earlier.index.size or earlier.creep.elastic)
-        if not (sticks or creeps or self.zones is not None) or not earlier.ended_at(q):
-            return False
-        if creeps:
-            self.creep = earlier.left_creep()
-        if self.zones is not None and earlier.zones is not None:
-            self.zones.resume(earlier.zones)
-        if sticks and isinstance(earlier.rows, TangentialRows) and isinstance(self.rows, TangentialRows):
-            self.memory = self.memory.resumed(by_nodes(earlier.rows, earlier.lam, earlier.traction, self._n_nodes))
-            self._closed_before = True
-            self.gaps.at(q)
-            self.rows.hold()
-        return True
-
-    def count_on(self, end: PatchContact, *, moves: bool) -> None:
-        """Go on with the slip paths and energies that another run of this contact has come to at its `end`.
-
-        Rows that `moves` also go on with the speeds at which they slipped; statics know no speed.
-        """
-        last = end.memory
-        of_motion = {"slipped": last.slipped, "speed": last.speed} if moves else {}
-        self.memory = replace(self.memory, path=last.path, dissipated=last.dissipated, **of_motion)
-        if self.zones is not None and end.zones is not None:
-            self.zones.count_on(end.zones)
-
-    def left_creep(self) -> ViscousMemory:
-        """What flexibilities remember at the present answer, for another run; those that yield at once are at rest."""
-        elastic = [self.forces] * len(self.gaps.sides) if self.yielding is None else self._crept(self.yielding).elastic
-        return ViscousMemory().after(self.rows, self.forces, elastic, self._n_nodes, 0.0)
 
     # Results.
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
@@ -24,14 +25,14 @@ from ..surfaces.rows import ContactRows, facing, rows_of
 from ..surfaces.surface import closest_points
 from ..surfaces.witnesses import seen_from, witnesses_of
 from .followed import NEAR, SEARCHED, Apart, Search
-from .gaps import Gaps
+from .gaps import Gaps, GapState
 from .linear_gaps import LinearGaps
 from .pairings import Pairing, drift_rows
 from .side import Side
-from .stages import NOTHING, Frozen, PresentRows, Stage
+from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
 
 _HELD = 0.02  # of a facet's size: sliding up to which pairs stay frozen
-_STILL = 0.1  # of _HELD: pairs that slide less than that in _PATIENCE evaluations are frozen again
+_STILL = 0.1  # of _HELD: pairs that slide less than that in _PATIENCE steps are frozen again
 _PATIENCE = 200
 
 
@@ -53,7 +54,7 @@ class PatchGaps(Gaps):
         See `rows.pair_surfaces`.
     """
 
-    _stood_at: Array | None
+    _froze_at: Array | None  # coordinates at which the pairs were found that are frozen; None if they are followed
 
     def __init__(
         self,
@@ -76,10 +77,63 @@ class PatchGaps(Gaps):
         self._start = self._at_start()
         self.reset()
 
-    def reset(self) -> None:
-        """Go back to the pairs at the start, before a new run."""
-        self._since, self._stood_at = 0, None
+    def _go_to_start(self) -> None:
+        """See `Gaps`."""
         self._take(self._start, self._start_q)
+        self._froze_at = None if self._start.moving else self._start_q
+        self._stage_frozen: Frozen | None = None if self._froze_at is None else cast("Frozen", self._start)
+
+    # State.
+
+    def after(self) -> GapState:
+        """See `Gaps`."""
+        stood, steps = self.accepted.stood, self.accepted.steps
+        frozen = self._frozen_at()
+        if frozen is None and self.may_freeze and len(self.row_nodes):
+            steps += 1
+            if steps >= _PATIENCE:
+                frozen, stood, steps = self._freezes_at(stood), self.stage.here, 0
+        return GapState(self._q, self.evaluated_pose, self.anchor, frozen, None, stood, steps)
+
+    def _freezes_at(self, stood: Array | None) -> Array | None:
+        """Present coordinates, if the patches touch and have hardly slid since `stood`: then pairs are frozen again."""
+        if stood is None or not _has_hardly_slid(self.stage.here, stood, self.size):
+            return None
+        # Patches that are apart may meet with other pairs.
+        return self._q.copy() if self.at(self._q).min(initial=np.inf) < _HELD * self.size else None
+
+    def _frozen_at(self) -> Array | None:
+        """See `Gaps`."""
+        return None if self.moving else self._froze_at
+
+    def accept(self, state: GapState) -> None:
+        """See `Gaps`."""
+        super().accept(state)
+        if self.moving and state.frozen is not None:
+            self._freeze_at(state.frozen)
+
+    def retry(self) -> None:
+        """See `Gaps`."""
+        super().retry()
+        if self.moving and self.accepted.frozen is not None:  # they began to slide in a step that is given up
+            self._freeze_at(self.accepted.frozen)
+
+    def begin(self, state: GapState) -> None:
+        """See `Gaps`."""
+        self.reset()
+        if state.frozen is not None:
+            self._freeze_at(state.frozen)
+        elif not self.moving:
+            self.follow()
+        self.anchor, self.accepted = state.anchor, state
+        self.at(state.q)
+
+    def _freeze_at(self, q: Array) -> None:
+        """Freeze the pairs at coordinates q, (n,)."""
+        if self._stage_frozen is None or self._froze_at is None or not np.array_equal(q, self._froze_at):
+            self._stage_frozen = self._freeze(self.project(*self.places(q))[0], q)
+            self._froze_at = q
+        self.stage = self._stage_frozen
 
     def placed_rows(self) -> tuple[ContactPoints, Array, Array]:
         """See `Gaps.placed_rows`."""
@@ -123,6 +177,21 @@ class PatchGaps(Gaps):
         """See `Gaps.stance`."""
         return self.stage.here / self.size
 
+    def _stance_of(self, anchor: Anchor) -> Array:
+        """See `Gaps`."""
+        return seen_from(self.places_of(self.stage.rows.sides, anchor.q), self.witnesses) / self.size
+
+    def _stage_anchored(self, anchor: Anchor) -> Stage:
+        """See `Gaps`."""
+        rows = self.stage.rows
+        x_s, x_m = self.places(anchor.q)
+        master = self.sides[1].surface
+        found = closest_points(rows.points.at(x_s), x_m[master.facets])
+        shares = (rows.points.nodes, rows.points.weights), (master.facets[found.facet], -found.weights)
+        stage = Stage(rows, found.normal, shares)
+        stage.here, stage.places, stage.of_anchor = seen_from([x_s, x_m], self.witnesses), [x_s, x_m], True
+        return stage
+
     def problem(self) -> Complementarity:
         """See `Gaps.problem`. Contacts with the same pairs share its matrix."""
         pairing = self.stage.pairing
@@ -145,14 +214,6 @@ class PatchGaps(Gaps):
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         stage, gap = self.stage.advance(self, q)
-        if stage.moving and len(gap):
-            self._since = self._since + 1 if self.stage.moving else 1
-            if self._since >= _PATIENCE and self.may_freeze:
-                self._since = 0
-                # Freeze only if they touch, because patches that are apart may meet with other pairs.
-                if self._stands_still(stage.here) and gap.min(initial=np.inf) < _HELD * self.size:
-                    rows = self.project(*self.places(q))[0]
-                    stage, gap = self._freeze(rows, q), rows.gap
         self._take(stage, q)
         return gap
 
@@ -249,7 +310,10 @@ class PatchGaps(Gaps):
         own[points.nodes] = own[self.witnesses[0]] = True
         return self.with_nodes([np.flatnonzero(own), np.flatnonzero(near)])
 
-    def _stands_still(self, here: Array) -> bool:
-        """Whether the patches have hardly slid since the last call."""
-        last, self._stood_at = self._stood_at, here
-        return last is not None and bool(abs(here - last)[:, :2].max() < _STILL * _HELD * self.size)
+
+def _has_hardly_slid(here: Array, stood: Array, size: float) -> bool:
+    """Whether a slave has slid by less than a small share of a facet's `size` [m] from one place to another.
+
+    Places are those relative to the master, (3, 3) [m], see `witnesses.seen_from`.
+    """
+    return bool(abs(here - stood)[:, :2].max() < _STILL * _HELD * size)

@@ -17,7 +17,7 @@ from .gaps import Gaps
 from .linear_gaps import LinearGaps
 from .rigid_mesh import RigidMesh
 from .side import Side
-from .stages import Frozen, PresentRows, Stage
+from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
 
 _LEFT = 0.05  # of a row's depth: with less of a sheet before it, the row has passed through
 
@@ -197,10 +197,11 @@ class RigidGaps(Gaps):
             self._start = Frozen(*start, LinearGaps(H, gap, *no_drift, 0.0))
         self.stage = self._start.again()
 
-    def _entered(self, x: Array, outward: Array, q: Array, gap: Array, normals: Array) -> tuple[Array, Array, Array]:
+    def _entered(
+        self, x: Array, outward: Array, q: Array, pose: Array, gap: Array, normals: Array
+    ) -> tuple[Array, Array, Array]:
         """See `RigidMesh.entered`; all in space, but `outward`, which belongs to the slave as it was placed."""
         assert isinstance(self.surface, RigidMesh)
-        pose = self.carrier_pose
         place, axes = (pose[:3], pose[3:].reshape(3, 3)) if len(pose) else (np.zeros(3), np.eye(3))
         placed, now = (self.slave.kinematics.frame(at)[1] for at in (np.zeros(self.n), q))
         turned = outward @ placed @ now.T @ axes
@@ -220,16 +221,18 @@ class RigidGaps(Gaps):
         at_rim = np.isin(points.row_nodes, self.slave.surface.rim)
         return PresentRows(points, np.where(at_rim, 0.0, np.inf), self.sides)
 
-    def _stage_at(self, rows: PresentRows, places: list[Array], q: Array) -> tuple[Stage, Array]:
+    def _stage_at(
+        self, rows: PresentRows, places: list[Array], q: Array, pose: Array | None = None
+    ) -> tuple[Stage, Array]:
         """Stage of some rows with the slave's nodes at `places`, one (np, 3) array [m], and gaps, (nr,) [m].
 
-        `q`, (n,), are the coordinates.
+        `q`, (n,), are the coordinates, and `pose` is that of the surface's carrier, by default the present one.
         """
-        pose, points = self.carrier_pose, rows.points
+        pose, points = self.carrier_pose if pose is None else pose, rows.points
         gap, normals = self._projected(x := points.at(places[0]), pose)
         if isinstance(self.surface, RigidMesh) and gap.min(initial=0.0) < 0.0:
             outward = self.slave.surface.normals_at(points.nodes, points.weights)
-            gap, normals, left = self._entered(x, outward, q, gap, normals)
+            gap, normals, left = self._entered(x, outward, q, pose, gap, normals)
             if (left < -_LEFT * gap).any():
                 through = int((left + gap).argmin())
                 raise RunError(
@@ -259,8 +262,8 @@ class RigidGaps(Gaps):
         """See `Gaps.constant_rows`; only the normals of these rows depend on the place of the surface."""
         return self if self.slave.normal_only else super().constant_rows
 
-    def reset(self) -> None:
-        """Go back to the start, before a new run."""
+    def _go_to_start(self) -> None:
+        """See `Gaps`."""
         self.stage = self._start.again()
         self.at(self._start_q)  # sets the normals
 
@@ -281,7 +284,7 @@ class RigidGaps(Gaps):
         if isinstance(self.surface, RigidMesh) and gap.min() < 0.0:
             own, every = self.whole.surface, np.arange(len(nodes))[:, None]
             at = (every, np.ones(every.shape)), (self._all.nodes, self._all.weights)
-            gap = self._entered(x, np.vstack([own.normals_at(*one) for one in at]), q, gap, normals)[0]
+            gap = self._entered(x, np.vstack([own.normals_at(*one) for one in at]), q, NOTHING, gap, normals)[0]
         return float(gap.min())
 
     @property
@@ -307,6 +310,13 @@ class RigidGaps(Gaps):
     def stance(self) -> Array:
         """See `Gaps.stance`."""
         return np.zeros(1) if self.slave.normal_only else self.slave.kinematics.in_frame(self._q, self.normals)
+
+    def _stage_anchored(self, anchor: Anchor) -> Stage:
+        """See `Gaps`."""
+        rows = self.stage.rows
+        stage = self._stage_at(rows, self.places_of(rows.sides, anchor.q), anchor.q, anchor.pose)[0]
+        stage.of_anchor = True
+        return stage
 
     def _projected(self, x: Array, pose: Array) -> tuple[Array, Array]:
         """Gaps, (k,) [m], and normals in space, (k, 3), at points, (k, 3) [m], from the centre.

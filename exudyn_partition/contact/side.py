@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
-from ..algebra.products import congruence, largest_change
+from ..algebra.products import congruence
 from ..fe.model import node_dofs
 from ..frames.kinematics import Kinematics, Rows
 from ..plasticity.flow import PlasticState
@@ -20,8 +19,6 @@ from ..surfaces.points import ContactPoints
 from ..surfaces.surface import Surface
 from . import loops
 from .plasticity.zone_run import ZoneMotion
-
-_SAME_ROWS = 1e-3  # change of rows, relative to their largest entry, below which a side keeps its flexibility
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +208,6 @@ class LoadedNodes:
 
     def __init__(self, side: Side, column: Array, nodes: Array, F: Array) -> None:
         self.side, self.column, self.nodes, self.F = side, column, nodes, F
-        self._directed = np.empty((0, len(F))), np.empty((0, 0))  # rows, and the flexibility between them
 
     @classmethod
     def of(cls, side: Side, nodes: Array) -> LoadedNodes:
@@ -246,36 +242,6 @@ class LoadedNodes:
     def directed_flexibility(self, rows: Array) -> Array:
         """Contribution of this side to the flexibility of rows with directions, (3 na, 3 na) [m/N].
 
-        `rows`, (3 na, 3 n), act on the flexibility coordinates of these nodes. The result is kept while they change
-        little.
+        `rows`, (3 na, 3 n), act on the flexibility coordinates of these nodes.
         """
-        known, flexibility = self._directed
-        same = known.shape == rows.shape
-        if not same or abs(rows - known).max(initial=0.0) > _SAME_ROWS * abs(rows).max(initial=0.0):
-            flexibility = congruence(rows, self.F, threes=True)
-            self._directed = rows, flexibility
-        return flexibility
-
-
-class Standing(NamedTuple):
-    """Pose of a contact's rows. Data that change slowly with the pose are kept while it is nearly the same.
-
-    Parameters
-    ----------
-    rows : PresentRows
-        Another object if other rows are present, or a side has another flexibility.
-    stance : array
-        Relative places of the sides, see `Gaps.stance`.
-    axis : int
-        Number of the axis that the tangents follow.
-    """
-
-    rows: object
-    stance: Array
-    axis: int = 0
-
-    def nearly(self, other: Standing | None, by: float) -> bool:
-        """Whether the same rows have moved less than `by` since `other`, in sizes of a facet or changes of normals."""
-        if other is None or other.rows != self.rows or other.axis != self.axis:
-            return False
-        return largest_change(self.stance, other.stance) <= by
+        return congruence(rows, self.F, threes=True)

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -58,6 +58,26 @@ class Pair(Protocol):
         """Find the pairs of all points at coordinates q, (n,); return the stage of rows that can close, and gaps."""
 
 
+@dataclass(frozen=True, eq=False)
+class Anchor:
+    """Pose at which a contact found the flexibility of its rows. Its flexibility follows from it, whatever came before.
+
+    Parameters
+    ----------
+    q : (n,) array
+        Coordinates of all sides.
+    pose : (12,) array
+        `Gaps.carrier_pose`; empty if no body carries a rigid surface.
+    """
+
+    q: Array
+    pose: Array
+
+    def equals(self, other: Anchor) -> bool:
+        """Whether the other anchor has the same place."""
+        return self is other or (np.array_equal(self.q, other.q) and np.array_equal(self.pose, other.pose))
+
+
 class PresentRows:
     """Rows that stay present while the sides move.
 
@@ -76,27 +96,27 @@ class PresentRows:
     def __init__(self, points: ContactPoints, leaves_at: Array, sides: tuple[Side, ...], unpaired: int = 0) -> None:
         self.points, self.row_nodes, self.area = points, points.row_nodes, points.area
         self.leaves_at, self.sides, self.unpaired = leaves_at, sides, unpaired
-        self._slow: dict[Hashable, tuple[Array, Any, Array]] = {}
+        self._at_anchors: dict[Hashable, tuple[Anchor, Any, Array]] = {}
 
-    def slowly(self, what: Hashable, stance: Array, by: float, make: Callable[[], T], index: Array = NOTHING) -> T:
-        """Value that changes slowly with the relative places of the sides; kept while these change by at most `by`.
+    def at_anchor(self, what: Hashable, anchor: Anchor, make: Callable[[], T], index: Array = NOTHING) -> T:
+        """Value of these rows at an anchor; the last one is kept, and may be lost without changing an answer.
 
         Parameters
         ----------
         what : hashable
             Name of the value.
-        stance : array
-            Relative places of the sides, see `Gaps.stance`.
-        by : float
+        anchor : Anchor
         make : callable
-            Finds the value at the present places.
+            Finds the value at the anchor.
         index : int array, optional
             Rows to which the value belongs.
         """
-        known = self._slow.get(what)
+        known = self._at_anchors.get(what)
         same_rows = known is not None and len(index) == len(known[2]) and (not len(index) or (index == known[2]).all())
-        if known is None or not same_rows or not largest_change(stance, known[0]) <= by:
-            known = self._slow[what] = stance, make(), index
+        if known is None or not same_rows or not known[0].equals(anchor):
+            known = self._at_anchors[what] = anchor, make(), index
+        elif known[0] is not anchor:
+            known = self._at_anchors[what] = anchor, known[1], index
         value: T = known[1]
         return value
 
@@ -105,22 +125,43 @@ class PresentRows:
         flexible = zip(self.sides, sides, strict=True)
         result = copy.copy(self)
         result.sides = tuple(replace(own, flexibility=side.flexibility) for own, side in flexible)
-        result._slow = {}
+        result._at_anchors = {}
         return result
 
     def yielding(self) -> Self:
         """Return the same rows when other shares of flexibilities yield; what belongs to a side stays."""
         result = copy.copy(self)
-        result._slow = {
-            what: known for what, known in self._slow.items() if isinstance(what, tuple) and OF_SIDE in what
+        result._at_anchors = {
+            what: known for what, known in self._at_anchors.items() if isinstance(what, tuple) and OF_SIDE in what
         }
         return result
 
     def again(self) -> Self:
         """Return the same rows for another run, with the values known so far."""
         result = copy.copy(self)
-        result._slow = self._slow.copy()
+        result._at_anchors = self._at_anchors.copy()
         return result
+
+
+class Standing(NamedTuple):
+    """Which rows of a contact are present, and where their flexibility was found. It is kept as long as both stay.
+
+    Parameters
+    ----------
+    rows : PresentRows
+        Another object if other rows are present, or a side has another flexibility.
+    anchor : Anchor
+    axis : int
+        Number of the axis that the tangents follow.
+    """
+
+    rows: PresentRows
+    anchor: Anchor
+    axis: int = 0
+
+    def same(self, other: Standing | None) -> bool:
+        """Whether the same rows have the same anchor."""
+        return other is not None and other.rows is self.rows and other.anchor is self.anchor and other.axis == self.axis
 
 
 class Stage:
@@ -146,9 +187,12 @@ class Stage:
         `Gaps.carrier_pose` when the gaps were found; empty if no body carries the surface.
     places : list of arrays or None
         Places of the followed nodes, (np, 3) for each side [m], if they were found together with the gaps.
+    of_anchor : bool
+        Whether the stage is that of an anchor, at which only flexibilities are found.
     """
 
     moving = True
+    of_anchor = False
     here = np.zeros((3, 3))
     pose = NOTHING
     places: list[Array] | None = None

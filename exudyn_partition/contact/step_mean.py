@@ -47,6 +47,7 @@ class GeneralizedAlpha:
 TRAPEZOIDAL = GeneralizedAlpha()
 
 
+@dataclass(frozen=True, eq=False)
 class StepMean:
     """Forces to apply at the end of each step, so that the momentum changes by the mean force times the step.
 
@@ -60,42 +61,37 @@ class StepMean:
 
     Parameters
     ----------
-    n : int
-        Number of forces.
-
-    Attributes
-    ----------
-    lasting : (n,) array
-        Part of f' that remains from earlier steps.
+    phi, force : (n,) arrays
+        phi and f at the start of the step [N].
+    largest : float
+        Largest of them so far [N].
     """
 
-    def __init__(self, n: int) -> None:
-        self._phi, self._force, self._largest = np.zeros(n), np.zeros(n), 0.0
-        self._weights: GeneralizedAlpha | None = None
-        self.lasting = np.zeros(n)
+    phi: Array
+    force: Array
+    largest: float = 0.0
 
-    def begin(self, weights: GeneralizedAlpha) -> None:
-        """Begin a step with these weights."""
-        if weights == self._weights:
-            return
-        self._weights, a, b = weights, weights.alpha_m, weights.alpha_f
+    @classmethod
+    def none(cls, n: int) -> StepMean:
+        """Before the first step, for n forces."""
+        return cls(np.zeros(n), np.zeros(n))
+
+    def lasting(self, weights: GeneralizedAlpha) -> Array:
+        """Part of f', (n,), that remains from earlier steps."""
+        a, b = weights.alpha_m, weights.alpha_f
         phi = a - (1 - a) * (1 - weights.gamma) / weights.gamma
-        self.lasting = (phi * self._phi - b * self._force) / (1 - b)
-
-    def applied(self, mean: Array) -> Array:
-        """Return f', (n,), for the mean forces within the step, (n,)."""
-        assert self._weights is not None
-        result: Array = self._weights.share * mean + self.lasting
+        result: Array = (phi * self.phi - b * self.force) / (1 - b)
         return result
 
-    def end(self, mean: Array) -> None:
-        """End the step; `mean`, (n,), were the mean forces in it."""
-        if self._weights is None:
-            return
-        weights, force = self._weights, self.applied(mean)
-        self._phi = (mean - (1 - weights.gamma) * self._phi) / weights.gamma
-        self._force, self._weights = force, None
-        left = max(abs(self._phi).max(initial=0.0), abs(force).max(initial=0.0))
-        self._largest = max(self._largest, left)
-        if left <= _GONE * self._largest:
-            self._phi, self._force, self._largest = np.zeros_like(force), np.zeros_like(force), 0.0
+    def applied(self, weights: GeneralizedAlpha, mean: Array) -> Array:
+        """Return f', (n,), for the mean forces within the step, (n,)."""
+        result: Array = weights.share * mean + self.lasting(weights)
+        return result
+
+    def after(self, weights: GeneralizedAlpha, mean: Array) -> StepMean:
+        """After a step with these weights and mean forces, (n,)."""
+        force = self.applied(weights, mean)
+        phi = (mean - (1 - weights.gamma) * self.phi) / weights.gamma
+        left = max(abs(phi).max(initial=0.0), abs(force).max(initial=0.0))
+        largest = max(self.largest, left)
+        return StepMean.none(len(force)) if left <= _GONE * largest else StepMean(phi, force, largest)

@@ -22,10 +22,10 @@ from ..surfaces.loops import at_points
 from ..surfaces.vectors import cross
 from . import loops
 from .gaps import Gaps
-from .side import LoadedNodes, Standing
-from .stages import OF_SIDE
+from .side import LoadedNodes
+from .stages import OF_SIDE, Standing
 
-_SAME = 0.02  # of a facet's size, or change of normals: below it, rows keep their flexibility in three directions
+SAME = 0.02  # of a facet's size, or change of normals: below it, rows keep their flexibility in three directions
 _STEEP = 0.9  # cosine between a row's normal and the axis of its tangents, above which another axis is taken
 
 
@@ -109,20 +109,20 @@ class TangentialRows:
     @property
     def tangents(self) -> Array:
         """Two tangents of each row, (nr, 2, 3)."""
-        self._axis, tangents = self.gaps.stage.once("tangents", self._turned)
+        self._axis, tangents = self.gaps.stage.once(("tangents", self._axis), self._turned)
         return tangents
 
     @property
     def axis(self) -> int:
         """Number of the axis from which the tangents are made."""
-        self._axis, _ = self.gaps.stage.once("tangents", self._turned)
+        self._axis, _ = self.gaps.stage.once(("tangents", self._axis), self._turned)
         return self._axis
 
     def _turned(self) -> tuple[int, Array]:
         """Axis from which tangents are made, kept while it is suitable, and tangents to the present normals."""
         normals, axes = self.gaps.normal, self.axes
         tangents, cosines = loops.tangents_of(normals, axes[:, self._axis])
-        if cosines.max(initial=0.0) > _STEEP:
+        if cosines.max(initial=0.0) > _STEEP and not self.gaps.stage.of_anchor:
             others = [loops.tangents_of(normals, axis) for axis in axes.T]
             axis = int(np.argmin([cosines.max() for _, cosines in others]))
             return axis, others[axis][0]
@@ -232,13 +232,11 @@ class TangentialRows:
     def flexibility(self, index: Array | None = None) -> Array:
         """Residual flexibility between the directions of some present rows, (3 na, 3 na) [m/N]; by default of all.
 
-        It is kept while the points move little, like `Gaps.flexibility`. A side whose rows have hardly changed keeps
-        its contribution.
+        It is kept while the points move little, like `Gaps.flexibility`.
         """
         index = np.arange(len(self.gaps.row_nodes)) if index is None else index
-        gaps = self.gaps
-        what = "directed flexibility", self.axis
-        return gaps.stage.rows.slowly(what, gaps.stance(), _SAME, lambda: self._flexibility(index), index)
+        gaps, axis = self.gaps, self.axis
+        return gaps.at_anchor(("directed", axis), gaps.anchored(SAME), lambda: self._flexibility(index), index)
 
     def _flexibility(self, index: Array) -> Array:
         parts = [self._part(place, index) for place, side in enumerate(self.gaps.sides) if side.flexibility is not None]
@@ -254,7 +252,7 @@ class TangentialRows:
     def standing(self) -> Standing:
         """Where the rows stand; tangents that follow another axis count as other rows."""
         gaps = self.gaps
-        return Standing(gaps.stage.rows, gaps.stance(), self.axis)
+        return Standing(gaps.stage.rows, gaps.anchored(SAME), self.axis)
 
     def _part(self, place: int, index: Array) -> Array:
         """Contribution of one side to the flexibility of some rows, (3 na, 3 na) [m/N]."""
@@ -270,7 +268,7 @@ class TangentialRows:
             loaded, rows = self._some_side_rows(place, everything)
             return congruence(rows, loaded.F, threes=True)
 
-        return gaps.stage.rows.slowly((OF_SIDE, place, self.axis), gaps.stance(), _SAME, make)
+        return gaps.at_anchor((OF_SIDE, place, self.axis), gaps.anchored(SAME), make)
 
     def across(self, index: Array | None = None) -> Array:
         """See `Gaps.across`; of some rows, by default of all, in three directions, (3 na, 3 na) [m/N]."""

@@ -18,10 +18,11 @@ from ..surfaces.near import LIMIT, NearParts, facing_locally, near_rows
 from ..surfaces.rows import ContactRows
 from ..surfaces.surface import closest_points
 from ..surfaces.witnesses import seen_from, spread
+from .gaps import GapState
 from .patch_gaps import PatchGaps
 from .rigid import RigidGaps
 from .side import Side
-from .stages import PresentRows, Stage
+from .stages import Anchor, PresentRows, Stage
 
 WINDOW = 1.0  # of a facet's size: motion after which the parts are found again
 _THREE = np.arange(3)
@@ -47,11 +48,11 @@ class WanderingGaps(PatchGaps):
     _parted_at: Array | None
     _part_reach: float
 
-    def reset(self) -> None:
-        """Go back to the pairs at the start, before a new run."""
+    def _go_to_start(self) -> None:
+        """See `Gaps`."""
         self.sides, self._parted_at = self._start.rows.sides, None
         self._three = [side.kinematics.some(some) for side, some in zip(self.sides, self.witnesses, strict=True)]
-        super().reset()
+        super()._go_to_start()
 
     def at(self, q: Array) -> Array:
         """See `Gaps.at`."""
@@ -134,34 +135,52 @@ class WanderingRigidGaps(RigidGaps):
     def _rows_of(self, nodes: Array) -> PresentRows:
         return self._rows(self._all.of_rows(np.isin(self._all.row_nodes, nodes))[0])
 
-    def reset(self) -> None:
-        """Go back to the start, before a new run."""
-        self._chosen_at: Array | None = None
-        super().reset()
+    def _go_to_start(self) -> None:
+        """See `Gaps`."""
+        self._chosen: Anchor | None = None
+        super()._go_to_start()
+
+    def after(self) -> GapState:
+        """See `Gaps`."""
+        return replace(super().after(), chosen=self._chosen)
+
+    def retry(self) -> None:
+        """See `Gaps`."""
+        super().retry()
+        self._choose_as(self.accepted)
+
+    def begin(self, state: GapState) -> None:
+        """See `Gaps`."""
+        self.reset()
+        self._choose_as(state)
+        self.anchor, self.accepted = state.anchor, state
+        self.at(state.q)
+
+    def _choose_as(self, state: GapState) -> None:
+        """Choose the rows that were chosen in a state."""
+        if state.chosen is not None and state.chosen is not self._chosen:
+            self._choose(state.chosen)
 
     def at(self, q: Array) -> Array:
         """See `Gaps.at`."""
-        if self._chosen_at is None or abs(self._here(q) - self._chosen_at).max() > self._reach:
-            self._choose(q)
+        if self._chosen is None or abs(self._here(q, self.carrier_pose) - self._chosen_at).max() > self._reach:
+            self._choose(Anchor(q.copy(), self.carrier_pose))
         return super().at(q)
 
     def of_present(self, q: Array) -> Array:
         """See `Gaps.of_present`."""
-        if self._chosen_at is None:
+        if self._chosen is None:
             return self.at(q)
         return super().at(q)
 
-    def _here(self, q: Array) -> Array:
-        """Places of three nodes relative to the surface, (3, 3) [m], at coordinates q, (n,)."""
+    def _here(self, q: Array, pose: Array) -> Array:
+        """Places of three nodes relative to the surface, (3, 3) [m], at coordinates q, (n,), and its carrier's pose."""
         x = self._three.place(q)
-        if self._pose is None:
-            return x
-        place, axes = self._pose()
-        return (x - place) @ axes
+        return x if not len(pose) else (x - pose[:3]) @ pose[3:].reshape(3, 3)
 
-    def _choose(self, q: Array) -> None:
+    def _choose(self, at: Anchor) -> None:
         """Choose the rows that may close until the patch has moved by `_reach`, and the nearest rows."""
-        gap = self._projected(self._whole.place(q), self.carrier_pose)[0]
+        gap = self._projected(self._whole.place(at.q), at.pose)[0]
         least, soon = float(gap.min()), _SOON * self.size
         self._reach = max(soon, 0.25 * (least - 2 * soon))
         nodes = np.flatnonzero(gap < max(2 * soon, least + soon))
@@ -169,7 +188,7 @@ class WanderingRigidGaps(RigidGaps):
         self.sides, self._loaded = (self._whole.part(facets, self._witnesses),), {}
         self.stage = Stage(self._rows_of(nodes), self.stage.normals, self.stage.shares)  # `at` finds these two
         self._beyond = max(least, 2 * soon) - self._reach
-        self._chosen_at = self._here(q)
+        self._chosen, self._chosen_at = at, self._here(at.q, at.pose)
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """See `Gaps.closing`; the last entry bounds all points without rows, by their least gap and largest speed."""

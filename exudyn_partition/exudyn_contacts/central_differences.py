@@ -15,8 +15,8 @@ from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import start_of_step
 from ..support.arrays import Array
 from ..support.foreign import MainSystem
-from ..support.twins import Known, copied
 from .contact_run import ContactRun
+from .run_state import StepperState
 
 _ITERATIONS = 20
 _SETTLED = 1e-8  # relative last change of the joints' accelerations at which the iteration ends
@@ -51,7 +51,9 @@ class MultiplierStep:
 
     def __init__(self, contacts: Sequence[ContactRun], joints: Joints | None = None) -> None:
         self.contacts, self.joints = contacts, joints
+        self._jointed = joints is not None
         self._stepped_to: float | None = None
+        self._step = self._last_step = 0.0
         self._corrected_to = -np.inf  # end of the last step after which velocities were corrected
         self._looked_from: float | None = None  # start of the step whose multipliers `look_ahead` has applied
         self._pushes: list[tuple[Array, Array]] = []  # coordinates, and accelerations by contacts in the last step
@@ -66,12 +68,26 @@ class MultiplierStep:
             self._shared = [np.intersect1d(dofs, joints.dofs, return_indices=True)[1:] for dofs in self._dofs]
             self._across: Array | None = None
 
-    def go_on(self, earlier: MultiplierStep, known: Known, t: float) -> None:
-        """Go on at time t [s] from the end of a run that `earlier` served; `known` has the twins of its contacts."""
-        own = {"contacts": self.contacts, "joints": self.joints, "_dofs": self._dofs, "_stepped_to": t}
-        vars(self).update(vars(copied(earlier, known)) | own)
-        if self._looked_from is not None:
-            self._looked_from = t
+    def begin(self, state: StepperState, t: float) -> None:
+        """Begin at time t [s] from the state at the end of a run."""
+        self._stepped_to, self._looked_from = t, t if state.looked else None
+        self._step, self._last_step = state.step, state.last_step
+        dofs = [*self._dofs[: len(state.pushes)], *([] if self.joints is None else [self.joints.dofs])]
+        self._pushes = list(zip(self._dofs, state.pushes, strict=False))
+        self._predicted = list(zip(dofs, state.predicted, strict=True)) if state.predicted else []
+        if self.joints is not None:
+            self._carried = self._carried_before = state.carried
+            self._answer, self._answered, self._usual = state.answer, state.answered, state.usual
+
+    def state(self, numbers: tuple[int, ...]) -> StepperState:
+        """State at the end of the last step. `numbers` are those of the contacts."""
+        none = np.empty(0)
+        joints = (none, none, none, 0.0)
+        if self._jointed:
+            joints = self._carried, self._answer, self._answered, self._usual
+        pushes, predicted = (tuple(a for _, a in some) for some in (self._pushes, self._predicted))
+        looked = self._looked_from is not None and self._looked_from == self._stepped_to
+        return StepperState(self._jointed, numbers, looked, self._step, self._last_step, pushes, predicted, *joints)
 
     def step_back(self, t: float) -> bool:
         """Return to the start of a step, t [s]; whether that can be done.

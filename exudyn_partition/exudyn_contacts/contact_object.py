@@ -202,7 +202,7 @@ def _of_groups(
 def _warn_of_slips(model: ModelRun, contacts: Sequence[ModelContact]) -> None:
     """Warn that rows slip, so that the stiffness that is asked for after a run is not symmetric."""
     mechanics = {contact.name: model.of(contact).mechanics for contact in contacts}
-    slip = [name for name, one in mechanics.items() if one.friction is not None and (one.state == SLIP).any()]
+    slip = [name for name, one in mechanics.items() if one.friction is not None and (one.status == SLIP).any()]
     if slip:
         warnings.warn(
             f"contact {', '.join(map(repr, slip))}: rows slip, so that the stiffness is not symmetric. Exudyn's "

@@ -5,17 +5,17 @@ They also keep the data that results read. Each run makes new ones. No other mod
 
 from __future__ import annotations
 
-import copy
 import math
 import weakref
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ..algebra.friction import SLIP, STICK
-from ..contact.formulations.explicit_multipliers import ForwardRows
+from ..contact.formulations.explicit_multipliers import ForwardRows, ForwardState
 from ..contact.formulations.formulation import Method, Together
-from ..contact.formulations.implicit_multipliers import StepImpulses
+from ..contact.formulations.implicit_multipliers import ImpulseState, StepImpulses
 from ..contact.frozen import FrozenContacts
 from ..contact.patch_contact import PatchContact
 from ..errors import RunError
@@ -26,7 +26,7 @@ from ..plasticity.zone import PlasticZone
 from ..support.arrays import Array, consecutive, joined_slices
 from ..support.checks import read_only
 from ..support.foreign import MainSystem
-from ..support.twins import Known, twin
+from .run_state import MemberState
 
 N_VALUES, N_VALUES_AHEAD = 6, 10  # numbers of values of `sForce`; those of multipliers include impulses
 
@@ -263,20 +263,30 @@ class ContactRun:
         """
         self._group_of, self._place, self._looped = weakref.ref(group), place, group.kept
 
-    def go_on(self, earlier: ContactRun, t: float, known: Known) -> None:
-        """Go on from the end of an earlier run at time t [s]. `known` has the twin of its mechanics, now this one's."""
-        self.forward = None if earlier.forward is None else twin(earlier.forward, known)
-        self.impulses = None if earlier.impulses is None else twin(earlier.impulses, known)
-        for name in ("_start", "_at", "force", "_impulse", "_last", "_rest", "_stepped_to"):
-            setattr(self, name, copy.copy(getattr(earlier, name)))
-        self.goes_on_at = t
+    def begin(self, state: MemberState, t: float) -> None:
+        """Begin at time t [s] from the state at the end of a run, as if both runs were one."""
+        mechanics = self._mechanics
+        mechanics.begin(state.contact, t)
+        if self.forward is not None and isinstance(state.multipliers, ForwardState):
+            self.forward.begin(state.multipliers)
+        if self.impulses is not None and isinstance(state.multipliers, ImpulseState):
+            self.impulses.begin(state.multipliers)
+            self.force = state.multipliers.mean.force[: len(self.dofs)]
+        elif self.acts_within:
+            self.force = mechanics.generalised()
+        self._impulse, self._last, self._rest = state.impulses.copy()
+        self._at = self._stepped_to = self.goes_on_at = t
 
-    def at_end(self) -> PatchContact:
-        """Mechanics after the last step, as the next one would find them; those of this run do not change."""
-        known: Known = {}
-        mechanics = twin(self.mechanics, known)
-        (mechanics if self.impulses is None else twin(self.impulses, known)).commit(self._at)
-        return mechanics
+    def state(self, number: int) -> MemberState:
+        """State at the end of the last step. `number` is that of the contact."""
+        contact = self.mechanics.at_end(self._at)
+        multipliers: ForwardState | ImpulseState | None = None
+        if self.impulses is not None:
+            multipliers, memory = self.impulses.after()
+            contact = replace(contact, memory=memory)
+        elif self.forward is not None:
+            multipliers = self.forward.state
+        return MemberState(number, contact, multipliers, np.array([self._impulse, self._last, self._rest]))
 
     def begun(self, t: float) -> bool:
         """Whether forces were found in the step that begins at time t [s]."""
@@ -304,8 +314,7 @@ class ContactRun:
             self.follow(start_of_step(mbs), t)
             self.force = self.impulses.evaluate(SolverMotion(mbs, self.of))
             return
-        if mechanics.remembers:
-            self.follow(start_of_step(mbs), t)
+        self.follow(start_of_step(mbs), t)
         if mechanics.needs_motion:
             self.force = mechanics.evaluate(SolverMotion(mbs, self.of))
         else:
@@ -318,11 +327,11 @@ class ContactRun:
             total[place] += self.force[own]
 
     def follow(self, start: float, t: float) -> None:
-        """Begin the step from `start` to t [s], or begin it again, if the forces depend on the path."""
+        """Begin the step from `start` to t [s], or begin it again."""
         if start != self._start:
-            (self.impulses or self.mechanics).commit(start)
-        elif t != self._at and self.impulses is not None:
-            self.impulses.rollback()
+            (self.impulses or self.mechanics).accept(start)
+        elif t != self._at:
+            (self.impulses or self.mechanics).retry()
         self._mechanics.take_step(t)
         self._start, self._at = start, t
 
@@ -399,7 +408,7 @@ class ContactRun:
             if mechanics.elastic:
                 self._stored[t] = mechanics.stored()
             if mechanics.friction is not None:
-                self.tangential[t] = mechanics.traction[closed], mechanics.state[closed]
+                self.tangential[t] = mechanics.traction[closed], mechanics.status[closed]
             if mechanics.gaps.carried:
                 self.on_nodes[t] = mechanics.nodal_forces()
 
@@ -415,7 +424,7 @@ class ContactRun:
         if mechanics.index is self._open_index:  # the same array as long as all rows stay open
             return self._open_values
         if mechanics.index.size:
-            stuck, slipping = (float(np.count_nonzero(mechanics.state == kind)) for kind in (STICK, SLIP))
+            stuck, slipping = (float(np.count_nonzero(mechanics.status == kind)) for kind in (STICK, SLIP))
             values = [*mechanics.traction.sum(axis=0).tolist(), stuck, slipping, self._dissipated(), mechanics.stored()]
         else:
             values = [0.0, 0.0, 0.0, 0.0, 0.0, self._dissipated(), mechanics.stored()]
@@ -508,8 +517,9 @@ class GroupRun:
         elif self._find_by_loops(t, q):
             return
         else:
-            for member in self._remembering:
-                member.follow(start_of_step(mbs), t)
+            start = start_of_step(mbs)
+            for member in self._within:
+                member.follow(start, t)
             self._find_together(q)
         self._find_whether_pushes()
 

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from ..contact.formulations.formulation import Method, Together
+from ..contact.formulations.formulation import Method
 from ..contact.patch_contact import PatchContact
 from ..errors import ComplementarityError, RunError
 from ..exudyn_bodies.item_work import acts_on_constant_mass
@@ -22,11 +22,11 @@ from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array, as_slice
 from ..support.foreign import MainSolver, MainSystem
 from ..support.optional import require
-from ..support.twins import Known, twin
 from .central_differences import MultiplierStep
 from .contact_run import ContactRun, GroupRun
 from .contact_samples import ModelContact
 from .run_record import RunRecord, sensors_keep_all
+from .run_state import RunState
 from .slip_secants import SlipSecants
 
 _log = logging.getLogger(__name__)
@@ -52,8 +52,8 @@ class ModelRun:
         Joints of the model, if explicit steps close them together with the contacts.
     keep : bool
         Whether the record keeps the ends of steps. It need not if Exudyn's sensors keep them.
-    earlier : ModelRun, optional
-        Run from whose end this one goes on. It is not changed.
+    state : RunState, optional
+        End of a run from which this one goes on as if both were one.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class ModelRun:
         method: Method,
         joints: Joints | None,
         keep: bool,
-        earlier: ModelRun | None = None,
+        state: RunState | None = None,
     ) -> None:
         self.contacts, self._spent_s, self._began = [*contacts], 0.0, t
         self.method, self.at = method, t
@@ -106,15 +106,20 @@ class ModelRun:
         for item in items:
             if isinstance(item.kinematics, FloatingKinematics):
                 acts_on_constant_mass(mbs, item, item.kinematics.acting)
-        known: Known = {}
+        self._floating = [
+            (as_slice(np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])), item.kinematics)
+            for item in items
+            if isinstance(item.kinematics, FloatingKinematics)
+        ]
+        self._turning = np.empty(0) if state is None else state.turning
+        self._grow()
         self._runs: dict[int, ContactRun] = {}
         for contact in contacts:
-            last = None if earlier is None else earlier.find(contact)
-            mechanics = contact.mechanics.for_run(method) if last is None else twin(last.mechanics, known)
-            place = _place_of_values(mbs, contact)
+            mechanics, place = contact.mechanics.for_run(method), _place_of_values(mbs, contact)
             self._runs[id(contact)] = run = ContactRun(contact.name, mechanics, contact.slices(mbs), t, method, place)
+            last = None if state is None else state.find(_number(contact))
             if last is not None:
-                run.go_on(last, t, known)
+                run.begin(last, t)
         self._all_ask = all(run.place is None for run in self._runs.values())
         self.record = RunRecord(t, keep)
         self.slip_secants: SlipSecants | None = None
@@ -129,9 +134,7 @@ class ModelRun:
             members = [self._runs[id(contact)] for contact in group]
             together = None
             if group[0].together is not None:
-                before = None if earlier is None else earlier._together(group)
-                parts = [member.mechanics for member in members]
-                together = group[0].together.for_run(parts) if before is None else twin(before, known)
+                together = group[0].together.for_run([member.mechanics for member in members])
             self._groups.append(GroupRun(members, together))
             if joints is None and members[0].forward is not None:
                 self._steppers.append(MultiplierStep(members))
@@ -145,37 +148,26 @@ class ModelRun:
             self._steppers.append(MultiplierStep(ahead, joints))
         self.idle = not self._steppers
         self._served = {self._served_by(stepper): stepper for stepper in self._steppers}
-        last_served = {} if earlier is None else earlier._served
-        for served, stepper in self._served.items():
-            if served in last_served:
-                stepper.go_on(last_served[served], known, t)
-        self._counted = 0, 0  # counts of the earlier run, from which this one goes on
-        self._counted = self.active_set_iterations, self.pair_searches
-        self._floating = [
-            (as_slice(np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])), item.kinematics)
-            for item in items
-            if isinstance(item.kinematics, FloatingKinematics)
-        ]
+        for served in () if state is None else state.steppers:
+            if (served.joined, served.numbers) in self._served:
+                self._served[served.joined, served.numbers].begin(served, t)
         dofs = mbs.systemData.GetObjectLTGODE2(contacts[0]["oContact"]) if contacts else []
         self.dofs, self._total = np.array(dofs, dtype=int), np.zeros(mbs.systemData.ODE2Size())
         self.of_object = as_slice(self.dofs)
 
-    def _served_by(self, stepper: MultiplierStep) -> tuple[int, ...]:
-        """Whether the stepper closes joints, and the identities of its contacts."""
-        members = {id(run): key for key, run in self._runs.items()}
-        return int(stepper.joints is not None), *(members[id(run)] for run in stepper.contacts)
+    def _served_by(self, stepper: MultiplierStep) -> tuple[bool, tuple[int, ...]]:
+        """Whether the stepper closes joints, and the numbers of its contacts."""
+        numbers = {id(self.of(contact)): _number(contact) for contact in self.contacts}
+        return stepper.joints is not None, tuple(numbers[id(run)] for run in stepper.contacts)
 
-    def _together(self, group: Sequence[ModelContact]) -> Together | None:
-        """Object that found the forces of these contacts; None if they were not exactly one group."""
-        found = [run for contact in group if (run := self.find(contact)) is not None]
-        same = len(found) == len(group) == len(found[0].group.members)
-        return found[0].group.together if same else None
-
-    def ended_at(self, t: float, method: Method, q: Array) -> bool:
-        """Whether the run had this method and ended at time t [s], at the model's coordinates q, (nq,)."""
-        if self.method != method or self.broken or not self.ended_in(q):
-            return False
-        return self.ended_when(t) and abs(self.at - t) <= _ROUND_OFF * abs(t)
+    def state(self) -> RunState | None:
+        """State at the end of the run; None if it has none."""
+        if self.ended is None:
+            return None
+        t, q = self.ended
+        contacts = tuple(self.of(contact).state(_number(contact)) for contact in self.contacts)
+        steppers = tuple(stepper.state(numbers) for (_, numbers), stepper in self._served.items())
+        return RunState(self.method, t, self.at, q, self.has_steps, self.broken, contacts, steppers, self._turning)
 
     @property
     def contact_s(self) -> float:
@@ -186,12 +178,12 @@ class ModelRun:
     def active_set_iterations(self) -> int:
         """Iterations of all contacts' active sets so far."""
         by_laws = sum(run.iterations for run in self._runs.values())
-        return by_laws + sum(stepper.iterations for stepper in self._steppers) - self._counted[0]
+        return by_laws + sum(stepper.iterations for stepper in self._steppers)
 
     @property
     def pair_searches(self) -> int:
         """Searches of the pairs of all points so far."""
-        return sum(run.mechanics.searches for run in self._runs.values()) - self._counted[1]
+        return sum(run.mechanics.searches for run in self._runs.values())
 
     def of(self, contact: ModelContact) -> ContactRun:
         """State of a contact.
@@ -214,36 +206,26 @@ class ModelRun:
         """State of a contact; None if it was not in the model when the run began."""
         return self._runs.get(id(contact))
 
-    def resume(self, initial: Array, earlier: Sequence[ModelRun], t: float, *, goes_on: bool) -> ModelRun | None:
-        """Let contacts that remember, or are pressed, go on from the end of earlier runs, if that is the initial state.
+    def resume(self, initial: Array, earlier: Sequence[RunState], t: float, *, goes_on: bool) -> RunState | None:
+        """Let contacts go on from the end of earlier runs with another method or time, if that is the initial state.
 
-        `initial`, (nq,), are the model's initial coordinates. Return the first run from which a contact goes on. The
+        `initial`, (nq,), are the model's initial coordinates. Return the first end from which a contact goes on. The
         energies that contacts have taken go on too if the user said so by `goes_on`, or if that run ended at time t.
         """
         found = None
         for contact in self.contacts:
             run = self.of(contact)
-            for before in earlier if run.mechanics.remembers else ():
-                last = before.find(contact)
-                if (
-                    last is not None
-                    and last.force is not None
-                    and run.mechanics.resume(last.mechanics, run.of(initial))
-                ):
-                    found = found or before
-                    break
-            for before in earlier if run.mechanics.gaps.overlap else ():  # what is closed stays closed
-                last = before.find(contact)
-                if last is not None and before.has_steps and before.ended_in(initial):
-                    run.mechanics.opening = min(run.mechanics.opening, last.mechanics.opening)
-                    found = found or before
-                    break
-            for before in earlier:
-                last = before.find(contact)
-                at_end = before.ended_in(initial) and (goes_on or (before.has_steps and before.ended_when(t)))
-                if last is not None and at_end:
-                    run.mechanics.count_on(last.at_end(), moves=before.method != "static")
-                    found = found or before
+            mechanics = run.mechanics
+            for end in earlier:
+                last = end.find(_number(contact))
+                if last is None or not np.array_equal(run.of(end.q), run.of(initial)):
+                    continue
+                counts = end.ended_in(initial) and (goes_on or (end.has_steps and end.ended_when(t)))
+                if counts or mechanics.remembers or mechanics.gaps.overlap:
+                    opening, moves = mechanics.opening, end.method != "static"
+                    mechanics.begin(last.for_other_run(counts=counts, moves=moves, sticks=not mechanics.ahead), t)
+                    mechanics.opening = min(opening, last.contact.opening)
+                    found = found or end
                     break
         return found
 
@@ -255,10 +237,6 @@ class ModelRun:
     def ended_in(self, q: Array) -> bool:
         """Whether the run ended at the model's coordinates q, (nq,), at any time."""
         return self.ended is not None and np.array_equal(self.ended[1], q)
-
-    def ended_when(self, t: float) -> bool:
-        """Whether the run ended at time t [s]."""
-        return self.ended is not None and abs(self.ended[0] - t) <= _ROUND_OFF * abs(t)
 
     def step_back(self, mbs: MainSystem) -> None:
         """Return to the start of the step in which an error stopped the run; the model is there again.
@@ -330,9 +308,12 @@ class ModelRun:
     def _turn(self, mbs: MainSystem) -> None:
         """Let the growth of bodies in floating frames follow their rotation."""
         if self._floating and self.method != "static":
-            q_t = mbs.systemData.GetODE2Coordinates_t(copy=False)
-            for own, kinematics in self._floating:
-                kinematics.turn(q_t[own])
+            self._turning = mbs.systemData.GetODE2Coordinates_t()
+            self._grow()
+
+    def _grow(self) -> None:
+        for own, kinematics in self._floating if len(self._turning) else ():
+            kinematics.turn(self._turning[own])
 
     def _press(self, mbs: MainSystem, t: float) -> None:
         """Close overlaps that are meant, in proportion to the static time t."""
@@ -427,7 +408,7 @@ class Runs:
 
     def __init__(self) -> None:
         self._now: ModelRun | None = None
-        self._origin: ModelRun | None = None  # run from which the present one goes on
+        self._origin: RunState | None = None  # end from which the present run goes on
         self._solver: MainSolver = None
         self._solver_comes = self._outdated = False
         self._latest, self._goes_on = -math.inf, False
@@ -479,10 +460,11 @@ class Runs:
         contacts: list[ModelContact] = [*registered(mbs).contacts.values()]
         _log.debug("a run of %s contacts begins at %.6g s, %s", len(contacts), t, method)
         initial = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
-        earlier = [run for run in (self._now, self._origin) if run is not None]
+        last = None if self._now is None else self._now.state()
+        earlier = [end for end in (last, self._origin) if end is not None]
         if self._now is not None and self._now.has_steps:  # otherwise a run begins again before its first step
-            self._goes_on = any(run.ended_in(initial) for run in earlier)
-        same = next((run for run in earlier if run.ended_at(t, method, initial)), None)
+            self._goes_on = any(end.ended_in(initial) for end in earlier)
+        same = next((end for end in earlier if end.ended_at(t, method, initial)), None)
         if self._now is not None:
             self._now.release()
         self._now = ModelRun(mbs, contacts, t, method, joints, keep, same)
@@ -492,7 +474,7 @@ class Runs:
             self._now.of(contact).goes_on = self._goes_on
         resumed = same or self._now.resume(initial, earlier, t, goes_on=self._continues)
         # Later runs from the same initial state go on from the same run, also if its contacts remember nothing.
-        self._origin = next((run for run in earlier if run.has_steps and run.ended_in(initial)), resumed)
+        self._origin = next((end for end in earlier if end.has_steps and end.ended_in(initial)), resumed)
         return self._now
 
     @contextlib.contextmanager
@@ -535,8 +517,9 @@ class Runs:
         from the same run as before the block.
         """
         initial = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
-        known = (run for run in (self._now, self._origin) if run is not None)
-        origin = next((run for run in known if run.has_steps and run.ended_in(initial)), None)
+        last = None if self._now is None else self._now.state()
+        ends = (end for end in (last, self._origin) if end is not None)
+        origin = next((end for end in ends if end.has_steps and end.ended_in(initial)), None)
         self._continues = True
         try:
             yield
@@ -590,6 +573,11 @@ def runs_of(mbs: MainSystem) -> Runs:
     """The runs of a model."""
     runs: Runs = mbs.sys.setdefault(RUNS, Runs())
     return runs
+
+
+def _number(contact: ModelContact) -> int:
+    """Number by which a contact is known in its model: that of its sensor `sForce`."""
+    return int(contact["sForce"])
 
 
 def _place_of_values(mbs: MainSystem, contact: ModelContact) -> int | None:

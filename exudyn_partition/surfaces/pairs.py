@@ -11,7 +11,6 @@ import numpy as np
 from ..fe.edges import edge_middles
 from ..fe.shapes import QUADS, TABLES, shape_functions
 from ..support.arrays import Array
-from ..support.twins import Known, copied
 from . import loops
 from .points import ContactPoints
 from .projection import Projection, newton_step
@@ -121,15 +120,6 @@ class MovingPairs:
     def followed(self, points: ContactPoints, index: Array, *choice: Array) -> Followed:
         """What compiled loops need to follow the rows of some points; `choice` are its other fields."""
         return loops.followed(self.moving(points, index), *choice)
-
-    def twin(self, known: Known) -> MovingPairs:
-        """See `support.twins`; compiled loops have arrays of their own."""
-        self._keep()
-        result, points = copied(self, known), self._points
-        if points is not None:
-            result._points = None
-            result.moving(points, self._index)
-        return result
 
     def _keep(self) -> None:
         """Keep what is known of the points that compiled loops have followed."""

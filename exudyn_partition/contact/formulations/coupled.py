@@ -16,10 +16,10 @@ from ...algebra.products import dense
 from ...errors import ComplementarityError
 from ...support.arrays import Array, consecutive
 from .. import loops
-from ..between import SAME, Exchange, FlexibilityBetween, Link, RowFields
+from ..between import Exchange, FlexibilityBetween, Link, RowFields
 from ..frozen import FrozenContacts
 from ..patch_contact import PatchContact
-from ..side import Standing
+from ..stages import Standing
 from ..viscosity import lasting
 from .compliance import NormalCompliance
 
@@ -107,10 +107,7 @@ class Coupled:
         """
         if len(self.contacts) == 1:
             return [self.contacts[0].force(coordinates()[0])]
-        since = [contact.since for contact in self._remembering]
-        if since != self._since:
-            self._since = since
-            self._remember()
+        self._since = since = [contact.since for contact in self._remembering]
         more = [contact.gaps.carrier_pose for contact in self._carried]
         more += [np.atleast_1d(contact.opening) for contact in self._pressed]
         if self._viscous:
@@ -160,9 +157,6 @@ class Coupled:
         for contact, own, before in zip(self.contacts, moved, self._moved_before, strict=True):
             if contact.yielding is not None:
                 contact.yielding.across, contact.yielding.across_before = own, before
-
-    def _remember(self) -> None:
-        """Remember the present forces of contacts that have no memory: a new step begins after them."""
 
     def _find(self, gaps: list[Array]) -> None:
         """Find the forces of all contacts at gaps of their rows, (nr,) [m] each."""
@@ -431,7 +425,7 @@ class SharedPatches(CoupledContacts):
         moved = set()
         for j in near:
             standing, own, known = self.contacts[j].rows.standing(), self._laws[j].problem.F, self._stood.get(j)
-            if known and standing.nearly(known[0], SAME) and known[1] is own:  # known for the same rows
+            if known and standing.same(known[0]) and known[1] is own:  # known for the same rows
                 continue
             moved.add(j)
             self._stood[j] = standing, own

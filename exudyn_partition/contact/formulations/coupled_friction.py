@@ -36,6 +36,8 @@ class CoupledFriction(Coupled):
 
     def _begin(self) -> None:
         super()._begin()
+        for contact in self.contacts:
+            contact.told = True
         self._parts = [_Part(contact) for contact in self.contacts]
         self._problem: BlockFriction | None = None  # of the rows that can close
         self._made: list[int] = []  # `_rows_made` of the rows in the problem
@@ -68,11 +70,6 @@ class CoupledFriction(Coupled):
             return np.concatenate([part.gathered(forces[own]) for part, own in zip(parts, rows, strict=True)])
 
         return respond
-
-    def _remember(self) -> None:
-        """See `Coupled`."""
-        for part in self._parts:
-            part.remember()
 
     def _find(self, gaps: list[Array]) -> None:
         """See `Coupled`."""
@@ -285,16 +282,6 @@ class _Part:
     def __init__(self, contact: PatchContact) -> None:
         self.contact, self.closing = contact, ClosingRows(contact.rows)
         self._checked = False  # whether its flexibility is positive definite
-        self._normal = np.zeros(len(contact.node_areas))  # at the end of the last step, without friction
-
-    def remember(self) -> None:
-        """Remember the present normal forces as those at the end of the last accepted step.
-
-        A contact with friction has a memory of its own, and other rows than forces where a run resumes it.
-        """
-        if self.contact.friction is None:
-            self._normal[:] = 0.0
-            self._normal[self.contact.row_nodes] = self.contact.lam
 
     def spread(self, A: Array) -> Array:
         """A with three rows for each of the contact's, (3 k, m), from d rows, (d k, m)."""
@@ -317,7 +304,7 @@ class _Part:
         """Forces on rows at the end of the last accepted step, (nr, 3) [N]."""
         last = self.at.last
         if self.contact.rows.d == 1:
-            last[:, 0] = self._normal[self.contact.row_nodes]
+            last[:, :1] = self.contact.memory.forces[self.contact.row_nodes]
         return last
 
     def flexibility(self) -> tuple[Array, bool]:

@@ -31,7 +31,8 @@ class CoupledZones(Coupled):
         super()._begin()
         self._fields = RowFields([contact.rows for contact in self.contacts], self._exchange)
         self._frictional = any(contact.friction is not None for contact in self.contacts)
-        self._last = [np.zeros(len(contact.node_areas)) for contact in self.contacts]
+        for contact in self.contacts:
+            contact.told = True
 
     def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
         """See `Coupled`: d lambda = -D (dh + F_between d lambda)."""
@@ -39,13 +40,6 @@ class CoupledZones(Coupled):
         D = scipy.linalg.block_diag(*(contact.row_stiffness() for contact in self.contacts))
         K = np.linalg.solve(np.eye(len(D)) + D @ between(closed, own, self._fields, self._exchange_now), D)
         return lambda k, way: K[:, closed[k]] @ way
-
-    def _remember(self) -> None:
-        """See `Coupled`. Contacts with friction have a memory of their own, and other rows where a run resumes it."""
-        for contact, last in zip(self.contacts, self._last, strict=True):
-            if contact.friction is None:
-                last[:] = 0.0
-                last[contact.row_nodes] = contact.lam
 
     def _find(self, gaps: list[Array]) -> None:
         """See `Coupled`."""
@@ -62,7 +56,7 @@ class CoupledZones(Coupled):
     def _pushes(self, j: int) -> bool:
         """Whether forces of a contact, or those at the end of the last accepted step, move the rows of others."""
         contact = self.contacts[j]
-        return contact.index.size > 0 or bool(contact.memory.forces.any())
+        return contact.index.size > 0 or contact.memory.closed
 
     def _settle(self, gaps: list[Array], lasting: list[Array]) -> None:
         pushed_ever = [bool(lasting)] * len(self.contacts)  # contacts that nothing has pushed have their answer
@@ -103,7 +97,7 @@ class CoupledZones(Coupled):
         if contact.friction is not None:
             return contact.last
         last = np.zeros((len(contact.row_nodes), 3))
-        last[:, 0] = self._last[k][contact.row_nodes]
+        last[:, :1] = contact.memory.forces[contact.row_nodes]
         return last
 
     def _moved(self, j: int, k: int, forces: Array) -> Array:

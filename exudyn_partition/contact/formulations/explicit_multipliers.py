@@ -6,6 +6,7 @@ Theory: examples/site/theory.md, "Explicit steps".
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -64,6 +65,28 @@ class Multipliers(Law):
         return Multipliers()
 
 
+@dataclass(frozen=True, eq=False)
+class ForwardState:
+    """What multipliers of explicit steps remember besides their contact's state.
+
+    Parameters
+    ----------
+    jump : (np,) array
+        What is subtracted from the gaps since pairs were frozen no longer, at the slave's nodes [m].
+    fading : float
+        Its factor in a step.
+    frozen_steps : int
+        Steps for which the pairs have been frozen.
+    pose : (12,) array or None
+        Where the carrier of a rigid surface was at the last prediction.
+    """
+
+    jump: Array
+    fading: float
+    frozen_steps: int
+    pose: Array | None = None
+
+
 class ForwardRows:
     """The rows of a contact in explicit steps, and their places at the end of each step without contact forces.
 
@@ -99,6 +122,16 @@ class ForwardRows:
         self._last = self._open  # nodes of the rows in the last step, and the forces on them
         self._pose: Array | None = None
         self.take()
+
+    @property
+    def state(self) -> ForwardState:
+        """What is remembered after the multipliers of the coming step were found."""
+        return ForwardState(self._jump.copy(), self._fading, self._frozen_steps, self._pose)
+
+    def begin(self, state: ForwardState) -> None:
+        """Begin from a state; the contact has begun from its own."""
+        self._jump[:], self._fading = state.jump, state.fading
+        self._frozen_steps, self._pose = state.frozen_steps, state.pose
 
     def take(self) -> bool:
         """Compute G, `push` and F of the present rows; return whether the rows have changed."""
@@ -138,6 +171,7 @@ class ForwardRows:
 
     def _gaps(self, q: Array, to: Array) -> Array:
         """Gaps, (nr,) [m], at the coordinates `to`, (n,), to which q, (n,), leads without contact forces."""
+        self.contact.gaps.accept(self.contact.gaps.after())
         gaps, frozen, nodes = self.contact.gaps, self.contact.gaps.linear, self.contact.gaps.row_nodes
         self._check_last_step(q)  # it may find that the pairs have slid too far
         gap = gaps.at(to)
@@ -164,7 +198,7 @@ class ForwardRows:
         self._last = self._open
         if closed and self.rows.d > 1:
             n = len(self.contact.forces)
-            self.contact.remember(np.zeros((n, 2)), np.zeros(n), 0.0)
+            self.contact.remember(self.contact.slid_memory(np.zeros((n, 2)), np.zeros(n), 0.0))
 
     def act(self, forces: Forces, places: Array, scale: float) -> None:
         """Apply forces to the rows in the coming step.
@@ -186,7 +220,7 @@ class ForwardRows:
             if contact.index.size:
                 before = self._free - self._step**2 * np.asarray(self.G @ self._q_tt).reshape(-1, 3)[:, 1:]
                 taken = -0.5 * float(np.sum(forces.on_rows[:, 1:] * (before + slips)))
-            contact.remember(slips, np.linalg.norm(slips, axis=1) / self._step, taken)
+            contact.remember(contact.slid_memory(slips, np.linalg.norm(slips, axis=1) / self._step, taken))
 
     def _check_last_step(self, q: Array) -> None:
         """Raise unless the last step moved the gaps as central differences with these multipliers do.

@@ -6,6 +6,7 @@ Theory: examples/site/theory.md, "Implicit steps".
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,7 +20,7 @@ from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
 from ..law import Forces, Motion, Places
-from ..memory import by_nodes, on_rows
+from ..memory import FrictionMemory, by_nodes, on_rows
 from ..patch_contact import PatchContact
 from ..side import Side
 from ..step_mean import TRAPEZOIDAL, GeneralizedAlpha, StepMean
@@ -32,6 +33,31 @@ _ASTRAY = 0.1  # relative error of motion predicted by F above which F is correc
 _FINE = 1e-2  # of the largest force: smaller changes do not correct F
 _CURVATURE = 1e-3  # of the motion that F predicts: with less motion, F is not corrected
 _STEPS_KEPT = 8  # step sizes whose flexibility is kept, for adaptive steps
+
+
+@dataclass(frozen=True, eq=False)
+class ImpulseState:
+    """What multipliers of implicit steps remember of the last accepted step.
+
+    Parameters
+    ----------
+    mean : StepMean
+        Of generalised forces, with a carrier also of its force and moment.
+    given : (np, k) array
+        Forces on the rows, stored for the slave's nodes as in `FrictionMemory` [N].
+    rates : (np, 3) array
+        Slip rates in the axes of the tangents [m/s]; NaN where they are not known.
+    impulse : (7,) array
+        Impulses so far, see `StepImpulses.impulse`.
+    end : tuple of (n,) array
+        Coordinates, and velocities; empty before the first step.
+    """
+
+    mean: StepMean
+    given: Array
+    rates: Array
+    impulse: Array
+    end: tuple[Array, ...] = ()
 
 
 class StepImpulses:
@@ -74,7 +100,7 @@ class StepImpulses:
     """
 
     _given: Array
-    _accepted: Array
+    state: ImpulseState
 
     def __init__(self, contact: PatchContact) -> None:
         self.contact, self.rows, self.gaps = contact, contact.rows, contact.gaps
@@ -86,27 +112,25 @@ class StepImpulses:
         self._evaluations, self._settled = 0, False  # evaluations in this attempt; whether pairs were found again
         self._cautious = False  # whether pairs must not be found again
         self._end: tuple[Array, Array] | None = None  # coordinates and velocities at the last evaluation
-        self._start: tuple[Array, Array] | None = None  # the same at the end of the last step
+        self._weights: GeneralizedAlpha | None = None  # of the last evaluation
         self._before: tuple[Array, Array] | None = None  # w and forces at the evaluation before, in Newton's iteration
-        self._mean = StepMean(self.gaps.n + (6 if self.gaps.carried else 0))
-        self._pushed = self._applied = np.zeros(len(self._mean.lasting))
+        mean = StepMean.none(self.gaps.n + (6 if self.gaps.carried else 0))
+        self._pushed = self._applied = mean.force
         self._flexibilities: dict[tuple[float, GeneralizedAlpha], list[Array]] = {}
         self._flexible: tuple[float, GeneralizedAlpha] | None = None  # step and weights that F belongs to
         self._base: Array | None = None  # F before its corrections
         self._learned = False
         self._given = np.zeros((n, 4 if self._tangential else 1))  # forces at the last evaluation, at the slave's nodes
-        self._accepted = self._given.copy()  # the same at the end of the last step
+        self.state = ImpulseState(mean, self._given.copy(), np.full((n, 3), np.nan), np.zeros(7))
         self._open = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int8)
         self._last = self._open  # nodes of the rows in the last answer, and whether they were open, stuck or slipped
-        self._impulse = np.zeros(7)  # up to the start of the step
         self._problem: RowProblem | None = None
-        self._rates_then = np.full((n, 3), np.nan)  # slip rates at the end of the last step, in the tangents' axes
         self._rates: Array | None = None
 
     @property
     def impulse(self) -> Array:
         """Impulses so far, (7,) [N s]: of normal forces, sum and vector on the slave, and of tangential forces."""
-        return self._impulse + self._impulse_in_step()
+        return self.state.impulse + self._impulse_in_step()
 
     def _impulse_in_step(self) -> Array:
         contact = self.contact
@@ -146,12 +170,11 @@ class StepImpulses:
             return np.zeros(self.gaps.n)
         state = np.concatenate([q, q_t, self.gaps.carrier_pose, self.gaps.carrier_motion])
         if self._at is None or self._at[0] != step or not np.array_equal(self._at[1], state):
-            self._at = step, state
-            self._mean.begin(weights)
+            self._at, self._weights = (step, state), weights
             self._find(q, q_t, step, weights)
             self._end = q, q_t
             self._pushed = self._pushes()
-            self._applied = self._mean.applied(self._pushed)
+            self._applied = self.state.mean.applied(weights, self._pushed)
         return self._applied[: self.gaps.n]
 
     def _find(self, q: Array, q_t: Array, step: float, weights: GeneralizedAlpha) -> None:
@@ -206,9 +229,9 @@ class StepImpulses:
 
         Predicted deformations would amplify vibrations that the steps do not resolve.
         """
-        if self._start is None:
+        if not self.state.end:
             return ahead
-        q, q_t = self._start
+        q, q_t = self.state.end
         return self.gaps.moved(q, (1 + _AHEAD) * step * self.gaps.rigid_part(q_t))
 
     def _linear(self, place: Array) -> tuple[Array, Array, Rows]:
@@ -253,7 +276,7 @@ class StepImpulses:
             forces = Forces(last, np.flatnonzero(closed), state)
         contact.take(forces)
         nodes = self.gaps.row_nodes
-        self._last = nodes, contact.state
+        self._last = nodes, contact.status
         if self._tangential is not None:
             self._given = by_nodes(self._tangential, contact.lam, contact.traction, len(self._given))
         else:
@@ -296,30 +319,47 @@ class StepImpulses:
         force, moment = self._applied[-6:-3], self._applied[-3:]
         return np.concatenate([force, moment - np.cross(point, force)])
 
-    def commit(self, start: float) -> None:
-        """Begin a new step at time `start` [s]; keep the results of the last one."""
-        if self._tangential is not None and self._at is not None:
-            self._remember(self._tangential)
-        self._mean.end(self._pushed)
-        self._impulse = self.impulse
-        self._start = self._end
-        self._accepted = self._given.copy()
-        self.rollback()
+    # State.
+
+    def begin(self, state: ImpulseState) -> None:
+        """Begin from a state; the contact has begun from its own."""
+        self.state, self._applied = state, state.mean.force
+        self._try()
+
+    def after(self) -> tuple[ImpulseState, FrictionMemory]:
+        """State after a step that ends with the last answer, and what rows remember then."""
+        state, contact = self.state, self.contact
+        if self._at is None:
+            return state, contact.memory
+        rates, memory, mean = state.rates, contact.memory.with_forces(self._given.copy()), state.mean
+        if (rows := self._tangential) is not None:
+            now, nodes = self._rates, self.gaps.row_nodes
+            length = np.zeros(len(nodes)) if now is None else np.linalg.norm(now, axis=1)
+            memory = contact.slid_memory(self._way(), length, self._taken_in_step())
+            rates = np.full_like(rates, np.nan)
+            if now is not None:
+                rates[nodes] = rows.in_space(now) @ rows.axes
+        if self._weights is not None:
+            mean = mean.after(self._weights, self._pushed)
+        return ImpulseState(mean, self._given.copy(), rates, self.impulse, self._end or ()), memory
+
+    def accept(self, start: float) -> None:
+        """Begin a step at time `start` [s]. The step before ended there, with the last answer."""
+        self.state, memory = self.after()
+        self.contact.remember(memory)
+        self.gaps.accept(self.gaps.after())
+        self._try()
         self._cautious = False
 
-    def _remember(self, rows: TangentialRows) -> None:
-        """Remember the forces and slip rates at the end of the last step."""
-        rates, nodes = self._rates, self.gaps.row_nodes
-        length = np.zeros(len(nodes)) if rates is None else np.linalg.norm(rates, axis=1)
-        self.contact.remember(self._way(), length, self._taken_in_step())
-        self._rates_then[:] = np.nan
-        if rates is not None:
-            self._rates_then[nodes] = rows.in_space(rates) @ rows.axes
+    def retry(self) -> None:
+        """Begin the step again, from the state that was accepted last."""
+        self.gaps.retry()
+        self._try()
 
-    def rollback(self) -> None:
-        """Forget everything since the last `commit`: the step is repeated with another length."""
-        self._given = self._accepted.copy()
-        self._at = self._first = self._before = self._line = self._rates = None
+    def _try(self) -> None:
+        """Begin a try of a step."""
+        self._given = self.state.given.copy()
+        self._at = self._first = self._before = self._line = self._rates = self._end = self._weights = None
         self._settled, self._cautious = False, True
 
     def _way(self) -> Array:
@@ -327,9 +367,9 @@ class StepImpulses:
         rows = self._tangential
         if rows is None or self._rates is None or self._at is None:
             return np.zeros((len(self.gaps.row_nodes), 2))
-        then = self._rates_then[self.gaps.row_nodes]
+        then = self.state.rates[self.gaps.row_nodes]
         before = rows.along(then @ rows.axes.T)
-        before = np.where(np.isnan(then).any(axis=1)[:, None], self._rates, before)  # rows that are new in this step
+        before = np.where(np.isnan(then[:, :1]), self._rates, before)  # rows that are new in this step
         return 0.5 * self._at[0] * (before + self._rates)
 
     def _taken_in_step(self) -> float:

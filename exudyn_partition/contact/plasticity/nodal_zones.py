@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,40 +22,61 @@ if TYPE_CHECKING:
     from typing import Self
 
 
+@dataclass(frozen=True, eq=False)
+class NodalState:
+    """What a plastic zone remembers of the last accepted step, if its nodes are coordinates.
+
+    Parameters
+    ----------
+    plastic : PlasticState
+    total : (g, 6) array
+        Strain, elastic and plastic.
+    work : float
+        Plastic work since the start of the run [J].
+    """
+
+    plastic: PlasticState
+    total: Array
+    work: float = 0.0
+
+
 class NodalZone:
-    """State of one zone in a run, see `yielding_patches.Zone`. Strains follow from the body's coordinates.
+    """One zone in a run, see `yielding_patches.Zone`. Strains follow from the body's coordinates.
 
     Attributes
     ----------
+    state : NodalState
+        At the end of the last accepted step.
     generalised : (n,) array
         Forces on the last coordinates of the body from the present pseudo-forces [N].
     """
 
     def __init__(self, motion: ZoneMotion) -> None:
         self.motion, self.zone = motion, motion.zone
-        self.enter(motion.start)
+        self.begin(NodalState(motion.start, np.zeros_like(motion.start.strain)))
 
     def fresh(self) -> Self:
         """Return the same zone in its start state, for another run."""
         result = copy.copy(self)
-        result.enter(self.motion.start)
+        result.begin(NodalState(self.motion.start, np.zeros_like(self.motion.start.strain)))
         return result
 
-    def enter(self, state: PlasticState) -> None:
-        """Take a state as the end of an accepted step."""
-        self.committed, self._flows = state, False
-        self._strain = self._committed_strain = np.zeros_like(state.strain)
+    def begin(self, state: NodalState) -> None:
+        """Begin from a state."""
+        self.state, self._flows, self._strain, self.work = state, False, state.total, state.work
         self._displacement = np.zeros(3 * len(self.zone.nodes))
-        self.work = self._committed_work = 0.0
-        self._take(state)
+        self._take(state.plastic)
 
-    def resume(self, last: Self) -> None:
-        """Start from the present state of an earlier run."""
-        self.enter(last.present)
+    def after(self) -> NodalState:
+        """State after a step that ends at the last coordinates."""
+        return NodalState(self.present, self._strain, self.work)
 
-    def count_on(self, work: float) -> None:
-        """Count plastic work from what an earlier run has come to [J]."""
-        self.work = self._committed_work = work
+    def accept(self, state: NodalState) -> None:
+        """Accept the step whose end this state is, see `after`."""
+        self.state, self._flows = state, False
+
+    def retry(self) -> None:
+        """Begin the step again: each evaluation starts from the last accepted state."""
 
     def _take(self, state: PlasticState) -> None:
         self.present = state
@@ -63,21 +85,16 @@ class NodalZone:
 
     def move(self, q: Array) -> None:
         """Find the state at coordinates q, (n,), of the body, by radial return from the last accepted step."""
-        rows, before = self.motion.kinematics.rows, (self.committed, self._committed_strain)
+        rows, before = self.motion.kinematics.rows, (self.state.plastic, self.state.total)
         self._displacement = np.asarray(rows @ q[len(q) - rows.shape[1] :])
         self._strain = self.zone.strains(self._displacement)
-        state = self.zone.flow.answer(self._strain, self.committed)
-        flowed, self._flows = self._flows, state is not self.committed
+        state = self.zone.flow.answer(self._strain, self.state.plastic)
+        flowed, self._flows = self._flows, state is not self.state.plastic
         if flowed or self._flows:
             self._take(state)
-        self.work = self._committed_work
+        self.work = self.state.work
         if self._flows:
             self.work += self.zone.work(before, (state, self._strain))
-
-    def commit(self) -> None:
-        """Accept the present state."""
-        self.committed, self._committed_strain, self._committed_work = self.present, self._strain, self.work
-        self._flows = False
 
     def stored(self) -> float:
         """Elastic energy that plastic strain adds to that of the body's coordinates [J]."""

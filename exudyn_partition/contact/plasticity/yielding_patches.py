@@ -15,11 +15,10 @@ from ...errors import ComplementarityError
 from ...plasticity.flow import PlasticState
 from ...plasticity.zone import PlasticZone
 from ...support.arrays import Array
-from ...support.twins import Known, copied, twin
-from .zone_run import ZoneMotion, ZoneRun
+from .zone_run import ZoneMotion, ZoneRun, ZoneState
 
 if TYPE_CHECKING:
-    from typing import Self
+    from .nodal_zones import NodalState
 
 _SETTLED = 1e-4  # what the pseudo-forces lack, relative
 # Plastic strain may be far larger than elastic strain. So what it lacks is also at most this share of elastic strain,
@@ -37,29 +36,31 @@ class Zone(Protocol):
     ----------
     motion : ZoneMotion
     zone : PlasticZone
-    committed, present : PlasticState
-        States at the end of the last accepted step, and now.
+    state : ZoneState or NodalState
+        At the end of the last accepted step.
+    present : PlasticState
+        Of the last answer.
     work : float
         Plastic work since the start of the run [J].
     """
 
     motion: ZoneMotion
     zone: PlasticZone
-    committed: PlasticState
+    state: Any
     present: PlasticState
     work: float
 
-    def enter(self, state: PlasticState) -> None:
-        """Take a state as the end of an accepted step."""
+    def begin(self, state: Any) -> None:
+        """Begin from a state."""
 
-    def resume(self, last: Self) -> None:
-        """Start from the present state of an earlier run."""
+    def after(self) -> Any:
+        """State after a step that ends with the last answer."""
 
-    def count_on(self, work: float) -> None:
-        """Count plastic work from what an earlier run has come to [J]."""
+    def accept(self, state: Any) -> None:
+        """Accept the step whose end this state is."""
 
-    def commit(self) -> None:
-        """Accept the present state."""
+    def retry(self) -> None:
+        """Begin the step again, from the state that was accepted last."""
 
     def stored(self) -> float:
         """Elastic energy that plastic strain adds [J]."""
@@ -104,11 +105,27 @@ class Zones:
         """Generalised forces, (n,), of rows and zones; `contact`, (n,), are those of the rows."""
         return contact
 
-    def commit(self) -> None:
-        """Accept the present states."""
+    # State.
+
+    def after(self) -> tuple[ZoneState | NodalState, ...]:
+        """States of the zones after a step that ends with the last answer."""
+        return tuple(zone.after() for _, zone in self.zones)
+
+    def accept(self, states: Sequence[ZoneState | NodalState]) -> None:
+        """Accept the step whose end these states are; it is refused if they are no solution, see `check`."""
         self.check()
+        for (_, zone), state in zip(self.zones, states, strict=True):
+            zone.accept(state)
+
+    def retry(self) -> None:
+        """Begin the step again, from the states that were accepted last."""
         for _, zone in self.zones:
-            zone.commit()
+            zone.retry()
+
+    def begin(self, states: Sequence[ZoneState | NodalState]) -> None:
+        """Begin from these states."""
+        for (_, zone), state in zip(self.zones, states, strict=True):
+            zone.begin(state)
 
     def stored(self) -> float:
         """Elastic energy that plastic strain adds [J]."""
@@ -124,17 +141,7 @@ class Zones:
 
     def flowing(self) -> int:
         """Number of points that flow in the present step."""
-        return sum(int(np.count_nonzero(z.present.equivalent > z.committed.equivalent)) for _, z in self.zones)
-
-    def resume(self, earlier: Zones) -> None:
-        """Start from the present states of an earlier run."""
-        for (_, zone), (_, last) in zip(self.zones, earlier.zones, strict=True):
-            zone.resume(last)
-
-    def count_on(self, end: Zones) -> None:
-        """Count plastic work from what another run has come to at its end."""
-        for (_, zone), (_, last) in zip(self.zones, end.zones, strict=True):
-            zone.count_on(last.work)
+        return sum(int(np.count_nonzero(z.present.equivalent > z.state.plastic.equivalent)) for _, z in self.zones)
 
 
 class YieldingPatches(Zones):
@@ -184,12 +191,6 @@ class YieldingPatches(Zones):
     def contact(self) -> Any:
         """The contact."""
         return self._contact()
-
-    def twin(self, known: Known) -> YieldingPatches:
-        """See `support.twins`."""
-        result = copied(self, known)
-        result._contact = weakref.ref(twin(self.contact, known))
-        return result
 
     def for_run(self, contact: Any, method: str) -> YieldingPatches:
         """See `Zones`."""
@@ -272,7 +273,7 @@ class YieldingPatches(Zones):
         """Elastic strain divided by plastic strain, where a zone has flowed most; the least of all zones."""
         least = math.inf
         for _, zone in self.zones:
-            flow, most = zone.zone.flow, zone.committed.equivalent.max()
+            flow, most = zone.zone.flow, zone.state.plastic.equivalent.max()
             if most > 0.0:
                 least = min(least, float(flow.flow_stress(most) / (3 * flow.shear_modulus * most)))
         return least

@@ -8,7 +8,7 @@ from __future__ import annotations
 import copy
 import operator
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -210,8 +210,9 @@ class _Active:
         return np.asarray(self._rows.T @ change)
 
 
-class _Applied(NamedTuple):
-    """Pseudo-forces that a state has applied, and what they do.
+@dataclass(frozen=True, eq=False)
+class Applied:
+    """Pseudo-forces that a plastic zone has applied, and what they do.
 
     Parameters
     ----------
@@ -235,12 +236,51 @@ class _Applied(NamedTuple):
     energy: float
 
 
-class _Guess(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Change:
     """A change of the pseudo-forces, (3 nz,) [N], and how far it moves the nodes, (3 nz,), and the patch, (r,) [m]."""
 
     change: Array
     moved: Array
     moved_patch: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ZoneState:
+    """What a plastic zone remembers of the last accepted step.
+
+    Parameters
+    ----------
+    plastic : PlasticState
+    applied : Applied
+    change : Change
+        What the step has added to it: the first guess for the next step.
+    q : (n,) array
+        Last coordinates of the body, with which the zone moves.
+    by_patch : (r,) array
+        Forces on the rows of the patch [N].
+    work : float
+        Plastic work since the start of the run [J].
+    active : (g,) bool array
+        Points that may flow in the next step.
+    goes_on : bool
+        Whether points flowed in the step, and the next one begins with the active points.
+    strain : (k, 6) array or None
+        Strains of the active points, if they flowed.
+    excess : (g,) array or None
+        Stress beyond the flow stress [Pa], if points flowed.
+    """
+
+    plastic: PlasticState
+    applied: Applied
+    change: Change
+    q: Array
+    by_patch: Array
+    work: float
+    active: Array
+    goes_on: bool = False
+    strain: Array | None = None
+    excess: Array | None = None
 
 
 class _Pushed(NamedTuple):
@@ -268,15 +308,17 @@ class _Pushed(NamedTuple):
 class ZoneRun:
     """State of a plastic zone in a run.
 
-    `committed` is the state at the end of the last accepted step. `present` is the state of the step that is being
-    computed. Each evaluation starts again from `committed`. A step finds only the change of the pseudo-forces, on the
-    nodes of points that may flow in it. The pseudo-forces of earlier steps move the zone by a constant. The last guess
-    of a step is what has moved the zone; what it lacks of the forces that it led to is left for the next step.
+    `state` is that of the last accepted step. `present` is what plastic flow leaves in the step that is being computed.
+    Each evaluation starts again from `state`. A step finds only the change of the pseudo-forces, on the nodes of points
+    that may flow in it. The pseudo-forces of earlier steps move the zone by a constant. The last guess of a step is
+    what has moved the zone; what it lacks of the forces that it led to is left for the next step.
 
     Attributes
     ----------
     zone : PlasticZone
-    committed, present : PlasticState
+    state : ZoneState
+        At the end of the last accepted step.
+    present : PlasticState
     flows : bool
         Whether points flow in the present state.
     goes_on : bool
@@ -287,9 +329,9 @@ class ZoneRun:
         Plastic work since the start of the run [J].
     """
 
-    _now: _Applied
-    _last: _Applied  # at the end of the last accepted step
-    _first: _Guess  # of the present step
+    state: ZoneState
+    _now: Applied
+    _first: Change  # first guess of the present step
     _pushed: _Pushed
     _pushes: deque[_Pushed]  # of the present step, the last ones
     _begin: tuple[Array, PlasticState] | None  # of active points: without the changes of this step
@@ -297,7 +339,6 @@ class ZoneRun:
     _found: tuple[PlasticState, Array, Array]  # with strains, and what the pushed change has led to
     _flows_on = False  # whether the step after the present state has the same active points, or more
     _excess_found: Array  # of all points, in the present state
-    _excess_before: Array | None  # at the end of the last accepted step, if points flowed in it
 
     def __init__(self, motion: ZoneMotion) -> None:
         assert motion.flexibility is not None
@@ -332,67 +373,71 @@ class ZoneRun:
 
     def reset(self) -> None:
         """Go back to the start."""
-        self.work = self._committed_work = 0.0
-        self.enter(self.motion.start)
-
-    def resume(self, last: Self) -> None:
-        """Start from the present state of an earlier run, and from the pseudo-forces that its last step has applied."""
-        self.enter(last.present, last._now.p)
-
-    def count_on(self, work: float) -> None:
-        """Count plastic work from what an earlier run has come to [J]."""
-        self.work = self._committed_work = work
-
-    def enter(self, state: PlasticState, applied: Array | None = None) -> None:
-        """Take a state as the end of an accepted step, which has applied some pseudo-forces, (3 nz,) [N]; else all."""
-        self.committed = self.present = state
-        self.flows = False
-        self._choose(np.zeros(len(self.zone), dtype=bool))
-        self._at = self._committed_at = np.zeros(len(self._by_q)), np.zeros(len(self._by_force))
-        self._margin, self._margin_at, self.goes_on = -np.inf, self._at, False
-        self._excess_before = None
-        whole = self.zone.pseudo_forces(state.strain)
-        p = whole if applied is None else applied
+        plastic, none = self.motion.start, np.zeros(len(self.zone), dtype=bool)
+        p = self.zone.pseudo_forces(plastic.strain)
         moved = self.flexibility.own @ p if p.any() else np.zeros(len(p))
-        generalised = np.asarray(self.motion.kinematics.rows.T @ whole)
-        self._now = self._with_energy(_Applied(p, whole - p, moved, p @ self.flexibility.of_patch, generalised, 0.0))
-        self.moved_patch, self._strain = self._now.moved_patch, None
-        self._hold(self._now)
+        generalised = np.asarray(self.motion.kinematics.rows.T @ p)
+        applied = Applied(p, np.zeros(len(p)), moved, p @ self.flexibility.of_patch, generalised, 0.0)
+        nothing = _no_change(applied)
+        at = np.zeros(len(self._by_q)), np.zeros(len(self._by_force))
+        self.begin(ZoneState(plastic, self._with_energy(applied, plastic), nothing, *at, 0.0, none))
 
-    def _with_energy(self, now: _Applied) -> _Applied:
-        energy = self.zone.own_energy(self.present) - float((0.5 * now.p + now.left) @ now.moved)
-        return now._replace(energy=energy)
+    def begin(self, state: ZoneState) -> None:
+        """Begin from a state."""
+        self.flows = False
+        self._choose(state.active)
+        self._at = self._margin_at = state.q, state.by_patch
+        self._margin = -np.inf
+        self.accept(state)
+        self.back()
 
-    def _hold(self, last: _Applied) -> None:
-        """Take the present state as committed; what it has added to the last one is the first guess for the next."""
-        self._last, self._begin = self._now, None
-        self._first = self._beyond(last)
+    def after(self) -> ZoneState:
+        """State after a step that ends with the last answer."""
+        state, active = self.state, self._chosen
+        if not self.flows:
+            change = self._first
+            goes_on = state.goes_on and not change.change.any()
+            if change.change.any():
+                change = _no_change(self._now)
+            return ZoneState(state.plastic, self._now, change, *self._at, self.work, active, goes_on)
+        if state.excess is not None and self._flows_on:
+            active = self._grown(2 * self._excess_found - state.excess)
+        strain = self._found[1] if active is self._chosen else None  # of active points
+        change = self._beyond(state.applied)
+        found = self.present, self._now, change, *self._at, self.work, active
+        return ZoneState(*found, self._flows_on, strain, self._excess_found)
 
-    def _beyond(self, last: _Applied) -> _Guess:
+    def accept(self, state: ZoneState) -> None:
+        """Accept the step whose end this state is, see `after`."""
+        if self.flows:
+            self._margin = -np.inf
+        self.state, self.flows = state, False
+        self.retry()
+
+    def retry(self) -> None:
+        """Begin the step again, from the state that was accepted last."""
+        if self.state.active is not self._chosen:
+            self._choose(self.state.active)
+        self._first, self._strain, self._begin = self.state.change, self.state.strain, None
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether points flowed in the last accepted step, and the next one begins with the same points or more."""
+        return self.state.goes_on
+
+    def _with_energy(self, now: Applied, plastic: PlasticState) -> Applied:
+        energy = self.zone.own_energy(plastic) - float((0.5 * now.p + now.left) @ now.moved)
+        return replace(now, energy=energy)
+
+    def _beyond(self, last: Applied) -> Change:
         """What the present state has applied since the last one."""
         now = self._now
-        return _Guess(now.p - last.p, now.moved - last.moved, now.moved_patch - last.moved_patch)
-
-    def commit(self) -> None:
-        """Accept the present state."""
-        if self.flows:
-            self.committed, self.flows, self._strain = self.present, False, self._found[1]
-            self._hold(self._last)
-            self._margin, self.goes_on = -np.inf, self._flows_on
-            if self._excess_before is not None and self.goes_on:
-                self._grow(2 * self._excess_found - self._excess_before)
-            self._excess_before = self._excess_found
-        else:
-            self._strain = self._excess_before = None
-            if self._first.change.any():
-                self._first = _Guess(*(np.zeros(len(one)) for one in self._first))
-                self.goes_on = False
-        self._committed_at, self._committed_work = self._at, self.work
+        return Change(now.p - last.p, now.moved - last.moved, now.moved_patch - last.moved_patch)
 
     def back(self) -> None:
-        """Return to the committed state."""
-        self.present, self.flows, self.work = self.committed, False, self._committed_work
-        self._now, self.moved_patch = self._last, self._last.moved_patch
+        """Return to the state that was accepted last."""
+        self.present, self.flows, self.work = self.state.plastic, False, self.state.work
+        self._now, self.moved_patch = self.state.applied, self.state.applied.moved_patch
 
     @property
     def generalised(self) -> Array:
@@ -402,7 +447,7 @@ class ZoneRun:
     @property
     def moved_patch_before(self) -> Array:
         """Displacements of the patch's rows, (r,) [m], due to the pseudo-forces of earlier steps."""
-        return self._last.moved_patch
+        return self.state.applied.moved_patch
 
     @property
     def guess(self) -> Array:
@@ -412,7 +457,7 @@ class ZoneRun:
 
     def size(self, change: Array) -> float:
         """Norm of the pseudo-forces [N] after a change on the active nodes, (m,) [N]."""
-        p = self._last.p.copy()
+        p = self.state.applied.p.copy()
         p[self._active.dofs] += change
         return float(np.linalg.norm(p))
 
@@ -440,7 +485,7 @@ class ZoneRun:
         return self._pushed.change
 
     def _take(self, pushed: _Pushed) -> None:
-        self._pushed, self.moved_patch = pushed, self._last.moved_patch + pushed.moved_patch
+        self._pushed, self.moved_patch = pushed, self.state.applied.moved_patch + pushed.moved_patch
 
     def move(self, q: Array) -> None:
         """Take coordinates of the body, (n,), as the present ones."""
@@ -457,7 +502,7 @@ class ZoneRun:
 
     def look(self) -> bool:
         """Whether points begin to flow at the present coordinates and forces, with the committed state."""
-        excess = self._excess(self.committed, self._now.moved)
+        excess = self._excess(self.state.plastic, self._now.moved)
         if excess.max() <= 0:
             self._margin, self._margin_at = -float(excess.max()), self._at
             return False
@@ -472,14 +517,14 @@ class ZoneRun:
         self._at, active = (self._at[0], force), self._active
         state, strain, led_to = active.part.answer(moved + active.by_patch(force) + self._pushed.moved, before)
         self._found = state, strain, led_to
-        found: Array = led_to + self._last.left[active.dofs]
+        found: Array = led_to + self.state.applied.left[active.dofs]
         return found
 
     def _beginning(self) -> tuple[Array, PlasticState]:
         """Displacements of active nodes without patch forces and flow in this step, (m,) [m], and committed state."""
         if self._begin is None:
             active = self._active
-            self._begin = active.moved(self._at[0], self._last.moved), self.committed.at(active.points)
+            self._begin = active.moved(self._at[0], self.state.applied.moved), self.state.plastic.at(active.points)
         return self._begin
 
     def finish(self) -> bool:
@@ -488,8 +533,8 @@ class ZoneRun:
         If another point flows, it becomes active, and the answer must be found again.
         """
         active, (state, strain, led_to), before = self._active, self._found, self._beginning()[1]
-        pushed, last = self._pushed, self._last
-        self.present, self.flows = self.committed.changed(active.points, state), True
+        pushed, last = self._pushed, self.state.applied
+        self.present, self.flows = self.state.plastic.changed(active.points, state), True
         p, left = last.p.copy(), last.left.copy()
         p[active.dofs] += pushed.change
         left[active.dofs] += led_to - pushed.change
@@ -497,34 +542,41 @@ class ZoneRun:
         if pushed.answered.any():
             moved += active.spread(pushed.answered)
         generalised = last.generalised + active.generalised(led_to)
-        self._now = _Applied(p, left, moved, self.moved_patch, generalised, 0.0)
+        self._now = Applied(p, left, moved, self.moved_patch, generalised, 0.0)
         self._excess_found = self._excess(self.present, moved)
         if self._grow(self._excess_found):
             self._first = self._beyond(last)
             return False
-        self._now = self._with_energy(self._now)
+        self._now = self._with_energy(self._now, self.present)
         flow = int(np.count_nonzero(state.equivalent > before.equivalent))
         self._flows_on = flow > 0 and len(active.points) <= _SPARE * (flow + _FEW)
         work = active.part.work((before, self._committed_strain(before)), (state, strain))
-        self.work = self._committed_work + work
+        self.work = self.state.work + work
         return True
 
     def _committed_strain(self, before: PlasticState) -> Array:
         """Deviatoric strains of the active points, (k, 6), at the end of the last accepted step, in state `before`."""
         if self._strain is None:
-            active, (q, by_patch) = self._active, self._committed_at
-            moved = active.moved(q, self._last.moved) + active.by_patch(by_patch)
+            active, state = self._active, self.state
+            moved = active.moved(state.q, state.applied.moved) + active.by_patch(state.by_patch)
             self._strain = active.part.answer(moved, before)[1]  # nothing flows; so this gives the strains quickly
         return self._strain
 
     def _grow(self, excess: Array) -> bool:
         """Make other points that flow active, and those near them, by stresses beyond the flow stress, (g,) [Pa]."""
+        grown = self._grown(excess)
+        if grown is self._chosen:
+            return False
+        self._choose(grown)
+        return True
+
+    def _grown(self, excess: Array) -> Array:
+        """The active points, (g,) bool, and others that flow, and those near them; the same array if there are none."""
         excess = np.where(self._chosen, -np.inf, excess)
         if excess.max() <= 0:
-            return False
+            return self._chosen
         flow = int(np.count_nonzero(excess > 0)) + len(self._active.points) // 2
-        self._choose(self._chosen | self._near(excess, flow))
-        return True
+        return np.asarray(self._chosen | self._near(excess, flow))
 
     def _excess(self, state: PlasticState, by_flow: Array) -> Array:
         """Von Mises stress beyond the flow stress, (g,) [Pa], where pseudo-forces have moved the nodes, (3 nz,) [m]."""
@@ -546,3 +598,7 @@ class ZoneRun:
     def stored(self) -> float:
         """Elastic energy that plastic strain adds to the energy of the patch forces [J]."""
         return self._now.energy - float(self.generalised @ self._at[0])
+
+
+def _no_change(applied: Applied) -> Change:
+    return Change(*(np.zeros(len(one)) for one in (applied.p, applied.moved, applied.moved_patch)))

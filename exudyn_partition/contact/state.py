@@ -1,0 +1,61 @@
+"""What a contact remembers between two steps, as one value of arrays.
+
+A contact that begins from such a value gives the next force as the one whose state it is, whatever else both have kept.
+Runs begin, repeat steps, go on, are saved and are loaded by it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .gaps import GapState
+from .memory import FrictionMemory
+from .viscosity import ViscousMemory
+
+if TYPE_CHECKING:
+    from .plasticity.nodal_zones import NodalState
+    from .plasticity.zone_run import ZoneState
+
+
+@dataclass(frozen=True, eq=False)
+class ContactState:
+    """State of a contact at the end of an accepted step.
+
+    Parameters
+    ----------
+    gaps : GapState
+    memory : FrictionMemory
+        Forces on the rows, and with friction their slip.
+    creep : ViscousMemory
+    zones : tuple of ZoneState or NodalState
+        Plastic zones beneath the patches.
+    opening : float
+        How much of an overlap that is meant is still open [m].
+    stored : float
+        Energy that the contact stores [J].
+    least_gap : float
+        Smallest gap of the rows [m].
+    """
+
+    gaps: GapState
+    memory: FrictionMemory
+    creep: ViscousMemory
+    zones: Sequence[ZoneState | NodalState] = ()
+    opening: float = 0.0
+    stored: float = 0.0
+    least_gap: float = np.inf
+
+    def at_rest(self) -> ContactState:
+        """Return the state for a run after statics, which know no speed of slip."""
+        still = np.zeros(len(self.memory.path))
+        return replace(self, memory=replace(self.memory, slipped=still.astype(bool), speed=still))
+
+    def without_energies(self) -> ContactState:
+        """Return the state for a run that counts energies taken, and slip, from zero."""
+        memory = replace(FrictionMemory.none(*self.memory.forces.shape), forces=self.memory.forces)
+        zones = [replace(zone, work=0.0) for zone in self.zones]
+        return replace(self, memory=memory, creep=replace(self.creep, dissipated=0.0), zones=tuple(zones))

@@ -1,0 +1,148 @@
+"""State of a run between two steps, as one value: runs begin from it, go on from it, and are saved with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..contact.formulations.explicit_multipliers import ForwardState
+from ..contact.formulations.formulation import Method
+from ..contact.formulations.implicit_multipliers import ImpulseState
+from ..contact.memory import FrictionMemory
+from ..contact.state import ContactState
+from ..support.arrays import Array
+
+_ROUND_OFF = 1e-12  # relative difference of times that are the same
+
+
+@dataclass(frozen=True, eq=False)
+class MemberState:
+    """State of a contact in a run.
+
+    Parameters
+    ----------
+    number : int
+        Of its sensor `sForce`, by which it is known in the model.
+    contact : ContactState
+    multipliers : ForwardState or ImpulseState or None
+    impulses : (3, 7) array
+        Impulses of multipliers [N s]: so far, in the last step, and still to be added. Each row is the sum and the
+        vector of normal forces, and the vector of tangential forces.
+    """
+
+    number: int
+    contact: ContactState
+    multipliers: ForwardState | ImpulseState | None
+    impulses: Array
+
+    def for_other_run(self, *, counts: bool, moves: bool, sticks: bool) -> ContactState:
+        """Return the contact's state for a run that has another method, or another time.
+
+        Parameters
+        ----------
+        counts : bool
+            Whether energies and slip count on.
+        moves : bool
+            Whether the run before knew speeds of slip, unlike statics.
+        sticks : bool
+            Whether rows keep their forces. Those of multipliers do not: they act on velocities.
+        """
+        state = self.contact if counts else self.contact.without_energies()
+        state = state if moves else state.at_rest()
+        if sticks:
+            return state
+        none = FrictionMemory.none(*state.memory.forces.shape).forces
+        return replace(state, memory=state.memory.with_forces(none))
+
+
+@dataclass(frozen=True, eq=False)
+class StepperState:
+    """State of `MultiplierStep`.
+
+    Parameters
+    ----------
+    joined : bool
+        Whether it closes joints.
+    numbers : tuple of int
+        Of its contacts, see `MemberState`.
+    looked : bool
+        Whether velocities include the multipliers of the coming step.
+    step, last_step : float
+        Length of the coming step, if these are found, and of the last one [s].
+    pushes, predicted : tuple of (n,) arrays
+        Accelerations by contacts in the last step, and those in the velocities that must be removed again.
+    carried, answer, answered : (m,) arrays
+        Multipliers of joints, see `MultiplierStep`.
+    usual : float
+        Largest acceleration by joints in the last step.
+    """
+
+    joined: bool
+    numbers: tuple[int, ...]
+    looked: bool
+    step: float
+    last_step: float
+    pushes: tuple[Array, ...]
+    predicted: tuple[Array, ...]
+    carried: Array
+    answer: Array
+    answered: Array
+    usual: float
+
+    @property
+    def served(self) -> tuple[int, ...]:
+        """Key of what it serves."""
+        return int(self.joined), *self.numbers
+
+
+@dataclass(frozen=True, eq=False)
+class RunState:
+    """State of a model's contacts at the end of a run.
+
+    Parameters
+    ----------
+    method : {"explicit", "implicit", "static"}
+    t : float
+        Time of the end [s].
+    evaluated_at : float
+        Time at which contacts were evaluated last [s].
+    q : (nq,) array
+        Coordinates of the model at the end.
+    has_steps : bool
+        Whether the run has made steps.
+    broken : bool
+        Whether an error stopped the run in a step to whose start its multipliers cannot return.
+    contacts : tuple of MemberState
+    steppers : tuple of StepperState
+    turning : (nq,) array
+        Velocities by whose rotation bodies in floating frames grew last; empty without such bodies.
+    """
+
+    method: Method
+    t: float
+    evaluated_at: float
+    q: Array
+    has_steps: bool
+    broken: bool
+    contacts: tuple[MemberState, ...]
+    steppers: tuple[StepperState, ...]
+    turning: Array
+
+    def find(self, number: int) -> MemberState | None:
+        """State of the contact with this number; None if it was not in the run."""
+        return next((member for member in self.contacts if member.number == number), None)
+
+    def ended_in(self, q: Array) -> bool:
+        """Whether the run ended at the model's coordinates q, (nq,), at any time."""
+        return np.array_equal(self.q, q)
+
+    def ended_when(self, t: float) -> bool:
+        """Whether the run ended at time t [s]."""
+        return abs(self.t - t) <= _ROUND_OFF * abs(t)
+
+    def ended_at(self, t: float, method: Method, q: Array) -> bool:
+        """Whether the run had this method and ended at time t [s], at the model's coordinates q, (nq,)."""
+        if self.method != method or self.broken or not self.ended_in(q):
+            return False
+        return self.ended_when(t) and abs(self.evaluated_at - t) <= _ROUND_OFF * abs(t)
