@@ -176,11 +176,22 @@ class Gaps:
         """Begin the step again, from the state that was accepted last."""
         self.anchor = self.accepted.anchor
 
-    def begin(self, state: GapState) -> None:
-        """Begin from a state: a contact that has never moved then answers as the one whose state it is."""
+    def begin(self, state: GapState) -> Array:
+        """Begin from a state, and return the gaps of its rows, (nr,) [m].
+
+        A contact that has never moved then answers as the one whose state it is.
+        """
         self.reset()
+        self._take_rows(state)
         self.anchor, self.accepted = state.anchor, state
-        self.at(state.q)
+        return self._go_to(state)
+
+    def _take_rows(self, state: GapState) -> None:
+        """Take the rows of a state, after `reset`."""
+
+    def _go_to(self, state: GapState) -> Array:
+        """Gaps at the coordinates of a state, (nr,) [m]."""
+        return self.at(state.q)
 
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""

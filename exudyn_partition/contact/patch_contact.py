@@ -251,6 +251,7 @@ class PatchContact:
 
     def _begin_answer(self) -> None:
         """Sliding counts from the present places if no step has begun."""
+        self._answered, self._begun = True, None
         if isinstance(self.rows, TangentialRows) and not self.rows.held:
             self.rows.hold()
         if self.betas is not None:
@@ -449,13 +450,13 @@ class PatchContact:
 
     def begin(self, state: ContactState, t: float) -> None:
         """Begin at time t [s] from a state of this contact, or of the same one in another run, process or model."""
-        self.gaps.begin(state.gaps)
+        self.h = self.gaps.begin(state.gaps) + state.opening
         if isinstance(self.rows, TangentialRows):
             self.rows.hold()
         if self.zones is not None:
             self.zones.begin(state.zones)
         self.state, self.since, self.opening = state, t, state.opening
-        self.h, self._evaluated_at = self.gap_at(state.gaps.q), state.gaps.q
+        self._evaluated_at = state.gaps.q
         nodes, memory = self.gaps.row_nodes, state.memory
         closed = np.flatnonzero(memory.forces[nodes, 0])
         if isinstance(self.rows, TangentialRows):
@@ -473,7 +474,7 @@ class PatchContact:
     def after(self, end: float) -> ContactState:
         """State after a step that ends at time `end` [s] with the last answer."""
         if not self._answered:
-            return self.state
+            return replace(self.state, gaps=self.gaps.accepted)
         if self.ahead or self.friction is None:
             memory = self.memory.with_forces(self._at_nodes())
         else:

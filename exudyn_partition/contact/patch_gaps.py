@@ -118,15 +118,12 @@ class PatchGaps(Gaps):
         if self.moving and self.accepted.frozen is not None:  # they began to slide in a step that is given up
             self._freeze_at(self.accepted.frozen)
 
-    def begin(self, state: GapState) -> None:
+    def _take_rows(self, state: GapState) -> None:
         """See `Gaps`."""
-        self.reset()
         if state.frozen is not None:
             self._freeze_at(state.frozen)
         elif not self.moving:
             self.follow()
-        self.anchor, self.accepted = state.anchor, state
-        self.at(state.q)
 
     def _freeze_at(self, q: Array) -> None:
         """Freeze the pairs at coordinates q, (n,)."""

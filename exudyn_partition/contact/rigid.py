@@ -13,7 +13,7 @@ from ..support.arrays import Array, Vector
 from ..support.checks import validate_flag, validate_positive, validate_vector
 from ..surfaces.points import ContactPoints, RowKind, contact_points
 from ..surfaces.rows import PENETRATION_TOLERANCE
-from .gaps import Gaps
+from .gaps import Gaps, GapState
 from .linear_gaps import LinearGaps
 from .rigid_mesh import RigidMesh
 from .side import Side
@@ -273,9 +273,18 @@ class RigidGaps(Gaps):
         if isinstance(stage, Frozen):  # rows on a plane stay the same at any sliding
             self._take(stage, q)
             return stage.gap(q)
-        found, gap = self._stage_at(stage.rows, self.places_of(stage.rows.sides, q), q)
+        return self._at(q, self.carrier_pose)
+
+    def _at(self, q: Array, pose: Array) -> Array:
+        """Gaps at coordinates q, (n,), with the carrier of the surface at a pose."""
+        rows = self.stage.rows
+        found, gap = self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
         self._take(found, q)
         return gap
+
+    def _go_to(self, state: GapState) -> Array:
+        """See `Gaps`; the carrier may not be there yet."""
+        return self._at(state.q, state.pose) if len(state.pose) else self.at(state.q)
 
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; only for a surface that is fixed in space."""

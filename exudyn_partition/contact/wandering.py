@@ -149,12 +149,9 @@ class WanderingRigidGaps(RigidGaps):
         super().retry()
         self._choose_as(self.accepted)
 
-    def begin(self, state: GapState) -> None:
+    def _take_rows(self, state: GapState) -> None:
         """See `Gaps`."""
-        self.reset()
         self._choose_as(state)
-        self.anchor, self.accepted = state.anchor, state
-        self.at(state.q)
 
     def _choose_as(self, state: GapState) -> None:
         """Choose the rows that were chosen in a state."""

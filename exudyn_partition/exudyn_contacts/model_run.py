@@ -412,7 +412,7 @@ class Runs:
         self._solver: MainSolver = None
         self._solver_comes = self._outdated = False
         self._latest, self._goes_on = -math.inf, False
-        self._continues = False  # whether a run goes on because its user said so, see `going_on`
+        self._given: tuple[RunState | None] | None = None  # end from which a run goes on by its user's choice
 
     def now(self, mbs: MainSystem) -> ModelRun:
         """The present run, which evaluates contacts. If there is none, or contacts were added, a run begins."""
@@ -460,8 +460,8 @@ class Runs:
         contacts: list[ModelContact] = [*registered(mbs).contacts.values()]
         _log.debug("a run of %s contacts begins at %.6g s, %s", len(contacts), t, method)
         initial = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
-        last = None if self._now is None else self._now.state()
-        earlier = [end for end in (last, self._origin) if end is not None]
+        ends = self._ends() if self._given is None else self._given
+        earlier = [end for end in ends if end is not None]
         if self._now is not None and self._now.has_steps:  # otherwise a run begins again before its first step
             self._goes_on = any(end.ended_in(initial) for end in earlier)
         same = next((end for end in earlier if end.ended_at(t, method, initial)), None)
@@ -472,7 +472,7 @@ class Runs:
             self._now.solver = solver
         for contact in contacts:
             self._now.of(contact).goes_on = self._goes_on
-        resumed = same or self._now.resume(initial, earlier, t, goes_on=self._continues)
+        resumed = same or self._now.resume(initial, earlier, t, goes_on=self._given is not None)
         # Later runs from the same initial state go on from the same run, also if its contacts remember nothing.
         self._origin = next((end for end in earlier if end.has_steps and end.ended_in(initial)), resumed)
         return self._now
@@ -510,21 +510,20 @@ class Runs:
             vars(self).update(kept)
 
     @contextlib.contextmanager
-    def going_on(self, mbs: MainSystem) -> Iterator[None]:
-        """Let a run within the block go on from the end of the last one, whatever their methods.
+    def going_on(self, mbs: MainSystem, end: RunState | None) -> Iterator[None]:
+        """Let a run within the block go on from the end of an earlier one, whatever their methods.
 
         The model's initial state must be that end only within the block. Runs from its own initial state later go on
         from the same run as before the block.
         """
         initial = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
-        last = None if self._now is None else self._now.state()
-        ends = (end for end in (last, self._origin) if end is not None)
+        ends = (end for end in self._ends() if end is not None)
         origin = next((end for end in ends if end.has_steps and end.ended_in(initial)), None)
-        self._continues = True
+        self._given = (end,)
         try:
             yield
         finally:
-            self._continues, self._origin = False, origin
+            self._given, self._origin = None, origin
 
     @contextlib.contextmanager
     def unless_refused(self) -> Iterator[None]:
@@ -560,6 +559,15 @@ class Runs:
             if stopped:
                 self._now.step_back(mbs)
             self._now.ended = float(mbs.systemData.GetTime()), mbs.systemData.GetODE2Coordinates()
+
+    def _ends(self) -> tuple[RunState | None, RunState | None]:
+        """Ends from which a run may go on: that of the last run, and that from which it went on itself."""
+        return None if self._now is None else self._now.state(), self._origin
+
+    def end_state(self, mbs: MainSystem) -> RunState | None:
+        """State of the contacts at the end of the last run; None if there was none with contacts."""
+        run = self.last(mbs)
+        return None if run is None else run.state()
 
     def is_whole(self, mbs: MainSystem) -> bool:
         """Whether the last run ended with a step that was made whole, so that another one can go on from there."""

@@ -9,8 +9,14 @@ import numpy as np
 from ..contact.formulations.explicit_multipliers import ForwardState
 from ..contact.formulations.formulation import Method
 from ..contact.formulations.implicit_multipliers import ImpulseState
+from ..contact.gaps import GapState
 from ..contact.memory import FrictionMemory
+from ..contact.plasticity.nodal_zones import NodalState
+from ..contact.plasticity.zone_run import Applied, Change, ZoneState
+from ..contact.stages import Anchor
 from ..contact.state import ContactState
+from ..contact.step_mean import StepMean
+from ..contact.viscosity import ViscousMemory
 from ..support.arrays import Array
 
 _ROUND_OFF = 1e-12  # relative difference of times that are the same
@@ -146,3 +152,10 @@ class RunState:
         if self.method != method or self.broken or not self.ended_in(q):
             return False
         return self.ended_when(t) and abs(self.evaluated_at - t) <= _ROUND_OFF * abs(t)
+
+
+# Classes of which a state consists, for files.
+STATES = (
+    *(RunState, MemberState, StepperState, ContactState, GapState, Anchor, FrictionMemory, ViscousMemory),
+    *(ZoneState, Applied, Change, NodalState, ForwardState, ImpulseState, StepMean),
+)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import warnings
 from dataclasses import replace
 
-from ..errors import ModelLimitWarning
+from ..errors import InputError, ModelLimitWarning
 from ..exudyn_bodies.model import validate_model
 from ..exudyn_bodies.partition_body import check_model
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.run_record import Solver
 from ..support.foreign import MainSystem
 from .balance_review import warn_of_balance
+from .continuation import last_end
 from .result import Result, samples
 from .review import noted, reviewed, warn_of_turns
 from .stability import stability_limit
@@ -49,6 +51,8 @@ def collect(mbs: MainSystem) -> Result:
     validate_model(mbs)
     check_model(mbs)
     result, solver = samples(mbs), Solver.last(mbs)
+    with contextlib.suppress(InputError):  # the model may not have been run to a whole end
+        result = replace(result, end=last_end(mbs))
     if (run := runs_of(mbs).last(mbs)) is not None and run.record.overflowed:
         warnings.warn(
             "the run took more steps than contacts keep beside Exudyn's sensors, so that the result has the times of "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from ..contact.formulations.formulation import Method
 from ..errors import InputError
 from ..exudyn_bodies.model import latest_solver, method_of
 from ..exudyn_contacts.model_run import runs_of
+from ..exudyn_contacts.run_state import RunState
 from ..support.arrays import Array
 from ..support.foreign import MainSolver, MainSystem, SimulationSettings
 from ..support.optional import require
@@ -25,7 +26,7 @@ _ROUND_OFF = 1e-12  # relative difference of times that are the same
 
 @dataclass(frozen=True, eq=False)
 class RunEnd:
-    """The end of a run.
+    """The end of a run, as one value: another run goes on from it, also in another process.
 
     Parameters
     ----------
@@ -34,7 +35,7 @@ class RunEnd:
     method : {"explicit", "implicit", "static"}
     step : float
         Time step [s].
-    state : list
+    system : tuple of arrays
         State of the model, as Exudyn's `GetSystemState` returns it: coordinates and velocities come first.
     q_tt : (n,) array
         Accelerations.
@@ -42,18 +43,18 @@ class RunEnd:
         Accelerations from which generalized-alpha goes on; for other solvers, `q_tt`.
     pace : Pace
         What the control of an adaptive run knows.
-    solvers : tuple
-        Identities of the model's solvers at the end; a later run replaces the solvers.
+    contacts : RunState or None
+        State of the contacts; None if the model has none.
     """
 
     t: float
     method: Method
     step: float
-    state: list[Any]
+    system: tuple[Array, ...]
     q_tt: Array
     algorithmic: Array
     pace: Pace
-    solvers: tuple[int, ...]
+    contacts: RunState | None
 
     @classmethod
     def of(cls, mbs: MainSystem, control: StepControl | None = None, *, stopped: bool = False) -> RunEnd:
@@ -84,12 +85,12 @@ class RunEnd:
         return cls(
             t=float(data.GetTime()),
             method=method,
-            step=solver.it.maxStepSize,
-            state=data.GetSystemState(),
+            step=float(solver.it.maxStepSize),
+            system=tuple(map(np.array, data.GetSystemState())),
             q_tt=q_tt,
             algorithmic=algorithmic,
             pace=Pace() if control is None else control.pace,
-            solvers=_solvers(mbs),
+            contacts=runs_of(mbs).end_state(mbs),
         )
 
     def is_start(self, mbs: MainSystem, start: float, method: Method) -> bool:
@@ -100,21 +101,46 @@ class RunEnd:
     def is_initial(self, mbs: MainSystem) -> bool:
         """Whether it is the model's initial state."""
         initial = mbs.systemData.GetSystemState(require("exudyn").ConfigurationType.Initial)
-        return all(np.array_equal(one, other) for one, other in zip(initial[:2], self.state[:2], strict=True))
+        return all(np.array_equal(one, other) for one, other in zip(initial[:2], self.system[:2], strict=True))
 
 
-def keep_end(mbs: MainSystem, control: StepControl | None = None, *, stopped: bool = False) -> None:
-    """Keep the end of a run, because later calls may change the model's state, and an end that is the initial state.
+class _Kept(NamedTuple):
+    """Ends that a model keeps.
+
+    Parameters
+    ----------
+    last : RunEnd or None
+        End of the last run; None if that did not end with a whole step.
+    origin : RunEnd or None
+        End of an earlier run that is the model's initial state.
+    solvers : tuple
+        Identities of the model's solvers at the last end; a later run replaces the solvers.
+    """
+
+    last: RunEnd | None = None
+    origin: RunEnd | None = None
+    solvers: tuple[int, ...] = ()
+
+
+def _kept(mbs: MainSystem) -> _Kept:
+    kept: _Kept = mbs.sys.get(_KEY, _Kept())
+    return kept
+
+
+def keep_end(mbs: MainSystem, control: StepControl | None = None, *, stopped: bool = False) -> RunEnd | None:
+    """Keep and return the end of a run, because later calls may change the model's state; None if it has no whole end.
 
     `stopped` is whether an error stopped the run: it then ends with the last step that was made whole.
     """
     if (solver := latest_solver(mbs)) is None:
-        return
+        return None
     if stopped:
         _step_back(mbs, solver)
     runs = runs_of(mbs)
     runs.end(mbs, stopped=stopped)
-    mbs.sys[_KEY] = RunEnd.of(mbs, control, stopped=stopped) if runs.is_whole(mbs) else None, _origin(mbs)
+    end = RunEnd.of(mbs, control, stopped=stopped) if runs.is_whole(mbs) else None
+    mbs.sys[_KEY] = _Kept(end, _origin(mbs), _solvers(mbs))
+    return end
 
 
 def _step_back(mbs: MainSystem, solver: MainSolver) -> None:
@@ -129,7 +155,7 @@ def _step_back(mbs: MainSystem, solver: MainSolver) -> None:
 
 def _origin(mbs: MainSystem) -> RunEnd | None:
     """End of an earlier run that is the model's initial state: each run from there goes on from it."""
-    ends = (end for end in mbs.sys.get(_KEY, ()) if end is not None)
+    ends = (end for end in _kept(mbs)[:2] if end is not None)
     return next((end for end in ends if end.is_initial(mbs)), None)
 
 
@@ -160,8 +186,8 @@ def last_end(mbs: MainSystem) -> RunEnd:
     InputError
         If there was none.
     """
-    kept, _ = mbs.sys.get(_KEY, (None, None))
-    return kept if kept is not None and kept.solvers == _solvers(mbs) else RunEnd.of(mbs)
+    kept = _kept(mbs)
+    return kept.last if kept.last is not None and kept.solvers == _solvers(mbs) else RunEnd.of(mbs)
 
 
 def origin_of(mbs: MainSystem, start: float, method: Method, last: RunEnd | None) -> RunEnd | None:
@@ -169,7 +195,7 @@ def origin_of(mbs: MainSystem, start: float, method: Method, last: RunEnd | None
 
     `last` is the end of the last run, if it is known.
     """
-    ends: tuple[RunEnd | None, ...] = last, *mbs.sys.get(_KEY, ())
+    ends = last, *_kept(mbs)[:2]
     return next((end for end in ends if end is not None and end.is_start(mbs, start, method)), None)
 
 
@@ -185,16 +211,15 @@ def started_from(mbs: MainSystem, end: RunEnd | None) -> Iterator[None]:
         return
     data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
     own, origin = data.GetSystemState(initial), _origin(mbs)
-    if [len(part) for part in own] != [len(part) for part in end.state]:
+    if [len(part) for part in own] != [len(part) for part in end.system]:
         raise InputError("go_on: the model has other coordinates than in its last run; run it from the start")
-    with runs_of(mbs).going_on(mbs):
-        data.SetSystemState(end.state, initial)
+    with runs_of(mbs).going_on(mbs, end.contacts):
+        data.SetSystemState([*end.system], initial)
         try:
             yield
         finally:
             data.SetSystemState(own, initial)
-            last, _ = mbs.sys.get(_KEY, (None, None))
-            mbs.sys[_KEY] = last, origin
+            mbs.sys[_KEY] = _kept(mbs)._replace(origin=origin)
 
 
 @contextlib.contextmanager

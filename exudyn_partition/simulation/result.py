@@ -36,6 +36,7 @@ from ..support.checks import read_only, validate_integer, validate_text, validat
 from ..support.files import writable
 from ..support.foreign import DataFrame, Dataset, MainSystem, SensorIndex
 from ..support.progress import Progress
+from .continuation import RunEnd
 from .sensor_checks import check_sensors
 from .stored_run import (
     FILE,
@@ -109,6 +110,9 @@ class Result:
         Motion of Exudyn's own bodies that have a shape, or carry the rigid surface of a contact.
     dampings : tuple of tuple
         Of each body, see `dampings_of`; the model may be assembled with other joints since.
+    end : RunEnd, optional
+        State at the end of the run, from which another one goes on: `solve_dynamic(mbs, go_on=result)`. Default: the
+        run did not end with a whole step.
     """
 
     t: Array
@@ -130,6 +134,7 @@ class Result:
     newmark: Newmark | None = field(default=None, repr=False)
     others: tuple[OtherBody, ...] = field(default=(), repr=False)
     dampings: tuple[tuple[tuple[float, Damping], ...], ...] = field(default=(), repr=False)
+    end: RunEnd | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         read_only(self.t, *self.sensors.values())
@@ -142,7 +147,9 @@ class Result:
 
     def __dir__(self) -> list[str]:
         return for_users(
-            self, {"dampings", "dampings_of", "item_work", "kept", "marks", "newmark", "runs", "seldom", "sensor_of"}
+            self,
+            {"dampings", "dampings_of", "end", "end_for", "item_work", "kept", "marks", "newmark", "runs"}
+            | {"seldom", "sensor_of"},
         )
 
     def __repr__(self) -> str:
@@ -285,7 +292,26 @@ class Result:
             contacts=tuple(StoredContactRun.of(*both) for both in zip(self.contacts, kept, strict=True)),
             warnings=self.warnings,
             others=self.others,
+            end=self.end,
         )
+
+    def end_for(self, mbs: MainSystem) -> RunEnd:
+        """State at the end of the run, from which a run of this model goes on.
+
+        Raises
+        ------
+        InputError
+            If the run did not end with a whole step, or the model is another one.
+        """
+        if self.end is None:
+            raise InputError(
+                "go_on: the run of this result did not end with a whole step, so that no other run can go on from it"
+            )
+        bodies, contacts = partition_items(mbs)
+        if self.marks is not None or self.bodies != tuple(bodies) or self.contacts != tuple(contacts):
+            marks = described(self.bodies, self.contacts) if self.marks is None else self.marks
+            check_items(marks, described(bodies, contacts))
+        return self.end
 
     def _stored_body(self, item: PartitionBody | StoredBody) -> StoredBodyRun:
         if isinstance(item, StoredBody):
@@ -564,6 +590,7 @@ def _restored(stored: StoredRun) -> Result:
         warnings=stored.warnings,
         marks=stored.items,
         others=stored.others,
+        end=stored.end,
     )
 
 

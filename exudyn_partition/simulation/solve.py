@@ -63,7 +63,7 @@ def solve_dynamic(
     *,
     end_time: float,
     start_time: float | None = None,
-    go_on: bool = False,
+    go_on: bool | Result = False,
     step: float | None = None,
     method: Integrator = "explicit",
     sample_period: float | None = None,
@@ -90,8 +90,9 @@ def solve_dynamic(
     start_time : float, optional
         Time at which the run begins [s], from the model's initial values. Default:
         `settings.timeIntegration.startTime`, which is 0 by default.
-    go_on : bool
-        Go on from the end of the last run, dynamic or static, as if both were one. The run begins at the time of this
+    go_on : bool or Result
+        Go on from the end of the last run, dynamic or static, as if both were one. Or from the end of this result, also
+        one that was read from a file, in another process, for the same model. The run begins at the time of this
         end; after a static run, at `start_time`. It takes the coordinates, velocities and accelerations, and the memory
         of contacts: pairs, rows that stick, plastic strains, multipliers, the energy taken so far. With the same method
         and step, the run is equal to one call, up to round-off. The model's initial values do not change.
@@ -162,7 +163,7 @@ def solve_dynamic(
     ContactPatchWarning
         If a contact reached the edge of its patch, or if a corner or edge without a row sank into a rigid surface.
     """
-    last = _end_of(mbs, start_time) if validate_flag("go_on", go_on) else None
+    last = _end_of(mbs, start_time, go_on)
     with interruptible(), started_from(mbs, last):  # from before the first step until the last check of results
         result, open_joints, made = _run(
             mbs,
@@ -298,8 +299,8 @@ def _run(
             more = unsettled(mbs, said) if method == "implicit" else ""
             status, message = "unstable", f"the solver stopped: {said}{more}"
         time_s = time.perf_counter() - begin
-    keep_end(mbs, control, stopped=status == "unstable")
-    result = replace(samples(mbs), step=step, steps=watch.steps, method=method, time_s=time_s)
+    end = keep_end(mbs, control, stopped=status == "unstable")
+    result = replace(samples(mbs), end=end, step=step, steps=watch.steps, method=method, time_s=time_s)
     _log.debug("%s steps in %.4g s: %s", watch.steps, time_s, result.work)
     made = 0.0 if control is None else control.share_made
     _log.debug("long steps in contact made %.2g of the energy", made)
@@ -313,10 +314,16 @@ def _run(
     return replace(result, status=status, message=message), open_joints, made
 
 
-def _end_of(mbs: MainSystem, start_time: float | None) -> RunEnd:
-    """End from which a run goes on."""
-    validate_model(mbs)
-    end = last_end(mbs)
+def _end_of(mbs: MainSystem, start_time: float | None, go_on: bool | Result) -> RunEnd | None:
+    """End from which a run goes on; None if it begins anew."""
+    if isinstance(go_on, Result):
+        validate_model(mbs)
+        end = go_on.end_for(mbs)
+    elif validate_flag("go_on", go_on):
+        validate_model(mbs)
+        end = last_end(mbs)
+    else:
+        return None
     if start_time is not None and end.method != "static":
         raise InputError(
             f"start_time: a run that goes on begins where the last one ended, at {end.t:.6g} s; leave it out"

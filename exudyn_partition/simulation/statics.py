@@ -142,7 +142,7 @@ def solve_static(
             settings=settings,
             progress=progress,
         )
-        keep_end(mbs, stopped=result.status == "unstable")
+        result = replace(result, end=keep_end(mbs, stopped=result.status == "unstable"))
         with noted() as warned:
             result = reviewed(mbs, result)
             if result.status == "finished":
@@ -229,7 +229,7 @@ def settle(
                 if result.status != "finished" or max(pulls.values(), default=0.0) <= _SLACK:
                     break
             _refuse_pulled(pulls)
-            keep_end(mbs, stopped=result.status == "unstable")
+            result = replace(result, end=keep_end(mbs, stopped=result.status == "unstable"))
             with noted() as warned:
                 result = reviewed(mbs, result)
         for own in itertools.chain.from_iterable(coordinate_slices(mbs, item) for item in kept):

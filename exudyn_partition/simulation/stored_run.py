@@ -19,9 +19,13 @@ from ..exudyn_bodies.other_bodies import OtherBody
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.kept_run import KEPT, KeptRun
 from ..exudyn_contacts.partition_contact import PartitionContact
+from ..exudyn_contacts.run_state import STATES
 from ..support.archive import Format, sketch
 from ..support.arrays import Array, consecutive
 from ..support.checks import read_only, validate_result
+from .continuation import RunEnd
+from .step_control import Closing, Pace
+from .velocity_error import VelocityError
 from .work import Work
 
 _PLAIN = bool, int, float, str, np.ndarray
@@ -187,6 +191,7 @@ class StoredRun:
     contacts : tuple of StoredContactRun
     warnings : tuple of str or None
     others : tuple of OtherBody
+    end : RunEnd or None
 
     Raises
     ------
@@ -209,7 +214,8 @@ class StoredRun:
     bodies: tuple[StoredBodyRun, ...]
     contacts: tuple[StoredContactRun, ...]
     warnings: tuple[str, ...] | None
-    others: tuple[OtherBody, ...] = ()
+    others: tuple[OtherBody, ...]
+    end: RunEnd | None
 
     def __post_init__(self) -> None:
         read_only(self.t, self.numbers, self.seldom, *self.samples)
@@ -221,7 +227,10 @@ FILE = Format(
     name="result",
     version=1,
     units="SI (m, kg, s, N, rad), or the consistent units that the model was made in",
-    classes=(StoredRun, Work, ItemMark, StoredBodyRun, StoredContactRun, Coulomb, OtherBody, *KEPT),
+    classes=(
+        *(StoredRun, Work, ItemMark, StoredBodyRun, StoredContactRun, Coulomb, OtherBody, *KEPT),
+        *(RunEnd, Pace, Closing, VelocityError, *STATES),
+    ),
 )
 
 

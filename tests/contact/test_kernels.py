@@ -78,9 +78,9 @@ def test_forces_with_friction_are_the_same(round_body, flat_body):
     def forces():
         law, found, states = compliant(PatchGaps(*sides), Coulomb(0.3)), [], set()
         for step, q in enumerate(ways(sides[0], flat_body.n_dofs)):
-            law.commit(float(step))
+            law.accept(float(step))
             found.append(law.force(q).copy())
-            states |= set(law.state)
+            states |= set(law.status)
         assert states == {0, 1, 2}
         return np.array([*found, np.full(len(found[0]), law.dissipated())])
 

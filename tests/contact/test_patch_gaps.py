@@ -239,10 +239,15 @@ def test_pairs_freeze_again_when_the_sliding_stops(round_body, flat_body):
     law.force(q)
     assert law.gaps.moving
     moving = law.lam.sum()
-    for _ in range(500):
+    for n in range(500):
         law.force(q)
+        law.accept(float(n))
     assert not law.gaps.moving
     assert law.lam.sum() == pytest.approx(moving, rel=1e-9)
+    fresh, away = law.for_run(), q + 1e-4 * abs(q).max()
+    fresh.begin(law.after(500.0), 500.0)
+    assert not fresh.gaps.moving
+    np.testing.assert_allclose(fresh.force(away), law.force(away), rtol=1e-12)
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -256,6 +261,7 @@ def test_pairs_that_slide_slowly_along_either_direction_do_not_freeze(round_body
     for x in 0.1 + 0.01 * np.arange(500) / 200:
         q = moved(inertial(round_body), x * gaps.size * way + [0, 0, -4e-6])
         gaps.at(np.r_[q, np.zeros(flat_body.n_dofs)])
+        gaps.accept(gaps.after())
         assert gaps.moving
 
 

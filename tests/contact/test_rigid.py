@@ -81,7 +81,7 @@ def test_the_carrier_bears_the_reaction(round_body, surface, friction):
     law = compliant(RigidGaps(side, surface, pose=lambda: (place, A)), friction and Coulomb(friction))
     for n, way in enumerate([(0, 0, 0), (0, 0, -4e-6), (1e-6, 2e-6, -5e-6)]):
         law.force(moved(side, A @ way))
-        law.commit(float(n))
+        law.accept(float(n))
     force = law.on_carrier(place)
     np.testing.assert_allclose(force, law.row_carrier().T @ law.forces[law.index].ravel(), rtol=1e-9, atol=1e-9)
     (on_patch,), elsewhere = law.nodal_forces(), place + np.array([0.3, -0.1, 0.2])
@@ -99,7 +99,7 @@ def test_moments_of_a_contact_far_from_the_origin(round_body, friction):
     law = compliant(RigidGaps(side, RigidPlane(place)), friction and Coulomb(friction))
     for n, way in enumerate([(0, 0, 0), (0, 0, -4e-6), (2e-6, 0, -4e-6)]):
         law.force(moved(side, way))
-        law.commit(float(n))
+        law.accept(float(n))
     x = place + way + round_body.points[round_body.partition.patches[0].nodes]
     moment = np.cross(x - point, law.nodal_forces()[0]).sum(axis=0)
     np.testing.assert_allclose(law.moment(point), moment, rtol=1e-9)

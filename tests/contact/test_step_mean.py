@@ -16,12 +16,11 @@ def weights_of(radius):
 @pytest.mark.parametrize("radius", [0.5, 0.9, 1.0])
 def test_the_momentum_changes_by_the_mean_force_in_each_step(radius):
     """A mass in generalized-alpha, under forces that jump, in steps of several lengths."""
-    weights, mean = weights_of(radius), StepMean(1)
+    weights, mean = weights_of(radius), StepMean.none(1)
     mass, q, v, q_tt, a = 2.0, 0.0, 1.0, 0.0, 0.0
     random = np.random.default_rng(1)
     for step, force in zip(random.choice([0.1, 0.05, 0.02], 40), random.choice([0.0, 1.0, 5.0], 40), strict=True):
-        mean.begin(weights)
-        applied = mean.applied(np.array([force]))[0] / mass
+        applied = mean.applied(weights, np.array([force]))[0] / mass
         ahead = ((1 - weights.alpha_f) * applied + weights.alpha_f * q_tt - weights.alpha_m * a) / (1 - weights.alpha_m)
         q_end = q + step * v + step**2 * ((0.5 - weights.beta) * a + weights.beta * ahead)
         v_end = v + step * ((1 - weights.gamma) * a + weights.gamma * ahead)
@@ -29,28 +28,15 @@ def test_the_momentum_changes_by_the_mean_force_in_each_step(radius):
         if radius == 1.0:  # the trapezoidal rule
             assert q_end - q == pytest.approx(0.5 * step * (v + v_end), abs=1e-12)
         q, v, q_tt, a = q_end, v_end, applied, ahead
-        mean.end(np.array([force]))
+        mean = mean.after(weights, np.array([force]))
 
 
 @pytest.mark.parametrize("radius", [0.5, 0.9])
 def test_a_steady_force_is_applied_as_it_is_and_nothing_is_left_long_after_it(radius):
-    weights, mean, force = weights_of(radius), StepMean(1), np.array([3.0])
+    weights, mean, force = weights_of(radius), StepMean.none(1), np.array([3.0])
     found = []
     for now in [force] * 400 + [0 * force] * 400:
-        mean.begin(weights)
-        found.append(mean.applied(now)[0])
-        mean.end(now)
+        found.append(mean.applied(weights, now)[0])
+        mean = mean.after(weights, now)
     assert found[399] == pytest.approx(3.0, rel=1e-9)
     assert found[-1] == 0.0
-
-
-def test_a_step_that_is_repeated_has_the_same_past():
-    weights, once, again = weights_of(0.9), StepMean(2), StepMean(2)
-    for law, attempts in ((once, 1), (again, 3)):
-        for force in ([1.0, 2.0], [3.0, 0.0]):
-            for _ in range(attempts):
-                law.begin(weights)
-                law.applied(np.array([7.0, 7.0]))
-            law.end(np.array(force))
-        law.begin(weights)
-    np.testing.assert_array_equal(once.lasting, again.lasting)

@@ -52,7 +52,7 @@ def test_forces_energy_and_work_are_those_of_fields_of_displacements(contact):
     work = rubbed = 0.0
     states = set()
     for step, way in STEPS:
-        law.commit(t)
+        law.accept(t)
         t, q = t + 1e-6 * step, coordinates(law, way)
         law.take_step(t)
         law.force(q)
@@ -75,7 +75,7 @@ def test_forces_energy_and_work_are_those_of_fields_of_displacements(contact):
         assert law.viscous_work() == pytest.approx(work - stored, rel=1e-5)
         assert law.dissipated() == pytest.approx(rubbed, rel=1e-5, abs=1e-6 * stored)
         last, last_q = [lam.copy()], q
-        states |= {*law.state}
+        states |= {*law.status}
     assert not law.gaps.moving
     assert {STICK, SLIP} < states
     assert law.viscous_work() > 0.5 * stored > 0
@@ -84,7 +84,7 @@ def test_forces_energy_and_work_are_those_of_fields_of_displacements(contact):
 def test_what_is_closed_ahead_of_the_first_step_is_at_rest(contact):
     """Exudyn asks for forces before it begins: nothing moves then, and nothing creeps in the first steps."""
     law, q = contact.for_run(), coordinates(contact, (0, 0, -9))
-    law.commit(0.0)
+    law.accept(0.0)
     law.take_step(0.0)
     law.force(q)
     at_rest = law.forces.copy()
@@ -94,18 +94,18 @@ def test_what_is_closed_ahead_of_the_first_step_is_at_rest(contact):
         law.force(q)
         np.testing.assert_allclose(law.forces, at_rest, atol=1e-6 * at_rest.max())
         assert law.viscous_work() < 1e-9 * law.stored()
-        law.commit(t)
+        law.accept(t)
 
 
 def test_nothing_is_left_after_a_long_time(contact):
     """Elastic forces fade by 1 / (1 + h / beta) in a step; then runs are as before the impact, but for the energy."""
     law, t = contact.for_run(), 0.0
     for way in [(0, 0, -3)] + 70 * [(0, 0, 50)]:
-        law.commit(t)
+        law.accept(t)
         t += 1e-6
         law.take_step(t)
         law.force(coordinates(law, way))
-    law.commit(t)
+    law.accept(t)
     assert not law.creep.elastic
 
 

@@ -115,7 +115,7 @@ def test_friction_of_parts_is_that_of_small_patches(disc, plate, rim, face):
         law.gaps.follow()
         for step, x in enumerate((0.0, 0.2e-6, 0.4e-6)):
             q = np.r_[moved(inertial(slave), [x, -DEEP, 0]), np.zeros(master.n_dofs)]
-            law.commit(1e-6 * step)
+            law.accept(1e-6 * step)
             law.evaluate(SimpleNamespace(q=q, q_t=np.zeros(len(q)), step=1e-6, start=1e-6 * step))
         found.append(law.resultant())
     assert found[0][0] < -1
@@ -128,7 +128,7 @@ def slid(rim, face, places):
     found, rows = [], set()
     for step, (angle, x) in enumerate(places):
         q = np.r_[turned(rim, angle, [x, -DEEP - 1e-6, 0]), np.zeros(face.n_dofs)]
-        law.commit(1e-6 * step)
+        law.accept(1e-6 * step)
         law.evaluate(SimpleNamespace(q=q, q_t=np.zeros(len(q)), step=1e-6, start=1e-6 * step))
         found.append(law.resultant())
         rows |= {*law.row_nodes[law.index].tolist()}

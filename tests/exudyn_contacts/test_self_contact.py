@@ -198,14 +198,14 @@ def test_friction_turns_with_the_clip(rough):
         for step, (close, shear) in enumerate(ways):
             deformed = kinematics.moved(np.zeros(n), (close * shapes[0] + shear * shapes[1]) / SPEED)
             q = kinematics.moved(deformed, np.r_[3e-3 * step * turn, step * turn, np.zeros(n - 6)])
-            law.commit(1e-6 * step)
+            law.accept(1e-6 * step)
             on_both = law.force(np.tile(q, 2)).reshape(2, n)
             on_frame = on_both.sum(axis=0)[:6]
             size = abs(on_both[:, :3]).max()
             assert abs(on_frame[:3]).max() <= 1e-12 * size
             assert abs(on_frame[3:]).max() <= 1e-12 * size * ARM
             forces.append(law.forces)
-            states |= {*law.state.tolist()}
+            states |= {*law.status.tolist()}
         assert states == {OPEN, STICK, SLIP}
         assert not forces[-1].any()
         found.append(np.concatenate(forces))

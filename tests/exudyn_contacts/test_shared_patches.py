@@ -130,7 +130,7 @@ def test_forces_with_friction_are_those_of_the_whole_problem(plate_of, rough_mar
     states, last, before = set(), np.zeros(len(F)), None
     for n, (press, along) in enumerate([(1.0, 0.0), (1.5, 0.1), (1.5, 0.4), (1.0, 0.35), (1.2, -0.3), (0.2, -0.3)]):
         for law in laws:
-            law.commit(float(n))
+            law.accept(float(n))
         ways = [np.r_[side * along * 1e-6, 0, -press * deep] for side, deep in ((1, 2e-6), (-1, 1.2e-6))]
         q = [np.r_[marble.rigid[:, :3] @ way, still] for way in ways]
         together.forces(q)
@@ -151,7 +151,7 @@ def test_forces_with_friction_are_those_of_the_whole_problem(plate_of, rough_mar
                 assert (along - bound).max() < 1e-8 * force
                 assert ((bound - along) * way).max() < 1e-8 * depth * force  # what slides has all of its friction
                 assert abs(along[:, None] * slid[:, 1:] + way[:, None] * lam[:, 1:]).max() < 1e-8 * depth * force
-                states |= {*law.state.tolist()}
+                states |= {*law.status.tolist()}
         last = found
     assert states == {OPEN, STICK, SLIP}
 

@@ -18,7 +18,8 @@ from exudyn_partition.contact.formulations.coupled import CoupledContacts
 from exudyn_partition.contact.formulations.coupled_friction import CoupledFriction
 from exudyn_partition.contact.formulations.coupled_zones import CoupledZones
 from exudyn_partition.contact.rigid import RigidGaps, RigidPlane
-from exudyn_partition.contact.side import Side, Standing
+from exudyn_partition.contact.side import Side
+from exudyn_partition.contact.stages import Standing
 from exudyn_partition.errors import ComplementarityError, IndefiniteMatrixError
 from exudyn_partition.frames.inertial import InertialKinematics
 from exudyn_partition.support.compiled import compiles
@@ -30,7 +31,7 @@ class Runaway:
     carried = remembers = elastic = False
     d = 1
     friction, since, overlap = None, 0.0, 0.0
-    node_areas, memory = np.ones(1), SimpleNamespace(forces=np.zeros(1))
+    node_areas, memory = np.ones(1), SimpleNamespace(forces=np.zeros((1, 1)), closed=False)
 
     def __init__(self):
         self.gaps = self.rows = self
@@ -47,7 +48,10 @@ class Runaway:
         return q
 
     def standing(self):
-        return Standing(self, np.zeros(1))
+        return Standing(self, None)
+
+    def found_at(self, anchor, make):
+        return make()
 
     def side_rows(self, side):
         return np.eye(1)
@@ -103,6 +107,16 @@ class Roaming(Spring):
     def last(self):
         return np.zeros((1, 3))
 
+    def reset(self):
+        super().reset()
+        self.memory = SimpleNamespace(forces=np.zeros((2, 1)), closed=False)
+
+    def accept(self):
+        """Remember the present force at its node."""
+        forces = np.zeros((2, 1))
+        forces[self.row_nodes] = self.lam
+        self.memory = SimpleNamespace(forces=forces, closed=bool(forces.any()))
+
     def gap_at(self, q):
         self.row_nodes = q[:1].astype(int)
         return q[1:]
@@ -137,6 +151,7 @@ def test_rows_that_a_neighbour_has_again_have_pushed_nothing_in_the_last_step():
         laws[0].since = float(n)
         together.forces([np.zeros(1), np.array([node, -depth], dtype=float)])
         found.append(laws[0].pushed[0])
+        laws[1].accept()
     np.testing.assert_allclose(found, [[1, 1, 1], [4, 3, 3], [3, 3, 3], [5, 5, 5]])
 
 
@@ -197,7 +212,7 @@ def test_frictional_forces_are_those_of_the_whole_problem(block, request):
     whole, lam, last_q = FrictionProblem(regularised(F)), np.zeros((len(F) // 3, 3)), np.zeros(body.n_dofs)
     for n, (way, tilt) in enumerate(zip(WAYS, TILTS, strict=True)):
         for law in laws:
-            law.commit(float(n))
+            law.accept(float(n))
         q = body.rigid @ [*way, 0, tilt, 0]
         together.forces([q] * 3)
         moved = [law.rows.jacobian(np.arange(len(law.row_nodes))) @ (q - last_q) for law in laws]
@@ -209,7 +224,7 @@ def test_frictional_forces_are_those_of_the_whole_problem(block, request):
         assert not found.any() or broken_law(F, h, np.full(len(h), MU), found) < 1e-7  # by plain NumPy
         if n == 3:
             pushed = sum(rows[1] @ body.flexibility(1, k) @ (laws[k].forces.ravel() @ rows[k]) for k in (0, 2))
-            assert {STICK, SLIP} < {*np.concatenate([law.state for law in laws])}
+            assert {STICK, SLIP} < {*np.concatenate([law.status for law in laws])}
             assert abs(pushed.reshape(-1, 3)[:, 1:]).max() > 1e-7
     for law in laws:  # nothing moved in the last step
         assert abs(law.slips[law.index]).max() < 1e-12
@@ -220,10 +235,10 @@ def test_energy_of_patches_that_move_each_other_is_that_of_their_forces(block_on
     body, (laws, together) = block_on_feet, of_feet(block_on_feet, 10.0)
     together.forces([np.zeros(body.n_dofs)] * 3)
     for law in laws:
-        law.commit(0.0)
+        law.accept(0.0)
     q = body.rigid[:, :3] @ [0.2e-6, 0.1e-6, -1.2e-6]
     found = sum(together.forces([q] * 3))
-    assert all((law.state[law.index] == STICK).all() for law in laws)
+    assert all((law.status[law.index] == STICK).all() for law in laws)
     for way in np.random.default_rng(1).standard_normal((3, body.n_dofs)):
         way *= 1e-9 / abs(np.vstack([law.row_jacobian() for law in laws]) @ way).max()
         energy = []
@@ -261,7 +276,7 @@ def test_contacts_without_friction_among_others(block_on_feet):
         together, forces = CoupledFriction(laws, lambda links=links: links).for_run(laws), []
         for n, (way, tilt) in enumerate(zip(WAYS, TILTS, strict=True)):
             for law in laws:
-                law.commit(float(n))
+                law.accept(float(n))
             forces += [*together.forces([body.rigid @ [*way, 0, tilt, 0]] * 3), [sum(law.stored() for law in laws)]]
         found.append(np.concatenate(forces))
     assert abs(found[0]).max() > 1.0
@@ -274,20 +289,20 @@ def test_stiffness_of_coupled_contacts_against_finite_differences(block_on_feet,
     body, (laws, together) = block_on_feet, of_feet(block_on_feet, friction)
     for n, way in enumerate(WAYS[:4]):
         for law in laws:
-            law.commit(float(n))
+            law.accept(float(n))
         q = body.rigid[:, :3] @ way
         together.forces([q] * 3)
     rows = {j: np.eye(law.rows.d * law.index.size) for j, law in enumerate(laws)}
     stiffness = together.stiffness(rows)
     stiffness = np.block([[stiffness[j, k] for k in rows] for j in rows])
-    index, states = [law.index for law in laws], [law.state for law in laws]
+    index, states = [law.index for law in laws], [law.status for law in laws]
     H = np.vstack([law.row_jacobian() for law in laws])
 
     def forces(way):
         together.forces([q + way] * 3)
         for law, rows, state in zip(laws, index, states, strict=True):
             np.testing.assert_array_equal(law.index, rows)
-            np.testing.assert_array_equal(law.state, state)
+            np.testing.assert_array_equal(law.status, state)
         return np.concatenate([law.forces[rows].ravel() for law, rows in zip(laws, index, strict=True)])
 
     for way in np.random.default_rng(0).standard_normal((3, body.n_dofs)):

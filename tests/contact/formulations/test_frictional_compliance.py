@@ -38,9 +38,9 @@ def begin(law):
     """A fresh law that was pressed in without sliding, and has accepted that."""
     law = law.for_run()
     law.force(np.zeros(law.gaps.n))
-    law.commit(0.0)
+    law.accept(0.0)
     law.force(pressed(law))
-    law.commit(1.0)
+    law.accept(1.0)
     return law
 
 
@@ -52,7 +52,7 @@ def test_a_small_shift_sticks_and_pulls_back(law):
     law = begin(law)
     before = tangential(law)
     law.force(pressed(law, (1e-3 * DEPTH, 0)))
-    inner = law.state == STICK
+    inner = law.status == STICK
     assert inner.sum() > len(law.index) / 2
     pull = tangential(law) - before
     assert pull[0] < 0
@@ -63,7 +63,7 @@ def test_a_small_shift_sticks_and_pulls_back(law):
 def test_a_large_shift_slips_at_the_limit_against_its_direction(law, direction):
     law = begin(law)
     law.force(pressed(law, 5 * DEPTH * np.array(direction)))
-    assert (law.state[law.index] == SLIP).all()
+    assert (law.status[law.index] == SLIP).all()
     limit = MU * law.lam.sum()
     np.testing.assert_allclose(tangential(law)[:2], -limit * np.array(direction), atol=2e-2 * limit)
     np.testing.assert_allclose(np.linalg.norm(law.traction[law.index], axis=1), MU * law.lam[law.index], rtol=1e-8)
@@ -84,13 +84,13 @@ def test_secants_of_a_row_in_the_middle_of_a_turn_are_bounded(round_body):
     law, rigid = compliant(gaps, ep.Coulomb(1e-7)), round_body.rigid  # everything slips
     law.force(rigid[:, 2] * -8 * DEPTH)
     middle = law.index[np.linalg.norm(gaps.slave.surface.points[law.row_nodes[law.index], :2], axis=1).argmin()]
-    law.commit(0.0)
+    law.accept(0.0)
     rows = dense(law.rows.jacobian(np.array([middle])))[1:]
     turn, aside = 1e-2 * rigid[:, 5], np.array([1e-5, 0]) * DEPTH
     law.force(
         rigid[:, 2] * -8 * DEPTH + turn + rigid[:, :2] @ np.linalg.solve(rows @ rigid[:, :2], aside - rows @ turn)
     )
-    assert (law.state[law.index] == SLIP).all()
+    assert (law.status[law.index] == SLIP).all()
     ways, friction = np.hypot(*law.rows.way()[law.index].T), np.hypot(*law.forces[law.index, 1:].T)
     assert ways.min() < 1e-4 * ways.max()
     found = np.trace(law.slip_secants(np.eye(3 * len(ways))).reshape(len(ways), 3, len(ways), 3), axis1=1, axis2=3)
@@ -101,7 +101,7 @@ def test_secants_of_a_row_in_the_middle_of_a_turn_are_bounded(round_body):
 def test_rows_that_stick_need_no_secants(law):
     law = begin(law)
     law.force(pressed(law, (1e-3 * DEPTH, 0)))
-    assert (law.state == STICK).any()
+    assert (law.status == STICK).any()
     assert not law.slip_secants(dense(law.row_jacobian())).any()
 
 
@@ -111,8 +111,8 @@ def test_no_row_is_beyond_the_limit_and_none_that_sticks_moves(law):
         law.force(pressed(law, (0.15 * n * DEPTH, 0.05 * n * DEPTH)))
         assert (np.linalg.norm(law.traction, axis=1) <= MU * law.lam * (1 + 1e-8) + 1e-12).all()
         slip = np.linalg.norm(law.slips, axis=1)
-        assert slip[law.state == STICK].max(initial=0.0) < 1e-9 * DEPTH
-        law.commit(1.0 + n)
+        assert slip[law.status == STICK].max(initial=0.0) < 1e-9 * DEPTH
+        law.accept(1.0 + n)
 
 
 def test_what_is_asked_between_accepted_steps_leaves_no_trace(law):
@@ -128,8 +128,8 @@ def test_what_is_asked_between_accepted_steps_leaves_no_trace(law):
         np.testing.assert_array_equal(straight.row_stiffness(), stiffness)
         expected = straight.force(q)
         np.testing.assert_allclose(asked.force(q), expected, rtol=1e-7, atol=1e-7 * abs(expected).max())
-        straight.commit(1.0 + n)
-        asked.commit(1.0 + n)
+        straight.accept(1.0 + n)
+        asked.accept(1.0 + n)
     assert asked.dissipated() == pytest.approx(straight.dissipated(), rel=1e-6)
 
 
@@ -140,11 +140,10 @@ def test_a_run_that_goes_on_from_another_is_as_one_run(law, opens):
     here = pressed(law, (0.3 * DEPTH, 0.1 * DEPTH))
     one.force(here)
     resumed = law.for_run()
-    assert resumed.resume(one, here)
-    assert not resumed.resume(one, 2 * here)
+    resumed.begin(one.after(n), n)
     for q in [pressed(law, (0.6 * DEPTH, 0))] * (not opens) + [-here, pressed(law, (0.6 * DEPTH, 0)), here]:
         for each in (one, resumed):
-            each.commit(n)
+            each.accept(n)
         n += 1.0
         expected = one.force(q)
         np.testing.assert_allclose(resumed.force(q), expected, rtol=1e-7, atol=1e-7 * abs(expected).max())
@@ -156,7 +155,7 @@ def test_the_slip_path_is_the_way_to_and_fro(law):
     law = begin(law)
     for n, x in enumerate((10, 0, 10)):
         law.force(pressed(law, (x * DEPTH, 0)))
-        law.commit(2.0 + n)
+        law.accept(2.0 + n)
     nodes = law.row_nodes[law.index]
     assert law.slip_path[nodes] == pytest.approx(30 * DEPTH, rel=0.1)
     assert not np.delete(law.slip_path, law.row_nodes).any()
@@ -176,7 +175,7 @@ def test_forces_turn_with_a_pair_that_turns_as_a_whole(round_body, flat_body, fo
 
     for n, way in enumerate([(0, 0, 0), (0, 0, -DEPTH), (0.2 * DEPTH, 0.1 * DEPTH, -DEPTH)]):
         law.force(pair(way))
-        law.commit(float(n))
+        law.accept(float(n))
     before, lam = law.traction.copy(), law.lam.copy()
     assert abs(before.sum(axis=0)).max() > 0.05 * lam.sum()
     turn = np.array([0.5, 0.2, -0.9])
@@ -199,7 +198,7 @@ def test_forces_are_those_of_all_rows(round_body):
     whole, lam, last_q, entered = FrictionProblem(F), np.zeros((len(F) // 3, 3)), np.zeros(gaps.n), []
     H = law.rows.jacobian(np.arange(len(lam)))
     for n, (x, depth) in enumerate([(0, 0), (0, 8), (2, 8), (2, 1.3), (2.2, 1.3), (2, 0), (2, 5)]):
-        law.commit(float(n))
+        law.accept(float(n))
         q = round_body.rigid[:, :3] @ [x * DEPTH, 0, -depth * DEPTH]
         law.force(q)
         h = (H @ (q - last_q) - F @ lam.ravel()).reshape(-1, 3)
@@ -215,7 +214,7 @@ def test_what_rows_bore_before_the_last_step_is_forgotten(round_body, flat_body)
     """Also of patches that were so far apart that no rows were left."""
     law = compliant(PatchGaps(floating(round_body), floating(flat_body)), ep.Coulomb(MU))
     for n, height in enumerate([0.0, -5 * DEPTH, 1e-3, -5 * DEPTH]):
-        law.commit(float(n))
+        law.accept(float(n))
         law.force(np.r_[moved(law.gaps.sides[0], [0, 0, height]), np.zeros(flat_body.n_dofs)])
         assert len(law.row_nodes) == 0 or n != 2
     assert law.index.size
@@ -237,7 +236,7 @@ def test_work_of_a_cycle_is_what_friction_takes(law, steps):
         q = pressed(law, along)
         force = law.force(q).copy()
         work -= 0.5 * (force + last_force) @ (q - last_q)
-        law.commit(2.0 + n)
+        law.accept(2.0 + n)
         last_q, last_force = q, force
     law.force(last_q)
     assert law.dissipated() > 0
@@ -251,14 +250,14 @@ def test_tangent_against_finite_differences(law, along):
     q = pressed(law, (along * DEPTH, 0.3 * along * DEPTH))
     law.force(q)
     tangent = law.tangent()
-    state = law.state.copy()
+    state = law.status.copy()
     rng = np.random.default_rng(0)
     checked = 0
     for _ in range(6):
         d = rng.standard_normal(len(q))
         d *= 1e-6 * DEPTH / abs(law.rows.jacobian(law.index) @ d).max()
         ahead, back = law.force(q + d).copy(), law.force(q - d).copy()
-        if (law.state == state).all():
+        if (law.status == state).all():
             checked += 1
             assert relative(-2 * tangent @ d, ahead - back) < 1e-4
     assert checked
@@ -283,7 +282,7 @@ def test_rolling_keeps_the_material_point(round_body):
     gaps = RigidGaps(Side.of(InertialKinematics(round_body, np.zeros(3))), RigidPlane())
     law = compliant(gaps, ep.Coulomb(MU))
     law.force(np.zeros(gaps.n))
-    law.commit(0.0)
+    law.accept(0.0)
     q = round_body.rigid[:, :3] @ np.array([2e-6, -1e-6, -DEPTH])
     law.force(q)
     way = law.rows.in_space(law.rows.way())

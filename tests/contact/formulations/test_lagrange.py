@@ -7,6 +7,7 @@ import pytest
 from oracles import TOP, multipliers
 
 from exudyn_partition.contact.formulations.explicit_multipliers import ForwardIncrement, ForwardRows
+from exudyn_partition.contact.gaps import GapState
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.side import Side
 from exudyn_partition.errors import (
@@ -49,8 +50,17 @@ class FlatRows:
     H = np.column_stack([np.ones(40), np.linspace(-1, 1, 40)])
     slave = SimpleNamespace(surface=SimpleNamespace(points=np.zeros((40, 3))))
 
+    def after(self):
+        return GapState(np.zeros(2), np.empty(0))
+
+    def accept(self, state):
+        self.accepted = state
+
+    def retry(self):
+        """It has no anchor."""
+
     def reset(self):
-        self.held = self
+        self.accepted, self.held = self.after(), self
 
     def holds(self, held):
         return held == self.held

@@ -87,17 +87,17 @@ def test_the_tangent_is_the_slope_of_the_force(round_body, flat_body, friction):
     body = sides[0].kinematics.body
     q = np.r_[body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(sides[1].n)]
     for start in (0.0, 1.0):
-        contact.commit(start)
+        contact.accept(start)
         contact.force(q)
     q = q + np.r_[body.rigid[:, :3] @ [1e-6, 4e-7, 0], np.zeros(sides[1].n)]
     contact.force(q)
-    tangent, closed, state = contact.tangent(), contact.index, contact.state
+    tangent, closed, state = contact.tangent(), contact.index, contact.status
     for _ in range(4):
         way = rng.standard_normal(len(q))
         way *= 1e-10 / abs(contact.row_jacobian() @ way).max()
         there, back = contact.force(q + way).copy(), contact.force(q - way).copy()
         np.testing.assert_array_equal(contact.index, closed)
-        np.testing.assert_array_equal(contact.state, state)
+        np.testing.assert_array_equal(contact.status, state)
         slope = (there - back) / 2
         np.testing.assert_allclose(-tangent @ way, slope, rtol=0, atol=1e-4 * abs(slope).max())
         contact.force(q)
@@ -217,7 +217,7 @@ def test_an_answer_without_slips_is_named(round_body, flat_body):
     q = np.r_[round_body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(flat_body.n_dofs)]
     contact.force(q)
     with pytest.raises(RunError, match="law Silent: with friction, its answers need `slips`"):
-        contact.commit(1.0)
+        contact.accept(1.0)
 
 
 def test_a_law_without_friction_refuses_it(mbs, bodies):

@@ -44,7 +44,7 @@ def test_the_layer_is_softer_along_the_tangents_by_the_ratio_of_mindlin(round_bo
     side, depth, shift = law.gaps.slave, 4e-6, 1e-9
     for start in (0.0, 1.0):
         law.force(moved(side, [0, 0, -depth]))
-        law.commit(start)
+        law.accept(start)
     before, stored = law.traction.sum(axis=0)[0], law.stored()
     law.force(moved(side, [shift, 0, -depth]))
     along = law.law.layer * law.gaps.area[law.index].sum() * 2 * (1 - 0.3) / (2 - 0.3)
@@ -59,8 +59,8 @@ def test_a_layer_is_stiffest_where_all_rows_are_closed_and_stuck(round_body):
     pressed, rng, stiffness = moved(law.gaps.slave, [0, 0, -depth]), np.random.default_rng(0), law.closed_stiffness()
     for start in (0.0, 1.0):
         law.force(pressed)
-        law.commit(start)
-    assert (law.state == STICK).all()
+        law.accept(start)
+    assert (law.status == STICK).all()
     for way in 1e-12 * rng.standard_normal((5, len(pressed))):
         there, back = law.force(pressed + way).copy(), law.force(pressed - way)
         assert relative(back - there, 2 * stiffness @ way) < 1e-6

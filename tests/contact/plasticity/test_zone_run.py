@@ -1,5 +1,7 @@
 """A plastic zone in a run, without a contact: forces on its patch grow step by step."""
 
+from dataclasses import replace
+
 import exudyn as exu
 import numpy as np
 import pytest
@@ -40,7 +42,7 @@ def step(run, force, settled, q=0.0):
                 found = run.answer(force)
             if run.finish():
                 break
-    run.commit()
+    run.accept(run.after())
     return ended
 
 
@@ -61,9 +63,9 @@ def test_forces_that_a_step_has_not_applied_are_applied_by_the_next(motion):
     """Each step leaves 3 %. If that were lost, it would add up over the steps that flow."""
     run = ZoneRun(motion)
     pressed(run, 0.03)
-    p = motion.zone.pseudo_forces(run.committed.strain)
+    p = motion.zone.pseudo_forces(run.state.plastic.strain)
     moved = p @ motion.flexibility.of_patch
-    assert np.count_nonzero(run.committed.equivalent) > 20
+    assert np.count_nonzero(run.state.plastic.equivalent) > 20
     assert np.linalg.norm(run.moved_patch - moved) < 0.06 * np.linalg.norm(moved)
 
 
@@ -71,7 +73,7 @@ def test_rigid_motion_feels_nothing_of_plastic_strain_though_steps_are_rough(mot
     """The generalised forces are those of the whole plastic strain, which are balanced."""
     run = ZoneRun(motion)
     pressed(run, 0.1)
-    p = motion.zone.pseudo_forces(run.committed.strain)
+    p = motion.zone.pseudo_forces(run.state.plastic.strain)
     np.testing.assert_allclose(
         run.generalised, motion.kinematics.rows.T @ p, rtol=0, atol=1e-10 * abs(motion.kinematics.rows.T @ p).max()
     )
@@ -80,13 +82,13 @@ def test_rigid_motion_feels_nothing_of_plastic_strain_though_steps_are_rough(mot
 def test_a_run_that_goes_on_knows_what_the_last_step_has_not_applied(motion):
     last, run = ZoneRun(motion), ZoneRun(motion)
     pressed(last, 0.1)
-    run.resume(last)
+    run.begin(last.state)
     moved = last.moved_patch
     np.testing.assert_allclose(run.moved_patch, moved, rtol=0, atol=1e-9 * abs(moved).max())
     np.testing.assert_allclose(run.generalised, last.generalised, rtol=0, atol=1e-9 * abs(last.generalised).max())
     np.testing.assert_allclose(run.stored(), last.stored(), rtol=1e-9)
-    run.enter(last.committed)  # another body with this dent: all of it is applied
-    assert np.linalg.norm(run.moved_patch - moved) > 1e-3 * np.linalg.norm(moved)
+    dented = ZoneRun(replace(motion, start=last.state.plastic))  # another body with this dent: all of it is applied
+    assert np.linalg.norm(dented.moved_patch - moved) > 1e-3 * np.linalg.norm(moved)
 
 
 def test_points_are_active_before_they_flow(motion):
@@ -116,7 +118,7 @@ def test_a_combination_of_guesses_does_what_the_same_guess_does(motion, kind):
         found, at_patch = run.answer(1.01 * force), run.moved_patch
         assert np.linalg.norm(other - first) > 0.1 * np.linalg.norm(first) > 0
         assert run.finish()
-        run.commit()
+        run.accept(run.after())
         ends.append((found, at_patch, run.generalised, [run.stored()], run.guess))
     for one, same in zip(*ends, strict=True):
         np.testing.assert_allclose(one, same, rtol=0, atol=(1e-9 if kind is float else 1e-5) * np.abs(same).max())
@@ -140,8 +142,10 @@ def test_work_done_on_the_zone_is_stored_or_taken_by_flow(motion, share_of_body)
         before, last = share, (run.moved_patch, run.generalised)
         assert run.stored() + run.work == pytest.approx(done, rel=1e-6, abs=1e-8 * abs(done))
     assert run.work > 0
-    p = motion.zone.pseudo_forces(run.committed.strain)
-    assert run.stored() == pytest.approx(motion.zone.own_energy(run.committed) - p @ (motion.flexibility.own @ p) / 2)
+    p = motion.zone.pseudo_forces(run.state.plastic.strain)
+    assert run.stored() == pytest.approx(
+        motion.zone.own_energy(run.state.plastic) - p @ (motion.flexibility.own @ p) / 2
+    )
     assert 0 < run.stored() < 0.2 * run.work
 
 

@@ -1,0 +1,281 @@
+"""The state of a run is one value: from a file, in a new model, a run goes on as if nothing had been between.
+
+What goes on from a `Result` that was read from a file has nothing but the arrays in it: new items and contacts, no kept
+flexibility, no guesses. A cache that decided would show here.
+"""
+
+import exudyn as exu
+import netgen.occ as occ
+import numpy as np
+import pytest
+from exudyn.utilities import InertiaCuboid
+from oracles import MARBLE_RADIUS as R
+
+import exudyn_partition as ep
+
+pytestmark = pytest.mark.filterwarnings("ignore")
+NEXT = 1e-9  # of the largest force: the next force of a fresh contact
+NEWTON = 5e-8  # the same in implicit steps: what Newton's method leaves
+SINGLE = 1e-6  # the same of plastic zones in explicit steps, whose products are in single precision
+MU, STEP = 0.3, 0.25e-6
+
+
+# Bodies.
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """A ball and a plate."""
+    ball = occ.Sphere(occ.Pnt(0, 0, 0.01), 0.01)
+    plate = occ.Box(occ.Pnt(-8e-3, -8e-3, -5e-3), occ.Pnt(8e-3, 8e-3, 0))
+    sizes = (ball, 3.5e-3, (0.6e-3, 0.25e-3), 1.0e-3, 150e3), (plate, 4e-3, (1.2e-3, 0.35e-3), 1.6e-3, 120e3)
+    found = []
+    for shape, maxh, fine, radius, f_cut in sizes:
+        fem = ep.fe_model(shape, ep.STEEL, maxh=maxh, refine=[ep.Refine((0, 0, 0), *fine)], grading=0.5)
+        found.append(ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), radius, axes="xyz"), f_cut=f_cut))
+    return found
+
+
+@pytest.fixture(scope="module")
+def nodal_pair():
+    """A coarse ball and a coarse plate with every node of their patches."""
+    refine = [ep.Refine((0, 0, 0), 0.6e-3, 0.5e-3)]
+    plate = occ.Box(occ.Pnt(-6e-3, -6e-3, -4e-3), occ.Pnt(6e-3, 6e-3, 0))
+    found = []
+    for shape, maxh, radius in (
+        (occ.Sphere(occ.Pnt(0, 0, 0.01), 0.01), 4e-3, 0.7e-3),
+        (plate, 3.8e-3, 1.0e-3),
+    ):
+        fem = ep.fe_model(shape, ep.STEEL, maxh=maxh, refine=refine, grading=0.8)
+        partition = ep.Partition.ball(fem, (0, 0, 0), radius, axes="xyz")
+        found.append(ep.reduce(fem, partition, basis="free", f_cut=150e3))
+    return found
+
+
+@pytest.fixture(scope="module")
+def soft():
+    """A ball that yields."""
+    metal = ep.Material(E=210e9, nu=0.3, rho=7800.0, yield_stress=300e6, hardening=1e9)
+    shape = occ.Sphere(occ.Pnt(0, 0, 0.01), 0.01)
+    fem = ep.fe_model(shape, metal, maxh=5e-3, refine=[ep.Refine((0, 0, 0), 1e-3, 0.5e-3)])
+    return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 1e-3, axes="xyz"), f_cut=60e3)
+
+
+@pytest.fixture(scope="module")
+def marble_fem():
+    refine = [ep.Refine(p, 0.5e-3, 0.2e-3) for p in ((0, 0, -R), (0, 0, R))]
+    return ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), ep.STEEL, maxh=2.5e-3, refine=refine, grading=0.5)
+
+
+@pytest.fixture(scope="module")
+def marbles(marble_fem):
+    """A marble with a patch at either pole, by axes."""
+
+    def marble(axes):
+        south, north = (
+            ep.Partition.ball(marble_fem, (0, 0, z), 0.5e-3, name=name, axes=axes)
+            for z, name in ((-R, "south"), (R, "north"))
+        )
+        return ep.reduce(marble_fem, south | north, f_cut=300e3)
+
+    return {axes: marble(axes) for axes in ("normal", "xyz")}
+
+
+@pytest.fixture(scope="module")
+def rolling():
+    """A ball over whose skin contact wanders."""
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, R), R), ep.STEEL, maxh=1.6e-3)
+    return ep.reduce(fem, ep.Partition.surface(fem), f_cut=100e3)
+
+
+# Models: functions that make one, its bodies and its contacts.
+
+
+def on_surface(body, *, frame="inertial", carried=False, surface=None, speed=(0.5, 0, -1.0), damping=None, **options):
+    """A ball that hits a rigid surface at an angle; `carried`: a plane on a body that turns."""
+    mbs = exu.SystemContainer().AddSystem()
+    place = {"referencePosition": [0, 0, 1e-6], "initialVelocity": [*speed]}
+    spin = {"initialAngularVelocity": [0, 300.0, 0]} if frame == "floating" else {}
+    item = ep.CreatePartitionBody(mbs, body, frame=frame, damping=damping, **place, **spin)
+    surface = ep.RigidPlane() if surface is None else surface
+    if carried:
+        kind = exu.NodeType.RotationRotationVector
+        carrier = {"referencePosition": [0, 0, -0.01], "initialAngularVelocity": [5.0, 3.0, 0], "nodeType": kind}
+        options["masterBody"] = mbs.CreateRigidBody(inertia=InertiaCuboid(7800, [0.02] * 3), **carrier)
+        surface = ep.RigidPlane((0, 0, 0.01), (0, 0, 1))
+    contact = ep.CreatePartitionContact(mbs, item, surface, **options)
+    mbs.Assemble()
+    return mbs, [item], [contact]
+
+
+def on_plate(pair, *, frame="inertial", speed=(3.0, 0, -1.0), **options):
+    """A ball that hits a plate at an angle, and slides on it."""
+    mbs, (ball, plate) = exu.SystemContainer().AddSystem(), pair
+    place = {"referencePosition": [0, 0, 1e-6], "initialVelocity": [*speed]}
+    items = [ep.CreatePartitionBody(mbs, ball, frame=frame, **place), ep.CreatePartitionBody(mbs, plate, frame=frame)]
+    contact = ep.CreatePartitionContact(mbs, *items, **options)
+    mbs.Assemble()
+    return mbs, items, [contact]
+
+
+def in_a_row(body, *, frame="inertial", along=2.0, **options):
+    """Three marbles, whose two contacts move each other."""
+    mbs, balls = exu.SystemContainer().AddSystem(), []
+    for i in range(3):
+        velocity = [along, 0, -0.5] if i == 2 else [0, 0, 0]
+        place = {"referencePosition": [0, 0, (2 * R + 1e-7) * i], "initialVelocity": velocity}
+        balls.append(ep.CreatePartitionBody(mbs, body, name=str(i), frame=frame, **place))
+    patches = {"slavePatch": "south", "masterPatch": "north", **options}
+    contacts = [ep.CreatePartitionContact(mbs, balls[i + 1], balls[i], **patches) for i in range(2)]
+    mbs.Assemble()
+    return mbs, balls, contacts
+
+
+# Checks.
+
+
+def cut_run(make, cut, path, **options):
+    """Run a model to `cut`, and write the result."""
+    mbs, _, contacts = make()
+    result = ep.solve_dynamic(mbs, end_time=cut, **options)
+    result.save(path)
+    return contacts, result
+
+
+def gone_on(make, path, end, **options):
+    """A new model goes on from the file: its contacts and the result."""
+    mbs, _, contacts = make()
+    result = ep.solve_dynamic(mbs, end_time=end, go_on=ep.Result.load(path, mbs), **options)
+    assert result.status == "finished"
+    return contacts, result
+
+
+def assert_goes_on(make, cut, path, within=NEXT, later=None, first=0, **options):
+    """The next force after a cut, and all that one sees of ten steps, are those of one run.
+
+    Impulses of multipliers are known from step to step: the `first` force that is a mean over both sides of the cut is
+    not.
+    """
+    options = {"step": STEP} | options
+    end = cut + 10 * options["step"]
+    mbs, _, contacts = make()
+    whole = ep.solve_dynamic(mbs, end_time=end, **options)
+    cut_run(make, cut, path, **options)
+    fresh, result = gone_on(make, path, end, **options)
+    start = int(np.flatnonzero(abs(whole.t - cut) < 1e-3 * options["step"])[0])
+    closed = 0.0
+    for contact, other in zip(fresh, contacts, strict=True):
+        force, right = contact.force(result), other.force(whole)
+        largest = right.max()
+        closed = max(closed, right[start])
+        np.testing.assert_allclose(force[first:2], right[start + first : start + 2], rtol=0, atol=within * largest)
+        np.testing.assert_allclose(force[1:], right[start + 1 :], rtol=0, atol=(later or 10 * within) * largest)
+        for name in ("energy", "dissipated_energy"):
+            energy, known = getattr(contact, name)(result), getattr(other, name)(whole)
+            np.testing.assert_allclose(energy, known[start:], rtol=0, atol=1e2 * within * abs(known).max() + 1e-18)
+    assert closed > 0.0  # otherwise nothing would be shown
+
+
+# Explicit steps.
+
+LAWS = {
+    "compliance": {},
+    "friction": {"friction": MU},
+    "penalty": {"formulation": "penalty"},
+    "penalty, friction": {"formulation": "penalty", "friction": MU},
+    "two coefficients": {"friction": ep.Coulomb(0.4, 0.2, decay=0.1)},
+}
+
+
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+@pytest.mark.parametrize("law", LAWS)
+def test_patches_that_slide(pair, law, frame, tmp_path):
+    assert_goes_on(lambda: on_plate(pair, frame=frame, **LAWS[law]), 20e-6, tmp_path / "cut.npz")
+
+
+@pytest.mark.parametrize("cut", [12e-6, 16e-6, 23e-6])
+def test_at_other_times(pair, cut, tmp_path):
+    assert_goes_on(lambda: on_plate(pair, friction=MU), cut, tmp_path / "cut.npz")
+
+
+@pytest.mark.parametrize("friction", [None, MU])
+@pytest.mark.parametrize("carried", [False, True])
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_rigid_surfaces(pair, frame, carried, friction, tmp_path):
+    make = lambda: on_surface(pair[0], frame=frame, friction=friction, carried=carried)  # noqa: E731
+    assert_goes_on(make, 20e-6, tmp_path / "cut.npz")
+
+
+@pytest.mark.parametrize("friction", [None, MU])
+def test_a_curved_surface(pair, friction, tmp_path):
+    surface = ep.RigidCylinder((0, 0, -0.02), (0, 1, 0), 0.02)
+    make = lambda: on_surface(pair[0], friction=friction, surface=surface, speed=(5.0, 0, -1.0))  # noqa: E731
+    assert_goes_on(make, 20e-6, tmp_path / "cut.npz")
+
+
+@pytest.mark.parametrize("friction", [None, MU])
+def test_contact_that_wanders_over_a_skin(rolling, friction, tmp_path):
+    make = lambda: on_surface(rolling, frame="floating", friction=friction, speed=(20.0, 0, -1.0))  # noqa: E731
+    assert_goes_on(make, 12e-6, tmp_path / "cut.npz")
+
+
+@pytest.mark.parametrize("friction", [None, MU])
+def test_viscous_flexibilities(pair, friction, tmp_path):
+    damping = ep.Rayleigh(0.0, 2e-7)
+    make = lambda: on_surface(pair[0], friction=friction, damping=damping)  # noqa: E731
+    assert_goes_on(make, 20e-6, tmp_path / "cut.npz")
+
+
+def test_pairs_that_froze_again(pair, tmp_path):
+    """The ball slides first, and friction stops it."""
+    make = lambda: on_plate(pair, friction=2.0, speed=(0.6, 0, -0.5))  # noqa: E731
+    assert_goes_on(make, 55e-6, tmp_path / "cut.npz", step=0.1e-6)
+
+
+@pytest.mark.parametrize("friction", [None, MU])
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_contacts_that_move_each_other(marbles, friction, frame, tmp_path):
+    body = marbles["xyz" if friction else "normal"]
+    make = lambda: in_a_row(body, frame=frame, friction=friction)  # noqa: E731
+    assert_goes_on(make, 14e-6, tmp_path / "cut.npz", step=0.1e-6)
+
+
+@pytest.mark.parametrize("friction", [None, MU])
+def test_plastic_zones(soft, friction, tmp_path):
+    assert_goes_on(lambda: on_surface(soft, friction=friction), 12e-6, tmp_path / "cut.npz", SINGLE, later=1e-4)
+
+
+@pytest.mark.parametrize("friction", [None, MU])
+def test_explicit_multipliers(nodal_pair, friction, tmp_path):
+    make = lambda: on_plate(nodal_pair, formulation="lagrange", friction=friction)  # noqa: E731
+    cut = 8e-6
+    step = cut / np.ceil(cut / (0.5 * ep.stability_limit(make()[0])))
+    assert_goes_on(make, cut, tmp_path / "cut.npz", first=1, step=step)
+
+
+def test_adaptive_steps(pair, tmp_path):
+    make = lambda: on_surface(pair[0], friction=MU)  # noqa: E731
+    assert_goes_on(make, 20e-6, tmp_path / "cut.npz", adaptive=True, free_step=2e-6)
+
+
+# Implicit steps, and statics.
+
+IMPLICIT = {"method": "implicit", "spectral_radius": 0.6}
+
+
+@pytest.mark.parametrize("friction", [None, MU])
+def test_implicit_steps(pair, friction, tmp_path):
+    make = lambda: on_plate(pair, friction=friction, frame="floating")  # noqa: E731
+    assert_goes_on(make, 20e-6, tmp_path / "cut.npz", NEWTON, **IMPLICIT)
+
+
+@pytest.mark.parametrize("friction", [None, MU])
+def test_implicit_steps_of_plastic_zones(soft, friction, tmp_path):
+    make = lambda: on_surface(soft, friction=friction)  # noqa: E731
+    assert_goes_on(make, 12e-6, tmp_path / "cut.npz", 1e-6, **IMPLICIT)
+
+
+@pytest.mark.parametrize("friction", [None, MU])
+def test_implicit_multipliers(nodal_pair, friction, tmp_path):
+    make = lambda: on_plate(nodal_pair, formulation="lagrange", friction=friction)  # noqa: E731
+    assert_goes_on(make, 12e-6, tmp_path / "cut.npz", NEWTON, first=1, **IMPLICIT)
