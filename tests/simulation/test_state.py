@@ -4,14 +4,20 @@ What goes on from a `Result` that was read from a file has nothing but the array
 flexibility, no guesses. A cache that decided would show here.
 """
 
+import pickle
+from dataclasses import replace
+
 import exudyn as exu
+import exudyn.itemInterface as items
 import netgen.occ as occ
 import numpy as np
 import pytest
 from exudyn.utilities import InertiaCuboid
 from oracles import MARBLE_RADIUS as R
+from oracles import add_springs
 
 import exudyn_partition as ep
+from exudyn_partition.errors import InputError
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 NEXT = 1e-9  # of the largest force: the next force of a fresh contact
@@ -84,8 +90,28 @@ def marbles(marble_fem):
 @pytest.fixture(scope="module")
 def rolling():
     """A ball over whose skin contact wanders."""
-    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, R), R), ep.STEEL, maxh=1.6e-3)
-    return ep.reduce(fem, ep.Partition.surface(fem), f_cut=100e3)
+    fine = [ep.Refine((0, 0, 0), 0.8e-3, 0.25e-3)]
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, R), R), ep.STEEL, maxh=2.5e-3, refine=fine, grading=0.6)
+    return ep.reduce(fem, ep.Partition.surface(fem, near=(0, 0, 0), axes="xyz"), f_cut=100e3)
+
+
+@pytest.fixture(scope="module")
+def grooved():
+    """A ball with one patch for both planes of a groove."""
+    normals = np.array([[1, 0, 1], [-1, 0, 1]]) / np.sqrt(2)
+    fine = [ep.Refine(-R * normal, 0.3e-3, 0.12e-3) for normal in normals]
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), ep.STEEL, maxh=2.5e-3, refine=fine, grading=0.6)
+    below = np.flatnonzero(fem.points[fem.facets[:, :3], 2].mean(axis=1) < -0.5 * R)
+    return ep.reduce(fem, ep.Partition.surface(fem, below, name="below", axes="xyz"), f_cut=100e3), normals
+
+
+@pytest.fixture(scope="module")
+def strip():
+    """A strip that is clamped at one end, and hits with the other."""
+    shape = occ.Box(occ.Pnt(0, -1e-3, 0), occ.Pnt(20e-3, 1e-3, 1.5e-3))
+    fem = ep.fe_model(shape, ep.STEEL, maxh=2e-3)
+    interface = ep.Partition.interface(fem, "foot", plane=((0, 0, 0), (-1, 0, 0)))
+    return ep.reduce(fem, ep.Partition.ball(fem, (18e-3, 0, 0), 2e-3, axes="xyz") | interface, f_cut=60e3)
 
 
 # Models: functions that make one, its bodies and its contacts.
@@ -131,6 +157,28 @@ def in_a_row(body, *, frame="inertial", along=2.0, **options):
     return mbs, balls, contacts
 
 
+def in_groove(grooved, **options):
+    """A ball that slides along a groove of two planes, which press one patch."""
+    mbs, (body, normals) = exu.SystemContainer().AddSystem(), grooved
+    ball = ep.CreatePartitionBody(mbs, body, initialVelocity=[0, 6.0, -0.5])
+    planes = [ep.RigidPlane(-(R + 1e-7) * normal, normal) for normal in normals]
+    contacts = [ep.CreatePartitionContact(mbs, ball, plane, **options) for plane in planes]
+    mbs.Assemble()
+    return mbs, [ball], contacts
+
+
+def clamped(strip, frame):
+    """A strip with damping that is pressed on a plane by its weight, which is large."""
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, strip, frame=frame, damping=0.02, gravity=[0, 0, -3e4])
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(point=(0, 0, -1e-6)), friction=MU)
+    ground = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.CreateGround(), localPosition=[0, 0, 0.75e-3]))
+    foot = item.CreateInterfaceMarker(mbs, "foot")
+    mbs.AddObject(items.GenericJoint(markerNumbers=[ground, foot], constrainedAxes=[1] * 6))
+    mbs.Assemble()
+    return mbs, [item], [contact]
+
+
 # Checks.
 
 
@@ -159,7 +207,9 @@ def assert_goes_on(make, cut, path, within=NEXT, later=None, first=0, **options)
     options = {"step": STEP} | options
     end = cut + 10 * options["step"]
     mbs, _, contacts = make()
-    whole = ep.solve_dynamic(mbs, end_time=end, **options)
+    whole = ep.solve_dynamic(mbs, end_time=cut if "adaptive" in options else end, **options)
+    if "adaptive" in options:  # whose last step ends with the run
+        whole = ep.solve_dynamic(mbs, end_time=end, go_on=True, **options)
     cut_run(make, cut, path, **options)
     fresh, result = gone_on(make, path, end, **options)
     start = int(np.flatnonzero(abs(whole.t - cut) < 1e-3 * options["step"])[0])
@@ -226,10 +276,15 @@ def test_viscous_flexibilities(pair, friction, tmp_path):
     assert_goes_on(make, 20e-6, tmp_path / "cut.npz")
 
 
-def test_pairs_that_froze_again(pair, tmp_path):
-    """The ball slides first, and friction stops it."""
-    make = lambda: on_plate(pair, friction=2.0, speed=(0.6, 0, -0.5))  # noqa: E731
-    assert_goes_on(make, 55e-6, tmp_path / "cut.npz", step=0.1e-6)
+@pytest.mark.parametrize("friction", [None, MU])
+def test_contacts_that_share_a_patch(grooved, friction, tmp_path):
+    assert_goes_on(lambda: in_groove(grooved, friction=friction), 12e-6, tmp_path / "cut.npz")
+
+
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_joints_and_the_damping_of_what_they_hold(strip, frame, tmp_path):
+    make = lambda: clamped(strip, frame)  # noqa: E731
+    assert_goes_on(make, 60e-6, tmp_path / "cut.npz", step=0.1e-6)
 
 
 @pytest.mark.parametrize("friction", [None, MU])
@@ -279,3 +334,54 @@ def test_implicit_steps_of_plastic_zones(soft, friction, tmp_path):
 def test_implicit_multipliers(nodal_pair, friction, tmp_path):
     make = lambda: on_plate(nodal_pair, formulation="lagrange", friction=friction)  # noqa: E731
     assert_goes_on(make, 12e-6, tmp_path / "cut.npz", NEWTON, first=1, **IMPLICIT)
+
+
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_a_static_preload(pair, method, tmp_path):
+    """A ball that statics have pressed onto a plane sticks on: from a file as in the same process."""
+
+    def make():
+        mbs = exu.SystemContainer().AddSystem()
+        ball = ep.CreatePartitionBody(mbs, pair[0], gravity=[0, 0, -3e4])
+        contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), friction=MU)
+        add_springs(mbs, ball, 1e5 / pair[0].total_mass)
+        mbs.Assemble()
+        return mbs, contact
+
+    options, path = {"end_time": 5e-6, "step": STEP, "method": method}, tmp_path / "pressed.npz"
+    mbs, contact = make()
+    ep.solve_static(mbs).save(path)
+    expected = contact.force(ep.solve_dynamic(mbs, go_on=True, **options))
+    mbs, contact = make()
+    found = contact.force(ep.solve_dynamic(mbs, go_on=ep.Result.load(path, mbs), **options))
+    assert expected[0] > 10
+    np.testing.assert_allclose(found, expected, rtol=0, atol=NEWTON * expected[0])
+
+
+def test_results_of_other_models_and_of_broken_runs_are_refused(pair, tmp_path):
+    make = lambda **options: on_surface(pair[0], **options)  # noqa: E731
+    mbs, *_ = make(friction=MU)
+    result = ep.solve_dynamic(mbs, end_time=2e-6, step=STEP)
+    other, *_ = make(friction=0.5 * MU)
+    with pytest.raises(InputError, match="with other friction"):
+        ep.solve_dynamic(other, end_time=4e-6, step=STEP, go_on=result)
+    same, *_ = make(friction=MU)
+    again = ep.solve_dynamic(same, end_time=4e-6, step=STEP, go_on=result)
+    assert again.t[0] == result.t[-1]
+    with pytest.raises(InputError, match="go_on: the run of this result did not end with a whole step"):
+        ep.solve_dynamic(same, end_time=6e-6, step=STEP, go_on=replace(result, end=None))
+    with pytest.raises(InputError, match="go_on"):
+        ep.solve_dynamic(same, end_time=6e-6, step=STEP, go_on="yes")
+
+
+def test_a_run_goes_on_from_a_copy_and_from_an_end_before_others(pair):
+    """The value stays what it was, whatever has run since: each run from it is the same."""
+    mbs, _, (contact,) = on_surface(pair[0], friction=MU)
+    result = ep.solve_dynamic(mbs, end_time=12e-6, step=STEP)
+    sent = pickle.loads(pickle.dumps(result))
+    found = []
+    for end in (result, sent, result):
+        found.append(contact.force(ep.solve_dynamic(mbs, end_time=20e-6, step=STEP, go_on=end)))
+        ep.solve_dynamic(mbs, end_time=30e-6, step=STEP, go_on=True)
+    np.testing.assert_array_equal(found[0], found[2])
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-9 * found[0].max())
