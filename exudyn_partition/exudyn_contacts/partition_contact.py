@@ -92,8 +92,8 @@ class PartitionContact(Item[Any]):
     """
 
     _inside = frozenset(
-        {"beside", "carrier", "compliant", "elastic", "group", "mechanics", "moment_about", "nodes", "side_names",
-         "slave_facet_size", "slices", "together"}
+        {"beside", "carrier", "compliant", "elastic", "elastic_materials", "group", "mechanics", "moment_about",
+         "nodes", "side_names", "slave_facet_size", "slices", "together"}
     )  # fmt: skip
     group: list[Any]
     together: Together | None
@@ -284,12 +284,15 @@ class PartitionContact(Item[Any]):
 
     def _row_forces(self, result: RunSamples, times: Array) -> sp.csr_matrix:
         """See `row_forces`, here at some times of the result, (k,) [s]."""
-        run, place = result.kept(self), {t: i for i, t in enumerate(times)}
-        kept = [(place[t], nodes, lam) for t, nodes, lam in run.samples if t in place]
-        at = np.repeat([i for i, *_ in kept], [len(nodes) for _, nodes, _ in kept]).astype(int)
-        nodes = np.concatenate([np.empty(0, dtype=int), *(nodes for _, nodes, _ in kept)])
-        forces = np.concatenate([np.empty(0), *(lam for *_, lam in kept)])
-        return sp.csr_matrix((forces, (at, nodes)), shape=(len(times), len(run.areas)))
+        run, place = result.kept(self), {t: i for i, t in enumerate(times.tolist())}
+        kept = {place[t]: (nodes, lam) for t, nodes, lam in run.samples if t in place}
+        ends = np.zeros(len(times) + 1, dtype=np.int64)
+        for i, (nodes, _) in kept.items():
+            ends[i + 1] = len(nodes)
+        in_order = [kept[i] for i in sorted(kept)]
+        nodes = np.concatenate([np.empty(0, dtype=np.int64), *(nodes for nodes, _ in in_order)])
+        forces = np.concatenate([np.empty(0), *(lam for _, lam in in_order)])
+        return sp.csr_matrix((forces, nodes, ends.cumsum()), shape=(len(times), len(run.areas)))
 
     def pressure(self, result: RunSamples) -> sp.csr_matrix:
         """Contact pressure around the slave's patch nodes, (n, np) [Pa], columns as those of `row_forces`.
@@ -334,29 +337,10 @@ class PartitionContact(Item[Any]):
         InputError
             If `result` is no result, is of another model, or nothing was kept of its run.
         """
-        force, run = self.force(result), result.kept(self)
-        large = np.flatnonzero((force >= _LARGE * force.max(initial=0.0)) & (force > 0))
-        n = len(self.mechanics.gaps.slave.surface.points)
-        rows, areas = self._row_forces(result, result.t[large])[:, :n], run.areas[:n]
-        touching = np.asarray(rows.sum(axis=1)).ravel() > 0
-        if not touching.any() or not areas.any():  # rows of edges alone have no area, and no limit of stress
-            return None
-        large, rows = large[touching], rows[touching]
-        places = self.slave.body.points[self.mechanics.gaps.slave.surface.nodes]
-        axes = semi_axes(rows, places, areas, not self.mechanics.gaps.points.nodal)
-        peak = int((force[large] / axes.prod(axis=1)).argmax())
-        whole = run.edge is None and areas[rows[peak].indices].sum() >= _WHOLE * areas.sum()
-        load, (a, b) = float(force[large[peak]]), map(float, axes[peak])
-        return Stress.beneath(
-            load,
-            (a, b),
-            self._elastic_materials,
-            mean=load / areas.sum() if whole else 0.0,
-            time=float(result.t[large[peak]]),
-        )
+        return stress_by_rows(self, result, self.force(result), self.row_forces(result))
 
     @property
-    def _elastic_materials(self) -> list[Material | None]:
+    def elastic_materials(self) -> list[Material | None]:
         """Materials of the sides; without a yield stress where the patch yields itself."""
         found = []
         for (item, patch), side in zip(self.sides, self.mechanics.gaps.sides, strict=False):
@@ -603,6 +587,34 @@ class PartitionContact(Item[Any]):
         if name in _RENAMED:
             raise RenamedError(f"contact.{name} is now contact.{_RENAMED[name]}")
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)
+
+
+def stress_by_rows(
+    contact: PartitionContact, result: RunSamples, force: Array, row_forces: sp.csr_matrix
+) -> Stress | None:
+    """See `PartitionContact.largest_stress`, by sums of normal forces, (n,), and by forces of rows, (n, np) [N]."""
+    run, n = result.kept(contact), len(contact.mechanics.gaps.slave.surface.points)
+    large = np.flatnonzero((force >= _LARGE * force.max(initial=0.0)) & (force > 0))
+    rows, areas = row_forces[large], run.areas[:n]
+    if rows.shape[1] > n:
+        rows = rows[:, :n]
+    touching = np.asarray(rows.sum(axis=1)).ravel() > 0
+    if not touching.any() or not areas.any():  # rows of edges alone have no area, and no limit of stress
+        return None
+    if not touching.all():
+        large, rows = large[touching], rows[touching]
+    places = contact.slave.body.points[contact.mechanics.gaps.slave.surface.nodes]
+    axes = semi_axes(rows, places, areas, not contact.mechanics.gaps.points.nodal)
+    peak = int((force[large] / axes.prod(axis=1)).argmax())
+    whole = run.edge is None and areas[rows[peak].indices].sum() >= _WHOLE * areas.sum()
+    load, (a, b) = float(force[large[peak]]), map(float, axes[peak])
+    return Stress.beneath(
+        load,
+        (a, b),
+        contact.elastic_materials,
+        mean=load / areas.sum() if whole else 0.0,
+        time=float(result.t[large[peak]]),
+    )
 
 
 def partition_items(mbs: MainSystem) -> tuple[list[PartitionBody], list[PartitionContact]]:

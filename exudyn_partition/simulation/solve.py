@@ -34,14 +34,13 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
-from .balance_review import warn_of_balance, warn_of_long_steps
 from .contact_work import ContactWork
 from .continuation import RunEnd, accelerated, keep_end, last_end, origin_of, started_from, unless_refused
 from .hooks import begun, cause, controlled, hear_of_verlet, residual, unsettled, watched
 from .joint_checks import OpenJoints, check_start, refuse_drives_by_rates
-from .lasting_review import tell_what_rings
 from .result import Result, cut, samples
-from .review import noted, reviewed, warn_of_turns
+from .reviews.review import reviewed
+from .reviews.reviewed_run import ReviewedRun
 from .stability import limit_of, stability_limit
 from .step_control import LONGEST, UNRESOLVED, StepControl, impact_step
 from .velocity_error import TOLERANCE
@@ -181,16 +180,7 @@ def solve_dynamic(
             settings=settings,
             progress=progress,
         )
-        with noted() as warned:
-            result = reviewed(mbs, result)
-            if not open_joints.warn(result):  # no balance includes the energy that closes them
-                warn_of_balance(mbs, result)
-            if adaptive:
-                warn_of_long_steps(made)
-                tell_what_rings(result)
-            else:
-                warn_of_turns(result)
-        return replace(result, warnings=tuple(warned))
+        return reviewed(ReviewedRun(mbs, result, open_joints=open_joints, share_made=made, equal_steps=not adaptive))
 
 
 def _run(

@@ -6,6 +6,7 @@ Theory: examples/site/theory.md, "The default step".
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 import scipy.linalg
@@ -15,7 +16,7 @@ import scipy.sparse.linalg
 from ..exudyn_bodies.held_damping import hold_damping
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
-from ..support.arrays import Array, consecutive
+from ..support.arrays import Array, as_slice, consecutive
 from ..support.foreign import MainSystem
 
 _TRIES = 10  # of the limit of viscous contacts
@@ -54,7 +55,7 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
     if not contacts and not K.data.any():
         return math.inf  # bodies without elastic coordinates that touch nothing
     scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
-    closed: list[tuple[Array, sp.csr_matrix, Array]] = []
+    closed: list[tuple[Array | slice, Array]] = []
 
     def close(step: float) -> None:
         """Close all rows with the pairs at the start. In steps of this length [s], viscous flexibilities are stiff."""
@@ -62,17 +63,13 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
         for contact in contacts:
             stiffness = contact.mechanics.closed_stiffness(step)
             if stiffness is not None:
-                items = [item for item, _ in contact.sides]
-                to_coordinates = sp.block_diag([item.kinematics.from_basis for item in items], format="csr")
-                dofs = np.concatenate([place[id(item)] for item in items])
-                closed.append((dofs, to_coordinates, stiffness))
+                closed.append(_on_coordinates(contact, stiffness, place))
 
     def apply(x: Array) -> Array:
         x = scale * x.ravel()
         y = K @ x
-        for dofs, to_coordinates, stiffness in closed:
-            forces = to_coordinates.T @ (stiffness @ (to_coordinates @ x[dofs]))
-            np.add.at(y, dofs, forces)  # a body that touches itself has its numbers twice
+        for dofs, stiffness in closed:
+            y[dofs] += stiffness @ x[dofs]
         value: Array = scale * y
         return value
 
@@ -99,3 +96,22 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
             break
         limit = shorter
     return min(limit, shorter)
+
+
+def _on_coordinates(
+    contact: PartitionContact, stiffness: Array, place: Mapping[int, Array]
+) -> tuple[Array | slice, Array]:
+    """Numbers of the coordinates that a contact joins, each once, and its stiffness on the bodies' bases there.
+
+    `stiffness`, (n, n), is that on the coordinates of its sides, one after the other. `place` has the numbers of each
+    body's coordinates, by the body's identity.
+    """
+    items = [item for item, _ in contact.sides]
+    if not all(item.kinematics.linear for item in items):
+        to_coordinates = sp.block_diag([item.kinematics.from_basis for item in items], format="csr")
+        stiffness = to_coordinates.T @ (to_coordinates.T @ stiffness).T  # symmetric
+    if len({*map(id, items)}) < len(items):  # a body that touches itself has its numbers twice
+        n = items[0].body.n_dofs
+        stiffness = stiffness.reshape(2, n, 2, n).sum(axis=(0, 2))
+        items = items[:1]
+    return as_slice(np.concatenate([place[id(item)] for item in items])), stiffness
