@@ -26,7 +26,7 @@ from ..support.foreign import MainSystem, NodeIndex, ObjectIndex
 from ..support.optional import require
 from .held_damping import add_damping_sensor
 from .markers import EXUDYN_COLOUR
-from .model import registry, validate_model, validate_new_name
+from .model import registered, registry, validate_new_name
 from .partition_body import PartitionBody
 from .stiffening_steps import SteppedStiffening
 from .unchanged import made
@@ -151,7 +151,7 @@ def CreatePartitionBody(
     UnitsWarning
         If a damping ratio is above 1, or gravity is that of the earth in other units than the material's.
     """
-    validate_model(mbs)
+    registered(mbs)  # so that bodies from before a Reset are forgotten before their numbers are given again
     if not isinstance(body, ReducedBody):
         raise InputError(f"body: expected what reduce() or load_body() returns, got {type(body).__name__}")
     validate_flag("superElement", superElement)
