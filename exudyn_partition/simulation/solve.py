@@ -7,7 +7,6 @@ import copy
 import logging
 import math
 import time
-import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -34,6 +33,7 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
+from ..support.warn import warn
 from .contact_work import ContactWork
 from .continuation import RunEnd, accelerated, keep_end, last_end, origin_of, started_from, unless_refused
 from .hooks import begun, cause, controlled, hear_of_verlet, residual, unsettled, watched
@@ -384,11 +384,10 @@ def _checked_step(mbs: MainSystem, step: float | None, method: Integrator) -> fl
 def _warn_of_many_steps(duration: float, longest: float, method: Integrator) -> None:
     if duration / longest > _MANY_STEPS:
         remedy = "method='implicit', whose steps stability does not limit" if method == "explicit" else "free_step="
-        warnings.warn(
+        warn(
             f"adaptive: {duration:.4g} s take at least {duration / longest:.2g} steps, for those in free flight are at "
             f"most {longest:.4g} s, even if the bodies never touch. Take {remedy}, or a shorter end_time",
             ModelLimitWarning,
-            stacklevel=4,
         )
 
 
