@@ -284,15 +284,19 @@ class PartitionContact(Item[Any]):
 
     def _row_forces(self, result: RunSamples, times: Array) -> sp.csr_matrix:
         """See `row_forces`, here at some times of the result, (k,) [s]."""
-        run, place = result.kept(self), {t: i for i, t in enumerate(times.tolist())}
-        kept = {place[t]: (nodes, lam) for t, nodes, lam in run.samples if t in place}
+        run = result.kept(self)
+        samples, shape = run.samples, (len(times), len(run.areas))
+        kept = np.array([t for t, *_ in samples])
+        at = np.searchsorted(times, kept, side="right") - 1
+        known = (at >= 0) & (times[at] == kept)
+        if not known.any():
+            return sp.csr_matrix(shape)
+        if not known.all():
+            samples, at = [sample for sample, is_known in zip(samples, known, strict=True) if is_known], at[known]
         ends = np.zeros(len(times) + 1, dtype=np.int64)
-        for i, (nodes, _) in kept.items():
-            ends[i + 1] = len(nodes)
-        in_order = [kept[i] for i in sorted(kept)]
-        nodes = np.concatenate([np.empty(0, dtype=np.int64), *(nodes for nodes, _ in in_order)])
-        forces = np.concatenate([np.empty(0), *(lam for _, lam in in_order)])
-        return sp.csr_matrix((forces, nodes, ends.cumsum()), shape=(len(times), len(run.areas)))
+        ends[at + 1] = [len(nodes) for _, nodes, _ in samples]
+        nodes, forces = (np.concatenate(parts) for parts in ([n for _, n, _ in samples], [f for *_, f in samples]))
+        return sp.csr_matrix((forces, nodes, ends.cumsum()), shape=shape)
 
     def pressure(self, result: RunSamples) -> sp.csr_matrix:
         """Contact pressure around the slave's patch nodes, (n, np) [Pa], columns as those of `row_forces`.
@@ -598,7 +602,7 @@ def stress_by_rows(
     rows, areas = row_forces[large], run.areas[:n]
     if rows.shape[1] > n:
         rows = rows[:, :n]
-    touching = np.asarray(rows.sum(axis=1)).ravel() > 0
+    touching = rows @ np.ones(n) > 0
     if not touching.any() or not areas.any():  # rows of edges alone have no area, and no limit of stress
         return None
     if not touching.all():
@@ -606,7 +610,8 @@ def stress_by_rows(
     places = contact.slave.body.points[contact.mechanics.gaps.slave.surface.nodes]
     axes = semi_axes(rows, places, areas, not contact.mechanics.gaps.points.nodal)
     peak = int((force[large] / axes.prod(axis=1)).argmax())
-    whole = run.edge is None and areas[rows[peak].indices].sum() >= _WHOLE * areas.sum()
+    closed = rows.indices[slice(*rows.indptr[peak : peak + 2])]
+    whole = run.edge is None and areas[closed].sum() >= _WHOLE * areas.sum()
     load, (a, b) = float(force[large[peak]]), map(float, axes[peak])
     return Stress.beneath(
         load,

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
+import scipy.sparse.csgraph
 import scipy.sparse.linalg
 
 from ..exudyn_bodies.held_damping import hold_damping
@@ -20,13 +21,14 @@ from ..support.arrays import Array, as_slice, consecutive
 from ..support.foreign import MainSystem
 
 _TRIES = 10  # of the limit of viscous contacts
+_DENSE = 150  # number of coordinates up to which all frequencies are found: Lanczos' iterations take longer
 _CLOSE = 1e-2  # relative change of the limit with which it is known
 
 
 def stability_limit(mbs: MainSystem) -> float:
     """Largest stable step of central differences for the partition bodies with all contact rows closed [s].
 
-    It is 2 / omega_max of K + H' F^-1 H and M, by Lanczos, with the pairs and normals at the start. Damping of the
+    It is 2 / omega_max of K + H' F^-1 H and M, with the pairs and normals at the start. Damping of the
     bodies lowers the limit. This is computed by a bound that is exact if the highest mode has the largest damping.
     Other items of the model are not included, nor is the mass of a body that carries a rigid surface. Multipliers of
     the lagrange formulation do not lower the limit. Viscous flexibilities of contacts do, see `contact.viscosity`.
@@ -49,40 +51,14 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
     """Return the largest stable step of some bodies with some contacts [s], see `stability_limit`."""
     if not bodies:
         return float("inf")
-    slices = consecutive([item.body.n_dofs for item in bodies])
-    place = {id(item): np.r_[own] for item, own in zip(bodies, slices, strict=True)}
-    K = sp.block_diag([item.body.stiffness for item in bodies], format="csr")
-    if not contacts and not K.data.any():
-        return math.inf  # bodies without elastic coordinates that touch nothing
-    scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
-    closed: list[tuple[Array | slice, Array]] = []
-
-    def close(step: float) -> None:
-        """Close all rows with the pairs at the start. In steps of this length [s], viscous flexibilities are stiff."""
-        closed.clear()
-        for contact in contacts:
-            stiffness = contact.mechanics.closed_stiffness(step)
-            if stiffness is not None:
-                closed.append(_on_coordinates(contact, stiffness, place))
-
-    def apply(x: Array) -> Array:
-        x = scale * x.ravel()
-        y = K @ x
-        for dofs, stiffness in closed:
-            y[dofs] += stiffness @ x[dofs]
-        value: Array = scale * y
-        return value
-
-    n = K.shape[0]
-    operator = scipy.sparse.linalg.LinearOperator((n, n), matvec=apply, dtype=float)
-    start = np.ones(n)
+    groups = _joined(bodies, contacts)
 
     def largest(step: float) -> float:
-        close(step)
-        found = scipy.sparse.linalg.eigsh(operator, k=1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)
-        return float(found[0])
+        return max(_largest(*group, step) for group in groups)
 
     square = largest(math.inf)
+    if square <= 0.0:
+        return math.inf  # bodies without elastic coordinates that touch nothing
     omega = math.sqrt(square)
     rate = max((item.damping.largest_rate(omega) for item in bodies if item.damping is not None), default=0.0)
     # VelocityVerlet computes damping forces with the velocities half a step before: h^2 omega^2 + 2 h d <= 4.
@@ -98,13 +74,66 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
     return min(limit, shorter)
 
 
+def _joined(
+    bodies: list[PartitionBody], contacts: list[PartitionContact]
+) -> list[tuple[list[PartitionBody], list[PartitionContact]]]:
+    """Bodies that contacts join, directly or through others, with these contacts."""
+    number = {item: i for i, item in enumerate(bodies)}
+    pairs = np.array([(number[c.sides[0][0]], number[c.sides[-1][0]]) for c in contacts], dtype=int).reshape(-1, 2)
+    graph = sp.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(bodies), len(bodies)))
+    count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    found: list[tuple[list[PartitionBody], list[PartitionContact]]] = [([], []) for _ in range(count)]
+    for item in bodies:
+        found[group[number[item]]][0].append(item)
+    for contact in contacts:
+        found[group[number[contact.slave]]][1].append(contact)
+    return found
+
+
+def _largest(bodies: list[PartitionBody], contacts: list[PartitionContact], step: float) -> float:
+    """Largest squared frequency of bodies with all rows closed [rad2/s2], with the pairs at the start.
+
+    In steps of this length [s], viscous flexibilities are stiff.
+    """
+    slices = consecutive([item.body.n_dofs for item in bodies])
+    place = {item: np.arange(own.start, own.stop) for item, own in zip(bodies, slices, strict=True)}
+    scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
+    closed = [
+        _on_coordinates(contact, stiffness, place)
+        for contact in contacts
+        if (stiffness := contact.mechanics.closed_stiffness(step)) is not None
+    ]
+    if len(scale) <= _DENSE:
+        matrix = np.zeros((len(scale), len(scale)))
+        for item, own in zip(bodies, slices, strict=True):
+            matrix[own, own] = item.body.stiffness.toarray()
+        for dofs, stiffness in closed:
+            matrix[np.ix_(dofs, dofs)] += stiffness
+        return float(np.linalg.eigvalsh(scale[:, None] * matrix * scale)[-1])
+    K = sp.block_diag([item.body.stiffness for item in bodies], format="csr")
+    parts = [(as_slice(dofs), stiffness) for dofs, stiffness in closed]
+
+    def apply(x: Array) -> Array:
+        x = scale * x.ravel()
+        y = K @ x
+        for dofs, stiffness in parts:
+            y[dofs] += stiffness @ x[dofs]
+        value: Array = scale * y
+        return value
+
+    n = len(scale)
+    operator = scipy.sparse.linalg.LinearOperator((n, n), matvec=apply, dtype=float)
+    found = scipy.sparse.linalg.eigsh(operator, k=1, which="LA", tol=1e-4, v0=np.ones(n), return_eigenvectors=False)
+    return float(found[0])
+
+
 def _on_coordinates(
-    contact: PartitionContact, stiffness: Array, place: Mapping[int, Array]
-) -> tuple[Array | slice, Array]:
+    contact: PartitionContact, stiffness: Array, place: Mapping[PartitionBody, Array]
+) -> tuple[Array, Array]:
     """Numbers of the coordinates that a contact joins, each once, and its stiffness on the bodies' bases there.
 
     `stiffness`, (n, n), is that on the coordinates of its sides, one after the other. `place` has the numbers of each
-    body's coordinates, by the body's identity.
+    body's coordinates.
     """
     items = [item for item, _ in contact.sides]
     if not all(item.kinematics.linear for item in items):
@@ -114,4 +143,4 @@ def _on_coordinates(
         n = items[0].body.n_dofs
         stiffness = stiffness.reshape(2, n, 2, n).sum(axis=(0, 2))
         items = items[:1]
-    return as_slice(np.concatenate([place[id(item)] for item in items])), stiffness
+    return np.concatenate([place[item] for item in items]), stiffness

@@ -12,7 +12,7 @@ from ...exudyn_bodies.item_work import Others
 from ...exudyn_bodies.joints import Joints
 from ...exudyn_bodies.model import is_ours, user_function
 from ...exudyn_bodies.partition_body import PartitionBody
-from ...exudyn_contacts.balance import STEPS, Balance, doubt, has_all_steps
+from ...exudyn_contacts.balance import STEPS, Balance, doubt, given, has_all_steps, taken
 from ...exudyn_contacts.partition_contact import PartitionContact
 from ...frames.damping import ModeDamping
 from ...frames.floating import FloatingKinematics
@@ -40,8 +40,13 @@ def balance(run: ReviewedRun) -> Iterator[Finding]:
     if run.closings:  # no balance includes the energy that closes joints
         return
     free = _free(run)
-    some = np.unique(np.r_[0, _some(np.arange(len(free))), _some(np.flatnonzero(free)), len(free) - 1])
-    energies = Balance.of(result, some)
+    some = np.unique(np.concatenate([[0], _some(np.arange(len(free))), _some(np.flatnonzero(free)), [len(free) - 1]]))
+    energies = Balance(
+        bodies=np.sum([body.energy[some] for body in run.bodies], axis=0),
+        contacts=np.sum([np.zeros(len(some)), *(contact.energy(result)[some] for contact in result.contacts)], axis=0),
+        taken={what: work[some] for what, work in taken(result).items()},
+        given={what: work[some] for what, work in given(result).items()},
+    )
     others, exchanges = Others.of(run.mbs, told=result.item_work is not None), any(map(_exchanges, result.contacts))
     if not others.driven and not exchanges:  # otherwise energy that was taken may come back
         yield from _damping(run, energies)
@@ -55,7 +60,7 @@ def balance(run: ReviewedRun) -> Iterator[Finding]:
 
 def _lacks_inertia(item: PartitionBody) -> bool:
     """Whether inertia forces are left out. Energy is not conserved without them."""
-    return any("(inertiaTerms)" in said for said in item.left_out)
+    return any("(inertiaTerms)" in said for said in item.frame_left_out)
 
 
 def _exchanges(contact: PartitionContact) -> bool:
@@ -72,7 +77,9 @@ def _free(run: ReviewedRun) -> Array:
     rows = np.zeros(len(run.result.t), dtype=bool)
     for history in run.contacts:
         rows |= history.closed_rows > 0
-    closed = rows | np.r_[rows[1:], False] | np.r_[False, rows[:-1]]
+    closed = rows.copy()
+    closed[:-1] |= rows[1:]
+    closed[1:] |= rows[:-1]
     closed[-1] = False
     return np.asarray(~closed)
 

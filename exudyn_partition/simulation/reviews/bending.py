@@ -20,7 +20,7 @@ from ...reduction.body import ReducedBody
 from ...support.arrays import Array
 from ...support.once import once
 from ..result import called, when
-from .reviewed_run import Finding, ReviewedRun
+from .reviewed_run import Finding, ReviewedRun, evenly
 
 _FACETS, _SAMPLES = 4000, 32  # largest number of facets, and of samples, that are looked at
 _AROUND = 1.0  # width around a patch where its contact decides, by the patch's size
@@ -41,7 +41,7 @@ def bending(run: ReviewedRun) -> Iterator[Finding]:
         if bound.max() <= material.yield_stress:
             continue
         energy = history.strain_energy
-        some = np.unique(np.r_[np.argsort(energy)[-_SAMPLES:], np.linspace(0, len(energy) - 1, _SAMPLES).astype(int)])
+        some = np.union1d(np.argsort(energy)[-_SAMPLES:], evenly(len(energy), _SAMPLES))
         some = some[bound[some] > material.yield_stress]
         if not len(some):
             continue

@@ -20,7 +20,7 @@ from ...support.arrays import Array
 from ...support.once import once
 from ...surfaces.surface import Surface, closest_points
 from ..result import called, when
-from .reviewed_run import ContactHistory, Finding, ReviewedRun
+from .reviewed_run import ContactHistory, Finding, ReviewedRun, evenly
 
 _LOOKED_AT, _STARTS = 64, 16  # largest number of samples, and of times of contact, at which nodes are checked
 _WITHIN = 0.01  # depth of an edge within another body, as a share of a facet's size
@@ -39,7 +39,7 @@ def looked_at(run: ReviewedRun, history: ContactHistory) -> Array:
     if history.contact.mechanics.gaps.pressed and run.result.method == "static":
         return np.arange(n)[-1:] if run.result.status == "finished" else np.empty(0, dtype=int)
     starts = [first - 1 for first, _ in history.spans[:_STARTS] if first > 0]
-    return np.unique(np.r_[starts, np.linspace(0, n - 1, min(n, _LOOKED_AT))].astype(int))
+    return np.union1d(np.array(starts, dtype=int), evenly(n, _LOOKED_AT))
 
 
 @once

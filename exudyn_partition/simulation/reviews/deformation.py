@@ -46,7 +46,7 @@ def rotation(run: ReviewedRun) -> Iterator[Finding]:
         item = body.item
         if item.frame != "inertial":
             continue
-        angle = np.linalg.norm(item.rigid_motion(body.q)[:, 3:], axis=1)
+        angle = np.linalg.norm(body.rigid_motion[:, 3:], axis=1)
         if angle.max() > _LARGEST_ROTATION:
             turned = run.result.t[int((angle > _LARGEST_ROTATION).argmax())]
             yield Finding(

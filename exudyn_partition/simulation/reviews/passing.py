@@ -15,7 +15,7 @@ from ...support.arrays import Array
 from ...support.once import once
 from ...surfaces.surface import closest_points
 from ..result import called
-from .reviewed_run import ContactHistory, Finding, ReviewedRun, size_of
+from .reviewed_run import ContactHistory, Finding, ReviewedRun, evenly, size_of
 
 _SAMPLES, _NODES = 32, 300  # largest numbers of samples, and of nodes beside patches, that are looked at
 _WAYS = 200  # directions in which a body reaches furthest with a corner, which may be the first to enter
@@ -43,10 +43,13 @@ def _entered(
     run: ReviewedRun, history: ContactHistory, met: Mapping[tuple[PartitionBody, object], frozenset[int]]
 ) -> Iterator[Finding]:
     contact, result = history.contact, run.result
-    chosen = np.unique(np.linspace(0, len(result.t) - 1, _SAMPLES).astype(int))
+    chosen = evenly(len(result.t), _SAMPLES)
     dent = np.maximum(history.pressed[chosen], 0.0)  # which the motion does not know
     sides = [item for item, _ in contact.sides]
     for item, other in zip(sides, sides[::-1] if len(sides) > 1 else [contact.master], strict=True):
+        deep = _DEEP * size_of(item.body)
+        if not isinstance(other, PartitionBody) and contact.carrier is None and run.of(item).way < deep:
+            continue  # nothing that was outside at the start can be so deep
         nodes = _beside(item.body, met[item, other])
         places = item.kinematics.at(nodes).place(run.of(item).q[chosen])
         if isinstance(other, PartitionBody):
@@ -56,9 +59,9 @@ def _entered(
             if motion is None:
                 continue
             place, axes = motion
-            own = (places - place[:, None]) @ axes
+            own = places if contact.carrier is None else (places - place[:, None]) @ axes
             depth = -other.project(own.reshape(-1, 3))[0].reshape(own.shape[:2])
-        entered = np.where(depth[0] < 0.0, depth, 0.0) > dent[:, None] + _DEEP * size_of(item.body)
+        entered = np.where(depth[0] < 0.0, depth, 0.0) > dent[:, None] + deep
         if entered.any():
             sample, node = np.argwhere(entered)[0]
             what = called(other) if isinstance(other, PartitionBody) else "the rigid surface"

@@ -118,7 +118,7 @@ def _sunk(run: ReviewedRun, history: ContactHistory, gaps: RigidGaps) -> Iterato
     for i, sample in enumerate(chosen) if contact.plastic else ():
         if (dent := dents(int(sample))) is not None:
             places[i] += dent[0] @ side.kinematics.frame(q[i])[1].T
-    on_surface = (places - carried[:, None]) @ axes
+    on_surface = places if contact.carrier is None else (places - carried[:, None]) @ axes
     depth = -gaps.surface.project(on_surface.reshape(-1, 3))[0].reshape(places.shape[:2])
     surface = item.body.surface(np.zeros(3), number)
     allowed = _allowed_depth(surface)

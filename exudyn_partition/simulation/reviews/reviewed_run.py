@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from ...prediction.yielding import Stress
 from ...reduction.body import ReducedBody
 from ...results.impacts import Ringing, closed_spans
 from ...support.arrays import Array
+from ...support.checks import read_only
 from ...support.foreign import MainSystem
 from ...support.once import once
 from ..joint_checks import OpenJoints
@@ -85,6 +87,25 @@ class BodyHistory:
         if bound.max(initial=0.0) < LARGEST_DEFORMATION:
             return bound
         return self.item.deformation(np.where(self.finite[:, None], self.q, 0.0)) / size_of(body)
+
+    @cached_property
+    def rigid_motion(self) -> Array:
+        """Translation [m] and rotation [rad] of the whole body, (n, 6)."""
+        return self.item.rigid_motion(self.q)
+
+    @cached_property
+    def way(self) -> float:
+        """Bound on how far any node of the surface is from its place at the start, at any time of the run [m]."""
+        body, (motions, reach) = self.item.body, _reach_of(self.item.body)
+
+        def largest(deformed: Array) -> Array:
+            nodal = abs(deformed[:, body.n_shapes :]).max(axis=1, initial=0.0)
+            return np.asarray(math.sqrt(3) * (abs(deformed[:, : body.n_shapes]) @ motions + nodal))
+
+        moved, turned = np.split(self.rigid_motion - self.rigid_motion[0], 2, axis=1)
+        arm = reach + largest(self.deformed[:1])
+        ways = np.linalg.norm(moved, axis=1) + np.linalg.norm(turned, axis=1) * arm
+        return float((ways + largest(self.deformed - self.deformed[0])).max())
 
     @cached_property
     def kinetic_energy(self) -> Array:
@@ -226,6 +247,14 @@ class ReviewedRun:
 Review = Callable[[ReviewedRun], Iterable[Finding]]
 
 
+@functools.lru_cache(maxsize=16)
+def evenly(count: int, most: int) -> Array:
+    """Numbers of some of `count` samples, spread evenly, (k,) int; the first and the last are among them."""
+    some = np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
+    read_only(some)
+    return some
+
+
 @once
 def size_of(body: ReducedBody) -> float:
     """Largest side of the box around a body along its axes [m]."""
@@ -237,3 +266,11 @@ def _largest_motions(body: ReducedBody) -> Array:
     """Largest displacement on the patches over the body's size by a unit of each shape, (n_shapes,)."""
     rows = body.shape_rows(body.partition.patch_nodes)
     return np.asarray(abs(rows).max(axis=0, initial=0.0) / size_of(body))
+
+
+@once
+def _reach_of(body: ReducedBody) -> tuple[Array, float]:
+    """Largest motion of a node of the surface by each shape, along an axis, (n_shapes,), and largest arm [m]."""
+    nodes = np.unique(body.facets)
+    arms = body.points[nodes] - body.centre_of_mass
+    return abs(body.shape_rows(nodes)).max(axis=0, initial=0.0), float(np.linalg.norm(arms, axis=1).max())
