@@ -58,8 +58,9 @@ class HeldMatrix:
         """Matrix in one of Exudyn's containers."""
         held = matrix.GetPythonObject()
         if isinstance(held, dict):
-            return cls(np.reshape(held["triplets"], (-1, 3)), int(held["numberOfRows"]))
-        return cls(np.atleast_2d(held), len(np.atleast_2d(held)))
+            return cls(np.array(held["triplets"], dtype=float).reshape(-1, 3), int(held["numberOfRows"]))
+        entries = np.array(held, dtype=float, ndmin=2)
+        return cls(entries, len(entries))
 
     @cached_property
     def csr(self) -> sp.csr_matrix:

@@ -288,7 +288,8 @@ class PartitionContact(Item[Any]):
         samples, shape = run.samples, (len(times), len(run.areas))
         kept = np.array([t for t, *_ in samples])
         at = np.searchsorted(times, kept, side="right") - 1
-        known = (at >= 0) & (times[at] == kept)
+        known = at >= 0
+        known[known] = times[at[known]] == kept[known]
         if not known.any():
             return sp.csr_matrix(shape)
         if not known.all():

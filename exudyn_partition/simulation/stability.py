@@ -11,7 +11,6 @@ from collections.abc import Mapping
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-import scipy.sparse.csgraph
 import scipy.sparse.linalg
 
 from ..exudyn_bodies.held_damping import hold_damping
@@ -78,16 +77,19 @@ def _joined(
     bodies: list[PartitionBody], contacts: list[PartitionContact]
 ) -> list[tuple[list[PartitionBody], list[PartitionContact]]]:
     """Bodies that contacts join, directly or through others, with these contacts."""
-    number = {item: i for i, item in enumerate(bodies)}
-    pairs = np.array([(number[c.sides[0][0]], number[c.sides[-1][0]]) for c in contacts], dtype=int).reshape(-1, 2)
-    graph = sp.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(bodies), len(bodies)))
-    count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    found: list[tuple[list[PartitionBody], list[PartitionContact]]] = [([], []) for _ in range(count)]
-    for item in bodies:
-        found[group[number[item]]][0].append(item)
+    group: dict[PartitionBody, tuple[list[PartitionBody], list[PartitionContact]]] = {
+        item: ([item], []) for item in bodies
+    }
     for contact in contacts:
-        found[group[number[contact.slave]]][1].append(contact)
-    return found
+        small, large = sorted(
+            (group[item] for item, _ in (contact.sides[0], contact.sides[-1])), key=lambda g: len(g[0])
+        )
+        if small is not large:
+            large[0].extend(small[0])
+            large[1].extend(small[1])
+            group |= dict.fromkeys(small[0], large)
+        large[1].append(contact)
+    return [*{id(each): each for each in group.values()}.values()]
 
 
 def _largest(bodies: list[PartitionBody], contacts: list[PartitionContact], step: float) -> float:

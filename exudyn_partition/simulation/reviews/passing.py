@@ -29,10 +29,11 @@ def passing(run: ReviewedRun) -> Iterator[Finding]:
     """Bodies that enter what they touch beside their patches in all contacts, for example after a turn."""
     if run.result.method == "static":
         return
-    met: dict[tuple[PartitionBody, object], frozenset[int]] = {}  # patches of a body that meet another one
+    # Patches of a body that meet another body or a surface, by its identity: surfaces of users may have no hash.
+    met: dict[tuple[PartitionBody, int], frozenset[int]] = {}
     for contact in run.result.contacts:
         for (item, number), other in zip(contact.sides, (contact.master, contact.slave), strict=False):
-            met[item, other] = met.get((item, other), frozenset()) | {number}
+            met[item, id(other)] = met.get((item, id(other)), frozenset()) | {number}
     for history in run.contacts:
         contact = history.contact
         if contact.master != contact.slave and contact.rows != "edges" and history.kept.edge is None:
@@ -40,7 +41,7 @@ def passing(run: ReviewedRun) -> Iterator[Finding]:
 
 
 def _entered(
-    run: ReviewedRun, history: ContactHistory, met: Mapping[tuple[PartitionBody, object], frozenset[int]]
+    run: ReviewedRun, history: ContactHistory, met: Mapping[tuple[PartitionBody, int], frozenset[int]]
 ) -> Iterator[Finding]:
     contact, result = history.contact, run.result
     chosen = evenly(len(result.t), _SAMPLES)
@@ -50,7 +51,7 @@ def _entered(
         deep = _DEEP * size_of(item.body)
         if not isinstance(other, PartitionBody) and contact.carrier is None and run.of(item).way < deep:
             continue  # nothing that was outside at the start can be so deep
-        nodes = _beside(item.body, met[item, other])
+        nodes = _beside(item.body, met[item, id(other)])
         places = item.kinematics.at(nodes).place(run.of(item).q[chosen])
         if isinstance(other, PartitionBody):
             depth = _depths_in_body(places, other, run.of(other).q[chosen])
