@@ -8,7 +8,6 @@ tolerance over 1.25.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,6 +26,7 @@ from ..support.checks import (
 )
 from ..support.foreign import Shape
 from ..support.progress import Progress, shown
+from ..support.warn import warn
 from .contact_place import contact_place
 from .correction import LEFT
 from .design_search import Search
@@ -112,11 +112,10 @@ def design_impact(
     with shown(progress, "design an impact") as report:
         design = Search(scene, duration).run(report)
     if design.limit:
-        warnings.warn(
+        warn(
             f"tolerance: {tolerance:.3g} cannot be promised; the best design has an estimated error of "
             f"{design.error:.3g}. What limits it is {design.limit}",
             ToleranceWarning,
-            stacklevel=2,
         )
     return design
 

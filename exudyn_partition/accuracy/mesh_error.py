@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import warnings
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -39,6 +38,7 @@ from ..reduction.body import ReducedBody
 from ..reduction.estimate import Estimate
 from ..support.arrays import Array
 from ..support.checks import validate_positive, validate_type
+from ..support.warn import warn
 from .correction import Change, Finer, Points, patch_axes
 from .modal_pair import Pair, Side, impact_of
 
@@ -213,11 +213,10 @@ def judged(
         finers = [Finer(*pair) for pair in pairs]
         estimate = estimate_of(*impact_of(pairs, numbers, speed, rigid), speed, duration, finers)
     if estimate.carrying < _FEWEST:
-        warnings.warn(
+        warn(
             f"mesh: expected {_FEWEST} rows of the contact or more that carry force, got {estimate.carrying}. So the "
             f"estimated error of {estimate.force:.2g} may be far too small; refine both meshes at the contact",
             ToleranceWarning,
-            stacklevel=3,
         )
     return estimate, finers, numbers
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 
 from ..algebra.blas_threads import one_blas_thread
@@ -10,6 +9,7 @@ from ..contact.rigid import RigidSurface
 from ..errors import InputError, ToleranceWarning
 from ..reduction.body import ReducedBody
 from ..support.checks import validate_flag
+from ..support.warn import warn
 from .mesh_error import judged
 from .modal_pair import Pair
 
@@ -83,10 +83,9 @@ def with_mesh_error(
         result.append(replace(body, estimate=estimate))
     worst = max((body.estimate for body in result if body.estimate is not None), key=lambda estimate: estimate.total)
     if worst.total > worst.tolerance:
-        warnings.warn(
+        warn(
             f"tolerance: {worst.tolerance:.3g} cannot be promised; the estimated total error is {worst.total:.3g}, of "
             f"which the meshes make {found.error:.3g}. What limits it is {worst.limit}",
             ToleranceWarning,
-            stacklevel=2,
         )
     return tuple(result)

@@ -5,7 +5,6 @@ Theory: examples/site/theory.md, "Contact-adapted".
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -17,6 +16,7 @@ import scipy.sparse.linalg
 from ..errors import ModeAccuracyError, ModeCountWarning
 from ..support.arrays import Array
 from ..support.progress import Progress
+from ..support.warn import warn
 from .sparse.solver import factorise
 
 _COLUMNS = 24, 96  # least and most unit loads that are solved for at a time
@@ -355,10 +355,9 @@ def _check_strain_energy(modes: RitzPairs, stiffness: sp.csr_matrix, omega_max: 
 
 
 def _warn_of_count(omega_max: float, expected: int, found: int) -> None:
-    warnings.warn(
+    warn(
         f"expected {expected} elastic modes below {omega_max / (2 * np.pi):.6g} Hz, as many as the signs of the pivots "
         f"count, found {found}. Check that mass and stiffness are those of one free body with six rigid modes; if they "
         "are, move the end of the band a little",
         ModeCountWarning,
-        stacklevel=3,
     )

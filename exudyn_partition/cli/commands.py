@@ -33,6 +33,7 @@ from ..reduction.body import ReducedBody, load_body
 from ..reduction.reduction import BASES, reduce
 from ..support.checks import validate_vector
 from ..support.files import writable
+from ..support.warn import warn
 from .doctor import doctor
 from .impact import impact as impact_command
 from .printing import show
@@ -358,7 +359,7 @@ def _estimate(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
         result |= {"yield_ratio": found.yield_ratio, "yield_force_N": found.yield_force}
         result |= {"yield_speed_m_s": found.yield_speed, "plastic_radius_m": found.plastic_radius}
         if found.yield_ratio > 1:
-            warnings.warn(found.stress.advice(("the first body", "the second body")), YieldWarning, stacklevel=2)
+            warn(found.stress.advice(("the first body", "the second body")), YieldWarning)
     if math.isfinite(found.duration):
         f_cut = found.truncation_frequency()
         result |= {"f_cut_Hz": f_cut, "step_s": 1 / (STEPS_A_PERIOD * f_cut)}

@@ -14,7 +14,6 @@ Visualization and Computer Graphics 11 (2005) 243.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -31,6 +30,7 @@ from ..meshing.step_files import ENDINGS
 from ..support.arrays import Array
 from ..support.checks import validate_array, validate_path, validate_positive
 from ..support.foreign import Shape
+from ..support.warn import warn
 from ..surfaces.surface import nearest_places
 
 _SAME = 1e-9  # of the size of the mesh: corners that are nearer to each other are merged
@@ -85,10 +85,9 @@ class RigidMesh:
             raise InputError(f"triangles: expected at least one, of whole numbers from 0 to {len(points) - 1}")
         size = float(np.ptp(points[triangles.ravel()], axis=0).max())
         if size > _LARGEST:
-            warnings.warn(
+            warn(
                 f"points: the mesh is {size:.4g} m large. If its file is in millimetres, give scale=1e-3",
                 UnitsWarning,
-                stacklevel=3,
             )
         _, first, number = np.unique(
             np.round(points / (_SAME * size or 1.0)), axis=0, return_index=True, return_inverse=True

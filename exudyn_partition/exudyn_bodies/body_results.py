@@ -240,7 +240,9 @@ class BodyResults(Item[ItemIndex]):
         It is integrated by the trapezoidal rule; the samples must resolve the vibration.
         """
         q_t, power = self.coordinates_t(result), np.zeros(len(result.t))
-        for since, damping in result.dampings_of(self):
+        if not (dampings := result.dampings_of(self)):
+            return power
+        for since, damping in dampings:
             then = result.t >= since
             power[then] = np.sum(q_t[then] * damping.force(q_t[then]), axis=1)
         value: Array = cumulative_trapezoid(power, result.t, initial=0.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
@@ -24,9 +23,10 @@ from ..support.arrays import Array, Vector
 from ..support.checks import listed, validate_array, validate_choice, validate_flag, validate_number, validate_vector
 from ..support.foreign import MainSystem, NodeIndex, ObjectIndex
 from ..support.optional import require
+from ..support.warn import warn
 from .held_damping import add_damping_sensor
 from .markers import EXUDYN_COLOUR
-from .model import registry, validate_model, validate_new_name
+from .model import registered, registry, validate_new_name
 from .partition_body import PartitionBody
 from .stiffening_steps import SteppedStiffening
 from .unchanged import made
@@ -151,7 +151,7 @@ def CreatePartitionBody(
     UnitsWarning
         If a damping ratio is above 1, or gravity is that of the earth in other units than the material's.
     """
-    validate_model(mbs)
+    registered(mbs)  # so that bodies from before a Reset are forgotten before their numbers are given again
     if not isinstance(body, ReducedBody):
         raise InputError(f"body: expected what reduce() or load_body() returns, got {type(body).__name__}")
     validate_flag("superElement", superElement)
@@ -263,11 +263,10 @@ def _warn_if_overdamped(body: ReducedBody, damping: Ratios, loss: Damping | None
         ratios = loss.rates / (2 * loss.omega) if isinstance(loss, ModeDamping) else np.zeros(0)
         ratio, said = ratios.max(initial=0.0), "a ratio of"
     if 1 < ratio < np.inf:
-        warnings.warn(
+        warn(
             f"damping: {said} {ratio:.4g}, above 1, lets nothing swing; structures have 0.001 to 0.1. Is it in per "
             "cent? 2 % are 0.02. Go on if that is meant",
             UnitsWarning,
-            stacklevel=3,
         )
 
 
@@ -279,11 +278,10 @@ def _warn_of_gravity(body: ReducedBody, acceleration: Array) -> None:
     slip = _EARTH if in_mm else 1e3 * _EARTH
     if abs(np.linalg.norm(acceleration) / slip - 1) < _NEAR_EARTH:
         units = ("m", "millimetres") if in_mm else ("mm", "SI units")
-        warnings.warn(
+        warn(
             f"gravity: {np.linalg.norm(acceleration):.6g} is that of the earth in {units[0]}/s2, and the material, rho="
             f"{body.material.rho:.6g}, is in {units[1]}; expected {_EARTH * (1e3 if in_mm else 1):g} there",
             UnitsWarning,
-            stacklevel=3,
         )
 
 

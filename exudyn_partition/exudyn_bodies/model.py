@@ -152,17 +152,25 @@ def validate_new_name(mbs: MainSystem, name: object, kinds: Collection[str]) -> 
 
 
 def registered(mbs: MainSystem) -> Registry:
-    """Return bodies and contacts of a model; those from before an `mbs.Reset()` are removed."""
+    """Return bodies and contacts of a model; those from before an `mbs.Reset()` are removed.
+
+    Exudyn is asked about the newest body alone. A Reset removes it, and a deletion of an older item changes its number.
+    """
     validate_model(mbs)
     held = registry(mbs)
     objects, sensors = mbs.systemData.NumberOfObjects(), mbs.systemData.NumberOfSensors()
-    for number, item in list(held.bodies.items()):
-        if number >= objects or not item.is_in(mbs):
-            del held.bodies[number]
-    there = {*held.bodies.values()}
-    for number, contact in list(held.contacts.items()):
-        if not all(item in there for item, _ in contact.sides):
-            del held.contacts[number]
+
+    def holds(number: int) -> bool:
+        return number < objects and bool(held.bodies[number].is_in(mbs))
+
+    if held.bodies and not holds(next(reversed(held.bodies))):
+        held.bodies = {number: item for number, item in held.bodies.items() if holds(number)}
+        there = {*held.bodies.values()}
+        held.contacts = {
+            number: contact
+            for number, contact in held.contacts.items()
+            if all(item in there for item, _ in contact.sides)
+        }
 
     def is_there(number: SensorIndex, name: str) -> bool:
         return int(number) < sensors and bool(mbs.GetSensor(number)["name"] == name)

@@ -152,8 +152,9 @@ def _shape(mbs: MainSystem, number: int, entry: ItemEntry) -> tuple[Array, Array
     """Points, (n, 3) [m], and triangles, (k, 3) int, of the graphics of an object; none if it shows none."""
     shown = entry.get("VgraphicsData") and entry["Vshow"]
     graphics = mbs.GetObjectParameter(number, "VgraphicsData") if shown else []
-    parts = [(np.zeros((0, 3)), np.zeros((0, 3), dtype=int))]
-    parts += [part for data in graphics if isinstance(data, dict) for part in _triangles(data)]
+    parts = [part for data in graphics if isinstance(data, dict) for part in _triangles(data)]
+    if not parts:
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=int)
     starts = np.cumsum([0, *(len(points) for points, _ in parts)])
     triangles = np.vstack([corners + start for (_, corners), start in zip(parts, starts, strict=False)])
     points, numbers = np.unique(np.vstack([points for points, _ in parts]), axis=0, return_inverse=True)

@@ -45,8 +45,8 @@ class PartitionBody(BodyResults):
     """
 
     _inside = frozenset(
-        {"as_made", "dampings", "frame_markers", "is_in", "kinematics", "mobility", "node_sizes", "offset_markers",
-         "plastic_states", "point_markers", "ratios", "weight"}
+        {"as_made", "dampings", "frame_left_out", "frame_markers", "is_in", "kinematics", "mobility", "node_sizes",
+         "offset_markers", "plastic_states", "point_markers", "ratios", "weight"}
     )  # fmt: skip
 
     def __init__(
@@ -58,7 +58,7 @@ class PartitionBody(BodyResults):
         **indices: ItemIndex | list[ItemIndex],
     ) -> None:
         super().__init__(**indices)
-        self.body, self.name, self.kinematics, self._frame_left_out = body, name, kinematics, frame_left_out
+        self.body, self.name, self.kinematics, self.frame_left_out = body, name, kinematics, frame_left_out
         self.point_markers: dict[int, Vector] = {}
         self.damping: Damping | None = None
         self.ratios: Ratios | None = None
@@ -90,7 +90,7 @@ class PartitionBody(BodyResults):
         """What body and frame leave out, as a list of texts."""
         dents = ("the local dents of forces on node and point markers (an interface has their static answer)",)
         undamped = ("damping of the kept modes (damping= of CreatePartitionBody)",)
-        said = self.body.left_out + self._frame_left_out
+        said = self.body.left_out + self.frame_left_out
         return said + undamped * (self.damping is None) + dents * bool(self.point_markers)
 
     def matrices(self) -> BodyMatrices:

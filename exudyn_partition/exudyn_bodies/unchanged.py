@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..errors import InputError
+from ..support.arrays import Array
 from ..support.foreign import MainSystem, MatrixContainer
 from ..support.optional import require
 from .model import BodyItem, coordinate_slices, registry, user_function
@@ -36,10 +39,49 @@ class MadeBody(BodyItem, Protocol):
         """Whether the body has an Exudyn index with this name."""
 
 
+@dataclass(frozen=True, eq=False)
+class HeldMatrix:
+    """A matrix as Exudyn holds it.
+
+    Parameters
+    ----------
+    entries : (n, n) or (k, 3) array
+        All entries, or rows, columns and values of some.
+    size : int
+    """
+
+    entries: Array
+    size: int
+
+    @classmethod
+    def of(cls, matrix: MatrixContainer) -> HeldMatrix:
+        """Matrix in one of Exudyn's containers."""
+        held = matrix.GetPythonObject()
+        if isinstance(held, dict):
+            return cls(np.array(held["triplets"], dtype=float).reshape(-1, 3), int(held["numberOfRows"]))
+        entries = np.array(held, dtype=float, ndmin=2)
+        return cls(entries, len(entries))
+
+    @cached_property
+    def csr(self) -> sp.csr_matrix:
+        """The matrix, (size, size)."""
+        if self.entries.shape == (self.size, self.size):
+            return sp.csr_matrix(self.entries)
+        rows, columns = self.entries[:, :2].astype(np.int64).T
+        return sp.csr_matrix((self.entries[:, 2], (rows, columns)), shape=(self.size, self.size))
+
+    def is_same(self, other: HeldMatrix, more: sp.csr_matrix | None = None) -> bool:
+        """Whether it equals another one, plus `more`."""
+        if more is None and np.array_equal(self.entries, other.entries):
+            return True
+        expected = other.csr if more is None else other.csr + more
+        return self.size == other.size and not (self.csr != expected).nnz
+
+
 def made(mbs: MainSystem, item: MadeBody) -> dict[str, Any]:
     """Matrices and user functions of a body's object, and reference coordinates of its nodes, by their names."""
     number = item["oGenericODE2"]
-    found: dict[str, Any] = {name: _plain(mbs.GetObjectParameter(number, name)) for name in _MATRICES}
+    found: dict[str, Any] = {name: HeldMatrix.of(mbs.GetObjectParameter(number, name)) for name in _MATRICES}
     found |= {name: user_function(mbs.GetObjectParameter(number, name)) for name in _FUNCTIONS}
     nodes = [key for key in _NODES if key in item]
     return found | {key: np.array(mbs.GetNodeParameter(item[key], "referenceCoordinates")) for key in nodes}
@@ -62,11 +104,13 @@ def check_unchanged(mbs: MainSystem, bodies: Iterable[MadeBody]) -> None:
     reference = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Reference)
     springs = registry(mbs).springs
     for item in bodies:
-        expected = dict(item.as_made)
-        if (number := int(item["oGenericODE2"])) in springs:
-            expected["stiffnessMatrix"] = expected["stiffnessMatrix"] + springs[number]
+        expected, held_by = item.as_made, springs.get(int(item["oGenericODE2"]))
         for name, now in made(mbs, item).items():
-            if not _same(expected[name], now) and not (name == "forceUserFunction" and expected[name] is None):
+            if isinstance(now, HeldMatrix):
+                same = now.is_same(expected[name], held_by if name == "stiffnessMatrix" else None)
+            else:
+                same = _same(expected[name], now) or (name == "forceUserFunction" and expected[name] is None)
+            if not same:
                 what, instead = f"{name} of its ObjectGenericODE2", (_MATRICES | _FUNCTIONS).get(name)
                 if instead is None:
                     what, instead = f"referenceCoordinates of its node {name!r}", _PLACE
@@ -84,21 +128,8 @@ def _refuse(item: MadeBody, what: str, instead: str) -> None:
     )
 
 
-def _plain(matrix: MatrixContainer) -> sp.csr_matrix:
-    """Matrix in one of Exudyn's containers."""
-    held = matrix.GetPythonObject()
-    if not isinstance(held, dict):
-        return sp.csr_matrix(np.atleast_2d(held))
-    triplets = np.reshape(held["triplets"], (-1, 3))
-    rows, columns = triplets[:, :2].astype(np.int64).T
-    shape = held["numberOfRows"], held["numberOfColumns"]
-    return sp.csr_matrix((triplets[:, 2], (rows, columns)), shape=shape)
-
-
 def _same(before: Any, now: Any) -> bool:
-    """Whether two values of `made` are equal."""
-    if sp.issparse(before):
-        return before.shape == now.shape and not (before != now).nnz
+    """Whether two user functions, or two arrays of coordinates, are equal."""
     if isinstance(before, np.ndarray):
         return np.array_equal(before, now)
     return bool(before == now)

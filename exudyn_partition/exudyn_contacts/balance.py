@@ -42,12 +42,11 @@ class Balance:
         """Balance of a run with at least one partition body, at all samples or at some, (m,) int array."""
         chosen = np.arange(len(result.t)) if samples is None else samples
         some = result if samples is None else result.at(result.t[samples])
-        taken = taken_by(result.bodies, result.contacts, result) | taken_by_steps(result)
         return cls(
             bodies=np.sum([item.energy(some) for item in result.bodies], axis=0),
             contacts=np.sum([np.zeros(len(chosen)), *(c.energy(some) for c in result.contacts)], axis=0),
-            taken={what: work[chosen] for what, work in taken.items()},
-            given={what: work[chosen] for what, work in _given(result).items()},
+            taken={what: work[chosen] for what, work in taken(result).items()},
+            given={what: work[chosen] for what, work in given(result).items()},
         )
 
     @property
@@ -81,20 +80,25 @@ def taken_by(
         FRICTION: [contact.friction.work(result) for contact in contacts],
         FLOW: [contact.plastic.work(result) for contact in contacts],
     }
-    return {what: np.sum(taken, axis=0) for what, taken in each.items() if np.any(taken)}
+    return {what: np.sum(works, axis=0) for what, works in each.items() if np.any(works)}
+
+
+def taken(result: RunResult) -> dict[str, Array]:
+    """Energy taken from bodies and contacts so far, and by damping of the steps, (n,) [J], by the name of the cause."""
+    return taken_by(result.bodies, result.contacts, result) | taken_by_steps(result)
 
 
 def taken_by_steps(result: RunResult) -> dict[str, Array]:
     """Energy that implicit steps with damping took from the bodies. It is known only if each step has a sample."""
     if result.newmark is None or not result.newmark.damps or not has_all_steps(result):
         return {}
-    taken = []
+    found = []
     for item in result.bodies:
         q = item.coordinates(result)
         if not item.kinematics.linear:  # angular velocities are no rates of rotation vectors
             q = np.concatenate([q[:, :3], np.full((len(q), 3), np.nan), q[:, RIGID:]], axis=1)
-        taken.append(result.newmark.taken(result.t, q, item.coordinates_t(result), item.kinematics.mass))
-    return {STEPS: np.sum(taken, axis=0)}
+        found.append(result.newmark.taken(result.t, q, item.coordinates_t(result), item.kinematics.mass))
+    return {STEPS: np.sum(found, axis=0)}
 
 
 def has_all_steps(result: RunResult) -> bool:
@@ -102,7 +106,7 @@ def has_all_steps(result: RunResult) -> bool:
     return 0 < result.steps < len(result.t)
 
 
-def _given(result: RunResult) -> dict[str, Array]:
+def given(result: RunResult) -> dict[str, Array]:
     """Work of gravity, and of each joint, spring and load if the model has a sensor of their work; (n,) [J]."""
     if result.item_work is not None and result.method != "static":
         return result.item_work.work(result)

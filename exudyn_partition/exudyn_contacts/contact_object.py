@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import warnings
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -17,6 +16,7 @@ from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContainer, NodeIndex, ObjectIndex
 from ..support.optional import require
+from ..support.warn import warn
 from .contact_run import ContactRun
 from .contact_samples import ModelContact
 from .model_run import ModelRun, Runs
@@ -204,12 +204,11 @@ def _warn_of_slips(model: ModelRun, contacts: Sequence[ModelContact]) -> None:
     mechanics = {contact.name: model.of(contact).mechanics for contact in contacts}
     slip = [name for name, one in mechanics.items() if one.friction is not None and (one.status == SLIP).any()]
     if slip:
-        warnings.warn(
+        warn(
             f"contact {', '.join(map(repr, slip))}: rows slip, so that the stiffness is not symmetric. Exudyn's "
             "ComputeODE2Eigenvalues reads half of it: its frequencies are wrong. Take natural_modes(mbs), or "
             "computeComplexEigenvalues=True",
             ModelLimitWarning,
-            stacklevel=3,
         )
 
 

@@ -60,12 +60,11 @@ class LoopedSamples:
 
     def samples(self, place: int) -> list[tuple[float, Array, Array]]:
         """Samples of the contact at a place of the group, see `ContactRun.samples`."""
-        found = []
-        for t, nodes, bounds, lam, _ in self._kept:
-            start, end = bounds[place : place + 2]
-            if start < end:
-                found.append((t, nodes[start:end], lam[start:end]))
-        return found
+        return [
+            (t, nodes[start:end], lam[start:end])
+            for t, nodes, bounds, lam, _ in self._kept
+            if (start := bounds[place]) < (end := bounds[place + 1])
+        ]
 
     def stored(self, place: int) -> dict[float, float]:
         """Energy that this contact stored while it was closed [J]; keys are times [s]."""
@@ -225,7 +224,8 @@ class ContactRun:
     @property
     def samples(self) -> list[tuple[float, Array, Array]]:
         """Times with closed rows [s], the slave's patch nodes of these rows, and the forces on them [N]."""
-        return sorted([*self._samples, *self._looped.samples(self._place)], key=lambda sample: sample[0])
+        looped = self._looped.samples(self._place)
+        return sorted([*self._samples, *looped], key=lambda sample: sample[0]) if self._samples else looped
 
     @property
     def stored(self) -> dict[float, float]:

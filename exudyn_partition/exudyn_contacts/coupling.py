@@ -26,7 +26,10 @@ def solve_together(contact: PartitionContact, others: list[PartitionContact]) ->
 def coupled_with(contact: PartitionContact, others: list[PartitionContact]) -> list[PartitionContact]:
     """Return the contact and all that it is solved together with, directly or through other contacts."""
     group = {contact: None}  # an ordered set
+    bodies = {item for item, _ in contact.sides}
     for other in others:
+        if not any(item in bodies for item, _ in other.sides):
+            continue
         if _same_sides(contact, other):
             raise InputError(
                 f"slave, master: these two already have the contact {other.name!r} between the same patches"

@@ -334,8 +334,9 @@ class ModelRun:
 
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """Keep the data that results need of the state at t; `q` returns the model's coordinates at t."""
-        for group in self._groups:
-            group.keep(t, q)
+        with np.errstate(over="ignore"):  # of energies in the last steps of an unstable run
+            for group in self._groups:
+                group.keep(t, q)
 
     def keep_last_step(self, mbs: MainSystem, t: float) -> None:
         """Keep the end of the last step in the record, before contacts are evaluated at time t [s]."""

@@ -77,8 +77,8 @@ class PartitionContact(Item[Any]):
     """
 
     _inside = frozenset(
-        {"beside", "carrier", "compliant", "elastic", "group", "mechanics", "moment_about", "nodes", "side_names",
-         "slave_facet_size", "slices", "together"}
+        {"beside", "carrier", "compliant", "elastic", "elastic_materials", "group", "mechanics", "moment_about",
+         "nodes", "side_names", "slave_facet_size", "slices", "together"}
     )  # fmt: skip
     group: list[Any]
     together: Together | None
@@ -269,12 +269,20 @@ class PartitionContact(Item[Any]):
 
     def _row_forces(self, result: RunSamples, times: Array) -> sp.csr_matrix:
         """See `row_forces`, here at some times of the result, (k,) [s]."""
-        run, place = result.kept(self), {t: i for i, t in enumerate(times)}
-        kept = [(place[t], nodes, lam) for t, nodes, lam in run.samples if t in place]
-        at = np.repeat([i for i, *_ in kept], [len(nodes) for _, nodes, _ in kept]).astype(int)
-        nodes = np.concatenate([np.empty(0, dtype=int), *(nodes for _, nodes, _ in kept)])
-        forces = np.concatenate([np.empty(0), *(lam for *_, lam in kept)])
-        return sp.csr_matrix((forces, (at, nodes)), shape=(len(times), len(run.areas)))
+        run = result.kept(self)
+        samples, shape = run.samples, (len(times), len(run.areas))
+        kept = np.array([t for t, *_ in samples])
+        at = np.searchsorted(times, kept, side="right") - 1
+        known = at >= 0
+        known[known] = times[at[known]] == kept[known]
+        if not known.any():
+            return sp.csr_matrix(shape)
+        if not known.all():
+            samples, at = [sample for sample, is_known in zip(samples, known, strict=True) if is_known], at[known]
+        ends = np.zeros(len(times) + 1, dtype=np.int64)
+        ends[at + 1] = [len(nodes) for _, nodes, _ in samples]
+        nodes, forces = (np.concatenate(parts) for parts in ([n for _, n, _ in samples], [f for *_, f in samples]))
+        return sp.csr_matrix((forces, nodes, ends.cumsum()), shape=shape)
 
     def pressure(self, result: RunSamples) -> sp.csr_matrix:
         """Contact pressure around the slave's patch nodes, (n, np) [Pa], columns as those of `row_forces`.
@@ -319,29 +327,10 @@ class PartitionContact(Item[Any]):
         InputError
             If `result` is no result, is of another model, or nothing was kept of its run.
         """
-        force, run = self.force(result), result.kept(self)
-        large = np.flatnonzero((force >= _LARGE * force.max(initial=0.0)) & (force > 0))
-        n = len(self.mechanics.gaps.slave.surface.points)
-        rows, areas = self._row_forces(result, result.t[large])[:, :n], run.areas[:n]
-        touching = np.asarray(rows.sum(axis=1)).ravel() > 0
-        if not touching.any() or not areas.any():  # rows of edges alone have no area, and no limit of stress
-            return None
-        large, rows = large[touching], rows[touching]
-        places = self.slave.body.points[self.mechanics.gaps.slave.surface.nodes]
-        axes = semi_axes(rows, places, areas, not self.mechanics.gaps.points.nodal)
-        peak = int((force[large] / axes.prod(axis=1)).argmax())
-        whole = run.edge is None and areas[rows[peak].indices].sum() >= _WHOLE * areas.sum()
-        load, (a, b) = float(force[large[peak]]), map(float, axes[peak])
-        return Stress.beneath(
-            load,
-            (a, b),
-            self._elastic_materials,
-            mean=load / areas.sum() if whole else 0.0,
-            time=float(result.t[large[peak]]),
-        )
+        return stress_by_rows(self, result, self.force(result), self.row_forces(result))
 
     @property
-    def _elastic_materials(self) -> list[Material | None]:
+    def elastic_materials(self) -> list[Material | None]:
         """Materials of the sides; without a yield stress where the patch yields itself."""
         found = []
         for (item, patch), side in zip(self.sides, self.mechanics.gaps.sides, strict=False):
@@ -583,6 +572,35 @@ class PartitionContact(Item[Any]):
     def closed_samples(self, result: RunSamples) -> list[tuple[int, int]]:
         """First and last sample with a force, for each time of uninterrupted contact."""
         return closed_spans(self.force(result))
+
+
+def stress_by_rows(
+    contact: PartitionContact, result: RunSamples, force: Array, row_forces: sp.csr_matrix
+) -> Stress | None:
+    """See `PartitionContact.largest_stress`, by sums of normal forces, (n,), and by forces of rows, (n, np) [N]."""
+    run, n = result.kept(contact), len(contact.mechanics.gaps.slave.surface.points)
+    large = np.flatnonzero((force >= _LARGE * force.max(initial=0.0)) & (force > 0))
+    rows, areas = row_forces[large], run.areas[:n]
+    if rows.shape[1] > n:
+        rows = rows[:, :n]
+    touching = rows @ np.ones(n) > 0
+    if not touching.any() or not areas.any():  # rows of edges alone have no area, and no limit of stress
+        return None
+    if not touching.all():
+        large, rows = large[touching], rows[touching]
+    places = contact.slave.body.points[contact.mechanics.gaps.slave.surface.nodes]
+    axes = semi_axes(rows, places, areas, not contact.mechanics.gaps.points.nodal)
+    peak = int((force[large] / axes.prod(axis=1)).argmax())
+    closed = rows.indices[slice(*rows.indptr[peak : peak + 2])]
+    whole = run.edge is None and areas[closed].sum() >= _WHOLE * areas.sum()
+    load, (a, b) = float(force[large[peak]]), map(float, axes[peak])
+    return Stress.beneath(
+        load,
+        (a, b),
+        contact.elastic_materials,
+        mean=load / areas.sum() if whole else 0.0,
+        time=float(result.t[large[peak]]),
+    )
 
 
 def partition_items(mbs: MainSystem) -> tuple[list[PartitionBody], list[PartitionContact]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -34,6 +33,7 @@ from ..support.foreign import NGSolve, NGSolveMesh, NGSolveObject, Shape
 from ..support.machine import alone
 from ..support.optional import require
 from ..support.progress import pulsing
+from ..support.warn import warn
 from .deck_materials import material_of_deck
 from .file_mesh import CellRegions
 from .materials import GivenMaterial, Modulus
@@ -210,11 +210,10 @@ def fe_model(
     if is_shape and fem.order > 1:
         missed = fem.cell_volume.sum() / shape.mass - 1
         if abs(missed) > _VOLUME_MISSED:
-            warnings.warn(
+            warn(
                 f"shape: its mesh has {missed:+.1%} of its volume, {shape.mass:.4g} m3. Take smaller elements where it "
                 "is curved; or is the shape damaged, such that faces miss each other?",
                 MeshQualityWarning,
-                stacklevel=2,
             )
     fem.warn_if_units_slipped()
     return fem

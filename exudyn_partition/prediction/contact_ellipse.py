@@ -38,12 +38,12 @@ def semi_axes(row_forces: sp.csr_matrix, points: Array, areas: Array, integrated
         Whether rows are mean gaps, and not nodes.
     """
     x = points - points.mean(axis=0)
-    total = np.asarray(row_forces.sum(axis=1)).ravel()
-    first = row_forces @ x / total[:, None]
-    second = row_forces @ (x[:, :, None] * x[:, None, :]).reshape(-1, 9) / total[:, None]
+    squares = (x[:, :, None] * x[:, None, :]).reshape(-1, 9)
+    sums = row_forces @ np.column_stack([np.ones(len(x)), areas, x, squares])  # one product of a sparse matrix
+    area, first, second = np.split(sums[:, 1:] / sums[:, :1], [1, 4], axis=1)
     moments = second.reshape(-1, 3, 3) - first[:, :, None] * first[:, None, :]
     principal = np.linalg.eigvalsh(moments)[:, :0:-1]
     hat = areas.sum() / len(points) / _HAT
-    own = row_forces @ areas / total / _HAT if integrated else np.zeros(len(total))
+    own = area[:, 0] / _HAT if integrated else np.zeros(len(area))
     value: Array = np.sqrt(5 * np.maximum(principal + own[:, None], hat))
     return value

@@ -54,6 +54,9 @@ def von_mises_factor(nu: float, ratio: float = 1.0) -> float:
     return float(np.sqrt(((s1 - s2) ** 2 + (s2 - s3) ** 2 + (s3 - s1) ** 2) / 2).max())
 
 
+_factor = functools.lru_cache(maxsize=256)(von_mises_factor)  # many contacts have nearly the same ratio
+
+
 @dataclass(frozen=True)
 class Stress:
     """Stress beneath a contact of two bodies under a force, as Hertz has it.
@@ -97,7 +100,7 @@ class Stress:
         """Stress beneath a contact with these semi-axes [m]; `mean` is the pressure of one that is flat [Pa]."""
         a, b = semi_axes
         pressure, materials = 3 * force / (2 * math.pi * a * b), [*materials]
-        by_hertz = [None if m is None else pressure * von_mises_factor(m.nu, round(b / a, 2)) for m in materials]
+        by_hertz = [None if m is None else pressure * _factor(m.nu, round(b / a, 2)) for m in materials]
         return cls(
             force=force,
             pressure=pressure,

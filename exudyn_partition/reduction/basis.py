@@ -11,7 +11,6 @@ Theory: examples/site/theory.md, "The paper's partition basis".
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
@@ -30,6 +29,7 @@ from ..plasticity.zone_flexibility import ZoneFlexibility
 from ..support.arrays import Array
 from ..support.checks import check_floats, check_indices, check_tuple, read_only, validate_choice, validate_text
 from ..support.progress import Progress
+from ..support.warn import warn
 from .free_body import DROP_ABOVE, AdaptedSpace, FreeBody, StaticAnswers
 from .inertia_relief import static_answers
 from .loads import attached_loads, patch_rows, patch_slice
@@ -419,11 +419,10 @@ def _no_mode_below(fem: FEModel, f_cut: float) -> FrequencyRangeError:
 def warn_if_far_below(fem: FEModel, f_cut: float) -> None:
     """Warn (`UnitsWarning`) of a truncation frequency far below all modes of a body."""
     if f_cut < _FAR_BELOW * _wave_frequency(fem):
-        warnings.warn(
+        warn(
             f"f_cut: no elastic mode lies anywhere near {f_cut:.6g} Hz, {_waves(fem)}. The body is rigid but for its "
             "contact; if that is not meant, give f_cut in Hz, not in kHz",
             UnitsWarning,
-            stacklevel=3,
         )
 
 

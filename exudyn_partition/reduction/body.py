@@ -37,6 +37,7 @@ from ..support.checks import (
     validate_whole,
 )
 from ..support.files import replacing, writable
+from ..support.once import once
 from ..surfaces.surface import Surface
 from .basis import ReducedBasis
 from .estimate import Estimate
@@ -424,7 +425,8 @@ class ReducedBody:
             If there is no such patch, or the position is no vector.
         """
         place = validate_vector("position", position)
-        return Surface.of(self.points, self.partition.patches[number_of_patch(self.partition, patch, "patch")], place)
+        own = _surface(self, number_of_patch(self.partition, patch, "patch"))
+        return replace(own, points=own.points + place) if place.any() else own
 
     def flexibility(self, patch: int | str = 0, other: int | str | None = None) -> Array:
         """Residual flexibility of the rows of `patch`, (nr, nr) [m/N], or between those and the rows of `other`.
@@ -698,3 +700,11 @@ def load_body(path: str | Path) -> ReducedBody:
     if not isinstance(body, ReducedBody):
         raise InputError(f"path: expected a saved reduced body, got {len(body)} of them in {path}, a file of the cache")
     return body
+
+
+@once
+def _surface(body: ReducedBody, number: int) -> Surface:
+    """Contact patch of a body where its mesh is, by its number."""
+    surface = Surface.of(body.points, body.partition.patches[number], np.zeros(3))
+    read_only(surface.points)
+    return surface

@@ -24,7 +24,6 @@ Theory: examples/site/theory.md, "The error of a truncation".
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -41,6 +40,7 @@ from ..prediction.pair_impact import ImpactSide, impact_between, tangents
 from ..support.arrays import Array
 from ..support.checks import validate_number, validate_positive, validate_text
 from ..support.progress import Progress
+from ..support.warn import warn
 from ..surfaces.rows import pair_surfaces
 from ..surfaces.surface import Surface
 from .basis import residual_flexibility
@@ -396,12 +396,11 @@ def _limit(reached: bool, but_for_planes: bool, on_spheres: float, f_limit: floa
 def warn_if_missed(estimate: Estimate | None) -> None:
     """Warn (`ToleranceWarning`) if an estimate is above its tolerance, also for a body from the cache."""
     if estimate is not None and estimate.limit:
-        warnings.warn(
+        warn(
             f"tolerance: {estimate.tolerance:.3g} cannot be promised; the best body has an estimated error of "
             f"{estimate.error:.3g}, to a factor of {AIM}, against {estimate.against} at f_cut = "
             f"{estimate.f_cut:.4g} Hz. What limits it is {estimate.limit}",
             ToleranceWarning,
-            stacklevel=3,
         )
 
 

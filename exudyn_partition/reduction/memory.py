@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import warnings
 from collections.abc import Iterator, Sequence
 
 from ..algebra.krylov import columns
@@ -13,6 +12,7 @@ from ..fe.model import FEModel
 from ..fe.partition import Partition
 from ..fe.patches import Patch
 from ..support.machine import available_memory
+from ..support.warn import warn
 from .free_body import HUGE
 
 _LOG = logging.getLogger(__name__)
@@ -94,10 +94,9 @@ def watched(models: Sequence[tuple[FEModel, Partition]], basis: str) -> Iterator
             f"fem: reducing {sizes} needs some {need / _GB:.3g} GB of memory; there are {most / _GB:.3g} GB. {remedy}"
         )
     if need > free:
-        warnings.warn(
+        warn(
             f"fem: reducing {sizes} needs some {need / _GB:.3g} GB of memory; {free / _GB:.3g} GB are free. {remedy}",
             MemoryWarning,
-            stacklevel=8,  # the caller of reduce or reduce_pair
         )
     try:
         yield

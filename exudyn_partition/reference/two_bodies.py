@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import time
-import warnings
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -27,6 +26,7 @@ from ..support.checks import (
 )
 from ..support.interrupt import interruptible
 from ..support.progress import Progress
+from ..support.warn import warn
 from ..surfaces.points import ROWS, RowKind
 from ..surfaces.rows import ContactRows, pair_surfaces
 from .full_body import FullBody, rows_on_dofs
@@ -145,7 +145,7 @@ def simulate(
                 progress(n / steps)
     if done < steps:
         message = f"interrupted by the user; the history is kept up to t = {t[done]:.6g} s of {end_time:.6g} s"
-        warnings.warn(message, StoppedRunWarning, stacklevel=3)
+        warn(message, StoppedRunWarning)
     kept = slice(0, done + 1)
     info = {
         "label": "full FE",

@@ -1,1 +1,1 @@
-"""Runs by Exudyn's solvers: steps, checks before, reviews after, and the result."""
+"""Runs by Exudyn's solvers: steps, checks before, and the result; `reviews` look at runs afterwards."""

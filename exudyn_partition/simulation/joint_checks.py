@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import sys
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from types import FrameType
@@ -13,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
-from ..errors import InputError, ModelLimitWarning, RunError
+from ..errors import InputError, RunError
 from ..exudyn_bodies.joints import is_timed, mass_and_rows
 from ..exudyn_bodies.model import coordinate_slices, registered, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody, check_model
@@ -112,12 +111,11 @@ class OpenJoints:
         matrix = inertia + sp.diags(least * diagonal) + rows.T @ sp.diags(stiff) @ rows
         return np.asarray(scipy.sparse.linalg.splu(sp.csc_matrix(matrix)).solve(-(rows.T @ (stiff * gaps))))
 
-    def warn(self, result: Result) -> bool:
-        """Warn of joints whose closing changes the run visibly; returns whether there are any."""
+    def shows(self, result: Result) -> Iterator[str]:
+        """Sentences on the joints whose closing changes the run visibly."""
         if not self.joints or len(result.t) < 2:
-            return False
+            return
         largest = float(np.sum([item.energy(result) for item in self._bodies], axis=0).max(initial=0.0))
-        shows = False
         for joint in self.joints:
             said = []
             energy = self.energy(joint, result.step, result.method)
@@ -125,15 +123,11 @@ class OpenJoints:
                 said.append(f"brings {energy:.3g} J, {energy / largest:.2g} of the bodies' largest energy")
             for name, first, later in _spikes(joint, result):
                 said.append(f"takes {first:.3g} N or N m in its sensor {name!r}, where later it has {later:.3g}")
-            shows |= bool(said)
             if said:
-                warnings.warn(
+                yield (
                     f"{joint.label} is open by {joint.gap:.3g} (m or rad) at the start: closing it within the first "
-                    f"step of {result.step:.3g} s {' and '.join(said)}. {REMEDY}",
-                    ModelLimitWarning,
-                    stacklevel=3,
+                    f"step of {result.step:.3g} s {' and '.join(said)}. {REMEDY}"
                 )
-        return shows
 
     def __str__(self) -> str:
         """Text on open joints that may have stopped a run."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from numbers import Number
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -193,12 +194,17 @@ class Result:
                 f"{type(item).__name__}"
             )
         seldom = isinstance(item, WorkSensor) and int(number) in self.seldom
-        if item not in (*self.bodies, *self.contacts, self.item_work) and not seldom:
+        if item not in self._items and not seldom:
             raise InputError(
                 f"result: expected one of the model that {called(item)} belongs to, got one of another model, or of "
                 "a run before it was added; take what solve_dynamic or collect returns for its own"
             )
         return self.sensor(number)
+
+    @cached_property
+    def _items(self) -> frozenset[object]:
+        """Bodies, contacts and sensor of work of the model that was run."""
+        return frozenset((*self.bodies, *self.contacts, self.item_work))
 
     def dampings_of(self, item: PartitionBody) -> tuple[tuple[float, Damping], ...]:
         """Damping of a body in the run, as joints held it, each with the time from which it acted [s].

@@ -7,7 +7,6 @@ import copy
 import logging
 import math
 import time
-import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -34,14 +33,14 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
-from .balance_review import warn_of_balance, warn_of_long_steps
+from ..support.warn import warn
 from .contact_work import ContactWork
 from .continuation import RunEnd, accelerated, keep_end, last_end, origin_of, started_from, unless_refused
 from .hooks import begun, cause, controlled, hear_of_verlet, residual, unsettled, watched
 from .joint_checks import OpenJoints, check_start, refuse_drives_by_rates
-from .lasting_review import tell_what_rings
 from .result import Result, cut, samples
-from .review import noted, reviewed, warn_of_turns
+from .reviews.review import reviewed
+from .reviews.reviewed_run import ReviewedRun
 from .stability import limit_of, stability_limit
 from .step_control import LONGEST, UNRESOLVED, StepControl, impact_step
 from .velocity_error import TOLERANCE
@@ -182,16 +181,7 @@ def solve_dynamic(
             settings=settings,
             progress=progress,
         )
-        with noted() as warned:
-            result = reviewed(mbs, result)
-            if not open_joints.warn(result):  # no balance includes the energy that closes them
-                warn_of_balance(mbs, result)
-            if adaptive:
-                warn_of_long_steps(made)
-                tell_what_rings(result)
-            else:
-                warn_of_turns(result)
-        return replace(result, warnings=tuple(warned))
+        return reviewed(ReviewedRun(mbs, result, open_joints=open_joints, share_made=made, equal_steps=not adaptive))
 
 
 def _run(
@@ -401,11 +391,10 @@ def _checked_step(mbs: MainSystem, step: float | None, method: Integrator) -> fl
 def _warn_of_many_steps(duration: float, longest: float, method: Integrator) -> None:
     if duration / longest > _MANY_STEPS:
         remedy = "method='implicit', whose steps stability does not limit" if method == "explicit" else "free_step="
-        warnings.warn(
+        warn(
             f"adaptive: {duration:.4g} s take at least {duration / longest:.2g} steps, for those in free flight are at "
             f"most {longest:.4g} s, even if the bodies never touch. Take {remedy}, or a shorter end_time",
             ModelLimitWarning,
-            stacklevel=4,
         )
 
 

@@ -6,6 +6,7 @@ Theory: examples/site/theory.md, "The default step".
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 import scipy.linalg
@@ -15,17 +16,18 @@ import scipy.sparse.linalg
 from ..exudyn_bodies.held_damping import hold_damping
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
-from ..support.arrays import Array, consecutive
+from ..support.arrays import Array, as_slice, consecutive
 from ..support.foreign import MainSystem
 
 _TRIES = 10  # of the limit of viscous contacts
+_DENSE = 150  # number of coordinates up to which all frequencies are found: Lanczos' iterations take longer
 _CLOSE = 1e-2  # relative change of the limit with which it is known
 
 
 def stability_limit(mbs: MainSystem) -> float:
     """Largest stable step of central differences for the partition bodies with all contact rows closed [s].
 
-    It is 2 / omega_max of K + H' F^-1 H and M, by Lanczos, with the pairs and normals at the start. Damping of the
+    It is 2 / omega_max of K + H' F^-1 H and M, with the pairs and normals at the start. Damping of the
     bodies lowers the limit. This is computed by a bound that is exact if the highest mode has the largest damping.
     Other items of the model are not included, nor is the mass of a body that carries a rigid surface. Multipliers of
     the lagrange formulation do not lower the limit. Viscous flexibilities of contacts do, see `contact.viscosity`.
@@ -48,44 +50,14 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
     """Return the largest stable step of some bodies with some contacts [s], see `stability_limit`."""
     if not bodies:
         return float("inf")
-    slices = consecutive([item.body.n_dofs for item in bodies])
-    place = {id(item): np.r_[own] for item, own in zip(bodies, slices, strict=True)}
-    K = sp.block_diag([item.body.stiffness for item in bodies], format="csr")
-    if not contacts and not K.data.any():
-        return math.inf  # bodies without elastic coordinates that touch nothing
-    scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
-    closed: list[tuple[Array, sp.csr_matrix, Array]] = []
-
-    def close(step: float) -> None:
-        """Close all rows with the pairs at the start. In steps of this length [s], viscous flexibilities are stiff."""
-        closed.clear()
-        for contact in contacts:
-            stiffness = contact.mechanics.closed_stiffness(step)
-            if stiffness is not None:
-                items = [item for item, _ in contact.sides]
-                to_coordinates = sp.block_diag([item.kinematics.from_basis for item in items], format="csr")
-                dofs = np.concatenate([place[id(item)] for item in items])
-                closed.append((dofs, to_coordinates, stiffness))
-
-    def apply(x: Array) -> Array:
-        x = scale * x.ravel()
-        y = K @ x
-        for dofs, to_coordinates, stiffness in closed:
-            forces = to_coordinates.T @ (stiffness @ (to_coordinates @ x[dofs]))
-            np.add.at(y, dofs, forces)  # a body that touches itself has its numbers twice
-        value: Array = scale * y
-        return value
-
-    n = K.shape[0]
-    operator = scipy.sparse.linalg.LinearOperator((n, n), matvec=apply, dtype=float)
-    start = np.ones(n)
+    groups = _joined(bodies, contacts)
 
     def largest(step: float) -> float:
-        close(step)
-        found = scipy.sparse.linalg.eigsh(operator, k=1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)
-        return float(found[0])
+        return max(_largest(*group, step) for group in groups)
 
     square = largest(math.inf)
+    if square <= 0.0:
+        return math.inf  # bodies without elastic coordinates that touch nothing
     omega = math.sqrt(square)
     rate = max((item.damping.largest_rate(omega) for item in bodies if item.damping is not None), default=0.0)
     # VelocityVerlet computes damping forces with the velocities half a step before: h^2 omega^2 + 2 h d <= 4.
@@ -99,3 +71,78 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
             break
         limit = shorter
     return min(limit, shorter)
+
+
+def _joined(
+    bodies: list[PartitionBody], contacts: list[PartitionContact]
+) -> list[tuple[list[PartitionBody], list[PartitionContact]]]:
+    """Bodies that contacts join, directly or through others, with these contacts."""
+    group: dict[PartitionBody, tuple[list[PartitionBody], list[PartitionContact]]] = {
+        item: ([item], []) for item in bodies
+    }
+    for contact in contacts:
+        small, large = sorted(
+            (group[item] for item, _ in (contact.sides[0], contact.sides[-1])), key=lambda g: len(g[0])
+        )
+        if small is not large:
+            large[0].extend(small[0])
+            large[1].extend(small[1])
+            group |= dict.fromkeys(small[0], large)
+        large[1].append(contact)
+    return [*{id(each): each for each in group.values()}.values()]
+
+
+def _largest(bodies: list[PartitionBody], contacts: list[PartitionContact], step: float) -> float:
+    """Largest squared frequency of bodies with all rows closed [rad2/s2], with the pairs at the start.
+
+    In steps of this length [s], viscous flexibilities are stiff.
+    """
+    slices = consecutive([item.body.n_dofs for item in bodies])
+    place = {item: np.arange(own.start, own.stop) for item, own in zip(bodies, slices, strict=True)}
+    scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
+    closed = [
+        _on_coordinates(contact, stiffness, place)
+        for contact in contacts
+        if (stiffness := contact.mechanics.closed_stiffness(step)) is not None
+    ]
+    if len(scale) <= _DENSE:
+        matrix = np.zeros((len(scale), len(scale)))
+        for item, own in zip(bodies, slices, strict=True):
+            matrix[own, own] = item.body.stiffness.toarray()
+        for dofs, stiffness in closed:
+            matrix[np.ix_(dofs, dofs)] += stiffness
+        return float(np.linalg.eigvalsh(scale[:, None] * matrix * scale)[-1])
+    K = sp.block_diag([item.body.stiffness for item in bodies], format="csr")
+    parts = [(as_slice(dofs), stiffness) for dofs, stiffness in closed]
+
+    def apply(x: Array) -> Array:
+        x = scale * x.ravel()
+        y = K @ x
+        for dofs, stiffness in parts:
+            y[dofs] += stiffness @ x[dofs]
+        value: Array = scale * y
+        return value
+
+    n = len(scale)
+    operator = scipy.sparse.linalg.LinearOperator((n, n), matvec=apply, dtype=float)
+    found = scipy.sparse.linalg.eigsh(operator, k=1, which="LA", tol=1e-4, v0=np.ones(n), return_eigenvectors=False)
+    return float(found[0])
+
+
+def _on_coordinates(
+    contact: PartitionContact, stiffness: Array, place: Mapping[PartitionBody, Array]
+) -> tuple[Array, Array]:
+    """Numbers of the coordinates that a contact joins, each once, and its stiffness on the bodies' bases there.
+
+    `stiffness`, (n, n), is that on the coordinates of its sides, one after the other. `place` has the numbers of each
+    body's coordinates.
+    """
+    items = [item for item, _ in contact.sides]
+    if not all(item.kinematics.linear for item in items):
+        to_coordinates = sp.block_diag([item.kinematics.from_basis for item in items], format="csr")
+        stiffness = to_coordinates.T @ (to_coordinates.T @ stiffness).T  # symmetric
+    if len({*map(id, items)}) < len(items):  # a body that touches itself has its numbers twice
+        n = items[0].body.n_dofs
+        stiffness = stiffness.reshape(2, n, 2, n).sum(axis=(0, 2))
+        items = items[:1]
+    return np.concatenate([place[item] for item in items]), stiffness

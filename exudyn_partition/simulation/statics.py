@@ -8,7 +8,6 @@ import itertools
 import logging
 import math
 import time
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -18,7 +17,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from ..algebra.blas_threads import one_blas_thread
-from ..errors import ComplementarityError, InputError, ModelLimitWarning, RunError
+from ..errors import ComplementarityError, InputError, RunError
 from ..exudyn_bodies.item_work import Others
 from ..exudyn_bodies.model import coordinate_slices, registry, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
@@ -35,7 +34,8 @@ from .hooks import begun, cause, divided, held, kept_apart, quiet, residual, sli
 from .joint_checks import check_start
 from .modes import linearised, linearising
 from .result import Result, called, samples
-from .review import noted, reviewed
+from .reviews.review import reviewed
+from .reviews.reviewed_run import Finding, ReviewedRun
 from .step_control import time_to_contact
 
 _log = logging.getLogger(__name__)
@@ -143,11 +143,7 @@ def solve_static(
             progress=progress,
         )
         result = replace(result, end=keep_end(mbs, stopped=result.status == "unstable"))
-        with noted() as warned:
-            result = reviewed(mbs, result)
-            if result.status == "finished":
-                _warn_if_neutral(mbs)
-        return replace(result, warnings=tuple(warned))
+        return reviewed(ReviewedRun(mbs, result), _equilibrium)
 
 
 def _static_start(settings: SimulationSettings) -> float:
@@ -230,8 +226,7 @@ def settle(
                     break
             _refuse_pulled(pulls)
             result = replace(result, end=keep_end(mbs, stopped=result.status == "unstable"))
-            with noted() as warned:
-                result = reviewed(mbs, result)
+            result = reviewed(ReviewedRun(mbs, result))
         for own in itertools.chain.from_iterable(coordinate_slices(mbs, item) for item in kept):
             rest[own] = start[own]
     except BaseException:
@@ -239,7 +234,7 @@ def settle(
         raise
     finally:
         data.SetODE2Coordinates(rest, initial)
-    return replace(result, warnings=tuple(warned))
+    return result
 
 
 def _refuse_pulled(pulls: Mapping[PartitionBody, float]) -> None:
@@ -357,7 +352,7 @@ def _moored(mbs: MainSystem, items: Sequence[PartitionBody], q: Array) -> Iterat
     container, springs, former = require("exudyn").MatrixContainer, registry(mbs).springs, {}
     try:
         for item in items:
-            number, stiffness = int(item["oGenericODE2"]), item.as_made["stiffnessMatrix"]
+            number, stiffness = int(item["oGenericODE2"]), item.as_made["stiffnessMatrix"].csr
             former[number] = stiffness, mbs.GetObjectParameter(number, "forceVector")
             springs[number] = sp.csr_matrix(_mooring(item))
             at = np.concatenate([q[own] for own in coordinate_slices(mbs, item)])
@@ -532,42 +527,32 @@ def _divided(settings: SimulationSettings, least: float) -> Iterator[None]:
         static.minimumStepSize = own
 
 
-def _warn_if_neutral(mbs: MainSystem) -> None:
-    """Warn of a body that nothing holds against some motion: round-off determines its place."""
-    n, bodies = mbs.systemData.ODE2Size(), partition_items(mbs)[0]
-    if not bodies or n + mbs.systemData.AEsize() > _MOST_DENSE:
+def _equilibrium(run: ReviewedRun) -> Iterator[Finding]:
+    """Equilibrium in which nothing holds a body against some motion, or which no body keeps."""
+    mbs, bodies = run.mbs, run.result.bodies
+    n = mbs.systemData.ODE2Size()
+    if run.result.status != "finished" or not bodies or n + mbs.systemData.AEsize() > _MOST_DENSE:
         return
     with linearising():
         M, K, allowed = linearised(mbs, mbs.sys["staticSolver"])
     M += _LEAST_MASS * np.trace(M) / n * np.eye(len(M))  # nodes without mass are fine in statics
     squares, motions = scipy.linalg.eigh((K + K.T) / 2, M)
-    slowest, least = int(abs(squares).argmin()), (_NEUTRAL * 2 * np.pi * max(item.body.f_cut for item in bodies)) ** 2
-    _warn_if_unstable(mbs, squares[0], least)
+    least = (_NEUTRAL * 2 * np.pi * max(item.body.f_cut for item in bodies)) ** 2
+    pressed = [item for item in bodies if item.body.stiffening is not None]
+    # Compression alone makes a squared frequency negative, by geometric stiffness. The stiffness of friction is not
+    # symmetric, and tells nothing.
+    if squares[0] < -least and pressed and not run.contacts:
+        yield Finding(
+            f"{' and '.join(called(item) for item in pressed)}: this equilibrium is unstable, compression has buckled "
+            "what should hold it. Lower the load. To find the bent shape, add a small force across, and take more "
+            "load steps"
+        )
+    slowest = int(abs(squares).argmin())
     if abs(squares[slowest]) > least:
         return
     motion = abs(allowed @ motions[:, slowest])
     free = max(bodies, key=lambda item: max(motion[own].max(initial=0.0) for own in coordinate_slices(mbs, item)))
-    warnings.warn(
+    yield Finding(
         f"{called(free)}: nothing holds it against some motion, so that its place in this equilibrium is arbitrary, "
-        "though forces balance. Hold it by joints or soft springs",
-        ModelLimitWarning,
-        stacklevel=3,
+        "though forces balance. Hold it by joints or soft springs"
     )
-
-
-def _warn_if_unstable(mbs: MainSystem, lowest: float, least: float) -> None:
-    """Warn of an equilibrium that no body keeps: its lowest squared frequency is negative [rad2/s2], beyond `least`.
-
-    Compression alone makes it so, by geometric stiffness. The stiffness of friction is not symmetric, and tells
-    nothing.
-    """
-    bodies, contacts = partition_items(mbs)
-    pressed = [item for item in bodies if item.body.stiffening is not None]
-    if lowest < -least and pressed and not contacts:
-        warnings.warn(
-            f"{' and '.join(called(item) for item in pressed)}: this equilibrium is unstable, compression has buckled "
-            "what should hold it. Lower the load. To find the bent shape, add a small force across, and take more "
-            "load steps",
-            ModelLimitWarning,
-            stacklevel=4,
-        )

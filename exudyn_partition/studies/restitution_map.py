@@ -7,7 +7,6 @@ import itertools
 import json
 import math
 import multiprocessing
-import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
@@ -32,6 +31,7 @@ from ..support.checks import (
 )
 from ..support.files import replacing, writable
 from ..support.progress import Progress, shown
+from ..support.warn import warn
 from .free_impact import QUANTITIES, free_impact
 from .impact_setup import Pair, Point, approach, default_duration, sideways, validate_pair
 from .restitution_values import AXES, RestitutionMap
@@ -287,12 +287,11 @@ def _warn(records: list[Record]) -> None:
     for kind, count in counts.items():
         text = next(text for record in records for name, text in record["warnings"] if name == kind)
         category = getattr(errors, kind, errors.PartitionWarning)
-        warnings.warn(f"{count} of {len(records)} impacts warn, the first: {text}", category, stacklevel=3)
+        warn(f"{count} of {len(records)} impacts warn, the first: {text}", category)
     left = sum(not record["over"] for record in records)
     if left:
-        warnings.warn(
+        warn(
             f"duration: {left} of {len(records)} impacts may not be over: bodies vibrate so much, or part so slowly, "
             "that they may touch again. Give a longer one",
             errors.ModelLimitWarning,
-            stacklevel=3,
         )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -16,6 +15,7 @@ from .._version import __version__
 from ..errors import CacheWarning, InputError
 from .archive import Format, digest
 from .checks import validate_path
+from .warn import warn
 
 _LOG = logging.getLogger(__name__)
 
@@ -58,7 +58,10 @@ def cached(cache: bool | str | Path, inputs: object, file: Format, make: Callabl
         path.parent.mkdir(parents=True, exist_ok=True)
         kept = path.exists()
     except (OSError, RuntimeError) as error:
-        _warn(f"the cache cannot be used: {error}. Name a folder that can be written, by cache= or by {VARIABLE}")
+        warn(
+            f"the cache cannot be used: {error}. Name a folder that can be written, by cache= or by {VARIABLE}",
+            CacheWarning,
+        )
         return make()
     if kept:
         try:
@@ -66,13 +69,16 @@ def cached(cache: bool | str | Path, inputs: object, file: Format, make: Callabl
             _LOG.info("%s: read from the cache, %s", file.name, path)
             return result
         except InputError as error:
-            _warn(f"{error}. It is computed anew")
+            warn(f"{error}. It is computed anew", CacheWarning)
     result = make()
     try:
         file.save(path, result, key)
         _LOG.info("%s: kept in the cache, %s", file.name, path)
     except (OSError, InputError) as error:
-        _warn(f"the result is not kept: {error}. Name a folder that can be written, by cache= or by {VARIABLE}")
+        warn(
+            f"the result is not kept: {error}. Name a folder that can be written, by cache= or by {VARIABLE}",
+            CacheWarning,
+        )
     return result
 
 
@@ -92,7 +98,3 @@ def code_digest(package: Path = _PACKAGE) -> str:
     for path in sorted(package.rglob("*.py")):
         sha.update(path.read_bytes())
     return sha.hexdigest()
-
-
-def _warn(message: str) -> None:
-    warnings.warn(message, CacheWarning, stacklevel=4)  # the caller of the function that keeps its results

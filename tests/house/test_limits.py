@@ -16,29 +16,29 @@ CROSSED = {
     "README.md": {
         "Contact acts between the patches": ["exudyn_contacts/test_run_record.py::test_the_edge_of_a_patch_is_told"],
         "It wanders over whole faces": [],
-        "Sharp edges that": ["simulation/test_penetration_review.py::test_edges_that_no_row_holds_are_told"],
+        "Sharp edges that": ["simulation/reviews/test_penetration.py::test_edges_that_no_row_holds_are_told"],
         "Bodies are linear elastic and isotropic": [
             "meshing/test_deck_materials.py::test_what_a_deck_does_not_say_is_named",
             "simulation/test_large_strain.py::test_a_bar_that_strains_by_a_third_bounces_as_linear_theory_says",
         ],
         "They yield in": [
             "exudyn_contacts/test_yield.py::test_first_yield_is_told_once_and_only_beyond_it",
-            "simulation/test_yield_review.py::test_a_link_that_bends_beyond_yield_is_told",
+            "simulation/reviews/test_bending.py::test_a_link_that_bends_beyond_yield_is_told",
         ],
         "Rotation stiffens and compression softens": [
-            "simulation/test_spin_review.py::test_the_share_that_is_told_is_that_of_geometric_stiffness",
+            "simulation/reviews/test_spin.py::test_the_share_that_is_told_is_that_of_geometric_stiffness",
             "reduction/test_buckling.py::test_a_column_under_load",
         ],
         "In an inertial frame a body may turn": ["simulation/test_solve.py::test_large_rotation_warns"],
         '`frame="floating"` turns freely': [],
         "The kept modes have no damping": [
-            "simulation/test_review.py::test_vibration_that_lasts_without_damping_is_told"
+            "simulation/reviews/test_review.py::test_vibration_that_lasts_without_damping_is_told"
         ],
         "In contacts, only": ["exudyn_contacts/test_viscosity.py::test_what_has_no_time_is_told"],
         "A static answer exists": [],
         "A force on any other node": [
-            "simulation/test_dent_review.py::test_what_a_sensor_misses_is_told",
-            "simulation/test_dent_review.py::test_a_stiff_spring_finds_a_body_too_stiff",
+            "simulation/reviews/test_dents.py::test_what_a_sensor_misses_is_told",
+            "simulation/reviews/test_dents.py::test_a_stiff_spring_finds_a_body_too_stiff",
             "exudyn_bodies/test_markers.py::test_misuse",
         ],
         "Meshes consist of": ["meshing/test_mesh_files.py::test_unusable_elements"],
@@ -60,7 +60,7 @@ CROSSED = {
         "Compression softens bending": ["reduction/test_buckling.py::test_a_column_under_load"],
         "Without it, a run warns": [
             "reduction/test_buckling.py::test_a_column_under_load",
-            "simulation/test_spin_review.py::test_the_share_that_is_told_is_that_of_geometric_stiffness",
+            "simulation/reviews/test_spin.py::test_the_share_that_is_told_is_that_of_geometric_stiffness",
         ],
         "With it, links warn": ["exudyn_bodies/test_stiffening.py::test_a_buckled_strut_warns_of_its_slopes"],
         "Bodies with geometric stiffness keep": [
@@ -71,24 +71,26 @@ CROSSED = {
         ],
         "Contact and results have it": [],
         "A [sharp edge]": [
-            "simulation/test_penetration_review.py::test_a_corner_or_edge_that_sinks_into_a_rigid_surface_is_told"
+            "simulation/reviews/test_penetration.py::test_a_corner_or_edge_that_sinks_into_a_rigid_surface_is_told"
         ],
         "A warning tells when one does": [
-            "simulation/test_penetration_review.py::test_an_edge_at_the_end_of_a_patch_that_sinks_is_told"
+            "simulation/reviews/test_penetration.py::test_an_edge_at_the_end_of_a_patch_that_sinks_is_told"
         ],
         "Nothing holds a body beside": [
-            "simulation/test_passing_review.py::test_a_body_that_turned_and_falls_into_another_warns"
+            "simulation/reviews/test_passing.py::test_a_body_that_turned_and_falls_into_another_warns"
         ],
         "A warning tells when one enters": [
-            "simulation/test_passing_review.py::test_a_body_that_turned_and_falls_into_another_warns"
+            "simulation/reviews/test_passing.py::test_a_body_that_turned_and_falls_into_another_warns"
         ],
         "Springs, joints and sensors": [
-            "simulation/test_dent_review.py::test_what_a_sensor_misses_is_told",
-            "simulation/test_dent_review.py::test_a_stiff_spring_finds_a_body_too_stiff",
+            "simulation/reviews/test_dents.py::test_what_a_sensor_misses_is_told",
+            "simulation/reviews/test_dents.py::test_a_stiff_spring_finds_a_body_too_stiff",
         ],
-        "That is estimated": ["simulation/test_dent_review.py::test_what_a_sensor_misses_is_told"],
-        "A load alone": ["simulation/test_dent_review.py::test_what_a_sensor_misses_is_told"],
-        "Without `damping=`, a run": ["simulation/test_review.py::test_vibration_that_lasts_without_damping_is_told"],
+        "That is estimated": ["simulation/reviews/test_dents.py::test_what_a_sensor_misses_is_told"],
+        "A load alone": ["simulation/reviews/test_dents.py::test_what_a_sensor_misses_is_told"],
+        "Without `damping=`, a run": [
+            "simulation/reviews/test_review.py::test_vibration_that_lasts_without_damping_is_told"
+        ],
         "Nor do patches with": ["exudyn_contacts/test_shared_patches.py::test_contacts_that_yield_share_no_patch"],
         "A body that [touches itself]": ["exudyn_contacts/test_self_contact.py::test_what_is_not_supported"],
     },
@@ -112,7 +114,7 @@ CROSSED = {
         ],
         "Elsewhere a warning tells": [
             "exudyn_contacts/test_yield.py::test_first_yield_is_told_once_and_only_beyond_it",
-            "simulation/test_yield_review.py::test_a_link_that_bends_beyond_yield_is_told",
+            "simulation/reviews/test_bending.py::test_a_link_that_bends_beyond_yield_is_told",
         ],
         "Bodies of several materials": [],
     },

@@ -13,7 +13,7 @@ import exudyn_partition as ep
 from exudyn_partition.errors import InputError, ModelLimitWarning, YieldWarning
 from exudyn_partition.results.impacts import joined, ringing, rings_by_facets, running_mean
 from exudyn_partition.results.newmark import Newmark
-from exudyn_partition.simulation.contact_review import damping_steps
+from exudyn_partition.simulation.reviews.ringing import damping_steps
 
 LENGTH, SIDE, SPEED = 0.2, 0.01, 1.0
 STEEL = ep.Material(E=210e9, nu=0.0, rho=7800.0, yield_stress=60e6)  # the mean stress of the impact is 40 MPa

@@ -1,17 +1,18 @@
 """The stability limit against dense eigenvalues, and runs below and above it."""
 
 import contextlib
+import itertools
 
 import exudyn as exu
 import exudyn.itemInterface as items
 import numpy as np
 import pytest
 import scipy.linalg
-from oracles import SPHERE_RADIUS, TOP, add_force
+from oracles import MARBLE_RADIUS, SPHERE_RADIUS, TOP, add_force
 
 import exudyn_partition as ep
 from exudyn_partition.errors import ModelLimitWarning, StoppedRunWarning
-from exudyn_partition.simulation import solve
+from exudyn_partition.simulation import solve, stability
 
 
 @pytest.fixture(scope="module")
@@ -110,3 +111,30 @@ def test_damping_lowers_the_limit(mbs, marble, ratio, monkeypatch):
     assert result.status == "finished"
     with pytest.warns(StoppedRunWarning, match="beyond all bounds"):
         ep.solve_dynamic(mbs, end_time=300 * limit, step=1.03 * limit)
+
+
+@pytest.mark.parametrize("most", [stability._DENSE, 0])
+def test_the_limit_of_a_model_is_that_of_its_stiffest_group(marble, bodies, most, monkeypatch):
+    """Of bodies that contacts join; by all frequencies or by Lanczos, whichever is quicker."""
+    monkeypatch.setattr(stability, "_DENSE", most)
+
+    def model(chain, pair):
+        mbs = exu.SystemContainer().AddSystem()
+        if chain:
+            balls = [
+                ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, 2.001 * MARBLE_RADIUS * i])
+                for i in range(3)
+            ]
+            for lower, upper in itertools.pairwise(balls):
+                ep.CreatePartitionContact(mbs, lower, upper, slavePatch="north", masterPatch="south")
+        if pair:
+            first = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=np.add(TOP, [0.1, 0, 1e-6]))
+            second = ep.CreatePartitionBody(mbs, bodies[1], referencePosition=[0.1, 0, 0])
+            ep.CreatePartitionContact(mbs, first, second)
+        mbs.Assemble()
+        return ep.stability_limit(mbs)
+
+    alone = model(True, False), model(False, True)
+    assert model(True, True) == pytest.approx(min(alone), rel=1e-4)
+    monkeypatch.setattr(stability, "_DENSE", 10**6)
+    assert min(alone) == pytest.approx(model(True, True), rel=1e-4)

@@ -1,20 +1,21 @@
-"""Warnings about bodies that enter what they touch beside their patches, where nothing holds them."""
+"""Bodies that enter what they touch beside their patches, where nothing holds them."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ..errors import ContactPatchWarning
-from ..exudyn_bodies.other_bodies import surface_motion
-from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.partition_contact import PartitionContact
-from ..fe.facets import flat_triangles
-from ..support.arrays import Array
-from ..surfaces.surface import closest_points
-from .result import Result, called
+from ...errors import ContactPatchWarning
+from ...exudyn_bodies.other_bodies import surface_motion
+from ...exudyn_bodies.partition_body import PartitionBody
+from ...fe.facets import flat_triangles
+from ...reduction.body import ReducedBody
+from ...support.arrays import Array
+from ...support.once import once
+from ...surfaces.surface import closest_points
+from ..result import called
+from .reviewed_run import ContactHistory, Finding, ReviewedRun, evenly, size_of
 
 _SAMPLES, _NODES = 32, 300  # largest numbers of samples, and of nodes beside patches, that are looked at
 _WAYS = 200  # directions in which a body reaches furthest with a corner, which may be the first to enter
@@ -24,52 +25,66 @@ _DEEP_IN_FACETS = 0.1  # the same over a facet's size, for bodies: facets lie be
 _ROUND_OFF = 1e-7  # of a facet's size
 
 
-def warn_of_passing(contact: PartitionContact, contacts: Sequence[PartitionContact], result: Result) -> None:
-    """Warn of a body that enters what it touches beside the patches of `contacts`, for example after a turn."""
-    if result.method == "static" or contact.master == contact.slave or contact.rows == "edges":
+def passing(run: ReviewedRun) -> Iterator[Finding]:
+    """Bodies that enter what they touch beside their patches in all contacts, for example after a turn."""
+    if run.result.method == "static":
         return
-    if contact.edge_reached(result) is not None:
-        return
-    chosen = np.unique(np.linspace(0, len(result.t) - 1, _SAMPLES).astype(int))
-    dent = np.maximum(-result.sensor_of(contact, contact["sForce"])[chosen, 5], 0.0)  # which the motion does not know
+    # Patches of a body that meet another body or a surface, by its identity: surfaces of users may have no hash.
+    met: dict[tuple[PartitionBody, int], frozenset[int]] = {}
+    for contact in run.result.contacts:
+        for (item, number), other in zip(contact.sides, (contact.master, contact.slave), strict=False):
+            met[item, id(other)] = met.get((item, id(other)), frozenset()) | {number}
+    for history in run.contacts:
+        contact = history.contact
+        if contact.master != contact.slave and contact.rows != "edges" and history.kept.edge is None:
+            yield from _entered(run, history, met)
+
+
+def _entered(
+    run: ReviewedRun, history: ContactHistory, met: Mapping[tuple[PartitionBody, int], frozenset[int]]
+) -> Iterator[Finding]:
+    contact, result = history.contact, run.result
+    chosen = evenly(len(result.t), _SAMPLES)
+    dent = np.maximum(history.pressed[chosen], 0.0)  # which the motion does not know
     sides = [item for item, _ in contact.sides]
     for item, other in zip(sides, sides[::-1] if len(sides) > 1 else [contact.master], strict=True):
-        nodes = _beside(item, other, contacts)
-        places = item.kinematics.at(nodes).place(item.coordinates(result)[chosen])
+        deep = _DEEP * size_of(item.body)
+        if not isinstance(other, PartitionBody) and contact.carrier is None and run.of(item).way < deep:
+            continue  # nothing that was outside at the start can be so deep
+        nodes = _beside(item.body, met[item, id(other)])
+        places = item.kinematics.at(nodes).place(run.of(item).q[chosen])
         if isinstance(other, PartitionBody):
-            depth = _depths_in_body(places, other, other.coordinates(result)[chosen])
+            depth = _depths_in_body(places, other, run.of(other).q[chosen])
         else:
             motion = surface_motion(contact.carrier, result.others, result.t[chosen])
             if motion is None:
                 continue
             place, axes = motion
-            own = (places - place[:, None]) @ axes
+            own = places if contact.carrier is None else (places - place[:, None]) @ axes
             depth = -other.project(own.reshape(-1, 3))[0].reshape(own.shape[:2])
-        entered = np.where(depth[0] < 0.0, depth, 0.0) > dent[:, None] + _DEEP * np.ptp(item.body.points, axis=0).max()
+        entered = np.where(depth[0] < 0.0, depth, 0.0) > dent[:, None] + deep
         if entered.any():
             sample, node = np.argwhere(entered)[0]
             what = called(other) if isinstance(other, PartitionBody) else "the rigid surface"
-            warnings.warn(
+            yield Finding(
                 f"{called(contact)}: at t = {result.t[chosen[sample]]:.6g} s {called(item)} is "
                 f"{depth[sample, node]:.3g} m within {what} at {places[sample, node]} m, beside its patch, where "
                 "nothing holds it. Has it turned? Take a patch that reaches there, as by Partition.surface; or ignore "
                 "this if the real surface ends before",
                 ContactPatchWarning,
-                stacklevel=5,
             )
             return
 
 
-def _beside(item: PartitionBody, other: object, contacts: Sequence[PartitionContact]) -> Array:
-    """Some nodes on a body's boundary, (k,), beside its patches in contacts with the other body or surface."""
-    nodes = np.unique(item.body.facets)
-    for contact in contacts:
-        for (own, number), partner in zip(contact.sides, (contact.master, contact.slave), strict=False):
-            if own == item and partner == other:
-                nodes = np.setdiff1d(nodes, item.body.partition.patches[number].nodes)
+@once
+def _beside(body: ReducedBody, patches: frozenset[int]) -> Array:
+    """Some nodes on a body's boundary, (k,), beside some of its patches, given by their numbers."""
+    nodes = np.unique(body.facets)
+    for number in patches:
+        nodes = np.setdiff1d(nodes, body.partition.patches[number].nodes)
     if len(nodes) <= _NODES:
         return nodes
-    furthest = nodes[(item.body.points[nodes] @ _directions(_WAYS).T).argmax(axis=0)]
+    furthest = nodes[(body.points[nodes] @ _directions(_WAYS).T).argmax(axis=0)]
     return np.union1d(nodes[:: len(nodes) // _NODES + 1], furthest)
 
 
@@ -80,13 +95,19 @@ def _directions(n: int) -> Array:
     return np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
 
 
+@once
+def _boundary(body: ReducedBody) -> tuple[Array, Array]:
+    """Triangles on a body's boundary, (k, 3) int, and its nodes there, (m,), ascending."""
+    return flat_triangles(body.facets)[0], np.unique(body.facets)
+
+
 def _depths_in_body(places: Array, body: PartitionBody, q: Array) -> Array:
     """How deep nodes at places, (m, k, 3) [m], lie within a body at coordinates, (m, n): (m, k) [m], -inf outside.
 
     A box around the body tells it for most samples. Of the others, some are looked at.
     """
     depth = np.full(places.shape[:2], -np.inf)
-    facets, boundary = flat_triangles(body.body.facets)[0], np.unique(body.body.facets)
+    facets, boundary = _boundary(body.body)
     some = body.kinematics.at(boundary[:: len(boundary) // _NODES + 1]).place(q)
     low, high = some.min(axis=1, keepdims=True), some.max(axis=1, keepdims=True)
     within = ((places > low) & (places < high)).all(axis=2)

@@ -11,7 +11,7 @@ from oracles import box, ground
 
 import exudyn_partition as ep
 from exudyn_partition.errors import YieldWarning
-from exudyn_partition.simulation.yield_review import surface_stress
+from exudyn_partition.simulation.reviews.bending import surface_stress
 
 LENGTH, WIDTH, HEIGHT = 0.08, 0.010, 0.006
 LIMIT = ep.ALUMINIUM.yield_stress
@@ -55,7 +55,7 @@ def stress_between(body, item, result, low, high):
     """Stress of the surface between two heights, (k,) [Pa], at the end."""
     inside = (body.points[:, 2] > low) & (body.points[:, 2] < high)
     deformed = item.kinematics.deformed(item.coordinates(result))[-1:]
-    return surface_stress(item, body.facets[inside[body.facets].all(axis=1)], deformed, body.material)[0][0]
+    return surface_stress(body, body.facets[inside[body.facets].all(axis=1)], deformed, body.material)[0][0]
 
 
 def test_bending_is_that_of_beams(body):

@@ -10,21 +10,21 @@ Theory: examples/site/theory.md, "Compression and rotation".
 
 from __future__ import annotations
 
-import warnings
+from collections.abc import Iterator
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from ..errors import ModelLimitWarning
-from ..exudyn_bodies.joints import mass_and_rows
-from ..exudyn_bodies.model import coordinate_slices
-from ..exudyn_bodies.partition_body import PartitionBody
-from ..frames.floating import FloatingKinematics
-from ..reduction.buckling import mean_over
-from ..support.arrays import Array
-from ..support.foreign import MainSystem
-from .result import Result, called
+from ...exudyn_bodies.joints import mass_and_rows
+from ...exudyn_bodies.model import coordinate_slices
+from ...exudyn_bodies.partition_body import PartitionBody
+from ...frames.floating import FloatingKinematics
+from ...reduction.buckling import mean_over
+from ...support.arrays import Array
+from ...support.foreign import MainSystem
+from ..result import called
+from .reviewed_run import BodyHistory, Finding, ReviewedRun, size_of
 
 _GROWTH = 0.01  # of a marker's place by rotation, by what its body's coordinates deform it there, which warns
 _LEAST_GROWTH = 1e-5  # by the body's size, below which it is a matter of small stress
@@ -37,64 +37,67 @@ _MOST = 1000  # largest number of coordinates: bases that keep nodes may have ma
 _NODES = 500  # number of surface nodes by which the directions of bending are found
 
 
-def warn_of_spin(mbs: MainSystem, item: PartitionBody, result: Result) -> None:
-    """Warn of a body that spins so fast that its missing geometric stiffness matters."""
-    body, kinematics = item.body, item.kinematics
-    if not isinstance(kinematics, FloatingKinematics) or result.method == "static" or not 6 < body.n_dofs < _MOST:
-        return
-    spin = item.coordinates_t(result)[:, 3:6] @ kinematics.node_axes.T
-    squared = np.sum(spin**2, axis=1)
+def spin(run: ReviewedRun) -> Iterator[Finding]:
+    """Bodies that spin so fast that their missing geometric stiffness matters."""
+    for body in run.bodies if run.result.method != "static" else ():
+        item = body.item
+        if item.body.stiffening is None and isinstance(item.kinematics, FloatingKinematics):
+            if 6 < item.body.n_dofs < _MOST:
+                yield from _stiffening_by_spin(run, body, item.kinematics)
+
+
+def _stiffening_by_spin(run: ReviewedRun, body: BodyHistory, kinematics: FloatingKinematics) -> Iterator[Finding]:
+    result, item = run.result, body.item
+    rotation = body.q_t[:, 3:6] @ kinematics.node_axes.T
+    squared = np.sum(rotation**2, axis=1)
     if not squared.any():
         return
-    lowest = _lowest(body.basis.omega, kinematics)
+    lowest = _lowest(item.body.basis.omega, kinematics)
     if _FREE * _HELD * squared.max() < _LARGEST * lowest:
         return
-    rows = _rows(mbs, item)
+    rows = _rows(run.mbs, item)
     if not np.isfinite(rows).all():  # the state at the end of an unstable run, of which the result keeps the start
         return
     if not len(rows) and _FREE * squared.max() < _LARGEST * lowest:
         return
-    q = item.coordinates(result)[-1]
+    q = body.q[-1]
     values, motions = _held_modes(kinematics, rows)
     rigid = int(np.sum(values < _RIGID * lowest))
     factor = _CLAMPED if rigid <= 1 else _FREE
     axes = np.linalg.eigh(kinematics.node_axes @ kinematics.inertia.tensor @ kinematics.node_axes.T)
-    pulled = _pulled(spin @ axes[1], axes[0])
+    pulled = _pulled(rotation @ axes[1], axes[0])
     for value, motion in zip(values[rigid : rigid + _MODES], motions.T[rigid : rigid + _MODES], strict=True):
         share = factor * mean_over(2 * np.pi / np.sqrt(value), result.t, pulled @ _bent(kinematics, q, motion, axes[1]))
         if share.max() > _LARGEST * value:
             top, first = int(share.argmax()), int((share > _LARGEST * value).argmax())
             held = "held as its joints hold it" if len(rows) else "free"
-            warnings.warn(
+            yield Finding(
                 f"{called(item)} rotates with {np.sqrt(squared[top]):.4g} rad/s, from t = {result.t[first]:.6g} s on "
                 f"so fast that its bending at {np.sqrt(value) / (2 * np.pi):.4g} Hz, {held}, would be stiffer by about "
                 f"{share[top] / value:.2g} of its stiffness. Rotation does not stiffen this body: it bends too easily. "
-                "Reduce it with geometric_stiffness=True",
-                ModelLimitWarning,
-                stacklevel=4,
+                "Reduce it with geometric_stiffness=True"
             )
             return
 
 
-def warn_of_growth(item: PartitionBody, result: Result) -> None:
-    """Warn of markers on nodes and points that would move by rotation, but do not: they move by coordinates alone."""
-    q_t = item.coordinates_t(result)
-    q, size = item.coordinates(result), float(np.ptp(item.body.points, axis=0).max())
-    for point in item.point_markers.values():
-        node = item.kinematics.at(np.array([item.body.nearest_node(point)]))
-        growth = node.grown(q_t)
-        if growth is None:
-            return
-        grown, deformed = (float(np.linalg.norm(motion, axis=-1).max()) for motion in (growth, node.deformation(q)))
-        if grown > max(_LEAST_GROWTH * size, _GROWTH * deformed):
-            warnings.warn(
-                f"{called(item)} rotates so fast that centrifugal forces move its point {point} by up to {grown:.3g} "
-                f"m, beside the {deformed:.3g} m of its coordinates. Markers on nodes and points lack that; "
-                "displacement(), stresses and contact have it. Take an interface for a joint, or raise f_cut",
-                ModelLimitWarning,
-                stacklevel=4,
-            )
-            return
+def missing_growth(run: ReviewedRun) -> Iterator[Finding]:
+    """Markers on nodes and points that would move by rotation, but do not: they move by coordinates alone."""
+    for body in run.bodies:
+        item = body.item
+        for point in item.point_markers.values():
+            node = item.kinematics.at(np.array([item.body.nearest_node(point)]))
+            growth = node.grown(body.q_t)
+            if growth is None:
+                break
+            motions = growth, node.deformation(body.q)
+            grown, deformed = (float(np.linalg.norm(motion, axis=-1).max()) for motion in motions)
+            if grown > max(_LEAST_GROWTH * size_of(item.body), _GROWTH * deformed):
+                yield Finding(
+                    f"{called(item)} rotates so fast that centrifugal forces move its point {point} by up to "
+                    f"{grown:.3g} m, beside the {deformed:.3g} m of its coordinates. Markers on nodes and points lack "
+                    "that; displacement(), stresses and contact have it. Take an interface for a joint, or raise f_cut"
+                )
+                break
 
 
 def _lowest(omega: Array, kinematics: FloatingKinematics) -> float:

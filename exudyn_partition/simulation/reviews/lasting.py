@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.signal import detrend
 
-from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.balance import has_all_steps
-from ..exudyn_contacts.partition_contact import PartitionContact
-from ..results.impacts import closed_spans
-from ..support.arrays import Array
-from .result import Result, called
-
-_log = logging.getLogger(__name__)
+from ...exudyn_bodies.partition_body import PartitionBody
+from ...exudyn_contacts.balance import has_all_steps
+from ...exudyn_contacts.partition_contact import PartitionContact
+from ...support.arrays import Array
+from ..result import Result, called
+from .reviewed_run import Finding, ReviewedRun
 
 _LONG = 1000  # steps of an impact: what is closed for longer lasts
 _MOST = 0.5  # share of the steps of a closed contact: it keeps them short if more are no longer than in an impact
@@ -23,30 +20,31 @@ _SAME = 1.01  # ratio of steps that are the same
 _PERIODS = 10  # of the ringing, over which its energy is averaged
 
 
-def tell_what_rings(result: Result) -> None:
-    """Log each contact whose ringing kept most steps of an adaptive run short: frequency and share of the energy."""
-    if not has_all_steps(result) or result.method != "implicit":
+def lasting_ringing(run: ReviewedRun) -> Iterator[Finding]:
+    """Contacts whose ringing kept most steps of an adaptive run short: frequency and share of the energy."""
+    result = run.result
+    if run.equal_steps or run.solver is not None or not has_all_steps(result) or result.method != "implicit":
         return
     largest = 0.0
-    for contact in result.contacts:
-        force = contact.force(result)
-        for first, last in closed_spans(force):
+    for history in run.contacts:
+        for first, last in history.spans:
             t = result.t[first : last + 1]
             short = np.count_nonzero(np.diff(t) < _SAME * result.step)
             if t[-1] - t[0] < _LONG * result.step or short < _MOST * len(t):
                 continue
-            frequency = ringing_frequency(t, force[first : last + 1], result.step)
+            frequency = ringing_frequency(t, history.force[first : last + 1], result.step)
             if not largest:
-                of_bodies = [body.energy(result) for body in result.bodies]
+                of_bodies = [body.energy for body in run.bodies]
                 whole = np.sum([*of_bodies, *(each.energy(result) for each in result.contacts)], axis=0)
                 largest = max(float(whole.max()), np.finfo(float).tiny)
-            swings = _swinging(contact, result, max(t[0], t[-1] - _PERIODS / frequency), t[-1])
-            _log.info(
-                "%s: rings at %.3g kHz from t = %.4g to %.4g s, at the end with %.2g of the largest energy, and keeps "
-                "%s steps as short as in an impact. If its parts have damping, say so by damping= of "
-                "CreatePartitionBody: steps grow when the ringing is gone",
-                called(contact), 1e-3 * frequency, t[0], t[-1], swings / largest, short,
-            )  # fmt: skip
+            swings = _swinging(history.contact, result, max(t[0], t[-1] - _PERIODS / frequency), t[-1])
+            yield Finding(
+                f"{called(history.contact)}: rings at {1e-3 * frequency:.3g} kHz from t = {t[0]:.4g} to {t[-1]:.4g} s, "
+                f"at the end with {swings / largest:.2g} of the largest energy, and keeps {short} steps as short as in "
+                "an impact. If its parts have damping, say so by damping= of CreatePartitionBody: steps grow when the "
+                "ringing is gone",
+                category=None,
+            )
 
 
 def ringing_frequency(t: Array, force: Array, step: float) -> float:

@@ -2,7 +2,6 @@
 
 import dataclasses
 import re
-import warnings
 
 import exudyn as exu
 import exudyn.itemInterface as items
@@ -12,7 +11,8 @@ from oracles import ground
 
 import exudyn_partition as ep
 from exudyn_partition.exudyn_contacts.balance import STEPS, Balance
-from exudyn_partition.simulation.balance_review import warn_of_balance
+from exudyn_partition.simulation.reviews.balance import balance
+from exudyn_partition.simulation.reviews.reviewed_run import ReviewedRun
 
 SPEED, GRAVITY, SPAN = 0.4, np.array([0, 0, -2e4]), 40e-6
 SOFT = 1e3
@@ -41,10 +41,8 @@ def faster(result, item, share=0.05):
 
 def told(mbs, result):
     """What the check says, by what it is about."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        warn_of_balance(mbs, result)
-    return {("momentum" if "momentum" in str(w.message) else "energy"): str(w.message) for w in caught}
+    texts = [finding.text for finding in balance(ReviewedRun(mbs, result))]
+    return {("momentum" if "momentum" in text else "energy"): text for text in texts}
 
 
 @pytest.mark.parametrize("options", [{}, {"method": "implicit"}, {"method": "implicit", "spectral_radius": 0.5}])

@@ -1,8 +1,8 @@
-"""Warnings about sharp edges that no row holds: edges of two bodies that cross, and corners of the master."""
+"""Sharp edges that no row holds: edges of two bodies that cross, and corners of the master."""
 
 from __future__ import annotations
 
-import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain
 
@@ -10,16 +10,17 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
-from ..contact.rigid_mesh import RigidMesh
-from ..errors import ContactPatchWarning
-from ..exudyn_bodies.other_bodies import surface_motion
-from ..exudyn_contacts.partition_contact import PartitionContact
-from ..fe.edges import neighbours_across, sharp_edges, sharp_nodes
-from ..fe.facets import area_vectors, facet_corners
-from ..fe.shapes import corners_of, shape_functions
-from ..support.arrays import Array
-from ..surfaces.surface import Surface, closest_points
-from .result import Result, called, when
+from ...contact.rigid_mesh import RigidMesh
+from ...errors import ContactPatchWarning
+from ...exudyn_bodies.other_bodies import surface_motion
+from ...fe.edges import neighbours_across, sharp_edges, sharp_nodes
+from ...fe.facets import area_vectors, facet_corners
+from ...fe.shapes import corners_of, shape_functions
+from ...support.arrays import Array
+from ...support.once import once
+from ...surfaces.surface import Surface, closest_points
+from ..result import called, when
+from .reviewed_run import ContactHistory, Finding, ReviewedRun, evenly
 
 _LOOKED_AT, _STARTS = 64, 16  # largest number of samples, and of times of contact, at which nodes are checked
 _WITHIN = 0.01  # depth of an edge within another body, as a share of a facet's size
@@ -29,18 +30,19 @@ _ASIDE = 0.1  # by that much (a sine) may edges pass each other beside the direc
 _NOWHERE = 0.0, np.zeros(3)
 
 
-def looked_at(contact: PartitionContact, result: Result) -> Array:
+def looked_at(run: ReviewedRun, history: ContactHistory) -> Array:
     """Samples at which nodes are checked, among them those before the first times of contact, (k,) int.
 
     Until the load steps of a press fit have closed its overlap, surfaces lie within each other as they are meant to.
     """
-    force = contact.force(result)
-    if contact.mechanics.gaps.pressed and result.method == "static":
-        return np.arange(len(force))[-1:] if result.status == "finished" else np.empty(0, dtype=int)
-    starts = np.flatnonzero(np.diff((force > 0).astype(int)) > 0)[:_STARTS]
-    return np.unique(np.r_[starts, np.linspace(0, len(force) - 1, min(len(force), _LOOKED_AT)).astype(int)])
+    n = len(history.force)
+    if history.contact.mechanics.gaps.pressed and run.result.method == "static":
+        return np.arange(n)[-1:] if run.result.status == "finished" else np.empty(0, dtype=int)
+    starts = [first - 1 for first, _ in history.spans[:_STARTS] if first > 0]
+    return np.union1d(np.array(starts, dtype=int), evenly(n, _LOOKED_AT))
 
 
+@once
 def neighbours(surface: Surface) -> sp.csr_matrix:
     """Number of facets that two nodes share, (np, np)."""
     nf, k = surface.facets.shape
@@ -49,28 +51,31 @@ def neighbours(surface: Surface) -> sp.csr_matrix:
     return sp.csr_matrix(of_facets @ of_facets.T)
 
 
-def warn_of_edges(contact: PartitionContact, result: Result) -> None:
-    """Warn of a sharp edge of the master within the slave where no row is closed."""
-    if contact.master == contact.slave or contact.rows == "edges":
-        return
+def crossing_edges(run: ReviewedRun) -> Iterator[Finding]:
+    """Sharp edges of the master within the slave where no row is closed."""
+    for history in run.contacts:
+        if history.contact.master != history.contact.slave and history.contact.rows != "edges":
+            yield from _crossing(run, history)
+
+
+def _crossing(run: ReviewedRun, history: ContactHistory) -> Iterator[Finding]:
+    contact, result = history.contact, run.result
     surfaces = [item.body.surface(np.zeros(3), number) for item, number in contact.sides]
     rigid = isinstance(contact.master, RigidMesh)
     if isinstance(contact.master, RigidMesh):
         surfaces.append(_surface_of(contact.master))
     if len(surfaces) < 2 or not len(surfaces[1].sharp):
         return
-    chosen = looked_at(contact, result)
+    chosen = looked_at(run, history)
     if not len(chosen):
         return
-    now = result.at(result.t[chosen])
-    closed, around = contact.row_forces(now), neighbours(surfaces[0])
-    pressed = np.maximum(-result.sensor_of(contact, contact["sForce"])[chosen, 5], 0.0)
+    pressed, around = np.maximum(history.pressed[chosen], 0.0), neighbours(surfaces[0])
     places = [
-        item.kinematics.at(surface.nodes).place(item.coordinates(now))
+        item.kinematics.at(surface.nodes).place(run.of(item).q[chosen])
         for (item, _), surface in zip(contact.sides, surfaces, strict=False)
     ]
     if rigid:
-        motion = surface_motion(contact.carrier, result.others, now.t)
+        motion = surface_motion(contact.carrier, result.others, result.t[chosen])
         if motion is None:
             return
         place, axes = motion
@@ -79,7 +84,8 @@ def warn_of_edges(contact: PartitionContact, result: Result) -> None:
     edges, size = [_Edges.of(surface) for surface in surfaces], min(surface.facet_size for surface in surfaces)
     for i, sample in enumerate(chosen):
         held = np.zeros(len(surfaces[0].points), dtype=bool)
-        held[closed[i].indices[closed[i].data > 0]] = True
+        nodes, forces = history.rows_at(sample)
+        held[nodes[forces > 0]] = True
         held |= around @ held > 0
         found = [_deepest_crossing(edges, x_s[i], x_m[i], held)]
         if contact.beside is None:
@@ -91,18 +97,18 @@ def warn_of_edges(contact: PartitionContact, result: Result) -> None:
         first, last = (
             ("make it a partition body and ", "") if rigid else ("", ", or give that body first, with passes='given'")
         )
-        warnings.warn(
+        yield Finding(
             f"{called(contact)} at {when(result, result.t[sample])}: a sharp edge of {master} is {depth:.3g} m within "
             f"{slave} at {where} m, with no closed row around. Rows are those of the slave, {slave}: faces of {master} "
             f"hold its edges, but nothing holds edges that cross, or edges of {master}. Round one of them by a radius "
             f"that facets resolve; or, if an edge of {master} meets a face, {first}add CreatePartitionContact of the "
             f"same two patches with rows='edges'{last}",
             ContactPatchWarning,
-            stacklevel=6,
         )
         return
 
 
+@once
 def _surface_of(mesh: RigidMesh) -> Surface:
     """A rigid mesh with its sharp edges."""
     nodes, no_line = np.arange(len(mesh.points)), np.zeros(3)

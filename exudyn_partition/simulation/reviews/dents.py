@@ -10,30 +10,35 @@ K. L. Johnson, Contact Mechanics, 1985, section 3.4.
 from __future__ import annotations
 
 import itertools
-import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from ..errors import ModelLimitWarning
-from ..exudyn_bodies.joints import HOLONOMIC
-from ..exudyn_bodies.partition_body import PartitionBody
-from ..fe.partition import Partition
-from ..support.arrays import Array
-from ..support.foreign import ItemEntry, MainSystem
-from .result import called
+from ...exudyn_bodies.joints import HOLONOMIC
+from ...exudyn_bodies.partition_body import PartitionBody
+from ...fe.partition import Partition
+from ...support.arrays import Array
+from ...support.foreign import ItemEntry, MainSystem
+from ..result import called
+from .reviewed_run import Finding, ReviewedRun
 
 _LARGEST = 0.1  # share of the flexibility that a spring, a joint or a sensor may miss
 _MEAN = 16 / (3 * np.pi**2)  # mean dent under a uniform pressure, by (1 - nu^2) F / (E a)
 
 
-def warn_of_dents(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> None:
-    """Warn of springs, joints and sensors that find a body too stiff, because a local dent is missing."""
-    for item in bodies:
-        if "oFFRFreducedOrder" not in item or len(item.body.basis.nodal) or item.body.material is None:
-            continue
-        for what, marker, stiffness in _attached(mbs):
+def missing_dents(run: ReviewedRun) -> Iterator[Finding]:
+    """Springs, joints and sensors that find a body too stiff, because a local dent is missing."""
+    loaded = [
+        body.item
+        for body in run.bodies
+        if "oFFRFreducedOrder" in body.item
+        and not len(body.item.body.basis.nodal)
+        and body.item.body.material is not None
+    ]
+    attached = [*_attached(run.mbs)] if loaded else []
+    for item in loaded:
+        for what, marker, stiffness in attached:
             if int(marker.get("bodyNumber", -1)) != int(item["oFFRFreducedOrder"]):
                 continue
             nodes = np.asarray(marker.get("meshNodeNumbers", ()), dtype=int)
@@ -43,13 +48,11 @@ def warn_of_dents(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> None:
             share = dent / (dent + kept + 1 / stiffness)
             if share > _LARGEST:
                 place = item.body.points[nodes].mean(axis=0)
-                warnings.warn(
+                yield Finding(
                     f"{called(item)}: {what} acts on nodes around {place} m of its mesh, which have no static answer. "
                     f"It lacks their local dent, of about {dent:.2g} m/N, {share:.2g} of the flexibility that it "
                     "should find, so that the body is too stiff there. Join Partition.interface(fem, name, nodes) to "
-                    "the partition before reduce(), and take CreateInterfaceMarker",
-                    ModelLimitWarning,
-                    stacklevel=4,
+                    "the partition before reduce(), and take CreateInterfaceMarker"
                 )
                 break
 

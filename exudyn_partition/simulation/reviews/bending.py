@@ -6,62 +6,76 @@ torsion are largest on it. Beneath contacts, the Hertz-equivalent pressure decid
 
 from __future__ import annotations
 
-import warnings
-from weakref import WeakKeyDictionary
+from collections.abc import Iterator
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from ..errors import YieldWarning
-from ..exudyn_bodies.partition_body import PartitionBody
-from ..fe.facets import by_shape, flat_triangles
-from ..fe.material import Material
-from ..fe.shapes import QUADS, shape_functions
-from ..reduction.body import ReducedBody
-from ..support.arrays import Array
-from .result import Result, called, when
+from ...errors import YieldWarning
+from ...exudyn_bodies.user_functions import RIGID
+from ...fe.facets import by_shape, flat_triangles
+from ...fe.material import Material
+from ...fe.shapes import QUADS, shape_functions
+from ...reduction.body import ReducedBody
+from ...support.arrays import Array
+from ...support.once import once
+from ..result import called, when
+from .reviewed_run import Finding, ReviewedRun, evenly
 
 _FACETS, _SAMPLES = 4000, 32  # largest number of facets, and of samples, that are looked at
 _AROUND = 1.0  # width around a patch where its contact decides, by the patch's size
 _MASS = 0.05  # share by which mass may differ from volume times density: bodies of several materials differ by more
 _FLAT = 1e-3  # height of a facet by its first edge below which its strain is round-off
-_FACES: WeakKeyDictionary[ReducedBody, Array] = WeakKeyDictionary()  # see `_free_facets`; many items share a body
 
 
-def warn_of_bending(item: PartitionBody, result: Result) -> None:
-    """Warn of a body whose surface would yield away from contacts and interfaces."""
-    body, material = item.body, item.body.material
-    if material is None or material.yield_stress is None or body.n_dofs == 6:
-        return
-    if body not in _FACES:
-        _FACES[body] = _free_facets(body, material)
-    facets = _FACES[body]
-    if not len(facets):
-        return
-    deformed = item.kinematics.deformed(item.coordinates(result))
-    energy = body.strain_energy(deformed)
-    some = np.unique(np.r_[np.argsort(energy)[-_SAMPLES:], np.linspace(0, len(energy) - 1, _SAMPLES).astype(int)])
-    stress, places = surface_stress(item, facets, deformed[some], material)
-    if not stress.size or stress.max() <= material.yield_stress:
-        return
-    top, place = np.unravel_index(stress.argmax(), stress.shape)
-    warnings.warn(
-        f"{called(item)} at {when(result, result.t[some[top]])}: the von Mises stress of its surface reaches "
-        f"{stress.max():.4g} Pa at {places[place]} m of its mesh, away from its contacts, "
-        f"{stress.max() / material.yield_stress:.3g} times the yield stress of {material.yield_stress:.4g} Pa. Bodies "
-        "yield in plastic zones beneath their patches alone, so that this one springs back. Lower the load, or take a "
-        "stronger shape or material",
-        YieldWarning,
-        stacklevel=4,
-    )
+def bending(run: ReviewedRun) -> Iterator[Finding]:
+    """Bodies whose surface would yield away from contacts and interfaces."""
+    for history in run.bodies:
+        item, body, material = history.item, history.item.body, history.item.body.material
+        if material is None or material.yield_stress is None or body.n_dofs == RIGID:
+            continue
+        facets = _free_facets(body)
+        if not len(facets):
+            continue
+        bound = abs(history.deformed) @ _largest_stresses(body)
+        if bound.max() <= material.yield_stress:
+            continue
+        energy = history.strain_energy
+        some = np.union1d(np.argsort(energy)[-_SAMPLES:], evenly(len(energy), _SAMPLES))
+        some = some[bound[some] > material.yield_stress]
+        if not len(some):
+            continue
+        stress, places = surface_stress(body, facets, history.deformed[some], material)
+        if stress.max() <= material.yield_stress:
+            continue
+        top, place = np.unravel_index(stress.argmax(), stress.shape)
+        yield Finding(
+            f"{called(item)} at {when(run.result, run.result.t[some[top]])}: the von Mises stress of its surface "
+            f"reaches {stress.max():.4g} Pa at {places[place]} m of its mesh, away from its contacts, "
+            f"{stress.max() / material.yield_stress:.3g} times the yield stress of {material.yield_stress:.4g} Pa. "
+            "Bodies yield in plastic zones beneath their patches alone, so that this one springs back. Lower the load, "
+            "or take a stronger shape or material",
+            YieldWarning,
+        )
 
 
-def surface_stress(item: PartitionBody, facets: Array, deformed: Array, material: Material) -> tuple[Array, Array]:
+@once
+def _largest_stresses(body: ReducedBody) -> Array:
+    """Largest von Mises stress of the free facets by a unit of each coordinate, (n_dofs,) [Pa].
+
+    The von Mises stress is a norm. So that of several coordinates is at most the sum of theirs.
+    """
+    material = body.material
+    assert material is not None
+    return np.asarray(surface_stress(body, _free_facets(body), np.eye(body.n_dofs), material)[0].max(axis=1))
+
+
+def surface_stress(body: ReducedBody, facets: Array, deformed: Array, material: Material) -> tuple[Array, Array]:
     """Von Mises stress of a free surface, (m, k) [Pa], in the middles of facets, and these, (k, 3) [m].
 
     Parameters
     ----------
-    item : PartitionBody
+    body : ReducedBody
     facets : (k, n) int array
         Facets of the body.
     deformed : (m, n_dofs) array
@@ -75,8 +89,8 @@ def surface_stress(item: PartitionBody, facets: Array, deformed: Array, material
         middle = np.full((1, 2), 1 / 2 if len(columns) in QUADS else 1 / 3)
         value, by_r, by_s = shape_functions(middle, len(columns))[0]
         nodes, at = np.unique(own, return_inverse=True)
-        moved = np.asarray(item.body.rows(nodes) @ deformed.T).T.reshape(len(deformed), len(nodes), 3)
-        moved, points = moved[:, at.reshape(own.shape)], item.body.points[own]
+        moved = np.asarray(body.rows(nodes) @ deformed.T).T.reshape(len(deformed), len(nodes), 3)
+        moved, points = moved[:, at.reshape(own.shape)], body.points[own]
         along, aside = by_r @ points, by_s @ points  # tangents
         length = np.linalg.norm(along, axis=1)
         x, normal = along / length[:, None], np.cross(along, aside)
@@ -90,8 +104,11 @@ def surface_stress(item: PartitionBody, facets: Array, deformed: Array, material
     return found, middles
 
 
-def _free_facets(body: ReducedBody, material: Material) -> Array:
-    """Some facets, (k, n) int, whose strain tells the stress; none if the body has more than this one material."""
+@once
+def _free_facets(body: ReducedBody) -> Array:
+    """Some facets, (k, n) int, whose strain tells the stress; none if the body has more than one material."""
+    material = body.material
+    assert material is not None
     if any(patch.material for patch in body.partition.patches) or not _of_one_material(body, material):
         return body.facets[:0]
     facets = body.facets[_far_from_loads(body)]

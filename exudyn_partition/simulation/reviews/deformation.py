@@ -1,0 +1,145 @@
+"""Bodies that move or deform further than their model allows: rotation, strain, compression, vibration that lasts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ...reduction.body import ReducedBody
+from ...reduction.buckling import Link, compression, links, squared_slope
+from ...support.arrays import Array
+from ...support.once import once
+from ..result import called, when
+from .reviewed_run import LARGEST_DEFORMATION, BodyHistory, Finding, ReviewedRun
+
+_GROWTH = 1e3  # ratio to a body's largest energy so far, which unstable steps exceed and large strain does not
+_LARGEST_ROTATION = 0.1  # rad, for a body in an inertial frame
+_LARGEST_AXIAL = 0.1  # compression or tension of a link, by its buckling load
+_LARGEST_LEFT = 0.02  # share of a link's bending that geometric stiffness leaves out
+# That share by the mean square of slopes: a hinged column bears so much more than Euler's load when it has buckled
+# (tests/exudyn_bodies/test_stiffening.py). An elastica bears a quarter.
+_LEFT_BY_SLOPES = 2.0
+_LASTING, _LARGEST_RINGING = 1000.0, 0.1  # rad, phase of a vibration that lasts; its share of the largest energy
+_LOOKED_AT = 256  # largest number of samples of which energies are taken
+
+
+def unbounded(body: BodyHistory) -> Array:
+    """Samples that have lost their meaning, (n,) bool.
+
+    Coordinates are not finite, or deformation is large and the energy grows without limit. Unstable steps multiply the
+    energy. Large strain alone does not: runs of linear bodies may exceed the strength of their material.
+    """
+    small = body.finite & (body.deformed_share < LARGEST_DEFORMATION)
+    if small.all():
+        return np.zeros(len(small), dtype=bool)
+    with np.errstate(over="ignore", invalid="ignore"):
+        energy = body.energy
+    first = int(small.argmin())
+    grows = not (energy[~small] <= _GROWTH * energy[:first].max(initial=0.0)).all()
+    return np.asarray(~body.finite | (~small & grows))
+
+
+def rotation(run: ReviewedRun) -> Iterator[Finding]:
+    """Rotations of bodies in an inertial frame, which takes them as small."""
+    for body in run.bodies:
+        item = body.item
+        if item.frame != "inertial":
+            continue
+        angle = np.linalg.norm(body.rigid_motion[:, 3:], axis=1)
+        if angle.max() > _LARGEST_ROTATION:
+            turned = run.result.t[int((angle > _LARGEST_ROTATION).argmax())]
+            yield Finding(
+                f"body {item.name!r} has rotated by more than {_LARGEST_ROTATION} rad at {when(run.result, turned)}: "
+                "frame='inertial' takes rotations as small, results from then on are wrong by their square. Take "
+                "frame='floating'"
+            )
+
+
+def strain(run: ReviewedRun) -> Iterator[Finding]:
+    """Strain too large for a linear body."""
+    for body in run.bodies:
+        share = body.deformed_share
+        if share.max() >= LARGEST_DEFORMATION:
+            start = run.result.t[int((share >= LARGEST_DEFORMATION).argmax())]
+            yield Finding(
+                f"{called(body.item)}: its contact patch has deformed by {share.max():.2g} of the body's size, from "
+                f"{when(run.result, start)} on by more than {LARGEST_DEFORMATION}. The answer is that of linear "
+                "elasticity, which no material follows there. Check speeds, forces, units and the material"
+            )
+
+
+def axial_forces(run: ReviewedRun) -> Iterator[Finding]:
+    """Compression and tension that should change the bending of a body without geometric stiffness."""
+    result = run.result
+    for body in run.bodies:
+        item = body.item
+        for link in _links(item.body) if item.body.stiffening is None else ():
+            elastic = item.kinematics.elastic(body.q)
+            # The time of statics is no time in which a pulse ends before the link bends.
+            force = -link.tension(elastic) if result.method == "static" else compression(link, result.t, elastic)
+            between = " and ".join(map(repr, link.ends))
+            for own, how, changed in ((force, "compressed", "softer"), (-force, "pulled", "stiffer")):
+                share = own.max() / link.buckling_load
+                if share > _LARGEST_AXIAL:
+                    start = result.t[int((own > _LARGEST_AXIAL * link.buckling_load).argmax())]
+                    yield Finding(
+                        f"{called(item)} is {how} between its interfaces {between}, from {when(result, start)} on by "
+                        f"up to {own.max():.4g} N, {share:.2g} of the {link.buckling_load:.4g} N at which it buckles, "
+                        "hinged at both ends (a quarter of them, if one end is clamped and the other free). Its "
+                        f"bending is linear; in truth it is {changed} by that share, so that frequencies and "
+                        "deflections are off. Reduce it with geometric_stiffness=True, or keep the force below a tenth"
+                    )
+
+
+def slopes(run: ReviewedRun) -> Iterator[Finding]:
+    """Links that bend so far that geometric stiffness does not suffice."""
+    for body in run.bodies:
+        item = body.item
+        for link in _links(item.body) if item.body.stiffening is not None else ():
+            left = _LEFT_BY_SLOPES * squared_slope(item.body, link, body.deformed)
+            if left.max() > _LARGEST_LEFT:
+                start = run.result.t[int((left > _LARGEST_LEFT).argmax())]
+                between = " and ".join(map(repr, link.ends))
+                yield Finding(
+                    f"{called(item)} bends between its interfaces {between}, from {when(run.result, start)} on by "
+                    f"slopes of up to {np.sqrt(left.max() / _LEFT_BY_SLOPES):.2g} rad, root mean square. Geometric "
+                    "stiffness is linear in loads and right for small slopes: its resistance to bending is wrong by "
+                    f"about {left.max():.2g}. Has it buckled? Divide it into several bodies, or lower the load"
+                )
+
+
+@once
+def _links(body: ReducedBody) -> list[Link]:
+    return links(body)
+
+
+def undamped_vibration(run: ReviewedRun) -> Iterator[Finding]:
+    """Vibration that lasts so long that damping of structures would have ended it.
+
+    Twice the mean kinetic energy of a mode is that of its vibration.
+    """
+    result = run.result
+    half = (result.t[-1] - result.t[0]) / 2
+    if result.method == "static":
+        return
+    for body in run.bodies:
+        item, omega = body.item, body.item.body.basis.omega[6:]
+        last = omega * half > _LASTING
+        if item.damping is not None or len(item.body.basis.nodal) or not last.any():
+            continue
+        parts = [(result.t > end - half / 2) & (result.t <= end) for end in (result.t[-1] - half, result.t[-1])]
+        if not all(part.any() for part in parts):
+            continue
+        squares = body.q_t[:, 6:][:, last] ** 2
+        energy = min(float(squares[part].mean(axis=0).sum()) for part in parts)
+        some = slice(None, None, len(result.t) // _LOOKED_AT + 1)
+        largest = float(np.sum([each.energy[some] for each in run.bodies], axis=0).max())
+        if energy > _LARGEST_RINGING * largest:
+            yield Finding(
+                f"{called(item)} vibrates without damping: in the second half of the run, {energy / largest:.2g} of "
+                f"the bodies' largest energy is in modes from {omega[last].min() / (2 * np.pi):.4g} Hz on, which have "
+                f"swung {_LASTING / (2 * np.pi):.0f} times and more. A damping ratio of 0.001, which is little for a "
+                "structure, would have ended that. Give damping= to CreatePartitionBody, see the page 'Damping' of the "
+                "documentation"
+            )

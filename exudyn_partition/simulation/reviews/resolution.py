@@ -1,0 +1,104 @@
+"""Contacts that steps, samples or facets do not resolve, and those that lack the damping of their bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..result import called, when
+from .reviewed_run import Finding, ReviewedRun
+
+_LARGE = 0.1  # share of the largest impulse: smaller impacts are not checked
+_STEPS_AN_IMPACT = 8  # fewer implicit steps do not resolve an impact
+_SAMPLES_AN_IMPACT = 4  # with fewer samples, the force of the impact is not known
+_FEW_ROWS = 2  # so few closed rows at the peak of a force do not resolve it
+
+
+def short_impacts(run: ReviewedRun) -> Iterator[Finding]:
+    """Contact forces that last only a few implicit steps: they produce energy, even in stable runs."""
+    result = run.result
+    t = result.t
+    if result.method != "implicit" or len(t) < 2 or np.diff(t).min() >= 1.5 * result.step:
+        return
+    for history in run.contacts:
+        if not history.contact.compliant:
+            continue
+        force, spans = history.force, history.spans
+        impulses = [float(np.trapezoid(force[first : last + 1], t[first : last + 1])) for first, last in spans]
+        for (first, last), impulse in zip(spans, impulses, strict=True):
+            steps = round((t[last] - t[first]) / result.step) + 1
+            if impulse >= _LARGE * max(impulses) and steps < _STEPS_AN_IMPACT and last < len(t) - 1:
+                yield Finding(
+                    f"{called(history.contact)} at t = {t[first]:.6g} s: the impact is over within {steps} steps of "
+                    f"{result.step:.4g} s, which do not resolve its force; implicit steps that long give bodies "
+                    "energy. Take a twentieth of the impact's duration or less, see ep.hertz.impact; without `step` "
+                    "the library chooses"
+                )
+                break
+
+
+def rare_samples(run: ReviewedRun) -> Iterator[Finding]:
+    """Samples further apart than steps: they may miss an impact or its peak. The motion has all steps."""
+    result = run.result
+    if result.method == "static" or len(result.t) < 2 or np.diff(result.t).min() < 1.5 * result.step:
+        return
+    spans = [(history.contact, *span) for history in run.contacts for span in history.spans]
+    within = [span for span in spans if span[1] > 0 and span[2] < len(result.t) - 1]
+    short = [span for span in within if span[2] - span[1] + 1 < _SAMPLES_AN_IMPACT]
+    if short:
+        contact, first, last = short[0]
+        said = f"{called(contact)} has {last - first + 1} samples with a force at t = {result.t[first]:.6g} s"
+    elif not spans and result.work.active_set_iterations:
+        said = "contacts were closed, but in no sample"
+    else:
+        return
+    yield Finding(
+        f"{said}. The samples are too far apart to tell forces, impulses and yield of such an impact; the motion is "
+        "right. Take one in a twentieth of the impact's duration or more often, see ep.hertz.impact, by sample_period= "
+        "or settings.solution.sensors.writePeriod"
+    )
+
+
+def few_rows(run: ReviewedRun) -> Iterator[Finding]:
+    """Contacts smaller than the facets around them: they have a row or two, whatever their true area is."""
+    result = run.result
+    for history in run.contacts:
+        contact, force, closed = history.contact, history.force, history.closed_rows
+        top = int(force.argmax())
+        if not 0 < closed[top] <= _FEW_ROWS or not contact.compliant or contact.n_rows <= closed[top]:
+            continue
+        if top == len(force) - 1 and result.method != "static":
+            continue  # a growing contact begins with one row
+        if contact.beside is not None and contact.beside.force(result)[top] > force[top]:
+            continue
+        nodes, forces = history.rows_at(top)
+        peak = f"{called(contact)} at {when(result, result.t[top])}"
+        if np.isin(nodes[forces != 0], contact.mechanics.gaps.slave.surface.sharp).all():
+            yield Finding(
+                f"{peak}: only a sharp corner or edge touches at the peak of the force, {force[top]:.4g} N. The stress "
+                "there has no limit, so that no mesh resolves it: with finer facets the corner is softer. Impulse and "
+                "motion are right; peak and duration are those of facets of "
+                f"{contact.slave_facet_size:.3g} m. Where they matter, round the corner, by a radius that facets "
+                "resolve"
+            )
+            continue
+        yield Finding(
+            f"{peak}: {closed[top]} of {contact.n_rows} rows {'is' if closed[top] == 1 else 'are'} closed at the peak "
+            f"of the force, {force[top]:.4g} N. The contact is smaller than the facets that should resolve it, so that "
+            "it is too stiff. The force of an impact is too large then, by a quarter and more; one that a spring or a "
+            f"load prescribes is right in the mean. Refine {'both meshes' if len(contact.sides) > 1 else 'the mesh'} "
+            f"there, from facets of {contact.slave_facet_size:.3g} m to a third of the contact's radius, see "
+            "ep.hertz.contact_radius"
+        )
+
+
+def undamped_layers(run: ReviewedRun) -> Iterator[Finding]:
+    """Contacts that yield without the damping of their bodies: impacts lose too little."""
+    for history in run.contacts if run.result.method != "static" else ():
+        if history.contact.undamped and history.force.any():
+            yield Finding(
+                f"{called(history.contact)} has no damping, though its bodies have one in proportion to their "
+                "stiffness: most of the energy that this takes from an impact is lost in the contact itself. Take "
+                "formulation='compliance', whose flexibility has the damping of its bodies"
+            )

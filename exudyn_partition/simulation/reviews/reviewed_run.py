@@ -1,0 +1,276 @@
+"""What reviews have in common: the run that they look at, and what they find."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from ...errors import ModelLimitWarning
+from ...exudyn_bodies.partition_body import PartitionBody
+from ...exudyn_contacts.contact_run import ContactRun
+from ...exudyn_contacts.kept_run import KeptRun
+from ...exudyn_contacts.partition_contact import PartitionContact, stress_by_rows
+from ...exudyn_contacts.run_record import Solver
+from ...prediction.yielding import Stress
+from ...reduction.body import ReducedBody
+from ...results.impacts import Ringing, closed_spans
+from ...support.arrays import Array
+from ...support.checks import read_only
+from ...support.foreign import MainSystem
+from ...support.once import once
+from ..joint_checks import OpenJoints
+from ..result import Result
+
+LARGEST_DEFORMATION = 0.1  # share of a body's size; linear elasticity is not valid far below it
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a review has found.
+
+    Parameters
+    ----------
+    text : str
+    category : type or None
+        Of the warning; None if it is no warning, and only logged.
+    """
+
+    text: str
+    category: type[Warning] | None = ModelLimitWarning
+
+
+class BodyHistory:
+    """A body in a run. What reviews ask for is found once.
+
+    Parameters
+    ----------
+    item : PartitionBody
+    result : Result
+    """
+
+    def __init__(self, item: PartitionBody, result: Result) -> None:
+        self.item, self._result = item, result
+
+    @cached_property
+    def q(self) -> Array:
+        """Coordinates, (n, n_dofs)."""
+        return self.item.coordinates(self._result)
+
+    @cached_property
+    def q_t(self) -> Array:
+        """Velocities of the coordinates, (n, n_dofs)."""
+        return self.item.coordinates_t(self._result)
+
+    @cached_property
+    def finite(self) -> Array:
+        """Samples with finite coordinates, (n,) bool."""
+        return np.asarray(np.isfinite(self.q).all(axis=1))
+
+    @cached_property
+    def deformed(self) -> Array:
+        """Coordinates of the deformation, (n, n_dofs); zero where coordinates are not finite."""
+        q = self.q if self.finite.all() else np.where(self.finite[:, None], self.q, 0.0)
+        return self.item.kinematics.deformed(q)
+
+    @cached_property
+    def deformed_share(self) -> Array:
+        """Largest elastic displacement on the patches over the body's size, (n,), or a bound on it, if it is small."""
+        body, motion = self.item.body, abs(self.deformed)
+        of_nodes = motion[:, body.n_shapes :].max(axis=1, initial=0.0) / size_of(body)
+        bound: Array = motion[:, : body.n_shapes] @ _largest_motions(body) + of_nodes
+        if bound.max(initial=0.0) < LARGEST_DEFORMATION:
+            return bound
+        return self.item.deformation(np.where(self.finite[:, None], self.q, 0.0)) / size_of(body)
+
+    @cached_property
+    def rigid_motion(self) -> Array:
+        """Translation [m] and rotation [rad] of the whole body, (n, 6)."""
+        return self.item.rigid_motion(self.q)
+
+    @cached_property
+    def way(self) -> float:
+        """Bound on how far any node of the surface is from its place at the start, at any time of the run [m]."""
+        body, (motions, reach) = self.item.body, _reach_of(self.item.body)
+
+        def largest(deformed: Array) -> Array:
+            nodal = abs(deformed[:, body.n_shapes :]).max(axis=1, initial=0.0)
+            return np.asarray(math.sqrt(3) * (abs(deformed[:, : body.n_shapes]) @ motions + nodal))
+
+        moved, turned = np.split(self.rigid_motion - self.rigid_motion[0], 2, axis=1)
+        arm = reach + largest(self.deformed[:1])
+        ways = np.linalg.norm(moved, axis=1) + np.linalg.norm(turned, axis=1) * arm
+        return float((ways + largest(self.deformed - self.deformed[0])).max())
+
+    @cached_property
+    def kinetic_energy(self) -> Array:
+        """Of each sample, (n,) [J]."""
+        return np.asarray(self.item.kinematics.kinetic_energy(self.q, self.q_t))
+
+    @cached_property
+    def strain_energy(self) -> Array:
+        """Of each sample, (n,) [J]."""
+        return self.item.body.strain_energy(self.item.kinematics.elastic(self.q))
+
+    @property
+    def energy(self) -> Array:
+        """Kinetic and strain energy, (n,) [J]."""
+        value: Array = self.kinetic_energy + self.strain_energy
+        return value
+
+
+class ContactHistory:
+    """A contact in a run. What reviews ask for is found once.
+
+    Parameters
+    ----------
+    contact : PartitionContact
+    result : Result
+    """
+
+    def __init__(self, contact: PartitionContact, result: Result) -> None:
+        self.contact, self._result = contact, result
+
+    @cached_property
+    def kept(self) -> ContactRun | KeptRun:
+        """Data that the contact kept of the run."""
+        return self._result.kept(self.contact)
+
+    @cached_property
+    def force(self) -> Array:
+        """Sum of the normal forces, (n,) [N]."""
+        return self.contact.force(self._result)
+
+    @cached_property
+    def force_on_slave(self) -> Array:
+        """Resultant force on the slave, (n, 3) [N]."""
+        return self.contact.force_on_slave(self._result)
+
+    @cached_property
+    def closed_rows(self) -> Array:
+        """Number of closed rows, (n,)."""
+        return self.contact.closed_rows(self._result)
+
+    @cached_property
+    def pressed(self) -> Array:
+        """Depth of the deepest row by the coordinates alone, (n,) [m], negative where all gaps are open.
+
+        The contact's own flexibility, which yields by this depth, is not among the coordinates.
+        """
+        return -self._result.sensor_of(self.contact, self.contact["sForce"])[:, 5]
+
+    @cached_property
+    def spans(self) -> list[tuple[int, int]]:
+        """First and last sample with a force, of each time of uninterrupted contact."""
+        return closed_spans(self.force)
+
+    @cached_property
+    def rows(self) -> sp.csr_matrix:
+        """Force of the row of each of the slave's patch nodes, (n, np) [N]."""
+        return self.contact.row_forces(self._result)
+
+    @cached_property
+    def ringing(self) -> Ringing | None:
+        """Ringing of the force; None if there is none."""
+        return self.contact.ringing(self._result)
+
+    @cached_property
+    def largest_stress(self) -> Stress | None:
+        """Largest stress beneath the contact; None if nothing touched."""
+        return stress_by_rows(self.contact, self._result, self.force, self.rows)
+
+    def radius_at(self, sample: int) -> float:
+        """Radius of a circle of the contact area at a sample [m]."""
+        nodes, forces = self.rows_at(sample)
+        return math.sqrt(float(self.contact.mechanics.node_areas[nodes[forces > 0]].sum()) / math.pi)
+
+    def rows_at(self, sample: int) -> tuple[Array, Array]:
+        """Nodes of the rows with a force at a sample, (k,), and these forces, (k,) [N]."""
+        there = slice(*self.rows.indptr[sample : sample + 2])
+        return self.rows.indices[there], self.rows.data[there]
+
+
+@dataclass(frozen=True, eq=False)
+class ReviewedRun:
+    """A run, as reviews see it: the model after the run, its result, and what bodies and contacts did.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    result : Result
+    open_joints : OpenJoints, optional
+        Joints that were open at its start.
+    share_made : float
+        Energy that long steps in contact made, as a share of that of the largest velocities.
+    equal_steps : bool
+        Whether its steps have one length.
+    solver : Solver, optional
+        Exudyn's solver, if the user called it directly, so that nothing was checked before.
+    """
+
+    mbs: MainSystem
+    result: Result
+    open_joints: OpenJoints | None = None
+    share_made: float = 0.0
+    equal_steps: bool = False
+    solver: Solver | None = None
+
+    @cached_property
+    def bodies(self) -> list[BodyHistory]:
+        """All bodies of the model."""
+        return [BodyHistory(item, self.result) for item in self.result.bodies]
+
+    @cached_property
+    def contacts(self) -> list[ContactHistory]:
+        """All contacts of the model."""
+        return [ContactHistory(contact, self.result) for contact in self.result.contacts]
+
+    @cached_property
+    def _histories(self) -> dict[PartitionBody, BodyHistory]:
+        return {body.item: body for body in self.bodies}
+
+    def of(self, item: PartitionBody) -> BodyHistory:
+        """History of a body of the model."""
+        return self._histories[item]
+
+    @cached_property
+    def closings(self) -> list[Finding]:
+        """What closing the joints that were open at the start has changed visibly."""
+        return [] if self.open_joints is None else [Finding(text) for text in self.open_joints.shows(self.result)]
+
+
+Review = Callable[[ReviewedRun], Iterable[Finding]]
+
+
+@functools.lru_cache(maxsize=16)
+def evenly(count: int, most: int) -> Array:
+    """Numbers of some of `count` samples, spread evenly, (k,) int; the first and the last are among them."""
+    some = np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
+    read_only(some)
+    return some
+
+
+@once
+def size_of(body: ReducedBody) -> float:
+    """Largest side of the box around a body along its axes [m]."""
+    return float(np.ptp(body.points, axis=0).max())
+
+
+@once
+def _largest_motions(body: ReducedBody) -> Array:
+    """Largest displacement on the patches over the body's size by a unit of each shape, (n_shapes,)."""
+    rows = body.shape_rows(body.partition.patch_nodes)
+    return np.asarray(abs(rows).max(axis=0, initial=0.0) / size_of(body))
+
+
+@once
+def _reach_of(body: ReducedBody) -> tuple[Array, float]:
+    """Largest motion of a node of the surface by each shape, along an axis, (n_shapes,), and largest arm [m]."""
+    nodes = np.unique(body.facets)
+    arms = body.points[nodes] - body.centre_of_mass
+    return abs(body.shape_rows(nodes)).max(axis=0, initial=0.0), float(np.linalg.norm(arms, axis=1).max())
