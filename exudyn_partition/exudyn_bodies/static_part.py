@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-import warnings
 from collections.abc import Callable, Iterator
 from typing import Protocol
 
@@ -21,6 +19,7 @@ from ..reduction.recovery import locate, stress_rows
 from ..reduction.static_answer import StaticAnswer
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_array
+from ..support.warn import warn
 from .model import BodyItem, Samples
 
 Static = FEModel | StaticAnswer
@@ -82,21 +81,12 @@ def warn_near_contact(
                 least += _AT_REST * compliance * float(np.linalg.norm(force))
     size = float(np.linalg.norm(kept - kept[0])) if len(kept) else 0.0
     if lacking > max(_LACKING * size, least) and size > 0.0:
-        warnings.warn(
+        warn(
             f"body {item.name!r}: near a contact the {what} of a point lacks its static answer to the contact's "
             f"force; at {np.round(point, 6)} m this is about {lacking / size:.2g} of it. Give the FE model: "
             f"{what}(..., fem=fem)",
             ModelLimitWarning,
-            stacklevel=_outside(),
         )
-
-
-def _outside() -> int:
-    """Stack level, for `warnings.warn` in the function that asks, of the first line outside this package."""
-    frame, level, package = sys._getframe(1), 1, __name__.partition(".")[0]
-    while frame.f_back is not None and frame.f_globals["__name__"].partition(".")[0] == package:
-        frame, level = frame.f_back, level + 1
-    return level
 
 
 def static_part(item: RecoveredBody, result: Samples, rows: sp.csr_matrix, fem: Static) -> Array:
@@ -173,10 +163,9 @@ def warn_within_zones(item: RecoveredBody, result: Samples, rows: sp.csr_matrix)
                 inside[node_dofs(region.nodes)] = 1
                 within = np.flatnonzero((used @ inside == used.sum(axis=1).A1) & (used @ inside > 0))
                 if within.size:
-                    warnings.warn(
+                    warn(
                         f"body {item.name!r}: rows {within[0]} to {within[-1]} lie where the material has yielded. "
                         "Strains are right, stresses lack what plastic strain takes from them: take "
                         "stress(result, points, fem) of the body",
                         YieldWarning,
-                        stacklevel=3,
                     )

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
 from ..errors import InvertedElementsError, MeshQualityWarning
 from ..support.arrays import Array
+from ..support.warn import warn
 from .consistency import integrals
 from .elements import kinds_of
 from .facets import by_shape, covered_quads
@@ -84,11 +83,10 @@ def warn_of_damage(fem: FEModel, *, meshed: bool = False) -> None:
     """
     covered = np.count_nonzero(covered_quads(*fem.element_faces))
     if covered:
-        warnings.warn(
+        warn(
             f"mesh: {covered} quadrilaterals of elements meet two triangles each. Their edges fit, but their "
             "displacements do not, so that stress is wrong around them. Put pyramids between hexahedra and tetrahedra",
             MeshQualityWarning,
-            stacklevel=3,
         )
     for said, found, points in (
         (
@@ -100,11 +98,10 @@ def warn_of_damage(fem: FEModel, *, meshed: bool = False) -> None:
     ):
         if len(found):
             x, y, z = points[0]
-            warnings.warn(
+            warn(
                 f"mesh: {len(found)} {said}, the first is {found[0]} (counted from 0) at ({x:.4g}, {y:.4g}, {z:.4g}). "
                 + (_OF_SHAPE if meshed else _OF_FILE),
                 MeshQualityWarning,
-                stacklevel=3,
             )
             return  # other findings have the same cause
 
@@ -128,11 +125,10 @@ def warn_of_stiff_walls(fem: FEModel, *, meshed: bool) -> None:
     else:
         said = "quadratic elements longer than 5 thicknesses can make it 5 % too stiff and more where bending varies"
         advice = "Take a smaller maxh, or order=3" if meshed else "Mesh it finer, or with two elements across"
-    warnings.warn(
+    warn(
         f"mesh: elements are {wall.element:.3g} m long in a wall of {wall.thickness:.3g} m, {ratio:.2g} times as long "
         f"as thick; {said}. {advice}",
         MeshQualityWarning,
-        stacklevel=3,
     )
 
 

@@ -6,7 +6,6 @@ mass is made here.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -27,6 +26,7 @@ from ..support.checks import (
     validate_type,
     validate_whole,
 )
+from ..support.warn import warn
 from .consistency import check_elements, check_symmetric, integrals, largest_entry, plain_matrix
 from .elements import HEXAHEDRA, Kind, faces_of, kinds_of
 from .facets import by_shape, check_connected, check_neighbours, facet_corners
@@ -214,42 +214,38 @@ class FEModel:
         speed = self.material.bar_wave_speed
         dimensionless = 1.0 in (self.material.E, self.material.rho)
         if not dimensionless and not any(low <= speed <= high for low, high in _WAVE_SPEEDS):
-            warnings.warn(
+            warn(
                 f"material: the speed of waves in a bar, sqrt(E / rho), is {speed:.3g}, that of no solid: expected "
                 f"10 to 2e4 in m/s, or 1e6 to 2e7 in mm/s, got E={self.material.E:.6g} and rho={self.material.rho:.6g}."
                 " Steel has E=210e9 and rho=7800 in SI units, 210e3 and 7.8e-9 in mm, t and s",
                 UnitsWarning,
-                stacklevel=3,
             )
             return
         size = np.ptp(self.points, axis=0).max()
         if not dimensionless and self.material.in_millimetres and size < _SMALLEST_IN_MM:
-            warnings.warn(
+            warn(
                 f"the body is {size:.4g} long and weighs {self.total_mass:.3g} in the material's units, whose E="
                 f"{self.material.E:.6g} and rho={self.material.rho:.6g} are those of a solid in millimetres. If the "
                 "geometry is in metres, scale it by 1e3 (scale=1e3 of fe_model), or give the material in SI units: "
                 "steel has E=210e9 and rho=7800. Go on if that is its size",
                 UnitsWarning,
-                stacklevel=3,
             )
         if self.material.E < _SOFTEST_SI or self.material.rho < _LIGHTEST_SI:
             return  # another system of units, mm-t-s or dimensionless
         lowest = speed / (2 * size)
         thickness = 3.5 * np.sqrt(np.linalg.eigvalsh(np.cov(self.points.T))[1])  # as of a rectangle, the second side
         if size < _SMALLEST_PLAUSIBLE or size > _SLENDEREST_PLAUSIBLE * thickness:
-            warnings.warn(
+            warn(
                 f"the body is {size:.4g} long and {thickness:.3g} thick in the material's units, metres with an SI "
                 "material. Was it scaled twice, or drawn in two units? Go on if that is its size",
                 UnitsWarning,
-                stacklevel=3,
             )
         elif lowest < _LOWEST_PLAUSIBLE_HZ or self.total_mass > _LARGEST_PLAUSIBLE_MASS:
-            warnings.warn(
+            warn(
                 f"the body is {size:.4g} long and weighs {self.total_mass:.3g} in the material's units, its first "
                 f"longitudinal frequency would be about {lowest:.3g} Hz. With an SI material the geometry must be in "
                 "metres: if it is in millimetres, scale it by 1e-3 (scale=1e-3 of fe_model), in inches by 0.0254",
                 UnitsWarning,
-                stacklevel=3,
             )
 
     @classmethod

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import overload
@@ -24,6 +23,7 @@ from ..support.checks import (
     validate_type,
     validate_vector,
 )
+from ..support.warn import warn
 from .edges import sharp_nodes
 from .facets import of_one_shape, unfolded
 from .facing import connected, facing_facets
@@ -560,11 +560,10 @@ def _warn_of_size(fem: FEModel, **radii: float | None) -> None:
     size = float(np.linalg.norm(np.ptp(fem.points, axis=0)))
     for name, radius in radii.items():
         if radius is not None and radius > _TOO_LARGE * size:
-            warnings.warn(
+            warn(
                 f"{name}: {radius:g} m is {radius / size:.3g} times the size of the body, {size:.4g} m, so that all of "
                 "it lies within. Is it in millimetres? Give it in metres",
                 UnitsWarning,
-                stacklevel=3,
             )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from ..errors import EmptyRegionError, InputError, SelectionWarning
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_positive, validate_vector
+from ..support.warn import warn
 from .facets import area_vectors, facet_corners
 from .model import FEModel
 from .patch_facets import Faces, chosen_facets, show
@@ -174,9 +174,8 @@ def _warn_of_parts(fem: FEModel, number: Array, part: Array, name: str) -> None:
         area = np.linalg.norm(vectors[own], axis=1)
         said.append(f"{own.sum()} facets, {area.sum():.4g} m2, around {show(area @ centres[own] / area.sum())}")
     more = part.max() + 1 - len(said)
-    warnings.warn(
+    warn(
         f"{name}: caught {part.max() + 1} separate faces: {'; '.join(said)}{f'; and {more} more' if more else ''}. If "
         "one of them is meant, give near= with a point on it",
         SelectionWarning,
-        stacklevel=4,
     )

@@ -8,7 +8,6 @@ import logging
 import sys
 import tempfile
 import threading
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +22,7 @@ from ..support.arrays import Array, consecutive
 from ..support.checks import read_only, validate_array, validate_file
 from ..support.foreign import Meshio, MeshioMesh
 from ..support.optional import require
+from ..support.warn import warn
 from .abaqus_decks import read_abaqus
 from .collapsed import as_they_are, with_middles
 from .deck_materials import DeckMaterial
@@ -206,12 +206,11 @@ def check_order(path: Path, file: VolumeMesh, order: int | None) -> None:
         expected = " or ".join(map(str, possible))
         raise InputError(f"order: {path} holds {kinds}, expected {expected}, got {order}")
     if order is None and file.cells.shape[1] == 4:
-        warnings.warn(
+        warn(
             f"order: {path} holds linear tetrahedra, which bend too stiffly; with two elements across a bar its first "
             "frequency of bending is a quarter too high. Give order=2, which adds nodes in the middle of their edges; "
             "or order=1, to take them as they are",
             MeshQualityWarning,
-            stacklevel=4,
         )
 
 

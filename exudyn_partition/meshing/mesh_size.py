@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -14,6 +13,7 @@ from ..fe.places import distance_within, validate_long_axis
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_positive, validate_vector
 from ..support.machine import available_memory
+from ..support.warn import warn
 
 _MOST_POINTS = 1e7  # of a ball's grid: no FE model in memory has so many nodes
 # Netgen's elements in a volume maxh^3, and on a surface maxh^2 of walls thinner than an element.
@@ -106,11 +106,10 @@ def check_sizes(low: Array, high: Array, maxh: float, regions: Sequence[Refine])
     if not np.isfinite([low, high]).all() or not size > 0:
         raise InputError(f"shape: expected a body of finite size, got one that spans {low} to {high} m")
     if maxh > size:
-        warnings.warn(
+        warn(
             f"maxh: {maxh:g} m is longer than the body, {size:.4g} m; lengths are in metres: give maxh in metres, "
             "and scale=1e-3 of fe_model for a shape in millimetres",
             UnitsWarning,
-            stacklevel=4,
         )
     for region in regions:
         if region.n_points > _MOST_POINTS:
@@ -120,11 +119,10 @@ def check_sizes(low: Array, high: Array, maxh: float, regions: Sequence[Refine])
                 "a length in millimetres? Give radius and h in metres"
             )
         if region.h >= maxh:
-            warnings.warn(
+            warn(
                 f"refine: h={region.h:g} m has no effect, it is not below maxh={maxh:g} m; the body is {size:.4g} m "
                 "long. Is it in millimetres? Give it in metres",
                 UnitsWarning,
-                stacklevel=4,
             )
     return size
 

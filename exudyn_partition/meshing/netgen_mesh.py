@@ -9,7 +9,6 @@ import shutil
 import sys
 import tempfile
 import threading
-import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -26,6 +25,7 @@ from ..support.foreign import NGSolveMesh, Shape, ShapeAssembly, ShapeSurface
 from ..support.machine import alone
 from ..support.optional import require
 from ..support.progress import pulsing
+from ..support.warn import warn
 from .mesh_size import Refine, check_memory_of_mesh, check_sizes
 from .step_files import ENDINGS, check_step, solids_said
 from .trials import failure
@@ -163,12 +163,11 @@ def meshed(
     for region in regions:
         distance = distance_within(vertices, region.center, region.radius, region.long_axis).min()
         if distance > region.radius + region.h:
-            warnings.warn(
+            warn(
                 f"refine: the ball of radius {region.radius:g} m at {tuple(map(float, region.center))} misses the "
                 f"body, of {size:.4g} m, by {distance - region.radius:.3g} m. Give its centre in the shape's own "
                 "coordinates and unit, metres",
                 UnitsWarning,
-                stacklevel=3,
             )
     mesh.Curve(max(order, 2))
     _LOG.info(
@@ -295,6 +294,11 @@ def _products(node: ShapeAssembly | None) -> Iterator[tuple[str, Shape]]:
 def is_shape(value: object) -> bool:
     """Whether something is an OCC shape."""
     return isinstance(value, require("netgen.occ").TopoDS_Shape)
+
+
+def is_mesh(value: object) -> bool:
+    """Whether something is a mesh of NGSolve."""
+    return isinstance(value, require("ngsolve").Mesh)
 
 
 def center_of(shape: Shape) -> Array:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import warnings
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,38 +21,29 @@ from ..fe.patch_facets import show
 from ..fe.shapes import ORDERS, TET_NODES
 from ..support.arrays import Array, consecutive
 from ..support.checks import (
-    validate_flag,
-    validate_integer,
-    validate_number,
-    validate_path,
-    validate_positive,
     validate_type,
 )
 from ..support.foreign import NGSolve, NGSolveMesh, NGSolveObject, Shape
 from ..support.machine import alone
 from ..support.optional import require
 from ..support.progress import pulsing
-from .deck_materials import material_of_deck
+from ..support.warn import warn
 from .file_mesh import CellRegions
 from .materials import GivenMaterial, Modulus
-from .mesh_files import DECKS, VolumeMesh, check_order, inverted, raised, read_mesh
+from .mesh_files import inverted
 from .mesh_size import Refine, check_memory_of_model
 from .mixed_basis import to_coefficients
+from .model_plan import FilePlan, ModelPlan, ShapePlan, plan_model
 from .netgen_mesh import (
     CURVATURE,
     GRADING,
     ONE_AT_A_TIME,
-    check_one_part,
     distances,
     meshed,
     regions_of,
-    scaled,
-    solids_alone,
-    step_shape,
 )
 from .nodal_basis import NodalBasis
-from .step_assembly import StepAssembly, read_step
-from .step_files import ENDINGS
+from .step_assembly import StepAssembly
 from .surplus import Surplus
 
 _LOG = logging.getLogger(__name__)
@@ -145,77 +134,22 @@ def fe_model(
     -----
     Threads take turns, because NGSolve and Netgen allow one at a time.
     """
-    ngsolve = require("ngsolve")
-    if order is not None and validate_integer("order", order) not in (1, 2, 3):
-        raise InputError(f"order: expected 1, 2 or 3, got {order!r}")
-    given = None if material is None else GivenMaterial(material, modulus)
-    validate_flag("only_solids", only_solids)
-    scale = validate_positive("scale", scale)
-    path = None if _is_geometry(ngsolve, source) else validate_path("source", source)
-    is_shape = path.suffix.lower() in ENDINGS if path else not isinstance(source, ngsolve.Mesh)
-    is_deck = path is not None and path.suffix.lower() in DECKS
-    if given is None and not is_deck:
-        raise InputError("material: expected an ep.Material, such as ep.STEEL, got None; only decks have their own")
-    if solid is not None and not (isinstance(source, StepAssembly) or (path and is_shape)):
-        raise InputError("solid: has no effect here, it is for STEP files and what ep.read_step returns")
-    if only_solids and not is_deck:
-        raise InputError("only_solids: has no effect here, it is for input decks of Abaqus, CalculiX and Nastran")
     try:
+        plan = plan_model(
+            source, material, modulus=modulus, order=order, maxh=maxh, refine=refine, grading=grading, scale=scale,
+            only_solids=only_solids, solid=solid,
+        )  # fmt: skip
         with ONE_AT_A_TIME:
-            if is_shape:
-                shape = scaled(solids_alone(_chosen(source, path, solid)), scale)
-                if maxh is None:
-                    raise InputError("maxh: a shape needs a largest element size [m]")
-                check_one_part(shape)
-                assert given is not None
-                given.check("shape", "solids", [solid.name or "default" for solid in shape.solids])
-                maxh = validate_positive("maxh", maxh, "m")
-                for finer in _FINER:
-                    mesh, unit = meshed(shape, finer * maxh, refine, grading, order or 2, CURVATURE / finer)
-                    try:
-                        with pulsing("assemble"):
-                            fem = _from_mesh(ngsolve, mesh, given, order or 2, unit=unit)
-                        check_inside(fem)
-                        break
-                    except InvertedElementsError as error:
-                        if finer == _FINER[-1]:
-                            raise
-                        _LOG.info("%s. It is meshed again with smaller elements", error)
-            elif path:
-                with pulsing("assemble"):
-                    file = read_mesh(path, given is None or given.several, only_solids)
-                    given = given or GivenMaterial(_of_deck(path, file, scale), modulus)
-                    _refuse_mesh_options(maxh, refine, grading)
-                    fem = _from_file(ngsolve, path, file, given, order, scale)
-            else:
-                _refuse_mesh_options(maxh, refine, grading)
-                if scale != 1:
-                    raise InputError(f"scale: a mesh is taken as it is, got {scale:g}; scale its shape before meshing")
-                assert given is not None
-                with pulsing("assemble"):
-                    fem = _from_mesh(ngsolve, source, given, order or 2)
+            fem = _built(plan)
     except MemoryLimitError:
         raise
     except MemoryError as error:
         raise MemoryLimitError(
             "mesh: its matrices do not fit into memory. Take larger elements far from the contact, or order=1"
         ) from error
-    if not is_shape:
-        check_inside(fem)
-    warn_of_damage(fem, meshed=is_shape)
-    if order != 1 and not (fem.order == 1 and fem.tetrahedral):  # of which `check_order` has warned
-        warn_of_stiff_walls(fem, meshed=is_shape)
     _LOG.info("FE model: %d nodes, %d elements of order %d", fem.n_nodes, len(fem.cells), fem.order)
     _LOG.debug("FE model: %d entries in the stiffness, resolves %.4g Hz", fem.stiffness.nnz, fem.resolved_frequency)
-    if is_shape and fem.order > 1:
-        missed = fem.cell_volume.sum() / shape.mass - 1
-        if abs(missed) > _VOLUME_MISSED:
-            warnings.warn(
-                f"shape: its mesh has {missed:+.1%} of its volume, {shape.mass:.4g} m3. Take smaller elements where it "
-                "is curved; or is the shape damaged, such that faces miss each other?",
-                MeshQualityWarning,
-                stacklevel=2,
-            )
+    _warn_of_mesh(plan, fem)
     fem.warn_if_units_slipped()
     return fem
 
@@ -285,43 +219,52 @@ def fe_models(
     }
 
 
-def _chosen(source: Shape | StepAssembly, path: Path | None, solid: str | None) -> Shape:
-    """Shape to mesh."""
-    if isinstance(source, StepAssembly):
-        return source.find(solid)
-    if path is None:
-        return source
-    return step_shape(path) if solid is None else read_step(path).find(solid)
+def _built(plan: ModelPlan) -> FEModel:
+    """FE model of a plan, without inverted elements."""
+    if isinstance(plan, ShapePlan):
+        return _from_shape(plan)
+    with pulsing("assemble"):
+        ngsolve = require("ngsolve")
+        if isinstance(plan, FilePlan):
+            fem = _from_file(ngsolve, plan)
+        else:
+            fem = _from_mesh(ngsolve, plan.mesh, plan.given, plan.order)
+    check_inside(fem)
+    return fem
 
 
-def _of_deck(path: Path, file: VolumeMesh, scale: float) -> Material | dict[str, Material]:
-    names = [file.regions.names[i] or "" for i in np.unique(file.regions.number)]
-    return material_of_deck(path, file.materials, names, scale)
+def _from_shape(plan: ShapePlan) -> FEModel:
+    """FE model of a shape, which is meshed with ever smaller elements until none of them is inverted."""
+    ngsolve = require("ngsolve")
+    for finer in _FINER:
+        mesh, unit = meshed(plan.shape, finer * plan.maxh, plan.refine, plan.grading, plan.order, CURVATURE / finer)
+        try:
+            with pulsing("assemble"):
+                fem = _from_mesh(ngsolve, mesh, plan.given, plan.order, unit=unit)
+            check_inside(fem)
+        except InvertedElementsError as error:
+            if finer == _FINER[-1]:
+                raise
+            _LOG.info("%s. It is meshed again with smaller elements", error)
+        else:
+            break
+    return fem
 
 
-def _is_geometry(ngsolve: NGSolve, source: object) -> bool:
-    """Whether `source` is a mesh or a shape; if not, it is a path."""
-    if isinstance(source, ngsolve.Mesh | require("netgen.occ").TopoDS_Shape | StepAssembly):
-        return True
-    if isinstance(source, str | Path):
-        return False
-    raise InputError(
-        "source: expected an OCC shape of netgen.occ, an ngsolve.Mesh, an assembly of ep.read_step, or the path of a "
-        "STEP or mesh file, got "
-        f"{type(source).__name__}"
-    )
-
-
-def _refuse_mesh_options(maxh: object, refine: object, grading: object) -> None:
-    """Refuse options that have no effect on a mesh."""
-    named = {"maxh": maxh is not None, "grading": validate_number("grading", grading) != GRADING}
-    named["refine"] = bool(regions_of(refine))
-    given = [name for name, is_given in named.items() if is_given]
-    if given:
-        raise InputError(
-            f"{', '.join(given)}: a mesh is taken as it is, so that this would have no effect. Mesh it finer where it "
-            "was made, or give its shape or STEP file"
-        )
+def _warn_of_mesh(plan: ModelPlan, fem: FEModel) -> None:
+    """Warn of a mesh that looks damaged, is too stiff, or has not the volume of its shape."""
+    from_shape = isinstance(plan, ShapePlan)
+    warn_of_damage(fem, meshed=from_shape)
+    if plan.order != 1 and not (fem.order == 1 and fem.tetrahedral):  # of which `check_order` has warned
+        warn_of_stiff_walls(fem, meshed=from_shape)
+    if isinstance(plan, ShapePlan) and fem.order > 1:
+        missed = fem.cell_volume.sum() / plan.shape.mass - 1
+        if abs(missed) > _VOLUME_MISSED:
+            warn(
+                f"shape: its mesh has {missed:+.1%} of its volume, {plan.shape.mass:.4g} m3. Take smaller elements "
+                "where it is curved; or is the shape damaged, such that faces miss each other?",
+                MeshQualityWarning,
+            )
 
 
 def _from_mesh(
@@ -395,19 +338,15 @@ def _check_volume(points: Array, cells: Array) -> None:
         )
 
 
-def _from_file(
-    ngsolve: NGSolve, path: Path, file: VolumeMesh, given: GivenMaterial, order: int | None, scale: float
-) -> FEModel:
+def _from_file(ngsolve: NGSolve, plan: FilePlan) -> FEModel:
     """FE model with the nodes of a mesh file in their order."""
-    file = replace(file, points=scale * file.points)
-    check_order(path, file, order)
-    if file.hexahedra and file.order == 1 and order == 2:
-        file = raised(file)
-    if file.order == 1 and order in (2, 3):
-        fem = _from_mesh(ngsolve, _volume_mesh(ngsolve, file.points, file.cells), given, order, file.regions)
+    file = plan.file
+    if plan.raised_to:
+        mesh = _volume_mesh(ngsolve, file.points, file.cells)
+        fem = _from_mesh(ngsolve, mesh, plan.given, plan.raised_to, file.regions)
     else:
         centres = centres_of(file.points, file.cells, file.hexahedra)
-        elastic = given.on(str(path), file.regions, centres)
+        elastic = plan.given.on(str(plan.path), file.regions, centres)
         if file.hexahedra:
             mesh, to_hierarchical = _mixed_mesh(ngsolve, file.points, file.cells)
         elif file.order == 2:
