@@ -354,7 +354,7 @@ class FEModel:
     def material_beneath(self, facets: Array) -> Material:
         """Material of the elements beneath some facets, rows of `facets`, (k,) int; see `Regions.at`."""
         check_indices("facets", facets, (None,), len(self.facets))
-        return self.material if self.regions is None else self.regions.at(self._facet_faces[facets, 0])
+        return self.material if self.regions is None else self.regions.of_cells(self._facet_faces[facets, 0])
 
     @property
     def n_nodes(self) -> int:

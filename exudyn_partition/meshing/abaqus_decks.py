@@ -69,7 +69,7 @@ def read_abaqus(path: Path, only_solids: bool = False) -> FileMesh:
     """
     deck = _Deck(only_solids)
     for block in blocks(path):
-        deck.take(block)
+        deck.read(block)
     structure = ["*" + line.text[1:].partition(",")[0].strip().upper() for line in deck.structure.values()]
     if structure and not only_solids:
         raise next(iter(deck.structure.values())).refuse(
@@ -103,7 +103,7 @@ class _Deck:
         self._open = self.root  # where the next nodes and elements belong
         self._system = (np.eye(3), np.zeros(3))  # axes, in columns, and origin of *SYSTEM
 
-    def take(self, block: Block) -> None:
+    def read(self, block: Block) -> None:
         """Take what a keyword and its data say; most keywords say nothing of a mesh."""
         if block.name in _NOT_FOLLOWED:
             raise block.line.refuse(

@@ -48,7 +48,7 @@ class Origins(NamedTuple):
     paths: Array
     lines: Array
 
-    def at(self, rows: Array) -> Origins:
+    def subset(self, rows: Array) -> Origins:
         """Those of some rows."""
         return Origins(self.labels[rows], self.paths[rows], self.lines[rows])
 
@@ -72,7 +72,7 @@ class CellRegions(NamedTuple):
     number: Array
 
     @classmethod
-    def one(cls, n: int) -> CellRegions:
+    def single(cls, n: int) -> CellRegions:
         """Return the one region of n elements."""
         return cls("regions", ("",), np.zeros(n, dtype=np.int64))
 

@@ -134,7 +134,7 @@ def read_mesh(path: Path, several: bool = False, only_solids: bool = False) -> V
     cells, regions = cells[by_kind], regions._replace(number=regions.number[by_kind])
     faces_of_all = faces_of(cells, hexahedra)
     if file.origins is not None:
-        origins = file.origins.at(by_kind)
+        origins = file.origins.subset(by_kind)
         check_neighbours(cells, *faces_of_all, origins.all_said)
         check_connected(faces_of_all[1], origins.all_said)
         _check_middles(cells, hexahedra, origins)
@@ -160,8 +160,8 @@ def _regions(path: Path, file: FileMesh, several: bool, n: int) -> CellRegions:
         for regions in file.regions:
             if len(regions.names) > 1:
                 refuse_regions(path, regions.kind, [repr(name) for name in regions.names])
-        return CellRegions.one(n)
-    regions = next(iter(file.regions), CellRegions.one(n))
+        return CellRegions.single(n)
+    regions = next(iter(file.regions), CellRegions.single(n))
     outside = np.flatnonzero(regions.number < 0)
     if len(outside):
         first = "" if file.origins is None else f", the first is {file.origins.said(outside[0])}"
