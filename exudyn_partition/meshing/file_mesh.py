@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -76,6 +76,28 @@ class CellRegions(NamedTuple):
         """Return the one region of n elements."""
         return cls("regions", ("",), np.zeros(n, dtype=np.int64))
 
+    def subset(self, rows: Array) -> CellRegions:
+        """Regions of some elements; those of no element that is left are left out."""
+        used, number = np.unique(self.number[rows], return_inverse=True)
+        outside = int(len(used) > 0 and used[0] < 0)
+        return CellRegions(self.kind, tuple(self.names[i] for i in used[outside:]), number.ravel() - outside)
+
+
+class Group(NamedTuple):
+    """Volume elements that a file names: what kind of name it is, the name, and the elements' rows, (k,) int."""
+
+    kind: str
+    name: str
+    rows: Array
+
+
+class Link(NamedTuple):
+    """Two surfaces that a deck ties or lets touch: "tie" or "contact", their names, and rows of their nodes."""
+
+    kind: str
+    names: tuple[str, str]
+    nodes: tuple[Array, Array]
+
 
 @dataclass(frozen=True, eq=False)
 class FileMesh:
@@ -102,6 +124,10 @@ class FileMesh:
         Whether each element may list its nodes in the order that mirrors it, as in Nastran.
     first_line : str
         File and line of the first elements; of a deck.
+    groups : sequence of Group
+        All names of volume elements, those of whole bodies first; rows are those of the elements kind by kind.
+    links : sequence of Link
+        Of a deck.
     """
 
     points: Array
@@ -114,6 +140,8 @@ class FileMesh:
     origins: Origins | None = None
     either_hand: bool = False
     first_line: str = ""
+    groups: Sequence[Group] = ()
+    links: Sequence[Link] = ()
 
     @property
     def solids(self) -> dict[str, Array]:
@@ -124,6 +152,22 @@ class FileMesh:
     def surfaces(self) -> dict[str, Array]:
         """Surface elements by kind."""
         return {kind: rows for kind, rows in self.cells.items() if len(rows) and kind.startswith(_FACES)}
+
+    def alone(self, rows: Array) -> FileMesh:
+        """The same file without volume elements other than those of some rows, ascending."""
+        starts = np.cumsum([0, *map(len, self.solids.values())])
+        solids = {
+            kind: cells[rows[(rows >= start) & (rows < start + len(cells))] - start]
+            for start, (kind, cells) in zip(starts[:-1], self.solids.items(), strict=True)
+        }
+        return replace(
+            self,
+            cells=self.cells | solids,
+            regions=[regions.subset(rows) for regions in self.regions],
+            origins=None if self.origins is None else self.origins.subset(rows),
+            groups=(),
+            links=(),
+        )
 
     def said(self, row: int, kind: str, of_kind: int) -> str:
         """Name a volume element for messages: its row among all, and its kind and row there."""

@@ -12,10 +12,10 @@ from ..errors import InputError
 from ..fe.material import Material
 from ..support.checks import validate_flag, validate_integer, validate_number, validate_path, validate_positive
 from ..support.foreign import NGSolveMesh, Shape
-from ..support.progress import pulsing
 from .deck_materials import material_of_deck
+from .file_bodies import FileBodies
 from .materials import GivenMaterial, Modulus
-from .mesh_files import DECKS, VolumeMesh, check_order, raised, read_mesh
+from .mesh_files import DECKS, VolumeMesh, check_order, raised, read_bodies, volume_mesh
 from .mesh_size import Refine
 from .netgen_mesh import (
     GRADING,
@@ -107,7 +107,7 @@ ModelPlan = ShapePlan | MeshPlan | FilePlan
 
 
 def plan_model(
-    source: Shape | NGSolveMesh | StepAssembly | str | Path,
+    source: Shape | NGSolveMesh | StepAssembly | FileBodies | str | Path,
     material: Material | Mapping[str, Material] | None,
     *,
     modulus: Modulus | None,
@@ -140,32 +140,36 @@ def plan_model(
     is_deck = path is not None and path.suffix.lower() in DECKS
     if given is None and not is_deck:
         raise InputError("material: expected an ep.Material, such as ep.STEEL, got None; only decks have their own")
-    if solid is not None and not (from_shape and (path or isinstance(source, StepAssembly))):
-        raise InputError("solid: has no effect here, it is for STEP files and what ep.read_step returns")
-    if only_solids and not is_deck:
+    if solid is not None and not (path or isinstance(source, StepAssembly)):
+        raise InputError("solid: has no effect here, it is for files and what ep.read_step or ep.read_bodies returns")
+    if only_solids and (not is_deck or isinstance(source, FileBodies)):
         raise InputError("only_solids: has no effect here, it is for input decks of Abaqus, CalculiX and Nastran")
     if from_shape:
         assert given is not None
         return _plan_shape(_shape_of(source, path, solid), given, order or 2, maxh, refine, grading, scale)
     if path:
-        plan: ModelPlan = _plan_file(path, given, modulus, order, scale, only_solids)
+        bodies = source if isinstance(source, FileBodies) else read_bodies(path, only_solids=only_solids)
+        bodies = replace(bodies, scale=scale * bodies.scale)
+        plan: ModelPlan = _plan_file(bodies, solid, given, modulus, order)
     else:
         assert given is not None
         plan = MeshPlan(source, given, order or 2)
-    _refuse_mesh_options(maxh, refine, grading)
+    refuse_mesh_options(maxh, refine, grading)
     if not path and scale != 1:
         raise InputError(f"scale: a mesh is taken as it is, got {scale:g}; scale its shape before meshing")
     return plan
 
 
 def _path_of(source: object) -> Path | None:
-    """Path of a file; None for a shape, mesh or assembly."""
+    """Path of a file; None for a shape, mesh or STEP assembly."""
+    if isinstance(source, FileBodies):
+        return source.path
     if isinstance(source, StepAssembly) or is_mesh(source) or is_shape(source):
         return None
     if not isinstance(source, str | Path):
         raise InputError(
-            "source: expected an OCC shape of netgen.occ, an ngsolve.Mesh, an assembly of ep.read_step, or the path of "
-            f"a STEP or mesh file, got {type(source).__name__}"
+            "source: expected an OCC shape of netgen.occ, an ngsolve.Mesh, what ep.read_step or ep.read_bodies "
+            f"returns, or the path of a STEP or mesh file, got {type(source).__name__}"
         )
     return validate_path("source", source)
 
@@ -200,21 +204,19 @@ def _plan_shape(
 
 
 def _plan_file(
-    path: Path, given: GivenMaterial | None, modulus: Modulus | None, order: int | None, scale: float, only_solids: bool
+    bodies: FileBodies, solid: str | None, given: GivenMaterial | None, modulus: Modulus | None, order: int | None
 ) -> FilePlan:
-    with ONE_AT_A_TIME, pulsing("read"):
-        file = read_mesh(path, given is None or given.several, only_solids)
-        if given is None:
-            names = [file.regions.names[i] or "" for i in np.unique(file.regions.number)]
-            given = GivenMaterial(material_of_deck(path, file.materials, names, scale), modulus)
-        file = replace(file, points=scale * file.points)
-        check_order(path, file, order)
-        if file.hexahedra and file.order == 1 and order == 2:
-            file = raised(file)
-    return FilePlan(path, file, given, order)
+    file = volume_mesh(bodies, solid, several=given is None or given.several)
+    if given is None:
+        names = [file.regions.names[i] or "" for i in np.unique(file.regions.number)]
+        given = GivenMaterial(material_of_deck(bodies.path, file.materials, names, bodies.scale), modulus)
+    check_order(bodies.path, file, order)
+    if file.hexahedra and file.order == 1 and order == 2:
+        file = raised(file)
+    return FilePlan(bodies.path, file, given, order)
 
 
-def _refuse_mesh_options(maxh: object, refine: object, grading: object) -> None:
+def refuse_mesh_options(maxh: object, refine: object, grading: object) -> None:
     """Refuse options that have no effect on a mesh."""
     named = {"maxh": maxh is not None, "grading": validate_number("grading", grading) != GRADING}
     named["refine"] = bool(regions_of(refine))

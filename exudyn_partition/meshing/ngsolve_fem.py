@@ -28,12 +28,13 @@ from ..support.machine import alone
 from ..support.optional import require
 from ..support.progress import pulsing
 from ..support.warn import warn
+from .file_bodies import FileBodies, check_apart
 from .file_mesh import CellRegions
 from .materials import GivenMaterial, Modulus
 from .mesh_files import inverted
 from .mesh_size import Refine, check_memory_of_model
 from .mixed_basis import to_coefficients
-from .model_plan import FilePlan, ModelPlan, ShapePlan, plan_model
+from .model_plan import FilePlan, ModelPlan, ShapePlan, plan_model, refuse_mesh_options
 from .netgen_mesh import (
     CURVATURE,
     GRADING,
@@ -57,7 +58,7 @@ _VOLUME_MISSED = 0.05  # allowed relative difference in volume of a mesh and its
 
 
 def fe_model(
-    source: Shape | NGSolveMesh | StepAssembly | str | Path,
+    source: Shape | NGSolveMesh | StepAssembly | FileBodies | str | Path,
     material: Material | Mapping[str, Material] | None = None,
     *,
     modulus: Modulus | None = None,
@@ -73,11 +74,11 @@ def fe_model(
 
     Parameters
     ----------
-    source : netgen.occ.TopoDS_Shape, ngsolve.Mesh, StepAssembly, str or pathlib.Path
+    source : netgen.occ.TopoDS_Shape, ngsolve.Mesh, StepAssembly, FileBodies, str or pathlib.Path
         An OCC shape, which is meshed with `generate_mesh`, or a mesh of tetrahedra as it is. A mesh that is to be
         curved to its geometry must be curved beforehand, with at most `order`; `generate_mesh` does it with order 2.
         A path leads to a shape in a STEP file, or to a mesh file of linear or quadratic tetrahedra, hexahedra, wedges
-        and pyramids, see `mesh_files.read_mesh`. Netgen reads STEP files in millimetres: give scale=1e-3. The nodes of
+        and pyramids, see `ep.read_bodies`. Netgen reads STEP files in millimetres: give scale=1e-3. The nodes of
         a mesh file keep their order, and quadratic elements their own mid-side nodes; its named faces, and sets of
         nodes that span faces, become boundaries.
     material : Material or dict of str to Material
@@ -103,7 +104,9 @@ def fe_model(
         Whether shells, beams, springs, masses and others beside the solid elements of an input deck are left out; the
         log names them. Default: such a deck is refused.
     solid : str, optional
-        Which solid of a STEP file or of `ep.read_step` is meshed, by its name. It stays where it is in the assembly.
+        Which solid of a STEP file or of `ep.read_step` is meshed, by its name. Or which body of a mesh file or of
+        `ep.read_bodies` is taken: by the name of an instance, part, element set, material, property or group, or of a
+        connected piece. It stays where it is in the assembly.
 
     Returns
     -------
@@ -155,26 +158,28 @@ def fe_model(
 
 
 def fe_models(
-    assembly: StepAssembly,
-    materials: Mapping[str, Material],
+    assembly: StepAssembly | FileBodies,
+    materials: Mapping[str, Material | Mapping[str, Material] | None],
     *,
-    maxh: float | Mapping[str, float],
+    maxh: float | Mapping[str, float] | None = None,
     refine: Iterable[Refine] = (),
     order: int | None = None,
     grading: float = GRADING,
 ) -> dict[str, FEModel]:
-    """Assemble FE models of several solids of an assembly, each where it stands there.
+    """Assemble FE models of several bodies of an assembly, each where it stands there.
 
     Parameters
     ----------
-    assembly : StepAssembly
-        Of `ep.read_step`.
-    materials : dict of str to Material
-        By the names of the solids that are wanted; others are left out, and the log says so.
+    assembly : StepAssembly or FileBodies
+        Of `ep.read_step` or `ep.read_bodies`.
+    materials : dict of str to Material, dict or None
+        By the names of the bodies that are wanted, see `fe_model`; None is the material of an input deck. Others are
+        left out, and the log says so.
     maxh : float or dict of str to float
-        Largest element size [m], the same for all or one for each name.
+        Of a STEP file: largest element size [m], the same for all or one for each name.
     refine : iterable of Refine
-        Balls with smaller elements, in the assembly's coordinates; each counts for the solids that it meets.
+        Of a STEP file: balls with smaller elements, in the assembly's coordinates; each counts for the solids that it
+        meets.
     order, grading :
         See `fe_model`.
 
@@ -185,7 +190,7 @@ def fe_models(
     Raises
     ------
     InputError
-        If a name is not in the assembly or has no size, or a ball meets no solid.
+        If a name is not in the assembly or has no size, two names have an element in common, or a ball meets no solid.
     MeshError, MemoryLimitError, MissingPackageError
         See `fe_model`.
 
@@ -194,13 +199,30 @@ def fe_models(
     UnitsWarning, MeshQualityWarning
         See `fe_model`.
     """
-    validate_type("assembly", assembly, StepAssembly, "ep.read_step()")
+    if not isinstance(assembly, FileBodies):
+        validate_type("assembly", assembly, StepAssembly, "ep.read_step() or ep.read_bodies()")
     if not isinstance(materials, Mapping) or not materials:
         raise InputError(f"materials: expected a dict {{name: Material}}, got {materials!r}")
+    if isinstance(assembly, FileBodies):
+        check_apart(assembly, [*materials])
+        refuse_mesh_options(maxh, refine, grading)
+        return {name: fe_model(assembly, given, order=order, solid=name) for name, given in materials.items()}
     shapes = {name: assembly.find(name) for name in materials}
     sizes = maxh if isinstance(maxh, Mapping) else dict.fromkeys(shapes, maxh)
     if set(sizes) != set(shapes):
         raise InputError(f"maxh: expected one for each of {', '.join(map(repr, shapes))}, got {sizes!r}")
+    balls = _balls_by_solid(shapes, refine)
+    beside = [name for name in assembly.names if name not in shapes]
+    if beside:
+        _LOG.info("%s: left out the solids %s", assembly.path, ", ".join(beside))
+    return {
+        name: fe_model(shape, materials[name], order=order, maxh=sizes[name], refine=balls[name], grading=grading)
+        for name, shape in shapes.items()
+    }
+
+
+def _balls_by_solid(shapes: Mapping[str, Shape], refine: Iterable[Refine]) -> dict[str, list[Refine]]:
+    """Balls that each solid meets."""
     balls: dict[str, list[Refine]] = {name: [] for name in shapes}
     for ball in regions_of(refine):
         met = [name for name, shape in shapes.items() if distances(shape, ball.center[None])[0] <= ball.radius]
@@ -210,13 +232,7 @@ def fe_models(
             )
         for name in met:
             balls[name].append(ball)
-    beside = [name for name in assembly.names if name not in shapes]
-    if beside:
-        _LOG.info("%s: left out the solids %s", assembly.path, ", ".join(beside))
-    return {
-        name: fe_model(shape, materials[name], order=order, maxh=sizes[name], refine=balls[name], grading=grading)
-        for name, shape in shapes.items()
-    }
+    return balls
 
 
 def _built(plan: ModelPlan) -> FEModel:

@@ -275,8 +275,8 @@ def test_several_instances_are_refused_by_their_names(tmp_path):
     path = tmp_path / "deck.inp"
     path.write_text(INSIDE.replace(line, line + "*END INSTANCE\n" + line.replace("bar-1", "bar-2") + "1., 0., 0.\n"))
     at = 1 + path.read_text().splitlines().index(elements(CELLS).splitlines()[0])
-    begin = re.escape(", ".join([f"element 1 ({path}, line {at})"] * 2))
-    message = f"solid elements of 2 parts in place, which share no node: 'bar-1', 'bar-2', which begin with {begin}"
+    begin = re.escape(" and ".join([f"element 1 ({path}, line {at})"] * 2))
+    message = f"got 2 parts that share no face, .* which begin with {begin}.* by solid=, of 'bar-1', 'bar-2'"
     with pytest.raises(MeshError, match=message):
         ep.fe_model(path, ep.STEEL)
 
