@@ -47,8 +47,8 @@ print(machine.names)
 parts = ep.fe_models(machine, {"base": ep.ALUMINIUM, "pin": ep.STEEL}, maxh=8e-3)
 
 # %% read_bodies, FileBodies
-points, tetra = fem.points[:, :3], fem.cells[:, :4]
-two = np.vstack([points, points + [0, 0, 3 * R]]), np.vstack([tetra, tetra + len(points)])
+points, tetra = fem.points, fem.cells[:, :4]
+two = np.vstack([points, points + np.array([0, 0, 3 * R])]), np.vstack([tetra, tetra + len(points)])
 meshio.Mesh(two[0], [("tetra", two[1])]).write("balls.vtu")  # stands for your own deck or mesh
 balls = ep.read_bodies("balls.vtu")
 print(balls)  # names, sizes and places, and what is tied or touches
