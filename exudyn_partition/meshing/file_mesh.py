@@ -178,6 +178,22 @@ class FileMesh:
         return f"{self.origins.said(row)}, a {kind} of nodes {numbers.tolist()}"
 
 
+def with_groups(mesh: FileMesh, numbers: dict[str, Array]) -> FileMesh:
+    """Mesh with groups of solid elements by numbers that these have, (ne,); those of materials are its regions.
+
+    The number 0 is that of none.
+    """
+    groups = [
+        Group(kind, str(number), np.flatnonzero(values == number))
+        for kind, values in numbers.items()
+        for number in np.unique(values)
+        if number
+    ]
+    names, number = np.unique(numbers["material"], return_inverse=True)
+    regions = [CellRegions("materials", tuple(map(str, names)), number.ravel())] if len(names) > 1 else []
+    return replace(mesh, groups=[*mesh.groups, *groups], regions=regions)
+
+
 def refuse_regions(source: object, kind: str, names: list[str]) -> None:
     """Raise `MeshError` that lists the regions of a body, each with the name that is its key in quotes."""
     listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")

@@ -1,4 +1,4 @@
-"""Gmsh's format 4.1 as meshio needs it: every geometric entity in a physical group."""
+"""Gmsh's formats 1 and 4.1 as meshio needs them: the first as 2.2, and every geometric entity in a physical group."""
 
 from __future__ import annotations
 
@@ -6,10 +6,28 @@ import re
 import struct
 from collections.abc import Callable, Iterator
 
+_FIRST = re.compile(rb"\s*\$NOD\s(.*?)\$ENDNOD\s+\$ELM\s(.*?)\$ENDELM", re.DOTALL)
 _FORMAT = re.compile(rb"\s*\$MeshFormat\s+4\.1\s+([01])\s+8\b")
 _SECTION = re.compile(rb"\$Entities[^\S\n]*\n(.*?)\s?\$EndEntities", re.DOTALL)
 
 NextNumbers = Callable[[str, int], list[bytes]]  # the next numbers of a kind: "i" int, "d" double, "Q" size
+
+
+def for_meshio(data: bytes) -> bytes:
+    """Content of a file as meshio reads it; those of other formats come back as they are."""
+    first = _FIRST.match(data)
+    return _as_second(first[1], first[2]) if first else in_groups(data)
+
+
+def _as_second(nodes: bytes, elements: bytes) -> bytes:
+    """Format 2.2 of sections of format 1, whose elements have physical group, entity and number of nodes."""
+    count, *rows = elements.strip().splitlines()
+    lines = []
+    for row in rows:
+        number, kind, group, entity, _, *own = row.split()
+        lines.append(b" ".join([number, kind, b"2", group, entity, *own]))
+    head = b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n" + nodes.strip() + b"\n$EndNodes\n$Elements\n"
+    return head + b"\n".join([count.strip(), *lines]) + b"\n$EndElements\n"
 
 
 def in_groups(data: bytes) -> bytes:

@@ -28,17 +28,32 @@ from .collapsed import as_they_are, with_middles
 from .deck_materials import DeckMaterial
 from .file_bodies import FileBodies, check_one_body, elements_named, listed_names
 from .file_mesh import FACE_CORNERS, CellRegions, FileMesh, Origins, refuse_regions
-from .gmsh_files import in_groups
+from .gmsh_files import for_meshio
 from .med_files import write_mesh_alone
 from .mesh_counts import counts_said
 from .nastran_decks import ENDINGS, is_bulk_data, read_nastran
 from .netgen_mesh import ONE_AT_A_TIME
 from .regions import families_of, groups_of, names_of_families, regions_of, tags_of_cells
+from .universal_files import ENDINGS as UNIVERSAL
+from .universal_files import read_universal
 
 _LOG = logging.getLogger(__name__)
 
 Said = Callable[[int], str]  # names an element of a kind by its row
-DECKS = (".inp", *ENDINGS)  # endings of input decks
+DECKS = (".inp", *ENDINGS)  # endings of input decks, which have materials
+WITH_OTHERS = (*DECKS, *UNIVERSAL)  # of files that may hold springs, masses and others beside the solid elements
+
+# What to do with files that nobody reads here, by their endings.
+_NO_READER = {
+    ".k .key .dyn": "LS-PrePost writes an LS-DYNA model as a deck of Nastran or Abaqus",
+    ".odb .frd .op2 .f06": "It has results; give the input deck, .inp or .bdf",
+    ".db .rst": "Write the mesh in Ansys by CDWRITE, which makes a .cdb",
+    ".mphtxt .mphbin .mph": "COMSOL exports the mesh as a deck of Nastran",
+    ".hm .rad": "HyperMesh exports the mesh as a deck of Abaqus, Nastran or OptiStruct",
+    ".mail .mgib .sauv": "Code_Aster reads it by LIRE_MAILLAGE or PRE_GIBI, and writes MED by IMPR_RESU",
+    ".x_t .x_b .sat .sab .sldprt .sldasm .catpart .catproduct .ipt .iam .prt .jt .3dm .fcstd .scdoc":
+        "Export the shape as STEP from the CAD program, or from FreeCAD",
+}  # fmt: skip
 
 _ORDERS = ({"tetra", "hexahedron", "wedge", "pyramid"}, {"tetra10", "hexahedron20", "wedge15", "pyramid13"})
 # Corners of an element in the order that mirrors it, by their number.
@@ -290,8 +305,13 @@ def _read(path: Path, only_solids: bool = False) -> FileMesh:
         return read_abaqus(path, only_solids)
     if is_bulk_data(path):
         return read_nastran(path, only_solids)
+    if suffix in UNIVERSAL:
+        return read_universal(path, only_solids)
     if only_solids:
         raise InputError(f"only_solids: is for decks of Abaqus, CalculiX and Nastran, got {path}")
+    for endings, advice in _NO_READER.items():
+        if suffix in endings.split():
+            raise InputError(f"source: files of {suffix} have no reader here, got {path}. {advice}")
     mesh = _read_by_meshio(path)
     _check_counts(path, mesh)
     cells = {kind: np.asarray(rows) for kind, rows in mesh.cells_dict.items()}
@@ -336,9 +356,9 @@ def _read_by_meshio(path: Path) -> MeshioMesh:
             tempfile.TemporaryDirectory() as folder,
         ):
             clean = path
-            if path.suffix.lower() == ".msh" and in_groups(data := path.read_bytes()) != data:
+            if path.suffix.lower() == ".msh" and for_meshio(data := path.read_bytes()) != data:
                 clean = Path(folder) / path.name
-                clean.write_bytes(in_groups(data))
+                clean.write_bytes(for_meshio(data))
             elif path.suffix.lower() == ".med":
                 clean = Path(folder) / path.name
                 write_mesh_alone(path, clean)

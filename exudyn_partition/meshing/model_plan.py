@@ -15,7 +15,7 @@ from ..support.foreign import NGSolveMesh, Shape
 from .deck_materials import material_of_deck
 from .file_bodies import FileBodies
 from .materials import GivenMaterial, Modulus
-from .mesh_files import DECKS, VolumeMesh, check_order, raised, read_bodies, volume_mesh
+from .mesh_files import DECKS, WITH_OTHERS, VolumeMesh, check_order, raised, read_bodies, volume_mesh
 from .mesh_size import Refine
 from .netgen_mesh import (
     GRADING,
@@ -142,7 +142,8 @@ def plan_model(
         raise InputError("material: expected an ep.Material, such as ep.STEEL, got None; only decks have their own")
     if solid is not None and not (path or isinstance(source, StepAssembly)):
         raise InputError("solid: has no effect here, it is for files and what ep.read_step or ep.read_bodies returns")
-    if only_solids and (not is_deck or isinstance(source, FileBodies)):
+    has_others = path is not None and path.suffix.lower() in WITH_OTHERS and not isinstance(source, FileBodies)
+    if only_solids and not has_others:
         raise InputError("only_solids: has no effect here, it is for input decks of Abaqus, CalculiX and Nastran")
     if from_shape:
         assert given is not None
