@@ -24,6 +24,8 @@ from ..support.foreign import Meshio, MeshioMesh
 from ..support.optional import require
 from ..support.warn import warn
 from .abaqus_decks import read_abaqus
+from .ansys_decks import ENDINGS as ANSYS
+from .ansys_decks import read_ansys
 from .collapsed import as_they_are, with_middles
 from .deck_materials import DeckMaterial
 from .file_bodies import FileBodies, check_one_body, elements_named, listed_names
@@ -40,7 +42,7 @@ from .universal_files import read_universal
 _LOG = logging.getLogger(__name__)
 
 Said = Callable[[int], str]  # names an element of a kind by its row
-DECKS = (".inp", *ENDINGS)  # endings of input decks, which have materials
+DECKS = (".inp", *ENDINGS, *ANSYS)  # endings of input decks, which have materials
 WITH_OTHERS = (*DECKS, *UNIVERSAL)  # of files that may hold springs, masses and others beside the solid elements
 
 # What to do with files that nobody reads here, by their endings.
@@ -305,10 +307,12 @@ def _read(path: Path, only_solids: bool = False) -> FileMesh:
         return read_abaqus(path, only_solids)
     if is_bulk_data(path):
         return read_nastran(path, only_solids)
+    if suffix in ANSYS:
+        return read_ansys(path, only_solids)
     if suffix in UNIVERSAL:
         return read_universal(path, only_solids)
     if only_solids:
-        raise InputError(f"only_solids: is for decks of Abaqus, CalculiX and Nastran, got {path}")
+        raise InputError(f"only_solids: is for input decks and universal files, got {path}")
     for endings, advice in _NO_READER.items():
         if suffix in endings.split():
             raise InputError(f"source: files of {suffix} have no reader here, got {path}. {advice}")

@@ -144,7 +144,7 @@ def plan_model(
         raise InputError("solid: has no effect here, it is for files and what ep.read_step or ep.read_bodies returns")
     has_others = path is not None and path.suffix.lower() in WITH_OTHERS and not isinstance(source, FileBodies)
     if only_solids and not has_others:
-        raise InputError("only_solids: has no effect here, it is for input decks of Abaqus, CalculiX and Nastran")
+        raise InputError("only_solids: has no effect here, it is for input decks and universal files")
     if from_shape:
         assert given is not None
         return _plan_shape(_shape_of(source, path, solid), given, order or 2, maxh, refine, grading, scale)

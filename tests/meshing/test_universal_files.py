@@ -1,5 +1,7 @@
 """Universal files (`.unv`): the bar of a deck from each kind of elements, its groups, and what is not read."""
 
+import itertools
+
 import numpy as np
 import pytest
 from oracles import SIZE, hexahedra, quadratic, split, write_deck
@@ -65,7 +67,7 @@ def test_a_bar_is_that_of_a_deck(tmp_path, kind, order):
     points, cells = hexahedra(1, 2, 2)
     if kind == "tetra":  # six around a diagonal of each hexahedron
         ring = [1, 2, 3, 7, 4, 5, 1]
-        blocks = [("tetra", np.vstack([cells[:, [0, a, b, 6]] for a, b in zip(ring, ring[1:], strict=False)]))]
+        blocks = [("tetra", np.vstack([cells[:, [0, a, b, 6]] for a, b in itertools.pairwise(ring)]))]
     else:
         points, blocks = split(points, cells, [kind] * len(cells))
     points, blocks = quadratic(points, blocks) if order == 2 else (points, blocks)
