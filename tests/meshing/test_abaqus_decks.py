@@ -145,6 +145,14 @@ def test_spellings_of_include(tmp_path, include):
     np.testing.assert_array_equal(ep.fe_model(path, ep.STEEL).points, POINTS)
 
 
+@pytest.mark.parametrize("name", ["C:\\work\\Job 1\\nodes.inc", "/home/other/nodes.inc", "../elsewhere/NODES.INC"])
+def test_files_of_another_computer_are_taken_from_beside_the_deck(tmp_path, name):
+    (tmp_path / "nodes.inc").write_text(nodes(POINTS))
+    path = tmp_path / "bar.inp"
+    path.write_text(f"*NODE\n*INCLUDE, INPUT={name}\n{HEAD}{elements(CELLS)}")
+    np.testing.assert_array_equal(ep.fe_model(path, ep.STEEL).points, POINTS)
+
+
 def test_an_instance_is_shifted_then_turned(tmp_path):
     line = "*INSTANCE, NAME=bar-1, PART=bar\n"
     path = tmp_path / "bar.inp"

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
 from meshing.test_collapsed import as_hexahedra
 from oracles import SIZE, hexahedra, quadratic, split, write_deck
 
@@ -124,6 +125,17 @@ def test_other_elements_beside_solids(tmp_path):
     with pytest.raises(MeshError, match="element 100 is of type 21"):
         ep.fe_model(path, ep.STEEL, order=1)
     assert ep.fe_model(path, ep.STEEL, only_solids=True, order=1).n_nodes == len(POINTS)
+
+
+def test_matrices_of_another_program_go_with_the_nodes_of_the_file(tmp_path):
+    path = tmp_path / "bar.cdb"
+    path.write_text(BAR + MATERIAL)
+    own = ep.fe_model(path, order=1)
+    scipy.io.mmwrite(tmp_path / "K.mtx", own.stiffness)
+    scipy.io.mmwrite(tmp_path / "M.mtx", own.mass)
+    fem = ep.read_matrices(tmp_path / "K.mtx", tmp_path / "M.mtx").fe_model(path)
+    np.testing.assert_array_equal(fem.points, own.points)
+    assert abs(fem.stiffness - own.stiffness).max() <= 1e-12 * abs(own.stiffness).max()
 
 
 def test_files_that_ansys_wrote():
