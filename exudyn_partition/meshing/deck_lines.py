@@ -90,7 +90,7 @@ def included(line: Line, name: str, folders: Sequence[Path]) -> Path:
     """
     name = name.strip(" ,'\"").replace("\\", "/")
     places = [folder / name for folder in folders]
-    beside = [folder / name.rpartition("/")[2] for folder in folders]
+    beside = [folder / re.split("[/:]", name)[-1] for folder in folders]
     for place in [*places, *map(_whatever_capitals, places), *beside, *map(_whatever_capitals, beside)]:
         if name and place.is_file():
             if place in beside and place not in places:

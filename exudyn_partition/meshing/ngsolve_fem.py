@@ -77,15 +77,15 @@ def fe_model(
     source : netgen.occ.TopoDS_Shape, ngsolve.Mesh, StepAssembly, FileBodies, str or pathlib.Path
         An OCC shape, which is meshed with `generate_mesh`, or a mesh of tetrahedra as it is. A mesh that is to be
         curved to its geometry must be curved beforehand, with at most `order`; `generate_mesh` does it with order 2.
-        A path leads to a shape in a STEP file, or to a mesh file of linear or quadratic tetrahedra, hexahedra, wedges
-        and pyramids, see `ep.read_bodies`. Netgen reads STEP files in millimetres: give scale=1e-3. The nodes of
-        a mesh file keep their order, and quadratic elements their own mid-side nodes; its named faces, and sets of
-        nodes that span faces, become boundaries.
+        A path leads to a shape in a file of STEP, IGES or BREP, or to a mesh file of linear or quadratic tetrahedra,
+        hexahedra, wedges and pyramids, see `ep.read_bodies`. Netgen reads STEP and IGES in millimetres: give
+        scale=1e-3. The nodes of a mesh file keep their order, and quadratic elements their own mid-side nodes; its
+        named faces, and sets of nodes that span faces, become boundaries.
     material : Material or dict of str to Material
         In units that fit the geometry's, SI unless all are chosen otherwise. A dict has one for each region: for each
         name of `mat` of an OCC shape's solids, which `Glue` joins, of a mesh's materials, or of a file's physical
         groups (Gmsh), solid sections (Abaqus), properties (Nastran) or numbers of materials. Default: the materials of
-        an input deck, `*ELASTIC` and `*DENSITY`, or MAT1, in the deck's units; with scale=1e-3 those of a deck in
+        an input deck, `*ELASTIC` and `*DENSITY`, MAT1, or MPDATA, in the deck's units; with scale=1e-3 those of a deck in
         millimetres become SI units. The log has their numbers.
     modulus : callable, optional
         Young's modulus by place, in place of the materials': called with the centres of the elements, (ne, 3), after
@@ -96,7 +96,7 @@ def fe_model(
         adds follow those of the file, and lie on straight edges. Thin bodies need far fewer nodes with order 3
         (`validation/mesh/order.py`).
     maxh, refine, grading :
-        For a shape or STEP file, see `generate_mesh`; in lengths after scaling. Where curved sides turn elements inside
+        For a shape or the file of one, see `generate_mesh`; in lengths after scaling. Where curved sides turn elements inside
         out, it is meshed again with smaller ones, as the log tells.
     scale : float
         Factor on all lengths of a shape or file: 1e-3 turns millimetres into metres.
