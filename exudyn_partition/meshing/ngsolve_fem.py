@@ -85,8 +85,8 @@ def fe_model(
         In units that fit the geometry's, SI unless all are chosen otherwise. A dict has one for each region: for each
         name of `mat` of an OCC shape's solids, which `Glue` joins, of a mesh's materials, or of a file's physical
         groups (Gmsh), solid sections (Abaqus), properties (Nastran) or numbers of materials. Default: the materials of
-        an input deck, `*ELASTIC` and `*DENSITY`, MAT1, or MPDATA, in the deck's units; with scale=1e-3 those of a deck in
-        millimetres become SI units. The log has their numbers.
+        an input deck, `*ELASTIC` and `*DENSITY`, MAT1, or MPDATA, in the deck's units; with scale=1e-3 those of a
+        deck in millimetres become SI units. The log has their numbers.
     modulus : callable, optional
         Young's modulus by place, in place of the materials': called with the centres of the elements, (ne, 3), after
         scaling; returns (ne,) [Pa]. It is constant in an element.
@@ -96,8 +96,8 @@ def fe_model(
         adds follow those of the file, and lie on straight edges. Thin bodies need far fewer nodes with order 3
         (`validation/mesh/order.py`).
     maxh, refine, grading :
-        For a shape or the file of one, see `generate_mesh`; in lengths after scaling. Where curved sides turn elements inside
-        out, it is meshed again with smaller ones, as the log tells.
+        For a shape or the file of one, see `generate_mesh`; in lengths after scaling. Where curved sides turn elements
+        inside out, it is meshed again with smaller ones, as the log tells.
     scale : float
         Factor on all lengths of a shape or file: 1e-3 turns millimetres into metres.
     only_solids : bool
