@@ -28,7 +28,9 @@ from ._version import __version__ as __version__
 _HOMES = {
     "fe.material": ("Material", "STEEL", "ALUMINIUM"),
     "meshing.feminterface": ("from_feminterface",),
+    "meshing.file_bodies": ("FileBodies",),
     "meshing.matrix_files": ("FileMatrices", "read_matrices"),
+    "meshing.mesh_files": ("read_bodies",),
     "meshing.mesh_size": ("Refine",),
     "meshing.netgen_mesh": ("generate_mesh",),
     "meshing.ngsolve_fem": ("fe_model", "fe_models"),

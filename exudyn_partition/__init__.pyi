@@ -23,7 +23,9 @@ from .fe.model import FEModel
 from .fe.partition import Partition
 from .frames.damping import Rayleigh
 from .meshing.feminterface import from_feminterface
+from .meshing.file_bodies import FileBodies
 from .meshing.matrix_files import FileMatrices, read_matrices
+from .meshing.mesh_files import read_bodies
 from .meshing.mesh_size import Refine
 from .meshing.netgen_mesh import generate_mesh
 from .meshing.ngsolve_fem import fe_model, fe_models
@@ -65,6 +67,7 @@ __all__ = [
     "CreateWorkSensor",
     "Estimate",
     "FEModel",
+    "FileBodies",
     "FileMatrices",
     "FrictionResults",
     "History",
@@ -106,6 +109,7 @@ __all__ = [
     "plot",
     "progress",
     "pyvista_view",
+    "read_bodies",
     "read_matrices",
     "read_step",
     "recovery",

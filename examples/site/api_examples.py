@@ -5,6 +5,7 @@ The blocks are one program. `tests/house/test_site.py` runs it, and holds that e
 
 # %%
 import exudyn as exu
+import meshio
 import netgen.occ as occ
 import numpy as np
 import scipy.io
@@ -44,6 +45,14 @@ occ.Compound([base, pin]).WriteStep("machine.step")  # stands for your own file,
 machine = ep.read_step("machine.step", scale=1e-3)
 print(machine.names)
 parts = ep.fe_models(machine, {"base": ep.ALUMINIUM, "pin": ep.STEEL}, maxh=8e-3)
+
+# %% read_bodies, FileBodies
+points, tetra = fem.points, fem.cells[:, :4]
+two = np.vstack([points, points + np.array([0, 0, 3 * R])]), np.vstack([tetra, tetra + len(points)])
+meshio.Mesh(two[0], [("tetra", two[1])]).write("balls.vtu")  # stands for your own deck or mesh
+balls = ep.read_bodies("balls.vtu")
+print(balls)  # names, sizes and places, and what is tied or touches
+both = ep.fe_models(balls, dict.fromkeys(balls.names, ep.STEEL), order=2)
 
 # %% read_matrices, FileMatrices
 scipy.io.mmwrite("K.mtx", anvil_fem.stiffness)  # stand for those of another program

@@ -129,7 +129,7 @@ class Finer:
             facets = self.fem.facets[np.isin(self.fem.facets, interface.nodes).all(axis=1)]
             if interface.kind == "rigid" and len(facets):
                 corners = np.repeat(facets[:, :3], len(_INSIDE), axis=0)
-                found.append(np.unique(self._surplus.at(corners, np.tile(_INSIDE, (len(facets), 1))).indices))
+                found.append(np.unique(self._surplus.values_at(corners, np.tile(_INSIDE, (len(facets), 1))).indices))
         return np.unique(np.concatenate(found))
 
     def change(self, on_nodes: sp.csr_matrix, points: Points) -> Change:
@@ -173,7 +173,7 @@ class Finer:
     def _of_rows(self, points: Points) -> Array:
         """Forces of k rows on the functions, (3 s, k)."""
         size = self._surplus.size
-        at_points = self._surplus.at(points.corners, points.local)
+        at_points = self._surplus.values_at(points.corners, points.local)
         by_axis = sp.hstack([sp.diags(points.normals[:, axis]) @ at_points for axis in range(3)], format="csr")
         interleaved = np.arange(3 * size).reshape(3, size).T.ravel()
         return np.asarray((points.mean @ by_axis[:, interleaved]).T.toarray())

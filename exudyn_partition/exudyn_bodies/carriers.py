@@ -33,13 +33,13 @@ def weakly(mbs: MainSystem) -> Callable[[], MainSystem]:
     """
     model = weakref.ref(mbs)
 
-    def held() -> MainSystem:
+    def model_in_use() -> MainSystem:
         found = model()
         if found is None:
             raise RunError("mbs: the model is in use but was deleted; keep what AddSystem() returned in a variable")
         return found
 
-    return held
+    return model_in_use
 
 
 def validate_carrier(name: str, mbs: MainSystem, body: object) -> None:

@@ -212,7 +212,7 @@ def check_connected(face: Array, said: Naming | None = None) -> None:
     ------
     MeshError
     """
-    part = _part_of(face)
+    part = parts_of(face)
     sizes = np.bincount(part)
     if len(sizes) > 1:
         largest = np.argsort(-sizes, kind="stable")[:5]
@@ -228,11 +228,11 @@ def check_connected(face: Array, said: Naming | None = None) -> None:
 
 def part_sizes(face: Array) -> Array:
     """Number of elements of each part that is connected through faces, (ne, faces an element), largest first."""
-    return np.sort(np.bincount(_part_of(face)))[::-1]
+    return np.sort(np.bincount(parts_of(face)))[::-1]
 
 
-def _part_of(face: Array) -> Array:
-    """Number of each element's part, (ne,)."""
+def parts_of(face: Array) -> Array:
+    """Number of each element's part, (ne,), by the numbers that equal faces have in common; see `check_connected`."""
     real = face.ravel() >= 0
     owner = np.repeat(np.arange(len(face)), face.shape[1])[real]
     of = sp.csr_matrix((np.ones(len(owner)), (owner, face.ravel()[real])))

@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 
 from ..support.arrays import Array
 from .facets import area_vectors, flat_triangles
-from .model import FEModel
 
 _OPPOSITE = -0.5  # largest cosine between the normals of facets that face each other
 _WITHIN = np.vstack([np.full((3, 3), 1 / 6) + np.eye(3) / 2, np.full((1, 3), 1 / 3)])  # points within a triangle
@@ -40,11 +39,11 @@ class Side(NamedTuple):
     points: Array
 
     @classmethod
-    def of(cls, fem: FEModel) -> Side:
-        """Surface of an FE model."""
-        facets, vectors = fem.facets, area_vectors(fem.points, fem.facets)
+    def of(cls, points: Array, facets: Array) -> Side:
+        """Surface of a body by its nodes, (n, 3) [m], and its outward facets, (nf, k) int."""
+        vectors = area_vectors(points, facets)
         corners, owner = flat_triangles(facets)
-        triangles = fem.points[corners]
+        triangles = points[corners]
         return cls(
             vectors / np.linalg.norm(vectors, axis=1)[:, None],
             triangles,
@@ -53,20 +52,20 @@ class Side(NamedTuple):
         )
 
 
-def facing_facets(fems: Sequence[FEModel], within: float) -> list[dict[int, Array]]:
+def facing_facets(sides: Sequence[Side], within: float) -> list[dict[int, Array]]:
     """Numbers of the facets of each body that face another one, by the number of that one.
 
     Two facets face each other if their normals are opposite within 60 degrees, and a point within one of them lies
     before the other, at most `within` [m] away from it. So a facet that only begins at the other's edge does not.
     """
-    sides = [Side.of(fem) for fem in fems]
-    found: list[dict[int, Array]] = [{} for _ in fems]
-    for i, one in enumerate(sides):
-        for j, other in enumerate(sides[:i]):
-            own, theirs = _near(one, other, within)
-            back, forth = _near(other, one, within)
-            if len(own) or len(back):
-                found[i][j], found[j][i] = np.union1d(own, forth), np.union1d(theirs, back)
+    found: list[dict[int, Array]] = [{} for _ in sides]
+    low, high = (np.array([pick(side.triangles, axis=(0, 1)) for side in sides]) for pick in (np.min, np.max))
+    boxes_meet = (low[:, None] <= high[None] + within).all(axis=2)
+    for i, j in np.argwhere(np.tril(boxes_meet & boxes_meet.T, -1)):
+        own, theirs = _near(sides[i], sides[j], within)
+        back, forth = _near(sides[j], sides[i], within)
+        if len(own) or len(back):
+            found[i][int(j)], found[j][int(i)] = np.union1d(own, forth), np.union1d(theirs, back)
     return found
 
 

@@ -211,7 +211,7 @@ class Regions:
         own = self.number == most
         return replace(self.materials[most], E=_mean(self.E[own], volume[own]))
 
-    def at(self, cells: Array) -> Material:
+    def of_cells(self, cells: Array) -> Material:
         """Return the material of some elements, (k,) int: that of most, with their mean modulus.
 
         If they are of several materials, the lowest yield stress is kept.

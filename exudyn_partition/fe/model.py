@@ -352,9 +352,9 @@ class FEModel:
         return self.material if self.regions is None else self.regions
 
     def material_beneath(self, facets: Array) -> Material:
-        """Material of the elements beneath some facets, rows of `facets`, (k,) int; see `Regions.at`."""
+        """Material of the elements beneath some facets, rows of `facets`, (k,) int; see `Regions.of_cells`."""
         check_indices("facets", facets, (None,), len(self.facets))
-        return self.material if self.regions is None else self.regions.at(self._facet_faces[facets, 0])
+        return self.material if self.regions is None else self.regions.of_cells(self._facet_faces[facets, 0])
 
     @property
     def n_nodes(self) -> int:

@@ -26,7 +26,7 @@ from ..support.checks import (
 from ..support.warn import warn
 from .edges import sharp_nodes
 from .facets import of_one_shape, unfolded
-from .facing import connected, facing_facets
+from .facing import Side, connected, facing_facets
 from .model import FEModel, same_mesh
 from .patch_facets import Faces, ball_facets, local_normals, mean_direction, sharp_ends, show, smooth_rim, widened
 from .patches import (
@@ -402,7 +402,8 @@ class Partition:
             validate_choice("axes", axes, AXES)
         within = validate_positive("within", within, "m")
         found = []
-        for name, fem, near in zip(names, models, facing_facets(models, within), strict=True):
+        sides = [Side.of(fem.points, fem.facets) for fem in models]
+        for name, fem, near in zip(names, models, facing_facets(sides, within), strict=True):
             if not near:
                 raise EmptyRegionError(
                     f"fems: no other body faces {name!r} within {within:.4g} m, which spans "

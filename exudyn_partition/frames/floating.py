@@ -132,9 +132,9 @@ class FloatingKinematics:
         self.spin = None
         if growth is not None:
             self.spin = Spin(abs(growth).max(axis=0), _ROUND_OFF * float(np.ptp(body.points, axis=0).max()))
-        self._of(nodes)
+        self._follow(nodes)
 
-    def _of(self, nodes: Array) -> None:
+    def _follow(self, nodes: Array) -> None:
         self.nodes = nodes
         self.arms = self.body.points[nodes] - self.body.centre_of_mass
         self.start = self.origin + self.arms @ self._axes_at_start.T
@@ -145,7 +145,7 @@ class FloatingKinematics:
     def at(self, nodes: Array) -> FloatingKinematics:
         """See `Kinematics.at`."""
         result = copy.copy(self)
-        result._of(nodes)
+        result._follow(nodes)
         return result
 
     def some(self, index: Array) -> FloatingKinematics:
@@ -182,7 +182,7 @@ class FloatingKinematics:
         n = self.body.n_dofs
         rigid = InertialKinematics(self.body, self.position).rigid_motion(np.eye(n)).T
         turned = self.frame(np.zeros(n))[1] @ rigid[:3], self.node_axes.T @ rigid[3:]
-        return sp.csr_matrix(np.vstack([*turned, self.mean_axes.of(np.eye(n)).T]))
+        return sp.csr_matrix(np.vstack([*turned, self.mean_axes.deformation(np.eye(n)).T]))
 
     def elastic(self, q: Array) -> Array:
         """See `Kinematics.elastic`; that is the deformation."""

@@ -55,6 +55,6 @@ class MeanAxes:
         on_z: Array = rows[..., 6:] - (rows @ self._reflected.T) @ self._tail.T
         return on_z
 
-    def of(self, q: Array) -> Array:
+    def deformation(self, q: Array) -> Array:
         """Deformation z = E' M q, (..., n - 6), of any motion q, (..., n)."""
         return self.restrict(q / self._inverse_root**2)

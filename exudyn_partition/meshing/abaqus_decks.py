@@ -16,7 +16,7 @@ from ..support.arrays import Array
 from .abaqus_keywords import Block, blocks
 from .deck_lines import LARGEST, Line
 from .deck_materials import DeckMaterial
-from .deck_parts import Assembly, Elements, Member, Part, Set, Surface
+from .deck_parts import AskedLink, Assembly, Elements, Member, Part, Set, Surface
 from .file_mesh import SOLIDS, SURFACES, FileMesh
 
 _LOG = logging.getLogger(__name__)
@@ -69,7 +69,7 @@ def read_abaqus(path: Path, only_solids: bool = False) -> FileMesh:
     """
     deck = _Deck(only_solids)
     for block in blocks(path):
-        deck.take(block)
+        deck.read(block)
     structure = ["*" + line.text[1:].partition(",")[0].strip().upper() for line in deck.structure.values()]
     if structure and not only_solids:
         raise next(iter(deck.structure.values())).refuse(
@@ -80,7 +80,7 @@ def read_abaqus(path: Path, only_solids: bool = False) -> FileMesh:
     if beside:
         _LOG.info("%s: left out %s, which are no solid elements", path, ", ".join(beside))
     placed = list(deck.instances.values()) or list(deck.parts.values())
-    mesh = Assembly([*placed, deck.root], deck.instances, only_solids).mesh(path)
+    mesh = Assembly([*placed, deck.root], deck.instances, only_solids).mesh(path, deck.links)
     regions = [name for regions in mesh.regions for name in regions.names if name is not None]
     known = {name: deck.materials[name.upper()] for name in regions if name.upper() in deck.materials}
     if not known and len(deck.materials) == 1:
@@ -100,10 +100,11 @@ class _Deck:
         self.parts: dict[str, Part] = {}
         self.instances: dict[str, Part] = {}
         self.structure: dict[str, Line] = {}  # the first line of each keyword with mass or stiffness
+        self.links: list[AskedLink] = []  # ties and contacts
         self._open = self.root  # where the next nodes and elements belong
         self._system = (np.eye(3), np.zeros(3))  # axes, in columns, and origin of *SYSTEM
 
-    def take(self, block: Block) -> None:
+    def read(self, block: Block) -> None:
         """Take what a keyword and its data say; most keywords say nothing of a mesh."""
         if block.name in _NOT_FOLLOWED:
             raise block.line.refuse(
@@ -219,6 +220,11 @@ class _Deck:
             key, *face = line.fields
             own.members.append((_member(line, None, key), face[0].upper() if face and kind == "ELEMENT" else ""))
 
+    def link(self, block: Block) -> None:
+        """Take the pairs of surfaces of a tie or contact, slave and master."""
+        kind = "tie" if block.name == "TIE" else "contact"
+        self.links += [AskedLink(kind, line, line.fields[:2]) for line in block.data]
+
     def material(self, block: Block) -> None:
         """Open a material."""
         name = block.option("NAME")
@@ -263,6 +269,7 @@ _TAKERS: dict[str, Callable[[_Deck, Block], None]] = {
     "PART": _Deck.part, "ENDPART": _Deck.end, "ASSEMBLY": _Deck.end, "ENDASSEMBLY": _Deck.end,
     "INSTANCE": _Deck.instance, "ENDINSTANCE": _Deck.end, "SYSTEM": _Deck.system, "NODE": _Deck.nodes,
     "ELEMENT": _Deck.elements, "NSET": _Deck.node_set, "ELSET": _Deck.element_set, "SURFACE": _Deck.surface,
+    "TIE": _Deck.link, "CONTACTPAIR": _Deck.link,
     "SOLIDSECTION": _Deck.section, "MATERIAL": _Deck.material, "ELASTIC": _Deck.elastic, "DENSITY": _Deck.density,
     **dict.fromkeys(_NOT_LINEAR, _Deck.not_linear),
 }  # fmt: skip

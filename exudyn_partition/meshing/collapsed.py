@@ -70,9 +70,11 @@ def as_they_are(path: Path, file: FileMesh) -> FileMesh:
     order = np.concatenate([places for found in parts.values() for _, places in found])
     beside = {name: cells for name, cells in file.cells.items() if name not in file.solids}
     regions = [region._replace(number=region.number[order]) for region in file.regions]
-    origins = file.origins if file.origins is None else file.origins.at(order)
+    origins = file.origins if file.origins is None else file.origins.subset(order)
+    place = np.argsort(order)
+    groups = [group._replace(rows=np.sort(place[group.rows])) for group in file.groups]
     faces = {name: [rows for found in own for rows in _by_corners(found)] for name, own in file.faces.items()}
-    return replace(file, cells=beside | solids, regions=regions, origins=origins, faces=faces)
+    return replace(file, cells=beside | solids, regions=regions, origins=origins, faces=faces, groups=groups)
 
 
 def _patterns(kind: Kind, cells: Array) -> list[tuple[Array, Kind, Array]]:

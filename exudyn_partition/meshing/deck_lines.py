@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import MeshError
+
+_LOG = logging.getLogger(__name__)
 
 LARGEST = 2**53  # whole number; those above are not exact as floats
 OUTSIDE_QUOTES = re.compile(r',(?=(?:[^"]*"[^"]*")*[^"]*$)')
@@ -78,6 +81,8 @@ def _number(text: str) -> float:
 def included(line: Line, name: str, folders: Sequence[Path]) -> Path:
     """File that a line includes, beside one of some folders or at an absolute path; capitals matter only if they must.
 
+    A path of another computer leads to the file of its name in one of the folders.
+
     Raises
     ------
     MeshError
@@ -85,8 +90,11 @@ def included(line: Line, name: str, folders: Sequence[Path]) -> Path:
     """
     name = name.strip(" ,'\"").replace("\\", "/")
     places = [folder / name for folder in folders]
-    for place in [*places, *map(_whatever_capitals, places)]:
+    beside = [folder / re.split("[/:]", name)[-1] for folder in folders]
+    for place in [*places, *map(_whatever_capitals, places), *beside, *map(_whatever_capitals, beside)]:
         if name and place.is_file():
+            if place in beside and place not in places:
+                _LOG.info("%s: there is no %s, so that %s is included", line.where, name, place)
             return place
     raise line.refuse(f"expected a file to include, there is none at {places[0]}")
 

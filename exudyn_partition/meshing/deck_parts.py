@@ -11,11 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import MeshError
 from ..fe.elements import BY_NAME
 from ..support.arrays import Array
 from .deck_lines import LARGEST, Line
-from .file_mesh import FACE_CORNERS, SOLIDS, SURFACES, CellRegions, FileMesh, Origins
+from .file_mesh import FACE_CORNERS, SOLIDS, SURFACES, CellRegions, FileMesh, Group, Link, Origins
 
 _LOG = logging.getLogger(__name__)
 
@@ -27,6 +26,7 @@ _FACES = {
     8: ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
 }
 _CORNERS = {"tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8}
+_SECTIONS = "*SOLID SECTION"  # what regions are
 _BESIDE_MIDDLE = 0.25  # of an edge's length, how far from its middle a node may lie that is left out
 
 
@@ -100,6 +100,14 @@ class Part:
         return [self] if self.parent is None else [self.parent, self]
 
 
+class AskedLink(NamedTuple):
+    """A tie or contact as a deck has it: its kind, its line, and the names of the surfaces."""
+
+    kind: str
+    line: Line
+    names: list[str]
+
+
 class _Numbering:
     """Rows, from a first one on, by the numbers of one part."""
 
@@ -136,6 +144,7 @@ class Assembly:
         self._nodes: dict[int, _Numbering] = {}  # by the part's id, and so below
         self._elements: dict[int, _Numbering] = {}
         self._blocks: list[tuple[int, Elements, Array]] = []  # first row, and rows of the nodes, (k, n)
+        self._blocks_of: dict[int, list[tuple[int, Elements, Array]]] = {}
         points: list[Array] = []
         numbers = []
         self._points_so_far = points
@@ -149,9 +158,11 @@ class Assembly:
             blocks = [block for scope in part.scopes for block in scope.elements]
             _check_elements_once(blocks)
             self._elements[id(part)] = _Numbering(_joined(block.labels for block in blocks), self._count)
+            own = self._blocks_of[id(part)] = []
             for block in blocks:
-                self._blocks.append((self._count, block, self._rows_of_nodes(part, block)))
+                own.append((self._count, block, self._rows_of_nodes(part, block)))
                 self._count += len(block.labels)
+            self._blocks += own
         self._points = np.concatenate([np.zeros((0, 3)), *points])
         self._labels = _joined(iter(numbers))
         kinds = dict.fromkeys(block.kind for _, block, _ in self._blocks if block.kind is not None)
@@ -200,34 +211,82 @@ class Assembly:
             block.type,
         )  # fmt: skip
 
-    def mesh(self, path: Path) -> FileMesh:
-        """Mesh of all parts, with their surfaces and sets, and the materials of their sections."""
-        bodies: dict[str, Elements] = {}  # the first solid elements of each
-        for p in self._placed:
-            for block in (b for s in p.scopes for b in s.elements if b.kind in SOLIDS and len(b.labels)):
-                bodies.setdefault(p.name or "no part", block)
-        if len(bodies) > 1:
-            first = ", ".join(f"element {b.labels[0]} ({b.lines[0].where})" for b in bodies.values())
-            raise MeshError(
-                f"{path}: expected one body, got solid elements of {len(bodies)} parts in place, which share no node: "
-                f"{', '.join(map(repr, bodies))}, which begin with {first}. Export each alone, and connect "
-                "the bodies in Exudyn"
-            )
+    def mesh(self, path: Path, asked: Sequence[AskedLink] = ()) -> FileMesh:
+        """Mesh of all parts, with their surfaces, sets and bodies, the materials of their sections, and links."""
         cells = {kind: np.concatenate([rows for _, _, rows in found]) for kind, found in self._of_kind.items()}
         _tell_of_integration(path, [block for _, block, _ in self._blocks])
         faces: dict[str, list[Array]] = {}
         node_sets: dict[str, Array] = {}
-        several = sum(bool(part.name) for part in self._placed) > 1
-        for part in self._placed[::-1]:  # what belongs to no part comes first
-            before = f"{part.name}." if several and part.name else ""
-            for scope in part.scopes:
-                self._name_surfaces(part, scope, before, faces, node_sets)
-                self._name_sets(part, scope, before, faces, node_sets)
+        for part, before, scope in self._scopes():
+            self._name_surfaces(part, scope, before, faces, node_sets)
+            self._name_sets(part, scope, before, faces, node_sets)
         first = next((block.line.where for _, block, _ in self._blocks), "")
+        regions = self._regions()
         return FileMesh(
-            self._points, cells, faces, node_sets, self._regions(), self._labels, origins=self._origins(),
-            first_line=first,
+            self._points, cells, faces, node_sets, regions, self._labels, origins=self._origins(), first_line=first,
+            groups=self._groups(regions), links=list(self._links(asked)),
         )  # fmt: skip
+
+    def _scopes(self) -> Iterator[tuple[Part, str, Part]]:
+        """Parts in place, what stands before names in them, and the scopes of each; what is of no part comes first."""
+        several = sum(bool(part.name) for part in self._placed) > 1
+        for part in self._placed[::-1]:
+            for scope in part.scopes:
+                yield part, f"{part.name}." if several and part.name else "", scope
+
+    def _groups(self, regions: Sequence[CellRegions]) -> list[Group]:
+        """Solid elements of each instance, part, set and material."""
+        place = np.full(self._count, -1)
+        place[self._solids] = np.arange(len(self._solids))
+        found: dict[tuple[str, str], list[Array]] = {}
+        for part in self._placed:
+            if part.name:
+                own = _joined(start + np.arange(len(rows)) for start, _, rows in self._blocks_of[id(part)])
+                found[("part" if part.parent is None else "instance", part.name)] = [own]
+        for part in self._placed:
+            if part.parent is not None:
+                found.setdefault(("part", part.parent.name), []).extend(found["instance", part.name])
+        for part, before, scope in self._scopes():
+            for elements in scope.element_sets.values():
+                if not elements.internal:
+                    found.setdefault(
+                        ("element set", before + elements.name), [self._members(part, elements, of_elements=True)]
+                    )
+        groups = [Group(kind, name, np.unique(place[_joined(iter(rows))])) for (kind, name), rows in found.items()]
+        groups = [group._replace(rows=group.rows[group.rows >= 0]) for group in groups]
+        for materials in regions:
+            if materials.kind == _SECTIONS:
+                groups += [
+                    Group("material", str(name), np.flatnonzero(materials.number == i))
+                    for i, name in enumerate(materials.names)
+                ]
+        return [group for group in groups if len(group.rows)]
+
+    def _links(self, asked: Sequence[AskedLink]) -> Iterator[Link]:
+        """Pairs of surfaces, with the rows of their nodes."""
+        surfaces: dict[str, tuple[Part, Surface, str]] = {}
+        for part, before, scope in self._scopes():
+            for surface in scope.surfaces.values():
+                for key in (surface.name, f"{part.name}.{surface.name}"):
+                    surfaces.setdefault(key.upper(), (part, surface, before))
+        for kind, line, names in asked:
+            found = [surfaces.get(name.upper()) for name in names]
+            if len(names) != 2 or None in found:
+                _LOG.info("%s: this %s is left out, for its surfaces are not in the deck", line.where, kind)
+                continue
+            nodes = [self._nodes_on(part, surface) for part, surface, _ in filter(None, found)]
+            said = [before + surface.name for _, surface, before in filter(None, found)]
+            yield Link(kind, (said[0], said[1]), (nodes[0], nodes[1]))
+
+    def _nodes_on(self, part: Part, surface: Surface) -> Array:
+        """Rows of the nodes of a surface."""
+        if surface.of_nodes:
+            return _union(self._rows(part, member, of_elements=False) for member, _ in surface.members)
+        return _union(
+            corners.ravel()
+            for member, face in surface.members
+            for corners in self._faces(self._rows(part, member, of_elements=True), face, member.line)
+        )
 
     def _origins(self) -> Origins:
         """Numbers and lines of the solid elements."""
@@ -350,7 +409,7 @@ class Assembly:
         if sections:  # a later section of the same elements counts
             used, own = np.unique(number[self._solids], return_inverse=True)
             listed = [name for name, i in names.items() if i in used]
-            return [CellRegions("*SOLID SECTION", tuple(listed), own.ravel() - (-1 in used))]
+            return [CellRegions(_SECTIONS, tuple(listed), own.ravel() - (-1 in used))]
         for start, block, rows in self._blocks:
             if block.set_name and block.kind in SOLIDS:
                 name = spelling.setdefault(block.set_name.upper(), block.set_name)

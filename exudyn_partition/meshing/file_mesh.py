@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -48,7 +48,7 @@ class Origins(NamedTuple):
     paths: Array
     lines: Array
 
-    def at(self, rows: Array) -> Origins:
+    def subset(self, rows: Array) -> Origins:
         """Those of some rows."""
         return Origins(self.labels[rows], self.paths[rows], self.lines[rows])
 
@@ -72,9 +72,31 @@ class CellRegions(NamedTuple):
     number: Array
 
     @classmethod
-    def one(cls, n: int) -> CellRegions:
+    def single(cls, n: int) -> CellRegions:
         """Return the one region of n elements."""
         return cls("regions", ("",), np.zeros(n, dtype=np.int64))
+
+    def subset(self, rows: Array) -> CellRegions:
+        """Regions of some elements; those of no element that is left are left out."""
+        used, number = np.unique(self.number[rows], return_inverse=True)
+        outside = int(len(used) > 0 and used[0] < 0)
+        return CellRegions(self.kind, tuple(self.names[i] for i in used[outside:]), number.ravel() - outside)
+
+
+class Group(NamedTuple):
+    """Volume elements that a file names: what kind of name it is, the name, and the elements' rows, (k,) int."""
+
+    kind: str
+    name: str
+    rows: Array
+
+
+class Link(NamedTuple):
+    """Two surfaces that a deck ties or lets touch: "tie" or "contact", their names, and rows of their nodes."""
+
+    kind: str
+    names: tuple[str, str]
+    nodes: tuple[Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +124,10 @@ class FileMesh:
         Whether each element may list its nodes in the order that mirrors it, as in Nastran.
     first_line : str
         File and line of the first elements; of a deck.
+    groups : sequence of Group
+        All names of volume elements, those of whole bodies first; rows are those of the elements kind by kind.
+    links : sequence of Link
+        Of a deck.
     """
 
     points: Array
@@ -114,6 +140,8 @@ class FileMesh:
     origins: Origins | None = None
     either_hand: bool = False
     first_line: str = ""
+    groups: Sequence[Group] = ()
+    links: Sequence[Link] = ()
 
     @property
     def solids(self) -> dict[str, Array]:
@@ -125,6 +153,22 @@ class FileMesh:
         """Surface elements by kind."""
         return {kind: rows for kind, rows in self.cells.items() if len(rows) and kind.startswith(_FACES)}
 
+    def alone(self, rows: Array) -> FileMesh:
+        """The same file without volume elements other than those of some rows, ascending."""
+        starts = np.cumsum([0, *map(len, self.solids.values())])
+        solids = {
+            kind: cells[rows[(rows >= start) & (rows < start + len(cells))] - start]
+            for start, (kind, cells) in zip(starts[:-1], self.solids.items(), strict=True)
+        }
+        return replace(
+            self,
+            cells=self.cells | solids,
+            regions=[regions.subset(rows) for regions in self.regions],
+            origins=None if self.origins is None else self.origins.subset(rows),
+            groups=(),
+            links=(),
+        )
+
     def said(self, row: int, kind: str, of_kind: int) -> str:
         """Name a volume element for messages: its row among all, and its kind and row there."""
         nodes = self.cells[kind][of_kind]
@@ -132,6 +176,22 @@ class FileMesh:
             return f"element {of_kind} (counted from 0), a {kind} of nodes {nodes.tolist()}"
         numbers = nodes if self.labels is None else self.labels[nodes]
         return f"{self.origins.said(row)}, a {kind} of nodes {numbers.tolist()}"
+
+
+def with_groups(mesh: FileMesh, numbers: dict[str, Array]) -> FileMesh:
+    """Mesh with groups of solid elements by numbers that these have, (ne,); those of materials are its regions.
+
+    The number 0 is that of none.
+    """
+    groups = [
+        Group(kind, str(number), np.flatnonzero(values == number))
+        for kind, values in numbers.items()
+        for number in np.unique(values)
+        if number
+    ]
+    names, number = np.unique(numbers["material"], return_inverse=True)
+    regions = [CellRegions("materials", tuple(map(str, names)), number.ravel())] if len(names) > 1 else []
+    return replace(mesh, groups=[*mesh.groups, *groups], regions=regions)
 
 
 def refuse_regions(source: object, kind: str, names: list[str]) -> None:

@@ -25,6 +25,8 @@ from ..support.checks import (
 )
 from ..support.optional import require
 from .abaqus_decks import read_abaqus
+from .ansys_decks import ENDINGS as ANSYS
+from .ansys_decks import read_ansys
 from .nastran_decks import ENDINGS, read_nastran
 from .nastran_matrices import read_dmig, read_op4
 from .ngsolve_fem import fe_model
@@ -105,7 +107,7 @@ class FileMatrices:
         Parameters
         ----------
         mesh : str or Path
-            Deck of Abaqus, CalculiX or Nastran that the matrices were made of; its nodes have numbers.
+            Deck of Abaqus, CalculiX, Nastran or Ansys (`.cdb`) that the matrices were made of; its nodes have numbers.
         material : Material or dict of str to Material, optional
             The one that the matrices were made with, or those of the deck's regions. Default: what the deck says, see
             `ep.fe_model`.
@@ -130,7 +132,7 @@ class FileMatrices:
         """
         path = validate_path("mesh", mesh)
         validate_file("mesh", path)
-        read = {".inp": read_abaqus} | dict.fromkeys(ENDINGS, read_nastran)
+        read = {".inp": read_abaqus} | dict.fromkeys(ENDINGS, read_nastran) | dict.fromkeys(ANSYS, read_ansys)
         if path.suffix.lower() not in read:
             raise InputError(
                 f"mesh: expected a deck with numbers of nodes, {', '.join(read)}, got {path.suffix!r}. Of other meshes "

@@ -38,8 +38,11 @@ def counts_said(path: Path) -> dict[str, int]:
 
 
 def _gmsh(data: bytes) -> dict[str, int]:
-    """Counts of Gmsh's formats 2 and 4, in text or binary."""
+    """Counts of Gmsh's formats 1, 2 and 4, in text or binary."""
     head = re.match(rb"\s*\$MeshFormat\s+(\d)\S*\s+([01])\s+(\d+)", data)
+    first = re.match(rb"\s*\$NOD\s+(\d+).*\$ELM\s+(\d+)", data, re.DOTALL)
+    if first:
+        return {"nodes": int(first[1]), "elements": int(first[2])}
     found = {}
     for name, key in (("nodes", rb"\$Nodes"), ("elements", rb"\$Elements")):
         section = re.search(key + rb"[^\S\n]*\n", data)

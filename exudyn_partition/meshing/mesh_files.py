@@ -11,32 +11,51 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TextIO
+from typing import NoReturn, TextIO
 
 import numpy as np
 
 from ..errors import InputError, InvertedElementsError, MeshError, MeshQualityWarning, MissingPackageError
 from ..fe.elements import HEXAHEDRA, Kind, faces_of, kinds_named, kinds_of, rows_of_cells
-from ..fe.facets import check_connected, check_neighbours
+from ..fe.facets import check_connected, check_neighbours, parts_of
 from ..support.arrays import Array, consecutive
-from ..support.checks import read_only, validate_array, validate_file
+from ..support.checks import read_only, validate_array, validate_file, validate_flag, validate_path, validate_positive
 from ..support.foreign import Meshio, MeshioMesh
 from ..support.optional import require
 from ..support.warn import warn
 from .abaqus_decks import read_abaqus
+from .ansys_decks import ENDINGS as ANSYS
+from .ansys_decks import read_ansys
 from .collapsed import as_they_are, with_middles
 from .deck_materials import DeckMaterial
+from .file_bodies import FileBodies, check_one_body, elements_named, listed_names
 from .file_mesh import FACE_CORNERS, CellRegions, FileMesh, Origins, refuse_regions
-from .gmsh_files import in_groups
+from .gmsh_files import for_meshio
 from .med_files import write_mesh_alone
 from .mesh_counts import counts_said
 from .nastran_decks import ENDINGS, is_bulk_data, read_nastran
-from .regions import regions_of
+from .netgen_mesh import ONE_AT_A_TIME
+from .regions import families_of, groups_of, names_of_families, regions_of, tags_of_cells
+from .universal_files import ENDINGS as UNIVERSAL
+from .universal_files import read_universal
 
 _LOG = logging.getLogger(__name__)
 
 Said = Callable[[int], str]  # names an element of a kind by its row
-DECKS = (".inp", *ENDINGS)  # endings of input decks
+DECKS = (".inp", *ENDINGS, *ANSYS)  # endings of input decks, which have materials
+WITH_OTHERS = (*DECKS, *UNIVERSAL)  # of files that may hold springs, masses and others beside the solid elements
+
+# What to do with files that nobody reads here, by their endings.
+_NO_READER = {
+    ".k .key .dyn": "LS-PrePost writes an LS-DYNA model as a deck of Nastran or Abaqus",
+    ".odb .frd .op2 .f06": "It has results; give the input deck, .inp or .bdf",
+    ".db .rst": "Write the mesh in Ansys by CDWRITE, which makes a .cdb",
+    ".mphtxt .mphbin .mph": "COMSOL exports the mesh as a deck of Nastran",
+    ".hm .rad": "HyperMesh exports the mesh as a deck of Abaqus, Nastran or OptiStruct",
+    ".mail .mgib .sauv": "Code_Aster reads it by LIRE_MAILLAGE or PRE_GIBI, and writes MED by IMPR_RESU",
+    ".x_t .x_b .sat .sab .sldprt .sldasm .catpart .catproduct .ipt .iam .prt .jt .3dm .fcstd .scdoc":
+        "Export the shape as STEP from the CAD program, or from FreeCAD",
+}  # fmt: skip
 
 _ORDERS = ({"tetra", "hexahedron", "wedge", "pyramid"}, {"tetra10", "hexahedron20", "wedge15", "pyramid13"})
 # Corners of an element in the order that mirrors it, by their number.
@@ -51,7 +70,7 @@ class VolumeMesh:
     Parameters
     ----------
     points : (n, 3) array
-        Nodal positions in the file's order and unit of length.
+        Nodal positions in the file's order, times the scale.
     cells : (ne, 4), (ne, 10), (ne, 8) or (ne, 20) int array
         Tetrahedra or hexahedra, in VTK order with positive volume; see `fe.elements` for wedges and pyramids.
     faces : dict of str to (k, 3) or (k, 4) int array
@@ -79,44 +98,75 @@ class VolumeMesh:
         return 1 if self.cells.shape[1] in (4, 8) else 2
 
 
-def read_mesh(path: Path, several: bool = False, only_solids: bool = False) -> VolumeMesh:
-    """Read the volume elements of a mesh file: Abaqus, CalculiX and Nastran by own readers, others by meshio.
+def read_bodies(source: str | Path, *, scale: float = 1.0, only_solids: bool = False) -> FileBodies:
+    """Read a mesh file and tell what bodies it holds, before a model is made of any.
 
-    Surface elements are used only to name boundaries (physical groups of Gmsh, element sets of Abaqus). So are Abaqus'
-    surfaces and sets of nodes: these name the faces of elements whose corners they have. Nodes of no volume element are
-    left out.
+    Decks of Abaqus, CalculiX and Nastran are read by own readers, other formats by meshio. Surface elements are used
+    only to name boundaries (physical groups of Gmsh, element sets of Abaqus). So are Abaqus' surfaces, and sets of
+    nodes: these name the faces of elements whose corners they have.
 
     Parameters
     ----------
-    path : Path
-    several : bool
-        Whether the body may be of several regions.
+    source : str or Path
+        A deck, or a mesh of Gmsh, VTK, MED or another program.
+    scale : float
+        Factor on all lengths: 1e-3 turns millimetres into metres.
     only_solids : bool
         Whether shells, beams, masses and others in a deck are left out.
+
+    Returns
+    -------
+    FileBodies
+        `print` lists the bodies, other names of elements, and what is tied or touches.
 
     Raises
     ------
     InputError
         If there is no such file, or it cannot be read.
     MeshError
-        If the file has no volume elements, others than linear or quadratic tetrahedra, hexahedra, wedges and pyramids,
-        both linear and quadratic ones, without `several` regions, or inverted elements; or if not all of it is read.
+        If the file has no volume elements, or others than linear or quadratic tetrahedra, hexahedra, wedges and
+        pyramids; or if not all of it is read.
     MissingPackageError
         If meshio, or what it needs for this format, is not installed.
     """
-    file = _read(path, only_solids)
+    path, scale = validate_path("source", source), validate_positive("scale", scale)
+    validate_flag("only_solids", only_solids)
+    with ONE_AT_A_TIME:
+        file = _read(path, only_solids)
     if not file.solids:
         raise MeshError(
             f"{path}: expected solid elements, got {_listing(file.cells) or 'no elements'}"
             f"{file.first_line and f' ({file.first_line})'}. Export the volume mesh, not only the surface"
         )
-    file = as_they_are(path, with_middles(path, file))
+    if not set(file.solids) <= set.union(*_ORDERS):
+        _refuse_kinds(path, file)
+    return FileBodies(path, as_they_are(path, with_middles(path, file)), scale)
+
+
+def volume_mesh(bodies: FileBodies, solid: str | None = None, *, several: bool = False) -> VolumeMesh:
+    """Mesh of one body, or of the elements of a name. Nodes of no volume element are left out.
+
+    Parameters
+    ----------
+    bodies : FileBodies
+    solid : str, optional
+        Default: the only body.
+    several : bool
+        Whether the body may be of several regions.
+
+    Raises
+    ------
+    InputError
+        If there are no elements of this name.
+    MeshError
+        If they are of several bodies, of linear and quadratic elements, of several regions without `several`, or
+        inverted.
+    """
+    path, file = bodies.path, elements_named(bodies, solid)
     solids = file.solids
     if not any(set(solids) <= kinds for kinds in _ORDERS):
-        raise MeshError(
-            f"{path}: expected some of {', '.join(sorted(_ORDERS[0]))}, or of {', '.join(sorted(_ORDERS[1]))}, got "
-            f"{_listing(solids)}{_first_of_orders(file)}. Mesh the body with elements of one order, best tetra10"
-        )
+        choose = f". Or choose one by solid=, of {listed_names(bodies.names)}" if len(bodies.names) > 1 else ""
+        _refuse_kinds(path, file, choose)
     points = validate_array(f"points of {path}", file.points, (None, 3))
     blocks, start = [], 0
     for kind, (name, of_kind) in zip(kinds_named([*solids]), solids.items(), strict=True):
@@ -129,14 +179,18 @@ def read_mesh(path: Path, several: bool = False, only_solids: bool = False) -> V
         blocks.append((kind.name, _outward(path, points, kind, found, said, file.either_hand)))
         start += len(found)
     cells, hexahedra = rows_of_cells(blocks)
-    regions = _regions(path, file, several, len(cells))
     by_kind = np.concatenate([rows for _, rows in kinds_of(cells, hexahedra)])
-    cells, regions = cells[by_kind], regions._replace(number=regions.number[by_kind])
+    cells = cells[by_kind]
     faces_of_all = faces_of(cells, hexahedra)
-    if file.origins is not None:
-        origins = file.origins.at(by_kind)
+    origins = file.origins and file.origins.subset(by_kind)
+    if origins:
         check_neighbours(cells, *faces_of_all, origins.all_said)
-        check_connected(faces_of_all[1], origins.all_said)
+    if parts_of(faces_of_all[1]).any():
+        check_one_body(bodies, solid)
+        check_connected(faces_of_all[1], origins and origins.all_said)  # elements of a name that are one body's
+    regions = _regions(path, file, several, len(cells))
+    regions = regions._replace(number=regions.number[by_kind])
+    if origins:
         _check_middles(cells, hexahedra, origins)
     used, numbers = np.unique(cells, return_inverse=True)
     if len(used) < len(points):
@@ -145,7 +199,19 @@ def read_mesh(path: Path, several: bool = False, only_solids: bool = False) -> V
     number_of[used] = np.arange(len(used))
     faces = _named_faces(file, *faces_of_all, 4 if hexahedra else 3)
     faces = {name: number_of[rows][(number_of[rows] >= 0).all(axis=1)] for name, rows in faces.items()}
-    return VolumeMesh(points[used], numbers.reshape(cells.shape), faces, regions, hexahedra, file.materials)
+    faces = {name: rows for name, rows in faces.items() if len(rows) or solid is None}
+    return VolumeMesh(
+        bodies.scale * points[used], numbers.reshape(cells.shape), faces, regions, hexahedra, file.materials
+    )
+
+
+def _refuse_kinds(path: Path, file: FileMesh, choose: str = "") -> NoReturn:
+    """Raise MeshError that names the kinds of elements of a body, which are not of one order."""
+    raise MeshError(
+        f"{path}: expected some of {', '.join(sorted(_ORDERS[0]))}, or of {', '.join(sorted(_ORDERS[1]))}, got "
+        f"{_listing(file.solids)}{_first_of_orders(file)}. Mesh the body with elements of one order, best tetra10"
+        f"{choose}"
+    )
 
 
 def _regions(path: Path, file: FileMesh, several: bool, n: int) -> CellRegions:
@@ -160,8 +226,8 @@ def _regions(path: Path, file: FileMesh, several: bool, n: int) -> CellRegions:
         for regions in file.regions:
             if len(regions.names) > 1:
                 refuse_regions(path, regions.kind, [repr(name) for name in regions.names])
-        return CellRegions.one(n)
-    regions = next(iter(file.regions), CellRegions.one(n))
+        return CellRegions.single(n)
+    regions = next(iter(file.regions), CellRegions.single(n))
     outside = np.flatnonzero(regions.number < 0)
     if len(outside):
         first = "" if file.origins is None else f", the first is {file.origins.said(outside[0])}"
@@ -241,13 +307,22 @@ def _read(path: Path, only_solids: bool = False) -> FileMesh:
         return read_abaqus(path, only_solids)
     if is_bulk_data(path):
         return read_nastran(path, only_solids)
+    if suffix in ANSYS:
+        return read_ansys(path, only_solids)
+    if suffix in UNIVERSAL:
+        return read_universal(path, only_solids)
     if only_solids:
-        raise InputError(f"only_solids: is for decks of Abaqus, CalculiX and Nastran, got {path}")
+        raise InputError(f"only_solids: is for input decks and universal files, got {path}")
+    for endings, advice in _NO_READER.items():
+        if suffix in endings.split():
+            raise InputError(f"source: files of {suffix} have no reader here, got {path}. {advice}")
     mesh = _read_by_meshio(path)
     _check_counts(path, mesh)
     cells = {kind: np.asarray(rows) for kind, rows in mesh.cells_dict.items()}
     faces = _faces_of_groups(mesh, cells)
-    return FileMesh(mesh.points, cells, faces, dict(mesh.point_sets), list(regions_of(mesh)))
+    regions = list(regions_of(mesh))
+    node_sets = dict(mesh.point_sets) | _nodes_of_families(mesh)
+    return FileMesh(mesh.points, cells, faces, node_sets, regions, groups=list(groups_of(mesh, regions)))
 
 
 def _check_counts(path: Path, mesh: MeshioMesh) -> None:
@@ -285,9 +360,9 @@ def _read_by_meshio(path: Path) -> MeshioMesh:
             tempfile.TemporaryDirectory() as folder,
         ):
             clean = path
-            if path.suffix.lower() == ".msh" and in_groups(data := path.read_bytes()) != data:
+            if path.suffix.lower() == ".msh" and for_meshio(data := path.read_bytes()) != data:
                 clean = Path(folder) / path.name
-                clean.write_bytes(in_groups(data))
+                clean.write_bytes(for_meshio(data))
             elif path.suffix.lower() == ".med":
                 clean = Path(folder) / path.name
                 write_mesh_alone(path, clean)
@@ -305,18 +380,30 @@ def _read_by_meshio(path: Path) -> MeshioMesh:
 
 
 def _faces_of_groups(mesh: MeshioMesh, cells: dict[str, Array]) -> dict[str, list[Array]]:
-    """Corner nodes of the surface elements in named sets and in Gmsh's named physical groups."""
+    """Corner nodes of the surface elements in named sets, Gmsh's named physical groups, and groups of MED."""
     sets = {name: members for name, members in mesh.cell_sets_dict.items() if not name.startswith("gmsh:")}
     for kind, tags in mesh.cell_data_dict.get("gmsh:physical", {}).items():
         for name, (tag, dimension) in mesh.field_data.items():
             if dimension == 2 and name not in mesh.cell_sets:
                 sets.setdefault(name, {})[kind] = np.flatnonzero(tags == tag)
+    for kind, families in mesh.cell_data_dict.get("cell_tags", {}).items():
+        for name in names_of_families(tags_of_cells(mesh)):
+            own = np.isin(families, families_of(tags_of_cells(mesh), name))
+            sets.setdefault(name, {})[kind] = np.flatnonzero(own)
     faces: dict[str, list[Array]] = {}
     for name, members in sets.items():
         for kind, rows in members.items():
             if kind in FACE_CORNERS and len(rows):
                 faces.setdefault(name, []).append(cells[kind][rows][:, : FACE_CORNERS[kind]])
     return faces
+
+
+def _nodes_of_families(mesh: MeshioMesh) -> dict[str, Array]:
+    """Rows of the nodes in each group of nodes of MED."""
+    tags, numbers = getattr(mesh, "point_tags", {}), mesh.point_data.get("point_tags")
+    if numbers is None:
+        return {}
+    return {name: np.flatnonzero(np.isin(numbers, families_of(tags, name))) for name in names_of_families(tags)}
 
 
 class _Said(io.StringIO):

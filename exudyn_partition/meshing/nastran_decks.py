@@ -14,7 +14,7 @@ from ..support.arrays import Array
 from .deck_lines import Line
 from .deck_materials import DeckMaterial
 from .deck_parts import Assembly, Elements, Part
-from .file_mesh import FACE_CORNERS, SOLIDS, SURFACES, CellRegions, FileMesh
+from .file_mesh import FACE_CORNERS, SOLIDS, SURFACES, CellRegions, FileMesh, Group
 from .nastran_cards import Card, cards
 
 _LOG = logging.getLogger(__name__)
@@ -141,7 +141,15 @@ def read_nastran(path: Path, only_solids: bool = False) -> FileMesh:
     of_solids = np.array([number for kind in mesh.solids for number in properties[kind]], dtype=np.int64)
     regions = _regions(found, of_solids)
     materials = _materials(found, of_solids, regions)
-    return replace(mesh, faces={}, node_sets={}, regions=regions, materials=materials, either_hand=True)
+    return replace(
+        mesh,
+        faces={},
+        node_sets={},
+        regions=regions,
+        materials=materials,
+        either_hand=True,
+        groups=_groups(found, of_solids),
+    )
 
 
 def _nodes(found: dict[str, list[Card]]) -> list[tuple[Line, Array, Array]]:
@@ -276,14 +284,32 @@ def _materials(found: dict[str, list[Card]], properties: Array, regions: list[Ce
     return {name: of_property[name] for name in names if name in of_property}
 
 
-def _regions(found: dict[str, list[Card]], properties: Array) -> list[CellRegions]:
-    """Properties of the solid elements, (ne,), as regions, if they differ in their materials."""
-    material = {
+def _groups(found: dict[str, list[Card]], properties: Array) -> list[Group]:
+    """Solid elements by the numbers of their properties, (ne,), and by those of their materials."""
+    material = _materials_of_properties(found)
+    written = [material.get(int(number), "") for number in properties]
+    numbers = np.array([int(text) if text.isdecimal() else 0 for text in written], dtype=np.int64)
+    return [
+        Group(kind, str(number), np.flatnonzero(values == number))
+        for kind, values in (("property", properties), ("material", numbers))
+        for number in np.unique(values)
+        if number
+    ]
+
+
+def _materials_of_properties(found: dict[str, list[Card]]) -> dict[int, str]:
+    """Numbers of materials, as they are written, by those of the properties of solid elements."""
+    return {
         card.integer(1): card.field(2)
         for name in ("PSOLID", "PLSOLID")
         for card in found.get(name, [])
         if card.field(1)
     }
+
+
+def _regions(found: dict[str, list[Card]], properties: Array) -> list[CellRegions]:
+    """Properties of the solid elements, (ne,), as regions, if they differ in their materials."""
+    material = _materials_of_properties(found)
     names, number = np.unique(properties, return_inverse=True)
     if len({material.get(int(name), f"of property {name}") for name in names}) < 2:
         return []

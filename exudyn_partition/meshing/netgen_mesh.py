@@ -9,6 +9,7 @@ import shutil
 import sys
 import tempfile
 import threading
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -27,7 +28,7 @@ from ..support.optional import require
 from ..support.progress import pulsing
 from ..support.warn import warn
 from .mesh_size import Refine, check_memory_of_mesh, check_sizes
-from .step_files import ENDINGS, check_step, solids_said
+from .step_files import ENDINGS, check_readable, kind_of, solids_said
 from .trials import failure
 
 _LOG = logging.getLogger(__name__)
@@ -36,6 +37,8 @@ _SHARP = np.sin(np.radians(44.0))  # sine of a cone's half angle, below which Ne
 GRADING = 0.3
 CURVATURE = 2.0  # elements in a radius of curvature
 _OWN_SCALE = (1e-3, 1e4)  # sizes [m] of bodies for which Netgen's tolerances, which are lengths, are meant
+_OF_NETGEN = (".step", ".stp", ".iges", ".brep")  # endings that it knows, in small letters alone
+_GAP = 1e-5  # of the size of a shape, within which faces of a file belong together
 _NO_SIZE = 1e98  # of elements on a face that was given none
 _SCALES = (1e-9, 1e9)  # beyond these, OCC raises errors of its own, or crashes
 _TRIAL = """
@@ -231,7 +234,7 @@ def regions_of(refine: object) -> list[Refine]:
 
 
 def step_shape(path: Path, name: str = "source") -> Shape:
-    """OCC shape of a STEP file, of all its root products.
+    """OCC shape of a file, of STEP with all its root products.
 
     Raises
     ------
@@ -264,14 +267,17 @@ def products_of(path: Path, name: str = "source") -> list[tuple[str, Shape]]:
 
 
 def _read_step(path: Path, name: str) -> tuple[Shape, list[tuple[str, Shape]]]:
-    """Netgen's shape of a STEP file, and the names and shapes of its products."""
+    """Netgen's shape of a file, and the names and shapes of the products of a STEP file."""
     occ = require("netgen.occ")
     validate_file(name, path)
+    kind = kind_of(path)
     with tempfile.TemporaryDirectory() as folder:
-        if path.suffix not in ENDINGS:  # Netgen knows small letters alone
-            path = Path(shutil.copy(path, Path(folder) / path.with_suffix(path.suffix.lower()).name))
-        check_step(path, name)
+        if path.suffix not in _OF_NETGEN:
+            path = Path(shutil.copy(path, (Path(folder) / path.name).with_suffix(f".{kind.lower()}")))
+        check_readable(path, name)
         geometry, said = occ.OCCGeometry(str(path)), solids_said(path)
+    if kind != "STEP":
+        return _sewn(geometry.shape), []
     shape, products = geometry.shape, list(_products(geometry.GetAssemblyTree()))
     found = max(len(shape.solids), sum(len(part.solids) for _, part in products))
     if found < said:
@@ -280,6 +286,28 @@ def _read_step(path: Path, name: str) -> tuple[Shape, list[tuple[str, Shape]]]:
             "or of no product? Export the body that you need as a file of its own"
         )
     return shape, products
+
+
+def _sewn(shape: Shape) -> Shape:
+    """Solids within the faces of a shape that has none, as files of IGES often; the shape, if they enclose none."""
+    occ = require("netgen.occ")
+    if len(shape.solids) or not len(shape.faces):
+        return shape
+    low, high = (np.array([*corner]) for corner in shape.bounding_box)
+    gap = _GAP * float(np.linalg.norm(high - low))
+    shells = list(occ.Sew(list(shape.faces), gap).shells)
+    solids = [occ.Solid(shell) for shell in shells if _is_closed(shell, gap)]
+    if not solids:
+        return shape
+    if len(solids) < len(shells):
+        _LOG.info("shape: left out %d surfaces that enclose no volume", len(shells) - len(solids))
+    return occ.Compound([solid if solid.mass > 0 else solid.Reversed() for solid in solids])
+
+
+def _is_closed(shell: Shape, gap: float) -> bool:
+    """Whether each edge of a shell that is longer than a gap is between two faces, or on the seam of one."""
+    count = Counter(edge for face in shell.faces for edge in face.edges)
+    return all(number > 1 or edge.mass <= gap for edge, number in count.items())
 
 
 def _products(node: ShapeAssembly | None) -> Iterator[tuple[str, Shape]]:
@@ -294,6 +322,11 @@ def _products(node: ShapeAssembly | None) -> Iterator[tuple[str, Shape]]:
 def is_shape(value: object) -> bool:
     """Whether something is an OCC shape."""
     return isinstance(value, require("netgen.occ").TopoDS_Shape)
+
+
+def is_mesh(value: object) -> bool:
+    """Whether something is a mesh of NGSolve."""
+    return isinstance(value, require("ngsolve").Mesh)
 
 
 def center_of(shape: Shape) -> Array:
@@ -380,11 +413,12 @@ def shape_of(source: Shape | str | Path, scale: float, name: str = "source") -> 
     if not isinstance(source, require("netgen.occ").TopoDS_Shape):
         if not isinstance(source, str | Path):
             raise InputError(
-                f"{name}: expected an OCC shape of netgen.occ or the path of a STEP file, got {type(source).__name__}"
+                f"{name}: expected an OCC shape of netgen.occ or the path of a file of STEP, IGES or BREP, got "
+                f"{type(source).__name__}"
             )
         path = validate_path(name, source)
         if path.suffix.lower() not in ENDINGS:
-            raise InputError(f"{name}: expected a STEP file ({', '.join(ENDINGS)}), got {path}")
+            raise InputError(f"{name}: expected a file of STEP, IGES or BREP ({', '.join(ENDINGS)}), got {path}")
         source = step_shape(path, name)
     return scaled(solids_alone(source, name), scale)
 

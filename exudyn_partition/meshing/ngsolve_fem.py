@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import logging
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,11 +21,6 @@ from ..fe.patch_facets import show
 from ..fe.shapes import ORDERS, TET_NODES
 from ..support.arrays import Array, consecutive
 from ..support.checks import (
-    validate_flag,
-    validate_integer,
-    validate_number,
-    validate_path,
-    validate_positive,
     validate_type,
 )
 from ..support.foreign import NGSolve, NGSolveMesh, NGSolveObject, Shape
@@ -34,27 +28,23 @@ from ..support.machine import alone
 from ..support.optional import require
 from ..support.progress import pulsing
 from ..support.warn import warn
-from .deck_materials import material_of_deck
+from .file_bodies import FileBodies, check_apart
 from .file_mesh import CellRegions
 from .materials import GivenMaterial, Modulus
-from .mesh_files import DECKS, VolumeMesh, check_order, inverted, raised, read_mesh
+from .mesh_files import inverted
 from .mesh_size import Refine, check_memory_of_model
 from .mixed_basis import to_coefficients
+from .model_plan import FilePlan, ModelPlan, ShapePlan, plan_model, refuse_mesh_options
 from .netgen_mesh import (
     CURVATURE,
     GRADING,
     ONE_AT_A_TIME,
-    check_one_part,
     distances,
     meshed,
     regions_of,
-    scaled,
-    solids_alone,
-    step_shape,
 )
 from .nodal_basis import NodalBasis
-from .step_assembly import StepAssembly, read_step
-from .step_files import ENDINGS
+from .step_assembly import StepAssembly
 from .surplus import Surplus
 
 _LOG = logging.getLogger(__name__)
@@ -68,7 +58,7 @@ _VOLUME_MISSED = 0.05  # allowed relative difference in volume of a mesh and its
 
 
 def fe_model(
-    source: Shape | NGSolveMesh | StepAssembly | str | Path,
+    source: Shape | NGSolveMesh | StepAssembly | FileBodies | str | Path,
     material: Material | Mapping[str, Material] | None = None,
     *,
     modulus: Modulus | None = None,
@@ -84,19 +74,19 @@ def fe_model(
 
     Parameters
     ----------
-    source : netgen.occ.TopoDS_Shape, ngsolve.Mesh, StepAssembly, str or pathlib.Path
+    source : netgen.occ.TopoDS_Shape, ngsolve.Mesh, StepAssembly, FileBodies, str or pathlib.Path
         An OCC shape, which is meshed with `generate_mesh`, or a mesh of tetrahedra as it is. A mesh that is to be
         curved to its geometry must be curved beforehand, with at most `order`; `generate_mesh` does it with order 2.
-        A path leads to a shape in a STEP file, or to a mesh file of linear or quadratic tetrahedra, hexahedra, wedges
-        and pyramids, see `mesh_files.read_mesh`. Netgen reads STEP files in millimetres: give scale=1e-3. The nodes of
-        a mesh file keep their order, and quadratic elements their own mid-side nodes; its named faces, and sets of
-        nodes that span faces, become boundaries.
+        A path leads to a shape in a file of STEP, IGES or BREP, or to a mesh file of linear or quadratic tetrahedra,
+        hexahedra, wedges and pyramids, see `ep.read_bodies`. Netgen reads STEP and IGES in millimetres: give
+        scale=1e-3. The nodes of a mesh file keep their order, and quadratic elements their own mid-side nodes; its
+        named faces, and sets of nodes that span faces, become boundaries.
     material : Material or dict of str to Material
         In units that fit the geometry's, SI unless all are chosen otherwise. A dict has one for each region: for each
         name of `mat` of an OCC shape's solids, which `Glue` joins, of a mesh's materials, or of a file's physical
         groups (Gmsh), solid sections (Abaqus), properties (Nastran) or numbers of materials. Default: the materials of
-        an input deck, `*ELASTIC` and `*DENSITY`, or MAT1, in the deck's units; with scale=1e-3 those of a deck in
-        millimetres become SI units. The log has their numbers.
+        an input deck, `*ELASTIC` and `*DENSITY`, MAT1, or MPDATA, in the deck's units; with scale=1e-3 those of a
+        deck in millimetres become SI units. The log has their numbers.
     modulus : callable, optional
         Young's modulus by place, in place of the materials': called with the centres of the elements, (ne, 3), after
         scaling; returns (ne,) [Pa]. It is constant in an element.
@@ -106,15 +96,17 @@ def fe_model(
         adds follow those of the file, and lie on straight edges. Thin bodies need far fewer nodes with order 3
         (`validation/mesh/order.py`).
     maxh, refine, grading :
-        For a shape or STEP file, see `generate_mesh`; in lengths after scaling. Where curved sides turn elements inside
-        out, it is meshed again with smaller ones, as the log tells.
+        For a shape or the file of one, see `generate_mesh`; in lengths after scaling. Where curved sides turn elements
+        inside out, it is meshed again with smaller ones, as the log tells.
     scale : float
         Factor on all lengths of a shape or file: 1e-3 turns millimetres into metres.
     only_solids : bool
         Whether shells, beams, springs, masses and others beside the solid elements of an input deck are left out; the
         log names them. Default: such a deck is refused.
     solid : str, optional
-        Which solid of a STEP file or of `ep.read_step` is meshed, by its name. It stays where it is in the assembly.
+        Which solid of a STEP file or of `ep.read_step` is meshed, by its name. Or which body of a mesh file or of
+        `ep.read_bodies` is taken: by the name of an instance, part, element set, material, property or group, or of a
+        connected piece. It stays where it is in the assembly.
 
     Returns
     -------
@@ -145,101 +137,49 @@ def fe_model(
     -----
     Threads take turns, because NGSolve and Netgen allow one at a time.
     """
-    ngsolve = require("ngsolve")
-    if order is not None and validate_integer("order", order) not in (1, 2, 3):
-        raise InputError(f"order: expected 1, 2 or 3, got {order!r}")
-    given = None if material is None else GivenMaterial(material, modulus)
-    validate_flag("only_solids", only_solids)
-    scale = validate_positive("scale", scale)
-    path = None if _is_geometry(ngsolve, source) else validate_path("source", source)
-    is_shape = path.suffix.lower() in ENDINGS if path else not isinstance(source, ngsolve.Mesh)
-    is_deck = path is not None and path.suffix.lower() in DECKS
-    if given is None and not is_deck:
-        raise InputError("material: expected an ep.Material, such as ep.STEEL, got None; only decks have their own")
-    if solid is not None and not (isinstance(source, StepAssembly) or (path and is_shape)):
-        raise InputError("solid: has no effect here, it is for STEP files and what ep.read_step returns")
-    if only_solids and not is_deck:
-        raise InputError("only_solids: has no effect here, it is for input decks of Abaqus, CalculiX and Nastran")
     try:
+        plan = plan_model(
+            source, material, modulus=modulus, order=order, maxh=maxh, refine=refine, grading=grading, scale=scale,
+            only_solids=only_solids, solid=solid,
+        )  # fmt: skip
         with ONE_AT_A_TIME:
-            if is_shape:
-                shape = scaled(solids_alone(_chosen(source, path, solid)), scale)
-                if maxh is None:
-                    raise InputError("maxh: a shape needs a largest element size [m]")
-                check_one_part(shape)
-                assert given is not None
-                given.check("shape", "solids", [solid.name or "default" for solid in shape.solids])
-                maxh = validate_positive("maxh", maxh, "m")
-                for finer in _FINER:
-                    mesh, unit = meshed(shape, finer * maxh, refine, grading, order or 2, CURVATURE / finer)
-                    try:
-                        with pulsing("assemble"):
-                            fem = _from_mesh(ngsolve, mesh, given, order or 2, unit=unit)
-                        check_inside(fem)
-                        break
-                    except InvertedElementsError as error:
-                        if finer == _FINER[-1]:
-                            raise
-                        _LOG.info("%s. It is meshed again with smaller elements", error)
-            elif path:
-                with pulsing("assemble"):
-                    file = read_mesh(path, given is None or given.several, only_solids)
-                    given = given or GivenMaterial(_of_deck(path, file, scale), modulus)
-                    _refuse_mesh_options(maxh, refine, grading)
-                    fem = _from_file(ngsolve, path, file, given, order, scale)
-            else:
-                _refuse_mesh_options(maxh, refine, grading)
-                if scale != 1:
-                    raise InputError(f"scale: a mesh is taken as it is, got {scale:g}; scale its shape before meshing")
-                assert given is not None
-                with pulsing("assemble"):
-                    fem = _from_mesh(ngsolve, source, given, order or 2)
+            fem = _built(plan)
     except MemoryLimitError:
         raise
     except MemoryError as error:
         raise MemoryLimitError(
             "mesh: its matrices do not fit into memory. Take larger elements far from the contact, or order=1"
         ) from error
-    if not is_shape:
-        check_inside(fem)
-    warn_of_damage(fem, meshed=is_shape)
-    if order != 1 and not (fem.order == 1 and fem.tetrahedral):  # of which `check_order` has warned
-        warn_of_stiff_walls(fem, meshed=is_shape)
     _LOG.info("FE model: %d nodes, %d elements of order %d", fem.n_nodes, len(fem.cells), fem.order)
     _LOG.debug("FE model: %d entries in the stiffness, resolves %.4g Hz", fem.stiffness.nnz, fem.resolved_frequency)
-    if is_shape and fem.order > 1:
-        missed = fem.cell_volume.sum() / shape.mass - 1
-        if abs(missed) > _VOLUME_MISSED:
-            warn(
-                f"shape: its mesh has {missed:+.1%} of its volume, {shape.mass:.4g} m3. Take smaller elements where it "
-                "is curved; or is the shape damaged, such that faces miss each other?",
-                MeshQualityWarning,
-            )
+    _warn_of_mesh(plan, fem)
     fem.warn_if_units_slipped()
     return fem
 
 
 def fe_models(
-    assembly: StepAssembly,
-    materials: Mapping[str, Material],
+    assembly: StepAssembly | FileBodies,
+    materials: Mapping[str, Material | Mapping[str, Material] | None],
     *,
-    maxh: float | Mapping[str, float],
+    maxh: float | Mapping[str, float] | None = None,
     refine: Iterable[Refine] = (),
     order: int | None = None,
     grading: float = GRADING,
 ) -> dict[str, FEModel]:
-    """Assemble FE models of several solids of an assembly, each where it stands there.
+    """Assemble FE models of several bodies of an assembly, each where it stands there.
 
     Parameters
     ----------
-    assembly : StepAssembly
-        Of `ep.read_step`.
-    materials : dict of str to Material
-        By the names of the solids that are wanted; others are left out, and the log says so.
+    assembly : StepAssembly or FileBodies
+        Of `ep.read_step` or `ep.read_bodies`.
+    materials : dict of str to Material, dict or None
+        By the names of the bodies that are wanted, see `fe_model`; None is the material of an input deck. Others are
+        left out, and the log says so.
     maxh : float or dict of str to float
-        Largest element size [m], the same for all or one for each name.
+        Of a STEP file: largest element size [m], the same for all or one for each name.
     refine : iterable of Refine
-        Balls with smaller elements, in the assembly's coordinates; each counts for the solids that it meets.
+        Of a STEP file: balls with smaller elements, in the assembly's coordinates; each counts for the solids that it
+        meets.
     order, grading :
         See `fe_model`.
 
@@ -250,7 +190,7 @@ def fe_models(
     Raises
     ------
     InputError
-        If a name is not in the assembly or has no size, or a ball meets no solid.
+        If a name is not in the assembly or has no size, two names have an element in common, or a ball meets no solid.
     MeshError, MemoryLimitError, MissingPackageError
         See `fe_model`.
 
@@ -259,22 +199,19 @@ def fe_models(
     UnitsWarning, MeshQualityWarning
         See `fe_model`.
     """
-    validate_type("assembly", assembly, StepAssembly, "ep.read_step()")
+    if not isinstance(assembly, FileBodies):
+        validate_type("assembly", assembly, StepAssembly, "ep.read_step() or ep.read_bodies()")
     if not isinstance(materials, Mapping) or not materials:
         raise InputError(f"materials: expected a dict {{name: Material}}, got {materials!r}")
+    if isinstance(assembly, FileBodies):
+        check_apart(assembly, [*materials])
+        refuse_mesh_options(maxh, refine, grading)
+        return {name: fe_model(assembly, given, order=order, solid=name) for name, given in materials.items()}
     shapes = {name: assembly.find(name) for name in materials}
     sizes = maxh if isinstance(maxh, Mapping) else dict.fromkeys(shapes, maxh)
     if set(sizes) != set(shapes):
         raise InputError(f"maxh: expected one for each of {', '.join(map(repr, shapes))}, got {sizes!r}")
-    balls: dict[str, list[Refine]] = {name: [] for name in shapes}
-    for ball in regions_of(refine):
-        met = [name for name, shape in shapes.items() if distances(shape, ball.center[None])[0] <= ball.radius]
-        if not met:
-            raise InputError(
-                f"refine: the ball around {show(ball.center)} m meets none of {', '.join(map(repr, shapes))}"
-            )
-        for name in met:
-            balls[name].append(ball)
+    balls = _balls_by_solid(shapes, refine)
     beside = [name for name in assembly.names if name not in shapes]
     if beside:
         _LOG.info("%s: left out the solids %s", assembly.path, ", ".join(beside))
@@ -284,43 +221,66 @@ def fe_models(
     }
 
 
-def _chosen(source: Shape | StepAssembly, path: Path | None, solid: str | None) -> Shape:
-    """Shape to mesh."""
-    if isinstance(source, StepAssembly):
-        return source.find(solid)
-    if path is None:
-        return source
-    return step_shape(path) if solid is None else read_step(path).find(solid)
+def _balls_by_solid(shapes: Mapping[str, Shape], refine: Iterable[Refine]) -> dict[str, list[Refine]]:
+    """Balls that each solid meets."""
+    balls: dict[str, list[Refine]] = {name: [] for name in shapes}
+    for ball in regions_of(refine):
+        met = [name for name, shape in shapes.items() if distances(shape, ball.center[None])[0] <= ball.radius]
+        if not met:
+            raise InputError(
+                f"refine: the ball around {show(ball.center)} m meets none of {', '.join(map(repr, shapes))}"
+            )
+        for name in met:
+            balls[name].append(ball)
+    return balls
 
 
-def _of_deck(path: Path, file: VolumeMesh, scale: float) -> Material | dict[str, Material]:
-    names = [file.regions.names[i] or "" for i in np.unique(file.regions.number)]
-    return material_of_deck(path, file.materials, names, scale)
+def _built(plan: ModelPlan) -> FEModel:
+    """FE model of a plan, without inverted elements."""
+    if isinstance(plan, ShapePlan):
+        return _from_shape(plan)
+    with pulsing("assemble"):
+        ngsolve = require("ngsolve")
+        if isinstance(plan, FilePlan):
+            fem = _from_file(ngsolve, plan)
+        else:
+            fem = _from_mesh(ngsolve, plan.mesh, plan.given, plan.order)
+    check_inside(fem)
+    return fem
 
 
-def _is_geometry(ngsolve: NGSolve, source: object) -> bool:
-    """Whether `source` is a mesh or a shape; if not, it is a path."""
-    if isinstance(source, ngsolve.Mesh | require("netgen.occ").TopoDS_Shape | StepAssembly):
-        return True
-    if isinstance(source, str | Path):
-        return False
-    raise InputError(
-        "source: expected an OCC shape of netgen.occ, an ngsolve.Mesh, an assembly of ep.read_step, or the path of a "
-        "STEP or mesh file, got "
-        f"{type(source).__name__}"
-    )
+def _from_shape(plan: ShapePlan) -> FEModel:
+    """FE model of a shape, which is meshed with ever smaller elements until none of them is inverted."""
+    ngsolve = require("ngsolve")
+    for finer in _FINER:
+        mesh, unit = meshed(plan.shape, finer * plan.maxh, plan.refine, plan.grading, plan.order, CURVATURE / finer)
+        try:
+            with pulsing("assemble"):
+                fem = _from_mesh(ngsolve, mesh, plan.given, plan.order, unit=unit)
+            check_inside(fem)
+        except InvertedElementsError as error:
+            if finer == _FINER[-1]:
+                raise
+            _LOG.info("%s. It is meshed again with smaller elements", error)
+        else:
+            break
+    return fem
 
 
-def _refuse_mesh_options(maxh: object, refine: object, grading: object) -> None:
-    """Refuse options that have no effect on a mesh."""
-    named = {"maxh": maxh is not None, "grading": validate_number("grading", grading) != GRADING}
-    named["refine"] = bool(regions_of(refine))
-    given = [name for name, is_given in named.items() if is_given]
-    if given:
-        raise InputError(
-            f"{', '.join(given)}: a mesh is taken as it is, so that this would have no effect. Mesh it finer where it "
-            "was made, or give its shape or STEP file"
-        )
+def _warn_of_mesh(plan: ModelPlan, fem: FEModel) -> None:
+    """Warn of a mesh that looks damaged, is too stiff, or has not the volume of its shape."""
+    from_shape = isinstance(plan, ShapePlan)
+    warn_of_damage(fem, meshed=from_shape)
+    if plan.order != 1 and not (fem.order == 1 and fem.tetrahedral):  # of which `check_order` has warned
+        warn_of_stiff_walls(fem, meshed=from_shape)
+    if isinstance(plan, ShapePlan) and fem.order > 1:
+        missed = fem.cell_volume.sum() / plan.shape.mass - 1
+        if abs(missed) > _VOLUME_MISSED:
+            warn(
+                f"shape: its mesh has {missed:+.1%} of its volume, {plan.shape.mass:.4g} m3. Take smaller elements "
+                "where it is curved; or is the shape damaged, such that faces miss each other?",
+                MeshQualityWarning,
+            )
 
 
 def _from_mesh(
@@ -394,19 +354,15 @@ def _check_volume(points: Array, cells: Array) -> None:
         )
 
 
-def _from_file(
-    ngsolve: NGSolve, path: Path, file: VolumeMesh, given: GivenMaterial, order: int | None, scale: float
-) -> FEModel:
+def _from_file(ngsolve: NGSolve, plan: FilePlan) -> FEModel:
     """FE model with the nodes of a mesh file in their order."""
-    file = replace(file, points=scale * file.points)
-    check_order(path, file, order)
-    if file.hexahedra and file.order == 1 and order == 2:
-        file = raised(file)
-    if file.order == 1 and order in (2, 3):
-        fem = _from_mesh(ngsolve, _volume_mesh(ngsolve, file.points, file.cells), given, order, file.regions)
+    file = plan.file
+    if plan.raised_to:
+        mesh = _volume_mesh(ngsolve, file.points, file.cells)
+        fem = _from_mesh(ngsolve, mesh, plan.given, plan.raised_to, file.regions)
     else:
         centres = centres_of(file.points, file.cells, file.hexahedra)
-        elastic = given.on(str(path), file.regions, centres)
+        elastic = plan.given.on(str(plan.path), file.regions, centres)
         if file.hexahedra:
             mesh, to_hierarchical = _mixed_mesh(ngsolve, file.points, file.cells)
         elif file.order == 2:

@@ -71,7 +71,7 @@ class StepAssembly:
 
 
 def read_step(path: str | Path, *, scale: float = 1.0) -> StepAssembly:
-    """Read the solids of a STEP file, of all its root products and their parts, before anything is meshed.
+    """Read the solids of a file of STEP, IGES or BREP, before anything is meshed; of STEP all products and their parts.
 
     A solid has the name of its product. Where a product has several, they have their own names, or the product's with a
     number. Sketches, sheets and free edges beside solids are left out, and the log says so. `print` lists the solids
@@ -81,7 +81,7 @@ def read_step(path: str | Path, *, scale: float = 1.0) -> StepAssembly:
     ----------
     path : str or Path
     scale : float
-        Factor on all lengths. Netgen reads STEP files in millimetres: 1e-3 turns them into metres.
+        Factor on all lengths. Netgen reads STEP and IGES in millimetres: 1e-3 turns them into metres.
 
     Returns
     -------
@@ -90,14 +90,14 @@ def read_step(path: str | Path, *, scale: float = 1.0) -> StepAssembly:
     Raises
     ------
     InputError
-        If it is no STEP file, or cannot be read.
+        If it is no such file, or cannot be read.
     MeshError
         If it has no solid, or Netgen reads fewer than the file defines.
     MissingPackageError
     """
     path, scale = validate_path("path", path), validate_positive("scale", scale)
     if path.suffix.lower() not in ENDINGS:
-        raise InputError(f"path: expected a STEP file ({', '.join(ENDINGS)}), got {path}")
+        raise InputError(f"path: expected a file of STEP, IGES or BREP ({', '.join(ENDINGS)}), got {path}")
     with ONE_AT_A_TIME:
         solids: dict[str, Shape] = {}
         for name, shape in _named(products_of(path)):

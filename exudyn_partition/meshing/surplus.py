@@ -62,7 +62,7 @@ class Surplus:
         self.coupling = sp.csr_matrix(rows[:, node_dofs(old)] @ to_nodes)
         self.mass_coupling = sp.kron(mass[added][:, old] @ to_hierarchical, sp.identity(3), format="csr")
 
-    def at(self, corners: Array, local: Array) -> sp.csr_matrix:
+    def values_at(self, corners: Array, local: Array) -> sp.csr_matrix:
         """Values of the functions at points of the surface, (p, s).
 
         Parameters

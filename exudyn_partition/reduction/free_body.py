@@ -111,7 +111,7 @@ class FreeBody:
             number: _zone_flexibility(flexibility, dofs, rows[patch_slice(self.partition, number)])
             for number, dofs in zones.items()
         }
-        return StaticAnswers(flexibility.at(rows), *self.of_loads(flexibility), flexibilities)
+        return StaticAnswers(flexibility.of_rows(rows), *self.of_loads(flexibility), flexibilities)
 
     def of_loads(self, flexibility: FreeBodyFlexibility) -> tuple[Array, Array]:
         """Answers `of_attached` and `of_rotation` of `StaticAnswers`."""

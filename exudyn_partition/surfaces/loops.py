@@ -117,7 +117,7 @@ def closest(points: Array, facets: Array, nearest: Array) -> Projection:
     closest = distance <= distance.min(axis=1, keepdims=True) * (1 + _SAME)
     best = closest.argmax(axis=1) + candidates * np.arange(k)
     shape = shape_functions(local[best], n_nodes)
-    return Projection.at(nearest.ravel()[best], local[best], shape, shape @ nodes[best], miss[best])
+    return Projection.from_tangents(nearest.ravel()[best], local[best], shape, shape @ nodes[best], miss[best])
 
 
 def seen_from(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:

@@ -50,7 +50,7 @@ class Projection:
         return Projection(*(getattr(self, field.name)[index] for field in fields(self)))
 
     @classmethod
-    def at(cls, facet: Array, local: Array, shape: Array, frame: Array, miss: Array) -> Projection:
+    def from_tangents(cls, facet: Array, local: Array, shape: Array, frame: Array, miss: Array) -> Projection:
         """Make it of `shape_functions` at the closest points, places and tangents, (k, 3, 3), and vectors to points."""
         a, b = frame[:, 1], frame[:, 2]
         normal = cross(a, b)

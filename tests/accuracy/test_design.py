@@ -215,7 +215,7 @@ def test_what_is_no_body_is_named(tmp_path):
         ep.design_impact((BALL, plastic), ep.RigidPlane(), **options)
     with pytest.raises(InputError, match=r"there is none at .*rod\.step"):
         ep.design_impact((tmp_path / "rod.step", ep.STEEL), ep.RigidPlane(), **options)
-    with pytest.raises(InputError, match=r"first: expected a STEP file \(\.step, \.stp\), got rod\.vtu"):
+    with pytest.raises(InputError, match=r"first: expected a file of STEP, IGES or BREP \(\.step, .*\), got rod\.vtu"):
         ep.design_impact(("rod.vtu", ep.STEEL), ep.RigidPlane(), **options)
 
 

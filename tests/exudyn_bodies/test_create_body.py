@@ -156,3 +156,13 @@ def test_plastic_states_of_a_user_are_copied(mbs, yielding):
     assert (zone.present.strain == 1e-3).all()
     assert (zone.present.equivalent == 2e-3).all()
     assert not zone.present.back.any()
+
+
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_wrong_plastic_states_leave_the_model_as_it_is(mbs, yielding, frame):
+    """A body without them was left in the model, with nodes, sensors and no name of its own any more."""
+    before = mbs.systemData.NumberOfObjects(), mbs.systemData.NumberOfNodes()
+    with pytest.raises(InputError, match="plasticStates"):
+        ep.CreatePartitionBody(mbs, yielding, name="plate", frame=frame, plasticStates={0: None})
+    assert (mbs.systemData.NumberOfObjects(), mbs.systemData.NumberOfNodes()) == before
+    ep.CreatePartitionBody(mbs, yielding, name="plate", frame=frame)  # the name is free

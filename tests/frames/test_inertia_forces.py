@@ -62,7 +62,9 @@ def test_mean_axes(any_body):
     assert np.linalg.matrix_rank(np.hstack([body.rigid, E])) == body.n_dofs
     rng = np.random.default_rng(4)
     q, z = rng.standard_normal((3, body.n_dofs)), rng.standard_normal((3, body.n_dofs - 6))
-    np.testing.assert_allclose(axes.of(axes.expand(z) + rng.standard_normal((3, 6)) @ body.rigid.T), z, atol=1e-10)
+    np.testing.assert_allclose(
+        axes.deformation(axes.expand(z) + rng.standard_normal((3, 6)) @ body.rigid.T), z, atol=1e-10
+    )
     np.testing.assert_allclose(axes.restrict(q), q @ E, atol=1e-12 * abs(E).max() * body.n_dofs)
     K = body.stiffness.toarray()
     np.testing.assert_allclose(kinematics.elastic_stiffness, E.T @ K @ E, atol=1e-12 * abs(E.T @ K @ E).max())

@@ -145,6 +145,14 @@ def test_spellings_of_include(tmp_path, include):
     np.testing.assert_array_equal(ep.fe_model(path, ep.STEEL).points, POINTS)
 
 
+@pytest.mark.parametrize("name", ["C:\\work\\Job 1\\nodes.inc", "/home/other/nodes.inc", "../elsewhere/NODES.INC"])
+def test_files_of_another_computer_are_taken_from_beside_the_deck(tmp_path, name):
+    (tmp_path / "nodes.inc").write_text(nodes(POINTS))
+    path = tmp_path / "bar.inp"
+    path.write_text(f"*NODE\n*INCLUDE, INPUT={name}\n{HEAD}{elements(CELLS)}")
+    np.testing.assert_array_equal(ep.fe_model(path, ep.STEEL).points, POINTS)
+
+
 def test_an_instance_is_shifted_then_turned(tmp_path):
     line = "*INSTANCE, NAME=bar-1, PART=bar\n"
     path = tmp_path / "bar.inp"
@@ -275,8 +283,8 @@ def test_several_instances_are_refused_by_their_names(tmp_path):
     path = tmp_path / "deck.inp"
     path.write_text(INSIDE.replace(line, line + "*END INSTANCE\n" + line.replace("bar-1", "bar-2") + "1., 0., 0.\n"))
     at = 1 + path.read_text().splitlines().index(elements(CELLS).splitlines()[0])
-    begin = re.escape(", ".join([f"element 1 ({path}, line {at})"] * 2))
-    message = f"solid elements of 2 parts in place, which share no node: 'bar-1', 'bar-2', which begin with {begin}"
+    begin = re.escape(" and ".join([f"element 1 ({path}, line {at})"] * 2))
+    message = f"got 2 parts that share no face, .* which begin with {begin}.* by solid=, of 'bar-1', 'bar-2'"
     with pytest.raises(MeshError, match=message):
         ep.fe_model(path, ep.STEEL)
 

@@ -8,7 +8,7 @@ import pytest
 from oracles import SIZE, hexahedra
 
 import exudyn_partition as ep
-from exudyn_partition.errors import MeshError
+from exudyn_partition.errors import InputError, MeshError
 
 POINTS, CELLS = hexahedra(2, 3, 4)
 FOOT = CELLS[POINTS[CELLS[:, 0], 2] == 0][:, [0, 3, 2, 1]]
@@ -72,6 +72,28 @@ def test_entities_of_no_group_are_read(tmp_path, binary, of_volume):
     assert set(fem.boundaries) == {"foot"}
     on_foot = np.flatnonzero((fem.points[fem.facets, 2] == 0).all(axis=1))
     np.testing.assert_array_equal(fem.boundaries["foot"], on_foot)
+
+
+def first_format(path):
+    """The bar in Gmsh's format 1, its foot in the second physical group."""
+    nodes = "".join(f"{i} {x!r} {y!r} {z!r}\n" for i, (x, y, z) in enumerate(POINTS.tolist(), 2))
+    rows = [(3, 2, cell) for cell in (FOOT + 2).tolist()] + [(5, 1, cell) for cell in (CELLS + 2).tolist()]
+    elements = "".join(
+        f"{i} {kind} {group} {group} {len(cell)} {' '.join(map(str, cell))}\n"
+        for i, (kind, group, cell) in enumerate(rows, 1)
+    )
+    path.write_text(f"$NOD\n{len(POINTS)}\n{nodes}$ENDNOD\n$ELM\n{len(rows)}\n{elements}$ENDELM\n")
+    return path
+
+
+def test_the_first_format(tmp_path):
+    path = first_format(tmp_path / "m.msh")
+    fem = ep.fe_model(path, ep.STEEL)
+    np.testing.assert_array_equal(fem.points, POINTS)
+    np.testing.assert_array_equal(fem.cells, CELLS)
+    path.write_text(path.read_text().replace(f"$NOD\n{len(POINTS)}", f"$NOD\n{len(POINTS) + 1}"))
+    with pytest.raises(InputError, match="could not be read by meshio"):
+        ep.fe_model(path, ep.STEEL)
 
 
 FORMATS = [("m.msh", "gmsh22"), ("m.msh", "gmsh"), ("m.vtu", None), ("m.vtk", None)]

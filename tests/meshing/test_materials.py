@@ -95,7 +95,7 @@ def test_means_of_one_modulus_are_that_modulus():
     for n in range(1, 200):
         regions = Regions(("all",), (material,), np.zeros(n, dtype=int), np.full(n, material.E))
         assert regions.largest(rng.uniform(1e-12, 1e-9, n)) == material
-        assert regions.at(np.arange(n)) == material
+        assert regions.of_cells(np.arange(n)) == material
 
 
 def test_the_slower_material_limits_the_frequency(pair):

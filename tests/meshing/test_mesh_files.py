@@ -376,6 +376,14 @@ def test_missing_and_unreadable_files(tmp_path, suffix, capfd):
     refused(path, rf"mesh\{suffix}(: expected| could not be read by)", error=InputError, maxh=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("name", "converter"), [("a.k", "LS-PrePost"), ("a.x_t", "STEP"), ("A.DB", "CDWRITE"), ("a.odb", "input deck")]
+)
+def test_files_that_nobody_reads_name_what_converts_them(tmp_path, name, converter):
+    (tmp_path / name).write_text("x")
+    refused(tmp_path / name, f"have no reader here, .*{converter}", error=InputError)
+
+
 def test_what_a_format_needs_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
     (tmp_path / "mesh.med").touch()

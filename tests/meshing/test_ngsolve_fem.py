@@ -123,6 +123,14 @@ def test_a_shape_is_meshed_again_where_curving_turns_elements_inside_out(wall):
     np.testing.assert_allclose(fem.total_mass, exact, rtol=2e-3)
 
 
+def test_balls_that_come_one_after_the_other_are_in_each_trial():
+    """An iterator was used up by the first mesh, so that the next one had no finer elements."""
+    ball = ep.Refine((0.010, 0, 0.03), 1e-3, 0.2e-3)
+    counts = {ep.fe_model(tube(0.5e-3), ep.STEEL, maxh=5e-3, refine=given, grading=0.9).n_nodes
+              for given in ([ball], iter([ball]))}  # fmt: skip
+    assert len(counts) == 1
+
+
 def test_a_shape_is_not_meshed_again_for_what_other_meshes_do_not_mend(caplog):
     """Linear elements of rubber lock in any mesh: four more of them would only take time."""
     rubber = ep.Material(E=1e7, nu=0.4999, rho=1100.0)

@@ -171,9 +171,56 @@ def test_roots_without_names_and_what_is_wrong(tmp_path):
         ep.fe_models(assembly, {"rod": ep.STEEL}, maxh=5)
     with pytest.raises(InputError, match="maxh: expected one for each of 'solid', got"):
         ep.fe_models(assembly, {"solid": ep.STEEL}, maxh={"rod": 5})
-    with pytest.raises(InputError, match="path: expected a STEP file"):
+    with pytest.raises(InputError, match="path: expected a file of STEP, IGES or BREP"):
         ep.read_step(tmp_path / "mesh.vtu")
     with pytest.raises(InputError, match="solid: has no effect here"):
         ep.fe_model(boxes[0], ep.STEEL, solid="rod", maxh=5)
     with pytest.raises(MeshError, match="expected a solid, got none"):
         ep.read_step(join_roots(tmp_path / "sheet.step", sheet))
+
+
+FACES = [(0, 2, 1, 3), (4, 5, 6, 7), (0, 1, 4, 5), (2, 6, 3, 7), (0, 4, 2, 6), (1, 3, 5, 7)]  # of a box, by corners
+
+
+def write_iges(path, size, faces=FACES):
+    """A box of bilinear surfaces (entity 128) that share no edges, as IGES has them; in millimetres."""
+    corners = [[(k & 1) * size[0], (k >> 1 & 1) * size[1], (k >> 2) * size[2]] for k in range(8)]
+    head = "1H,,1H;,3Hbox,7Hbox.igs,4Htest,4Htest,32,38,6,308,15,3Hbox,1.0,2,2HMM,1,0.1,15H20260101.000000,1E-6,1000.,"
+    lines = {"S": ["a box"], "G": [head[:72], head[72:] + "4Htest,4Htest,11,0;"], "D": [], "P": []}
+    for face in faces:
+        values = [128, 1, 1, 1, 1, 0, 0, 1, 0, 0, *2 * [0.0, 0.0, 1.0, 1.0], *4 * [1.0]]
+        values += [float(x) for k in face for x in corners[k]] + [0.0, 1.0, 0.0, 1.0]
+        own = [",".join(map(str, values[i : i + 8])) + "," for i in range(0, len(values), 8)]
+        own[-1] = own[-1][:-1] + ";"
+        number, first = len(lines["D"]) + 1, len(lines["P"]) + 1
+        lines["P"] += [f"{line:64}{number:8}" for line in own]
+        lines["D"] += [f"{128:8}{first:8}" + 7 * f"{0:8}", f"{128:8}{0:8}{0:8}{len(own):8}{0:8}{'':24}{0:8}"]
+    text = [f"{line:72}{key}{i:7}" for key, own in lines.items() for i, line in enumerate(own, 1)]
+    counts = "".join(f"{key}{len(own):7}" for key, own in lines.items())
+    path.write_text("\n".join([*text, f"{counts:72}T{1:7}", ""]))
+    return path
+
+
+@pytest.mark.parametrize("ending", [".iges", ".igs", ".IGS", ".brep", ".BREP"])
+def test_shapes_in_other_files(tmp_path, ending):
+    path = tmp_path / f"box{ending}"
+    if "g" in ending.lower():
+        write_iges(path, (10, 20, 30))
+    else:
+        occ.Box((0, 0, 0), (10, 20, 30)).WriteBrep(str(path.with_suffix(".brep")))
+        path.with_suffix(".brep").rename(path)
+    fem = ep.fe_model(path, ep.STEEL, maxh=0.01, scale=1e-3)
+    assert fem.total_mass == pytest.approx(7800 * 6e-6, rel=1e-9)
+    np.testing.assert_allclose(fem.centre_of_mass, [0.005, 0.01, 0.015], atol=1e-9)
+    assert ep.read_step(path, scale=1e-3).names == ("solid",)
+
+
+def test_faces_of_iges_that_enclose_no_volume(tmp_path):
+    """Or that bound two boxes; an opening by opposite faces has a volume in formulas that sum over faces."""
+    for missing in (1, 2):
+        path = write_iges(tmp_path / "open.iges", (10, 20, 30), FACES[missing:])
+        with pytest.raises(MeshError, match="expected a solid, got none: its faces enclose no volume, or some are mis"):
+            ep.fe_model(path, ep.STEEL, maxh=0.01, scale=1e-3)
+    path.write_text("what is this?")
+    with pytest.raises(InputError, match=r"could not be read by Netgen .* a complete IGES file\?"):
+        ep.fe_model(path, ep.STEEL, maxh=0.01)

@@ -34,7 +34,7 @@ def test_surplus_completes_the_space_of_the_next_order(order):
 
     fixed = np.unique(low.cells[0, :4])
     free = np.setdiff1d(np.arange(low.n_dofs), (3 * fixed[:, None] + np.arange(3)).ravel())
-    on_surplus = np.outer(np.asarray(surplus.at(np.tile(facet[:3], (2, 1)), local).sum(axis=0)), [1.0, 2.0, 3.0])
+    on_surplus = np.outer(np.asarray(surplus.values_at(np.tile(facet[:3], (2, 1)), local).sum(axis=0)), [1.0, 2.0, 3.0])
     whole = sp.bmat(
         [[low.stiffness[free][:, free], surplus.coupling[:, free].T], [surplus.coupling[:, free], surplus.stiffness]]
     )

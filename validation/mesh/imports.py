@@ -29,7 +29,7 @@ import exudyn_partition as ep
 from exudyn_partition.algebra.krylov import eigenmodes, mass_normalised
 from exudyn_partition.fe.elements import BY_NAME, faces_of
 from exudyn_partition.fe.facets import part_sizes
-from exudyn_partition.meshing.mesh_files import DECKS, read_mesh
+from exudyn_partition.meshing.mesh_files import DECKS, read_bodies, volume_mesh
 
 SIZE = np.array([0.01, 0.02, 0.03])
 TYPES = {"hexahedron20": "C3D20", "wedge15": "C3D15", "pyramid13": "C3D13", "tetra10": "C3D10"}
@@ -284,7 +284,7 @@ def public_decks(folder):
     for path in sorted(p for p in folder.rglob("*") if p.suffix in DECKS and p.is_file()):
         start = time.perf_counter()
         try:
-            file = read_mesh(path, several=True)
+            file = volume_mesh(read_bodies(path), several=True)
             bodies = len(part_sizes(faces_of(file.cells, file.hexahedra)[1]))
             end = "loads" if bodies == 1 else "several bodies"
         except ep.errors.PartitionError as error:
@@ -307,7 +307,7 @@ def loading(folder):
         else:
             meshio.write(path, meshio.Mesh(points, blocks), file_format=form)
         times = []
-        for read in (read_mesh, meshio.read):
+        for read in (lambda path: volume_mesh(read_bodies(path)), meshio.read):
             start = time.process_time()
             read(path)
             times.append(time.process_time() - start)

@@ -187,6 +187,7 @@ OBJECTS = {
     "FEModel": the.fem,
     "FileMatrices": Made(lambda s: ep.read_matrices(s.matrix_files())),
     "StepAssembly": the.assembly,
+    "FileBodies": the.bodies,
     "Partition": the.part,
     "ReducedBody": the.body,
     "PartitionBody": the.item,
@@ -233,6 +234,15 @@ CALLS = {
         ),
     ),
     "StepAssembly.find": dict(name=Kind({"unknown": "rod", "number": 1, "list": ["solid"]})),
+    "read_bodies": dict(
+        source=v.path_in(file("block.vtu")), scale=v.positive, only_solids=v.flag.but(**{"of VTU": True})
+    ),
+    "FileBodies": dict(
+        path=Kind({"number": 1, "list": []}, file("block.vtu")),
+        file=Kind({**v.NOTHING, "text": "x", "a model": the.fem}, Made(lambda s: s.bodies.file)),
+        scale=v.positive,
+    ),
+    "FileBodies.rows": dict(name=Kind({"unknown": "rod", "number": 1, "list": ["body"]}, "body")),
     "fe_models": dict(
         assembly=Kind({**v.NOTHING, "a shape": the.shape, "a path": file("block.step"), "a list": []}, the.assembly),
         materials=Kind(

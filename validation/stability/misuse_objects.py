@@ -19,6 +19,7 @@ import scipy.sparse as sp
 from exudyn.FEM import FEMinterface
 
 import exudyn_partition as ep
+from exudyn_partition.meshing.mesh_files import write_vtu
 
 STEP, LENGTH = 0.5e-6, 0.04
 
@@ -90,6 +91,7 @@ class Scene:
         self.result.save(self.folder / "run.npz")
         self.history.save(self.folder / "history.npz")
         self.shape.WriteStep(str(self.folder / "block.step"))
+        write_vtu(self.folder / "block.vtu", self.fem.points, [("tetra10", self.fem.cells)], {})
         (self.folder / "text.npz").write_text("no archive")
         (self.folder / "empty.npz").write_bytes(b"")
         whole = (self.folder / "body.npz").read_bytes()
@@ -116,6 +118,11 @@ class Scene:
     def assembly(self):
         """What the STEP file of the upper block holds."""
         return ep.read_step(self.folder / "block.step", scale=1.0)
+
+    @cached_property
+    def bodies(self):
+        """What a mesh file of the upper block holds."""
+        return ep.read_bodies(self.folder / "block.vtu")
 
     @property
     def moved(self):

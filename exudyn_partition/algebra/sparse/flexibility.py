@@ -139,7 +139,7 @@ class FreeBodyFlexibility:
 
     def __call__(self, loads: Array) -> Array:
         """Elastic displacements of `loads`, (n, k)."""
-        result = self.held(loads - self._mass_rigid @ (self._rigid.T @ loads))
+        result = self.held_response(loads - self._mass_rigid @ (self._rigid.T @ loads))
         result -= self._rigid @ (self._mass_rigid.T @ result)
         return result
 
@@ -147,7 +147,7 @@ class FreeBodyFlexibility:
         """Work of `loads` L, (n, k), on each other's elastic displacements, L' F_e L, (k, k)."""
         return self._factor.energies(self._on_free(loads - self._mass_rigid @ (self._rigid.T @ loads)))
 
-    def held(self, loads: Array) -> Array:
+    def held_response(self, loads: Array) -> Array:
         """Displacements of `loads`, (n, k), with the six dofs held."""
         return self._factor.solve(self._on_free(np.array(loads)))
 
@@ -156,7 +156,7 @@ class FreeBodyFlexibility:
         loads[self._held] = 0.0
         return loads
 
-    def at(self, rows: sp.csr_matrix) -> Array:
+    def of_rows(self, rows: sp.csr_matrix) -> Array:
         """Elastic flexibility of some rows G, (r, n), of few dofs: G F_e G', (r, r)."""
         return self.balanced(self.held_at(rows), rows)
 
@@ -189,7 +189,7 @@ class FreeBodyFlexibility:
     @cached_property
     def _moved(self) -> Array:
         """Answers to the inertia of rigid motion with the six dofs held, (n, 6)."""
-        return self.held(self._mass_rigid)
+        return self.held_response(self._mass_rigid)
 
 
 def _uncoupled(matrix: sp.csr_matrix, dofs: Array) -> sp.csr_matrix:
