@@ -101,7 +101,7 @@ def test_a_shaft_moves_with_the_mass_of_its_flywheel(any_arm, rotation):
 
 @pytest.mark.parametrize("rotation", ["RotationRotationVector", "RotationEulerParameters"])
 def test_an_arm_moves_with_the_mass_of_exudyn_s_flexible_body(arm, arm_body, rotation):
-    """Of the same shape, at its head. It counts as rigid: its first coordinates are its frame's. Modes bend and twist."""
+    """Of the same shape, at its head. It counts as rigid: its first coordinates are its frame's."""
     mbs, item, _ = jointed(arm_body, "inertial", damping=lambda f: 1e-4 * f**0.5)
     foot, _ = by_exudyn(mbs, *arm, arm_body, at=END, node=rotation)
     markers = [item.CreateInterfaceMarker(mbs, "head"), foot]
