@@ -78,7 +78,7 @@ class UnitsWarning(PartitionWarning):
 
 
 class MeshQualityWarning(PartitionWarning):
-    """A mesh with nodes or elements that look damaged or are badly shaped, or that misses the volume of its shape."""
+    """A mesh with damaged or badly shaped elements, that misses the volume of its shape, or is coarse for `f_cut`."""
 
 
 class ContactPatchWarning(PartitionWarning):

@@ -14,6 +14,8 @@ import meshio
 import netgen.occ as occ
 import numpy as np
 import pytest
+import scipy.sparse as sp
+from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
@@ -267,6 +269,27 @@ def sensors(mbs, marker, kinds):
     """Sensors of a marker, one of each kind."""
     return [
         mbs.AddSensor(items.SensorMarker(markerNumber=marker, outputVariableType=k, storeInternal=True)) for k in kinds
+    ]
+
+
+def by_exudyn(mbs, fem, partition, body, *, at=(0, 0, 0), gravity=(0, 0, 0), node="RotationRotationVector"):
+    """Exudyn's own floating frame with the same modes, at a place: markers of its interfaces."""
+    model = FEMinterface()
+    model.nodes["Position"] = fem.points - fem.centre_of_mass
+    model.massMatrix, model.stiffnessMatrix = sp.csr_matrix(fem.mass), sp.csr_matrix(fem.stiffness)
+    model.modeBasis = {"matrix": np.array(body.basis.shapes[:, 6:]), "type": "NormalModes"}
+    model.elements = [{"Name": "solid", "Tet4": fem.cells[:, :4]}]
+    modes = ObjectFFRFreducedOrderInterface(model, rigidBodyNodeType=getattr(exu.NodeType, node))
+    keys = modes.AddObjectFFRFreducedOrder(mbs, positionRef=fem.centre_of_mass + at, gravity=list(gravity))
+    return [
+        mbs.AddMarker(
+            items.MarkerSuperElementRigid(
+                bodyNumber=keys["oFFRFreducedOrder"],
+                meshNodeNumbers=[*map(int, interface.nodes)],
+                weightingFactors=interface.weights,
+            )
+        )
+        for interface in partition.interfaces
     ]
 
 

@@ -357,6 +357,7 @@ CASES = {
                     quick=None, figures=("inelastic_statics.png",)),
     "plastic_impact": Case("inelastic/impact.py", limits(("force", "peak", "rebound", "work", "balance")),
                            figures=("inelastic_impact.png",)),
+    "plastic_block": Case("inelastic/pressed_block.py", limits(("force", "strain", "sideways", "work")), quick=()),
     "plastic_rod": Case("inelastic/rod_on_plate.py", limits(("force", "peak", "rebound", "work", "dent", "balance")),
                         figures=("inelastic_rod_on_plate.png",)),
     "plastic_front": Case("inelastic/front.py", limits(("tolerance 0.1", "tolerance 0.01", "full_fe_quicker")),

@@ -24,7 +24,7 @@ from ..support.checks import listed, validate_array, validate_choice, validate_f
 from ..support.foreign import MainSystem
 from ..support.warn import warn
 from .markers import EXUDYN_COLOUR
-from .model import validate_model, validate_new_name
+from .model import registered, validate_new_name
 
 ORIGIN = (0.0, 0.0, 0.0)
 _EARTH, _NEAR_EARTH = 9.81, 5e-3  # m/s2, and by how much less or more people take
@@ -133,7 +133,7 @@ def plan_body(
     UnitsWarning
         If a damping ratio is above 1, or gravity is that of the earth in other units than the material's.
     """
-    validate_model(mbs)
+    registered(mbs)  # so that bodies from before a Reset are forgotten before their numbers are given again
     if not isinstance(body, ReducedBody):
         raise InputError(f"body: expected what reduce() or load_body() returns, got {type(body).__name__}")
     validate_flag("superElement", superElement)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +14,11 @@ from .material import Material
 _STEPS = 40  # elements that a ray may cross before it leaves a wall
 _OPPOSITE = -0.9  # cosine between the normals of the two sides of a wall
 _THICK = 2.0  # a wall with more elements than this across it counts as solid
-# Elements in the length of a bending wave that is seen at all, and in that of one that is followed, by their order.
-_SEEN, _FOLLOWED = {2: 1.3, 3: 0.87}, {2: 4.0, 3: 1.2}
+# Elements in the length of a bending wave, by their order: so many times L / t, but at least and at most so many. With
+# the first numbers a wave is seen at all, with the next its frequency is a quarter too high, with the last 8 %.
+_SEEN = {2: (0.0, 1.3, 1.3), 3: (0.0, 0.87, 0.87)}
+_ROUGH = {2: (0.55, 1.3, 2.0), 3: _SEEN[3]}
+_FOLLOWED = {2: (4.0, 2.0, 4.0), 3: (0.0, 1.2, 1.2)}
 _LOCKS, _LOCKS_LINEAR = 5.0, 3.0  # elements lock if they are longer than this many thicknesses
 _LOCKING = {2: 2, 3: 1}  # power of that ratio by which a wave needs more elements
 _STIFF = 0.05  # share of bending stiffness by which elements may be off
@@ -49,18 +52,23 @@ class Wall:
     @property
     def frequency(self) -> float:
         """Highest frequency of bending waves that its elements resolve at all, however inaccurately [Hz]."""
-        return float(_resolved(self.element, self.thickness, self.order, self.material, accurate=False))
+        return float(_resolved(self.element, self.thickness, self.order, self.material, _SEEN))
+
+    @property
+    def rough_frequency(self) -> float:
+        """Frequency up to which its elements give bending waves a frequency within a quarter [Hz]."""
+        return float(_resolved(self.element, self.thickness, self.order, self.material, _ROUGH))
 
     @property
     def accurate_frequency(self) -> float:
         """Frequency up to which its elements give bending waves a frequency within 8 % [Hz]."""
-        return float(_resolved(self.element, self.thickness, self.order, self.material, accurate=True))
+        return float(_resolved(self.element, self.thickness, self.order, self.material, _FOLLOWED))
 
     def element_for(self, frequency: float) -> float:
         """Length of elements that resolve bending waves up to `frequency` [Hz], in [m]."""
         lengths = self.element * np.geomspace(1, 1e-4, 1000)
         return float(
-            lengths[_resolved(lengths, self.thickness, self.order, self.material, accurate=False) >= frequency].max(
+            lengths[_resolved(lengths, self.thickness, self.order, self.material, _SEEN) >= frequency].max(
                 initial=lengths[-1]
             )
         )
@@ -89,20 +97,12 @@ def weakest_wall(length: Array, thickness: Array, order: int, materials: Sequenc
     """Wall whose bending waves its elements resolve worst; with infinite thickness if there is no thin wall.
 
     Let L be the length of a quadratic element and t the thickness of the wall. A bending wave needs at least 1.3
-    elements in its length to be resolved, little more than two nodes. It needs four to be accurate, or two where
-    several elements span the wall. Beyond L = 5 t the elements lock in shear, and a wave needs (L / 5 t)^2 times as
-    many. Cubic elements need 0.87 and 1.2 in its length, and beyond L = 5 t they need L / 5 t times as many.
-    `tests/fe/test_walls.py` compares that with the exact waves of Rayleigh and Lamb, and with a free plate.
-    Linear elements lock at once. If they are longer than t, no wave is accurate; beyond L = 3 t they are refused.
-
-    Parameters
-    ----------
-    length, thickness : (nf,) array
-        See `at_facets`.
-    order : {1, 2, 3}
-        Of the elements.
-    materials : sequence of (Material, (k,) int array)
-        Each material of the body, and the rows of facets that it has.
+    elements in its length to be resolved, little more than two nodes. With two, it is a quarter too fast at most. It
+    needs four to be accurate, or two where several elements span the wall. Beyond L = 5 t the elements lock in shear,
+    and a wave needs (L / 5 t)^2 times as many. Cubic elements need 0.87 and 1.2 in its length, and beyond L = 5 t they
+    need L / 5 t times as many. `tests/fe/test_walls.py` compares that with the exact waves of Rayleigh and Lamb, and
+    with a free plate. Linear elements lock at once. If they are longer than t, no wave is accurate; beyond L = 3 t they
+    are refused.
 
     References
     ----------
@@ -110,7 +110,7 @@ def weakest_wall(length: Array, thickness: Array, order: int, materials: Sequenc
     """
     walls = []
     for material, rows in materials:
-        worst = rows[_resolved(length[rows], thickness[rows], order, material, accurate=False).argmin()]
+        worst = rows[_resolved(length[rows], thickness[rows], order, material, _SEEN).argmin()]
         walls.append(Wall(float(thickness[worst]), float(length[worst]), order, material))
     return min(walls, key=lambda wall: wall.frequency)
 
@@ -182,15 +182,18 @@ def shares_of_walls(points: Array, elements: Array, corners: Array, facets: Arra
 
 
 def _resolved(
-    length: Array | float, thickness: Array | float, order: int, material: Material, *, accurate: bool
+    length: Array | float,
+    thickness: Array | float,
+    order: int,
+    material: Material,
+    needs: Mapping[int, tuple[float, float, float]],
 ) -> Array:
-    """Frequency of bending waves that elements follow, or at least see, [Hz]; long elements need more of them."""
+    """Frequency up to which bending waves have the elements that they need, [Hz]; long elements need more of them."""
     ratio = length / thickness
     if order == 1:
-        return np.where(ratio > (1.0 if accurate else _LOCKS_LINEAR), 0.0, np.inf)
-    elements = (_FOLLOWED if accurate else _SEEN)[order]
-    needed = np.clip(elements * ratio, min(2.0, elements), elements)
-    needed *= np.maximum(1, (ratio / _LOCKS) ** _LOCKING[order])
+        return np.where(ratio > (1.0 if needs is _FOLLOWED else _LOCKS_LINEAR), 0.0, np.inf)
+    by_ratio, least, most = needs[order]
+    needed = np.clip(by_ratio * ratio, least, most) * np.maximum(1, (ratio / _LOCKS) ** _LOCKING[order])
     return bending_frequency(2 * np.pi / (needed * length), thickness, material)
 
 

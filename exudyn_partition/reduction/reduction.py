@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -18,7 +19,7 @@ import scipy.sparse as sp
 
 from ..algebra.blas_threads import one_blas_thread
 from ..algebra.coulomb import Coulomb, friction_of
-from ..errors import FrequencyRangeError, InputError
+from ..errors import FrequencyRangeError, InputError, MeshQualityWarning
 from ..fe.model import FEModel, MassKind, node_dofs
 from ..fe.partition import Partition, check_one_line, number_of_patch
 from ..fe.patches import Patch
@@ -117,6 +118,8 @@ def reduce(
         any basis; the body is then one for curved partners.
     UnitsWarning
         If `f_cut` is so far below all modes that it may have been given in kHz.
+    MeshQualityWarning
+        If elements in a wall are so long that bending waves of `f_cut` have a frequency a quarter too high.
     CacheWarning
         If a file in the cache is damaged, or the folder cannot be written; the body is computed.
     MemoryWarning
@@ -310,6 +313,14 @@ def _resolved(fem: FEModel, f_cut: float) -> float:
         raise FrequencyRangeError(
             f"f_cut: the mesh resolves {resolved:.4g} Hz ({what}), got {f_cut:.6g} Hz. Refine it to elements of "
             f"{wanted:.3g} m, with a maxh of about {wanted / _OVERSIZE:.2g}, or lower f_cut{advice}"
+        )
+    if f_cut > (wall := fem.weakest_wall).rough_frequency:
+        warnings.warn(
+            f"f_cut: bending waves of {f_cut:.6g} Hz come out a quarter too fast, or more, in a wall of "
+            f"{wall.thickness:.3g} m in elements {wall.element:.3g} m long; up to {wall.rough_frequency:.3g} Hz they "
+            f"are nearer, and up to {wall.accurate_frequency:.3g} Hz within 8 %. Take a smaller maxh, or lower f_cut",
+            MeshQualityWarning,
+            stacklevel=3,
         )
     return f_cut
 

@@ -181,6 +181,31 @@ def facing_locally(projection: Projection, normals: Array, size: float) -> Array
     return np.asarray((projection.offset <= EDGE_TOLERANCE * size) & (cosine < -_FACING))
 
 
+def closest_met(places: Array, normals: Array, master: Surface) -> Projection:
+    """Project points on a surface; points within a thin wall on the face through which their body has come.
+
+    The back of a wall is nearer to points that have passed half its thickness, but looks the way of their body. They
+    are projected on the facets that face them.
+
+    Parameters
+    ----------
+    places, normals : (k, 3) arrays
+        Points [m], and their body's outward unit normals there.
+    master : Surface
+    """
+    facets = master.points[master.facets]
+    found = closest_points(places, facets)
+    on_back = np.flatnonzero((found.gap < 0.0) & (np.einsum("kd,kd->k", found.normal, normals) > _FACING))
+    if not len(on_back):
+        return found
+    outward = area_vectors(master.points, master.facets)
+    facing = np.flatnonzero(outward @ normals[on_back].mean(axis=0) < -_FACING * np.linalg.norm(outward, axis=1))
+    if len(facing):
+        front = closest_points(places[on_back], facets[facing])
+        found.put(on_back, replace(front, facet=facing[front.facet]))
+    return found
+
+
 def near_rows(
     points: ContactPoints, slave: Surface, master: Surface, approach: Array, way: float = 0.0
 ) -> tuple[ContactRows, float]:
@@ -198,8 +223,9 @@ def near_rows(
         How far it was moved from where it is; gaps are those before [m].
     """
     size = master.facet_size
-    found = closest_points(points.at(slave.points), master.points[master.facets])
-    paired = facing_locally(found, slave.normals_at(points.nodes, points.weights), size)
+    normals = slave.normals_at(points.nodes, points.weights)
+    found = closest_met(points.at(slave.points), normals, master)
+    paired = facing_locally(found, normals, size)
     least = found.gap[paired].min(initial=np.hypot(found.gap, found.offset).min())
     # A row is a pair if its mean gap is small; points that face nothing count as far away.
     gaps = points.mean @ np.where(paired, found.gap, LIMIT * size)

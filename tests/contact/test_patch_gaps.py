@@ -277,5 +277,19 @@ def test_points_past_the_master_s_edge_carry_nothing(round_body, flat_body):
     assert not law.lam.any()
 
 
+def test_contact_tells_that_it_leaves_the_patch_before_its_circle_reaches_the_edge(round_body, flat_body):
+    """The patch ends 0.4 mm beside the ball. Hertz's circle grows from a third of it, while pairs stay frozen."""
+    ball = inertial(round_body, [1.2e-3, 0, 0])
+    law = compliant(PatchGaps(ball, inertial(flat_body)))
+    for radius in np.linspace(0.13e-3, 0.8e-3, 68):
+        law.force(np.r_[moved(ball, [0, 0, -(radius**2) / SPHERE_RADIUS]), np.zeros(flat_body.n_dofs)])
+        assert law.lam.any()
+        if (place := law.edge_reached()) is not None:
+            break
+    assert not law.gaps.moving
+    assert 0.2e-3 < radius < 0.4e-3
+    assert np.linalg.norm(place[:2]) > 1.6e-3 - 0.35e-3  # at most a facet within the edge
+
+
 def closed(round_body, flat_body):
     return np.r_[moved(inertial(round_body), [0, 0, -4e-6]), np.zeros(flat_body.n_dofs)]

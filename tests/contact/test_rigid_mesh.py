@@ -1,5 +1,7 @@
 """Rigid surfaces of triangles: signed distances of solids, files, and contact with them."""
 
+import itertools
+
 import exudyn as exu
 import meshio
 import netgen.occ as occ
@@ -51,6 +53,24 @@ def test_triangles_of_all_sizes_and_needles():
     extent = np.ptp(mesh.points[mesh.triangles], axis=1).max(axis=1)
     assert extent.max() > 20 * extent.min()
     np.testing.assert_allclose(mesh.project(x)[0], of_plate(x), atol=1e-15)
+
+
+@pytest.mark.parametrize("faces", [(3, 4), (3,), (0, 1, 2, 4)])
+def test_the_normal_of_a_corner_does_not_depend_on_how_its_faces_are_divided(faces):
+    """Points beside a sharp corner take their side from it: triangles count by their angles there."""
+    corner, points, triangles = len(CORNERS) - 1, [*CORNERS], []
+    for k, t in enumerate(TWELVE):
+        if k // 2 in faces and corner in t:  # divided through the corner, as a fan
+            a, b = (t[(list(t).index(corner) + i) % 3] for i in (1, 2))
+            points += [points[a] + share * (points[b] - points[a]) for share in (0.1, 0.2, 0.7)]
+            fan = [a, *range(len(points) - 3, len(points)), b]
+            triangles += [(corner, i, j) for i, j in itertools.pairwise(fan)]
+        else:
+            triangles.append(tuple(t))
+    mesh = ep.RigidMesh(points, triangles)
+    gap, normal = mesh.project(CORNERS[corner:])
+    np.testing.assert_allclose(gap, 0, atol=1e-15)
+    np.testing.assert_allclose(normal, [np.ones(3) / np.sqrt(3)], atol=1e-12)
 
 
 def test_a_sphere_is_right_to_the_sag_of_its_edges():

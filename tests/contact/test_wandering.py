@@ -74,6 +74,22 @@ def test_parts_have_the_force_of_the_whole_surfaces_wherever_contact_wanders(rim
     assert abs(parts[:, [0, 2]]).max() < 0.02 * parts[:, 1].min()
 
 
+def test_rows_within_a_thin_elastic_wall_are_those_of_its_face_alone(round_body):
+    """Also beyond half its thickness, where its other face is nearer: rows were pulled out behind, or lost."""
+    t, found = 0.2e-3, []
+    fem = ep.fe_model(box(4e-3, 4e-3, t).Move(occ.gp_Vec(0, 0, -t)), ep.STEEL, maxh=0.7e-3)
+    top = fem.points.max(axis=0)[2]
+    for bottom in (top - 1e-6, -1.0):
+        part = ep.Partition.surface(fem, ((-1, -1, bottom), (1, 1, top + 1e-6)), axes="xyz")
+        sheet, side = ep.reduce(fem, part, f_cut=20e3), floating(round_body, (0, 0, top))
+        law = compliant(WanderingGaps(side, inertial(sheet)))
+        for depth in (0.02e-3, 0.08e-3, 0.15e-3, 0.19e-3):
+            law.force(np.r_[moved(side, [0, 0, -depth]), np.zeros(sheet.n_dofs)])
+            found.append([law.gaps.at(law.gaps.q).min(), law.resultant()[2]])
+    assert found[3][0] < -0.9 * t
+    np.testing.assert_allclose(found[4:], found[:4], rtol=1e-6)
+
+
 def test_a_surface_presses_as_a_small_patch_on_the_same_mesh(disc, plate, rim, face):
     tip = ep.reduce(disc, ep.Partition.ball(disc, (0, 0, 0), 2.5e-3, axes="xyz"), f_cut=20e3)
     spot = ep.reduce(plate[0], ep.Partition.ball(plate[0], (0, 0, 0), 3e-3, axes="xyz"), f_cut=20e3)

@@ -5,10 +5,8 @@ import exudyn.itemInterface as items
 import exudyn.utilities
 import numpy as np
 import pytest
-import scipy.sparse as sp
 import scipy.sparse.linalg
-from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
-from oracles import HINGE, ground, jointed, relative, sensors
+from oracles import HINGE, by_exudyn, ground, jointed, relative, sensors
 
 import exudyn_partition as ep
 from exudyn_partition.exudyn_bodies.joints import Joints, mass_and_rows
@@ -68,29 +66,6 @@ def test_hanging_body(arm, arm_body, frame):
 GRAVITY = np.array([2e4, 0.0, 0.0])  # m/s2, so that the pendulum bends while it swings through a quarter
 
 
-def by_exudyn(fem, arm_body, partition):
-    """Exudyn's own floating frame on the same modes: model, markers of foot and head."""
-    model = FEMinterface()
-    model.nodes["Position"] = fem.points - fem.centre_of_mass
-    model.massMatrix, model.stiffnessMatrix = sp.csr_matrix(fem.mass), sp.csr_matrix(fem.stiffness)
-    model.modeBasis = {"matrix": np.array(arm_body.basis.shapes[:, 6:]), "type": "NormalModes"}
-    model.elements = [{"Name": "solid", "Tet4": fem.cells[:, :4]}]
-    modes = ObjectFFRFreducedOrderInterface(model, rigidBodyNodeType=exu.NodeType.RotationRotationVector)
-    mbs = exu.SystemContainer().AddSystem()
-    keys = modes.AddObjectFFRFreducedOrder(mbs, positionRef=fem.centre_of_mass, gravity=list(GRAVITY))
-    markers = [
-        mbs.AddMarker(
-            items.MarkerSuperElementRigid(
-                bodyNumber=keys["oFFRFreducedOrder"],
-                meshNodeNumbers=[*map(int, interface.nodes)],
-                weightingFactors=interface.weights,
-            )
-        )
-        for interface in partition.interfaces
-    ]
-    return mbs, markers
-
-
 def swing(mbs, foot, head):
     """The pendulum on a hinge: result, places of the head, deflection of the head in the foot's axes."""
     mbs.AddObject(items.GenericJoint(markerNumbers=[ground(mbs), foot], constrainedAxes=HINGE))
@@ -105,7 +80,8 @@ def test_flexible_pendulum_against_exudyn_s_own_floating_frame(mbs, arm, arm_bod
     """It swings through a quarter and bends. Ours keeps the inertia of its undeformed shape, as a joint acts on it."""
     item = ep.CreatePartitionBody(mbs, arm_body, frame="floating", gravity=GRAVITY)
     result, x, bent = swing(mbs, item.CreateInterfaceMarker(mbs, "foot"), item.CreateInterfaceMarker(mbs, "head"))
-    other, markers = by_exudyn(arm[0], arm_body, arm[1])
+    other = exu.SystemContainer().AddSystem()
+    markers = by_exudyn(other, *arm, arm_body, gravity=GRAVITY)
     _, expected, expected_bent = swing(other, *markers)
     assert np.ptp(x, axis=0).max() > 0.06
     assert relative(x - x[0], expected - expected[0]) < 2e-5

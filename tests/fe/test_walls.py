@@ -65,6 +65,20 @@ def test_bending_up_to_the_bounds_is_as_good_as_promised(ratio, order):
     assert strip_error(fem, min(8, 3 * int(n_accurate) + 1)) > 0.08
 
 
+@pytest.mark.parametrize("ratio", [2, 3, 4, 6])
+def test_waves_that_come_out_a_quarter_too_fast_warn(ratio):
+    """The last wave below the bound is nearly so; f_cut may lie beyond it, as an impact may excite less."""
+    h = ratio * T
+    fem = ep.fe_model(box(8 * h, 3 * h, T), ep.STEEL, maxh=h, grading=0.9)
+    rough = fem.weakest_wall.rough_frequency
+    waves = np.array([lamb(n * np.pi / (8 * h)) for n in range(1, 9)])
+    assert 0.12 < strip_error(fem, int(np.searchsorted(waves, rough))) < 0.25
+    partition = ep.Partition.ball(fem, (0, 0, T), 2 * h)
+    with pytest.warns(MeshQualityWarning, match="come out a quarter too fast, or more, in a wall of 0.001 m"):
+        ep.reduce(fem, partition, f_cut=1.01 * rough)
+    ep.reduce(fem, partition, f_cut=0.99 * rough)
+
+
 def plate_modes(side):
     """Two lowest frequencies of a free square plate of steel [Hz]: A. W. Leissa, Vibration of plates, 1969."""
     factor = np.array([13.468, 19.596])

@@ -318,6 +318,15 @@ def test_load_steps_are_halved_where_forces_do_not_settle_and_grow_again(mbs, bo
     np.testing.assert_allclose(contact.force(result) - sunk(item, result) * SPRING, FORCE * result.t, atol=1e-4 * FORCE)
 
 
+def test_a_load_step_that_ends_at_a_level_does_not_shorten_the_next(mbs, bodies, monkeypatch):
+    """After four short steps, an eighth would pass the level 0.5; half of it ends there, and the next is an eighth."""
+    pressed(mbs, bodies[0])
+    settling(monkeypatch, lambda start, end: not 0.25 - 1e-9 < start < 0.26 or end - start < 0.04)
+    result = ep.solve_static(mbs, load_steps=4)
+    expected = [0.25, *[1 / 32] * 2, *[1 / 16] * 2, 1 / 16, 1 / 8, 1 / 8, 0.25]
+    np.testing.assert_allclose(np.diff(np.r_[0.0, result.t[result.t > 0]]), expected, rtol=1e-9)
+
+
 def test_forces_that_settle_in_no_load_step_are_named_as_the_cause(mbs, bodies, monkeypatch):
     pressed(mbs, bodies[0])
     settling(monkeypatch, lambda start, end: end < 0.51)
