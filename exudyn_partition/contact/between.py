@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -38,8 +38,40 @@ class HasRows(Protocol):
         """Where the rows stand."""
 
 
-class FlexibilityBetween:
-    """Motion of the rows of one contact that forces on the rows of another cause.
+class Between(Protocol):
+    """Motion of the rows of each contact that forces on the rows of others cause."""
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Numbers of the contacts that move each other."""
+
+    def made(self) -> list[int]:
+        """How often the data of each contact's rows were found, after a look whether they have moved since."""
+
+    def of(self, j: int, rows: Array, k: int, others: Array) -> Array:
+        """Motion of some rows of contact j due to unit forces on some rows of contact k, (na, nb) [m/N].
+
+        Of contacts with friction, `rows` and `others` are numbers of directions, see `tangential`.
+        """
+
+    def pushing(self, k: int, rows: Array, forces: Array) -> Any:
+        """Forces on some rows of contact k, (na,) [N], as they reach others, even when k has other rows."""
+
+    def moved(self, j: int, pushing: Mapping[int, Any]) -> Array:
+        """Motion of all present rows of contact j, (d nr,) [m], by what contacts push others with, see `pushing`."""
+
+    def closing(self, j: int, pushing: Mapping[int, Any]) -> Array:
+        """Changes of the gaps in `moved`, (nr,) [m]."""
+
+    def across(self, forces: Sequence[Sequence[Array]]) -> list[list[Array]]:
+        """Displacements of the present rows of each side of each contact, (nr, d) [m], by forces on other contacts.
+
+        `forces`, (nr, d) [N], are those on the rows of all contacts, as each of their sides carries them.
+        """
+
+
+class FlexibilityBetween(Between):
+    """Motion through all nodes of the patches.
 
     Rows of a side are kept while they move little, because the many neighbours of a contact all need them.
 
@@ -60,41 +92,44 @@ class FlexibilityBetween:
         self._made = [0] * len(rows)
 
     def made(self) -> list[int]:
-        """How often the rows of each contact were found, after a look whether they have moved since."""
+        """See `Between`."""
         for j, side in self._sides:
             self._rows(j, side)
         return self._made
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """Numbers of the contacts that move each other."""
+        """See `Between`."""
         return [*self._links]
 
     def of(self, j: int, rows: Array, k: int, others: Array) -> Array:
-        """Motion of some rows of contact j due to unit forces on some rows of contact k, (na, nb) [m/N].
-
-        Of contacts with friction, `rows` and `others` are numbers of directions, see `tangential`.
-        """
+        """See `Between`."""
         result = np.zeros((len(rows), len(others)))
         for side, other, between in self._links.get((j, k), []):
             (left, used), (right, pushing) = self._rows(j, side), self._rows(k, other)
             result += self._yields(j, side) * (left[rows] @ between[np.ix_(used, pushing)] @ right[others].T)
         return result
 
-    def moved(self, j: int, k: int, others: Array, forces: Array) -> Array:
-        """Motion of all present rows of contact j due to forces on some rows of contact k, (d nr,) [m]."""
-        result: Array = np.zeros(1)
-        for side, other, between in self._links.get((j, k), []):
-            (left, used), (right, pushing) = self._rows(j, side), self._rows(k, other)
-            moved = left @ (between[np.ix_(used, pushing)] @ (forces @ right[others]))
-            result = result + self._yields(j, side) * moved
+    def pushing(self, k: int, rows: Array, forces: Array) -> dict[int, tuple[Array, Array]]:
+        """See `Between`; of each side, numbers of the patch's coordinates, and forces on these."""
+        found = {side: self._rows(k, side) for at, side in self._sides if at == k}
+        return {side: (used, forces @ own[rows]) for side, (own, used) in found.items()}
+
+    def moved(self, j: int, pushing: Mapping[int, dict[int, tuple[Array, Array]]]) -> Array:
+        """See `Between`."""
+        result = np.zeros(self._contacts[j].d * len(self._contacts[j].gaps.row_nodes))
+        for k, of_sides in pushing.items():
+            for side, other, between in self._links.get((j, k), []):
+                (left, used), (loaded, forces) = self._rows(j, side), of_sides[other]
+                result += self._yields(j, side) * (left @ (between[np.ix_(used, loaded)] @ forces))
         return result
 
-    def across(self, forces: Sequence[Sequence[Array]]) -> list[list[Array]]:
-        """Displacements of the present rows of each side of each contact, (nr, d) [m], by forces on other contacts.
+    def closing(self, j: int, pushing: Mapping[int, dict[int, tuple[Array, Array]]]) -> Array:
+        """See `Between`."""
+        return self.moved(j, pushing)[:: self._contacts[j].d]
 
-        `forces`, (nr, d) [N], are those on the rows of all contacts, as each of their sides carries them.
-        """
+    def across(self, forces: Sequence[Sequence[Array]]) -> list[list[Array]]:
+        """See `Between`."""
         result = [[np.zeros_like(own) for own in sides] for sides in forces]
         for (j, k), links in self._links.items():
             for side, other, between in links:
@@ -113,9 +148,7 @@ class FlexibilityBetween:
         contact, kept = self._contacts[j], self._kept.get((j, side))
         standing = contact.standing()
         if kept is None or not standing.same(kept[0]):
-            found = contact.gaps.at_anchor(
-                ("side rows", side), standing.anchor, lambda: sp.csr_matrix(contact.side_rows(side))
-            )
+            found = contact.gaps.found_at(standing.anchor, lambda: sp.csr_matrix(contact.side_rows(side)))
             used = np.unique(found.indices)
             kept = self._kept[j, side] = standing, found[:, used].toarray(), used
             self._made[j] += 1
@@ -186,78 +219,109 @@ class Exchange:
         """Which fields of contact j are those of a side, (m,) bool."""
         return self._of_sides.get((j, side), _NONE)
 
-    def yielding(self, shares: Sequence[Sequence[float]]) -> Exchange:
-        """Return the exchange if only shares of the bodies' flexibilities yield, by the sides of the contacts."""
+    def yielding(self, shares: Sequence[Sequence[float]]) -> dict[tuple[int, int], Array]:
+        """Return `core` if only shares of the bodies' flexibilities yield, by the sides of the contacts."""
         core = {}
         for (j, k), block in self.core.items():
             rows = sum(share * self.of_side(j, side) for side, share in enumerate(shares[j]))
             core[j, k] = np.reshape(rows, (-1, 1)) * block
-        return replace(self, core=core)
+        return core
 
 
-class RowFields:
-    """Displacements of the rows of contacts in the fields of their patches.
+class RowFields(Between):
+    """Motion through few fields of the patches.
 
-    They change slowly. They are kept while the rows move little.
+    Displacements of the rows in the fields change slowly. They are kept while the rows move little.
 
     Parameters
     ----------
     rows : sequence of HasRows
         Of the contacts.
     exchange : Exchange
-
-    Attributes
-    ----------
-    made : list of int
-        How often those of each contact were found.
     """
 
     def __init__(self, rows: Sequence[HasRows], exchange: Exchange) -> None:
         self._contacts, self._exchange = rows, exchange
         self._kept: dict[int, tuple[Standing, Array, Array]] = {}
-        self.made = [0] * len(rows)
+        self._made = [0] * len(rows)
+        self._shares: list[tuple[float, ...] | None] = [None] * len(rows)
+        self._core: Mapping[tuple[int, int], Array] = exchange.core
 
-    def of(self, j: int) -> Array:
+    def made(self) -> list[int]:
+        """See `Between`."""
+        return self._made
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """See `Between`."""
+        return [*self._exchange.core]
+
+    @property
+    def core(self) -> Mapping[tuple[int, int], Array]:
+        """`Exchange.core` by what yields of the bodies within the present step."""
+        shares = [rows.gaps.yielding for rows in self._contacts]
+        if shares != self._shares:
+            self._shares, self._core = shares, self._exchange.yielding([own or (1.0, 1.0) for own in shares])
+        return self._core
+
+    def fields(self, j: int) -> Array:
         """Displacements of the rows of contact j, (d nr, m)."""
-        return self._of(j)[1]
+        return self._found(j)[1]
 
     def normal(self, j: int) -> Array:
         """Changes of the gaps of the rows of contact j, (nr, m)."""
-        return self._of(j)[2]
+        return self._found(j)[2]
 
-    def across(self, exchange: Exchange, forces: Sequence[Sequence[Array]]) -> list[list[Array]]:
-        """See `FlexibilityBetween.across`."""
-        pushing = [
-            sum((own.ravel() @ self.of(k) * exchange.of_side(k, side) for side, own in enumerate(sides)), np.zeros(1))
-            for k, sides in enumerate(forces)
-        ]
+    def of(self, j: int, rows: Array, k: int, others: Array) -> Array:
+        """See `Between`."""
+        return np.asarray(self.fields(j)[rows] @ self.core[j, k] @ self.fields(k)[others].T)
+
+    def pushing(self, k: int, rows: Array, forces: Array) -> Array:
+        """See `Between`; forces on its fields, (m,)."""
+        return np.asarray(forces @ self.fields(k)[rows])
+
+    def amplitudes(self, j: int, pushing: Mapping[int, Array]) -> Array:
+        """Amplitudes of the fields of contact j, (m,), by what pushes others, see `pushing`."""
+        near = (k for k in self._exchange.neighbours.get(j, ()) if k in pushing)
+        return sum((self.core[j, k] @ pushing[k] for k in near), np.zeros(self.fields(j).shape[1]))
+
+    def moved(self, j: int, pushing: Mapping[int, Array]) -> Array:
+        """See `Between`."""
+        return np.asarray(self.fields(j) @ self.amplitudes(j, pushing))
+
+    def closing(self, j: int, pushing: Mapping[int, Array]) -> Array:
+        """See `Between`."""
+        return np.asarray(self.normal(j) @ self.amplitudes(j, pushing))
+
+    def across(self, forces: Sequence[Sequence[Array]]) -> list[list[Array]]:
+        """See `Between`."""
+        exchange, pushing = self._exchange, []
+        for k, sides in enumerate(forces):
+            own = [f.ravel() @ self.fields(k) * exchange.of_side(k, side) for side, f in enumerate(sides)]
+            pushing.append(sum(own, np.zeros(1)))
         result = []
         for j, sides in enumerate(forces):
             near = exchange.neighbours.get(j, [])
             c = sum((exchange.core[j, k] @ pushing[k] for k in near), np.zeros(1))
             moved = [
-                self.of(j) @ (c * exchange.of_side(j, side)) if near else 0 * own for side, own in enumerate(sides)
+                self.fields(j) @ (c * exchange.of_side(j, side)) if near else 0 * own for side, own in enumerate(sides)
             ]
             result.append([np.reshape(one, own.shape) for one, own in zip(moved, sides, strict=True)])
         return result
 
-    def _of(self, j: int) -> tuple[Standing, Array, Array]:
+    def _found(self, j: int) -> tuple[Standing, Array, Array]:
         rows, kept = self._contacts[j], self._kept.get(j)
         standing = rows.standing()
         if kept is None or not standing.same(kept[0]):
-            found = rows.gaps.found_at(standing.anchor, lambda: self._found(j))
+            found = rows.gaps.found_at(standing.anchor, lambda: self._in_fields(j))
             kept = self._kept[j] = standing, found, np.ascontiguousarray(found[:: rows.d])
-            self.made[j] += 1
+            self._made[j] += 1
         return kept
 
-    def _found(self, j: int) -> Array:
+    def _in_fields(self, j: int) -> Array:
         rows = self._contacts[j]
         moved = [rows.side_rows(side) @ fields for side, fields in self._exchange.fields.get(j, ())]
         return np.sum(moved, axis=0) if moved else np.zeros((rows.d * len(rows.gaps.row_nodes), 0))
-
-
-def _sparse_rows(contact: HasRows, side: int) -> sp.csr_matrix:
-    return sp.csr_matrix(contact.side_rows(side))
 
 
 def _identity(block: Array) -> tuple[int, tuple[int, ...]]:

@@ -24,7 +24,7 @@ from ..reduction.geometric_stiffness import GeometricStiffness
 from ..reduction.inertia import PAIRS
 from ..support.arrays import Array
 from . import loops
-from .inertia import Inertia
+from .inertia import Inertia, angular_acceleration
 from .inertial import InertialKinematics
 from .kinematics import NO_NODES, node_fields
 from .mean_axes import MeanAxes
@@ -240,7 +240,7 @@ class FloatingKinematics:
         J, C = self.inertia.of_place(q[6:])
         if self.acting.constant:
             J, C = self.inertia.tensor, np.zeros_like(C)
-        omega_t = np.linalg.solve(J - C @ C.T, forces[3:6] - C @ forces[6:])
+        omega_t = angular_acceleration(J, C, forces[3:6], forces[6:])
         return np.concatenate([forces[:3] / self.body.total_mass, omega_t, forces[6:] - C.T @ omega_t])
 
     def place(self, q: Array) -> Array:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import numpy as np
+
 from ..support.arrays import Array
 
 
@@ -40,3 +42,18 @@ class Inertia(Protocol):
 
     def kinetic_energy(self, omega: Array, z: Array, z_t: Array) -> Array:
         """Kinetic energy but for that of the centre of mass, (...,) [J]."""
+
+
+def angular_acceleration(J: Array, C: Array, torque: Array, force: Array) -> Array:
+    """Angular acceleration, (3, ...), of a deformable body of unit modal mass, about its centre of mass.
+
+    Its momenta are J omega + C z_t and C' omega + z_t, so that the elastic accelerations are force - C' omega_t.
+
+    Parameters
+    ----------
+    J, C : (3, 3), (3, n) arrays
+        See `Inertia.of_place`.
+    torque, force : (3, ...), (n, ...) arrays
+        Torque about the centre of mass in the body's axes, and forces on the elastic coordinates.
+    """
+    return np.asarray(np.linalg.solve(J - C @ C.T, torque - C @ force))

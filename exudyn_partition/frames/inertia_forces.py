@@ -29,7 +29,7 @@ import numpy as np
 from ..reduction.inertia import PLACE
 from ..support.arrays import Array
 from . import loops
-from .inertia import Inertia
+from .inertia import Inertia, angular_acceleration
 from .rotations import skew
 
 InertiaTerm = Literal["gyroscopic", "coriolis", "centrifugal", "coupling"]
@@ -127,7 +127,7 @@ class InertiaForces:
         if self.centrifugal:
             force += _products(omega) @ by_place
         if coupling:
-            omega_t = np.linalg.solve(J - C @ C.T, torque - C @ (force - self.elastic(z)))
+            omega_t = angular_acceleration(J, C, torque, force - self.elastic(z))
             torque, force = self.tensor @ omega_t, force - C.T @ omega_t
         return np.concatenate([torque, force])
 

@@ -182,20 +182,11 @@ def on_constant_mass(integrals: Array, cross: Array, tensor: Array, z: Array, fo
             for k in range(n):
                 entry += integrals[c, i + 1, k + 1] * z[k]
             J[c] += entry * z[i]
-    A, torque = np.empty((3, 3)), np.empty(3)
-    A[0, 0], A[1, 1], A[2, 2] = J[0], J[1], J[2]
-    A[1, 2], A[0, 2], A[0, 1] = J[3], J[4], J[5]
     for a in range(3):
         for i in range(n):
             for k in range(n):
                 C[a, i] -= cross[a, i, k] * z[k]
-    for a in range(3):
-        torque[a] = force[3 + a]
-        for i in range(n):
-            torque[a] -= C[a, i] * force[6 + i]
-            for b in range(a, 3):
-                A[a, b] -= C[a, i] * C[b, i]
-    omega_t, result = _solved(A, torque), force.copy()
+    omega_t, result = _angular_acceleration(J, C, force[3:6], force[6:]), force.copy()
     for a in range(3):
         result[3 + a] = 0.0
         for b in range(3):
@@ -206,8 +197,16 @@ def on_constant_mass(integrals: Array, cross: Array, tensor: Array, z: Array, fo
 
 
 @compiled
-def _solved(A: Array, b: Array) -> Array:
-    """Solution of three equations, (3,), with a symmetric matrix whose upper half is given, by Cramer's rule."""
+def _angular_acceleration(J: Array, C: Array, torque: Array, force: Array) -> Array:
+    """See `inertia.angular_acceleration`; J by its components, (6,). The equations are solved by Cramer's rule."""
+    A, b = np.empty((3, 3)), torque.copy()
+    A[0, 0], A[1, 1], A[2, 2] = J[0], J[1], J[2]
+    A[1, 2], A[0, 2], A[0, 1] = J[3], J[4], J[5]
+    for a in range(3):
+        for i in range(len(force)):
+            b[a] -= C[a, i] * force[i]
+            for c in range(a, 3):
+                A[a, c] -= C[a, i] * C[c, i]
     d, e, f = A[0, 0], A[1, 1], A[2, 2]
     u, v, w = A[1, 2], A[0, 2], A[0, 1]
     xx, yy, zz = e * f - u * u, d * f - v * v, d * e - w * w
@@ -283,7 +282,7 @@ def inertia_force(
     x = J[0] * p + J[5] * q + J[4] * r + spin[0]
     y = J[5] * p + J[1] * q + J[3] * r + spin[1]
     w = J[4] * p + J[3] * q + J[2] * r + spin[2]
-    torque, A = np.empty(3), np.empty((3, 3))
+    torque = np.empty(3)
     torque[0] = r * y - q * w - (J_t[0] * p + J_t[5] * q + J_t[4] * r)
     torque[1] = p * w - r * x - (J_t[5] * p + J_t[1] * q + J_t[3] * r)
     torque[2] = q * x - p * y - (J_t[4] * p + J_t[3] * q + J_t[2] * r)
@@ -291,14 +290,7 @@ def inertia_force(
     if not coupling:
         result[:3], result[3:] = torque, force
         return result
-    A[0, 0], A[1, 1], A[2, 2] = J[0], J[1], J[2]
-    A[1, 2], A[0, 2], A[0, 1] = J[3], J[4], J[5]
-    for a in range(3):
-        for i in range(n):
-            torque[a] -= C[a, i] * (force[i] - elastic[i])
-            for b in range(a, 3):
-                A[a, b] -= C[a, i] * C[b, i]
-    omega_t = _solved(A, torque)
+    omega_t = _angular_acceleration(J, C, torque, force - elastic)
     for a in range(3):
         for b in range(3):
             result[a] += tensor[a, b] * omega_t[b]

@@ -13,7 +13,7 @@ from ..reduction.geometric_stiffness import GeometricStiffness
 from ..reduction.inertia import InertiaIntegrals
 from ..support.arrays import Array
 from ..support.compiled import kernels
-from .inertia import Inertia
+from .inertia import Inertia, angular_acceleration
 from .kinematics import Rows, node_fields
 from .rotations import rotation_change, rotation_matrix, total_moment
 
@@ -96,7 +96,7 @@ def on_constant_mass(inertia: Inertia, z: Array, force: Array) -> Array:
         found: Array = compiled.on_constant_mass(inertia.inertia, inertia.cross, inertia.tensor, z, force)
         return found
     J, C = inertia.of_place(z)
-    omega_t = np.linalg.solve(J - C @ C.T, force[3:6] - C @ force[6:])
+    omega_t = angular_acceleration(J, C, force[3:6], force[6:])
     return np.concatenate([force[:3], inertia.tensor @ omega_t, force[6:] - C.T @ omega_t])
 
 

@@ -14,24 +14,19 @@ from pathlib import Path
 from typing import Literal, get_args
 from xml.etree import ElementTree
 
-import numpy as np
-
 from ..errors import InputError
 from ..exudyn_contacts.partition_contact import PartitionContact
-from ..exudyn_contacts.plastic_results import SIDES
 from ..exudyn_contacts.run_result import RunResult as Result
-from ..fe.elements import kinds_of
 from ..meshing.mesh_files import write_vtu
-from ..plasticity.flow import von_mises as flow_von_mises
 from ..reduction.body import ReducedBody
 from ..reduction.static_answer import StaticAnswer
 from ..support.arrays import Array
-from ..support.checks import listed, validate_callable, validate_choice, validate_flag, validate_result, validate_type
+from ..support.checks import listed, validate_callable, validate_choice, validate_flag, validate_result
 from ..support.files import distinct, filling
 from ..support.progress import Progress, shown
 from .body_fields import BodyFields, Shown, contact_loads, shown_bodies, validate_contacts
 
-__all__ = ["FIELDS", "write_paraview", "write_plastic_zones"]
+__all__ = ["FIELDS", "write_paraview"]
 
 Field = Literal[
     "displacement",
@@ -127,53 +122,6 @@ def write_paraview(
                 report((part + (i + 1) / len(chosen.t)) / len(pieces))
         _write_pvd(new / _LIST, sorted(entries))
     return Path(folder) / _LIST
-
-
-def write_plastic_zones(folder: str | Path, contact: PartitionContact, result: Result) -> list[Path]:
-    """Write what a run has left in the plastic zones of a contact, at its end and at rest, to VTU files for ParaView.
-
-    Fields are means around nodes: "plastic_strain", equivalent, "residual_von_mises" [Pa], and "displacement" [m] in
-    the body's own axes, the shape of the dent.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Made if it is not there. Files of the same names are replaced.
-    contact : PartitionContact
-    result : Result
-
-    Returns
-    -------
-    list of Path
-        One file for each zone, `zone_slave.vtu` and `zone_master.vtu`.
-
-    Raises
-    ------
-    InputError
-        If nothing can yield, or nothing was kept of the run.
-    OutputError
-        If the disk is full or protected.
-    """
-    validate_type("contact", contact, PartitionContact, "CreatePartitionContact()")
-    states = contact.plastic.states(result)
-    files = [f"zone_{name}.vtu" for name in states]
-    with filling(folder, last=files[-1]) as new:
-        for file, (side, run) in zip(files, contact.plastic.zones, strict=True):
-            (item, patch), state, zone = contact.sides[side], states[SIDES[side]], run.zone
-            region = item.body.partition.patches[patch].plastic
-            assert region is not None
-            moved = run.motion.at_rest(state)
-            at_points = np.column_stack([state.equivalent, flow_von_mises(zone.stress(moved.ravel(), state))])
-            cells = np.searchsorted(zone.nodes, region.cells)
-            shares = np.repeat(cells, len(zone) // len(cells), axis=0)
-            at_nodes, weight = np.zeros((len(zone.nodes), 2)), np.zeros(len(zone.nodes))
-            np.add.at(at_nodes, shares, (zone.weight[:, None] * at_points)[:, None])
-            np.add.at(weight, shares, zone.weight[:, None])
-            strain, stress = (at_nodes / weight[:, None]).T
-            fields = {"plastic_strain": strain, "residual_von_mises": stress, "displacement": moved}
-            blocks = [(k.name, cells[rows][:, k.columns]) for k, rows in kinds_of(cells, region.hexahedra)]
-            write_vtu(new / file, item.body.points[zone.nodes], blocks, fields)
-    return [Path(folder) / file for file in files]
 
 
 def _field_names(fields: Field | Iterable[Field]) -> list[Field]:

@@ -5,7 +5,6 @@ import warnings
 from dataclasses import replace
 
 import exudyn as exu
-import meshio
 import netgen.occ as occ
 import numpy as np
 import pytest
@@ -429,16 +428,3 @@ def test_the_report_and_the_figure_of_energy_tell_of_plastic_work(run, tmp_path)
     assert "depth of the dent" in page
     assert "its patch yields, see the plastic strain" in page
     assert page.count("no yield stress is known") == 1  # of the ball
-
-
-def test_the_zone_as_a_file(run, tmp_path):
-    """Residual stress is below the flow stress; the dent in the file is that of the contact."""
-    _, contact, result = run
-    (path,) = ep.output.write_plastic_zones(tmp_path, contact, result)
-    mesh = meshio.read(path)
-    strain, stress = mesh.point_data["plastic_strain"], mesh.point_data["residual_von_mises"]
-    assert 0.3 * contact.plastic.strain(result)[-1] < strain.max() <= contact.plastic.strain(result)[-1]
-    assert 0 < stress.max() < 200e6 + 500e6 * contact.plastic.strain(result)[-1]
-    (depth,) = contact.plastic.dents(result).values()
-    top = mesh.points[:, 2] > -1e-9
-    assert -mesh.point_data["displacement"][top, 2].min() == pytest.approx(depth)

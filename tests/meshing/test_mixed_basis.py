@@ -295,7 +295,7 @@ SOFT = ep.Material(E=210e9, nu=0.3, rho=7800.0, yield_stress=3e8, hardening=1e9)
 
 
 def dented(fem, folder):
-    """Force of a block that hits a round rigid body and yields, and its plastic work; pictures of the zone."""
+    """Force of a block that hits a round rigid body and yields, and its plastic work."""
     region = ep.Partition.ball(fem, TOP, 4.5e-3, direction=(0, 0, 1), plastic_radius=4e-3)
     body = ep.reduce(fem, region, basis="residual", f_cut=1e5)
     body.save(folder / "body.npz")
@@ -304,10 +304,7 @@ def dented(fem, folder):
     contact = ep.CreatePartitionContact(mbs, item, ep.RigidSphere((0, 0, SIZE[2] + 0.2 + 1e-8), 0.2))
     mbs.Assemble()
     result = ep.solve_dynamic(mbs, end_time=16e-6, step=2.5e-7)
-    ep.output.write_plastic_zones(folder / "zone", contact, result)
-    zone = meshio.read(folder / "zone" / "zone_slave.vtu")
-    assert zone.point_data["plastic_strain"].max() > 1e-3
-    assert {block.type for block in zone.cells} <= {kind.name for kind, _ in fem.kinds}
+    assert contact.plastic.strain(result)[-1] > 1e-3
     return contact.force(result), contact.plastic.work(result)[-1]
 
 

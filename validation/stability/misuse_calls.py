@@ -720,9 +720,6 @@ CALLS = {
         rows=v.choice("integrated"),
         friction=0.3,
     ),
-    "output.write_plastic_zones": dict(
-        folder=file("zones"), contact=v.contact(the.yielding.of), result=the.yielding.result
-    ),
     "output.write_paraview": dict(
         folder=file("paraview"),
         result=v.own_result,

@@ -16,10 +16,9 @@ from ...algebra.products import dense
 from ...errors import ComplementarityError
 from ...support.arrays import Array, consecutive
 from .. import loops
-from ..between import Exchange, FlexibilityBetween, Link, RowFields
+from ..between import Between, Exchange, FlexibilityBetween, Link, RowFields
 from ..frozen import FrozenContacts
 from ..patch_contact import PatchContact
-from ..stages import Standing
 from ..viscosity import lasting
 from .compliance import NormalCompliance
 
@@ -45,6 +44,7 @@ class Coupled:
     """
 
     _by_fields = True  # whether few fields are all that contacts exchange
+    _between: Between
 
     _moved_before: list[list[Array] | None]  # of each contact's sides by others in the last step, if they are viscous
 
@@ -56,11 +56,6 @@ class Coupled:
     def _exchange(self) -> Exchange:
         return Exchange.of(self._links())
 
-    @property
-    def _exchange_now(self) -> Exchange:
-        """`_exchange` by what yields within the present step."""
-        return self._exchange if self._yielding_exchange is None else self._yielding_exchange
-
     @cached_property
     def _all_links(self) -> Sequence[Link]:
         """Flexibilities between sides in full, where few fields are not enough."""
@@ -68,7 +63,7 @@ class Coupled:
 
     def _prepare(self) -> None:
         """Compute the data that all runs share."""
-        self._exchange  # noqa: B018 - the property keeps its value
+        self._exchange if self._by_fields else self._all_links  # noqa: B018 - the properties keep their values
 
     def _begin(self) -> None:
         """Begin a run with the present contacts."""
@@ -77,8 +72,9 @@ class Coupled:
         self._carried = [contact for contact in self.contacts if contact.gaps.carried]
         self._pressed = [contact for contact in self.contacts if contact.gaps.overlap]
         self._viscous = any(contact.viscous for contact in self._remembering)
-        self._yielding: list[tuple[float, ...]] = []  # shares of the sides' flexibilities in the present step
-        self._yielding_exchange: Exchange | None = None  # by these shares
+        rows = [contact.rows for contact in self.contacts]
+        full = not self._by_fields
+        self._between = FlexibilityBetween(rows, self._all_links) if full else RowFields(rows, self._exchange)
 
     def for_run(self, contacts: Sequence[PatchContact]) -> Self:
         """Return the same object for the contacts of a run; the flexibility between patches is shared."""
@@ -111,7 +107,7 @@ class Coupled:
         more = [contact.gaps.carrier_pose for contact in self._carried]
         more += [np.atleast_1d(contact.opening) for contact in self._pressed]
         if self._viscous:
-            more += self._yield()
+            more += [np.array(contact.shares) for contact in self.contacts]
         at = np.concatenate([state, since, *more]) if since or more else state
         if self._at is None or not _equal(at, self._at):
             gaps = [contact.gap_at(q) for contact, q in zip(self.contacts, coordinates(), strict=True)]
@@ -120,19 +116,6 @@ class Coupled:
                 self._creep()
             self._at, self._forces = at.copy(), [contact.generalised() for contact in self.contacts]
         return self._forces
-
-    def _yield(self) -> list[Array]:
-        """Let flexibilities between contacts yield as those of the sides do in this step; return the sides' shares."""
-        shares = [contact.shares for contact in self.contacts]
-        if shares != self._yielding:
-            self._yielding = shares
-            if self._by_fields:
-                self._yielding_exchange = self._exchange.yielding(shares)
-        return [np.array(each) for each in shares]
-
-    def _across(self, forces: Sequence[Sequence[Array]]) -> list[list[Array]]:
-        """See `FlexibilityBetween.across`."""
-        raise NotImplementedError
 
     def _lasting(self, last: Sequence[Array]) -> list[Array]:
         """Displacements of the rows that last from forces on other contacts, (nr, d) each [m]; empty without any.
@@ -143,17 +126,23 @@ class Coupled:
         if not any(contact.creep.elastic for contact in self.contacts):
             return []
         before = [contact.carried_before(f) for contact, f in zip(self.contacts, last, strict=True)]
-        found = more = self._across(before)
+        found = more = self._between.across(before)
         if any(contact.rows.d > 1 for contact in self.contacts):
             exceed = [[f[:, : own.shape[1]] - own for own in sides] for sides, f in zip(before, last, strict=True)]
-            more = self._across(exceed)
+            more = self._between.across(exceed)
         self._moved_before = [*found]
         both = zip(self.contacts, found, more, strict=True)
         return [lasting(contact.shares, own, others) for contact, own, others in both]
 
+    @property
+    def _fields(self) -> RowFields:
+        """What contacts exchange, if few fields are all."""
+        assert isinstance(self._between, RowFields)
+        return self._between
+
     def _creep(self) -> None:
         """Tell contacts how the elastic forces on others move their rows in the present answer."""
-        moved = self._across([contact.carried() for contact in self.contacts])
+        moved = self._between.across([contact.carried() for contact in self.contacts])
         for contact, own, before in zip(self.contacts, moved, self._moved_before, strict=True):
             if contact.yielding is not None:
                 contact.yielding.across, contact.yielding.across_before = own, before
@@ -185,7 +174,7 @@ class Coupled:
         fields = RowFields([contact.rows for contact in self.contacts], self._exchange)
         ways, of_fields, result = dict[int, Array](), dict[int, Array](), dict[tuple[int, int], Array]()
         for j in places:
-            rows, W = self.contacts[j].rows, fields.of(j)
+            rows, W = self.contacts[j].rows, fields.fields(j)
             everything = np.arange(len(rows.gaps.row_nodes))
             H = dense(rows.jacobian(everything))
             solved = np.linalg.solve(regularised(rows.flexibility(everything)), np.hstack([H, W]))
@@ -261,7 +250,6 @@ class CoupledContacts(Coupled):
 
     def _begin(self) -> None:
         super()._begin()
-        self._fields = RowFields([contact.rows for contact in self.contacts], self._exchange)
         self._joint = BlockComplementarity(len(self.contacts), self._exchange.core)
         self._some: dict[int, tuple[int, Array, Array]] = {}
 
@@ -273,7 +261,7 @@ class CoupledContacts(Coupled):
         if last is None or not last.has_pairs_of(gaps):
             for law in self._laws:
                 law.hold()
-            fields = [self._fields.of(j) for j in range(len(gaps))]
+            fields = [self._fields.fields(j) for j in range(len(gaps))]
             blocks = self._joint.flat([law.problem.F for law in self._laws], fields)
             last = FrozenContacts(gaps, dofs, blocks)
         last.guess(np.concatenate([contact.lam > 0.0 for contact in self.contacts]))
@@ -317,14 +305,11 @@ class CoupledContacts(Coupled):
 
     def _flexibility(self, closed: Sequence[slice]) -> Array:
         """Flexibility of the closed rows of all contacts, (n, n) [m/N]."""
-        F = self._flexibility_between(closed)
+        index = {j: contact.index for j, contact in enumerate(self.contacts)}
+        F = flexibility_between(self._between, dict(enumerate(closed)), index)
         for law, contact, own in zip(self._laws, self.contacts, closed, strict=True):
             F[own, own] = law.active_flexibility() if contact.index.size else 0.0
         return F
-
-    def _flexibility_between(self, closed: Sequence[slice]) -> Array:
-        """Flexibility of the closed rows of all contacts, (n, n) [m/N], with zero diagonal blocks."""
-        return between(closed, [contact.index for contact in self.contacts], self._fields, self._exchange)
 
     def _find(self, gaps: list[Array]) -> None:
         """See `Coupled`. A contact enters if it presses, or if the others press it."""
@@ -355,9 +340,9 @@ class CoupledContacts(Coupled):
 
     def _fields_of(self, j: int, rows: Array) -> Array:
         """Displacements of some rows in the fields, (na, m); the same array for the same rows."""
-        fields, known = self._fields.of(j), self._some.get(j)
-        if known is None or known[0] != self._fields.made[j] or not _equal(known[1], rows):
-            known = self._some[j] = self._fields.made[j], rows, _of(fields, rows)
+        fields, known, made = self._fields.fields(j), self._some.get(j), self._between.made()[j]
+        if known is None or known[0] != made or not _equal(known[1], rows):
+            known = self._some[j] = made, rows, _of(fields, rows)
         return known[2]
 
     def _pushed_gap(self, j: int, gap: Array) -> Array:
@@ -365,7 +350,7 @@ class CoupledContacts(Coupled):
         known, c = self._joint.pushed.get(j), self._joint.amplitudes[j]
         if known is not None and len(known) == len(gap):
             return known
-        return np.asarray(gap + self._fields.of(j) @ c) if c.any() else gap
+        return np.asarray(gap + self._fields.fields(j) @ c) if c.any() else gap
 
 
 class SharedPatches(CoupledContacts):
@@ -377,87 +362,57 @@ class SharedPatches(CoupledContacts):
 
     _by_fields = False
 
-    def _prepare(self) -> None:
-        self._all_links  # noqa: B018 - the property keeps its value
-
-    def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> None:
+    def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> FrozenContacts | None:
         """See `CoupledContacts.frozen`; there are no compiled loops for full flexibilities."""
+        return None
 
     def _begin(self) -> None:
         Coupled._begin(self)
-        self._between = FlexibilityBetween([contact.rows for contact in self.contacts], self._all_links)
         self._whole: Complementarity | None = None
-        self._stood: dict[int, tuple[Standing, Array]] = {}
-        self._blocks: dict[tuple[int, int], Array] = {}
-        self._pressing: dict[int, tuple[Array, Array]] = {}
-
-    def _flexibility_between(self, closed: Sequence[slice]) -> Array:
-        F = np.zeros((closed[-1].stop,) * 2)
-        for j, k in self._between.pairs:
-            index, others = self.contacts[j].index, self.contacts[k].index
-            F[closed[j], closed[k]] = self._between.of(j, index, k, others)
-        return F
+        self._made: list[int] = []  # of the rows in the problem, see `FlexibilityBetween.made`
+        self._own: dict[int, Array] = {}  # their flexibility, by contact
+        self._pushing: dict[int, dict[int, tuple[Array, Array]]] = {}
 
     def _solve(self, near: dict[int, Array], gaps: list[Array]) -> dict[int, Array]:
         """See `CoupledContacts._solve`."""
-        laws = self._laws
         near = {j: near[j] for j in sorted(near)}  # contacts enter in any order
-        own = dict(zip(near, consecutive([len(rows) for rows in near.values()]), strict=True))
-        if self._stale(near):
-            F = np.zeros((sum(map(len, near.values())),) * 2)
-            for j, part in own.items():
-                F[part, part] = laws[j].problem.F
-            for (j, k), block in self._blocks.items():
-                if j in own and k in own:
-                    F[own[j], own[k]], F[own[k], own[j]] = block, block.T
+        own, made = {j: self._laws[j].problem.F for j in near}, self._between.made()
+        at = dict(zip(near, consecutive(list(map(len, near.values()))), strict=True))
+        if made != self._made or own.keys() != self._own.keys() or any(own[j] is not F for j, F in self._own.items()):
+            self._made, self._own = [*made], own
+            F = flexibility_between(self._between, at, near)
+            for j, part in at.items():
+                F[part, part] = own[j]
             if self._whole is None:
                 self._whole = Complementarity(F)
             else:
-                self._whole.replace(F, np.concatenate([laws[j].problem.active for j in near]))
+                self._whole.replace(F, np.concatenate([self._laws[j].problem.active for j in near]))
         assert self._whole is not None
         lam = self._whole.solve(np.concatenate([_of(gaps[j], rows) for j, rows in near.items()]))
-        found = {j: lam[part] for j, part in own.items()}
-        self._pressing = {j: (near[j], forces) for j, forces in found.items() if forces.any()}
+        found = {j: lam[part] for j, part in at.items()}
+        self._pushing = {j: self._between.pushing(j, near[j], forces) for j, forces in found.items() if forces.any()}
         return found
-
-    def _stale(self, near: dict[int, Array]) -> bool:
-        """Whether other rows are near, or rows have moved; if so, compute the blocks between them again."""
-        moved = set()
-        for j in near:
-            standing, own, known = self.contacts[j].rows.standing(), self._laws[j].problem.F, self._stood.get(j)
-            if known and standing.same(known[0]) and known[1] is own:  # known for the same rows
-                continue
-            moved.add(j)
-            self._stood[j] = standing, own
-        gone = self._stood.keys() - near.keys()
-        for j in gone:
-            del self._stood[j]
-        for j, k in self._between.pairs:
-            if j < k and j in near and k in near and (j in moved or k in moved):
-                self._blocks[j, k] = self._between.of(j, near[j], k, near[k])
-        return bool(moved or gone)
 
     def _pushed_gap(self, j: int, gap: Array) -> Array:
         """See `CoupledContacts._pushed_gap`."""
-        pushing = [self._between.moved(j, k, *pressing) for k, pressing in self._pressing.items() if k != j]
-        return np.asarray(gap + sum(pushing, np.zeros(1))) if len(gap) else gap
+        return gap + self._between.closing(j, self._pushing) if len(gap) else gap
 
 
-def between(closed: Sequence[slice], directions: Sequence[Array], fields: RowFields, exchange: Exchange) -> Array:
-    """Flexibility between rows of all contacts, (n, n) [m/N], with zero diagonal blocks.
+def flexibility_between(between: Between, at: Mapping[int, slice], directions: Mapping[int, Array]) -> Array:
+    """Flexibility between rows of contacts, (n, n) [m/N], with zero diagonal blocks.
 
     Parameters
     ----------
-    closed : sequence of slice
-        Where the directions of each contact's rows are.
-    directions : sequence of int arrays
+    between : Between
+    at : dict of int to slice
+        Where the directions of each contact's rows are, one contact after the other.
+    directions : dict of int to int array
         Their numbers among those of the contact.
-    fields : RowFields
-    exchange : Exchange
     """
-    F, some = np.zeros((closed[-1].stop,) * 2), [fields.of(j)[own] for j, own in enumerate(directions)]
-    for (j, k), core in exchange.core.items():
-        F[closed[j], closed[k]] = some[j] @ core @ some[k].T
+    F = np.zeros((max((part.stop for part in at.values()), default=0),) * 2)
+    for j, k in between.pairs:
+        if j in at and k in at:
+            F[at[j], at[k]] = between.of(j, directions[j], k, directions[k])
     return F
 
 

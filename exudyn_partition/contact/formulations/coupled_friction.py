@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from ...algebra.block_friction import BlockFlexibility, BlockFriction
 from ...algebra.complementarity import Complementarity
 from ...errors import ComplementarityError
 from ...support.arrays import Array, consecutive
-from ..between import FlexibilityBetween, RowFields
 from ..law import Forces, Places
 from ..patch_contact import PatchContact
 from .compliance import ClosingRows, FrictionalCompliance
@@ -40,21 +39,8 @@ class CoupledFriction(Coupled):
             contact.told = True
         self._parts = [_Part(contact) for contact in self.contacts]
         self._problem: BlockFriction | None = None  # of the rows that can close
-        self._made: list[int] = []  # `_rows_made` of the rows in the problem
-        self._begin_between()
-
-    def _begin_between(self) -> None:
-        """Begin with what moves contacts by forces on others."""
-        self._fields = RowFields([contact.rows for contact in self.contacts], self._exchange)
-        self._amplitudes = [np.zeros(1) for _ in self.contacts]  # of the fields that push each contact
-
-    def _rows_made(self) -> Sequence[int]:
-        """How often the rows of each contact were found for the flexibility between contacts."""
-        return self._fields.made
-
-    def _across(self, forces: Sequence[Sequence[Array]]) -> list[list[Array]]:
-        """See `Coupled`."""
-        return self._fields.across(self._exchange, forces)
+        self._made: list[int] = []  # how often the rows between contacts were found for the problem
+        self._pushing: dict[int, Any] = {}  # what the last forces on each contact push others with
 
     def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
         """See `Coupled`; unsymmetric where rows slip."""
@@ -107,8 +93,9 @@ class CoupledFriction(Coupled):
 
     def _pushed(self, gaps: list[Array]) -> list[Array]:
         """Gaps of each contact, (nr,) [m], with the displacements that the last forces on the others cause."""
-        found = zip(gaps, map(self._fields.normal, range(len(gaps))), self._amplitudes, strict=True)
-        return [gap + fields @ c if c.any() else gap for gap, fields, c in found]
+        if not self._pushing:
+            return gaps
+        return [gap + self._between.closing(j, self._pushing) if len(gap) else gap for j, gap in enumerate(gaps)]
 
     def _set_up(self, near: Sequence[Array], last: Sequence[Array]) -> Array:
         """Set up the problem of some rows of each contact; return how far the last step's forces hold tangents back.
@@ -125,7 +112,7 @@ class CoupledFriction(Coupled):
             Of all these rows [m].
         """
         forces = np.concatenate([f[rows] for f, rows in zip(last, near, strict=True)])
-        own, made = [part.flexibility() for part in self._parts], self._rows_made()
+        own, made = [part.flexibility() for part in self._parts], self._between.made()
         if self._problem is None or self._made != made or any(other for _, other in own):
             self._made = [*made]
             F = self._flexibility(near, [F for F, _ in own])
@@ -143,10 +130,9 @@ class CoupledFriction(Coupled):
 
     def _flexibility(self, near: Sequence[Array], own: Sequence[Array]) -> BlockFlexibility:
         """Flexibility of some rows, (k,) of each contact; `own` is that of each contact alone."""
-        core, fields = self._exchange_now.core, []
+        core, fields, between = self._fields.core, [], {}
         for j, (part, rows) in enumerate(zip(self._parts, near, strict=True)):
-            fields.append(part.spread(self._fields.of(j)[part.contact.rows.directions(rows)]))
-        self._near_fields, between = fields, {}
+            fields.append(part.spread(self._fields.fields(j)[part.contact.rows.directions(rows)]))
         reach = [np.zeros(W.shape[1]) for W in fields]
         for (j, k), S in core.items():
             used, pushing = np.flatnonzero(S.any(axis=1)), np.flatnonzero(S.any(axis=0))
@@ -164,24 +150,20 @@ class CoupledFriction(Coupled):
         return BlockFlexibility(own, between, [W[:, k] for W, k in zip(fields, kept, strict=True)], few)
 
     def _solve(self, h: Array) -> Array:
-        """Forces on the rows of the problem, (n, 3) [N], and the amplitudes with which they push other contacts."""
+        """Forces on the rows of the problem, (n, 3) [N]; keep what they push others with."""
         assert self._problem is not None
         mu = np.concatenate([part.at.mu[part.closing.index] for part in self._parts])
         made = self._problem.iterations
         found = self._problem.solve(h, mu)
         for part in self._parts:
             part.count(self._problem.iterations - made)
-        self._keep(np.split(found, np.cumsum([len(part.closing.index) for part in self._parts])[:-1]))
+        at = consecutive([len(part.closing.index) for part in self._parts])
+        self._pushing = {}
+        for k, (part, own) in enumerate(zip(self._parts, at, strict=True)):
+            if found[own].any():
+                rows, forces = part.contact.rows, found[own, : part.contact.rows.d].ravel()
+                self._pushing[k] = self._between.pushing(k, rows.directions(part.closing.index), forces)
         return found
-
-    def _keep(self, found: Sequence[Array]) -> None:
-        """Keep how the forces on the rows that can close, (k, 3) of each contact [N], push the others."""
-        core = self._exchange_now.core
-        pushing = [lam.ravel() @ W for lam, W in zip(found, self._near_fields, strict=True)]
-        self._amplitudes = [
-            sum((core[j, k] @ pushing[k] for k in others), np.zeros(1))
-            for j, others in sorted(self._exchange.neighbours.items())
-        ]
 
 
 class SharedFriction(CoupledFriction):
@@ -193,38 +175,9 @@ class SharedFriction(CoupledFriction):
 
     _by_fields = False
 
-    def _prepare(self) -> None:
-        self._all_links  # noqa: B018 - the property keeps its value
-
-    def _begin_between(self) -> None:
-        self._between = FlexibilityBetween([contact.rows for contact in self.contacts], self._all_links)
-        # Last forces along the directions, at the slave's nodes, (np, d) of each contact.
-        self._pressing = [np.zeros((len(contact.node_areas), contact.rows.d)) for contact in self.contacts]
-
-    def _rows_made(self) -> Sequence[int]:
-        return self._between.made()
-
-    def _across(self, forces: Sequence[Sequence[Array]]) -> list[list[Array]]:
-        return self._between.across(forces)
-
-    def _pushed(self, gaps: list[Array]) -> list[Array]:
-        pushed, pressing = [*gaps], [*map(self._present, range(len(gaps)))]
-        for j, k in self._between.pairs:
-            directions, forces = pressing[k]
-            if len(forces) and len(gaps[j]):
-                moved = self._between.moved(j, k, directions, forces)
-                pushed[j] = pushed[j] + moved[:: self.contacts[j].rows.d]
-        return pushed
-
-    def _present(self, k: int) -> tuple[Array, Array]:
-        """Directions of the present rows of a contact that press, and the last forces along them [N]."""
-        forces = self._pressing[k][self.contacts[k].row_nodes]
-        index = np.flatnonzero(forces.any(axis=1))
-        return self.contacts[k].rows.directions(index), forces[index].ravel()
-
     def _flexibility(self, near: Sequence[Array], own: Sequence[Array]) -> BlockFlexibility:
-        at = consecutive([len(F) for F in own])
-        F, some = np.zeros((at[-1].stop,) * 2), self._directions()
+        at, both = consecutive([len(F) for F in own]), zip(self._parts, near, strict=True)
+        F, some = np.zeros((at[-1].stop,) * 2), [part.contact.rows.directions(rows) for part, rows in both]
         for part, block in zip(at, own, strict=True):
             F[part, part] = block
         for j, k in self._between.pairs:
@@ -232,15 +185,6 @@ class SharedFriction(CoupledFriction):
             F[at[j], at[k]] = self._parts[j].spread(self._parts[k].spread(between.T).T)
         _soften_redundant(F, [(at[j], at[k]) for j, k in self._between.pairs])
         return BlockFlexibility([F], {}, [np.zeros((len(F), 0))], np.zeros((0, 0)))
-
-    def _keep(self, found: Sequence[Array]) -> None:
-        for pressing, part, lam in zip(self._pressing, self._parts, found, strict=True):
-            pressing[:] = 0.0
-            pressing[part.contact.row_nodes[part.closing.index]] = lam[:, : part.contact.rows.d]
-
-    def _directions(self) -> list[Array]:
-        """Directions of the rows that can close, (d k,) of each contact."""
-        return [part.contact.rows.directions(part.closing.index) for part in self._parts]
 
 
 def _soften_redundant(F: Array, blocks: Sequence[tuple[slice, slice]]) -> None:

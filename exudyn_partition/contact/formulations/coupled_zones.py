@@ -9,8 +9,7 @@ import scipy.linalg
 
 from ...errors import ComplementarityError
 from ...support.arrays import Array
-from ..between import RowFields
-from .coupled import Coupled, between
+from .coupled import Coupled, flexibility_between
 
 _SWEEPS = 100
 _SETTLED = 1e-11  # relative change of the forces in a sweep
@@ -29,16 +28,16 @@ class CoupledZones(Coupled):
 
     def _begin(self) -> None:
         super()._begin()
-        self._fields = RowFields([contact.rows for contact in self.contacts], self._exchange)
         self._frictional = any(contact.friction is not None for contact in self.contacts)
         for contact in self.contacts:
             contact.told = True
 
     def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
         """See `Coupled`: d lambda = -D (dh + F_between d lambda)."""
-        own = [contact.rows.directions(contact.index) for contact in self.contacts]
+        own = {j: contact.rows.directions(contact.index) for j, contact in enumerate(self.contacts)}
         D = scipy.linalg.block_diag(*(contact.row_stiffness() for contact in self.contacts))
-        K = np.linalg.solve(np.eye(len(D)) + D @ between(closed, own, self._fields, self._exchange_now), D)
+        F = flexibility_between(self._between, dict(enumerate(closed)), own)
+        K = np.linalg.solve(np.eye(len(D)) + D @ F, D)
         return lambda k, way: K[:, closed[k]] @ way
 
     def _find(self, gaps: list[Array]) -> None:
@@ -48,10 +47,6 @@ class CoupledZones(Coupled):
         lasting = self._lasting([*map(self._last_of, range(len(gaps)))]) if self._viscous else []
         if lasting or any(map(self._pushes, range(len(gaps)))):
             self._settle(gaps, lasting)
-
-    def _across(self, forces: Sequence[Sequence[Array]]) -> list[list[Array]]:
-        """See `Coupled`."""
-        return self._fields.across(self._exchange, forces)
 
     def _pushes(self, j: int) -> bool:
         """Whether forces of a contact, or those at the end of the last accepted step, move the rows of others."""
@@ -101,5 +96,5 @@ class CoupledZones(Coupled):
         return last
 
     def _moved(self, j: int, k: int, forces: Array) -> Array:
-        amplitudes = self._exchange_now.core[j, k] @ (forces.ravel() @ self._fields.of(k))
-        return np.asarray(self._fields.of(j) @ amplitudes)
+        pushing = self._between.pushing(k, np.arange(forces.size), forces.ravel())
+        return self._between.moved(j, {k: pushing})

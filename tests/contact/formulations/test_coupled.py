@@ -30,7 +30,7 @@ class Runaway:
 
     carried = remembers = elastic = False
     d = 1
-    friction, since, overlap = None, 0.0, 0.0
+    friction, since, overlap, yielding = None, 0.0, 0.0, None
     node_areas, memory = np.ones(1), SimpleNamespace(forces=np.zeros((1, 1)), closed=False)
 
     def __init__(self):
