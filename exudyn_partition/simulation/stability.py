@@ -84,7 +84,7 @@ def _joined(
         small, large = sorted(
             (group[item] for item, _ in (contact.sides[0], contact.sides[-1])), key=lambda g: len(g[0])
         )
-        if small is not large:
+        if small[0][0] != large[0][0]:
             large[0].extend(small[0])
             large[1].extend(small[1])
             group |= dict.fromkeys(small[0], large)
