@@ -20,7 +20,7 @@ from ..support.arrays import Array, as_slice, consecutive
 from ..support.foreign import MainSystem
 
 _TRIES = 10  # of the limit of viscous contacts
-_DENSE = 150  # number of coordinates up to which all frequencies are found: Lanczos' iterations take longer
+DENSE = 150  # number of coordinates up to which all frequencies are found: Lanczos' iterations take longer
 _CLOSE = 1e-2  # relative change of the limit with which it is known
 
 
@@ -84,7 +84,7 @@ def _joined(
         small, large = sorted(
             (group[item] for item, _ in (contact.sides[0], contact.sides[-1])), key=lambda g: len(g[0])
         )
-        if small is not large:
+        if small[0][0] != large[0][0]:
             large[0].extend(small[0])
             large[1].extend(small[1])
             group |= dict.fromkeys(small[0], large)
@@ -105,7 +105,7 @@ def _largest(bodies: list[PartitionBody], contacts: list[PartitionContact], step
         for contact in contacts
         if (stiffness := contact.mechanics.closed_stiffness(step)) is not None
     ]
-    if len(scale) <= _DENSE:
+    if len(scale) <= DENSE:
         matrix = np.zeros((len(scale), len(scale)))
         for item, own in zip(bodies, slices, strict=True):
             matrix[own, own] = item.body.stiffness.toarray()

@@ -113,10 +113,10 @@ def test_damping_lowers_the_limit(mbs, marble, ratio, monkeypatch):
         ep.solve_dynamic(mbs, end_time=300 * limit, step=1.03 * limit)
 
 
-@pytest.mark.parametrize("most", [stability._DENSE, 0])
+@pytest.mark.parametrize("most", [stability.DENSE, 0])
 def test_the_limit_of_a_model_is_that_of_its_stiffest_group(marble, bodies, most, monkeypatch):
     """Of bodies that contacts join; by all frequencies or by Lanczos, whichever is quicker."""
-    monkeypatch.setattr(stability, "_DENSE", most)
+    monkeypatch.setattr(stability, "DENSE", most)
 
     def model(chain, pair):
         mbs = exu.SystemContainer().AddSystem()
@@ -136,5 +136,5 @@ def test_the_limit_of_a_model_is_that_of_its_stiffest_group(marble, bodies, most
 
     alone = model(True, False), model(False, True)
     assert model(True, True) == pytest.approx(min(alone), rel=1e-4)
-    monkeypatch.setattr(stability, "_DENSE", 10**6)
+    monkeypatch.setattr(stability, "DENSE", 10**6)
     assert min(alone) == pytest.approx(model(True, True), rel=1e-4)

@@ -34,10 +34,10 @@ def bending(run: ReviewedRun) -> Iterator[Finding]:
         item, body, material = history.item, history.item.body, history.item.body.material
         if material is None or material.yield_stress is None or body.n_dofs == RIGID:
             continue
-        facets = _free_facets(body)
+        facets = free_facets(body)
         if not len(facets):
             continue
-        bound = abs(history.deformed) @ _largest_stresses(body)
+        bound = abs(history.deformed) @ largest_stresses(body)
         if bound.max() <= material.yield_stress:
             continue
         energy = history.strain_energy
@@ -60,14 +60,14 @@ def bending(run: ReviewedRun) -> Iterator[Finding]:
 
 
 @once
-def _largest_stresses(body: ReducedBody) -> Array:
+def largest_stresses(body: ReducedBody) -> Array:
     """Largest von Mises stress of the free facets by a unit of each coordinate, (n_dofs,) [Pa].
 
     The von Mises stress is a norm. So that of several coordinates is at most the sum of theirs.
     """
     material = body.material
     assert material is not None
-    return np.asarray(surface_stress(body, _free_facets(body), np.eye(body.n_dofs), material)[0].max(axis=1))
+    return np.asarray(surface_stress(body, free_facets(body), np.eye(body.n_dofs), material)[0].max(axis=1))
 
 
 def surface_stress(body: ReducedBody, facets: Array, deformed: Array, material: Material) -> tuple[Array, Array]:
@@ -105,13 +105,13 @@ def surface_stress(body: ReducedBody, facets: Array, deformed: Array, material: 
 
 
 @once
-def _free_facets(body: ReducedBody) -> Array:
+def free_facets(body: ReducedBody) -> Array:
     """Some facets, (k, n) int, whose strain tells the stress; none if the body has more than one material."""
     material = body.material
     assert material is not None
     if any(patch.material for patch in body.partition.patches) or not _of_one_material(body, material):
         return body.facets[:0]
-    facets = body.facets[_far_from_loads(body)]
+    facets = body.facets[far_from_loads(body)]
     return facets[:: len(facets) // _FACETS + 1]
 
 
@@ -122,7 +122,7 @@ def _of_one_material(body: ReducedBody, material: Material) -> bool:
     return bool(abs(material.rho * volume / body.total_mass - 1) < _MASS)
 
 
-def _far_from_loads(body: ReducedBody) -> Array:
+def far_from_loads(body: ReducedBody) -> Array:
     """Which facets lie away from patches, plastic zones and interfaces, (nf,) bool: their strain is not local."""
     points, near = body.points, np.zeros(len(body.points), dtype=bool)
     for patch in body.partition.patches:

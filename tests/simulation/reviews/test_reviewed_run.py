@@ -50,7 +50,7 @@ def test_no_node_of_the_surface_goes_further_than_the_bound(rod, frame, share):
 
 def test_no_facet_has_more_stress_than_the_bound(rod):
     """The sum over coordinates of the largest stress that each of them makes."""
-    bound, facets = bending._largest_stresses(rod), bending._free_facets(rod)
+    bound, facets = bending.largest_stresses(rod), bending.free_facets(rod)
     assert len(facets) > 10
     q = np.random.default_rng(1).normal(size=(50, rod.n_dofs)) * 1e-6
     stress = bending.surface_stress(rod, facets, q, rod.material)[0].max(axis=1)
@@ -60,8 +60,8 @@ def test_no_facet_has_more_stress_than_the_bound(rod):
 
 
 def test_what_depends_on_a_body_is_found_once_for_all_its_items_and_runs(rod, monkeypatch):
-    asked, find = [], bending._far_from_loads
-    monkeypatch.setattr(bending, "_far_from_loads", lambda body: asked.append(body) or find(body))
+    asked, find = [], bending.far_from_loads
+    monkeypatch.setattr(bending, "far_from_loads", lambda body: asked.append(body) or find(body))
     body = rod.without_inside()  # another one, of which nothing is known yet
     for _ in range(2):
         flying(body, n=3)
