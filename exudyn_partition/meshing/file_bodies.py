@@ -92,15 +92,17 @@ class FileBodies:
     def pairs(self) -> tuple[BodyPair, ...]:
         """Bodies that the deck ties or lets touch; and those that touch by geometry, of which it says nothing."""
         nodes = {name: np.unique(self._corners[0][rows]) for name, rows in self.pieces.items()}
-        found: dict[BodyPair, None] = {}
+        pairs: dict[BodyPair, None] = {}
         for link in self.file.links:
-            first, second = ([name for name, own in nodes.items() if np.isin(own, on).any()] for on in link.nodes)
-            found |= {BodyPair(link.kind, (a, b), link.names): None for a in first for b in second}
-        known = {frozenset(pair.bodies) for pair in found}
+            first, second = (
+                [name for name, of_body in nodes.items() if np.isin(of_body, on).any()] for on in link.nodes
+            )
+            pairs |= {BodyPair(link.kind, (a, b), link.names): None for a in first for b in second}
+        known = {frozenset(pair.bodies) for pair in pairs}
         for touching in self._touching():
             if frozenset(touching) not in known:
-                found[BodyPair("touch", touching)] = None
-        return tuple(found)
+                pairs[BodyPair("touch", touching)] = None
+        return tuple(pairs)
 
     def rows(self, name: str) -> Array:
         """Rows of the volume elements of a name, (k,) int, ascending; capitals matter only if they must.
@@ -152,16 +154,16 @@ class FileBodies:
                 names[whole[0]] = names[whole[0]] or group.name
             for piece in whole:
                 within[piece] = within[piece] or group.name
-        found: dict[str, Array] = {}
+        pieces: dict[str, Array] = {}
         by_part = np.split(np.argsort(self._part, kind="stable"), np.cumsum(sizes)[:-1])
         count_within: dict[str, int] = {}
         for name, around, rows in zip(names, within, by_part, strict=True):
-            if not name or name in found:
+            if not name or name in pieces:
                 around = name or around or ("body" if len(sizes) > 1 else "")
-                count_within[around] = number = count_within.get(around, 1 if name in found else 0) + 1
+                count_within[around] = number = count_within.get(around, 1 if name in pieces else 0) + 1
                 name = f"{around}.{number}" if around else "body"
-            found[name] = rows
-        return found
+            pieces[name] = rows
+        return pieces
 
     def _touching(self) -> list[tuple[str, str]]:
         """Names of bodies whose surfaces face each other nearby."""
@@ -176,9 +178,9 @@ class FileBodies:
         outward = np.sign(np.einsum("fi,fi->f", area_vectors(points, faces[outer]), corners.mean(axis=1) - inside))
         order = np.argsort(self._part[element], kind="stable")
         sides = []
-        for own in np.split(order, np.cumsum(np.bincount(self._part[element]))[:-1]):
-            side = Side.of(points, faces[outer[own]])
-            sides.append(side._replace(normals=outward[own, None] * side.normals))
+        for of_body in np.split(order, np.cumsum(np.bincount(self._part[element]))[:-1]):
+            side = Side.of(points, faces[outer[of_body]])
+            sides.append(side._replace(normals=outward[of_body, None] * side.normals))
         length = float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
         names = self.names
         near = facing_facets(sides, _TOUCH * length)
