@@ -24,6 +24,7 @@ _LOG = logging.getLogger(__name__)
 
 _TOUCH = 0.1  # of the length of their facets' edges, within which bodies touch
 _LISTED = 8  # names in a message
+_LINES = 100  # bodies that are printed
 
 
 class BodyPair(NamedTuple):
@@ -84,7 +85,7 @@ class FileBodies:
         return tuple(self.pieces)
 
     @property
-    def others(self) -> tuple[str, ...]:
+    def other_names(self) -> tuple[str, ...]:
         """Other names that choose elements of one body or several, such as those of materials."""
         return tuple(dict.fromkeys(group.name for group in self.file.groups if group.name not in self.pieces))
 
@@ -123,7 +124,7 @@ class FileBodies:
         same = [key for key in known if key.upper() == name.upper()]
         if len(same) == 1:
             return known[same[0]]
-        beside = f"; or of {listed_names(self.others)}" if self.others else ""
+        beside = f"; or of {listed_names(self.other_names)}" if self.other_names else ""
         raise InputError(f"solid: expected one of {listed_names(self.names)}{beside} in {self.path}, got {name!r}")
 
     @cached_property
@@ -189,11 +190,13 @@ class FileBodies:
     def __str__(self) -> str:
         count = len(self.names)
         lines = [f"{self.path}: {count} {'body' if count == 1 else 'bodies'}"]
-        for name, rows in self.pieces.items():
+        for name, rows in [*self.pieces.items()][:_LINES]:
             places = self.scale * self.file.points[np.unique(self._corners[0][rows])]
             low, high = places.min(axis=0), places.max(axis=0)
             size = " x ".join(f"{x:.4g}" for x in high - low)
             lines.append(f"  {name}: {len(rows)} elements, {size} m around {show((low + high) / 2)} m")
+        if count > _LINES:
+            lines.append(f"  and {count - _LINES} more")
         said = [f"{group.kind} {group.name}" for group in self.file.groups if group.name not in self.pieces]
         if said:
             lines.append(f"  other names of elements: {', '.join(dict.fromkeys(said))}")
