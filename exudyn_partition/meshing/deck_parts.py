@@ -382,7 +382,7 @@ class Assembly:
             if kind in SURFACES:
                 faces.append(rows[:, : FACE_CORNERS[kind]])
             elif kind is not None:
-                of_kind = _FACES[_CORNERS[kind.rstrip("0123456789")]]
+                of_kind = corners_of_faces(kind)
                 number = int(face[1:]) if re.fullmatch(r"S\d", face) else 0
                 if face and not 1 <= number <= len(of_kind):
                     raise line.refuse(f"expected a face S1 to S{len(of_kind)} of these elements, got {face}")
@@ -417,6 +417,11 @@ class Assembly:
                 name = spelling.setdefault(block.set_name.upper(), block.set_name)
                 number[start : start + len(rows)] = names.setdefault(name, len(names))
         return [CellRegions("*ELEMENT, ELSET", tuple(names), number[self._solids])] if names else []
+
+
+def corners_of_faces(kind: str) -> tuple[tuple[int, ...], ...]:
+    """Corners of the faces of a kind of solids, as decks number them."""
+    return _FACES[_CORNERS[kind.rstrip("0123456789")]]
 
 
 def _joined(parts: Iterator[Array]) -> Array:

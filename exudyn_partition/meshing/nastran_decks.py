@@ -13,8 +13,8 @@ import numpy as np
 from ..support.arrays import Array
 from .deck_lines import Line
 from .deck_materials import DeckMaterial
-from .deck_parts import Assembly, Elements, Part
-from .file_mesh import FACE_CORNERS, SOLIDS, SURFACES, CellRegions, FileMesh, Group
+from .deck_parts import Assembly, Elements, Part, corners_of_faces
+from .file_mesh import FACE_CORNERS, SOLIDS, SURFACES, CellRegions, FileMesh, Group, Link
 from .nastran_cards import Card, cards
 
 _LOG = logging.getLogger(__name__)
@@ -141,10 +141,12 @@ def read_nastran(path: Path, only_solids: bool = False) -> FileMesh:
     of_solids = np.array([number for kind in mesh.solids for number in properties[kind]], dtype=np.int64)
     regions = _regions(by_name, of_solids)
     materials = _materials(by_name, of_solids, regions)
+    surfaces = _surfaces(by_name, mesh)
     return replace(
         mesh,
-        faces={},
+        faces=surfaces,
         node_sets={},
+        links=_links(by_name, surfaces),
         regions=regions,
         materials=materials,
         either_hand=True,
@@ -233,6 +235,40 @@ class _Systems:
         (place,) = self.find(system, line).basic(written[None])
         found: Array = place
         return found
+
+
+def _surfaces(by_name: dict[str, list[Card]], mesh: FileMesh) -> dict[str, list[Array]]:
+    """Corner nodes of the faces of each BSURFS, which names an element and three corners of its face."""
+    cards = by_name.get("BSURFS", [])
+    if not cards or mesh.labels is None or mesh.origins is None:
+        return {}
+    cells = [(kind, row) for kind, rows in mesh.solids.items() for row in rows.tolist()]
+    element = dict(zip(mesh.origins.labels.tolist(), cells, strict=True))
+    node = {label: row for row, label in enumerate(mesh.labels.tolist())}
+    surfaces: dict[str, list[Array]] = {}
+    for card in cards:
+        faces = surfaces.setdefault(f"BSURFS {card.integer(1)}", [])
+        for i in range(5, len(card.fields) + 1, 4):
+            if not card.field(i):
+                continue
+            kind, row = element.get(card.integer(i), ("", []))
+            three = {node.get(card.integer(i + j), -1) for j in (1, 2, 3)}
+            corners = [[row[k] for k in face] for face in corners_of_faces(kind)] if kind else []
+            faces += [np.array([face]) for face in corners if three <= set(face)]
+    return surfaces
+
+
+def _links(by_name: dict[str, list[Card]], surfaces: dict[str, list[Array]]) -> list[Link]:
+    """Pairs of surfaces that are glued, BGSET, or may touch, BCTSET: their numbers stand in each line of the card."""
+    links = []
+    for kind, name in (("tie", "BGSET"), ("contact", "BCTSET")):
+        for card in by_name.get(name, []):
+            for i in range(2, len(card.fields), 8):
+                names = f"BSURFS {card.field(i)}", f"BSURFS {card.field(i + 1)}"
+                if all(surfaces.get(surface) for surface in names):
+                    first, second = (np.unique(np.concatenate([f.ravel() for f in surfaces[n]])) for n in names)
+                    links.append(Link(kind, names, (first, second)))
+    return links
 
 
 def _by_kind(name: str, of_name: list[Card]) -> dict[str, list[tuple[Card, list[int]]]]:
