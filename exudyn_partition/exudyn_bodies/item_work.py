@@ -97,10 +97,10 @@ def CreateWorkSensor(mbs: MainSystem) -> WorkSensor:
 
     def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
         q_t = mbs.systemData.GetODE2Coordinates_t(copy=False)
-        own = np.zeros(len(q_t), dtype=bool)
+        of_bodies = np.zeros(len(q_t), dtype=bool)
         for place in chain.from_iterable(coordinate_slices(mbs, item) for item in bodies):
-            own[place] = True
-        return [power(mbs, q_t, own) for power in powers]
+            of_bodies[place] = True
+        return [power(mbs, q_t, of_bodies) for power in powers]
 
     items = require("exudyn.itemInterface")
     number = mbs.AddSensor(items.SensorUserFunction(name=WORK, sensorUserFunction=sample, storeInternal=True))
@@ -110,28 +110,28 @@ def CreateWorkSensor(mbs: MainSystem) -> WorkSensor:
 
 def _unlike(names: list[str]) -> tuple[str, ...]:
     """Names of which each is there once: numbers follow those that are there more often."""
-    count, seen, found = Counter(names), Counter[str](), []
+    count, seen, unlike = Counter(names), Counter[str](), []
     for name in names:
         seen[name] += 1
-        found.append(f"{name} ({seen[name]})" if count[name] > 1 else name)
-    return tuple(found)
+        unlike.append(f"{name} ({seen[name]})" if count[name] > 1 else name)
+    return tuple(unlike)
 
 
 def _weights(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
     """Constant forces of the bodies' own objects: gravity."""
 
     def weight(item: BodyItem, force: Array) -> Power:
-        def power(mbs: MainSystem, q_t: Array, own: Array) -> float:
+        def power(mbs: MainSystem, q_t: Array, of_bodies: Array) -> float:
             return float(force @ np.concatenate([q_t[place] for place in coordinate_slices(mbs, item)]))
 
         return power
 
-    found = []
+    terms = []
     for number, item in held.bodies.items():
         force = np.asarray(mbs.GetObject(item["oGenericODE2"])["forceVector"], dtype=float)
         if force.any():
-            found.append((f"gravity on {item.name or f'body {number}'}", weight(item, force)))
-    return found
+            terms.append((f"gravity on {item.name or f'body {number}'}", weight(item, force)))
+    return terms
 
 
 def _objects(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
@@ -140,18 +140,18 @@ def _objects(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
     kind = exu.ComputeItemType
 
     def of_object(number: ItemIndex) -> Power:
-        def power(mbs: MainSystem, q_t: Array, own: Array) -> float:
+        def power(mbs: MainSystem, q_t: Array, of_bodies: Array) -> float:
             data = mbs.systemData
             what = kind.ReactionForces if len(data.GetObjectLTGAE(number)) else kind.ODE2LHS
             columns = np.asarray(data.GetObjectLTGODE2(number), dtype=int)
-            on_bodies = own[columns]
+            on_bodies = of_bodies[columns]
             return -float(np.asarray(mbs.ComputeItem(number, what))[on_bodies] @ q_t[columns[on_bodies]])
 
         return power
 
     objects, nodes = _numbers(held.bodies)
     ours = objects | {int(contact["oContact"]) for contact in held.contacts.values()}
-    found = []
+    terms = []
     for index in range(mbs.systemData.NumberOfObjects()):
         entry = mbs.GetObject(index)
         if index in ours:
@@ -161,8 +161,8 @@ def _objects(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
         else:  # without a function it has no force
             touches = bool(entry.get("forceUserFunction")) and not nodes.isdisjoint(map(int, entry["nodeNumbers"]))
         if touches:
-            found.append((f"{entry['name']} ({entry['objectType']})", of_object(exu.ObjectIndex(index))))
-    return found
+            terms.append((f"{entry['name']} ({entry['objectType']})", of_object(exu.ObjectIndex(index))))
+    return terms
 
 
 def _loads(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
@@ -170,7 +170,7 @@ def _loads(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
     kind = require("exudyn").ComputeItemType
 
     def of_vector(load: int, marker: ItemIndex, torque: bool, fixed: bool) -> Power:
-        def power(mbs: MainSystem, q_t: Array, own: Array) -> float:
+        def power(mbs: MainSystem, q_t: Array, of_bodies: Array) -> float:
             motion, value = mbs.ComputeItem(marker, kind.Kinematics), np.asarray(mbs.GetLoadValues(load))
             if torque:  # the angular velocity is in the marker's axes
                 local = value if fixed else motion["rotationMatrix"].T @ value
@@ -180,7 +180,7 @@ def _loads(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
         return power
 
     def of_mass(load: int, body: ItemIndex) -> Power:
-        def power(mbs: MainSystem, q_t: Array, own: Array) -> float:
+        def power(mbs: MainSystem, q_t: Array, of_bodies: Array) -> float:
             columns = np.asarray(mbs.systemData.GetObjectLTGODE2(body), dtype=int)
             momentum = np.asarray(mbs.ComputeItem(body, kind.MassWeightedPositionJacobian)) @ q_t[columns]
             return float(np.asarray(mbs.GetLoadValues(load)) @ momentum)
@@ -188,13 +188,13 @@ def _loads(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
         return power
 
     def of_coordinate(load: int, node: ItemIndex, coordinate: int) -> Power:
-        def power(mbs: MainSystem, q_t: Array, own: Array) -> float:
+        def power(mbs: MainSystem, q_t: Array, of_bodies: Array) -> float:
             return float(mbs.GetLoadValues(load)) * float(q_t[mbs.GetNodeODE2Index(node) + coordinate])
 
         return power
 
     objects, nodes = _numbers(held.bodies)
-    found = []
+    terms = []
     for load in range(mbs.systemData.NumberOfLoads()):
         entry = mbs.GetLoad(load)
         number, marker = entry["markerNumber"], mbs.GetMarker(entry["markerNumber"])
@@ -209,8 +209,8 @@ def _loads(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
                 power = of_vector(load, number, name == "TorqueVector", bool(entry["bodyFixed"]))
             case _:
                 continue
-        found.append((f"{entry['name']} ({entry['loadType']})", power))
-    return found
+        terms.append((f"{entry['name']} ({entry['loadType']})", power))
+    return terms
 
 
 @dataclass(frozen=True)
@@ -245,10 +245,10 @@ class Others:
                 acted_on.add(id(item))
                 not_told += [] if told else [f"the force vector of {item.name or f'body {number}'}"]
         for entry, nodes, markers in _others(mbs, held):
-            found = [n for n, own in each.items() if _touches(markers, nodes, own)]
-            acted_on |= {id(held.bodies[n]) for n in found}
+            touched = [n for n, of_item in each.items() if _touches(markers, nodes, of_item)]
+            acted_on |= {id(held.bodies[n]) for n in touched}
             sensed = told and (entry.get("loadType") in _SENSED or "markerNumbers" in entry or _has_force(entry))
-            if found and not _is_workless(mbs, entry, markers, everything):
+            if touched and not _is_workless(mbs, entry, markers, everything):
                 driven |= entry.get("objectType") in HOLONOMIC
                 not_told += [] if sensed else [f"{entry['name']} ({entry.get('objectType') or entry['loadType']})"]
         return cls(frozenset(acted_on), tuple(not_told), driven)
@@ -261,11 +261,11 @@ def acts_on_constant_mass(mbs: MainSystem, item: BodyItem, acting: ActingMass) -
     """
     items = mbs.systemData.NumberOfObjects(), mbs.systemData.NumberOfLoads()
     if not acting.settled and items != acting.items:
-        own = _numbers({0: item})
+        of_item = _numbers({0: item})
         acting.constant, acting.items = False, items
         for entry, nodes, markers in _others(mbs, registered(mbs)):
             known = entry.get("loadType") == "MassProportional" or is_ours(entry.get("forceUserFunction"))
-            acting.constant |= not known and _touches(markers, nodes, own)
+            acting.constant |= not known and _touches(markers, nodes, of_item)
     return acting.constant
 
 

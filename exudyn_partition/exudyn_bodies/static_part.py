@@ -66,8 +66,8 @@ def warn_near_contact(
     """
     lacking = least = 0.0  # of what changes in the run, as `kept` does
     for contact in result.contacts:
-        for other, number in contact.sides:
-            if other == item and item.body.basis.flexibility is not None and contact.compliant:
+        for side_item, number in contact.sides:
+            if side_item == item and item.body.basis.flexibility is not None and contact.compliant:
                 patch = item.body.partition.patches[number]
                 area = nodal_area(item.body.points, patch.facets)[patch.nodes]
                 load = area / area.sum()
@@ -96,8 +96,8 @@ def static_part(item: RecoveredBody, result: Samples, rows: sp.csr_matrix, fem: 
     """
     check_static(item.body, fem)
     total = np.zeros((len(result.t), rows.shape[0]))
-    own = [c for c in result.contacts if c.compliant and any(other == item for other, _ in c.sides)]
-    if item.body.basis.flexibility is None or not own or not rows.shape[0]:
+    on_body = [c for c in result.contacts if c.compliant and any(side_item == item for side_item, _ in c.sides)]
+    if item.body.basis.flexibility is None or not on_body or not rows.shape[0]:
         return total
     answer = fem if isinstance(fem, StaticAnswer) else StaticAnswer(fem, item.body)
     # The flexibility is symmetric: the rows act as loads, and their answers are taken at the loaded nodes.
@@ -105,9 +105,9 @@ def static_part(item: RecoveredBody, result: Samples, rows: sp.csr_matrix, fem: 
     loaded = np.unique(np.concatenate([item.body.partition.patch_nodes, *(h.zone.nodes for _, h in histories)]))
     fields = np.array([answer(row.toarray().reshape(-1, 3), loaded) for row in rows])
     axes = item.kinematics.frame(item.coordinates(result))[1]
-    for contact in own:
-        for (other, patch), forces in zip(contact.sides, contact.nodal_forces(result), strict=True):
-            if other == item:
+    for contact in on_body:
+        for (side_item, patch), forces in zip(contact.sides, contact.nodal_forces(result), strict=True):
+            if side_item == item:
                 at_patch = fields[:, np.searchsorted(loaded, patches[patch].nodes)]
                 total += np.einsum("tna,tab,knb->tk", forces, axes, at_patch, optimize=True)
     for _, history in histories:
@@ -129,11 +129,11 @@ def zone_histories(item: RecoveredBody, result: Samples) -> Iterator[tuple[int, 
 
 def zone_stresses(body: ReducedBody, fem: FEModel) -> dict[int, ZoneStress]:
     """Stress in the plastic zones of a body, by the numbers of their patches."""
-    found = {}
+    zones = {}
     for number, patch in enumerate(body.partition.patches):
         if patch.plastic is not None:
-            found[number] = ZoneStress(fem, patch.plastic, patch.material or fem.material)
-    return found
+            zones[number] = ZoneStress(fem, patch.plastic, patch.material or fem.material)
+    return zones
 
 
 def stress_parts(item: RecoveredBody, result: Samples, points: Array, fem: FEModel) -> tuple[sp.csr_matrix, Array]:

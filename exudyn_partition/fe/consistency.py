@@ -139,26 +139,26 @@ def _check_turned(points: Array, cells: Array, hexahedra: bool, some: Array) -> 
 
     Volumes there are negative, and codes do not agree on those of such elements.
     """
-    found = []
+    turned = []
     for kind, rows in kinds_of(cells[some], hexahedra):
         x = points[cells[some[rows]][:, kind.columns]]
         least = np.linalg.det(np.einsum("qnr,end->eqrd", kind.functions(kind.nodes)[1], x)).min(axis=1)
-        found += some[rows[least <= 0]].tolist()
-    if found:
-        where = ", ".join(f"{x:.4g}" for x in points[cells[found[0]]].mean(axis=0))
+        turned += some[rows[least <= 0]].tolist()
+    if turned:
+        where = ", ".join(f"{x:.4g}" for x in points[cells[turned[0]]].mean(axis=0))
         raise InvertedElementsError(
-            f"cells: {len(found)} of {len(cells)} elements are inside out in a corner, between integration points, the "
-            f"first is element {found[0]} at ({where}). Curved sides do that to elements that are too large for the "
-            "curvature or the thickness of a wall. Take a smaller maxh, or refine there"
+            f"cells: {len(turned)} of {len(cells)} elements are inside out in a corner, between integration points, "
+            f"the first is element {turned[0]} at ({where}). Curved sides do that to elements that are too large for "
+            "the curvature or the thickness of a wall. Take a smaller maxh, or refine there"
         )
 
 
 def _check_centre(mass: sp.csr_matrix, cell_mass: Array, points: Array, cells: Array, hexahedra: bool) -> None:
     """Compare the centre of the mass matrix with that of the elements; `centres_of` is near it, unless they are few."""
     total, size = cell_mass.sum(), np.ptp(points, axis=0).max()
-    found = (mass @ np.ones(mass.shape[0])).reshape(-1, 3).mean(axis=1) @ points
+    centre = (mass @ np.ones(mass.shape[0])).reshape(-1, 3).mean(axis=1) @ points
     for centres in (centres_of, _centroids):
-        away = np.linalg.norm(found - cell_mass @ centres(points, cells, hexahedra))
+        away = np.linalg.norm(centre - cell_mass @ centres(points, cells, hexahedra))
         if away <= CENTRE * total * size:
             return
     raise InputError(
@@ -239,14 +239,14 @@ def integrals(points: Array, cells: Array, hexahedra: bool) -> tuple[Array, Arra
     """Volumes of elements, (ne,) [m3], and integrals of the gradients of their shape functions, (ne, k, 3) [m2]."""
     volume, gradients = np.zeros(len(cells)), np.zeros((*cells.shape, 3))
     for kind, rows in kinds_of(cells, hexahedra):
-        x, own = points[cells[rows][:, kind.columns]], np.zeros(len(rows))
-        of_own = np.zeros(x.shape)
+        x, volumes = points[cells[rows][:, kind.columns]], np.zeros(len(rows))
+        slopes_of_nodes = np.zeros(x.shape)
         for weight, slopes in zip(kind.rule[1], kind.gradients, strict=True):
             r, s, t = (np.tensordot(x, slope, (1, 0)).T for slope in slopes.T)  # tangents, (3, ne)
             areas = np.stack([_cross(s, t), _cross(t, r), _cross(r, s)])
-            own += weight * (r * areas[0]).sum(axis=0)
-            of_own += weight * np.tensordot(slopes, areas, (1, 0)).transpose(2, 0, 1)
-        volume[rows], gradients[rows] = own, kind.on_row(of_own)
+            volumes += weight * (r * areas[0]).sum(axis=0)
+            slopes_of_nodes += weight * np.tensordot(slopes, areas, (1, 0)).transpose(2, 0, 1)
+        volume[rows], gradients[rows] = volumes, kind.on_row(slopes_of_nodes)
     return volume, gradients
 
 

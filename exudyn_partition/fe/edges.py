@@ -29,9 +29,9 @@ def neighbours_across(facets: Array) -> tuple[Array, Array]:
     edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
     order = np.lexsort(edges.T)
     same = np.flatnonzero((edges[order[1:]] == edges[order[:-1]]).all(axis=1))
-    other = np.full(len(edges), -1)
-    other[order[same]], other[order[same + 1]] = order[same + 1], order[same]
-    facet, edge = np.divmod(other, corners.shape[1])
+    twin = np.full(len(edges), -1)
+    twin[order[same]], twin[order[same + 1]] = order[same + 1], order[same]
+    facet, edge = np.divmod(twin, corners.shape[1])
     return facet.reshape(corners.shape), edge.reshape(corners.shape)
 
 
@@ -50,8 +50,8 @@ def flat_facets(points: Array, facets: Array) -> Array:
     facet, edge, turns, _ = _turning(points, facets)
     normals = area_vectors(points, facets)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
-    other = neighbours_across(facets)[0][facet, edge]
-    bends = ~turns & (np.einsum("kd,kd->k", normals[facet], normals[other]) < _FLAT)
+    neighbour = neighbours_across(facets)[0][facet, edge]
+    bends = ~turns & (np.einsum("kd,kd->k", normals[facet], normals[neighbour]) < _FLAT)
     flat = np.ones(len(facets), dtype=bool)
     flat[facet[bends]] = False
     return flat
@@ -65,14 +65,14 @@ def _turning(points: Array, facets: Array) -> tuple[Array, Array, Array, Array]:
     normals = np.cross(a, b)
     normals /= np.maximum(np.linalg.norm(normals, axis=2), 1e-300)[:, :, None]
     facet, edge = np.nonzero(across >= 0)
-    other, own = across[facet, edge], normals[facet, edge]
-    turns = np.einsum("kd,kd->k", own, normals[other, its_edge[facet, edge]]) < _SHARP
-    away = points[facet_corners(facets[other])].mean(axis=1) - place[facet, edge]
-    return facet, edge, turns, np.einsum("kd,kd->k", own, away) < 0
+    neighbour, normal = across[facet, edge], normals[facet, edge]
+    turns = np.einsum("kd,kd->k", normal, normals[neighbour, its_edge[facet, edge]]) < _SHARP
+    away = points[facet_corners(facets[neighbour])].mean(axis=1) - place[facet, edge]
+    return facet, edge, turns, np.einsum("kd,kd->k", normal, away) < 0
 
 
 def sharp_nodes(points: Array, facets: Array) -> Array:
     """Nodes on `sharp_edges`, ascending, (k,)."""
     facet, edge = sharp_edges(points, facets)
-    one, two = facets[facet], facets[neighbours_across(facets)[0][facet, edge]]
-    return np.unique(one[(one[:, :, None] == two[:, None, :]).any(axis=2)])
+    nodes, across = facets[facet], facets[neighbours_across(facets)[0][facet, edge]]
+    return np.unique(nodes[(nodes[:, :, None] == across[:, None, :]).any(axis=2)])

@@ -115,8 +115,8 @@ def given_elastic(material: object, regions: object, n: int) -> Material | Regio
     """
     if not isinstance(material, Mapping) or regions is None:
         return given_material(material, regions)
-    for name, one in material.items():
-        validate_type(f"material[{name!r}]", one, Material, "ep.Material()")
+    for name, given in material.items():
+        validate_type(f"material[{name!r}]", given, Material, "ep.Material()")
     names = np.asarray(regions)
     if names.dtype.kind not in "UO" or names.shape != (n,):
         raise InputError(f"regions: expected {n} names, one for each element, got {names.dtype} of shape {names.shape}")
@@ -127,7 +127,7 @@ def given_elastic(material: object, regions: object, n: int) -> Material | Regio
         )
     number = np.array([keys.index(name) for name in names.tolist()], dtype=np.int64)
     materials = tuple(material.values())
-    return Regions(tuple(keys), materials, number, np.array([one.E for one in materials])[number])
+    return Regions(tuple(keys), materials, number, np.array([given.E for given in materials])[number])
 
 
 def check_free(mass: sp.csr_matrix, stiffness: sp.csr_matrix) -> None:

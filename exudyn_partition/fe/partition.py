@@ -401,7 +401,7 @@ class Partition:
         if axes is not None:
             validate_choice("axes", axes, AXES)
         within = validate_positive("within", within, "m")
-        found = []
+        partitions = []
         sides = [Side.of(fem.points, fem.facets) for fem in models]
         for name, fem, near in zip(names, models, facing_facets(sides, within), strict=True):
             if not near:
@@ -410,8 +410,8 @@ class Partition:
                     f"{show(fem.points.min(axis=0))} to {show(fem.points.max(axis=0))} m. Are all in the coordinates "
                     "of the assembly? Enlarge within=, or leave this body out"
                 )
-            found.append(cls._near_others(fem, {names[i]: facets for i, facets in near.items()}, axes))
-        return dict(zip(names, found, strict=True)) if isinstance(fems, Mapping) else found
+            partitions.append(cls._near_others(fem, {names[i]: facets for i, facets in near.items()}, axes))
+        return dict(zip(names, partitions, strict=True)) if isinstance(fems, Mapping) else partitions
 
     @classmethod
     def _near_others(cls, fem: FEModel, near: Mapping[str, Array], axes: PatchAxes | None) -> Partition:
@@ -422,12 +422,12 @@ class Partition:
         owner[fem.facets[number]] = part[:, None]
         patches: list[Patch] = []
         for i in range(part.max() + 1):
-            own = widened(fem, number[part == i])
-            own = own[np.isin(owner[fem.facets[own]], (-1, i)).all(axis=1)]
-            owner[fem.facets[own]] = i
-            name = " and ".join(other for other, facets in near.items() if np.isin(own, facets).any())
+            of_patch = widened(fem, number[part == i])
+            of_patch = of_patch[np.isin(owner[fem.facets[of_patch]], (-1, i)).all(axis=1)]
+            owner[fem.facets[of_patch]] = i
+            name = " and ".join(other for other, facets in near.items() if np.isin(of_patch, facets).any())
             same = sum(patch.name == name or patch.name.startswith(f"{name} ") for patch in patches)
-            patches += cls.surface(fem, own, axes=axes, name=f"{name} {same + 1}" if same else name).patches
+            patches += cls.surface(fem, of_patch, axes=axes, name=f"{name} {same + 1}" if same else name).patches
         nodes = np.unique(np.concatenate([patch.nodes for patch in patches]))
         return cls(nodes, tuple(patches), (), fem.n_nodes, fem.fingerprint)
 

@@ -18,9 +18,9 @@ def area_mean(points: Array, facets: Array) -> Array:
     """Mean place, (3,) [m], over the area of facets, (nf, k), curved ones too, of points, (n, 3) [m]."""
     places, total = np.zeros(3), 0.0
     for rows, columns in by_shape(facets):
-        own = facets[rows][:, columns]
-        shape, area = facet_integration(points, own)
-        places += np.einsum("fq,qk,fkd->d", area, shape, points[own])
+        nodes = facets[rows][:, columns]
+        shape, area = facet_integration(points, nodes)
+        places += np.einsum("fq,qk,fkd->d", area, shape, points[nodes])
         total += area.sum()
     return places / total
 
@@ -45,11 +45,11 @@ def facet_forces(points: Array, facets: Array, direction: Array | None) -> Array
         shape = shape_functions(local, n)
         normals = np.cross(*np.einsum("qin,fnd->ifqd", shape[:, 1:], points[facets[rows][:, columns]]))
         if direction is None:
-            own = -np.einsum("q,qk,fqd->fkd", weight, shape[:, 0], normals)
+            of_shape = -np.einsum("q,qk,fqd->fkd", weight, shape[:, 0], normals)
         else:
             areas = np.einsum("q,qk,fq->fk", weight, shape[:, 0], np.linalg.norm(normals, axis=2))
-            own = areas[:, :, None] * direction
-        forces[np.ix_(rows, columns)] = own
+            of_shape = areas[:, :, None] * direction
+        forces[np.ix_(rows, columns)] = of_shape
     return forces
 
 
@@ -213,11 +213,11 @@ def _hats_of_square(local: Array) -> Array:
     x, y = local.T
     inside = np.ones(len(local), dtype=bool)
     for corner, (a, b) in enumerate([(x, y), (1 - x, y), (1 - x, 1 - y), (x, 1 - y)]):
-        own = a + b < 0.5
+        in_corner = a + b < 0.5
         along_x, along_y = [(4, 7), (4, 5), (6, 5), (6, 7)][corner]
-        hats[own, corner] = 1 - 2 * (a + b)[own]
-        hats[own, along_x], hats[own, along_y] = 2 * a[own], 2 * b[own]
-        inside &= ~own
+        hats[in_corner, corner] = 1 - 2 * (a + b)[in_corner]
+        hats[in_corner, along_x], hats[in_corner, along_y] = 2 * a[in_corner], 2 * b[in_corner]
+        inside &= ~in_corner
     u, v = (x + y - 0.5)[inside], (y - x + 0.5)[inside]
     hats[inside, 4:] = shape_functions(np.column_stack([u, v]), 4)[:, 0]
     return hats

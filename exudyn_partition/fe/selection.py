@@ -95,9 +95,10 @@ def parts(fem: FEModel, number: Array, smooth: float) -> Array:
     sides, owner = sides[order], owner[order]
     long = sides[1:, 0] < sides[1:, 1]  # a triangle among quadrilaterals has one without length
     same = np.flatnonzero((sides[1:] == sides[:-1]).all(axis=1) & long)
-    one, other = owner[same], owner[same + 1]
-    held = np.einsum("ij,ij->i", normals[one], normals[other]) > smooth
-    joined = sp.coo_matrix((np.ones(held.sum()), (one[held], other[held])), shape=(len(number),) * 2)
+    facet, neighbour = owner[same], owner[same + 1]
+    is_smooth = np.einsum("ij,ij->i", normals[facet], normals[neighbour]) > smooth
+    pairs = facet[is_smooth], neighbour[is_smooth]
+    joined = sp.coo_matrix((np.ones(is_smooth.sum()), pairs), shape=(len(number),) * 2)
     return np.asarray(connected_components(joined, directed=False)[1])
 
 
@@ -111,8 +112,8 @@ def _on_cylinder(fem: FEModel, cylinder: Cylinder) -> Array:
     away = np.linalg.norm(np.cross(fem.points - point, axis), axis=1)[facet_corners(fem.facets)]
     normals = area_vectors(fem.points, fem.facets)
     across = abs(normals @ axis) < _ACROSS * np.linalg.norm(normals, axis=1)
-    found = np.flatnonzero(across & (abs(away - radius) < _ROUND * radius).all(axis=1))
-    if not len(found):
+    on_cylinder = np.flatnonzero(across & (abs(away - radius) < _ROUND * radius).all(axis=1))
+    if not len(on_cylinder):
         round_ones = across & (np.ptp(away, axis=1) < _ROUND * away.mean(axis=1))
         radii = np.unique(np.round(away[round_ones].mean(axis=1), 9))
         near = radii[np.argsort(abs(radii - radius))[:_LISTED]]
@@ -121,7 +122,7 @@ def _on_cylinder(fem: FEModel, cylinder: Cylinder) -> Array:
             f"cylinder: no face of the body lies on one of radius {radius:.6g} m about the axis through {show(point)} "
             f"along {show(axis)}; radii of faces about this axis [m]: {there}"
         )
-    return found
+    return on_cylinder
 
 
 def _in_plane(fem: FEModel, plane: Plane) -> Array:
@@ -133,8 +134,8 @@ def _in_plane(fem: FEModel, plane: Plane) -> Array:
     normals = area_vectors(fem.points, fem.facets)
     facing = normals @ normal > _ALONG * np.linalg.norm(normals, axis=1)
     size = float(np.ptp(fem.points, axis=0).max())
-    found = np.flatnonzero(facing & (abs(heights) < _FLAT * size).all(axis=1))
-    if not len(found):
+    in_plane = np.flatnonzero(facing & (abs(heights) < _FLAT * size).all(axis=1))
+    if not len(in_plane):
         levels = np.unique(np.round(heights[facing].mean(axis=1) / (_FLAT * size)) * _FLAT * size)
         near = levels[np.argsort(abs(levels))[:_LISTED]]
         there = ", ".join(f"{h:.6g}" for h in np.sort(near)) or "none"
@@ -142,7 +143,7 @@ def _in_plane(fem: FEModel, plane: Plane) -> Array:
             f"plane: no face of the body with the outward normal {show(normal)} lies in the plane through "
             f"{show(point)}; faces with this normal are away from it, along the normal, by [m]: {there}"
         )
-    return found
+    return in_plane
 
 
 def _unit(name: str, vector: Vector) -> Array:
@@ -170,9 +171,9 @@ def _warn_of_parts(fem: FEModel, number: Array, part: Array, name: str) -> None:
     vectors, centres = area_vectors(fem.points, fem.facets[number]), fem.points[fem.facets[number]].mean(axis=1)
     said = []
     for face in range(min(part.max() + 1, _LISTED)):
-        own = part == face
-        area = np.linalg.norm(vectors[own], axis=1)
-        said.append(f"{own.sum()} facets, {area.sum():.4g} m2, around {show(area @ centres[own] / area.sum())}")
+        of_face = part == face
+        area = np.linalg.norm(vectors[of_face], axis=1)
+        said.append(f"{of_face.sum()} facets, {area.sum():.4g} m2, around {show(area @ centres[of_face] / area.sum())}")
     more = part.max() + 1 - len(said)
     warn(
         f"{name}: caught {part.max() + 1} separate faces: {'; '.join(said)}{f'; and {more} more' if more else ''}. If "

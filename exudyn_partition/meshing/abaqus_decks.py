@@ -161,14 +161,14 @@ class _Deck:
         """Take nodes, and the set that they make."""
         if not block.data:
             return
-        found = np.array([[*line.numbers, 0.0, 0.0, 0.0][:4] for line in block.data])
-        whole = (found[:, 0] == np.rint(found[:, 0])) & (abs(found[:, 0]) <= LARGEST)
-        if not (whole & np.isfinite(found).all(axis=1)).all():
-            wrong = block.data[int(np.argmin(whole & np.isfinite(found).all(axis=1)))]
+        written = np.array([[*line.numbers, 0.0, 0.0, 0.0][:4] for line in block.data])
+        whole = (written[:, 0] == np.rint(written[:, 0])) & (abs(written[:, 0]) <= LARGEST)
+        if not (whole & np.isfinite(written).all(axis=1)).all():
+            wrong = block.data[int(np.argmin(whole & np.isfinite(written).all(axis=1)))]
             raise wrong.refuse(f"expected a node's whole number and its place, got {wrong.text[:60]!r}")
-        labels = found[:, 0].astype(np.int64)
+        labels = written[:, 0].astype(np.int64)
         turn, origin = self._system
-        places = _rectangular(found[:, 1:], block.options.get("SYSTEM", "R").upper(), block.line) @ turn.T + origin
+        places = _rectangular(written[:, 1:], block.options.get("SYSTEM", "R").upper(), block.line) @ turn.T + origin
         self._open.nodes.append((block.line, labels, places))
         if block.options.get("NSET"):
             member = Member(block.line, None, labels)
@@ -180,32 +180,32 @@ class _Deck:
         kind, n, most = _kind(name, block.line, self.only_solids)
         if self.only_solids and kind not in SOLIDS and kind not in SURFACES:
             self.left_out[name] = self.left_out.get(name, 0) + len(block.data)
-        found = list(_rows(block, name, n, most))
-        width = len(found[0][1]) if found else n + 1
-        for line, row in found:
+        read = list(_rows(block, name, n, most))
+        width = len(read[0][1]) if read else n + 1
+        for line, row in read:
             if len(row) != width:
-                line, row = next((line, row) for line, row in found if len(row) > n + 1)
+                line, row = next((line, row) for line, row in read if len(row) > n + 1)
                 raise line.refuse(f"element {row[0]} of TYPE={name} has {len(row) - 1} nodes, expected {n}")
-        rows = np.array([row for _, row in found], dtype=np.int64).reshape(-1, width)
-        lines = [line for line, _ in found]
+        rows = np.array([row for _, row in read], dtype=np.int64).reshape(-1, width)
+        lines = [line for line, _ in read]
         beyond = rows[:, n + 1 :] if width > n + 1 else None
-        own = Elements(kind, name, set_name, rows[:, 0], rows[:, 1 : n + 1], block.line, lines, beyond)
-        self._open.elements.append(own)
+        elements = Elements(kind, name, set_name, rows[:, 0], rows[:, 1 : n + 1], block.line, lines, beyond)
+        self._open.elements.append(elements)
         if set_name:
             _set(self._open.element_sets, set_name).members.append(Member(block.line, None, rows[:, 0]))
 
     def node_set(self, block: Block) -> None:
         """Take a set of nodes, or those of a set of elements."""
-        own = _set(self._open.node_sets, block.option("NSET"), "INTERNAL" in block.options)
+        named = _set(self._open.node_sets, block.option("NSET"), "INTERNAL" in block.options)
         elements, instance = block.options.get("ELSET"), block.options.get("INSTANCE")
         if elements:
-            own.members.append(Member(block.line, instance, name=elements, nodes_of_elements=True))
-        own.members.extend(_members(block))
+            named.members.append(Member(block.line, instance, name=elements, nodes_of_elements=True))
+        named.members.extend(_members(block))
 
     def element_set(self, block: Block) -> None:
         """Take a set of elements."""
-        own = _set(self._open.element_sets, block.option("ELSET"), "INTERNAL" in block.options)
-        own.members.extend(_members(block))
+        named = _set(self._open.element_sets, block.option("ELSET"), "INTERNAL" in block.options)
+        named.members.extend(_members(block))
 
     def surface(self, block: Block) -> None:
         """Take a surface of elements' faces, or of nodes."""
@@ -215,10 +215,10 @@ class _Deck:
             return
         name = block.option("NAME")  # a surface of nodes and one of elements may have the same
         new = Surface(name, kind == "NODE", "INTERNAL" in block.options)
-        own = self._open.surfaces.setdefault(f"{kind} {name.upper()}", new)
+        named = self._open.surfaces.setdefault(f"{kind} {name.upper()}", new)
         for line in block.data:
             key, *face = line.fields
-            own.members.append((_member(line, None, key), face[0].upper() if face and kind == "ELEMENT" else ""))
+            named.members.append((_member(line, None, key), face[0].upper() if face and kind == "ELEMENT" else ""))
 
     def link(self, block: Block) -> None:
         """Take the pairs of surfaces of a tie or contact, slave and master."""

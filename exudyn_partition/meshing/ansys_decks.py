@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -63,13 +63,15 @@ def read_ansys(path: Path, only_solids: bool = False) -> FileMesh:
     if deck.left_out:
         listed = ", ".join(f"{count} of type {kind}" for kind, count in deck.left_out.items())
         _LOG.info("%s: left out %s, which are no solid elements", path, listed)
-    for kind, own in deck.elements.items():
-        labels, nodes = (np.array(column, dtype=np.int64) for column in zip(*((o[1], o[2]) for o in own), strict=True))
-        found = Elements(kind, kind, "", labels, nodes, own[0][0], [line for line, *_ in own])
-        deck.part.elements.append(found)
+    for kind, solids in deck.elements.items():
+        labels = np.array([solid.label for solid in solids], dtype=np.int64)
+        nodes = np.array([solid.nodes for solid in solids], dtype=np.int64)
+        lines_of = [solid.line for solid in solids]
+        deck.part.elements.append(Elements(kind, kind, "", labels, nodes, lines_of[0], lines_of))
     mesh = Assembly([deck.part], {}).mesh(path)
-    own = [of for kind in mesh.solids for of in deck.elements[kind]]
-    material, kind_of = (np.array([of[i] for of in own], dtype=np.int64) for i in (3, 4))
+    in_order = [solid for kind in mesh.solids for solid in deck.elements[kind]]
+    material = np.array([solid.material for solid in in_order], dtype=np.int64)
+    kind_of = np.array([solid.type for solid in in_order], dtype=np.int64)
     mesh = with_groups(mesh, {"type": kind_of, "material": material})
     known = {str(number): of for number, of in deck.materials.items()}
     if len(np.unique(material)) == 1:
@@ -82,6 +84,16 @@ def _lines(path: Path) -> Iterator[Line]:
         yield Line(text, path, number)
 
 
+class _Solid(NamedTuple):
+    """A solid element: its line and number, the numbers of its nodes, and those of its material and type."""
+
+    line: Line
+    label: int
+    nodes: list[int]
+    material: int
+    type: int
+
+
 class _Deck:
     """What the lines of a file have said so far."""
 
@@ -89,7 +101,7 @@ class _Deck:
         self.only_solids = only_solids
         self.part = Part()
         self.types: dict[int, int] = {}  # SOLID186 and such, by the numbers of types
-        self.elements: dict[str, list[tuple[Line, int, list[int], int, int]]] = {}  # number, nodes, material, type
+        self.elements: dict[str, list[_Solid]] = {}  # by their kinds
         self.materials: dict[int, DeckMaterial] = {}
         self.left_out: dict[str, int] = {}
 
@@ -145,7 +157,7 @@ class _Deck:
         if len(nodes) > SOLIDS[solid]:
             raise line.refuse(f"element {label} has {len(nodes)} nodes, expected {SOLIDS[solid]}")
         nodes += [0] * (SOLIDS[solid] - len(nodes))  # middles that it does not have
-        self.elements.setdefault(solid, []).append((line, label, nodes, material, number))
+        self.elements.setdefault(solid, []).append(_Solid(line, label, nodes, material, number))
 
     def _read_component(self, line: Line, fields: list[str], rest: Iterator[Line]) -> None:
         """Read a named set of nodes or elements; a negative number ends a range."""
@@ -183,10 +195,10 @@ class _Deck:
 def _format(line: Line, rest: Iterator[Line]) -> tuple[int, int, int]:
     """How many whole numbers lead a line of a block, the width of these, and that of the others."""
     following = next(rest, None)
-    found = _FORMAT.match(following.text.strip()) if following else None
-    if found is None:
+    form = _FORMAT.match(following.text.strip()) if following else None
+    if form is None:
         raise line.refuse("expected the format of the block in the next line, such as (3i9,6e21.13e3)")
-    return int(found[1] or 1), int(found[2]), int(found[4] or 0)
+    return int(form[1] or 1), int(form[2]), int(form[4] or 0)
 
 
 def _nodes(line: Line, rest: Iterator[Line]) -> Iterator[tuple[Line, Array, Array]]:

@@ -34,9 +34,9 @@ def with_middles(path: Path, file: FileMesh) -> FileMesh:
     points = np.vstack([file.points, file.points[edges[made]].mean(axis=1)])
     at = 0
     for kind, of_kind in zip(quadratic, ends, strict=True):
-        own = cells[kind.name][:, kind.corners :]
-        found = middle[number.ravel()[at : at + len(of_kind)]].reshape(own.shape)
-        own[own < 0] = found[own < 0]
+        given = cells[kind.name][:, kind.corners :]
+        known = middle[number.ravel()[at : at + len(of_kind)]].reshape(given.shape)
+        given[given < 0] = known[given < 0]
         at += len(of_kind)
     _LOG.info("%s: %d mid-side nodes that no element has were put in the middle of their edges", path, len(made))
     labels = file.labels if file.labels is None else np.append(file.labels, np.full(len(made), -1))
@@ -66,14 +66,14 @@ def as_they_are(path: Path, file: FileMesh) -> FileMesh:
     if not changed:
         return file
     _LOG.info("%s: %d elements with nodes that have fallen together are taken as what they are", path, changed)
-    solids = {name: np.concatenate([cells for cells, _ in found]) for name, found in parts.items()}
-    order = np.concatenate([places for found in parts.values() for _, places in found])
+    solids = {name: np.concatenate([cells for cells, _ in pieces]) for name, pieces in parts.items()}
+    order = np.concatenate([places for pieces in parts.values() for _, places in pieces])
     beside = {name: cells for name, cells in file.cells.items() if name not in file.solids}
     regions = [region._replace(number=region.number[order]) for region in file.regions]
     origins = file.origins if file.origins is None else file.origins.subset(order)
     place = np.argsort(order)
     groups = [group._replace(rows=np.sort(place[group.rows])) for group in file.groups]
-    faces = {name: [rows for found in own for rows in _by_corners(found)] for name, own in file.faces.items()}
+    faces = {name: [rows for pieces in named for rows in _by_corners(pieces)] for name, named in file.faces.items()}
     return replace(file, cells=beside | solids, regions=regions, origins=origins, faces=faces, groups=groups)
 
 
@@ -81,19 +81,19 @@ def _patterns(kind: Kind, cells: Array) -> list[tuple[Array, Kind, Array]]:
     """Rows of cells whose corners fall together in one way, the kind that they are, and their nodes."""
     rows = cells[:, kind.of_row]
     same = (rows[:, :8, None] == rows[:, None, :8]).argmax(axis=2)  # the first corner that each one is
-    found = []
+    patterns = []
     for pattern in np.unique(same, axis=0):
         of_pattern = np.flatnonzero((same == pattern).all(axis=1))
         made = _made_of(pattern, kind.order)
         if made is None:
             continue
         new, columns = made
-        own = rows[of_pattern][:, columns]
-        counts = [(np.diff(np.sort(some, axis=1), axis=1) != 0).sum(axis=1) for some in (own, rows[of_pattern])]
+        nodes = rows[of_pattern][:, columns]
+        counts = [(np.diff(np.sort(some, axis=1), axis=1) != 0).sum(axis=1) for some in (nodes, rows[of_pattern])]
         whole = counts[0] == counts[1]  # no node is lost
         if whole.any():
-            found.append((of_pattern[whole], new, own[whole]))
-    return found
+            patterns.append((of_pattern[whole], new, nodes[whole]))
+    return patterns
 
 
 def _made_of(pattern: Array, order: int) -> tuple[Kind, Array] | None:
@@ -115,9 +115,9 @@ def _made_of(pattern: Array, order: int) -> tuple[Kind, Array] | None:
     if count == 6:
         sides = [{ring[i], ring[i - 1]} for ring in quadrilaterals for i in range(4)]
         above = [[corner for corner in triangles[1] if {below, corner} in sides] for below in foot]
-        if any(len(found) != 1 for found in above):
+        if any(len(candidates) != 1 for candidates in above):
             return None
-        nodes = foot + [found[0] for found in above]
+        nodes = foot + [candidates[0] for candidates in above]
     else:
         nodes = foot + sorted(corners - set(foot))
     new = HEXAHEDRA[8 if order == 1 else 20][count]
@@ -131,7 +131,7 @@ def _by_corners(faces: Array) -> list[Array]:
     """Faces, (k, 3) or (k, 4) nodes, without repeated corners: triangles and quadrilaterals."""
     repeated = faces == np.roll(faces, 1, axis=1)
     count = faces.shape[1] - repeated.sum(axis=1)
-    found = [faces[count == faces.shape[1]]]
+    by_count = [faces[count == faces.shape[1]]]
     if faces.shape[1] == 4:
-        found.append(faces[count == 3][~repeated[count == 3]].reshape(-1, 3))
-    return [rows for rows in found if len(rows)]
+        by_count.append(faces[count == 3][~repeated[count == 3]].reshape(-1, 3))
+    return [rows for rows in by_count if len(rows)]

@@ -158,20 +158,20 @@ class Assembly:
             blocks = [block for scope in part.scopes for block in scope.elements]
             _check_elements_once(blocks)
             self._elements[id(part)] = _Numbering(_joined(block.labels for block in blocks), self._count)
-            own = self._blocks_of[id(part)] = []
+            blocks_of_part = self._blocks_of[id(part)] = []
             for block in blocks:
-                own.append((self._count, block, self._rows_of_nodes(part, block)))
+                blocks_of_part.append((self._count, block, self._rows_of_nodes(part, block)))
                 self._count += len(block.labels)
-            self._blocks += own
+            self._blocks += blocks_of_part
         self._points = np.concatenate([np.zeros((0, 3)), *points])
         self._labels = _joined(iter(numbers))
         kinds = dict.fromkeys(block.kind for _, block, _ in self._blocks if block.kind is not None)
-        self._of_kind = {kind: [found for found in self._blocks if found[1].kind == kind] for kind in kinds}
+        self._of_kind = {kind: [block for block in self._blocks if block[1].kind == kind] for kind in kinds}
         self._solids = _joined(
             start + np.arange(len(rows))
-            for kind, found in self._of_kind.items()
+            for kind, of_kind in self._of_kind.items()
             if kind in SOLIDS
-            for start, _, rows in found
+            for start, _, rows in of_kind
         )
 
     def _rows_of_nodes(self, part: Part, block: Elements) -> Array:
@@ -213,7 +213,7 @@ class Assembly:
 
     def mesh(self, path: Path, asked: Sequence[AskedLink] = ()) -> FileMesh:
         """Mesh of all parts, with their surfaces, sets and bodies, the materials of their sections, and links."""
-        cells = {kind: np.concatenate([rows for _, _, rows in found]) for kind, found in self._of_kind.items()}
+        cells = {kind: np.concatenate([rows for _, _, rows in of_kind]) for kind, of_kind in self._of_kind.items()}
         _tell_of_integration(path, [block for _, block, _ in self._blocks])
         faces: dict[str, list[Array]] = {}
         node_sets: dict[str, Array] = {}
@@ -238,21 +238,23 @@ class Assembly:
         """Solid elements of each instance, part, set and material."""
         place = np.full(self._count, -1)
         place[self._solids] = np.arange(len(self._solids))
-        found: dict[tuple[str, str], list[Array]] = {}
+        elements_of: dict[tuple[str, str], list[Array]] = {}
         for part in self._placed:
             if part.name:
-                own = _joined(start + np.arange(len(rows)) for start, _, rows in self._blocks_of[id(part)])
-                found[("part" if part.parent is None else "instance", part.name)] = [own]
+                of_part = _joined(start + np.arange(len(rows)) for start, _, rows in self._blocks_of[id(part)])
+                elements_of[("part" if part.parent is None else "instance", part.name)] = [of_part]
         for part in self._placed:
             if part.parent is not None:
-                found.setdefault(("part", part.parent.name), []).extend(found["instance", part.name])
+                elements_of.setdefault(("part", part.parent.name), []).extend(elements_of["instance", part.name])
         for part, before, scope in self._scopes():
             for elements in scope.element_sets.values():
                 if not elements.internal:
-                    found.setdefault(
+                    elements_of.setdefault(
                         ("element set", before + elements.name), [self._members(part, elements, of_elements=True)]
                     )
-        groups = [Group(kind, name, np.unique(place[_joined(iter(rows))])) for (kind, name), rows in found.items()]
+        groups = [
+            Group(kind, name, np.unique(place[_joined(iter(rows))])) for (kind, name), rows in elements_of.items()
+        ]
         groups = [group._replace(rows=group.rows[group.rows >= 0]) for group in groups]
         for materials in regions:
             if materials.kind == _SECTIONS:
@@ -270,12 +272,12 @@ class Assembly:
                 for key in (surface.name, f"{part.name}.{surface.name}"):
                     surfaces.setdefault(key.upper(), (part, surface, before))
         for kind, line, names in asked:
-            found = [surfaces.get(name.upper()) for name in names]
-            if len(names) != 2 or None in found:
+            pair = [surfaces.get(name.upper()) for name in names]
+            if len(names) != 2 or None in pair:
                 _LOG.info("%s: this %s is left out, for its surfaces are not in the deck", line.where, kind)
                 continue
-            nodes = [self._nodes_on(part, surface) for part, surface, _ in filter(None, found)]
-            said = [before + surface.name for _, surface, before in filter(None, found)]
+            nodes = [self._nodes_on(part, surface) for part, surface, _ in filter(None, pair)]
+            said = [before + surface.name for _, surface, before in filter(None, pair)]
             yield Link(kind, (said[0], said[1]), (nodes[0], nodes[1]))
 
     def _nodes_on(self, part: Part, surface: Surface) -> Array:
@@ -290,10 +292,10 @@ class Assembly:
 
     def _origins(self) -> Origins:
         """Numbers and lines of the solid elements."""
-        found = [block for kind, own in self._of_kind.items() if kind in SOLIDS for _, block, _ in own]
-        lines = [line for block in found for line in block.lines]
+        solids = [block for kind, of_kind in self._of_kind.items() if kind in SOLIDS for _, block, _ in of_kind]
+        lines = [line for block in solids for line in block.lines]
         return Origins(
-            _joined(block.labels for block in found),
+            _joined(block.labels for block in solids),
             np.array([line.path for line in lines], dtype=object),
             np.array([line.number for line in lines], dtype=np.int64),
         )
@@ -306,27 +308,27 @@ class Assembly:
             if surface.of_nodes:
                 node_sets.setdefault(name, _union(self._rows(part, m, of_elements=False) for m, _ in surface.members))
             elif not surface.internal:
-                found = (
+                faces_of_members = (
                     self._faces(self._rows(part, member, of_elements=True), face, member.line)
                     for member, face in surface.members
                 )
-                faces.setdefault(name, [rows for of_member in found for rows in of_member])
+                faces.setdefault(name, [rows for of_member in faces_of_members for rows in of_member])
 
     def _name_sets(
         self, part: Part, scope: Part, before: str, faces: dict[str, list[Array]], node_sets: dict[str, Array]
     ) -> None:
-        for own in scope.element_sets.values():
-            skin = np.setdiff1d(self._members(part, own, of_elements=True), self._solids)
-            if len(skin) and not own.internal:
-                faces.setdefault(before + own.name, self._faces(skin, "", own.members[0].line))
-        for own in scope.node_sets.values():
-            members = self._members(part, own, of_elements=False)
-            if not own.internal:
-                node_sets.setdefault(before + own.name, members)
+        for named in scope.element_sets.values():
+            skin = np.setdiff1d(self._members(part, named, of_elements=True), self._solids)
+            if len(skin) and not named.internal:
+                faces.setdefault(before + named.name, self._faces(skin, "", named.members[0].line))
+        for named in scope.node_sets.values():
+            members = self._members(part, named, of_elements=False)
+            if not named.internal:
+                node_sets.setdefault(before + named.name, members)
 
-    def _members(self, part: Part, own: Set, *, of_elements: bool, above: tuple[str, ...] = ()) -> Array:
+    def _members(self, part: Part, named: Set, *, of_elements: bool, above: tuple[str, ...] = ()) -> Array:
         """Rows of all members of a set, ascending."""
-        return _union(self._rows(part, member, of_elements=of_elements, above=above) for member in own.members)
+        return _union(self._rows(part, member, of_elements=of_elements, above=above) for member in named.members)
 
     def _rows(self, part: Part, member: Member, *, of_elements: bool, above: tuple[str, ...] = ()) -> Array:
         """Rows of elements or nodes of one member of a set that stands in a part."""
@@ -348,14 +350,14 @@ class Assembly:
             return rows[rows >= 0]
         key = member.name.upper()
         for scope in part.scopes[::-1]:
-            own = (scope.element_sets if of_elements else scope.node_sets).get(key)
-            if own is not None:
+            named = (scope.element_sets if of_elements else scope.node_sets).get(key)
+            if named is not None:
                 if key in above:
                     raise member.line.refuse(f"expected sets of others, got {member.name!r}, which contains itself")
-                return self._members(part, own, of_elements=of_elements, above=(*above, key))
-        for other in [] if self._instances else self._placed:  # parts without instances are in place as they are
-            if key in (other.element_sets if of_elements else other.node_sets):
-                return self._rows(other, member, of_elements=of_elements, above=above)
+                return self._members(part, named, of_elements=of_elements, above=(*above, key))
+        for placed in [] if self._instances else self._placed:  # parts without instances are in place as they are
+            if key in (placed.element_sets if of_elements else placed.node_sets):
+                return self._rows(placed, member, of_elements=of_elements, above=above)
         owner, _, inner = member.name.partition(".")
         if owner.upper() in self._instances:
             numbers = np.array([int(inner)]) if inner.isdecimal() and int(inner) <= LARGEST else None
@@ -366,9 +368,9 @@ class Assembly:
     def _each(self, elements: Array) -> Iterator[tuple[str | None, Array]]:
         """Kind of elements, and rows of their nodes, (k, n), of each keyword."""
         for start, block, rows in self._blocks:
-            own = elements[(elements >= start) & (elements < start + len(rows))] - start
-            if len(own):
-                yield block.kind, rows[own]
+            within = elements[(elements >= start) & (elements < start + len(rows))] - start
+            if len(within):
+                yield block.kind, rows[within]
 
     def _nodes_of(self, elements: Array) -> Array:
         return _union(rows[rows >= 0] for _, rows in self._each(elements))
@@ -380,7 +382,7 @@ class Assembly:
             if kind in SURFACES:
                 faces.append(rows[:, : FACE_CORNERS[kind]])
             elif kind is not None:
-                of_kind = _FACES[_CORNERS[kind.rstrip("0123456789")]]
+                of_kind = corners_of_faces(kind)
                 number = int(face[1:]) if re.fullmatch(r"S\d", face) else 0
                 if face and not 1 <= number <= len(of_kind):
                     raise line.refuse(f"expected a face S1 to S{len(of_kind)} of these elements, got {face}")
@@ -407,14 +409,19 @@ class Assembly:
                 )
             number[rows] = names.setdefault(spelling.setdefault(material.upper(), material), len(names))
         if sections:  # a later section of the same elements counts
-            used, own = np.unique(number[self._solids], return_inverse=True)
+            used, position = np.unique(number[self._solids], return_inverse=True)
             listed = [name for name, i in names.items() if i in used]
-            return [CellRegions(_SECTIONS, tuple(listed), own.ravel() - (-1 in used))]
+            return [CellRegions(_SECTIONS, tuple(listed), position.ravel() - (-1 in used))]
         for start, block, rows in self._blocks:
             if block.set_name and block.kind in SOLIDS:
                 name = spelling.setdefault(block.set_name.upper(), block.set_name)
                 number[start : start + len(rows)] = names.setdefault(name, len(names))
         return [CellRegions("*ELEMENT, ELSET", tuple(names), number[self._solids])] if names else []
+
+
+def corners_of_faces(kind: str) -> tuple[tuple[int, ...], ...]:
+    """Corners of the faces of a kind of solids, as decks number them."""
+    return _FACES[_CORNERS[kind.rstrip("0123456789")]]
 
 
 def _joined(parts: Iterator[Array]) -> Array:
@@ -434,7 +441,7 @@ def _nodes_once(nodes: list[tuple[Line, Array, Array]]) -> tuple[Array, Array]:
         If a node has two places.
     """
     labels = _joined(numbers for _, numbers, _ in nodes)
-    places = np.concatenate([np.zeros((0, 3)), *(found for _, _, found in nodes)])
+    places = np.concatenate([np.zeros((0, 3)), *(of_line for _, _, of_line in nodes)])
     kept, first, number = np.unique(labels, return_index=True, return_inverse=True)
     if len(kept) < len(labels):
         moved = np.flatnonzero((places != places[first[number]]).any(axis=1))
@@ -449,9 +456,9 @@ def _nodes_once(nodes: list[tuple[Line, Array, Array]]) -> tuple[Array, Array]:
 
 def _check_elements_once(blocks: list[Elements]) -> None:
     labels = _joined(block.labels for block in blocks if block.kind in SOLIDS)
-    found, count = np.unique(labels, return_counts=True)
+    numbers, count = np.unique(labels, return_counts=True)
     if (count > 1).any():
-        twice = found[count > 1][0]
+        twice = numbers[count > 1][0]
         block = next(block for block in reversed(blocks) if twice in block.labels)
         raise block.lines[np.flatnonzero(block.labels == twice)[-1]].refuse(
             f"element {twice} is there already. Give each element a number of its own"

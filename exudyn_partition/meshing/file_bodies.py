@@ -24,6 +24,7 @@ _LOG = logging.getLogger(__name__)
 
 _TOUCH = 0.1  # of the length of their facets' edges, within which bodies touch
 _LISTED = 8  # names in a message
+_LINES = 100  # bodies that are printed
 
 
 class BodyPair(NamedTuple):
@@ -84,7 +85,7 @@ class FileBodies:
         return tuple(self.pieces)
 
     @property
-    def others(self) -> tuple[str, ...]:
+    def other_names(self) -> tuple[str, ...]:
         """Other names that choose elements of one body or several, such as those of materials."""
         return tuple(dict.fromkeys(group.name for group in self.file.groups if group.name not in self.pieces))
 
@@ -92,15 +93,17 @@ class FileBodies:
     def pairs(self) -> tuple[BodyPair, ...]:
         """Bodies that the deck ties or lets touch; and those that touch by geometry, of which it says nothing."""
         nodes = {name: np.unique(self._corners[0][rows]) for name, rows in self.pieces.items()}
-        found: dict[BodyPair, None] = {}
+        pairs: dict[BodyPair, None] = {}
         for link in self.file.links:
-            first, second = ([name for name, own in nodes.items() if np.isin(own, on).any()] for on in link.nodes)
-            found |= {BodyPair(link.kind, (a, b), link.names): None for a in first for b in second}
-        known = {frozenset(pair.bodies) for pair in found}
+            first, second = (
+                [name for name, of_body in nodes.items() if np.isin(of_body, on).any()] for on in link.nodes
+            )
+            pairs |= {BodyPair(link.kind, (a, b), link.names): None for a in first for b in second}
+        known = {frozenset(pair.bodies) for pair in pairs}
         for touching in self._touching():
             if frozenset(touching) not in known:
-                found[BodyPair("touch", touching)] = None
-        return tuple(found)
+                pairs[BodyPair("touch", touching)] = None
+        return tuple(pairs)
 
     def rows(self, name: str) -> Array:
         """Rows of the volume elements of a name, (k,) int, ascending; capitals matter only if they must.
@@ -121,7 +124,7 @@ class FileBodies:
         same = [key for key in known if key.upper() == name.upper()]
         if len(same) == 1:
             return known[same[0]]
-        beside = f"; or of {listed_names(self.others)}" if self.others else ""
+        beside = f"; or of {listed_names(self.other_names)}" if self.other_names else ""
         raise InputError(f"solid: expected one of {listed_names(self.names)}{beside} in {self.path}, got {name!r}")
 
     @cached_property
@@ -152,16 +155,16 @@ class FileBodies:
                 names[whole[0]] = names[whole[0]] or group.name
             for piece in whole:
                 within[piece] = within[piece] or group.name
-        found: dict[str, Array] = {}
+        pieces: dict[str, Array] = {}
         by_part = np.split(np.argsort(self._part, kind="stable"), np.cumsum(sizes)[:-1])
         count_within: dict[str, int] = {}
         for name, around, rows in zip(names, within, by_part, strict=True):
-            if not name or name in found:
+            if not name or name in pieces:
                 around = name or around or ("body" if len(sizes) > 1 else "")
-                count_within[around] = number = count_within.get(around, 1 if name in found else 0) + 1
+                count_within[around] = number = count_within.get(around, 1 if name in pieces else 0) + 1
                 name = f"{around}.{number}" if around else "body"
-            found[name] = rows
-        return found
+            pieces[name] = rows
+        return pieces
 
     def _touching(self) -> list[tuple[str, str]]:
         """Names of bodies whose surfaces face each other nearby."""
@@ -176,9 +179,9 @@ class FileBodies:
         outward = np.sign(np.einsum("fi,fi->f", area_vectors(points, faces[outer]), corners.mean(axis=1) - inside))
         order = np.argsort(self._part[element], kind="stable")
         sides = []
-        for own in np.split(order, np.cumsum(np.bincount(self._part[element]))[:-1]):
-            side = Side.of(points, faces[outer[own]])
-            sides.append(side._replace(normals=outward[own, None] * side.normals))
+        for of_body in np.split(order, np.cumsum(np.bincount(self._part[element]))[:-1]):
+            side = Side.of(points, faces[outer[of_body]])
+            sides.append(side._replace(normals=outward[of_body, None] * side.normals))
         length = float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
         names = self.names
         near = facing_facets(sides, _TOUCH * length)
@@ -187,11 +190,13 @@ class FileBodies:
     def __str__(self) -> str:
         count = len(self.names)
         lines = [f"{self.path}: {count} {'body' if count == 1 else 'bodies'}"]
-        for name, rows in self.pieces.items():
+        for name, rows in [*self.pieces.items()][:_LINES]:
             places = self.scale * self.file.points[np.unique(self._corners[0][rows])]
             low, high = places.min(axis=0), places.max(axis=0)
             size = " x ".join(f"{x:.4g}" for x in high - low)
             lines.append(f"  {name}: {len(rows)} elements, {size} m around {show((low + high) / 2)} m")
+        if count > _LINES:
+            lines.append(f"  and {count - _LINES} more")
         said = [f"{group.kind} {group.name}" for group in self.file.groups if group.name not in self.pieces]
         if said:
             lines.append(f"  other names of elements: {', '.join(dict.fromkeys(said))}")

@@ -24,8 +24,8 @@ def _as_second(nodes: bytes, elements: bytes) -> bytes:
     count, *rows = elements.strip().splitlines()
     lines = []
     for row in rows:
-        number, kind, group, entity, _, *own = row.split()
-        lines.append(b" ".join([number, kind, b"2", group, entity, *own]))
+        number, kind, group, entity, _, *nodes_of = row.split()
+        lines.append(b" ".join([number, kind, b"2", group, entity, *nodes_of]))
     head = b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n" + nodes.strip() + b"\n$EndNodes\n$Elements\n"
     return head + b"\n".join([count.strip(), *lines]) + b"\n$EndElements\n"
 

@@ -39,12 +39,12 @@ class GivenMaterial:
 
     def __post_init__(self) -> None:
         several = isinstance(self.material, Mapping)
-        for one in self.material.values() if isinstance(self.material, Mapping) else (self.material,):
-            if not isinstance(one, Material):
+        for material in self.material.values() if isinstance(self.material, Mapping) else (self.material,):
+            if not isinstance(material, Material):
                 expected = (
                     "one ep.Material for each name of a region" if several else "an ep.Material, such as ep.STEEL"
                 )
-                raise InputError(f"material: expected {expected}, got {type(one).__name__}")
+                raise InputError(f"material: expected {expected}, got {type(material).__name__}")
         if several and not self.material:
             raise InputError("material: expected at least one {name: Material}, got an empty dict")
         if self.modulus is not None:
@@ -107,12 +107,14 @@ class GivenMaterial:
                 return self.material
             return Regions(("",), (self.material,), np.zeros(len(number), dtype=np.int64), self._moduli(centres))
         keys = list(self.material)
-        own = np.array([keys.index(name) if name in keys else -1 for name in names])[number]
+        key_of_element = np.array([keys.index(name) if name in keys else -1 for name in names])[number]
         materials = tuple(self.material.values())
         moduli = (
-            np.array([material.E for material in materials])[own] if self.modulus is None else self._moduli(centres)
+            np.array([material.E for material in materials])[key_of_element]
+            if self.modulus is None
+            else self._moduli(centres)
         )
-        return Regions(tuple(keys), materials, own, moduli)
+        return Regions(tuple(keys), materials, key_of_element, moduli)
 
     def _moduli(self, centres: Array) -> Array:
         assert self.modulus is not None

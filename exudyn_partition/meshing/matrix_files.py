@@ -139,11 +139,11 @@ class FileMatrices:
                 "give points to FEModel.from_matrices, with matrices.on(labels)"
             )
         file = read[path.suffix.lower()](path)
-        own = fe_model(path, material, scale=scale, order=1 if "tetra" in file.solids else None)
+        ours = fe_model(path, material, scale=scale, order=1 if "tetra" in file.solids else None)
         labels = np.asarray(file.labels)[np.unique(np.concatenate([rows.ravel() for rows in file.solids.values()]))]
         mass, stiffness = self.on(labels)
         _LOG.info("%s: matrices of %d dofs instead of ours", path, mass.shape[0])
-        return replace(own, mass=mass, stiffness=stiffness)
+        return replace(ours, mass=mass, stiffness=stiffness)
 
     def _rows(self, labels: Array) -> tuple[Array, Array]:
         """Node and direction of each row; in ascending order if the files do not tell."""
@@ -164,9 +164,9 @@ class FileMatrices:
             return
         for name in ("mass", "stiffness"):
             matrix = getattr(self, name)
-            own = abs(matrix[rows]).max(axis=1).toarray().ravel()
-            if own.max() > _EMPTY * abs(matrix).max():
-                worst = rows[int(own.argmax())]
+            largest = abs(matrix[rows]).max(axis=1).toarray().ravel()
+            if largest.max() > _EMPTY * abs(matrix).max():
+                worst = rows[int(largest.argmax())]
                 raise InputError(
                     f"matrices: direction {directions[worst]} of node {nodes[worst]} has {name}, but no place in the "
                     "model: expected dofs 1 to 3 of the nodes of solid elements alone. Shells, beams, masses and "
@@ -214,8 +214,8 @@ def read_matrices(
     validate_file("source", path)
     if suffix != ".mtx" and mass is not None:
         raise InputError(f"mass: {path} has the mass, or a file beside it; expected none besides")
-    found = _READERS[suffix](path, mass)
-    return replace(found, mass=found.mass * units[0], stiffness=found.stiffness * units[1])
+    matrices = _READERS[suffix](path, mass)
+    return replace(matrices, mass=matrices.mass * units[0], stiffness=matrices.stiffness * units[1])
 
 
 def _calculix(path: Path, _: str | Path | None) -> FileMatrices:

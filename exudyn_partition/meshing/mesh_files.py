@@ -170,14 +170,14 @@ def volume_mesh(bodies: FileBodies, solid: str | None = None, *, several: bool =
     points = validate_array(f"points of {path}", file.points, (None, 3))
     blocks, start = [], 0
     for kind, (name, of_kind) in zip(kinds_named([*solids]), solids.items(), strict=True):
-        found = np.asarray(of_kind, dtype=np.int64)
+        nodes = np.asarray(of_kind, dtype=np.int64)
 
         def said(row: int, name: str = name, start: int = start) -> str:
             return file.said(start + row, name, row)
 
-        _check_nodes(path, len(points), found, said)
-        blocks.append((kind.name, _outward(path, points, kind, found, said, file.either_hand)))
-        start += len(found)
+        _check_nodes(path, len(points), nodes, said)
+        blocks.append((kind.name, _outward(path, points, kind, nodes, said, file.either_hand)))
+        start += len(nodes)
     cells, hexahedra = rows_of_cells(blocks)
     by_kind = np.concatenate([rows for _, rows in kinds_of(cells, hexahedra)])
     cells = cells[by_kind]
@@ -283,12 +283,12 @@ def check_order(path: Path, file: VolumeMesh, order: int | None) -> None:
 def raised(file: VolumeMesh) -> VolumeMesh:
     """Mesh of quadratic hexahedra and others in place of linear ones; new nodes, in the middle of edges, come last."""
     kinds = [(kind, rows, file.cells[rows][:, kind.columns]) for kind, rows in kinds_of(file.cells, True)]
-    ends = [np.sort(own[:, kind.edges], axis=2).reshape(-1, 2) for kind, _, own in kinds]
+    ends = [np.sort(corners[:, kind.edges], axis=2).reshape(-1, 2) for kind, _, corners in kinds]
     edges, number = np.unique(np.concatenate(ends), axis=0, return_inverse=True)
     middles = consecutive(list(map(len, ends)))
     cells = np.empty((len(file.cells), 20), dtype=np.int64)
-    for (kind, rows, own), part in zip(kinds, middles, strict=True):
-        nodes = np.hstack([own, len(file.points) + number.ravel()[part].reshape(len(own), -1)])
+    for (kind, rows, corners), part in zip(kinds, middles, strict=True):
+        nodes = np.hstack([corners, len(file.points) + number.ravel()[part].reshape(len(corners), -1)])
         cells[rows] = nodes[:, HEXAHEDRA[20][kind.corners].of_row]
     points = np.vstack([file.points, file.points[edges].mean(axis=1)])
     return replace(file, points=points, cells=cells)
@@ -388,8 +388,8 @@ def _faces_of_groups(mesh: MeshioMesh, cells: dict[str, Array]) -> dict[str, lis
                 sets.setdefault(name, {})[kind] = np.flatnonzero(tags == tag)
     for kind, families in mesh.cell_data_dict.get("cell_tags", {}).items():
         for name in names_of_families(tags_of_cells(mesh)):
-            own = np.isin(families, families_of(tags_of_cells(mesh), name))
-            sets.setdefault(name, {})[kind] = np.flatnonzero(own)
+            is_member = np.isin(families, families_of(tags_of_cells(mesh), name))
+            sets.setdefault(name, {})[kind] = np.flatnonzero(is_member)
     faces: dict[str, list[Array]] = {}
     for name, members in sets.items():
         for kind, rows in members.items():
@@ -440,8 +440,8 @@ def _first_of_orders(file: FileMesh) -> str:
         return ""
     counts = [len(rows) for rows in file.solids.values()]
     starts = dict(zip(file.solids, np.cumsum([0, *counts[:-1]]), strict=True))
-    own = [[start for kind, start in starts.items() if kind in kinds] for kinds in _ORDERS]
-    first = [min(rows, key=lambda row: int(origins.lines[row])) for rows in own if rows]
+    starts_of_orders = [[start for kind, start in starts.items() if kind in kinds] for kinds in _ORDERS]
+    first = [min(rows, key=lambda row: int(origins.lines[row])) for rows in starts_of_orders if rows]
     return f", the first of each order are {origins.all_said(np.array(first))}"
 
 
@@ -450,15 +450,15 @@ def _check_middles(cells: Array, hexahedra: bool, origins: Origins) -> None:
     kinds = [(kind, rows, cells[rows][:, kind.columns]) for kind, rows in kinds_of(cells, hexahedra) if kind.order == 2]
     if not kinds:
         return
-    ends = np.concatenate([np.sort(own[:, kind.edges], axis=2).reshape(-1, 2) for kind, _, own in kinds])
-    middle = np.concatenate([own[:, kind.corners :].ravel() for kind, _, own in kinds])
+    ends = np.concatenate([np.sort(nodes[:, kind.edges], axis=2).reshape(-1, 2) for kind, _, nodes in kinds])
+    middle = np.concatenate([nodes[:, kind.corners :].ravel() for kind, _, nodes in kinds])
     owner = np.concatenate([np.repeat(rows, len(kind.edges)) for kind, rows, _ in kinds])
     _, first, number = np.unique(ends @ [cells.max() + 1, 1], return_index=True, return_inverse=True)
-    other = np.flatnonzero(middle != middle[first[number]])
-    if len(other):
-        pair = np.array([owner[first[number[other[0]]]], owner[other[0]]])
+    differing = np.flatnonzero(middle != middle[first[number]])
+    if len(differing):
+        pair = np.array([owner[first[number[differing[0]]]], owner[differing[0]]])
         raise MeshError(
-            f"mesh: {len(np.unique(number[other]))} edges have several mid-side nodes, expected one each that all "
+            f"mesh: {len(np.unique(number[differing]))} edges have several mid-side nodes, expected one each that all "
             f"elements on an edge share, the first is one of {origins.all_said(pair)}. Merge coincident nodes or mesh "
             "anew"
         )
@@ -500,8 +500,8 @@ def inverted(points: Array, cells: Array, kind: Kind) -> Array:
 def _named_faces(file: FileMesh, all_faces: Array, number: Array, corners: int) -> dict[str, Array]:
     """Corner nodes of the faces that have names, or whose corners are in a set of nodes."""
     faces = {}
-    for name, found in file.faces.items():
-        fitting = [rows for rows in found if rows.shape[1] <= corners]
+    for name, named in file.faces.items():
+        fitting = [rows for rows in named if rows.shape[1] <= corners]
         padded = [rows if rows.shape[1] == corners else rows[:, [0, 1, 2, 2]] for rows in fitting]
         if padded:
             faces[name] = np.concatenate(padded).astype(np.int64)

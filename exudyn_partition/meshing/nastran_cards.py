@@ -81,9 +81,9 @@ def cards(path: Path) -> list[Card]:
             continue
         if not found:
             raise line.refuse("expected a card, got a continuation")
-        own = name[1:].strip().upper()
-        if own and own not in _marks(found[-1].mark) and (own in known or found[-1].mark):
-            loose.append((own, Card("", fields, line, mark)))
+        own_mark = name[1:].strip().upper()
+        if own_mark and own_mark not in _marks(found[-1].mark) and (own_mark in known or found[-1].mark):
+            loose.append((own_mark, Card("", fields, line, mark)))
         else:
             found[-1].fields.extend(fields)
             found[-1].mark = mark
@@ -123,8 +123,8 @@ def _changed(before: Card, changes: Card, line: Line) -> Card:
             break
         added = _ADDED.fullmatch(text)
         if added:
-            old, new = (Card(before.name, [""] * (i - 1) + [one], line) for one in (before.field(i), added[1]))
-            whole = all(_WHOLE.fullmatch(one) for one in (before.field(i) or "0", added[1]))
+            old, new = (Card(before.name, [""] * (i - 1) + [written], line) for written in (before.field(i), added[1]))
+            whole = all(_WHOLE.fullmatch(written) for written in (before.field(i) or "0", added[1]))
             text = str(old.integer(i, 0) + new.integer(i)) if whole else repr(old.real(i) + new.real(i))
         fields.append(before.field(i) if text == "=" else text)
     return Card(before.name, fields, line)
@@ -187,10 +187,10 @@ def _lines(path: Path, depth: int = 0, home: Path | None = None) -> Iterator[Lin
                 break
             name += following[1].partition("$")[0].strip()
         folders = (path.parent, home or path.parent)  # codes look from the file that includes, or from the first one
-        other = included(line, name, folders)
+        inner = included(line, name, folders)
         if depth == _DEEPEST:
             raise line.refuse("expected files that do not include each other")
-        yield from _lines(other, depth + 1, folders[1])
+        yield from _lines(inner, depth + 1, folders[1])
 
 
 def _split(line: Line) -> tuple[str, list[str], str]:

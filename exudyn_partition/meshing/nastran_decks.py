@@ -13,8 +13,8 @@ import numpy as np
 from ..support.arrays import Array
 from .deck_lines import Line
 from .deck_materials import DeckMaterial
-from .deck_parts import Assembly, Elements, Part
-from .file_mesh import FACE_CORNERS, SOLIDS, SURFACES, CellRegions, FileMesh, Group
+from .deck_parts import Assembly, Elements, Part, corners_of_faces
+from .file_mesh import FACE_CORNERS, SOLIDS, SURFACES, CellRegions, FileMesh, Group, Link
 from .nastran_cards import Card, cards
 
 _LOG = logging.getLogger(__name__)
@@ -103,34 +103,34 @@ def read_nastran(path: Path, only_solids: bool = False) -> FileMesh:
         If a card cannot be read, or if the file makes nodes or elements by cards that are not followed, or has mass or
         stiffness besides its solid elements.
     """
-    found: dict[str, list[Card]] = {}
+    by_name: dict[str, list[Card]] = {}
     for card in cards(path):
-        found.setdefault(card.name, []).append(card)
-    for name, own in found.items():
+        by_name.setdefault(card.name, []).append(card)
+    for name, of_name in by_name.items():
         if name in _NOT_FOLLOWED or (_NOT_READ.match(name) and name not in _SOLID):
-            raise own[0].line.refuse(f"expected {', '.join(_SOLID)} and their nodes, got {name}, which is not read")
-    made = {card.field(1) for name, own in found.items() if _PROPERTY.match(name) for card in own}
+            raise of_name[0].line.refuse(f"expected {', '.join(_SOLID)} and their nodes, got {name}, which is not read")
+    made = {card.field(1) for name, of_name in by_name.items() if _PROPERTY.match(name) for card in of_name}
     structure = sorted(
         name
-        for name, own in found.items()
+        for name, of_name in by_name.items()
         if _STRUCTURE.match(name)
-        or (name in (*_SURFACE, *_LINES) and any((card.field(2) or card.field(1)) in made for card in own))
+        or (name in (*_SURFACE, *_LINES) and any((card.field(2) or card.field(1)) in made for card in of_name))
     )
     if structure and only_solids:
-        listed = ", ".join(f"{len(found[name])} {name}" for name in structure)
+        listed = ", ".join(f"{len(by_name[name])} {name}" for name in structure)
         _LOG.info("%s: left out %s, which are no solid elements", path, listed)
     elif structure:
-        raise found[structure[0]][0].line.refuse(
+        raise by_name[structure[0]][0].line.refuse(
             f"expected solid elements alone, got {', '.join(structure)}, whose mass and stiffness would be missing. "
             "Give only_solids=True to leave them out, and put them into the Exudyn model"
         )
-    links = [name for name in found if _LINKS.match(name)]
+    links = [name for name in by_name if _LINKS.match(name)]
     if links:
         _LOG.info("%s: %s and constraints are left out, the body is free", path, ", ".join(links))
-    part = Part(nodes=_nodes(found))
+    part = Part(nodes=_nodes(by_name))
     properties: dict[str, list[int]] = {}
-    for name in [name for name in found if name in _SOLID or name in _SURFACE]:
-        for kind, of_kind in _by_kind(name, found[name]).items():
+    for name in [name for name in by_name if name in _SOLID or name in _SURFACE]:
+        for kind, of_kind in _by_kind(name, by_name[name]).items():
             numbers = np.array([nodes for _, nodes in of_kind], dtype=np.int64)[:, _ORDER.get(kind, slice(None))]
             labels = np.array([card.integer(1) for card, _ in of_kind], dtype=np.int64)
             lines = [card.line for card, _ in of_kind]
@@ -139,34 +139,36 @@ def read_nastran(path: Path, only_solids: bool = False) -> FileMesh:
                 properties.setdefault(kind, []).extend(card.integer(2, 0) for card, _ in of_kind)
     mesh = Assembly([part], {}).mesh(path)
     of_solids = np.array([number for kind in mesh.solids for number in properties[kind]], dtype=np.int64)
-    regions = _regions(found, of_solids)
-    materials = _materials(found, of_solids, regions)
+    regions = _regions(by_name, of_solids)
+    materials = _materials(by_name, of_solids, regions)
+    surfaces = _surfaces(by_name, mesh)
     return replace(
         mesh,
-        faces={},
+        faces=surfaces,
         node_sets={},
+        links=_links(by_name, surfaces),
         regions=regions,
         materials=materials,
         either_hand=True,
-        groups=_groups(found, of_solids),
+        groups=_groups(by_name, of_solids),
     )
 
 
-def _nodes(found: dict[str, list[Card]]) -> list[tuple[Line, Array, Array]]:
+def _nodes(by_name: dict[str, list[Card]]) -> list[tuple[Line, Array, Array]]:
     """Numbers, (n,), and places in the basic system, (n, 3), of the nodes, with the line of the first."""
-    grids = found.get("GRID", [])
+    grids = by_name.get("GRID", [])
     if not grids:
         return []
-    default = found["GRDSET"][0].integer(2, 0) if "GRDSET" in found else 0
+    default = by_name["GRDSET"][0].integer(2, 0) if "GRDSET" in by_name else 0
     labels = np.array([card.integer(1) for card in grids], dtype=np.int64)
     written = np.array([[card.real(i) for i in (3, 4, 5)] for card in grids])
     of_system = np.array([card.integer(2, default) for card in grids])
-    systems = _Systems(found, dict(zip(labels.tolist(), zip(written, of_system.tolist(), strict=True), strict=True)))
+    systems = _Systems(by_name, dict(zip(labels.tolist(), zip(written, of_system.tolist(), strict=True), strict=True)))
     places = written.copy()
     for number in np.unique(of_system):
-        own = of_system == number
+        is_in = of_system == number
         if number:
-            places[own] = systems.find(int(number), grids[int(np.argmax(own))].line).basic(written[own])
+            places[is_in] = systems.find(int(number), grids[int(np.argmax(is_in))].line).basic(written[is_in])
     _, first, number = np.unique(labels, return_index=True, return_inverse=True)
     moved = np.flatnonzero((places != places[first[number]]).any(axis=1))
     if len(moved):
@@ -181,20 +183,20 @@ class _Systems:
 
     Parameters
     ----------
-    found : dict of str to list of Card
+    by_name : dict of str to list of Card
     grids : dict of int to (place, number of its system)
         Nodes as they are written.
     """
 
-    def __init__(self, found: dict[str, list[Card]], grids: dict[int, tuple[Array, int]]) -> None:
+    def __init__(self, by_name: dict[str, list[Card]], grids: dict[int, tuple[Array, int]]) -> None:
         self._grids = grids
         self._known: dict[int, _System] = {0: _System("R", np.zeros(3), np.eye(3))}
         self._asked: list[int] = []
-        self._by_points = {card.integer(1): card for kind in "RCS" for card in found.get(f"CORD2{kind}", [])}
+        self._by_points = {card.integer(1): card for kind in "RCS" for card in by_name.get(f"CORD2{kind}", [])}
         self._by_nodes = {  # two in a card
             card.integer(first): (card, first)
             for kind in "RCS"
-            for card in found.get(f"CORD1{kind}", [])
+            for card in by_name.get(f"CORD1{kind}", [])
             for first in (1, 5)
             if card.field(first)
         }
@@ -235,13 +237,47 @@ class _Systems:
         return found
 
 
-def _by_kind(name: str, own: list[Card]) -> dict[str, list[tuple[Card, list[int]]]]:
+def _surfaces(by_name: dict[str, list[Card]], mesh: FileMesh) -> dict[str, list[Array]]:
+    """Corner nodes of the faces of each BSURFS, which names an element and three corners of its face."""
+    cards = by_name.get("BSURFS", [])
+    if not cards or mesh.labels is None or mesh.origins is None:
+        return {}
+    cells = [(kind, row) for kind, rows in mesh.solids.items() for row in rows.tolist()]
+    element = dict(zip(mesh.origins.labels.tolist(), cells, strict=True))
+    node = {label: row for row, label in enumerate(mesh.labels.tolist())}
+    surfaces: dict[str, list[Array]] = {}
+    for card in cards:
+        faces = surfaces.setdefault(f"BSURFS {card.integer(1)}", [])
+        for i in range(5, len(card.fields) + 1, 4):
+            if not card.field(i):
+                continue
+            kind, row = element.get(card.integer(i), ("", []))
+            three = {node.get(card.integer(i + j), -1) for j in (1, 2, 3)}
+            corners = [[row[k] for k in face] for face in corners_of_faces(kind)] if kind else []
+            faces += [np.array([face]) for face in corners if three <= set(face)]
+    return surfaces
+
+
+def _links(by_name: dict[str, list[Card]], surfaces: dict[str, list[Array]]) -> list[Link]:
+    """Pairs of surfaces that are glued, BGSET, or may touch, BCTSET: their numbers stand in each line of the card."""
+    links = []
+    for kind, name in (("tie", "BGSET"), ("contact", "BCTSET")):
+        for card in by_name.get(name, []):
+            for i in range(2, len(card.fields), 8):
+                names = f"BSURFS {card.field(i)}", f"BSURFS {card.field(i + 1)}"
+                if all(surfaces.get(surface) for surface in names):
+                    first, second = (np.unique(np.concatenate([f.ravel() for f in surfaces[n]])) for n in names)
+                    links.append(Link(kind, names, (first, second)))
+    return links
+
+
+def _by_kind(name: str, of_name: list[Card]) -> dict[str, list[tuple[Card, list[int]]]]:
     """Cards of one name, each with the numbers of its nodes, by the kind of the element."""
     kinds = _SOLID.get(name) or (_SURFACE[name],)
     counts = [(SOLIDS | SURFACES)[kind] for kind in kinds]
     corners = FACE_CORNERS[kinds[0]] if name in _SURFACE else counts[0]
-    found: dict[str, list[tuple[Card, list[int]]]] = {}
-    for card in own:
+    by_kind: dict[str, list[tuple[Card, list[int]]]] = {}
+    for card in of_name:
         given = card.fields[2 : 2 + counts[-1]] if name in _SURFACE else card.fields[2:]
         while given and given[-1] in ("", "0"):
             given.pop()
@@ -252,15 +288,17 @@ def _by_kind(name: str, own: list[Card]) -> dict[str, list[tuple[Card, list[int]
             )
         kind = kinds[-1] if len(given) > counts[0] else kinds[0]
         nodes = [card.integer(i, 0) for i in range(3, 3 + (SOLIDS | SURFACES)[kind])]
-        found.setdefault(kind, []).append((card, nodes))
-    return found
+        by_kind.setdefault(kind, []).append((card, nodes))
+    return by_kind
 
 
-def _materials(found: dict[str, list[Card]], properties: Array, regions: list[CellRegions]) -> dict[str, DeckMaterial]:
+def _materials(
+    by_name: dict[str, list[Card]], properties: Array, regions: list[CellRegions]
+) -> dict[str, DeckMaterial]:
     """Materials of the properties of solid elements, (ne,), by the names of the regions."""
-    weight = [card.real(2) for card in found.get("PARAM", []) if card.field(1).upper() == "WTMASS"]
+    weight = [card.real(2) for card in by_name.get("PARAM", []) if card.field(1).upper() == "WTMASS"]
     known = {}
-    for card in found.get("MAT1", []):
+    for card in by_name.get("MAT1", []):
         E, G, nu = (card.real(i) if card.field(i) else None for i in (2, 3, 4))
         if nu is None and E and G:
             nu = E / (2 * G) - 1
@@ -269,13 +307,13 @@ def _materials(found: dict[str, list[Card]], properties: Array, regions: list[Ce
         rho = card.real(5) * (weight[-1] if weight else 1.0)
         known[card.field(1)] = DeckMaterial(f"MAT1 {card.field(1)}", card.line.where, E, nu, rho)
     for kind, called in _NOT_ISOTROPIC.items():
-        for card in found.get(kind, []):
+        for card in by_name.get(kind, []):
             name = f"{kind} {card.field(1)}"
             known.setdefault(card.field(1), DeckMaterial(name, card.line.where, besides=f"{called}, expected MAT1"))
     of_property = {
         str(card.integer(1)): known[card.field(2)]
         for name in ("PSOLID", "PLSOLID")
-        for card in found.get(name, [])
+        for card in by_name.get(name, [])
         if card.field(1) and card.field(2) in known
     }
     names = [str(name) for name in np.unique(properties)]
@@ -284,9 +322,9 @@ def _materials(found: dict[str, list[Card]], properties: Array, regions: list[Ce
     return {name: of_property[name] for name in names if name in of_property}
 
 
-def _groups(found: dict[str, list[Card]], properties: Array) -> list[Group]:
+def _groups(by_name: dict[str, list[Card]], properties: Array) -> list[Group]:
     """Solid elements by the numbers of their properties, (ne,), and by those of their materials."""
-    material = _materials_of_properties(found)
+    material = _materials_of_properties(by_name)
     written = [material.get(int(number), "") for number in properties]
     numbers = np.array([int(text) if text.isdecimal() else 0 for text in written], dtype=np.int64)
     return [
@@ -297,19 +335,19 @@ def _groups(found: dict[str, list[Card]], properties: Array) -> list[Group]:
     ]
 
 
-def _materials_of_properties(found: dict[str, list[Card]]) -> dict[int, str]:
+def _materials_of_properties(by_name: dict[str, list[Card]]) -> dict[int, str]:
     """Numbers of materials, as they are written, by those of the properties of solid elements."""
     return {
         card.integer(1): card.field(2)
         for name in ("PSOLID", "PLSOLID")
-        for card in found.get(name, [])
+        for card in by_name.get(name, [])
         if card.field(1)
     }
 
 
-def _regions(found: dict[str, list[Card]], properties: Array) -> list[CellRegions]:
+def _regions(by_name: dict[str, list[Card]], properties: Array) -> list[CellRegions]:
     """Properties of the solid elements, (ne,), as regions, if they differ in their materials."""
-    material = _materials_of_properties(found)
+    material = _materials_of_properties(by_name)
     names, number = np.unique(properties, return_inverse=True)
     if len({material.get(int(name), f"of property {name}") for name in names}) < 2:
         return []

@@ -226,11 +226,11 @@ def regions_of(refine: object) -> list[Refine]:
     """Balls of an option `refine`, one or several."""
     regions = [refine] if isinstance(refine, Refine) else listed(refine)
     regions = [refine] if regions is None else regions
-    found = [region for region in regions if isinstance(region, Refine)]
-    if len(found) < len(regions):
+    balls = [region for region in regions if isinstance(region, Refine)]
+    if len(balls) < len(regions):
         wrong = next(region for region in regions if not isinstance(region, Refine))
         raise InputError(f"refine: expected ep.Refine(center, radius, h) for each ball, got {wrong!r}")
-    return found
+    return balls
 
 
 def step_shape(path: Path, name: str = "source") -> Shape:
@@ -258,12 +258,12 @@ def products_of(path: Path, name: str = "source") -> list[tuple[str, Shape]]:
         If there is no solid.
     """
     shape, products = _read_step(path, name)
-    found = [(product, part) for product, part in products if len(part.solids)]
-    if sum(len(part.solids) for _, part in found) < len(shape.solids):
-        found = [("", shape)]
-    if not found:
+    solid_products = [(product, part) for product, part in products if len(part.solids)]
+    if sum(len(part.solids) for _, part in solid_products) < len(shape.solids):
+        solid_products = [("", shape)]
+    if not solid_products:
         solids_alone(shape, name)  # raises
-    return found
+    return solid_products
 
 
 def _read_step(path: Path, name: str) -> tuple[Shape, list[tuple[str, Shape]]]:
@@ -279,10 +279,10 @@ def _read_step(path: Path, name: str) -> tuple[Shape, list[tuple[str, Shape]]]:
     if kind != "STEP":
         return _sewn(geometry.shape), []
     shape, products = geometry.shape, list(_products(geometry.GetAssemblyTree()))
-    found = max(len(shape.solids), sum(len(part.solids) for _, part in products))
-    if found < said:
+    read = max(len(shape.solids), sum(len(part.solids) for _, part in products))
+    if read < said:
         raise MeshError(
-            f"{name}: {path} defines {said} solids, of which Netgen reads {found}. Are the others damaged, "
+            f"{name}: {path} defines {said} solids, of which Netgen reads {read}. Are the others damaged, "
             "or of no product? Export the body that you need as a file of its own"
         )
     return shape, products
@@ -444,13 +444,13 @@ def depths(shape: Shape, starts: Array, way: Array, length: float) -> Array:
         Of the lines [m].
     """
     occ = require("netgen.occ")
-    found = np.full(len(starts), np.nan)
+    depth = np.full(len(starts), np.nan)
     for i, start in enumerate(starts):
         ends = (occ.Pnt(*map(float, end)) for end in (start, start + length * way))
         inside = [np.array([v.p.x, v.p.y, v.p.z]) for edge in (occ.Segment(*ends) * shape).edges for v in edge.vertices]
         if inside:
-            found[i] = ((np.array(inside) - start) @ way).min()
-    return found
+            depth[i] = ((np.array(inside) - start) @ way).min()
+    return depth
 
 
 def share_of_cube(shape: Shape, center: Array, side: float) -> tuple[float, Array]:

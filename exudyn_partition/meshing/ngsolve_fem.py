@@ -388,14 +388,14 @@ def _mixed_mesh(ngsolve: NGSolve, points: Array, cells: Array) -> tuple[NGSolveM
     """Mesh of hexahedra, wedges and others, kind by kind, whose nodes are `points`; see `to_coefficients`."""
     check_conforming(*faces_of(cells, True))
     kinds = [(kind, cells[rows][:, kind.columns]) for kind, rows in kinds_of(cells, True)]
-    vertices = np.unique(np.concatenate([own[:, : kind.corners].ravel() for kind, own in kinds]))
-    corners = [np.searchsorted(vertices, own[:, : kind.corners]) for kind, own in kinds]
+    vertices = np.unique(np.concatenate([nodes[:, : kind.corners].ravel() for kind, nodes in kinds]))
+    corners = [np.searchsorted(vertices, nodes[:, : kind.corners]) for kind, nodes in kinds]
     mesh = _volume_mesh(ngsolve, points[vertices], *corners)
     to_hierarchical = to_coefficients(ngsolve, mesh, kinds, len(points))
     offsets = np.zeros_like(points)
-    for kind, own in kinds:
-        middles = own[:, kind.corners :]
-        offsets[middles] = points[middles] - points[own[:, kind.edges]].mean(axis=2)[:, : middles.shape[1]]
+    for kind, nodes in kinds:
+        middles = nodes[:, kind.corners :]
+        offsets[middles] = points[middles] - points[nodes[:, kind.edges]].mean(axis=2)[:, : middles.shape[1]]
     _deform(ngsolve, mesh, to_hierarchical @ offsets, kinds[0][0].order)
     return mesh, to_hierarchical
 
@@ -537,8 +537,8 @@ def _boundaries(facets: Array, faces: dict[str, Array]) -> dict[str, Array]:
         return {}
     keys = np.vstack([corner_keys(facets), *map(corner_keys, faces.values())])
     number = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
-    own, *theirs = (number[part] for part in consecutive([len(facets), *map(len, faces.values())]))
-    return {name: np.flatnonzero(np.isin(own, their)) for name, their in zip(faces, theirs, strict=True)}
+    of_facets, *of_faces = (number[part] for part in consecutive([len(facets), *map(len, faces.values())]))
+    return {name: np.flatnonzero(np.isin(of_facets, named)) for name, named in zip(faces, of_faces, strict=True)}
 
 
 def _csr(matrix: NGSolveObject) -> sp.csr_matrix:

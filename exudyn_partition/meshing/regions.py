@@ -33,10 +33,10 @@ def regions_of(mesh: MeshioMesh) -> Iterator[CellRegions]:
         names = {}
         data["Gmsh's volumes"] = _values(mesh.cell_data["gmsh:geometrical"], volumes)
     for name, values in data.items():
-        found, number = np.unique(values, return_inverse=True)
-        if len(found) > 1:
+        tags, number = np.unique(values, return_inverse=True)
+        if len(tags) > 1:
             called = names if name.startswith("Gmsh") else families if name == "cell_tags" else {}
-            yield CellRegions(name, tuple(called.get(int(i), str(int(i))) for i in found), number)
+            yield CellRegions(name, tuple(called.get(int(i), str(int(i))) for i in tags), number)
 
 
 def groups_of(mesh: MeshioMesh, regions: Sequence[CellRegions]) -> Iterator[Group]:
@@ -86,7 +86,7 @@ def _groups(mesh: MeshioMesh) -> dict[str, tuple[int, int]]:
 
 def _values(blocks: Sequence[object], volumes: list[int]) -> Array:
     """Whole numbers of the volume elements; empty if the data are others, such as results of an analysis."""
-    found = [np.asarray(blocks[i]) for i in volumes if i < len(blocks)]
-    values = np.concatenate(found) if found and all(part.ndim == 1 for part in found) else np.zeros(0)
+    parts = [np.asarray(blocks[i]) for i in volumes if i < len(blocks)]
+    values = np.concatenate(parts) if parts and all(part.ndim == 1 for part in parts) else np.zeros(0)
     numeric = np.issubdtype(values.dtype, np.number)
     return values if numeric and np.isfinite(values).all() and (values == np.rint(values)).all() else np.zeros(0)

@@ -56,16 +56,14 @@ def read_universal(path: Path, only_solids: bool = False) -> FileMesh:
     """
     part = Part()
     numbers: dict[str, list[tuple[int, int]]] = {}  # property and material of each solid
-    found = False
     for kind, lines in _datasets(path):
         if kind in _NODES and lines:
-            found = True
             part.nodes.append(_nodes(kind, lines))
         elif kind in _ELEMENTS:
             _read_elements(kind, lines, part, numbers, only_solids)
         elif kind in _GROUPS:
             _read_groups(_GROUPS[kind], lines, part)
-    if not found:
+    if not part.nodes:
         raise InputError(f"source: {path}: expected a universal file with a dataset of nodes (2411), got none")
     mesh = Assembly([part], {}).mesh(path)
     values = np.array([pair for kind in mesh.solids for pair in numbers[kind]], dtype=np.int64).reshape(-1, 2)
@@ -152,10 +150,12 @@ def _read_elements(
         rows.setdefault(name, []).append((line, label, nodes))
         if name in SOLIDS:
             numbers.setdefault(name, []).append((of_property, of_material))
-    for name, own in rows.items():
-        labels = np.array([label for _, label, _ in own], dtype=np.int64)
-        nodes_of = np.array([nodes for _, _, nodes in own], dtype=np.int64)[:, _ORDER.get(name, slice(None))]
-        part.elements.append(Elements(name, name, "", labels, nodes_of, own[0][0], [line for line, _, _ in own]))
+    for name, of_kind in rows.items():
+        labels = np.array([label for _, label, _ in of_kind], dtype=np.int64)
+        nodes_of = np.array([nodes for _, _, nodes in of_kind], dtype=np.int64)[:, _ORDER.get(name, slice(None))]
+        part.elements.append(
+            Elements(name, name, "", labels, nodes_of, of_kind[0][0], [line for line, _, _ in of_kind])
+        )
     if left_out:
         listed = ", ".join(f"{count} of kind {descriptor}" for descriptor, count in left_out.items())
         _LOG.info("%s: left out elements without volume or surface: %s", lines[0].path, listed)

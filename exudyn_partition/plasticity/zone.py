@@ -178,10 +178,10 @@ def _spacings(points: Array, region: PlasticRegion) -> Array:
 
 def _at_border(region: PlasticRegion) -> Array:
     """Integration points of elements, (nc, q) bool, that are nearest to a corner on the border of the region."""
-    found = []
+    by_kind = []
     for kind, rows in kinds_of(region.cells, region.hexahedra):
         corners = np.isin(region.cells[rows][:, kind.columns[: kind.corners]], region.border)
-        found.append((rows, corners @ nearest_corners(kind).T))
-    order = np.argsort(np.concatenate([rows for rows, _ in found]))
-    at_border: Array = np.concatenate([points for _, points in found])[order]
+        by_kind.append((rows, corners @ nearest_corners(kind).T))
+    order = np.argsort(np.concatenate([rows for rows, _ in by_kind]))
+    at_border: Array = np.concatenate([points for _, points in by_kind])[order]
     return at_border

@@ -283,8 +283,8 @@ def _strains(slopes: Array) -> Array:
     """Strains, (6, k, m), from derivatives of m displacement fields at k nodes, see `_mean_slopes`."""
     strain = np.empty((6, len(slopes), slopes.shape[-1]))
     strain[:3] = np.einsum("kaam->akm", slopes)
-    for own, (a, b) in zip(strain[3:], ((1, 2), (0, 2), (0, 1)), strict=True):
-        np.add(slopes[:, b, a], slopes[:, a, b], out=own)
+    for shear, (a, b) in zip(strain[3:], ((1, 2), (0, 2), (0, 1)), strict=True):
+        np.add(slopes[:, b, a], slopes[:, a, b], out=shear)
     return strain
 
 
@@ -314,11 +314,11 @@ def _mean_slopes(fem: FEModel, displacements: Array, nodes: Array, scale: float 
     for kind, cells in fem.kinds:
         of_nodes = fem.cells[cells][:, kind.columns]
         element, corner = np.nonzero(place[of_nodes] >= 0)
-        cell, own, here = cells[element], of_nodes[element], place[of_nodes[element, corner]]
-        gradient = _gradients_at_nodes(kind, fem.points[own], corner)
+        cell, around, here = cells[element], of_nodes[element], place[of_nodes[element, corner]]
+        gradient = _gradients_at_nodes(kind, fem.points[around], corner)
         values.append(((fem.cell_mass[cell] * scales[cell])[:, None, None] * gradient).ravel())
         rows.append(np.broadcast_to(3 * here[:, None, None] + np.arange(3), gradient.shape).ravel())
-        columns.append(np.broadcast_to(own[:, :, None], gradient.shape).ravel())
+        columns.append(np.broadcast_to(around[:, :, None], gradient.shape).ravel())
         weight += np.bincount(here, fem.cell_mass[cell], minlength=len(nodes))
     where = np.concatenate(rows), np.concatenate(columns)
     mean = np.concatenate(values) / weight[where[0] // 3]
@@ -348,9 +348,9 @@ def _strain_rows(fem: FEModel, points: Array) -> tuple[Array, Array]:
     """Cell of each of m points, and its strain by displacements of the cell's k nodes, (m, 6, k, 3)."""
     cell, local = locate(fem, validate_array("points", points, (None, 3)))
     gradient = np.empty((len(cell), fem.cells.shape[1], 3))
-    for kind, own in _by_kind(fem, cell):
-        nodes = fem.points[fem.cells[cell[own]][:, kind.columns]]
-        gradient[own] = kind.on_row(_gradients_of(kind, nodes, local[own]))
+    for kind, of_kind in _by_kind(fem, cell):
+        nodes = fem.points[fem.cells[cell[of_kind]][:, kind.columns]]
+        gradient[of_kind] = kind.on_row(_gradients_of(kind, nodes, local[of_kind]))
     return cell, np.einsum("vab,mkb->mvka", _VOIGT, gradient)
 
 
@@ -377,8 +377,8 @@ def _rows(fem: FEModel, cell: Array, coefficients: Array) -> sp.csr_matrix:
 
 def _interpolation(fem: FEModel, cell: Array, local: Array) -> sp.csr_matrix:
     values = np.empty((len(cell), fem.cells.shape[1]))
-    for kind, own in _by_kind(fem, cell):
-        values[own] = kind.on_row(kind.functions(local[own])[0])
+    for kind, of_kind in _by_kind(fem, cell):
+        values[of_kind] = kind.on_row(kind.functions(local[of_kind])[0])
     return _rows(fem, cell, values[:, None, :, None] * np.eye(3)[:, None])
 
 
@@ -401,8 +401,8 @@ def _gradients_at_nodes(kind: Kind, nodes: Array, corner: Array) -> Array:
 
 def _by_kind(fem: FEModel, cell: Array) -> list[tuple[Kind, Array]]:
     """Places in a list of cells, (m,) int, of each kind of elements."""
-    found = [(kind, np.flatnonzero(np.isin(cell, rows))) for kind, rows in fem.kinds]
-    return [(kind, own) for kind, own in found if len(own)]
+    places = [(kind, np.flatnonzero(np.isin(cell, rows))) for kind, rows in fem.kinds]
+    return [(kind, of_kind) for kind, of_kind in places if len(of_kind)]
 
 
 def _validate_fem(fem: FEModel) -> None:
@@ -427,12 +427,12 @@ def locate(fem: FEModel, points: Array, name: Callable[[int], str] = "points[{}]
     centre = nodes.mean(axis=1)
     radius = 1.1 * np.linalg.norm(nodes - centre[:, None], axis=2).max(axis=1)
     near = cKDTree(points).query_ball_point(centre, radius)
-    cell = np.repeat(np.arange(len(nodes)), [len(found) for found in near])
+    cell = np.repeat(np.arange(len(nodes)), [len(inside) for inside in near])
     point = np.fromiter(chain.from_iterable(near), dtype=np.int64, count=len(cell))
     local, depth = np.empty((len(cell), 3)), np.empty(len(cell))
-    for kind, own in _by_kind(fem, cell):
-        local[own] = _local_coordinates(kind, nodes[cell[own]][:, kind.columns], points[point[own]])
-        depth[own] = kind.depth(local[own])
+    for kind, of_kind in _by_kind(fem, cell):
+        local[of_kind] = _local_coordinates(kind, nodes[cell[of_kind]][:, kind.columns], points[point[of_kind]])
+        depth[of_kind] = kind.depth(local[of_kind])
     order = np.argsort(depth)
     order = order[depth[order] >= -_OVERSHOOT]
     pair = np.full(len(points), -1)

@@ -188,6 +188,25 @@ def test_ties_and_contacts_of_a_deck_are_named(tmp_path, lines, kind, surfaces):
             assert surface not in models[({*names} - {name}).pop()].boundaries
 
 
+@pytest.mark.parametrize(("card", "kind"), [("BGSET,100,1,2,0.001", "tie"), ("BCTSET,100,1,2,0.2", "contact")])
+def test_surfaces_for_contact_of_nastran(tmp_path, card, kind):
+    """They name an element and three corners of its face."""
+    lines = []
+    for number, rows, corners in ((1, TOP, [4, 5, 6]), (2, FOOT, [2, 1, 0])):
+        entries = [str(n) for i in rows for n in (i, *(BOTH[i - 1][corners] + 1))]
+        lines.append(f"BSURFS,{number},,,," + ",".join(entries[:4]))
+        lines += ["+," + ",".join(entries[k : k + 8]) for k in range(4, len(entries), 8)]
+    path = tmp_path / "deck.bdf"
+    path.write_text(BULK.replace("ENDDATA", "\n".join([*lines, card, "ENDDATA"])))
+    bodies = ep.read_bodies(path)
+    assert bodies.pairs == ((kind, bodies.names, ("BSURFS 1", "BSURFS 2")),)
+    rod, pin = ep.fe_models(bodies, dict.fromkeys(bodies.names, ep.STEEL), order=1).values()
+    for fem, surface in ((rod, "BSURFS 1"), (pin, "BSURFS 2")):
+        facets = fem.facets[fem.boundaries[surface]]
+        assert len(facets) == len(TOP)
+        np.testing.assert_allclose(fem.points[facets, 2], Z, atol=1e-6)
+
+
 def test_a_tie_of_instances_by_their_surfaces(tmp_path):
     inside = "".join(f"*SURFACE, NAME={name}\n{rows}\n" for name, rows in (("TOP", "ALL, S2"), ("FOOT", "ALL, S1")))
     tied = INSTANCES.replace("*END PART", f"{inside}*END PART").replace(
