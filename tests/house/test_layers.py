@@ -61,6 +61,18 @@ def test_imports_point_to_lower_layers(modules):
     assert not upward
 
 
+def test_the_lowest_folder_knows_no_package_above_it():
+    """Neither by imports nor by name: a text with the name of a package would be a way around the layers."""
+    above = {name.split(".")[0] for name in LAYERS[LAYERS.index("support") + 1 :]} - {"__main__", "__init__"}
+    for path in (PACKAGE / "support").glob("*.py"):
+        texts = [
+            node.value
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        ]
+        assert not above & {*texts}, path
+
+
 def test_no_modules_import_each_other(modules):
     order = graphlib.TopologicalSorter({module: found.inside for module, found in modules.items()})
     order.prepare()  # raises CycleError, which names them
