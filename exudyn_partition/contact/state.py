@@ -8,17 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .gaps import GapState
 from .memory import FrictionMemory
+from .plasticity.zone_state import NodalState, ZoneState
 from .viscosity import ViscousMemory
-
-if TYPE_CHECKING:
-    from .plasticity.nodal_zones import NodalState
-    from .plasticity.zone_run import ZoneState
 
 
 @dataclass(frozen=True, eq=False)

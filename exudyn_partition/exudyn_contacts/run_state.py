@@ -11,8 +11,7 @@ from ..contact.formulations.formulation import Method
 from ..contact.formulations.implicit_multipliers import ImpulseState
 from ..contact.gaps import GapState
 from ..contact.memory import FrictionMemory
-from ..contact.plasticity.nodal_zones import NodalState
-from ..contact.plasticity.zone_run import Applied, Change, ZoneState
+from ..contact.plasticity.zone_state import Applied, Change, NodalState, ZoneState
 from ..contact.stages import Anchor
 from ..contact.state import ContactState
 from ..contact.step_mean import StepMean

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,27 +16,10 @@ from ...plasticity.flow import PlasticState
 from ...support.arrays import Array
 from .yielding_patches import Zones
 from .zone_run import ZoneMotion
+from .zone_state import NodalState
 
 if TYPE_CHECKING:
     from typing import Self
-
-
-@dataclass(frozen=True, eq=False)
-class NodalState:
-    """What a plastic zone remembers of the last accepted step, if its nodes are coordinates.
-
-    Parameters
-    ----------
-    plastic : PlasticState
-    total : (g, 6) array
-        Strain, elastic and plastic.
-    work : float
-        Plastic work since the start of the run [J].
-    """
-
-    plastic: PlasticState
-    total: Array
-    work: float = 0.0
 
 
 class NodalZone:

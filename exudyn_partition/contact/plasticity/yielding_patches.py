@@ -6,7 +6,7 @@ import copy
 import math
 import weakref
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -15,10 +15,8 @@ from ...errors import ComplementarityError
 from ...plasticity.flow import PlasticState
 from ...plasticity.zone import PlasticZone
 from ...support.arrays import Array
-from .zone_run import ZoneMotion, ZoneRun, ZoneState
-
-if TYPE_CHECKING:
-    from .nodal_zones import NodalState
+from .zone_run import ZoneMotion, ZoneRun
+from .zone_state import NodalState, ZoneState
 
 _SETTLED = 1e-4  # what the pseudo-forces lack, relative
 # Plastic strain may be far larger than elastic strain. So what it lacks is also at most this share of elastic strain,

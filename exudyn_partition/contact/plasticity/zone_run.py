@@ -24,6 +24,7 @@ from ...plasticity.zone import PlasticZone
 from ...plasticity.zone_flexibility import ZoneFlexibility
 from ...reduction.body import ReducedBody
 from ...support.arrays import Array
+from .zone_state import Applied, Change, ZoneState
 
 if TYPE_CHECKING:
     from typing import Self
@@ -208,79 +209,6 @@ class _Active:
     def generalised(self, change: Array) -> Array:
         """Forces on the last coordinates of the body, (n,), from a change of the pseudo-forces, (m,) [N]."""
         return np.asarray(self._rows.T @ change)
-
-
-@dataclass(frozen=True, eq=False)
-class Applied:
-    """Pseudo-forces that a plastic zone has applied, and what they do.
-
-    Parameters
-    ----------
-    p, left : (3 nz,) arrays
-        On the nodes, and what plastic strain asks for beyond them [N].
-    moved : (3 nz,) array
-        Displacements of the nodes [m].
-    moved_patch : (r,) array
-        Displacements of the patch's rows [m].
-    generalised : (n,) array
-        Forces on the last coordinates of the body from p + left [N].
-    energy : float
-        Elastic energy without the work of these forces [J].
-    """
-
-    p: Array
-    left: Array
-    moved: Array
-    moved_patch: Array
-    generalised: Array
-    energy: float
-
-
-@dataclass(frozen=True, eq=False)
-class Change:
-    """A change of the pseudo-forces, (3 nz,) [N], and how far it moves the nodes, (3 nz,), and the patch, (r,) [m]."""
-
-    change: Array
-    moved: Array
-    moved_patch: Array
-
-
-@dataclass(frozen=True, eq=False)
-class ZoneState:
-    """What a plastic zone remembers of the last accepted step.
-
-    Parameters
-    ----------
-    plastic : PlasticState
-    applied : Applied
-    change : Change
-        What the step has added to it: the first guess for the next step.
-    q : (n,) array
-        Last coordinates of the body, with which the zone moves.
-    by_patch : (r,) array
-        Forces on the rows of the patch [N].
-    work : float
-        Plastic work since the start of the run [J].
-    active : (g,) bool array
-        Points that may flow in the next step.
-    goes_on : bool
-        Whether points flowed in the step, and the next one begins with the active points.
-    strain : (k, 6) array or None
-        Strains of the active points, if they flowed.
-    excess : (g,) array or None
-        Stress beyond the flow stress [Pa], if points flowed.
-    """
-
-    plastic: PlasticState
-    applied: Applied
-    change: Change
-    q: Array
-    by_patch: Array
-    work: float
-    active: Array
-    goes_on: bool = False
-    strain: Array | None = None
-    excess: Array | None = None
 
 
 class _Pushed(NamedTuple):
