@@ -1,0 +1,131 @@
+"""Runs that are cut, saved, read, and gone on with by a new model, against one run: the state of a run is one value.
+
+Each seed draws a scene as `random_scenes` does, over bases, formulations, frames, friction, damping and plasticity. Its
+run is made in one piece. It is made again up to a time within the contact, and its result is written to a file. A new
+model of the same bodies reads it and goes on: new items, new contacts, nothing that was kept. Both ends are compared.
+
+Quantities: difference of the next force, by the largest force; of the forces until the end; of the velocities at the
+end, by the speed of the impact. Limits: 1e-9 in explicit steps, and a hundred times that for what grows until the end.
+Plastic zones have products in single precision there: 1e-6, and 1e-3 until the end, for a zone may settle in another
+iteration, which changes a force by its tolerance of 1e-4. Implicit steps end where Newton's method ends: 1e-6 and 1e-4.
+The first force of multipliers is left out: it is a mean over both sides of the cut.
+
+    python -m validation.stability.cut_runs [--count N] [--only SEED ...] [--out FILE]
+"""
+
+import argparse
+import tempfile
+import time
+import warnings
+from pathlib import Path
+
+import exudyn as exu
+import numpy as np
+from rich.console import Console
+
+import exudyn_partition as ep
+from validation.contact import scenes
+from validation.stability.random_scenes import bodies_of, drawn, duration, impact
+
+COUNT = 60
+LIMITS = {"explicit": (1e-9, 1e-7), "zones": (1e-6, 1e-3), "implicit": (1e-6, 1e-4)}
+STEPS = 400  # in a scene
+
+
+def made(scene):
+    """Model, bodies and contact of a scene."""
+    mbs = exu.SystemContainer().AddSystem()
+    (upper, _), (lower, _) = bodies_of(scene)
+    turning = {"initialAngularVelocity": scene.spin} if any(scene.spin) else {}
+    common = {"frame": scene.frame, "damping": scene.damping}
+    place = (*scene.aside, 0.0) if scene.shapes == ("block", "block") else (0.0, 0.0, 0.0)
+    moving = {"initialVelocity": scene.velocity, "referencePosition": place} | common | turning
+    items = [
+        ep.CreatePartitionBody(mbs, upper, name="upper", **moving),
+        ep.CreatePartitionBody(mbs, lower, name="lower", **common),
+    ]
+    contact = ep.CreatePartitionContact(mbs, *items, formulation=scene.formulation, friction=scene.friction)
+    mbs.Assemble()
+    return mbs, items, contact
+
+
+def ends(items, contact, result):
+    """Forces, and velocities of all coordinates at the end."""
+    return contact.force(result), np.concatenate([item.coordinates_t(result)[-1] for item in items])
+
+
+def compared(seed, method):
+    """Row of a seed: differences between the run in two pieces and that in one."""
+    scene, begin = drawn(seed), time.perf_counter()
+    row = {"seed": seed, "method": method, "scene": str(scene), "kind": "zones" if scene.yields else method}
+    row["kind"] = method if method == "implicit" else row["kind"]
+    last = duration(scene)
+    with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
+        warnings.simplefilter("ignore")
+        mbs, items, contact = made(scene)
+        step = last / STEPS
+        if method == "explicit":
+            step = min(step, 0.9 * ep.stability_limit(mbs))
+        count = int(np.ceil(last / step))
+        step, at = last / count, int(count * (1 - 0.6 * impact(scene) / last))
+        options = {"step": step, "method": method}
+        force, velocity = ends(items, contact, ep.solve_dynamic(mbs, end_time=last, **options))
+        mbs, items, contact = made(scene)
+        path = Path(folder) / "cut.npz"
+        ep.solve_dynamic(mbs, end_time=at * step, **options).save(path)
+        mbs, items, contact = made(scene)
+        result = ep.solve_dynamic(mbs, end_time=last, go_on=ep.Result.load(path, mbs), **options)
+        rest, after = ends(items, contact, result)
+    later, largest = force[-len(rest) :], force.max()
+    row["closed"] = bool(later[0] > 0.0)
+    if largest > 0.0:
+        row["next"] = float(abs(rest[1] - later[1]) / largest)
+        row["forces"] = float(abs(rest[1:] - later[1:]).max() / largest)
+    row["velocity"] = float(abs(after - velocity).max() / abs(velocity).max())
+    limits = LIMITS[row["kind"]]
+    row["beyond"] = [
+        name
+        for name, limit in (("next", limits[0]), ("forces", limits[1]), ("velocity", limits[1]))
+        if not row.get(name, 0.0) <= limit
+    ]
+    return row | {"time_s": time.perf_counter() - begin}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=COUNT, help="seeds, from 0 on")
+    parser.add_argument("--only", type=int, nargs="+", help="these seeds; nothing is stored")
+    parser.add_argument("--out", type=Path, help="file of the results, instead of the JSON beside the script")
+    options = parser.parse_args()
+    console, begin, rows = Console(width=170), time.perf_counter(), []
+    seeds = options.only or range(options.count)
+    with ep.progress("cut runs") as report:
+        for seed in seeds:
+            methods = ("explicit", "implicit") if drawn(seed).formulation != "lagrange" else ("explicit",)
+            rows += [compared(seed, method) for method in methods]
+            report((len(rows)) / (2 * len(seeds)))
+    for row in rows:
+        if options.only or row["beyond"]:
+            console.print(row, markup=False)
+    if options.only:
+        return
+    worst = {}
+    for kind in LIMITS:
+        own = [row for row in rows if row["kind"] == kind]
+        worst[kind] = {
+            name: max((row.get(name, 0.0) for row in own), default=0.0) for name in ("next", "forces", "velocity")
+        } | {"runs": len(own), "closed at the cut": sum(row["closed"] for row in own)}
+    result = {
+        "runs": len(rows),
+        "limits": {kind: list(limits) for kind, limits in LIMITS.items()},
+        "worst": worst,
+        "beyond_limits": [f"seed {row['seed']}, {row['method']}: {row['scene']}" for row in rows if row["beyond"]],
+        "rows": rows,
+        "time_s": time.perf_counter() - begin,
+    }
+    console.print(worst)
+    scenes.finish(__file__, result, result["beyond_limits"], options.out)
+
+
+if __name__ == "__main__":
+    main()
