@@ -324,6 +324,6 @@ class RowFields(Between):
         return np.sum(moved, axis=0) if moved else np.zeros((rows.d * len(rows.gaps.row_nodes), 0))
 
 
-def _identity(block: Array) -> tuple[int, tuple[int, ...]]:
-    """Key that is equal for two views of the same flexibility."""
-    return block.__array_interface__["data"][0], block.shape
+def _identity(block: Array) -> tuple[int, tuple[int, ...], tuple[int, ...]]:
+    """Key that is equal for two views of the same flexibility, but not for that and its transpose."""
+    return block.__array_interface__["data"][0], block.shape, block.strides

@@ -59,7 +59,7 @@ class FrozenContacts:
         self.starts, self.lam, self.pushed = blocks.starts, blocks.lam, blocks.pushed
         self.h, self.force = np.empty(len(self.lam)), np.empty(0)
         self.values, self.stored = np.empty((len(gaps), 6)), np.empty(len(gaps))
-        self._together = loops.together(rows, blocks, self.h, self.values, self.stored)
+        self._flat = loops.flat_contacts(rows, blocks, self.h, self.values, self.stored)
         self.row_nodes = np.concatenate([each.row_nodes for each in gaps])
         self.leaves_at = np.concatenate([each.leaves_at for each in gaps])
 
@@ -71,7 +71,7 @@ class FrozenContacts:
         """
         if len(q) != len(self.force):
             self.force = np.empty(len(q))
-        pushing = loops.evaluate_frozen(self._together, q, self.force)
+        pushing = loops.evaluate_frozen(self._flat, q, self.force)
         if pushing < 0:
             self._blocks.forget()
             return False

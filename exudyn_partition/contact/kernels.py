@@ -240,11 +240,11 @@ def forces_of_frozen(
 
 
 @structref.register
-class TogetherType(StructType):
-    """Type of `Together` in compiled loops."""
+class FlatContactsType(StructType):
+    """Type of `FlatContacts` in compiled loops."""
 
 
-class Together(structref.StructRefProxy):
+class FlatContacts(structref.StructRefProxy):
     """What stays where it is while pairs are frozen, see `frozen.FrozenContacts`.
 
     It is one object, because to pass each of its arrays takes longer than the loops themselves.
@@ -257,18 +257,18 @@ class Together(structref.StructRefProxy):
     stored: Array
 
 
-structref.define_proxy(Together, TogetherType, [*Together.__annotations__])  # type: ignore[no-untyped-call]
+structref.define_proxy(FlatContacts, FlatContactsType, [*FlatContacts.__annotations__])  # type: ignore[no-untyped-call]
 
 
 @compiled
-def together(rows: FlatRows, blocks: FlatBlocks, *results: Array) -> Together:
+def flat_contacts(rows: FlatRows, blocks: FlatBlocks, *results: Array) -> FlatContacts:
     """Make one of its fields; unlike its own constructor, this is kept on disk."""
-    return Together(rows, blocks, *results)  # type: ignore[no-untyped-call]
+    return FlatContacts(rows, blocks, *results)  # type: ignore[no-untyped-call]
 
 
 @compiled
 def evaluate_frozen(
-    contacts: Together, q: Array, force: Array, rounding: float, settled: float, steps: int, patience: int
+    contacts: FlatContacts, q: Array, force: Array, rounding: float, settled: float, steps: int, patience: int
 ) -> int:
     """Find gaps, forces and values of sensors; return how many contacts push, or -1 if pairs slide or none settle."""
     rows, blocks, h = contacts.rows, contacts.blocks, contacts.h

@@ -20,7 +20,7 @@ from ..surfaces.vectors import cross
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
     from ..surfaces.moving_kernels import Followed
-    from .kernels import Together
+    from .kernels import FlatContacts
     from .linear_gaps import FlatRows
 
 _Gaps: TypeAlias = tuple[Array, Array, Array, Array, Array, float, bool]  # see `followed_gaps`
@@ -159,13 +159,13 @@ def row_gaps(rows: Followed, of_points: Array, here: Array, *bounds: float) -> t
     return found
 
 
-def together(rows: FlatRows, blocks: FlatBlocks, h: Array, values: Array, stored: Array) -> Together:
+def flat_contacts(rows: FlatRows, blocks: FlatBlocks, h: Array, values: Array, stored: Array) -> FlatContacts:
     """Contacts with frozen pairs, and room for their results, see `evaluate_frozen`."""
-    found: Together = _compiled().together(rows, blocks, h, values, stored)
+    found: FlatContacts = _compiled().flat_contacts(rows, blocks, h, values, stored)
     return found
 
 
-def evaluate_frozen(contacts: Together, q: Array, force: Array) -> int:
+def evaluate_frozen(contacts: FlatContacts, q: Array, force: Array) -> int:
     """Set gaps h, (nr,) [m], forces, and all else from the model's coordinates q, (nq,), see `frozen.FrozenContacts`.
 
     Return how many contacts push; -1 if pairs begin to slide, or forces do not settle soon.
