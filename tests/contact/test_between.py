@@ -1,33 +1,12 @@
-<<<<<<< HEAD
-"""Flexibility between contacts on common bodies: what unit forces do, and what all forces together do."""
-=======
 """Motion of contacts by forces on others: through few fields, through all nodes, and by the matrices themselves."""
->>>>>>> h-B
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-<<<<<<< HEAD
-from exudyn_partition.contact.between import FlexibilityBetween
-from exudyn_partition.contact.side import Standing
-
-
-class Rows:
-    """Three rows on the coordinates of each side's patch, of bodies that yield a share of their flexibility."""
-
-    d = 1
-
-    def __init__(self, random, shares):
-        self.on_sides = [random.standard_normal((3, n)) for n in (4, 5)]
-        self.gaps = SimpleNamespace(yielding=shares)
-
-    def side_rows(self, side):
-        return self.on_sides[side]
-=======
 from exudyn_partition.contact.between import Exchange, FlexibilityBetween, RowFields
-from exudyn_partition.contact.side import Standing
+from exudyn_partition.contact.stages import Standing
 
 NR, NP, SHARES = 6, 10, ((0.3, 0.8), (1.0, 0.5), (0.7, 0.2))
 
@@ -36,37 +15,19 @@ class SomeRows:
     """Rows of a contact with two sides, with one direction or three."""
 
     def __init__(self, rng, d, yielding):
-        self.d, self.gaps = d, SimpleNamespace(row_nodes=np.arange(NR), yielding=yielding)
+        self.d, self.gaps = (
+            d,
+            SimpleNamespace(row_nodes=np.arange(NR), yielding=yielding, found_at=lambda anchor, make: make()),
+        )
         self._rows = [rng.normal(size=(d * NR, NP)) for _ in range(2)]
 
     def side_rows(self, side):
         return self._rows[side]
->>>>>>> h-B
 
     def standing(self):
-        return Standing(self, np.zeros(1))
+        return Standing(self, None)
 
 
-<<<<<<< HEAD
-@pytest.mark.parametrize("shares", [None, (0.3, 0.8)])
-def test_motion_by_forces_is_the_sum_of_unit_forces_by_the_share_that_yields(shares):
-    """By either side, of which the second contact pushes both; and `across` knows no share."""
-    random = np.random.default_rng(0)
-    rows = [Rows(random, shares), Rows(random, None)]
-    blocks = [random.standard_normal((n, 5)) for n in (4, 5)]
-    between = FlexibilityBetween(rows, [(0, side, 1, 1, block) for side, block in enumerate(blocks)])
-    forces, some = np.array([2.0, -3.0]), np.array([0, 2])
-    whole = [rows[0].on_sides[side] @ block @ (forces @ rows[1].on_sides[1][some]) for side, block in enumerate(blocks)]
-    expected = sum(share * one for share, one in zip(shares or (1.0, 1.0), whole, strict=True))
-    np.testing.assert_allclose(between.of(0, np.arange(3), 1, some) @ forces, expected, rtol=1e-12)
-    np.testing.assert_allclose(between.moved(0, 1, some, forces), expected, rtol=1e-12)
-    spread = np.zeros((3, 1))
-    spread[some, 0] = forces
-    none = np.zeros((3, 1))
-    across = between.across([[none, none], [none, spread]])
-    for side in range(2):
-        np.testing.assert_allclose(across[0][side][:, 0], whole[side], rtol=1e-12)
-=======
 @pytest.fixture(params=[None, SHARES], ids=["at once", "shares"])
 def chain(request):
     """Rows of three contacts, of which the first two have a body in common, and the last two; its links."""
@@ -119,4 +80,3 @@ def test_motion_of_each_side_is_that_of_what_its_neighbours_carry(chain):
             np.testing.assert_allclose(moved[j][side], expected, atol=1e-9 * abs(expected).max())
         assert not moved[0][0].any()
         assert not moved[2][1].any()
->>>>>>> h-B
