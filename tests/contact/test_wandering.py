@@ -256,6 +256,21 @@ def test_rows_near_a_rigid_plane_have_the_force_of_all_rows(rim):
     assert 1 < sum(pressed) < len(pressed)
 
 
+def test_a_carrier_that_turns_with_the_body_brings_no_row_nearer(rim):
+    """Rows that are left out come nearer by the speed relative to what carries the plane, which is none."""
+    spin, axis, side = np.array([0, 300.0, 0]), np.array([5e-3, 0, 2e-3]), floating(rim, (0, 1e-4, 0))
+    motion = {"pose": lambda: (axis, np.eye(3)), "motion": lambda: (np.zeros(3), spin)}
+    gaps = WanderingRigidGaps(side, RigidPlane(normal=(0, 1, 0)), **motion).fresh()
+    q, q_t = np.zeros(rim.n_dofs), np.zeros(rim.n_dofs)
+    q_t[:3], q_t[3:6] = np.cross(spin, side.kinematics.frame(q)[0] - axis), spin
+    gaps.at(q)
+    _, rate, _ = gaps.closing(q, q_t, 0.0 * q)
+    np.testing.assert_allclose(rate, 0, atol=1e-6)
+    _, rate, _ = gaps.closing(q, 0.0 * q, 0.0 * q)
+    away = np.linalg.norm(np.cross(spin, side.place(q) - axis), axis=1)
+    assert rate[-1] == pytest.approx(-away.max(), rel=1e-9)
+
+
 def test_wrong_starts_have_named_errors(rim, face, disc, mbs):
     with pytest.raises(PenetrationError, match="referencePosition"):
         WanderingGaps(inertial(rim, (0, -1e-4, 0)), inertial(face))

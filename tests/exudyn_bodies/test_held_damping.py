@@ -143,6 +143,20 @@ def test_ratios_in_order_are_of_the_held_modes_first(arm_body):
     assert len(item.damping.omega) == len(given)
 
 
+def test_strains_that_joints_prevent_have_the_frequencies_of_their_own_static_answers(arm_body):
+    """Clamped twice, a motion of one foot with unit strain energy has a kinetic energy by the body's own mass."""
+    mbs, item, _ = jointed(arm_body, "inertial", damping=RATIO)
+    hold_head(mbs, item, CLAMP)
+    mbs.Assemble()
+    hold_damping(mbs)
+    damping, free = item.damping, arm_body.basis.omega[6:]
+    strains = damping.omega[:, None] * damping.rows[:, 6:] / free  # of unit energy, by the free modes
+    np.testing.assert_allclose(strains @ strains.T, np.eye(len(free)), atol=1e-8)
+    prevented = strains[-6:] / free
+    np.testing.assert_allclose(prevented @ prevented.T, np.diag(damping.omega[-6:] ** -2.0), atol=1e-8 / free[0] ** 2)
+    assert (np.diff(damping.omega[-6:]) > 0).all()
+
+
 def test_damping_is_that_of_the_reference_in_any_state(arm_body, frame):
     """It is found where the model is as it was made, and the state stays."""
     found = []

@@ -14,7 +14,7 @@ from oracles import MARBLE_RADIUS, TOP, add_force, ctrl_c_after
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, ModelLimitWarning, StoppedRunWarning
 from exudyn_partition.simulation import solve
-from exudyn_partition.simulation.step_control import LONGEST, StepControl, first_root, impact_step
+from exudyn_partition.simulation.step_control import LONGEST, Closing, StepControl, first_root, impact_step
 
 GRAVITY = 9.81
 
@@ -476,3 +476,20 @@ def test_implicit_steps_that_do_not_resolve_an_impact_warn(body):
     assert abs(item.energy(result)[-1] / item.energy(result)[0] - 1) > 0.02
     result = ep.solve_dynamic(mbs, end_time=0.4e-3, method="implicit")  # a warning would fail the test
     assert item.energy(result)[-1] == pytest.approx(item.energy(result)[0], rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("forces", "lasts"),
+    [
+        ([2, 10, 7, 4, 1], False),  # an impact that ends
+        ([2, 10, 4, 6, 4], True),  # it was about to end, but the force rose again
+        ([2, 10, 4, 4.9, 4], False),
+        ([2, 4, 1, 10, 4], False),  # of two bumps, only the later one counts
+        ([10, 4, 4, 4, 4, 4, 4, 4, 4, 4], True),  # as long as no impact
+    ],
+)
+def test_a_contact_lasts_if_its_force_rises_again_or_it_is_closed_for_long(forces, lasts):
+    closing = Closing(0.0, 0.0, 0.0, np.inf)
+    for force in forces:
+        closing = closing.after(1.0, force)
+    assert closing.lasts == lasts

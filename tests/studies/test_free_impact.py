@@ -7,7 +7,8 @@ import pytest
 
 from exudyn_partition.frames.floating import FloatingKinematics
 from exudyn_partition.frames.inertial import InertialKinematics
-from exudyn_partition.studies.free_impact import rigid_spin, speed_ratio, vibration_energy
+from exudyn_partition.studies.free_impact import free_impact, rigid_spin, speed_ratio, vibration_energy
+from exudyn_partition.studies.impact_setup import Point
 
 VELOCITY, SPIN = np.array([0.3, -0.2, 0.1]), np.array([10.0, -20.0, 30.0])
 
@@ -49,3 +50,12 @@ def test_vibration_is_what_a_rigid_body_of_the_same_momenta_lacks(round_body, fr
 def test_a_ratio_to_nothing_is_not_defined(sign):
     assert speed_ratio(0.3, sign * 0.2, 1.0) == pytest.approx(sign * 1.5)
     assert np.isnan(speed_ratio(0.3, sign * 1e-12, 1.0))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_impulse_along_the_surface_does_not_depend_on_which_body_is_named_first(round_body, flat_body):
+    """Friction slows what slides, so that its impulse is the friction's coefficient times the normal one."""
+    point = Point(0.0, 0.5, np.radians(60.0), 0.1)
+    for pair in ((round_body, flat_body), (flat_body, round_body)):
+        found, _ = free_impact(pair, point, np.array([1.0, 0, 0]), 20e-6)
+        assert found["impulse_ratio"] == pytest.approx(0.1, rel=0.02)
