@@ -475,6 +475,8 @@ class PatchContact:
         """State after a step that ends at time `end` [s] with the last answer."""
         if not self._answered:
             return replace(self.state, gaps=self.gaps.accepted)
+        if self.remembers and end <= self.since:  # the answer belongs to the start of a step
+            return self.state
         if self.ahead or self.friction is None:
             memory = self.memory.with_forces(self._at_nodes())
         else:

@@ -301,6 +301,7 @@ class ContactRun:
         if self.impulses is not None:  # they are means of the whole step
             return False
         self._at, mechanics = t, self._mechanics
+        mechanics.retry()
         if mechanics.needs_motion:
             self.force = mechanics.evaluate(SolverMotion(mbs, self.of))
         else:
@@ -309,13 +310,11 @@ class ContactRun:
 
     def evaluate(self, mbs: MainSystem, t: float, q: Array) -> None:
         """Find the force of this contact alone at the model's coordinates q, (nq,), and time t [s]."""
+        self.follow(start_of_step(mbs), t)
         mechanics = self._mechanics
         if self.impulses is not None:
-            self.follow(start_of_step(mbs), t)
             self.force = self.impulses.evaluate(SolverMotion(mbs, self.of))
-            return
-        self.follow(start_of_step(mbs), t)
-        if mechanics.needs_motion:
+        elif mechanics.needs_motion:
             self.force = mechanics.evaluate(SolverMotion(mbs, self.of))
         else:
             self.force = mechanics.force(self.of(q))

@@ -1,7 +1,7 @@
 """Runs that are cut, saved, read, and gone on with by a new model, against one run: the state of a run is one value.
 
 Each seed draws a scene as `random_scenes` does, over bases, formulations, frames, friction, damping and plasticity. Its
-run is made in one piece. It is made again up to a time within the contact, and its result is written to a file. A new
+run is made in one piece. It is made again up to the middle of the contact, and its result is written to a file. A new
 model of the same bodies reads it and goes on: new items, new contacts, nothing that was kept. Both ends are compared.
 
 Quantities: difference of the next force, by the largest force; of the forces until the end; of the velocities at the
@@ -25,7 +25,7 @@ from rich.console import Console
 
 import exudyn_partition as ep
 from validation.contact import scenes
-from validation.stability.random_scenes import bodies_of, drawn, duration, impact
+from validation.stability.random_scenes import bodies_of, drawn, duration
 
 COUNT = 60
 LIMITS = {"explicit": (1e-9, 1e-7), "zones": (1e-6, 1e-3), "implicit": (1e-6, 1e-4)}
@@ -67,9 +67,10 @@ def compared(seed, method):
         if method == "explicit":
             step = min(step, 0.9 * ep.stability_limit(mbs))
         count = int(np.ceil(last / step))
-        step, at = last / count, int(count * (1 - 0.6 * impact(scene) / last))
+        step = last / count
         options = {"step": step, "method": method}
         force, velocity = ends(items, contact, ep.solve_dynamic(mbs, end_time=last, **options))
+        at = int(np.median(np.flatnonzero(force > 0.0))) if force.any() else count // 2
         mbs, items, contact = made(scene)
         path = Path(folder) / "cut.npz"
         ep.solve_dynamic(mbs, end_time=at * step, **options).save(path)
