@@ -124,12 +124,12 @@ def test_plastic_patches(yielding, friction, monkeypatch):
     """With friction, velocities were off by 4e-3 m/s.
 
     Rounding may decide in which iteration a zone settles, and then runs differ by what a step leaves, 1e-6 m/s. The
-    lengths of these steps are powers of 2, so that both runs have the same. With friction, the flexibility of the rows
-    is kept for other nodes in the second run, which rounds otherwise; in double precision, that does not grow.
+    lengths of these steps are powers of 2, so that both runs have the same. Products in single precision sum the nodes
+    of a zone in the order in which they became active, which is no part of the state; in double precision, that does
+    not grow.
     """
     h, single = 2.0**-22, ZoneRun.for_run
-    if friction:
-        monkeypatch.setattr(ZoneRun, "for_run", lambda zone, kind: single(zone, float))
+    monkeypatch.setattr(ZoneRun, "for_run", lambda zone, kind: single(zone, float))
     assert_one_run(lambda: slides(yielding, friction=friction), 50 * h, 84 * h, step=h)
 
 
@@ -215,7 +215,8 @@ def test_a_run_that_was_stopped_goes_on(round_body):
     rest = ep.solve_dynamic(mbs, end_time=30e-6, go_on=True)
     assert rest.t[0] == stopped.t[-1] < 16e-6
     assert rest.step == pytest.approx(whole.step, rel=1e-9)
-    np.testing.assert_allclose(ball.momentum(rest)[-1], ball.momentum(whole)[-1], rtol=1e-9)
+    momentum = ball.momentum(whole)[-1]
+    np.testing.assert_allclose(ball.momentum(rest)[-1], momentum, rtol=0, atol=1e-11 * abs(momentum).max())
 
 
 @pytest.mark.filterwarnings("ignore")
