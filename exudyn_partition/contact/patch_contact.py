@@ -132,7 +132,6 @@ class PatchContact:
         self._creep: Creep | None = None  # at the present answer, once it is asked for
         self.least_gap, self.since, self.opening = np.inf, -math.inf, 0.0
         self.sticks = self.told = False
-        self._evaluated_at = np.empty(0)
         self._zero = np.zeros(self.gaps.n)
         self.open_rows()
         self._answered = False
@@ -218,7 +217,7 @@ class PatchContact:
         """Generalised contact force, (n,), in the present state of the solver."""
         if not self.ahead:
             return self.force(motion.q, motion)
-        self._answered, self._evaluated_at = True, motion.q
+        self._answered = True
         return self._zero if self.zones is None else self.zones.forces(self.gaps.split(motion.q))
 
     def force(self, q: Array, motion: Motion | None = None) -> Array:
@@ -456,7 +455,6 @@ class PatchContact:
         if self.zones is not None:
             self.zones.begin(state.zones)
         self.state, self.since, self.opening = state, t, state.opening
-        self._evaluated_at = state.gaps.q
         nodes, memory = self.gaps.row_nodes, state.memory
         closed = np.flatnonzero(memory.forces[nodes, 0])
         if isinstance(self.rows, TangentialRows):
@@ -554,10 +552,6 @@ class PatchContact:
         found = np.zeros((self._n_nodes, 1))
         found[self.gaps.row_nodes] = self.forces
         return found
-
-    def ended_at(self, q: Array) -> bool:
-        """Whether the coordinates, (n,), are those of the last evaluation."""
-        return np.array_equal(self._evaluated_at if self.ahead else self.gaps.q, q)
 
     # Results.
 
