@@ -6,8 +6,11 @@ a row has three directions, d = 3. Without, it has its normal alone, d = 1. No o
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.products import Solved
@@ -33,12 +36,16 @@ class Forces(NamedTuple):
         coefficient in the next step need it.
     slips : (nr, 2) array, optional
         With friction within the steps, how far rows have slipped since the last accepted step [m].
+    power : float
+        Energy that the law itself takes per time, as by damping [W]; friction does not count. Only a law that is not
+        `elastic` takes any.
     """
 
     on_rows: Array
     closed: Array
     state: Array | None = None
     slips: Array | None = None
+    power: float = 0.0
 
 
 class Motion(Protocol):
@@ -50,7 +57,7 @@ class Motion(Protocol):
 
     @property
     def q_t(self) -> Array:
-        """Velocities of the coordinates, (n,)."""
+        """Velocities of the coordinates, (n,), at the time of `q`."""
 
     @property
     def step(self) -> float:
@@ -85,6 +92,8 @@ class Places:
         State of the solver. None for laws that act ahead of steps, and when forces are found again after a run.
     since : float
         Start of the present step [s].
+    find_rates : callable, optional
+        Finds `rates`.
     """
 
     def __init__(
@@ -97,15 +106,25 @@ class Places:
         problem: RowProblem | None = None,
         motion: Motion | None = None,
         since: float = 0.0,
+        find_rates: Callable[[], Array] | None = None,
     ) -> None:
         self.gap, self.way, self.last, self.mu = gap, way, last, mu
-        self.motion, self.since, self._problem = motion, since, problem
+        self.motion, self.since, self._problem, self._find_rates = motion, since, problem, find_rates
 
     @property
     def problem(self) -> RowProblem:
         """How forces move the rows in the coming step; only for laws that act ahead of steps."""
         assert self._problem is not None, "only laws with ahead = True have a problem"
         return self._problem
+
+    @cached_property
+    def rates(self) -> Array:
+        """Rates of gaps and tangential places, (nr, d) [m/s], computed when they are asked for first.
+
+        They are those of the bodies, and of what carries a rigid surface, for fixed pairs. Only laws with elastic =
+        False have them. They are zero in static runs, and while a run chooses its step before it moves.
+        """
+        return np.zeros((len(self.gap), 1 + self.way.shape[1])) if self._find_rates is None else self._find_rates()
 
 
 class Law:
@@ -122,7 +141,7 @@ class Law:
         Then forces are constant within the step. Otherwise they belong to the time at which they are found.
     elastic : bool
         Whether forces without friction follow from the coordinates alone and have a potential, so that they can be
-        found again after a run.
+        found again after a run. A law that asks for rates, or takes energy, is not elastic.
     residual : bool
         Whether rows yield through the residual flexibility of their bodies, which the bodies' damping may delay.
     iterations : int
@@ -149,6 +168,13 @@ class Law:
         It may be `Solved`: as a rule the bodies have fewer coordinates than a large contact has directions of rows.
         """
         raise NotImplementedError(f"{type(self).__name__} has no stiffness")
+
+    def damping(self) -> Array | sp.spmatrix | None:
+        """Minus the derivative of forces on closed rows with respect to their rates, (d na, d na) [N s/m].
+
+        None if forces do not depend on rates. Otherwise implicit steps need it.
+        """
+        return None
 
     def closed_stiffness(self, rows: RowDirections) -> Array | None:
         """Contact stiffness on the coordinates, (n, n), with all rows closed and stuck. It limits explicit steps.

@@ -113,7 +113,7 @@ class PatchContact:
         result.law = self.law.fresh(result.rows)
         result._reset()
         if method == "static":
-            result.betas = None
+            result.betas, result._still = None, True
             result.opening = self.gaps.overlap
             if self.gaps.overlap:
                 result.least_gap = self.gaps.clearance + result.opening
@@ -131,7 +131,7 @@ class PatchContact:
         self.yielding: Yielding | None = None  # in the present step, if a flexibility is viscous
         self._creep: Creep | None = None  # at the present answer, once it is asked for
         self.least_gap, self.since, self.opening = np.inf, -math.inf, 0.0
-        self.sticks = self.told = False
+        self.sticks = self.told = self._still = False
         self._zero = np.zeros(self.gaps.n)
         self.open_rows()
         self._answered = False
@@ -190,6 +190,11 @@ class PatchContact:
     def viscous(self) -> bool:
         """Whether a residual flexibility yields with time, see `viscosity`."""
         return self.betas is not None
+
+    @property
+    def damped(self) -> bool:
+        """Whether a viscous flexibility or the law itself may take energy."""
+        return self.viscous or not (self.law.elastic or self.ahead)
 
     @property
     def needs_motion(self) -> bool:
@@ -282,8 +287,26 @@ class PatchContact:
         return self._places(gap if lasting is None else gap + lasting[:, 0], lasting, None)
 
     def _places(self, gap: Array, pushed: Array | None, motion: Motion | None) -> Places:
-        self._at = Places(gap, self._way(pushed), self.last, self.coefficients, motion=motion, since=self.since)
+        known = gap, self._way(pushed), self.last, self.coefficients
+        find_rates = None if self._still else lambda: self._rates(motion)
+        self._at = Places(*known, motion=motion, since=self.since, find_rates=find_rates)
         return self._at
+
+    def _rates(self, motion: Motion | None) -> Array:
+        """See `Places.rates`."""
+        if self.law.elastic:
+            raise InputError(
+                f"law {type(self.law).__name__}: it asks for rates, which only laws with `elastic = False` have"
+            )
+        return np.zeros((len(self.gaps.row_nodes), self.rows.d)) if motion is None else self.rates(motion.q_t)
+
+    def rates(self, q_t: Array) -> Array:
+        """Rates of gaps and tangential places, (nr, d) [m/s], at velocities q_t, (n,), for fixed pairs."""
+        everything = np.arange(len(self.gaps.row_nodes))
+        rates = self.rows.jacobian(everything) @ q_t
+        if self.gaps.carried:
+            rates = rates + self.rows.carrier_rows(everything) @ self.gaps.carrier_motion
+        return np.asarray(rates).reshape(-1, self.rows.d)
 
     def _way(self, pushed: Array | None) -> Array:
         """How far rows have slid along their tangents since the last accepted step, (nr, 2) [m]."""
@@ -293,7 +316,7 @@ class PatchContact:
     def take(self, forces: Forces) -> None:
         """Set the forces on the present rows."""
         self._answered, self._begun = True, None
-        self.forces, self.index, self._status, self._slips = forces
+        self.forces, self.index, self._status, self._slips, self._power = forces
         self._traction: Array | None = None
         self._slid: tuple[Array, float] | None = None  # see `_sliding`
 
@@ -343,6 +366,12 @@ class PatchContact:
             H = self.row_jacobian()
             K = dense(H.T @ (self.law.stiffness() @ H))
         return K if self.zones is None else self.zones.tangent(K)
+
+    def damping(self) -> Array | None:
+        """Minus the derivative of forces on closed rows with respect to their rates, (d na, d na) [N s/m], or None."""
+        if not self.index.size or self.ahead or self._still or (found := self.law.damping()) is None:
+            return None
+        return dense(found)
 
     def slip_secants(self, H: Array) -> Array:
         """Stiffness, (m, m), if friction opposed slips in proportion to the ways of rows; zero where many rows stick.
@@ -424,6 +453,15 @@ class PatchContact:
             return self.creep.dissipated
         return self.creep.dissipated + self._crept(self.yielding).taken
 
+    def law_work(self, end: float) -> float:
+        """Energy that the law itself has dissipated since the start of the run [J], if the step ends at time `end` [s].
+
+        Its power is integrated by the trapezoidal rule. Ahead of the first step it has taken nothing.
+        """
+        step, taken = end - self.since, self.state.dissipated
+        within = self._answered and math.isfinite(step)
+        return taken + 0.5 * step * (self.state.power + self._power) if within else taken
+
     def dissipated(self) -> float:
         """Energy that friction has dissipated since the start of the run [J]."""
         within = self._answered and self.friction is not None and not self.ahead and self.index.size > 0
@@ -468,6 +506,7 @@ class PatchContact:
             creep = ViscousMemory().after(self.rows, self.forces, at_rest, self._n_nodes, state.creep.dissipated)
             self.state = replace(state, creep=creep)
         self.least_gap, self._answered, self._begun = state.least_gap, False, state
+        self._power = state.power
 
     def after(self, end: float) -> ContactState:
         """State after a step that ends at time `end` [s] with the last answer."""
@@ -480,7 +519,15 @@ class PatchContact:
         else:
             memory = self._slid_memory(end - self.since)
         zones = () if self.zones is None else self.zones.after()
-        return ContactState(self.gaps.after(), memory, self._crept_memory(), zones, self.opening)
+        return ContactState(
+            self.gaps.after(),
+            memory,
+            self._crept_memory(),
+            zones,
+            self.opening,
+            power=self._power,
+            dissipated=self.law_work(end),
+        )
 
     def at_end(self, end: float) -> ContactState:
         """State at the end of a run, at time `end` [s], with what its results tell of it."""
@@ -490,7 +537,7 @@ class PatchContact:
         """Begin a step at time `start` [s]. The step before ended there, with the last answer."""
         if start > self.since:
             closed = self.index.size > 0
-            if self._answered and (self.remembers or self.told):
+            if self._answered and (self.remembers or self.told or self.damped):
                 self.state = self.after(start)
                 if self.zones is not None:
                     self.zones.accept(self.state.zones)

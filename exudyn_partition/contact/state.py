@@ -33,6 +33,10 @@ class ContactState:
         How much of an overlap that is meant is still open [m].
     stored : float
         Energy that the contact stores [J].
+    power : float
+        Energy that the law takes per time [W], see `law.Forces`.
+    dissipated : float
+        Energy that the law has taken so far [J].
     least_gap : float
         Smallest gap of the rows [m].
     """
@@ -43,15 +47,18 @@ class ContactState:
     zones: Sequence[ZoneState | NodalState] = ()
     opening: float = 0.0
     stored: float = 0.0
+    power: float = 0.0
+    dissipated: float = 0.0
     least_gap: float = np.inf
 
     def at_rest(self) -> ContactState:
-        """Return the state for a run after statics, which know no speed of slip."""
+        """Return the state for a run after statics, which know no speeds."""
         still = np.zeros(len(self.memory.path))
-        return replace(self, memory=replace(self.memory, slipped=still.astype(bool), speed=still))
+        return replace(self, memory=replace(self.memory, slipped=still.astype(bool), speed=still), power=0.0)
 
     def without_energies(self) -> ContactState:
         """Return the state for a run that counts energies taken, and slip, from zero."""
         memory = replace(FrictionMemory.none(*self.memory.forces.shape), forces=self.memory.forces)
         zones = [replace(zone, work=0.0) for zone in self.zones]
-        return replace(self, memory=memory, creep=replace(self.creep, dissipated=0.0), zones=tuple(zones))
+        creep = replace(self.creep, dissipated=0.0)
+        return replace(self, memory=memory, creep=creep, zones=tuple(zones), dissipated=0.0)

@@ -151,14 +151,6 @@ class TangentialRows:
             return self.along(self._offsets(moved))
         return self.along(self._offsets(now) - self._carried(self._offsets(self._places), gaps.split(self._from)))
 
-    def rates(self, q_t: Array) -> Array:
-        """Sliding rates of rows along their tangents, (nr, 2) [m/s], at velocities q_t, (n,), for fixed pairs."""
-        everything = np.arange(len(self.gaps.row_nodes))
-        rates = self.jacobian(everything) @ q_t
-        if self.gaps.carried:
-            rates = rates + self.carrier_rows(everything) @ self.gaps.carrier_motion
-        return np.asarray(rates).reshape(-1, 3)[:, 1:]
-
     def _offsets(self, places: list[Array]) -> Array:
         """Mean place of each row's points, relative to the master if that is a patch, (nr, 3) [m]."""
         gaps = self.gaps

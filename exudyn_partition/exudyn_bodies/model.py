@@ -255,8 +255,17 @@ class SolverMotion:
 
     @property
     def q_t(self) -> Array:
-        """See `formulation.Motion`."""
-        return self._of(self._mbs.systemData.GetODE2Coordinates_t(copy=False))
+        """See `formulation.Motion`. Exudyn's explicit solver gives velocities in the middle of the step.
+
+        Forces by them would be of first order.
+        """
+        data, solver = self._mbs.systemData, self._mbs.sys.get("dynamicSolver")
+        q_t = self._of(data.GetODE2Coordinates_t(copy=False))
+        if solver is None or "VelocityVerlet" not in solver.GetSolverName():
+            return q_t
+        half_step = 0.5 * (data.GetTime() - start_of_step(self._mbs))
+        value: Array = q_t + half_step * self._of(data.GetODE2Coordinates_tt(copy=False))
+        return value
 
     @property
     def step(self) -> float:

@@ -70,6 +70,7 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
         stuck = [contact for contact in contacts if given_up or _sticks(mbs, run.of(contact))]
         blocks = [*_of_stuck(run, stuck, fODE2), *_of_each(run, contacts, stuck, fODE2)]
         blocks += _of_groups(mbs, run, contacts, stuck, fODE2)
+        blocks += _of_damping(mbs, run, contacts, fODE2_t)
         if run.over:
             _warn_of_slips(run, contacts)
         if run.slip_secants is not None:
@@ -132,7 +133,7 @@ def _of_each(
 
 
 def _own_stiffness(run: ContactRun) -> Rows | None:
-    """Return -dF/dq, (n, n), of a contact's force F; None if it is zero. Contacts give no slope by velocities."""
+    """Return -dF/dq, (n, n), of a contact's force F; None if it is zero."""
     mechanics = run.mechanics
     if mechanics.compliant and not mechanics.index.size and mechanics.zones is None:
         return None
@@ -197,6 +198,16 @@ def _of_groups(
                 elif zones is not None:
                     K[own, own] = zones.tangent(K[own, own])
             yield by_q * K, closed[j][1], closed[k][1]
+
+
+def _of_damping(mbs: MainSystem, model: ModelRun, contacts: Sequence[ModelContact], by_q_t: float) -> Iterator[Block]:
+    """Damping of contacts whose laws depend on rates, on the coordinates of bodies and carrier."""
+    for contact in contacts:
+        run = model.of(contact)
+        if run.mechanics.law.elastic or (C := run.mechanics.damping()) is None:
+            continue
+        H, dofs = _closed_rows(mbs, run, contact)
+        yield by_q_t * (H.T @ C @ H), dofs, dofs
 
 
 def _warn_of_slips(model: ModelRun, contacts: Sequence[ModelContact]) -> None:

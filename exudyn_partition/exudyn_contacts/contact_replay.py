@@ -23,7 +23,7 @@ def nodal_forces(contact: ModelContact, result: RunSamples) -> list[Array]:
     if mechanics.gaps.carried:
         return _kept_of_carried(contact, result)
     pressed = mechanics.gaps.overlap and result.method == "static"  # then forces depend on the load step
-    remembers = mechanics.friction is not None or mechanics.zones is not None or mechanics.viscous
+    remembers = mechanics.friction is not None or mechanics.zones is not None or mechanics.damped
     if remembers or pressed:
         return _kept_on_nodes(contact, result)
     if not mechanics.elastic:
@@ -50,9 +50,9 @@ def stored_energy(contact: ModelContact, result: RunSamples) -> Array:
 
 
 def viscous_work(contact: ModelContact, result: RunSamples) -> Array:
-    """Energy that the viscosity of the contact's flexibilities has taken since the start of the run, (n,) [J]."""
+    """Energy that viscous flexibilities and a damped law have taken since the start of the run, (n,) [J]."""
     validate_result(result)
-    if not contact.mechanics.viscous:
+    if not contact.mechanics.damped:
         return np.zeros(len(result.t))
     kept = result.kept(contact).viscous_works
     return np.array([kept.get(t, 0.0) for t in result.t.tolist()])

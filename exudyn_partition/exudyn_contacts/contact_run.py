@@ -101,7 +101,7 @@ class ContactRun:
         Where another body carries the rigid surface: forces on the nodes of the patch in space [N]. Keys are times [s].
         The bodies' coordinates alone do not determine these forces.
     viscous_works : dict of float to float
-        Energy that the viscosity of flexibilities has dissipated [J]; keys are times [s]. Empty without any.
+        Energy that viscous flexibilities and a damped law have dissipated [J]; keys are times [s]. Empty without any.
     plastic_strains : dict of int to StrainHistory
         Plastic strain of each zone. Keys are the numbers of the sides.
     areas : (np,) array
@@ -196,7 +196,7 @@ class ContactRun:
         if looped is not None:  # without friction and plastic zones
             return float(looped.stored[self._place])
         zones = self._mechanics.zones
-        taken = self._dissipated() + self._mechanics.viscous_work() + (0.0 if zones is None else zones.work())
+        taken = self._dissipated() + self._damping_work(self._at) + (0.0 if zones is None else zones.work())
         return self._mechanics.stored() + taken
 
     @property
@@ -387,8 +387,8 @@ class ContactRun:
         """Keep the data that results need of the state at t; `q` returns the model's coordinates at t."""
         mechanics = self._mechanics
         closed = mechanics.index
-        if mechanics.viscous:
-            self._stored[t], self.viscous_works[t] = mechanics.stored(), mechanics.viscous_work()
+        if mechanics.damped:
+            self._stored[t], self.viscous_works[t] = mechanics.stored(), self._damping_work(t)
         if mechanics.zones is not None:
             mechanics.zones.check()
             for side, zone in mechanics.zones.zones:
@@ -435,6 +435,10 @@ class ContactRun:
     def _dissipated(self) -> float:
         """Energy that friction has taken since the start of the run [J]."""
         return self.mechanics.dissipated() if self.impulses is None else self.impulses.dissipated()
+
+    def _damping_work(self, t: float) -> float:
+        """Energy that viscous flexibilities and the law itself have taken until t [J]."""
+        return self._mechanics.viscous_work() + self._mechanics.law_work(t)
 
     def on_carrier(self, point: Array) -> Array:
         """Force on the body that carries the rigid surface, and its moment about a point in space, (6,) [N, N m]."""

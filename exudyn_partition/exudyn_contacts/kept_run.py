@@ -88,7 +88,7 @@ class KeptRun:
     stored_times, stored_energies : (j,) arrays
         Times while an elastic contact was closed, and the energy that it stored [s, J].
     viscous_times, viscous_energies : (v,) arrays
-        Times, and the energy that the viscosity of flexibilities has dissipated until then [s, J].
+        Times, and the energy that viscous flexibilities and a damped law have dissipated until then [s, J].
     edge_place : (4,) array or None
         Time and place at which the edge of the patch was first reached [s, m].
     slip_path : (np,) array

@@ -367,11 +367,11 @@ class PartitionContact(Item[Any]):
             return result.sensor_of(self, self["sFriction"])[:, 6]
         if self.plastic:
             return result.sensor_of(self, self["sPlastic"])[:, 0]
-        known = self.elastic or self.mechanics.viscous
+        known = self.elastic or self.mechanics.damped
         return stored_energy(self, result) if known else np.zeros(len(result.t))
 
     def dissipated_energy(self, result: RunSamples) -> Array:
-        """Energy that friction, plastic flow and damping of the contact's flexibility have taken so far, (n,) [J].
+        """Energy that friction, plastic flow and damping of the contact itself have taken so far, (n,) [J].
 
         It counts from the start of the run. The damping of the bodies' modes is in `PartitionBody.dissipated_energy`.
 

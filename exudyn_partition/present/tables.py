@@ -67,7 +67,7 @@ def _of_contacts(result: Result) -> dict[str, tuple[str, dict[str, Array]]]:
     lossy = {
         name: contact
         for name, contact in known.items()
-        if contact.friction or contact.plastic or contact.mechanics.viscous
+        if contact.friction or contact.plastic or contact.mechanics.damped
     }
     found["dissipated energy"] = ("J", _each(lossy, lambda contact: contact.dissipated_energy(result)))
     return {name: entry for name, entry in found.items() if entry[1]}

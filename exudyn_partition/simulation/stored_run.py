@@ -146,7 +146,7 @@ class StoredContactRun:
     yields: bool
     friction: Coulomb | None
     kept: KeptRun | None
-    viscous: bool = False
+    damped: bool = False
 
     @classmethod
     def of(cls, contact: PartitionContact, kept: KeptRun | None) -> StoredContactRun:
@@ -161,7 +161,7 @@ class StoredContactRun:
             yields=bool(contact.plastic),
             friction=contact.friction.coulomb,
             kept=kept,
-            viscous=mechanics.viscous,
+            damped=mechanics.damped,
         )
 
 
@@ -240,7 +240,7 @@ class StoredLaw:
     def __init__(self, run: StoredContactRun) -> None:
         self.ahead, self.elastic, self.compliant, self.friction = run.ahead, run.elastic, run.compliant, run.friction
         self.zones = _StoredZones(run.name) if run.yields else None
-        self.viscous = run.viscous
+        self.damped = run.damped
         self._name, self._kept = run.name, run.kept
 
     @property

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from exudyn.utilities import InertiaCuboid
 from oracles import MARBLE_RADIUS as R
-from oracles import add_springs
+from oracles import add_springs, contributed
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError
@@ -274,6 +274,15 @@ def test_viscous_flexibilities(pair, friction, tmp_path):
     damping = ep.Rayleigh(0.0, 2e-7)
     make = lambda: on_surface(pair[0], friction=friction, damping=damping)  # noqa: E731
     assert_goes_on(make, 20e-6, tmp_path / "cut.npz")
+
+
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+@pytest.mark.parametrize("carried", [False, True])
+def test_a_law_that_takes_energy(pair, carried, method, tmp_path):
+    law = contributed("class HuntCrossley(Law)")["HuntCrossleys"]()
+    make = lambda: on_surface(pair[0], formulation=law, carried=carried)  # noqa: E731
+    within = NEXT if method == "explicit" else NEWTON
+    assert_goes_on(make, 20e-6, tmp_path / "cut.npz", within, method=method)
 
 
 @pytest.mark.parametrize("friction", [None, MU])

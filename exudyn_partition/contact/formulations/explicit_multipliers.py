@@ -147,7 +147,7 @@ class ForwardRows:
     @property
     def guess(self) -> tuple[Array, Array]:
         """Status of the present rows in the last step, (nr,), and the forces then, (nr, 3) [N]."""
-        (nodes, (_, closed, state, _)), status = self._last, np.zeros(len(self._jump), dtype=np.int8)
+        (nodes, (_, closed, state, *_)), status = self._last, np.zeros(len(self._jump), dtype=np.int8)
         status[nodes[closed]] = SLIP if state is None else state[closed]
         return status[self.contact.gaps.row_nodes], self.contact.last
 

@@ -29,7 +29,6 @@ _MANY_TIMES = 10  # ratio to the expected value above which a share in percent i
 _LOOKED_AT = 256  # largest number of samples that are checked
 _ROUND_OFF = 1e-11  # share of the speed of one body size in a period of f_cut: slower motion is round-off
 _SLIGHT = 1e-6  # share of a body's momentum: a smaller change may be what Newton's method has left
-_PACKAGE = __name__.partition(".")[0]
 
 
 def balance(run: ReviewedRun) -> Iterator[Finding]:
@@ -64,9 +63,8 @@ def _lacks_inertia(item: PartitionBody) -> bool:
 
 
 def _exchanges(contact: PartitionContact) -> bool:
-    """Whether a contact gives energy to a carrier, or has a user's formulation with an energy of its own."""
-    of_user = not type(contact.mechanics).__module__.startswith(f"{_PACKAGE}.")
-    return bool(contact.carrier is not None and contact.carrier.nodes) or (of_user and not contact.elastic)
+    """Whether a contact gives energy to a carrier."""
+    return contact.carrier is not None and bool(contact.carrier.nodes)
 
 
 def _free(run: ReviewedRun) -> Array:

@@ -164,7 +164,6 @@ class Dashpots(Springs):
 
 
 @pytest.mark.filterwarnings("ignore:contact 'tip' reached the edge of its patch")
-@pytest.mark.filterwarnings("ignore:the bodies have lost")  # what a law without a potential stores is not known
 def test_a_law_may_ask_for_velocities(bodies):
     """Also where the run chooses its step before there are any."""
     forces = []

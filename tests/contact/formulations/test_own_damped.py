@@ -1,0 +1,190 @@
+"""A law that takes energy, from the contributing page alone: that of Hunt and Crossley."""
+
+from types import SimpleNamespace
+
+import exudyn as exu
+import numpy as np
+import pytest
+from exudyn.utilities import InertiaCuboid
+from oracles import MARBLE_RADIUS as R
+from oracles import contributed, inertial
+from scipy.integrate import solve_ivp
+
+import exudyn_partition as ep
+from exudyn_partition.contact.law import Forces
+from exudyn_partition.contact.patch_contact import PatchContact
+from exudyn_partition.contact.patch_gaps import PatchGaps
+from exudyn_partition.errors import InputError
+
+page = contributed("class HuntCrossley(Law)")
+HuntCrossleys, HuntCrossley, K, C = (page[name] for name in ("HuntCrossleys", "HuntCrossley", "K", "C"))
+SPEED, STEP, GAP, END = 0.2, 0.2e-6, 1e-7, 160e-6
+pytestmark = pytest.mark.filterwarnings("ignore::exudyn_partition.errors.YieldWarning")
+
+
+def made_by(law):
+    """A formulation whose law is of this class."""
+
+    class Made(HuntCrossleys):
+        def law(self, rows):
+            return law()
+
+    return Made()
+
+
+class Undamped(HuntCrossley):
+    """The spring alone."""
+
+    def fresh(self, rows):
+        return Undamped()
+
+    def answer(self, at):
+        self.depth, self.speed = np.maximum(-at.gap, 0.0), np.zeros(len(at.gap))
+        lam = K * self.depth**1.5
+        self.closed = np.flatnonzero(lam)
+        return Forces(lam[:, None], self.closed)
+
+    def damping(self):
+        return None
+
+
+def drop(body, method="explicit", frame="inertial", formulation=None, speed=-SPEED, carrier=None, end=END, **how):
+    """A ball that hits a plane, which may move."""
+    mbs = exu.SystemContainer().AddSystem()
+    place = {"referencePosition": [0, 0, R + GAP], "initialVelocity": [0, 0, speed]}
+    item = ep.CreatePartitionBody(mbs, body, frame=frame, **place)
+    options = {}
+    if carrier is not None:
+        kind = exu.NodeType.RotationRotationVector
+        motion = {"initialVelocity": [0, 0, carrier], "nodeType": kind}
+        options["masterBody"] = mbs.CreateRigidBody(inertia=InertiaCuboid(1e9, [1.0] * 3), **motion)
+    chosen = formulation or HuntCrossleys()
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="south", formulation=chosen, **options)
+    mbs.Assemble()
+    return ep.solve_dynamic(mbs, end_time=end, method=method, **{"step": STEP, **how}), item, contact
+
+
+def rebound(contact, item, result):
+    """Speed after the impact of a rigid ball with the same rows [m/s]."""
+    gap = contact.mechanics.gaps.fresh().at(item.coordinates(result)[0])
+
+    def motion(t, state):
+        depth = np.maximum(-(gap + state[0]), 0.0)
+        return state[1], np.maximum(K * depth**1.5 * (1 - C * state[1]), 0.0).sum() / item.body.total_mass
+
+    found = solve_ivp(motion, (0, END), (0.0, -SPEED), rtol=1e-8, atol=1e-12, max_step=1e-6)
+    return found.y[1, -1]
+
+
+@pytest.mark.parametrize(
+    ("method", "frame"), [("explicit", "inertial"), ("explicit", "floating"), ("implicit", "inertial")]
+)
+def test_it_takes_what_the_ball_loses(marble, method, frame):
+    result, item, contact = drop(marble, method, frame)
+    taken, energy = contact.dissipated_energy(result), item.energy(result)
+    assert contact.force(result)[-1] == 0.0
+    assert taken[-1] > 0.1 * energy[0]
+    assert (np.diff(taken) >= 0).all()
+    whole = energy + contact.energy(result) + taken
+    assert abs(whole / whole[0] - 1).max() < 2e-4
+    assert item.momentum(result)[-1, 2] / item.body.total_mass == pytest.approx(
+        rebound(contact, item, result), rel=1e-2
+    )
+    assert not any("lost" in said for said in result.warnings)
+
+
+def test_newton_converges_as_without_damping(marble):
+    """With a new Jacobian in each iteration; otherwise it matters at which rates the last one was found."""
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.newton.useModifiedNewton = False
+    options = {"method": "implicit", "step": 1e-6, "settings": settings}
+    damped, *_ = drop(marble, **options)
+    undamped, *_ = drop(marble, formulation=made_by(Undamped), **options)
+    assert damped.work.newton_iterations <= 1.05 * undamped.work.newton_iterations
+
+
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_rates_are_those_to_a_plane_that_moves(marble, method):
+    """The ball falls on a plane at rest, or a heavy plane hits the ball at rest."""
+    fixed, _, contact = drop(marble, method)
+    moving, _, hit = drop(marble, method, speed=0.0, carrier=SPEED)
+    force = contact.force(fixed)
+    np.testing.assert_allclose(hit.force(moving), force, rtol=0, atol=1e-5 * force.max())
+    taken = contact.dissipated_energy(fixed)
+    np.testing.assert_allclose(hit.dissipated_energy(moving), taken, rtol=0, atol=1e-5 * taken[-1])
+
+
+def test_results_from_a_file_have_what_it_took(marble, tmp_path):
+    result, _, contact = drop(marble, end=60e-6)
+    result.save(tmp_path / "run.npz")
+    stored = ep.Result.load(tmp_path / "run.npz")
+    (again,) = stored.contacts
+    for name in ("energy", "dissipated_energy"):
+        np.testing.assert_array_equal(getattr(again, name)(stored), getattr(contact, name)(result))
+    nodal = contact.nodal_forces(result)[0].sum(axis=1)
+    np.testing.assert_allclose(nodal[:, 2], contact.force(result), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("friction", [None, ep.Coulomb(0.3)])
+def test_rates_are_those_of_gaps_and_ways(round_body, flat_body, friction):
+    sides, asked = (inertial(round_body), inertial(flat_body)), []
+
+    class Asking(HuntCrossley):
+        def fresh(self, rows):
+            return self
+
+        def answer(self, at):
+            asked.append((at.gap, at.way, at.rates))
+            return Forces(np.zeros((len(at.gap), 1 + at.way.shape[1])), np.empty(0, int), slips=np.zeros_like(at.way))
+
+    contact, rng = PatchContact(PatchGaps(*sides), made_by(Asking), friction), np.random.default_rng(0)
+    body = sides[0].kinematics.body
+    start = np.r_[body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(sides[1].n)]
+    q_t = np.r_[body.rigid[:, :3] @ [0.1, -0.2, 0.3], np.zeros(sides[1].n)] + 1e-3 * rng.standard_normal(len(start))
+    dt = 1e-8
+    for sign in (-1, 1):
+        contact.force(start + sign * dt * q_t, SimpleNamespace(q_t=q_t))
+    (gap, way, rates), (gap_after, way_after, _) = asked
+    by_differences = np.column_stack([gap_after - gap, way_after - way]) / (2 * dt)
+    np.testing.assert_allclose(rates, by_differences, rtol=0, atol=1e-4 * abs(rates).max())
+
+
+def pressed(round_body, flat_body, formulation):
+    """A contact, coordinates at which it is closed, and velocities with which it closes further."""
+    sides = inertial(round_body), inertial(flat_body)
+    at_rest, rigid = np.zeros(sides[1].n), sides[0].kinematics.body.rigid[:, 2]
+    contact = PatchContact(PatchGaps(*sides), formulation)
+    return contact, np.r_[-3e-6 * rigid, at_rest], np.r_[-0.3 * rigid, at_rest]
+
+
+def test_stiffness_and_damping_are_slopes_of_the_force(round_body, flat_body):
+    (contact, q, q_t), rng = pressed(round_body, flat_body, HuntCrossleys()), np.random.default_rng(0)
+    force = lambda q, q_t: contact.force(q, SimpleNamespace(q_t=q_t)).copy()  # noqa: E731
+    force(q, q_t)
+    H = contact.row_jacobian()
+    tangent, damping = contact.tangent(), H.T @ contact.damping() @ H
+    way = rng.standard_normal(len(q))
+    way *= 1e-10 / abs(H @ way).max()
+    slope = (force(q + way, q_t) - force(q - way, q_t)) / 2
+    np.testing.assert_allclose(-tangent @ way, slope, rtol=0, atol=1e-3 * abs(slope).max())
+    slope = (force(q, q_t + 1e6 * way) - force(q, q_t - 1e6 * way)) / 2
+    np.testing.assert_allclose(-damping @ (1e6 * way), slope, rtol=0, atol=1e-6 * abs(slope).max())
+
+
+def test_rates_are_zero_in_statics(round_body, flat_body):
+    """Whatever the initial velocities of the bodies are."""
+    contact, q, q_t = pressed(round_body, flat_body, HuntCrossleys())
+    static = contact.for_run("static")
+    force = static.force(q, SimpleNamespace(q_t=q_t))
+    np.testing.assert_array_equal(force, static.force(q, SimpleNamespace(q_t=0 * q_t)))
+    assert static.damping() is None
+    assert abs(force).max() < 0.9 * abs(contact.force(q, SimpleNamespace(q_t=q_t))).max()
+
+
+def test_an_elastic_law_has_no_rates(round_body, flat_body):
+    class Wrong(HuntCrossley):
+        elastic = True
+
+    contact, q, _ = pressed(round_body, flat_body, made_by(Wrong))
+    with pytest.raises(InputError, match="law Wrong: it asks for rates, which only laws with `elastic = False` have"):
+        contact.force(q)
