@@ -161,12 +161,13 @@ class ModelRun:
         return stepper.joints is not None, tuple(numbers[id(run)] for run in stepper.contacts)
 
     def state(self) -> RunState | None:
-        """State at the end of the run; None if it has none."""
+        """State at the end of the run; None if it has none. Contacts that stopped within a step have no state."""
         if self.ended is None:
             return None
         t, q = self.ended
-        contacts = tuple(self.of(contact).state(_number(contact)) for contact in self.contacts)
-        steppers = tuple(stepper.state(numbers) for (_, numbers), stepper in self._served.items())
+        whole = not self.broken and abs(self.at - t) <= _ROUND_OFF * abs(t)
+        contacts = tuple(self.of(contact).state(_number(contact)) for contact in self.contacts if whole)
+        steppers = tuple(stepper.state(numbers) for (_, numbers), stepper in self._served.items() if whole)
         return RunState(self.method, t, self.at, q, self.has_steps, self.broken, contacts, steppers, self._turning)
 
     @property
