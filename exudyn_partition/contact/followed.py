@@ -91,7 +91,7 @@ class Search:
         normal, gap = pairs.follow(every.points, np.arange(len(every.facet)), x_s, x_m)
         row_gap = every.points.average(gap)
         if near is None:
-            near = min(needed(row_gap) + _AHEAD * pair.size, NEAR * pair.size)
+            near = min(needed(row_gap, pair.reach) + _AHEAD * pair.size, NEAR * pair.size)
         chosen = row_gap < near
         points, index = every.points.of_rows(np.flatnonzero(chosen))
         nodes, weights = pairs.carriers
@@ -144,7 +144,7 @@ class FollowedRows(PresentRows):
         search = self.search
         return search.pairs.followed(self.points, self.index, *self._witnesses, search.here, *self._rigid)
 
-    def others_close(self, gap: Array, here: Array, size: float) -> bool:
+    def others_close(self, gap: Array, here: Array, size: float, begins: float) -> bool:
         """Whether rows that are not followed may close, or come nearer than those that are followed.
 
         Their gaps are estimated from rigid motion. Deformation and curvature make this estimate inexact. For
@@ -154,7 +154,7 @@ class FollowedRows(PresentRows):
         estimated = start + rigidly @ (pose_of(here) - pose)
         off = abs(gap - estimated[: len(gap)]).max(initial=0.0)
         nearest = estimated[len(gap) :].min(initial=np.inf) - 2 * off
-        return bool(nearest < min(needed(gap), NEAR * size))
+        return bool(nearest < min(needed(gap, begins), NEAR * size))
 
 
 class Followed(Stage):
@@ -229,13 +229,13 @@ class Followed(Stage):
         gap = rows.points.average(of_points)
         if math.isnan(gap.sum()):
             return None
-        return self._next(normals, here, places), gap, not rows.others_close(gap, here, pair.size)
+        return self._next(normals, here, places), gap, not rows.others_close(gap, here, pair.size, pair.reach)
 
     def _follow_at_once(
         self, pair: Pair, q: Array, reach: float, places: list[Array]
     ) -> tuple[Followed, Array, bool] | None:
         """Do the same as `_follow` in one compiled call."""
-        rows, bounds = self.rows, (BULGE, NEAR * pair.size)
+        rows, bounds = self.rows, (BULGE, NEAR * pair.size, pair.reach)
         how = reach, FOLLOWED, STEPS, pair.size, *bounds
         here, normals, of_points, lost, gap, least, others = loops.followed_gaps(rows.compiled, places, how)
         if not len(normals):
@@ -252,7 +252,10 @@ class Followed(Stage):
         return result
 
 
-def needed(gap: Array) -> float:
-    """Gap up to which rows must be present [m]. Open: the smallest gap. In contact: what bulging may close."""
+def needed(gap: Array, begins: float) -> float:
+    """Gap up to which rows must be present [m]. Open: the smallest gap. In contact: what bulging may close.
+
+    `begins` is the gap at which forces begin [m].
+    """
     least = float(gap.min(initial=np.inf))
-    return max(least, -BULGE * least)
+    return max(least, begins - BULGE * (least - begins))

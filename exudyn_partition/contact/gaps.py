@@ -19,6 +19,7 @@ import scipy.sparse as sp
 
 from ..algebra.complementarity import Complementarity, regularised
 from ..algebra.products import dense, joined, largest_change
+from ..errors import InputError
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..reduction.body import ReducedBody
@@ -99,6 +100,8 @@ class Gaps:
         Smallest gap of the rows as the sides are placed [m].
     pressed : bool
         Whether an overlap of the sides as they are placed is meant. Load steps close it.
+    reach : float
+        Gap at which forces begin [m]. Rows with smaller gaps are present.
     yielding : tuple of float or None
         Share of each side's flexibility that yields within the present step, see `viscosity`; None if all of it does.
     anchor : Anchor or None
@@ -117,6 +120,7 @@ class Gaps:
     between: Array | None = None
     clearance: float
     pressed: bool = False
+    reach: float = 0.0
     yielding: tuple[float, ...] | None = None
     searches: int = 0
     anchor: Anchor | None = None
@@ -352,6 +356,26 @@ class Gaps:
         """Give the sides' patches other residual flexibilities, (d np, d np) each [m/N]."""
         self.sides = tuple(replace(side, flexibility=own) for side, own in zip(self.sides, flexibility, strict=True))
         self._loaded, self._start, self.stage = {}, self._start.on(self.sides), self.stage.on(self.sides)
+
+    @property
+    def longest_reach(self) -> float:
+        """Largest `reach` [m]. Here all rows are present."""
+        return np.inf
+
+    def begin_at(self, reach: float) -> None:
+        """Let forces begin at gaps of `reach` [m]; see the attribute.
+
+        Raises
+        ------
+        InputError
+            If rows are not followed as far.
+        """
+        if not 0.0 <= reach <= self.longest_reach:
+            raise InputError(
+                f"law: expected a reach from 0 to {self.longest_reach:.3g} m, up to which rows follow patches that "
+                f"slide, with facets of {self.size:.3g} m; got {reach:.4g} m. Take a shorter reach, or coarser facets"
+            )
+        self.reach = reach
 
     def yield_by(self, shares: tuple[float, ...]) -> None:
         """Let only these shares of the sides' flexibilities yield, see `viscosity.shares`.

@@ -20,17 +20,28 @@ if TYPE_CHECKING:
 
 
 @compiled
-def row_gaps(r: Followed, of_points: Array, here: Array, bulge: float, most: float) -> tuple[Array, float, bool]:
+def row_gaps(
+    r: Followed, of_points: Array, here: Array, bulge: float, most: float, begins: float
+) -> tuple[Array, float, bool]:
     """See `gaps_of_rows`."""
-    return gaps_of_rows(r, of_points, here, bulge, most)
+    return gaps_of_rows(r, of_points, here, bulge, most, begins)
 
 
 @compiled
 def followed_gaps(
-    x_s: Array, x_m: Array, r: Followed, reach: float, by: float, steps: int, size: float, bulge: float, most: float
+    x_s: Array,
+    x_m: Array,
+    r: Followed,
+    reach: float,
+    by: float,
+    steps: int,
+    size: float,
+    bulge: float,
+    most: float,
+    begins: float,
 ) -> tuple[Array, Array, Array, Array, Array, float, bool]:
     """See `follow_rows`."""
-    return follow_rows(r, x_s, x_m, reach, by, steps, size, bulge, most)
+    return follow_rows(r, x_s, x_m, reach, by, steps, size, bulge, most, begins)
 
 
 @compiled

@@ -142,6 +142,9 @@ class Law:
     elastic : bool
         Whether forces without friction follow from the coordinates alone and have a potential, so that they can be
         found again after a run. A law that asks for rates, or takes energy, is not elastic.
+    reach : float
+        Gap at which forces begin [m]: above zero for surfaces that attract each other, or a soft layer. Only laws
+        within steps have one. Rows within reach count as closed, also if they pull.
     residual : bool
         Whether rows yield through the residual flexibility of their bodies, which the bodies' damping may delay.
     iterations : int
@@ -149,13 +152,14 @@ class Law:
     """
 
     compliant = True
+    reach = 0.0
     residual = False
     ahead = False
     elastic = True
     iterations = 0
 
     def answer(self, at: Places) -> Forces:
-        """Return the forces on the rows. It is called only if a gap is negative.
+        """Return the forces on the rows. It is called only if a gap is below `reach`.
 
         A law that acts ahead of steps may get the rows of several contacts at once. These contacts share bodies; in a
         model with joints, they are all contacts with such a law. Such a law has no attributes of its own.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..frames.kinematics import Rows
@@ -34,6 +36,10 @@ class NormalRows:
     def carrier_rows(self, index: Array) -> Array:
         """Derivative of gap rates with respect to the velocities of the surface's carrier, (na, 6)."""
         return self.gaps.carrier_rows(index)
+
+    def rates(self, q_t: Array) -> Array:
+        """See `rates_of`."""
+        return rates_of(self, q_t)
 
     def flexibility(self, index: Array) -> Array:
         """Residual flexibility of some rows, (na, na) [m/N]."""
@@ -78,3 +84,12 @@ class NormalRows:
     def moment(self, forces: Array, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m], from forces on the rows, (nr, 1) [N]."""
         return self.gaps.moment(forces[:, 0], point)
+
+
+def rates_of(rows: Any, q_t: Array) -> Array:
+    """Rates of `NormalRows` or `TangentialRows`, (nr, d) [m/s], at velocities q_t, (n,), for fixed pairs."""
+    everything = np.arange(len(rows.gaps.row_nodes))
+    rates = rows.jacobian(everything) @ q_t
+    if rows.gaps.carried:
+        rates = rates + rows.carrier_rows(everything) @ rows.gaps.carrier_motion
+    return np.asarray(rates).reshape(-1, rows.d)

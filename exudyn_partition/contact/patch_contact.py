@@ -88,6 +88,10 @@ class PatchContact:
         self.formulation, self.friction = formulation, friction
         self.rows: NormalRows | TangentialRows = NormalRows(gaps) if friction is None else TangentialRows(gaps)
         self.law: Law = formulation.law(self.rows)
+        if self.law.reach:
+            if self.ahead:
+                raise InputError(f"law {type(self.law).__name__}: it acts ahead of steps, where no law has a reach")
+            gaps.begin_at(self.law.reach)
         self.zones: Zones | None = formulation.zones(self)
         betas = tuple(side.beta for side in gaps.sides)
         self.betas = betas if self.law.residual and any(betas) else None
@@ -170,6 +174,11 @@ class PatchContact:
     def compliant(self) -> bool:
         """Whether closed rows yield through a flexibility or layer of the contact itself."""
         return self.law.compliant
+
+    @property
+    def reach(self) -> float:
+        """Gap at which forces begin [m]."""
+        return self.law.reach
 
     @property
     def ahead(self) -> bool:
@@ -268,7 +277,7 @@ class PatchContact:
         self.least_gap = smallest(h)
         if math.isnan(self.least_gap):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
-        if self.least_gap >= 0.0:
+        if self.least_gap >= self.reach:
             if self.index.size or len(self.forces) != len(h):
                 self.open_rows()
             return
@@ -298,15 +307,7 @@ class PatchContact:
             raise InputError(
                 f"law {type(self.law).__name__}: it asks for rates, which only laws with `elastic = False` have"
             )
-        return np.zeros((len(self.gaps.row_nodes), self.rows.d)) if motion is None else self.rates(motion.q_t)
-
-    def rates(self, q_t: Array) -> Array:
-        """Rates of gaps and tangential places, (nr, d) [m/s], at velocities q_t, (n,), for fixed pairs."""
-        everything = np.arange(len(self.gaps.row_nodes))
-        rates = self.rows.jacobian(everything) @ q_t
-        if self.gaps.carried:
-            rates = rates + self.rows.carrier_rows(everything) @ self.gaps.carrier_motion
-        return np.asarray(rates).reshape(-1, self.rows.d)
+        return np.zeros((len(self.gaps.row_nodes), self.rows.d)) if motion is None else self.rows.rates(motion.q_t)
 
     def _way(self, pushed: Array | None) -> Array:
         """How far rows have slid along their tangents since the last accepted step, (nr, 2) [m]."""
@@ -635,10 +636,10 @@ class PatchContact:
         return self.gaps.node_pressures
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
-        """Gaps, rates and accelerations of an open contact, see `Gaps.closing`."""
-        found = self.gaps.closing(q, q_t, q_tt)
+        """Gaps until forces begin, rates and accelerations of an open contact, see `Gaps.closing`."""
+        gap, rate, acceleration = self.gaps.closing(q, q_t, q_tt)
         self.open_rows()  # the rows may have changed
-        return found
+        return gap - self.reach, rate, acceleration
 
     def resultant(self) -> Array:
         """Force on the slave, (3,) [N]."""
@@ -678,13 +679,14 @@ class PatchContact:
         return self.rows.nodal_forces(forces)
 
     def edge_reached(self) -> Array | None:
-        """Place of a closed row with which contact leaves its patch, (3,) [m]; None if there is none."""
-        if not self.index.size:
+        """Place of a row with which contact leaves its patch, (3,) [m]; None if there is none. Pulling rows do not."""
+        closed = self.index[self.lam[self.index] > 0.0] if self.reach else self.index
+        if not closed.size:
             return None
-        leaves_at = self.gaps.leaves_at[self.index]
+        leaves_at = self.gaps.leaves_at[closed]
         # Closed rows without a flexibility of their own have no depth that would tell how far contact reaches.
-        reached = -self.h[self.index] >= leaves_at if self.compliant else np.isfinite(leaves_at)
-        rows = self.index[reached | (leaves_at == 0.0)]
+        reached = -self.h[closed] >= leaves_at if self.compliant else np.isfinite(leaves_at)
+        rows = closed[reached | (leaves_at == 0.0)]
         if not len(rows):
             return None
         value: Array = self.gaps.centre + self.gaps.places_now()[0][self.gaps.row_nodes[rows[0]]]

@@ -224,6 +224,11 @@ class PatchGaps(Gaps):
         self._take(found[0], q)
         return found[1]
 
+    @property
+    def longest_reach(self) -> float:
+        """See `Gaps.longest_reach`. Rows with larger gaps may be new at the next search."""
+        return (NEAR - 2 * SEARCHED) * self.size
+
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`."""
         x_s, x_m = self.dented(self.sides, q, dents)

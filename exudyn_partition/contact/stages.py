@@ -43,6 +43,7 @@ class Pair(Protocol):
 
     sides: tuple[Side, ...]
     size: float
+    reach: float
     witnesses: list[Array]
 
     def places(self, q: Array) -> list[Array]:

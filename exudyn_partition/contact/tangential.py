@@ -22,6 +22,7 @@ from ..surfaces.loops import at_points
 from ..surfaces.vectors import cross
 from . import loops
 from .gaps import Gaps
+from .normal_rows import rates_of
 from .side import LoadedNodes
 from .stages import OF_SIDE, Standing
 
@@ -150,6 +151,10 @@ class TangentialRows:
             moved = [x - before for x, before in zip(now, self._places, strict=True)]
             return self.along(self._offsets(moved))
         return self.along(self._offsets(now) - self._carried(self._offsets(self._places), gaps.split(self._from)))
+
+    def rates(self, q_t: Array) -> Array:
+        """See `rates_of`."""
+        return rates_of(self, q_t)
 
     def _offsets(self, places: list[Array]) -> Array:
         """Mean place of each row's points, relative to the master if that is a patch, (nr, 3) [m]."""

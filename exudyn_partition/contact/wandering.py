@@ -18,6 +18,7 @@ from ..surfaces.near import LIMIT, NearParts, facing_locally, near_rows
 from ..surfaces.rows import ContactRows
 from ..surfaces.surface import closest_points
 from ..surfaces.witnesses import seen_from, spread
+from .followed import SEARCHED
 from .gaps import GapState
 from .patch_gaps import PatchGaps
 from .rigid import RigidGaps
@@ -62,6 +63,11 @@ class WanderingGaps(PatchGaps):
     def of_present(self, q: Array) -> Array:
         """See `Gaps.of_present`."""
         return super().of_present(q) if self._parted_at is not None else self.at(q)
+
+    @property
+    def longest_reach(self) -> float:
+        """See `Gaps.longest_reach`."""
+        return (LIMIT - 2 * SEARCHED) * self.size
 
     def _part_if_moved(self, q: Array) -> None:
         """Find the parts that are near each other at coordinates q, (n,), unless they are known."""
@@ -178,13 +184,13 @@ class WanderingRigidGaps(RigidGaps):
     def _choose(self, at: Anchor) -> None:
         """Choose the rows that may close until the patch has moved by `_reach`, and the nearest rows."""
         gap = self._projected(self._whole.place(at.q), at.pose)[0]
-        least, soon = float(gap.min()), _SOON * self.size
+        least, soon = float(gap.min()) - self.reach, _SOON * self.size
         self._reach = max(soon, 0.25 * (least - 2 * soon))
-        nodes = np.flatnonzero(gap < max(2 * soon, least + soon))
+        nodes = np.flatnonzero(gap < self.reach + max(2 * soon, least + soon))
         facets = np.flatnonzero(np.isin(self._whole.surface.facets, nodes).any(axis=1))
         self.sides, self._loaded = (self._whole.part(facets, self._witnesses),), {}
         self.stage = Stage(self._rows_of(nodes), self.stage.normals, self.stage.shares)  # `at` finds these two
-        self._beyond = max(least, 2 * soon) - self._reach
+        self._beyond = self.reach + max(least, 2 * soon) - self._reach
         self._chosen, self._chosen_at = at, self._here(at.q, at.pose)
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:

@@ -165,7 +165,7 @@ def _sticks(mbs: MainSystem, run: ContactRun) -> bool:
     """
     mechanics = run.mechanics
     size = mechanics.gaps.size
-    if not (mechanics.compliant and -_ROUNDING * size <= mechanics.least_gap < _TOUCHING * size):
+    if not (mechanics.compliant and -_ROUNDING * size <= mechanics.least_gap - mechanics.reach < _TOUCHING * size):
         return False
     solver = latest_solver(mbs)
     return solver is not None and method_of(solver) == "static" and solver.it.newtonSteps == 1

@@ -165,7 +165,7 @@ class PartitionContact(Item[Any]):
         return float(self.mechanics.gaps.slave.surface.facet_size)
 
     def force(self, result: RunSamples) -> Array:
-        """Sum of the normal forces, (n,) [N], >= 0, at the times of `result`."""
+        """Sum of the normal forces, (n,) [N], at the times of `result`; below zero only if a law pulls."""
         return mean_forces(self, result, "sForce", slice(0, 1), slice(6, 7))[:, 0]
 
     def force_on_slave(self, result: RunSamples) -> Array:
@@ -580,7 +580,7 @@ def stress_by_rows(
     """See `PartitionContact.largest_stress`, by sums of normal forces, (n,), and by forces of rows, (n, np) [N]."""
     run, n = result.kept(contact), len(contact.mechanics.gaps.slave.surface.points)
     large = np.flatnonzero((force >= _LARGE * force.max(initial=0.0)) & (force > 0))
-    rows, areas = row_forces[large], run.areas[:n]
+    rows, areas = row_forces[large].maximum(0.0), run.areas[:n]  # no pull is a pressure
     if rows.shape[1] > n:
         rows = rows[:, :n]
     touching = rows @ np.ones(n) > 0

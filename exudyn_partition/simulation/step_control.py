@@ -88,7 +88,7 @@ def time_to_contact(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array
     q, q_t = validate_array("q", q, (n,)), validate_array("q_t", q_t, (n,))
     q_tt = None if q_tt is None else validate_array("q_tt", q_tt, (n,))
     mechanics = contact.mechanics.for_run("explicit")
-    if mechanics.gaps.at(q).min(initial=0.0) < 0.0:
+    if mechanics.gaps.at(q).min(initial=np.inf) < mechanics.reach:
         return 0.0
     return _first_touch(*mechanics.closing(q, q_t, np.zeros_like(q) if q_tt is None else q_tt))[0]
 
@@ -115,8 +115,8 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
     limit : callable
         Returns the stability limit [s].
     """
-    if not contact.compliant or contact.mechanics.needs_motion:
-        return math.inf  # the contact has no flexibility of its own
+    if not contact.compliant or contact.mechanics.needs_motion or contact.mechanics.reach:
+        return math.inf  # the contact has no flexibility of its own, or no force at a depth tells of its energy
     mechanics = contact.mechanics.for_run("explicit")
     time, speed = _first_touch(*mechanics.closing(q, q_t, q_tt))
     # Rows that follow the motion are few: forces need only these. A deep impact closes all rows that can touch next.
@@ -385,7 +385,7 @@ class StepControl:
         for was_open, run in zip(self._was_open, self._runs, strict=True):
             is_open = run.is_open
             if was_open and not is_open and run.forward is None:
-                if is_long or (tolerance is not None and -run.mechanics.least_gap > tolerance):
+                if is_long or (tolerance is not None and run.mechanics.reach - run.mechanics.least_gap > tolerance):
                     return 0.5 * taken
             opened |= is_open and not was_open
         if self._errors is None or not is_long or all(self._was_open):

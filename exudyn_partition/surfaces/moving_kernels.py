@@ -239,7 +239,9 @@ def followed(*fields: Array) -> Followed:
 
 
 @inlined
-def gaps_of_rows(r: Followed, of_points: Array, here: Array, bulge: float, most: float) -> tuple[Array, float, bool]:
+def gaps_of_rows(
+    r: Followed, of_points: Array, here: Array, bulge: float, most: float, begins: float
+) -> tuple[Array, float, bool]:
     """Gaps of the rows, (nr,), means of those of their points, the least, and whether others may close.
 
     The least is NaN if a gap is. See `followed.FollowedRows.others_close`.
@@ -267,13 +269,22 @@ def gaps_of_rows(r: Followed, of_points: Array, here: Array, bulge: float, most:
                 off = max(off, abs(gap[row] - rigid))
             else:
                 nearest = min(nearest, rigid)
-    others = nearest - 2 * off < min(max(least, -bulge * least), most)
+    others = nearest - 2 * off < min(max(least, begins - bulge * (least - begins)), most)
     return gap, least if math.isfinite(total) else math.nan, others
 
 
 @inlined
 def follow_rows(
-    r: Followed, x_s: Array, x_m: Array, reach: float, by: float, steps: int, size: float, bulge: float, most: float
+    r: Followed,
+    x_s: Array,
+    x_m: Array,
+    reach: float,
+    by: float,
+    steps: int,
+    size: float,
+    bulge: float,
+    most: float,
+    begins: float,
 ) -> tuple[Array, Array, Array, Array, Array, float, bool]:
     """Follow points, see `follow_points`, and find what `gaps_of_rows` does, unless the patches have moved too far.
 
@@ -291,7 +302,7 @@ def follow_rows(
     normals, of_points, lost = follow_points(r.points, x_s, x_m, by, steps, size)
     if len(lost):
         return here, normals, of_points, lost, nothing, math.nan, True
-    gap, least, more = gaps_of_rows(r, of_points, here, bulge, most)
+    gap, least, more = gaps_of_rows(r, of_points, here, bulge, most, begins)
     return here, normals, of_points, lost, gap, least, more
 
 

@@ -1,11 +1,12 @@
 """Contact that wanders over whole surfaces: a disc that rolls on a plate, and in a slot."""
 
+import contextlib
 from types import SimpleNamespace
 
 import netgen.occ as occ
 import numpy as np
 import pytest
-from oracles import box, compliant, floating, inertial, moved, relative
+from oracles import box, compliant, floating, inertial, moved, relative, without_numba
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.coulomb import Coulomb
@@ -269,6 +270,36 @@ def test_a_carrier_that_turns_with_the_body_brings_no_row_nearer(rim):
     _, rate, _ = gaps.closing(q, 0.0 * q, 0.0 * q)
     away = np.linalg.norm(np.cross(spin, side.place(q) - axis), axis=1)
     assert rate[-1] == pytest.approx(-away.max(), rel=1e-9)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("kind", ["a rigid plane", "a patch", "a small patch"])
+def test_rows_within_reach_are_present(rim, face, flat_body, round_body, kind, compiled):
+    """A body rolls above a face, at several heights: all its rows are present whose gaps to the plane are smaller."""
+    small = kind == "a small patch"
+    side, plane = floating(rim, (0, 1e-6, 0)), RigidPlane(normal=(0, 1, 0))
+    if small:
+        side, plane = floating(round_body, (0, 0, 1e-6)), RigidPlane()
+        gaps, every = PatchGaps(side, inertial(flat_body)), RigidGaps(side, plane)
+    else:
+        every = Everywhere(side, plane)
+        gaps = WanderingRigidGaps(side, plane) if kind == "a rigid plane" else WanderingGaps(side, inertial(face))
+    reach = min(gaps.longest_reach, 0.5 * gaps.size)
+    gaps.begin_at(reach)
+    run, seen, other = gaps.fresh(), 0, np.zeros(gaps.n - side.n)
+    heights = reach * np.r_[np.linspace(2.0, -0.1, 20), np.linspace(-0.1, 0.9, 12)]
+    with contextlib.nullcontext() if compiled else without_numba():
+        for i, height in enumerate(heights):
+            q = turned(rim, 0.02 * i, [-R * 0.02 * i, height, 0])
+            if small:
+                q = moved(side, [1e-5 * i, 0, height], [5e-4 * i, 0, 0])
+            found, right = run.at(np.r_[q, other]), np.full(len(side.surface.points), np.nan)
+            right[every.row_nodes] = every.at(q)
+            due = np.flatnonzero(right < 0.99 * reach)
+            assert np.isin(due, run.row_nodes).all()
+            np.testing.assert_allclose(found, right[run.row_nodes], rtol=0, atol=1e-3 * gaps.size)
+            seen += len(due)
+    assert seen > 100
 
 
 def test_wrong_starts_have_named_errors(rim, face, disc, mbs):

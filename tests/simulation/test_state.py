@@ -216,8 +216,8 @@ def assert_goes_on(make, cut, path, within=NEXT, later=None, first=0, **options)
     closed = 0.0
     for contact, other in zip(fresh, contacts, strict=True):
         force, right = contact.force(result), other.force(whole)
-        largest = right.max()
-        closed = max(closed, right[start])
+        largest = abs(right).max()
+        closed = max(closed, abs(right[start]))
         np.testing.assert_allclose(force[first:2], right[start + first : start + 2], rtol=0, atol=within * largest)
         np.testing.assert_allclose(force[1:], right[start + 1 :], rtol=0, atol=(later or 10 * within) * largest)
         for name in ("energy", "dissipated_energy"):
@@ -283,6 +283,16 @@ def test_a_law_that_takes_energy(pair, carried, method, tmp_path):
     make = lambda: on_surface(pair[0], formulation=law, carried=carried)  # noqa: E731
     within = NEXT if method == "explicit" else NEWTON
     assert_goes_on(make, 20e-6, tmp_path / "cut.npz", within, method=method)
+
+
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+@pytest.mark.parametrize("wanders", [False, True])
+def test_a_law_that_pulls(pair, rolling, wanders, frame, tmp_path):
+    """Cut before the surfaces touch, within reach."""
+    law = contributed("class Attraction(Law)")["Attractions"]()
+    ball = rolling if wanders else pair[0]
+    make = lambda: on_plate((ball, pair[1]), frame=frame, formulation=law, speed=(0.5, 0, -0.1))  # noqa: E731
+    assert_goes_on(make, 5e-6, tmp_path / "cut.npz")
 
 
 @pytest.mark.parametrize("friction", [None, MU])

@@ -255,13 +255,13 @@ class StepImpulses:
         self._last = self._open
         if self._tangential is not None:
             near = self.contact.least_gap < self.gaps.size
-            self._rates = self.contact.rates(q_t)[:, 1:] if near else None
+            self._rates = self._tangential.rates(q_t)[:, 1:] if near else None
 
     def _moves(self, gap: Array, step: float, q_t: Array) -> Array:
         """Residual w of the rows' conditions, (nr, d) [m]: scaled gaps, and slip rates times the step."""
         if self._tangential is None:
             return gap[:, None]
-        self._rates = self.contact.rates(q_t)[:, 1:]
+        self._rates = self._tangential.rates(q_t)[:, 1:]
         return np.column_stack([gap, step * self._rates])
 
     def _answer(self, problem: RowProblem, w: Array, last: Array) -> None:

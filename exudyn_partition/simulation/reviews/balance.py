@@ -87,17 +87,20 @@ def _some(samples: Array) -> Array:
     return samples[:: len(samples) // _LOOKED_AT + 1]
 
 
-def _largest(run: ReviewedRun, energy: Array) -> float:
-    """Largest energy of bodies and contacts [J], from all samples, (n,) [J]; at least one just above round-off."""
+def _largest(run: ReviewedRun, energies: Balance, rest: Array | float = 0.0) -> float:
+    """Largest energy of bodies and contacts without `rest`, (n,) [J]; at least one just above round-off.
+
+    That of contacts that pull is negative. It counts from its least value.
+    """
     least = 0.0
     for item in run.result.bodies:
         least += 0.5 * item.body.total_mass * (_ROUND_OFF * size_of(item.body) * 2 * np.pi * item.body.f_cut) ** 2
-    return max(float(energy.max()), least)
+    return max(float((energies.total - rest).max() - energies.contacts.min(initial=0.0)), least)
 
 
 def _damping(run: ReviewedRun, energies: Balance) -> Iterator[Finding]:
     """Energy that damping of steps and strong damping of modes took: it should only smooth forces."""
-    largest, said, remedies = _largest(run, energies.total), [], []
+    largest, said, remedies = _largest(run, energies), [], []
     if sum(float(body.kinetic_energy[-1]) for body in run.bodies) < _AT_REST * largest:
         return  # the purpose of damping was to find this state
     by_steps = float(energies.taken.get(STEPS, np.zeros(1))[-1])
@@ -181,7 +184,7 @@ def _energy(run: ReviewedRun, energies: Balance, samples: Array, free: Array) ->
     """Change of energy without a known cause: the error of the steps."""
     result, rest = run.result, energies.rest
     unsure = doubt(result)[samples]
-    largest = _largest(run, energies.total - rest)
+    largest = _largest(run, energies, rest)
     lost_in_steps = result.method == "implicit" and STEPS not in energies.taken
     if lost_in_steps and (result.newmark is None or result.newmark.damps):
         unsure = unsure + np.maximum(-rest, 0.0)  # damping of the steps may have taken it

@@ -124,7 +124,7 @@ def _sunk(run: ReviewedRun, history: ContactHistory, gaps: RigidGaps) -> Iterato
     allowed = _allowed_depth(surface)
     if (depth <= allowed).all():
         return
-    held = history.rows[chosen].toarray() > 0
+    held = history.rows[chosen].toarray() != 0
     # Beside a contact the coordinates alone also place the surface too deep. The contact's flexibility lifts it.
     lifted = np.where(held, depth, 0.0).max(axis=1, initial=0.0)
     sunk = (depth - lifted[:, None] > allowed) & ~held
