@@ -147,7 +147,7 @@ class FlexibilityBetween(Between):
         """Present rows of a side on the coordinates that they need, (nr, m), and these coordinates' numbers, (m,)."""
         contact, kept = self._contacts[j], self._kept.get((j, side))
         standing = contact.standing()
-        if kept is None or not standing.same(kept[0]):
+        if kept is None or standing != kept[0]:
             found = contact.gaps.found_at(standing.anchor, lambda: sp.csr_matrix(contact.side_rows(side)))
             used = np.unique(found.indices)
             kept = self._kept[j, side] = standing, found[:, used].toarray(), used
@@ -312,7 +312,7 @@ class RowFields(Between):
     def _found(self, j: int) -> tuple[Standing, Array, Array]:
         rows, kept = self._contacts[j], self._kept.get(j)
         standing = rows.standing()
-        if kept is None or not standing.same(kept[0]):
+        if kept is None or standing != kept[0]:
             found = rows.gaps.found_at(standing.anchor, lambda: self._in_fields(j))
             kept = self._kept[j] = standing, found, np.ascontiguousarray(found[:: rows.d])
             self._made[j] += 1

@@ -285,7 +285,7 @@ class Gaps:
 
     def holds(self, held: object) -> bool:
         """Whether rows are frozen, and have stayed frozen since `held` was this object."""
-        return not self.moving and self.stage is held
+        return not self.moving and self.stage == held
 
     @property
     def evaluated_pose(self) -> Array:
@@ -544,7 +544,7 @@ class Gaps:
 
     def found_at(self, anchor: Anchor, make: Callable[[], T]) -> T:
         """Value that is found with the present rows, but with the places, pairs and normals at an anchor."""
-        if anchor is _FROZEN:
+        if anchor == _FROZEN:
             return make()
         now = self.stage, self._q, self._places
         self._take(self._stage_of_anchor(anchor), anchor.q)
@@ -566,7 +566,7 @@ class Gaps:
 
     def stance_at(self, anchor: Anchor) -> Array:
         """`stance` of the present rows at an anchor."""
-        if self._stood[0] is not anchor or self._stood[1] is not self.stage.rows:
+        if self._stood[:2] != (anchor, self.stage.rows):
             self._stood = anchor, self.stage.rows, self._stance_of(anchor)
         return self._stood[2]
 
@@ -576,7 +576,7 @@ class Gaps:
     def _stage_of_anchor(self, anchor: Anchor) -> Stage:
         """The present rows with their pairs and normals at an anchor."""
         known, rows, stage = self._anchored
-        if stage is None or known is not anchor or rows is not self.stage.rows:
+        if stage is None or (known, rows) != (anchor, self.stage.rows):
             stage = self._stage_anchored(anchor)
             self._anchored = anchor, self.stage.rows, stage
         return stage

@@ -21,8 +21,9 @@ from ..algebra.products import moved, weighted_rows
 from ..support.arrays import Array
 from ..surfaces.loops import at_points
 from ..surfaces.points import ContactPoints, RowKind
+from ..surfaces.projection import Projection
 from ..surfaces.rows import ContactRows, facing, rows_of
-from ..surfaces.surface import closest_points
+from ..surfaces.surface import Surface, closest_points
 from ..surfaces.witnesses import seen_from, witnesses_of
 from .followed import NEAR, SEARCHED, Apart, Search
 from .gaps import Gaps, GapState
@@ -182,8 +183,8 @@ class PatchGaps(Gaps):
         """See `Gaps`."""
         rows = self.stage.rows
         x_s, x_m = self.places(anchor.q)
-        master = self.sides[1].surface
-        found = closest_points(rows.points.at(x_s), x_m[master.facets])
+        slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
+        found = self._projection(rows.points, slave, master)
         shares = (rows.points.nodes, rows.points.weights), (master.facets[found.facet], -found.weights)
         stage = Stage(rows, found.normal, shares)
         stage.here, stage.places, stage.of_anchor = seen_from([x_s, x_m], self.witnesses), [x_s, x_m], True
@@ -281,10 +282,14 @@ class PatchGaps(Gaps):
     def project(self, x_s: Array, x_m: Array) -> tuple[ContactRows, float]:
         """Rows of all points that face the master, and the least gap [m]."""
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
-        found = closest_points(self._all.at(x_s), x_m[master.facets])
+        found = self._projection(self._all, slave, master)
         paired = facing(found, slave.normal_here, self.size)
         least = found.gap[paired].min(initial=np.hypot(found.gap, found.offset).min())
         return rows_of(self._all, found, paired, slave, master, self.approach), float(least)
+
+    def _projection(self, points: ContactPoints, slave: Surface, master: Surface) -> Projection:
+        """Closest points of some points of the slave on the master."""
+        return closest_points(points.at(slave.points), master.points[master.facets])
 
     def search(self, q: Array) -> tuple[Stage, Array]:
         """Find the pairs of all points at coordinates q, (n,); return the stage of rows that can close, and gaps."""

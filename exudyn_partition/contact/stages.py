@@ -76,7 +76,7 @@ class Anchor:
 
     def equals(self, other: Anchor) -> bool:
         """Whether the other anchor has the same place."""
-        return self is other or (np.array_equal(self.q, other.q) and np.array_equal(self.pose, other.pose))
+        return self == other or (np.array_equal(self.q, other.q) and np.array_equal(self.pose, other.pose))
 
 
 class PresentRows:
@@ -116,7 +116,7 @@ class PresentRows:
         same_rows = known is not None and len(index) == len(known[2]) and (not len(index) or (index == known[2]).all())
         if known is None or not same_rows or not known[0].equals(anchor):
             known = self._at_anchors[what] = anchor, make(), index
-        elif known[0] is not anchor:
+        elif known[0] != anchor:
             known = self._at_anchors[what] = anchor, known[1], index
         value: T = known[1]
         return value
@@ -145,7 +145,7 @@ class PresentRows:
 
 
 class Standing(NamedTuple):
-    """Which rows of a contact are present, and where their flexibility was found. It is kept as long as both stay.
+    """Which rows of a contact are present, and where their flexibility was found. It is kept while this stays equal.
 
     Parameters
     ----------
@@ -159,10 +159,6 @@ class Standing(NamedTuple):
     rows: PresentRows
     anchor: Anchor
     axis: int = 0
-
-    def same(self, other: Standing | None) -> bool:
-        """Whether the same rows have the same anchor."""
-        return other is not None and other.rows is self.rows and other.anchor is self.anchor and other.axis == self.axis
 
 
 class Stage:

@@ -14,9 +14,11 @@ import numpy as np
 
 from ..algebra.products import largest_change
 from ..support.arrays import Array
-from ..surfaces.near import LIMIT, NearParts, facing_locally, near_rows
+from ..surfaces.near import LIMIT, NearParts, closest_met, facing_locally, near_rows
+from ..surfaces.points import ContactPoints
+from ..surfaces.projection import Projection
 from ..surfaces.rows import ContactRows
-from ..surfaces.surface import closest_points
+from ..surfaces.surface import Surface, closest_points
 from ..surfaces.witnesses import seen_from, spread
 from .followed import SEARCHED
 from .gaps import GapState
@@ -100,6 +102,10 @@ class WanderingGaps(PatchGaps):
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
         return near_rows(self._near_points, slave, master, self.approach)
 
+    def _projection(self, points: ContactPoints, slave: Surface, master: Surface) -> Projection:
+        """See `PatchGaps`."""
+        return closest_met(points.at(slave.points), slave.normals_at(points.nodes, points.weights), master)
+
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; a lower bound if the patches are far apart."""
         near = self._near_parts(q)
@@ -161,7 +167,7 @@ class WanderingRigidGaps(RigidGaps):
 
     def _choose_as(self, state: GapState) -> None:
         """Choose the rows that were chosen in a state."""
-        if state.chosen is not None and state.chosen is not self._chosen:
+        if state.chosen is not None and state.chosen != self._chosen:
             self._choose(state.chosen)
 
     def at(self, q: Array) -> Array:

@@ -222,10 +222,11 @@ class ModelRun:
                 if last is None or not np.array_equal(run.of(end.q), run.of(initial)):
                     continue
                 counts = end.ended_in(initial) and (goes_on or (end.has_steps and end.ended_when(t)))
-                if counts or mechanics.remembers or mechanics.gaps.overlap:
+                closed = bool(mechanics.gaps.overlap) and end.has_steps and end.ended_in(initial)  # by load steps
+                if counts or mechanics.remembers or closed:
                     opening, moves = mechanics.opening, end.method != "static"
                     mechanics.begin(last.for_other_run(counts=counts, moves=moves, sticks=not mechanics.ahead), t)
-                    mechanics.opening = min(opening, last.contact.opening)
+                    mechanics.opening = min(opening, last.contact.opening) if closed else opening
                     found = found or end
                     break
         return found

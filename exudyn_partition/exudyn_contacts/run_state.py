@@ -147,8 +147,8 @@ class RunState:
         return abs(self.t - t) <= _ROUND_OFF * abs(t)
 
     def ended_at(self, t: float, method: Method, q: Array) -> bool:
-        """Whether the run had this method and ended at time t [s], at the model's coordinates q, (nq,)."""
-        if self.method != method or self.broken or not self.ended_in(q):
+        """Whether the run made steps with this method and ended at time t [s], at the model's coordinates q, (nq,)."""
+        if self.method != method or self.broken or not (self.has_steps and self.ended_in(q)):
             return False
         return self.ended_when(t) and abs(self.evaluated_at - t) <= _ROUND_OFF * abs(t)
 

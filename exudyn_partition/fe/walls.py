@@ -191,7 +191,7 @@ def _resolved(
     """Frequency up to which bending waves have the elements that they need, [Hz]; long elements need more of them."""
     ratio = length / thickness
     if order == 1:
-        return np.where(ratio > (1.0 if needs is _FOLLOWED else _LOCKS_LINEAR), 0.0, np.inf)
+        return np.where(ratio > (1.0 if needs == _FOLLOWED else _LOCKS_LINEAR), 0.0, np.inf)
     by_ratio, least, most = needs[order]
     needed = np.clip(by_ratio * ratio, least, most) * np.maximum(1, (ratio / _LOCKS) ** _LOCKING[order])
     return bending_frequency(2 * np.pi / (needed * length), thickness, material)

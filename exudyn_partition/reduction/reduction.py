@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import logging
 import time
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -27,6 +26,7 @@ from ..plasticity.dilatation import with_free_zones
 from ..support.cache import cached
 from ..support.checks import validate_callable, validate_choice, validate_flag, validate_positive, validate_type
 from ..support.progress import Progress, shown
+from ..support.warn import warn
 from . import basis as bases
 from .basis import BasisName, ReducedBasis
 from .body import FILE, ReducedBody
@@ -315,12 +315,11 @@ def _resolved(fem: FEModel, f_cut: float) -> float:
             f"{wanted:.3g} m, with a maxh of about {wanted / _OVERSIZE:.2g}, or lower f_cut{advice}"
         )
     if f_cut > (wall := fem.weakest_wall).rough_frequency:
-        warnings.warn(
+        warn(
             f"f_cut: bending waves of {f_cut:.6g} Hz come out a quarter too fast, or more, in a wall of "
             f"{wall.thickness:.3g} m in elements {wall.element:.3g} m long; up to {wall.rough_frequency:.3g} Hz they "
             f"are nearer, and up to {wall.accurate_frequency:.3g} Hz within 8 %. Take a smaller maxh, or lower f_cut",
             MeshQualityWarning,
-            stacklevel=3,
         )
     return f_cut
 

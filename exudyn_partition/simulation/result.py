@@ -149,7 +149,7 @@ class Result:
     def __dir__(self) -> list[str]:
         return for_users(
             self,
-            {"dampings", "dampings_of", "end", "end_for", "item_work", "kept", "marks", "newmark", "runs"}
+            {"dampings", "dampings_of", "end", "item_work", "kept", "marks", "newmark", "runs"}
             | {"seldom", "sensor_of"},
         )
 
@@ -300,24 +300,6 @@ class Result:
             others=self.others,
             end=self.end,
         )
-
-    def end_for(self, mbs: MainSystem) -> RunEnd:
-        """State at the end of the run, from which a run of this model goes on.
-
-        Raises
-        ------
-        InputError
-            If the run did not end with a whole step, or the model is another one.
-        """
-        if self.end is None:
-            raise InputError(
-                "go_on: the run of this result did not end with a whole step, so that no other run can go on from it"
-            )
-        bodies, contacts = partition_items(mbs)
-        if self.marks is not None or self.bodies != tuple(bodies) or self.contacts != tuple(contacts):
-            marks = described(self.bodies, self.contacts) if self.marks is None else self.marks
-            check_items(marks, described(bodies, contacts))
-        return self.end
 
     def _stored_body(self, item: PartitionBody | StoredBody) -> StoredBodyRun:
         if isinstance(item, StoredBody):
@@ -574,6 +556,25 @@ class Result:
                 "dissipated": contact.dissipated_energy(self),
             }
         return History(self.t, contact.force(self), velocity, info, **of_friction)
+
+
+def end_for(result: Result, mbs: MainSystem) -> RunEnd:
+    """State at the end of a run, from which a run of this model goes on.
+
+    Raises
+    ------
+    InputError
+        If the run did not end with a whole step, or the model is another one.
+    """
+    if result.end is None:
+        raise InputError(
+            "go_on: the run of this result did not end with a whole step, so that no other run can go on from it"
+        )
+    bodies, contacts = partition_items(mbs)
+    if result.marks is not None or result.bodies != tuple(bodies) or result.contacts != tuple(contacts):
+        marks = described(result.bodies, result.contacts) if result.marks is None else result.marks
+        check_items(marks, described(bodies, contacts))
+    return result.end
 
 
 def _restored(stored: StoredRun) -> Result:

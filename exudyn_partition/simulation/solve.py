@@ -38,7 +38,7 @@ from .contact_work import ContactWork
 from .continuation import RunEnd, accelerated, keep_end, last_end, origin_of, started_from, unless_refused
 from .hooks import begun, cause, controlled, hear_of_verlet, residual, unsettled, watched
 from .joint_checks import OpenJoints, check_start, refuse_drives_by_rates
-from .result import Result, cut, samples
+from .result import Result, cut, end_for, samples
 from .reviews.review import reviewed
 from .reviews.reviewed_run import ReviewedRun
 from .stability import limit_of, stability_limit
@@ -308,7 +308,7 @@ def _end_of(mbs: MainSystem, start_time: float | None, go_on: bool | Result) -> 
     """End from which a run goes on; None if it begins anew."""
     if isinstance(go_on, Result):
         validate_model(mbs)
-        end = go_on.end_for(mbs)
+        end = end_for(go_on, mbs)
     elif validate_flag("go_on", go_on):
         validate_model(mbs)
         end = last_end(mbs)

@@ -15,8 +15,11 @@ class Diary:
     def __init__(self):
         self.pages = []
 
-    def commit(self, start):
-        self.pages.append(("commit", start))
+    def accept(self, start):
+        self.pages.append(("accept", start))
+
+    def retry(self):
+        self.pages.append("retry")
 
     def take_step(self, end):
         """It would need the time at which forces come next if it were viscous."""
@@ -28,7 +31,7 @@ def test_laws_that_remember_are_told_of_steps_once_and_of_those_that_are_repeate
     run = ContactRun("contact", law, [slice(0, 1)], 0.0, "implicit")
     for start, end in [(0.0, 1.0), (0.0, 1.0), (0.0, 0.5), (0.0, 0.25), (0.25, 0.5), (0.25, 0.5), (0.5, 0.75)]:
         run.follow(start, end)
-    assert law.pages == [("commit", 0.0), ("commit", 0.25), ("commit", 0.5)]
+    assert law.pages == [("accept", 0.0), "retry", "retry", ("accept", 0.25), ("accept", 0.5)]
 
 
 def test_a_group_keeps_what_each_member_has_once_a_time_and_notes_its_edge():
@@ -73,7 +76,8 @@ def test_forces_of_a_body_that_touches_itself_add_up():
         for dofs in ([1, 2, 1, 2], [0, 2])
     ]
     group = GroupRun(members, SimpleNamespace(frozen=lambda dofs, last: None, forces_at=lambda q, parts: forces))
-    group.evaluate(None, 0.0, np.zeros(4))
+    mbs = SimpleNamespace(systemData=SimpleNamespace(GetTime=lambda configuration: 0.0))
+    group.evaluate(mbs, 0.0, np.zeros(4))
     total = np.zeros(4)
     group.add_force(total)
     assert group.pushes

@@ -136,6 +136,8 @@ def test_a_pickle_holds_what_the_run_told_and_not_the_model(saved):
     *_, result, path = saved
     assert len(pickle.dumps(result)) < 1.2 * path.stat().st_size
     told = sum(data.nbytes for data in result.sensors.values())
+    end = [member.contact for member in result.end.contacts.contacts]  # and the state at the end
+    told += sum(state.memory.forces.nbytes + 3 * state.memory.path.nbytes + 3 * state.gaps.q.nbytes for state in end)
     assert path.stat().st_size < 2 * told
 
 
