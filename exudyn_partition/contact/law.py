@@ -93,7 +93,7 @@ class Places:
     since : float
         Start of the present step [s].
     find_rates : callable, optional
-        Finds `rates`.
+        Finds `rates` for `motion`.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class Places:
         problem: RowProblem | None = None,
         motion: Motion | None = None,
         since: float = 0.0,
-        find_rates: Callable[[], Array] | None = None,
+        find_rates: Callable[[Motion | None], Array] | None = None,
     ) -> None:
         self.gap, self.way, self.last, self.mu = gap, way, last, mu
         self.motion, self.since, self._problem, self._find_rates = motion, since, problem, find_rates
@@ -124,7 +124,9 @@ class Places:
         They are those of the bodies, and of what carries a rigid surface, for fixed pairs. Only laws with elastic =
         False have them. They are zero in static runs, and while a run chooses its step before it moves.
         """
-        return np.zeros((len(self.gap), 1 + self.way.shape[1])) if self._find_rates is None else self._find_rates()
+        if self._find_rates is None:
+            return np.zeros((len(self.gap), 1 + self.way.shape[1]))
+        return self._find_rates(self.motion)
 
 
 class Law:

@@ -277,7 +277,7 @@ class PatchContact:
         self.least_gap = smallest(h)
         if math.isnan(self.least_gap):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
-        if self.least_gap >= self.reach:
+        if self.least_gap >= self.law.reach:
             if self.index.size or len(self.forces) != len(h):
                 self.open_rows()
             return
@@ -297,8 +297,7 @@ class PatchContact:
 
     def _places(self, gap: Array, pushed: Array | None, motion: Motion | None) -> Places:
         known = gap, self._way(pushed), self.last, self.coefficients
-        find_rates = None if self._still else lambda: self._rates(motion)
-        self._at = Places(*known, motion=motion, since=self.since, find_rates=find_rates)
+        self._at = Places(*known, motion=motion, since=self.since, find_rates=self._rates)
         return self._at
 
     def _rates(self, motion: Motion | None) -> Array:
@@ -307,7 +306,9 @@ class PatchContact:
             raise InputError(
                 f"law {type(self.law).__name__}: it asks for rates, which only laws with `elastic = False` have"
             )
-        return np.zeros((len(self.gaps.row_nodes), self.rows.d)) if motion is None else self.rows.rates(motion.q_t)
+        if motion is None or self._still:
+            return np.zeros((len(self.gaps.row_nodes), self.rows.d))
+        return self.rows.rates(motion.q_t)
 
     def _way(self, pushed: Array | None) -> Array:
         """How far rows have slid along their tangents since the last accepted step, (nr, 2) [m]."""

@@ -171,6 +171,27 @@ def test_stiffness_and_damping_are_slopes_of_the_force(round_body, flat_body):
     np.testing.assert_allclose(-damping @ (1e6 * way), slope, rtol=0, atol=1e-6 * abs(slope).max())
 
 
+def test_a_repeated_step_takes_energy_once(round_body, flat_body):
+    """Power belongs to the states at both ends of a step; what was evaluated within the step leaves nothing behind."""
+    contact, q, q_t = pressed(round_body, flat_body, HuntCrossleys())
+    push = lambda share: contact.force(share * q, SimpleNamespace(q_t=share * q_t))  # noqa: E731
+    power = []
+    contact.accept(0.0)
+    for end, share in ((1e-6, 1.0), (3e-6, 0.5)):
+        for tried in (1.2, share):
+            push(tried)
+            contact.retry()
+        push(share)
+        power.append((contact.lam - K * contact.law.depth**1.5) @ contact.law.speed)
+        contact.accept(end)
+    right = 0.5e-6 * power[0] + 1e-6 * (power[0] + power[1])
+    assert contact.law_work(9.0) == contact.state.dissipated == pytest.approx(right, rel=1e-12)
+    again = contact.for_run()
+    again.begin(contact.state, 3e-6)
+    assert again.law_work(9.0) == contact.state.dissipated
+    assert again.state.without_energies().dissipated == 0.0
+
+
 def test_rates_are_zero_in_statics(round_body, flat_body):
     """Whatever the initial velocities of the bodies are."""
     contact, q, q_t = pressed(round_body, flat_body, HuntCrossleys())
