@@ -278,10 +278,16 @@ EXPERIMENTS = (
     "lame",
 )  # scripts of experiments/
 SCENES = ("rod_on_plate", "block_on_block", "two_spheres", "crank_slider")  # of error_against_time
+CUT = ("explicit", "multipliers", "zones", "implicit")  # kinds of cut_runs
 CASES = {
     "stability": Case("stability/stability.py", stability, ("--quick", "--out", "{out}/stability_quick.json")),
     "random_scenes": Case("stability/random_scenes.py", limits(("unexplained",)),
                           ("--count", "40", "--out", "{out}/random_scenes.json")),
+    "cut_runs": Case(
+        "stability/cut_runs.py",
+        limits([f"{kind}, {what}" for kind in CUT for what in ("next", "until the end")]),
+        ("--count", "12", "--out", "{out}/cut_runs.json"),
+    ),
     "misuse": Case("stability/misuse.py", misuse, quick=()),
     "paper": Case("paper/paper.py", paper, ("--quick", "--out", "{out}/paper_quick.json"),
                   ("paper_fig6.png", "paper.png", "paper_fig11.png", "paper_crank_slider.png")),
