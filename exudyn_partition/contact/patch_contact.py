@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import functools
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -117,7 +119,7 @@ class PatchContact:
         result.law = self.law.fresh(result.rows)
         result._reset()
         if method == "static":
-            result.betas, result._still = None, True
+            result.betas, result._find_rates = None, None
             result.opening = self.gaps.overlap
             if self.gaps.overlap:
                 result.least_gap = self.gaps.clearance + result.opening
@@ -135,7 +137,9 @@ class PatchContact:
         self.yielding: Yielding | None = None  # in the present step, if a flexibility is viscous
         self._creep: Creep | None = None  # at the present answer, once it is asked for
         self.least_gap, self.since, self.opening = np.inf, -math.inf, 0.0
-        self.sticks = self.told = self._still = False
+        self.sticks = self.told = False
+        find = functools.partial(_refuse_rates, self.law) if self.law.elastic else functools.partial(_rates, self.rows)
+        self._find_rates: Callable[[Motion | None], Array] | None = find  # None in statics
         self._zero = np.zeros(self.gaps.n)
         self.open_rows()
         self._answered = False
@@ -287,6 +291,8 @@ class PatchContact:
                 f"law {type(self.law).__name__}: expected forces of shape {(len(h), self.rows.d)}, rows by directions, "
                 f"got {np.shape(forces.on_rows)}"
             )
+        if forces.power and self.law.elastic:
+            raise InputError(f"law {type(self.law).__name__}: it takes energy, which only laws with elastic = False do")
         self.take(forces)
 
     def places(self, gap: Array) -> Places:
@@ -297,18 +303,8 @@ class PatchContact:
 
     def _places(self, gap: Array, pushed: Array | None, motion: Motion | None) -> Places:
         known = gap, self._way(pushed), self.last, self.coefficients
-        self._at = Places(*known, motion=motion, since=self.since, find_rates=self._rates)
+        self._at = Places(*known, motion=motion, since=self.since, find_rates=self._find_rates)
         return self._at
-
-    def _rates(self, motion: Motion | None) -> Array:
-        """See `Places.rates`."""
-        if self.law.elastic:
-            raise InputError(
-                f"law {type(self.law).__name__}: it asks for rates, which only laws with `elastic = False` have"
-            )
-        if motion is None or self._still:
-            return np.zeros((len(self.gaps.row_nodes), self.rows.d))
-        return self.rows.rates(motion.q_t)
 
     def _way(self, pushed: Array | None) -> Array:
         """How far rows have slid along their tangents since the last accepted step, (nr, 2) [m]."""
@@ -371,9 +367,8 @@ class PatchContact:
 
     def damping(self) -> Array | None:
         """Minus the derivative of forces on closed rows with respect to their rates, (d na, d na) [N s/m], or None."""
-        if not self.index.size or self.ahead or self._still or (found := self.law.damping()) is None:
-            return None
-        return dense(found)
+        found = self.law.damping() if self.index.size and not self.ahead else None
+        return None if found is None else dense(found)
 
     def slip_secants(self, H: Array) -> Array:
         """Stiffness, (m, m), if friction opposed slips in proportion to the ways of rows; zero where many rows stick.
@@ -692,3 +687,13 @@ class PatchContact:
             return None
         value: Array = self.gaps.centre + self.gaps.places_now()[0][self.gaps.row_nodes[rows[0]]]
         return value
+
+
+def _rates(rows: NormalRows | TangentialRows, motion: Motion | None) -> Array:
+    """Rates of rows, (nr, d) [m/s]; zero without a motion."""
+    return np.zeros((len(rows.gaps.row_nodes), rows.d)) if motion is None else rows.rates(motion.q_t)
+
+
+def _refuse_rates(law: Law, motion: Motion | None) -> Array:
+    """Raise an error if a law asks for rates."""
+    raise InputError(f"law {type(law).__name__}: it asks for rates, which only laws with elastic = False have")

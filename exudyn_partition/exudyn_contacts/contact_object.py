@@ -202,7 +202,7 @@ def _of_groups(
 
 def _of_damping(mbs: MainSystem, model: ModelRun, contacts: Sequence[ModelContact], by_q_t: float) -> Iterator[Block]:
     """Damping of contacts whose laws depend on rates, on the coordinates of bodies and carrier."""
-    for contact in contacts:
+    for contact in contacts if by_q_t else ():  # zero in statics
         run = model.of(contact)
         if run.mechanics.law.elastic or (C := run.mechanics.damping()) is None:
             continue

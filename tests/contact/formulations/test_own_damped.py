@@ -198,7 +198,6 @@ def test_rates_are_zero_in_statics(round_body, flat_body):
     static = contact.for_run("static")
     force = static.force(q, SimpleNamespace(q_t=q_t))
     np.testing.assert_array_equal(force, static.force(q, SimpleNamespace(q_t=0 * q_t)))
-    assert static.damping() is None
     assert abs(force).max() < 0.9 * abs(contact.force(q, SimpleNamespace(q_t=q_t))).max()
 
 
@@ -207,5 +206,17 @@ def test_an_elastic_law_has_no_rates(round_body, flat_body):
         elastic = True
 
     contact, q, _ = pressed(round_body, flat_body, made_by(Wrong))
-    with pytest.raises(InputError, match="law Wrong: it asks for rates, which only laws with `elastic = False` have"):
+    with pytest.raises(InputError, match="law Wrong: it asks for rates, which only laws with elastic = False have"):
+        contact.force(q)
+
+
+def test_an_elastic_law_takes_no_energy(round_body, flat_body):
+    class Wrong(Undamped):
+        elastic = True
+
+        def answer(self, at):
+            return super().answer(at)._replace(power=1.0)
+
+    contact, q, _ = pressed(round_body, flat_body, made_by(Wrong))
+    with pytest.raises(InputError, match="law Wrong: it takes energy, which only laws with elastic = False do"):
         contact.force(q)
