@@ -562,6 +562,8 @@ class Gaps:
             return _FROZEN
         if self.anchor is None or not largest_change(self.stance(), self.stance_at(self.anchor)) <= by:
             self.anchor = Anchor(self._q.copy(), self.evaluated_pose)
+            _ = self.stage.shares  # which are those of the present places only now
+            self._anchored = self.anchor, self.stage.rows, self.stage  # pairs that are followed need no projection anew
         return self.anchor
 
     def stance_at(self, anchor: Anchor) -> Array:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .moving_kernels import Followed, Moving
 
 STEPS = 6
-FOLLOWED = 2e-5  # of a facet: largest last step of Newton's method, and how far a point may pass a facet's edge
+FOLLOWED = 2e-6  # of a facet: largest last step of Newton's method, and how far a point may pass a facet's edge
 _ON_EDGE = 1e-6  # of a facet's size: round-off of a point that lies on the patch
 
 
