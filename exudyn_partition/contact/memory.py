@@ -14,7 +14,7 @@ from .tangential import TangentialRows
 
 
 @dataclass(frozen=True, eq=False)
-class FrictionMemory:
+class RowMemory:
     """Forces on rows, and their slip, at the end of the last accepted step.
 
     They are stored for the slave's nodes, because rows appear and vanish.
@@ -41,7 +41,7 @@ class FrictionMemory:
     dissipated: float = 0.0
 
     @classmethod
-    def none(cls, n: int, columns: int = 4) -> FrictionMemory:
+    def none(cls, n: int, columns: int = 4) -> RowMemory:
         """Return the memory of n nodes at the start of a run; `columns` are those of `forces`."""
         return cls(np.zeros((n, columns)), np.zeros(n, dtype=bool), np.zeros(n), np.zeros(n))
 
@@ -59,7 +59,7 @@ class FrictionMemory:
         slips: Array,
         speeds: Array,
         taken: float,
-    ) -> FrictionMemory:
+    ) -> RowMemory:
         """Return the memory after the next step.
 
         Parameters
@@ -81,11 +81,11 @@ class FrictionMemory:
             path[nodes[slides]] += np.hypot(*slips[slides].T)
         slipped[nodes] = slides
         speed[nodes] = np.where(slides, speeds, 0.0)
-        return FrictionMemory(by_nodes(rows, lam, traction, n), slipped, speed, path, self.dissipated + taken)
+        return RowMemory(by_nodes(rows, lam, traction, n), slipped, speed, path, self.dissipated + taken)
 
-    def with_forces(self, forces: Array) -> FrictionMemory:
+    def with_forces(self, forces: Array) -> RowMemory:
         """Return the memory with other forces at the nodes, as `forces` [N]."""
-        return FrictionMemory(forces, self.slipped, self.speed, self.path, self.dissipated)
+        return RowMemory(forces, self.slipped, self.speed, self.path, self.dissipated)
 
     def coefficients(self, friction: Coulomb, nodes: Array) -> Array:
         """Coefficients of friction of some nodes' rows in the next step, (k,)."""

@@ -20,7 +20,7 @@ from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from .gaps import Gaps
 from .law import Forces, Law, LawMaker, Motion, Places
-from .memory import FrictionMemory, by_nodes, on_rows
+from .memory import RowMemory, by_nodes, on_rows
 from .normal_rows import NormalRows
 from .plasticity.yielding_patches import Zones
 from .state import ContactState
@@ -130,7 +130,7 @@ class PatchContact:
 
     def _reset(self) -> None:
         self._n_nodes = len(self.gaps.slave.surface.points)
-        memory = FrictionMemory.none(self._n_nodes, 4 if self.rows.d == 3 else 1)
+        memory = RowMemory.none(self._n_nodes, 4 if self.rows.d == 3 else 1)
         zones = () if self.zones is None else self.zones.after()
         self.state = ContactState(self.gaps.accepted, memory, ViscousMemory(), zones)
         self._begun: ContactState | None = None  # state at the start of the run, until the first answer
@@ -150,7 +150,7 @@ class PatchContact:
         return self.rows.gaps
 
     @property
-    def memory(self) -> FrictionMemory:
+    def memory(self) -> RowMemory:
         """Forces on the rows at the end of the last accepted step, and their slip."""
         return self.state.memory
 
@@ -572,7 +572,7 @@ class PatchContact:
         now = self._crept(self.yielding)
         return self.creep.after(self.rows, self.forces, now.elastic, self._n_nodes, now.taken)
 
-    def _slid_memory(self, step: float) -> FrictionMemory:
+    def _slid_memory(self, step: float) -> RowMemory:
         """What rows with friction remember of the last answer, after a step [s]."""
         closed = self.index.size > 0
         if not (closed or self.memory.closed):
@@ -580,17 +580,17 @@ class PatchContact:
         slips, taken = self._sliding() if closed else (np.zeros((len(self.forces), 2)), 0.0)
         return self.slid_memory(slips, np.hypot(*slips.T) / step, taken)
 
-    def slid_memory(self, slips: Array, speeds: Array, taken: float) -> FrictionMemory:
-        """What rows with friction remember of the present forces; see `FrictionMemory.after`."""
+    def slid_memory(self, slips: Array, speeds: Array, taken: float) -> RowMemory:
+        """What rows with friction remember of the present forces; see `RowMemory.after`."""
         assert isinstance(self.rows, TangentialRows)
         return self.memory.after(self.rows, self.lam, self.traction, self.status, slips, speeds, taken)
 
-    def remember(self, memory: FrictionMemory) -> None:
+    def remember(self, memory: RowMemory) -> None:
         """Take what is remembered of forces that are found ahead of steps."""
         self.state = replace(self.state, memory=memory)
 
     def _at_nodes(self) -> Array:
-        """Present forces stored for the nodes of the slave's patch, as in `FrictionMemory`."""
+        """Present forces stored for the nodes of the slave's patch, as in `RowMemory`."""
         if isinstance(self.rows, TangentialRows):
             return by_nodes(self.rows, self.lam, self.traction, self._n_nodes)
         found = np.zeros((self._n_nodes, 1))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .gaps import GapState
-from .memory import FrictionMemory
+from .memory import RowMemory
 from .plasticity.zone_state import NodalState, ZoneState
 from .viscosity import ViscousMemory
 
@@ -24,7 +24,7 @@ class ContactState:
     Parameters
     ----------
     gaps : GapState
-    memory : FrictionMemory
+    memory : RowMemory
         Forces on the rows, and with friction their slip.
     creep : ViscousMemory
     zones : tuple of ZoneState or NodalState
@@ -42,7 +42,7 @@ class ContactState:
     """
 
     gaps: GapState
-    memory: FrictionMemory
+    memory: RowMemory
     creep: ViscousMemory
     zones: Sequence[ZoneState | NodalState] = ()
     opening: float = 0.0
@@ -58,7 +58,7 @@ class ContactState:
 
     def without_energies(self) -> ContactState:
         """Return the state for a run that counts energies taken, and slip, from zero."""
-        memory = replace(FrictionMemory.none(*self.memory.forces.shape), forces=self.memory.forces)
+        memory = replace(RowMemory.none(*self.memory.forces.shape), forces=self.memory.forces)
         zones = [replace(zone, work=0.0) for zone in self.zones]
         creep = replace(self.creep, dissipated=0.0)
         return replace(self, memory=memory, creep=creep, zones=tuple(zones), dissipated=0.0)

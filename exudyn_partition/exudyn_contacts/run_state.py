@@ -10,7 +10,7 @@ from ..contact.formulations.explicit_multipliers import ForwardState
 from ..contact.formulations.formulation import Method
 from ..contact.formulations.implicit_multipliers import ImpulseState
 from ..contact.gaps import GapState
-from ..contact.memory import FrictionMemory
+from ..contact.memory import RowMemory
 from ..contact.plasticity.zone_state import Applied, Change, NodalState, ZoneState
 from ..contact.stages import Anchor
 from ..contact.state import ContactState
@@ -57,7 +57,7 @@ class MemberState:
         state = state if moves else state.at_rest()
         if sticks:
             return state
-        none = FrictionMemory.none(*state.memory.forces.shape).forces
+        none = RowMemory.none(*state.memory.forces.shape).forces
         return replace(state, memory=state.memory.with_forces(none))
 
 
@@ -155,6 +155,6 @@ class RunState:
 
 # Classes of which a state consists, for files.
 STATES = (
-    *(RunState, MemberState, StepperState, ContactState, GapState, Anchor, FrictionMemory, ViscousMemory),
+    *(RunState, MemberState, StepperState, ContactState, GapState, Anchor, RowMemory, ViscousMemory),
     *(ZoneState, Applied, Change, NodalState, ForwardState, ImpulseState, StepMean),
 )

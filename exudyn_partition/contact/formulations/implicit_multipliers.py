@@ -20,7 +20,7 @@ from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
 from ..law import Forces, Motion, Places
-from ..memory import FrictionMemory, by_nodes, on_rows
+from ..memory import RowMemory, by_nodes, on_rows
 from ..patch_contact import PatchContact
 from ..side import Side
 from ..step_mean import TRAPEZOIDAL, GeneralizedAlpha, StepMean
@@ -44,7 +44,7 @@ class ImpulseState:
     mean : StepMean
         Of generalised forces, with a carrier also of its force and moment.
     given : (np, k) array
-        Forces on the rows, stored for the slave's nodes as in `FrictionMemory` [N].
+        Forces on the rows, stored for the slave's nodes as in `RowMemory` [N].
     rates : (np, 3) array
         Slip rates in the axes of the tangents [m/s]; NaN where they are not known.
     impulse : (7,) array
@@ -326,7 +326,7 @@ class StepImpulses:
         self.state, self._applied = state, state.mean.force
         self._try()
 
-    def after(self) -> tuple[ImpulseState, FrictionMemory]:
+    def after(self) -> tuple[ImpulseState, RowMemory]:
         """State after a step that ends with the last answer, and what rows remember then."""
         state, contact = self.state, self.contact
         if self._at is None:
