@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Callable
 
 import numpy as np
 from scipy.linalg import lapack
@@ -14,6 +15,7 @@ from scipy.linalg import lapack
 from ..errors import ComplementarityError, IndefiniteMatrixError
 from ..support.arrays import Array
 from . import loops
+from .products import Solved
 from .products import smallest as least_of
 
 _REGULARISATION = 1e-9  # of the mean diagonal
@@ -107,11 +109,18 @@ class Complementarity:
     def _active_factor(self) -> Array:
         """Lower factor of Cholesky of the active part, (na, na)."""
         if self._factor is None:
-            active = self._by_rows.take(self.index, axis=0).take(self.index, axis=1)
-            self._factor, info = lapack.dpotrf(active.T, lower=1, overwrite_a=1)
-            if info:
-                raise IndefiniteMatrixError("the flexibility of the active contact rows is not positive definite")
+            self._factor = _factor_of(self._by_rows, self.index)
         return self._factor
+
+    def inverse(self) -> Callable[[], Solved]:
+        """Return what finds F_AA^-1, (na, na), of the present active set, also when that has changed since."""
+        F, index, factor = self._by_rows, self.index, self._factor
+
+        def inverse() -> Solved:
+            L = _factor_of(F, index) if factor is None else factor
+            return Solved(lambda rhs: lapack.dpotrs(L, rhs, lower=1)[0], len(index))
+
+        return inverse
 
     def solve_active(self, rhs: Array) -> Array:
         """Solve F_AA x = rhs on the present active set; rhs (na,) or (na, k)."""
@@ -217,3 +226,12 @@ class Complementarity:
     def _not_settled(self) -> ComplementarityError:
         n = len(self.F)
         return ComplementarityError(f"no active set of {n} contact rows settled; the rows are nearly redundant")
+
+
+def _factor_of(F: Array, index: Array) -> Array:
+    """Lower factor of Cholesky of the part of a symmetric matrix, (nc, nc), with some rows and columns, (na,)."""
+    active = F.take(index, axis=0).take(index, axis=1)
+    factor, info = lapack.dpotrf(active.T, lower=1, overwrite_a=1)
+    if info:
+        raise IndefiniteMatrixError("the flexibility of the active contact rows is not positive definite")
+    return np.asarray(factor)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from ..support.arrays import Array
 from .closed_rows import CHORD_STEPS, ClosedRows
 from .complementarity import Complementarity
 from .friction_sweeps import sweep
+from .products import Solved
 
 OPEN, STICK, SLIP = 0, 1, 2
 
@@ -258,6 +260,16 @@ class FrictionProblem:
         """
         self.linearise()
         return self.response(np.eye(3 * len(self.index)))
+
+    def tangent(self) -> Callable[[], Solved]:
+        """Return what finds `derivative` at the present answer, also when another answer was found since."""
+        closed, lam = copy.copy(self._closed), self.lam[self.index].ravel()
+
+        def tangent() -> Solved:
+            closed.factorise(lam, wholly=True)
+            return Solved(closed.response, len(lam))
+
+        return tangent
 
     def linearise(self) -> None:
         """Factorise the Jacobian at the last answer, for `response`."""

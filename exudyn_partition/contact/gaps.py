@@ -12,7 +12,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -70,6 +70,23 @@ class GapState:
     chosen: Anchor | None = None
     stood: Array | None = None
     steps: int = 0
+
+
+class Present(NamedTuple):
+    """Where the rows of a contact are.
+
+    Parameters
+    ----------
+    stage : Stage
+    q : (n,) array
+        Coordinates of all sides.
+    places : list of (np, 3) arrays or None
+        Places of the nodes that are followed [m], if they are known.
+    """
+
+    stage: Stage
+    q: Array
+    places: list[Array] | None
 
 
 class Gaps:
@@ -222,6 +239,16 @@ class Gaps:
     def _take(self, stage: Stage, q: Array) -> None:
         """Go to a stage at coordinates q, (n,)."""
         self.stage, self._q, self._places = stage, q, stage.places
+
+    @property
+    def present(self) -> Present:
+        """Where the rows are now."""
+        return Present(self.stage, self._q, self._places)
+
+    def return_to(self, present: Present) -> None:
+        """Go back to where the rows were, if they are elsewhere now."""
+        if present.stage is not self.stage or present.q is not self._q:
+            self.stage, self._q, self._places = present
 
     @property
     def moving(self) -> bool:
@@ -385,6 +412,11 @@ class Gaps:
         if self.yielding is None or not np.allclose(shares, self.yielding, rtol=_ROUND_OFF, atol=0.0):
             self.yielding, self.stage = shares, self.stage.yielding()
 
+    @property
+    def yielding_shares(self) -> tuple[float, ...]:
+        """`yielding`, for each side."""
+        return self.yielding or (1.0,) * len(self.sides)
+
     def split(self, q: Array) -> list[Array]:
         """Split q, (n,), into the coordinates of each side."""
         n = self.sides[0].n
@@ -546,12 +578,12 @@ class Gaps:
         """Value that is found with the present rows, but with the places, pairs and normals at an anchor."""
         if anchor == _FROZEN:
             return make()
-        now = self.stage, self._q, self._places
+        now = self.present
         self._take(self._stage_of_anchor(anchor), anchor.q)
         try:
             return make()
         finally:
-            self.stage, self._q, self._places = now
+            self.return_to(now)
 
     def anchored(self, by: float) -> Anchor:
         """The anchor. If the sides have moved by more than `by` since, this is where they are now.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,6 +20,8 @@ from ..support.arrays import Array
 from .gaps import Gaps
 from .plasticity.yielding_patches import Zones
 from .step_mean import GeneralizedAlpha
+
+Slope: TypeAlias = Array | sp.spmatrix | Solved
 
 
 class Forces(NamedTuple):
@@ -39,6 +41,17 @@ class Forces(NamedTuple):
     power : float
         Energy that the law itself takes per time, as by damping [W]; friction does not count. Only a law that is not
         `elastic` takes any.
+    stored : float, optional
+        Energy that is stored [J]. Default: half of the normal forces times the depths.
+    stiffness : callable, optional
+        Returns minus the derivative of forces on closed rows with respect to their places, (d na, d na) [N/m]. Implicit
+        and static runs need it. It may be `Solved`: as a rule the bodies have fewer coordinates than a large contact
+        has directions of rows.
+    damping : callable, optional
+        Returns minus the derivative of forces on closed rows with respect to their rates, (d na, d na) [N s/m].
+        Implicit runs need it if forces depend on rates.
+    iterations : int
+        How many iterations of the set of closed rows were needed.
     """
 
     on_rows: Array
@@ -46,6 +59,14 @@ class Forces(NamedTuple):
     state: Array | None = None
     slips: Array | None = None
     power: float = 0.0
+    stored: float | None = None
+    stiffness: Callable[[], Slope] | None = None
+    damping: Callable[[], Slope] | None = None
+    iterations: int = 0
+
+    def energy(self, gap: Array) -> float:
+        """Energy that is stored [J]; `gap`, (nr,) [m], are the gaps without displacements that others cause."""
+        return -0.5 * float(self.on_rows[:, 0].dot(gap)) if self.stored is None else self.stored
 
 
 class Motion(Protocol):
@@ -130,9 +151,9 @@ class Places:
 
 
 class Law:
-    """How forces on rows follow from where the rows are. This base stores no energy.
+    """How forces on rows follow from where the rows are.
 
-    One object serves one contact in one run. It may keep data that save time, but forces follow from `Places` alone.
+    One object serves one contact in one run. It may keep data that save time, but answers follow from `Places` alone.
 
     Attributes
     ----------
@@ -149,8 +170,6 @@ class Law:
         within steps have one. Rows within reach count as closed, also if they pull.
     residual : bool
         Whether rows yield through the residual flexibility of their bodies, which the bodies' damping may delay.
-    iterations : int
-        Iterations of the set of closed rows since the start of the run.
     """
 
     compliant = True
@@ -158,7 +177,6 @@ class Law:
     residual = False
     ahead = False
     elastic = True
-    iterations = 0
 
     def answer(self, at: Places) -> Forces:
         """Return the forces on the rows. It is called only if a gap is below `reach`.
@@ -168,33 +186,12 @@ class Law:
         """
         raise NotImplementedError(f"{type(self).__name__} has no answer")
 
-    def stiffness(self) -> Array | sp.spmatrix | Solved:
-        """Minus the derivative of forces on closed rows with respect to their places, (d na, d na) [N/m].
-
-        It may be `Solved`: as a rule the bodies have fewer coordinates than a large contact has directions of rows.
-        """
-        raise NotImplementedError(f"{type(self).__name__} has no stiffness")
-
-    def damping(self) -> Array | sp.spmatrix | None:
-        """Minus the derivative of forces on closed rows with respect to their rates, (d na, d na) [N s/m].
-
-        None if forces do not depend on rates. Otherwise implicit steps need it.
-        """
-        return None
-
     def closed_stiffness(self, rows: RowDirections) -> Array | None:
         """Contact stiffness on the coordinates, (n, n), with all rows closed and stuck. It limits explicit steps.
 
         None if the law sets no limit.
         """
         return None
-
-    def stored(self, gap: Array, forces: Array) -> float:
-        """Energy stored in the last answer [J]; here half of the normal forces, (nr, d) [N], times the depths.
-
-        It is not called for laws that act ahead of steps.
-        """
-        return -0.5 * float(forces[:, 0].dot(gap))
 
     def fresh(self, rows: RowDirections) -> Law:
         """Return the law at the start of another run, for these rows."""

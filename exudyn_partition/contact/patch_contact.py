@@ -1,4 +1,4 @@
-"""The contact of a patch in a run: its rows, the forces on them, and its memory. Its law finds the forces."""
+"""The contact of a patch in a run: it answers at coordinates, from its state at the end of the last accepted step."""
 
 from __future__ import annotations
 
@@ -14,34 +14,31 @@ import scipy.sparse as sp
 
 from ..algebra.coulomb import Coulomb
 from ..algebra.friction import OPEN, SLIP, STICK
-from ..algebra.products import dense, smallest
+from ..algebra.products import smallest
 from ..errors import ComplementarityError, InputError, RunError
-from ..frames.kinematics import Rows
 from ..support.arrays import Array
+from .evaluation import ContactParts, Evaluation
 from .gaps import Gaps
 from .law import Forces, Law, LawMaker, Motion, Places
-from .memory import RowMemory, by_nodes, on_rows
+from .memory import RowMemory, on_rows
 from .normal_rows import NormalRows
 from .plasticity.yielding_patches import Zones
 from .state import ContactState
 from .tangential import TangentialRows
-from .viscosity import Creep, ViscousMemory, Yielding, shares
+from .viscosity import ViscousMemory, Yielding, shares
 
 if TYPE_CHECKING:
     from typing import Self
 
 
-_HELD = 0.75  # share of closed rows: if no more slip, those that stick hold the contact
 _STICKING = 1e6  # coefficient of friction with which no row slips
-_LEAST_WAY = 1e-3  # of the longest: secants count no shorter ones, which may be zero
 
 
 class PatchContact:
-    """A contact in a run: its rows, the forces on them, and its memory of the last accepted step.
+    """A contact in a run. With friction, rows have three directions instead of one.
 
-    With friction, rows have three directions instead of one. Plastic zones are a part that any law can have. Besides
-    the present motion, forces depend on the state at the end of the last accepted step. Only `accept` changes it. So a
-    repeated step begins from the same state. All else is kept to save time, and may be lost.
+    Besides the present motion, forces depend on the state at the end of the last accepted step. Only `accept` changes
+    it. So a repeated step begins from the same state. All else is kept to save time, and may be lost.
 
     Parameters
     ----------
@@ -52,21 +49,12 @@ class PatchContact:
 
     Attributes
     ----------
-    rows : NormalRows or TangentialRows
-        Present rows with d = 1 direction each, with friction d = 3.
-    law : Law
-    zones : Zones or None
-        Plastic zones beneath the patches.
-    forces : (nr, d) array
-        Forces on the present rows [N].
-    index : (na,) int array
-        Rows that are closed.
-    least_gap : float
-        Smallest gap of the present rows, without the deformation by the contact's own flexibility [m].
+    formulation : Formulation
+    parts : ContactParts
     state : ContactState
         At the end of the last accepted step.
-    betas : tuple of float or None
-        Times with which the residual flexibilities of the sides yield [s], see `viscosity`; None if all yield at once.
+    evaluation : Evaluation
+        Last answer; at the start of a run, the forces of its state.
     since : float
         Start of the present step [s].
     opening : float
@@ -76,27 +64,21 @@ class PatchContact:
         Whether other contacts need to know the forces at the end of the last accepted step.
     sticks : bool
         Whether all closed rows with friction stick, whatever its coefficient.
-    h : (nr,) array
-        Gaps at the last answer [m], see `stored`.
+    iterations : int
+        Iterations of the set of closed rows since the start of the run.
     """
-
-    h: Array
-    forces: Array
-    index: Array
-    _at: Places  # of the last answer
 
     def __init__(self, gaps: Gaps, formulation: LawMaker, friction: Coulomb | None = None) -> None:
         gaps.reset()
-        self.formulation, self.friction = formulation, friction
-        self.rows: NormalRows | TangentialRows = NormalRows(gaps) if friction is None else TangentialRows(gaps)
-        self.law: Law = formulation.law(self.rows)
-        if self.law.reach:
-            if self.ahead:
-                raise InputError(f"law {type(self.law).__name__}: it acts ahead of steps, where no law has a reach")
-            gaps.begin_at(self.law.reach)
-        self.zones: Zones | None = formulation.zones(self)
-        betas = tuple(side.beta for side in gaps.sides)
-        self.betas = betas if self.law.residual and any(betas) else None
+        self.formulation = formulation
+        rows = NormalRows(gaps) if friction is None else TangentialRows(gaps)
+        law, betas = formulation.law(rows), tuple(side.beta for side in gaps.sides)
+        if law.reach:
+            if law.ahead:
+                raise InputError(f"law {type(law).__name__}: it acts ahead of steps, where no law has a reach")
+            gaps.begin_at(law.reach)
+        self.parts = ContactParts(rows, law, friction, None, betas if law.residual and any(betas) else None)
+        self.parts = replace(self.parts, zones=formulation.zones(self))
         self._reset()
 
     def for_run(self, method: str = "explicit") -> Self:
@@ -114,178 +96,152 @@ class PatchContact:
                 "Take a basis with residual flexibility and formulation='compliance' for static runs, or press slowly "
                 "in a damped run"
             )
-        result = copy.copy(self)
-        result.rows = self.rows.fresh(self.gaps.fresh())
-        result.law = self.law.fresh(result.rows)
+        result, rows = copy.copy(self), self.rows.fresh(self.gaps.fresh())
+        betas = None if method == "static" else self.parts.betas
+        result.parts = replace(self.parts, rows=rows, law=self.law.fresh(rows), betas=betas)
+        if self.zones is not None:
+            result.parts = replace(result.parts, zones=self.zones.for_run(result, method))
         result._reset()
         if method == "static":
-            result.betas, result._find_rates = None, None
-            result.opening = self.gaps.overlap
-            if self.gaps.overlap:
-                result.least_gap = self.gaps.clearance + result.opening
-        if self.zones is not None:
-            result.zones = self.zones.for_run(result, method)
-            result.state = replace(result.state, zones=result.zones.after())
+            result._find_rates, result.opening = None, self.gaps.overlap
+            least = self.gaps.clearance + result.opening if result.opening else np.inf
+            result.evaluation = result._at_start(least)
         return result
 
     def _reset(self) -> None:
         self._n_nodes = len(self.gaps.slave.surface.points)
         memory = RowMemory.none(self._n_nodes, 4 if self.rows.d == 3 else 1)
-        zones = () if self.zones is None else self.zones.after()
-        self.state = ContactState(self.gaps.accepted, memory, ViscousMemory(), zones)
-        self._begun: ContactState | None = None  # state at the start of the run, until the first answer
-        self.yielding: Yielding | None = None  # in the present step, if a flexibility is viscous
-        self._creep: Creep | None = None  # at the present answer, once it is asked for
-        self.least_gap, self.since, self.opening = np.inf, -math.inf, 0.0
+        self.state = ContactState(
+            self.gaps.accepted, memory, ViscousMemory(), () if self.zones is None else self.zones.after()
+        )
+        self._yielding: Yielding | None = None  # in the present step, if a flexibility is viscous
+        self.since, self.opening, self.iterations = -math.inf, 0.0, 0
         self.sticks = self.told = False
         find = functools.partial(_refuse_rates, self.law) if self.law.elastic else functools.partial(_rates, self.rows)
         self._find_rates: Callable[[Motion | None], Array] | None = find  # None in statics
-        self._zero = np.zeros(self.gaps.n)
-        self.open_rows()
-        self._answered = False
+        self.evaluation = self._at_start(np.inf)
+
+    def _at_start(self, least_gap: float) -> Evaluation:
+        """Evaluation with which a run begins that goes on from no other."""
+        n = len(self.gaps.row_nodes)
+        forces = Forces(np.zeros((n, self.rows.d)), np.empty(0, dtype=np.int64))
+        return Evaluation(self.parts, self.state, self.since, forces, np.zeros(n), least_gap, begun=True)
+
+    @property
+    def rows(self) -> NormalRows | TangentialRows:
+        """See `ContactParts`."""
+        return self.parts.rows
 
     @property
     def gaps(self) -> Gaps:
         """Gaps of the rows."""
-        return self.rows.gaps
+        return self.parts.rows.gaps
 
     @property
-    def memory(self) -> RowMemory:
-        """Forces on the rows at the end of the last accepted step, and their slip."""
-        return self.state.memory
+    def law(self) -> Law:
+        """See `ContactParts`."""
+        return self.parts.law
 
     @property
-    def creep(self) -> ViscousMemory:
-        """What viscous flexibilities remember of the last accepted step."""
-        return self.state.creep
+    def friction(self) -> Coulomb | None:
+        """See `ContactParts`."""
+        return self.parts.friction
 
     @property
-    def lam(self) -> Array:
-        """Normal forces on the present rows, (nr,) [N]."""
-        value: Array = self.forces[:, 0]
-        return value
-
-    @property
-    def status(self) -> Array:
-        """Whether each present row is open, sticks or slips, (nr,) int8; closed rows without friction slip."""
-        if self._status is not None:
-            return self._status
-        status = np.full(len(self.forces), OPEN, dtype=np.int8)
-        status[self.index] = SLIP
-        return status
-
-    @property
-    def compliant(self) -> bool:
-        """Whether closed rows yield through a flexibility or layer of the contact itself."""
-        return self.law.compliant
-
-    @property
-    def reach(self) -> float:
-        """Gap at which forces begin [m]."""
-        return self.law.reach
+    def zones(self) -> Zones | None:
+        """See `ContactParts`."""
+        return self.parts.zones
 
     @property
     def ahead(self) -> bool:
-        """Whether forces are found ahead of each step, and are constant within it."""
-        return self.law.ahead
+        """See `Law`."""
+        return self.parts.law.ahead
+
+    @property
+    def compliant(self) -> bool:
+        """See `Law`."""
+        return self.parts.law.compliant
+
+    @property
+    def reach(self) -> float:
+        """See `Law`."""
+        return self.parts.law.reach
 
     @property
     def elastic(self) -> bool:
-        """Whether forces follow from the coordinates alone and have a potential."""
-        return self.law.elastic and not self.remembers and not self.ahead
+        """See `ContactParts`."""
+        return self.parts.elastic
 
     @property
     def remembers(self) -> bool:
-        """Whether forces within steps depend on those of earlier steps."""
-        return self.zones is not None or self.viscous or (self.friction is not None and not self.ahead)
+        """See `ContactParts`."""
+        return self.parts.remembers
 
     @property
     def viscous(self) -> bool:
-        """Whether a residual flexibility yields with time, see `viscosity`."""
-        return self.betas is not None
+        """See `ContactParts`."""
+        return self.parts.viscous
 
     @property
     def damped(self) -> bool:
-        """Whether a viscous flexibility or the law itself may take energy."""
-        return self.viscous or not (self.law.elastic or self.ahead)
-
-    @property
-    def needs_motion(self) -> bool:
-        """Whether forces need more than the coordinates and the memory: velocities, or the step."""
-        return self.ahead or not self.law.elastic
-
-    @property
-    def pushes(self) -> bool:
-        """Whether rows are closed, or zones may push."""
-        return self.index.size > 0 or self.zones is not None
-
-    @property
-    def iterations(self) -> int:
-        """Iterations of the set of closed rows since the start of the run."""
-        return self.law.iterations
+        """See `ContactParts`."""
+        return self.parts.damped
 
     @property
     def searches(self) -> int:
         """Searches for the pairs of all points since the start of the run."""
         return self.gaps.searches
 
-    # Forces.
+    # Answers.
 
-    def evaluate(self, motion: Motion) -> Array:
-        """Generalised contact force, (n,), in the present state of the solver."""
-        if not self.ahead:
-            return self.force(motion.q, motion)
-        self._answered = True
-        return self._zero if self.zones is None else self.zones.forces(self.gaps.split(motion.q))
-
-    def force(self, q: Array, motion: Motion | None = None) -> Array:
-        """Generalised contact force, (n,), at the coordinates q, (n,), of slave and master."""
-        self.answer(self.gap_at(q), motion=motion)
-        return self.generalised()
+    def at(self, q: Array, motion: Motion | None = None) -> Evaluation:
+        """Answer at the coordinates q, (n,), of slave and master; `motion` is for laws that need velocities."""
+        return self.answer(self.gap_at(q), motion=motion)
 
     def gap_at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,), with the present `opening`."""
         gap = self.gaps.at(q)
         return gap + self.opening if self.opening else gap
 
-    def answer(self, gap: Array, pushed: Array | None = None, motion: Motion | None = None) -> None:
-        """Find the forces on the present rows from their gaps, (nr,) [m], and from their sliding.
+    def answer(self, gap: Array, pushed: Array | None = None, motion: Motion | None = None) -> Evaluation:
+        """Answer to gaps of the present rows, (nr,) [m], and to their sliding.
 
         `pushed`, (nr, d) [m], are displacements due to the forces of other contacts. Tangential ones count from the
         last accepted step.
         """
-        self._begin_answer()
-        lasting = None if self.yielding is None else self.yielding.lasting(self.last)
+        lasting = self._begin_answer()
         if lasting is not None:
             pushed = lasting if pushed is None else pushed + lasting
         if self.zones is None:
-            self._answer(gap, pushed, motion)
-            self.h = gap
-        else:
-            more = np.zeros((len(gap), self.rows.d)) if pushed is None else pushed
-            self.zones.solve(lambda moved: self._answer(gap, moved, motion), more)
-            self.h = self.h - more[:, 0]  # what others have pushed is no gap: its energy is stored here
+            return self._answer(gap, gap, pushed, motion)
+        others = np.zeros((len(gap), self.rows.d)) if pushed is None else pushed
+        # What others have pushed is no gap: its energy is stored there.
+        self.zones.solve(lambda moved: self._answer(gap + (moved - others)[:, 0], gap, moved, motion).on_rows, others)
+        return self.evaluation
 
-    def _begin_answer(self) -> None:
-        """Sliding counts from the present places if no step has begun."""
-        self._answered, self._begun = True, None
+    def _begin_answer(self) -> Array | None:
+        """Return displacements of the rows that last from earlier steps, (nr, d) [m]; None if there are none.
+
+        Sliding counts from the present places if no step has begun.
+        """
         if isinstance(self.rows, TangentialRows) and not self.rows.held:
             self.rows.hold()
-        if self.betas is not None:
-            self._creep = None
-            if self.yielding is None or not self.yielding.holds(self.creep):
-                self.yielding = Yielding(self.rows, self.creep)
+        if self.parts.betas is None:
+            return None
+        if self._yielding is None or not self._yielding.holds(self.state.creep):
+            self._yielding = Yielding(self.rows, self.state.creep)
+        return self._yielding.lasting(self.last)
 
-    def _answer(self, gap: Array, pushed: Array | None, motion: Motion | None) -> None:
-        self.h = h = gap if pushed is None else gap + pushed[:, 0]
-        self.least_gap = smallest(h)
-        if math.isnan(self.least_gap):
+    def _answer(self, own: Array, gap: Array, pushed: Array | None, motion: Motion | None) -> Evaluation:
+        """Answer to gaps, (nr,) [m], and displacements of the rows, (nr, d) [m]; `own` are the gaps in `Evaluation`."""
+        h = gap if pushed is None else gap + pushed[:, 0]
+        least = smallest(h)
+        if math.isnan(least):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
-        if self.least_gap >= self.law.reach:
-            if self.index.size or len(self.forces) != len(h):
-                self.open_rows()
-            return
-        forces = self.law.answer(self._places(h, pushed, motion))
+        if least >= self.reach:
+            return self.answered(self._all_open(), own, least)
+        places = self._places(h, pushed, motion)
+        forces = self.law.answer(places)
         if np.shape(forces.on_rows) != (len(h), self.rows.d):
             raise InputError(
                 f"law {type(self.law).__name__}: expected forces of shape {(len(h), self.rows.d)}, rows by directions, "
@@ -293,46 +249,69 @@ class PatchContact:
             )
         if forces.power and self.law.elastic:
             raise InputError(f"law {type(self.law).__name__}: it takes energy, which only laws with elastic = False do")
-        self.take(forces)
+        return self.answered(forces, own, least, places)
 
     def places(self, gap: Array) -> Places:
-        """Places of the present rows with gaps, (nr,) [m], for which others find the forces and let them be taken."""
-        self._begin_answer()
-        lasting = None if self.yielding is None else self.yielding.lasting(self.last)
+        """Places of the present rows with gaps, (nr,) [m], for which others find the forces, see `answered`."""
+        lasting = self._begin_answer()
         return self._places(gap if lasting is None else gap + lasting[:, 0], lasting, None)
 
     def _places(self, gap: Array, pushed: Array | None, motion: Motion | None) -> Places:
         known = gap, self._way(pushed), self.last, self.coefficients
-        self._at = Places(*known, motion=motion, since=self.since, find_rates=self._find_rates)
-        return self._at
+        return Places(*known, motion=motion, since=self.since, find_rates=self._find_rates)
 
     def _way(self, pushed: Array | None) -> Array:
         """How far rows have slid along their tangents since the last accepted step, (nr, 2) [m]."""
         way = self.rows.way()
         return way if pushed is None else way + pushed[:, 1:]
 
-    def take(self, forces: Forces) -> None:
-        """Set the forces on the present rows."""
-        self._answered, self._begun = True, None
-        self.forces, self.index, self._status, self._slips, self._power = forces
-        self._traction: Array | None = None
-        self._slid: tuple[Array, float] | None = None  # see `_sliding`
+    def answered(self, forces: Forces, gap: Array, least_gap: float, places: Places | None = None) -> Evaluation:
+        """Answer with forces on the present rows that were found elsewhere.
 
-    def open_rows(self) -> None:
-        """Open all rows."""
-        n = len(self.gaps.row_nodes)
-        self.take(Forces(np.zeros((n, self.rows.d)), np.empty(0, dtype=np.int64)))
+        Parameters
+        ----------
+        forces : Forces
+        gap : (nr,) array
+            Gaps without displacements by other contacts [m].
+        least_gap : float
+            Smallest gap of the rows with these [m].
+        places : Places, optional
+            Places for which the forces were found.
+        """
+        self.iterations += forces.iterations
+        self.evaluation = Evaluation(
+            self.parts,
+            self.state,
+            self.since,
+            forces,
+            gap,
+            least_gap,
+            places=places,
+            yielding=self._yielding,
+            opening=self.opening,
+        )
+        return self.evaluation
 
-    def generalised(self) -> Array:
-        """Generalised forces, (n,), from the present forces on rows, and from zones."""
-        force = self.rows.generalised(self.forces) if self.index.size else self._zero
-        return force if self.zones is None else self.zones.generalised(force)
+    def opened(self, gap: Array, least_gap: float) -> Evaluation:
+        """Answer with all rows open, see `answered`."""
+        return self.answered(self._all_open(), gap, least_gap)
+
+    def _all_open(self) -> Forces:
+        """No forces on the present rows; the same object as long as all rows stay open."""
+        last, n = self.evaluation.forces, len(self.gaps.row_nodes)
+        if last.closed.size or len(last.on_rows) != n:
+            return Forces(np.zeros((n, self.rows.d)), np.empty(0, dtype=np.int64))
+        return last
+
+    def zone_forces(self, q: Array) -> Array:
+        """Generalised forces of zones alone, (n,), at coordinates q, (n,); rows act ahead of the step."""
+        return np.zeros(self.gaps.n) if self.zones is None else self.zones.forces(self.gaps.split(q))
 
     @property
     def last(self) -> Array:
         """Forces on the present rows at the end of the last accepted step, (nr, 3) [N]; zero without friction."""
         if isinstance(self.rows, TangentialRows):
-            return on_rows(self.rows, self.memory.forces)
+            return on_rows(self.rows, self.state.memory.forces)
         return np.zeros((len(self.gaps.row_nodes), 3))
 
     @property
@@ -341,52 +320,7 @@ class PatchContact:
         nodes = self.gaps.row_nodes
         if self.sticks:
             return np.full(len(nodes), _STICKING)
-        return np.zeros(len(nodes)) if self.friction is None else self.memory.coefficients(self.friction, nodes)
-
-    # Stiffness and energy.
-
-    def row_jacobian(self) -> Rows:
-        """Derivative of the places of closed rows with respect to the coordinates, (d na, n)."""
-        return self.rows.jacobian(self.index)
-
-    def row_carrier(self) -> Array:
-        """Derivative of the rates of closed rows with respect to the velocities of a surface's carrier, (d na, 6)."""
-        return self.rows.carrier_rows(self.index)
-
-    def row_stiffness(self) -> Array:
-        """Minus the derivative of forces on closed rows with respect to their places, (d na, d na) [N/m]."""
-        return dense(self.law.stiffness()) if self.index.size else np.zeros((0, 0))
-
-    def tangent(self) -> Array:
-        """Contact stiffness -d force / d q, (n, n), of closed rows and zones, for fixed pairs."""
-        K = np.zeros((self.gaps.n,) * 2)
-        if self.index.size and not self.ahead:
-            H = self.row_jacobian()
-            K = dense(H.T @ (self.law.stiffness() @ H))
-        return K if self.zones is None else self.zones.tangent(K)
-
-    def damping(self) -> Array | None:
-        """Minus the derivative of forces on closed rows with respect to their rates, (d na, d na) [N s/m], or None."""
-        found = self.law.damping() if self.index.size and not self.ahead else None
-        return None if found is None else dense(found)
-
-    def slip_secants(self, H: Array) -> Array:
-        """Stiffness, (m, m), if friction opposed slips in proportion to the ways of rows; zero where many rows stick.
-
-        `H`, (d na, m), is the derivative of the places of closed rows.
-        """
-        slipping = np.flatnonzero(self.status[self.index] == SLIP)
-        K = np.zeros((H.shape[1],) * 2)
-        if len(slipping) <= _HELD * len(self.index):
-            return K
-        rows = self.index[slipping]
-        forces, ways = self.forces[rows, 1:], np.hypot(*self._at.way[rows].T)
-        size = np.hypot(*forces.T)
-        some = (size > 0.0) & (ways > 0.0)
-        directions = forces[some] / size[some, None]
-        along = np.einsum("it,itm->im", directions, H.reshape(-1, 3, len(K))[slipping[some], 1:])
-        secants = size[some] / np.maximum(ways[some], _LEAST_WAY * ways.max())
-        return np.asarray(along.T @ (secants[:, None] * along))
+        return np.zeros(len(nodes)) if self.friction is None else self.state.memory.coefficients(self.friction, nodes)
 
     def closed_stiffness(self, step: float = math.inf) -> Array | None:
         """Stiffness with all rows closed, (n, n), which limits explicit steps; None if it sets no limit.
@@ -394,148 +328,64 @@ class PatchContact:
         In steps of central differences of length `step` [s], it includes the viscosity of the flexibilities. Its forces
         belong to the velocity half a step before. So by h^2 omega^2 + 2 h d <= 4 they count twice.
         """
-        if self.betas is None or math.isinf(step):
+        if self.parts.betas is None or math.isinf(step):
             return self.law.closed_stiffness(self.rows)
         gaps = self.gaps.fresh()
-        gaps.yield_by(shares([2 * beta for beta in self.betas], step))
+        gaps.yield_by(shares([2 * beta for beta in self.parts.betas], step))
         rows = self.rows.fresh(gaps)
         return self.law.fresh(rows).closed_stiffness(rows)
 
     def press(self, gap: Array) -> tuple[float, int]:
         """Stored energy [J] and number of closed rows for gaps of the present rows, (nr,) [m], without friction."""
         n = len(gap)
-        self.take(self.law.answer(Places(gap, np.zeros((n, self.rows.d - 1)), np.zeros((n, 3)), np.zeros(n))))
-        return self.law.stored(gap, self.forces), len(self.index)
-
-    def potential(self, q: Array) -> float:
-        """Energy stored in the contact [J] at coordinates q, (n,)."""
-        self.force(q)
-        return self.stored()
-
-    def stored(self) -> float:
-        """Energy stored at present [J]."""
-        if self._begun is not None:
-            return self._begun.stored
-        if self.yielding is not None:
-            own = self._crept(self.yielding).stored
-        else:
-            own = self.law.stored(self.h, self.forces) if self.index.size and not self.ahead else 0.0
-        return own if self.zones is None else own + self.zones.stored()
-
-    @property
-    def shares(self) -> tuple[float, ...]:
-        """Share of each side's flexibility that yields within the present step, see `viscosity.shares`."""
-        return self.gaps.yielding or (1.0,) * len(self.gaps.sides)
-
-    def carried_before(self, last: Array) -> list[Array]:
-        """Forces that each side carried elastically at the end of the last step, (nr, d) [N].
-
-        Those of a side that yields at once are `last`, (nr, 3) [N].
-        """
-        return [last[:, : self.rows.d]] * len(self.gaps.sides) if self.yielding is None else self.yielding.before
-
-    def carried(self) -> list[Array]:
-        """Forces that each side carries elastically at the present answer, (nr, d) [N]."""
-        return [self.forces] * len(self.gaps.sides) if self.yielding is None else self.yielding.elastic(self.forces)
-
-    def _crept(self, yielding: Yielding) -> Creep:
-        """State of viscous flexibilities at the present answer."""
-        if self._creep is None:
-            self._creep = yielding.creep(self.forces)
-        return self._creep
-
-    def viscous_work(self) -> float:
-        """Energy that the viscosity of the flexibilities has dissipated since the start of the run [J]."""
-        if not self._answered or self.yielding is None:
-            return self.creep.dissipated
-        return self.creep.dissipated + self._crept(self.yielding).taken
-
-    def law_work(self, end: float) -> float:
-        """Energy that the law itself has dissipated since the start of the run [J], if the step ends at time `end` [s].
-
-        Its power is integrated by the trapezoidal rule. Ahead of the first step it has taken nothing.
-        """
-        step, taken = end - self.since, self.state.dissipated
-        within = self._answered and math.isfinite(step)
-        return taken + 0.5 * step * (self.state.power + self._power) if within else taken
-
-    def dissipated(self) -> float:
-        """Energy that friction has dissipated since the start of the run [J]."""
-        within = self._answered and self.friction is not None and not self.ahead and self.index.size > 0
-        return self.memory.dissipated + (self._sliding()[1] if within else 0.0)
-
-    def _sliding(self) -> tuple[Array, float]:
-        """Slip of the rows since the last accepted step, (nr, 2) [m], and the energy that it dissipates [J].
-
-        The energy is found by the trapezoidal rule. The force at the end of the step alone would give too much or too
-        little.
-        """
-        if self._slid is None:
-            slips = self.slips
-            if self._slips is None:
-                raise RunError(
-                    f"law {type(self.law).__name__}: with friction, its answers need `slips`, how far the rows have "
-                    "slipped since the last accepted step, see `contact.law.Forces`"
-                )
-            self._slid = slips, -0.5 * float(np.vdot(slips, (self._at.last + self.forces)[:, 1:]))
-        return self._slid
+        forces = self.law.answer(Places(gap, np.zeros((n, self.rows.d - 1)), np.zeros((n, 3)), np.zeros(n)))
+        return forces.energy(gap), len(forces.closed)
 
     # State.
 
     def begin(self, state: ContactState, t: float) -> None:
         """Begin at time t [s] from a state of this contact, or of the same one in another run, process or model."""
-        self.h = self.gaps.begin(state.gaps) + state.opening
-        if isinstance(self.rows, TangentialRows):
-            self.rows.hold()
+        gap = self.gaps.begin(state.gaps) + state.opening
+        rows = self.rows
+        if isinstance(rows, TangentialRows):
+            rows.hold()
         if self.zones is not None:
             self.zones.begin(state.zones)
         self.state, self.since, self.opening = state, t, state.opening
         nodes, memory = self.gaps.row_nodes, state.memory
         closed = np.flatnonzero(memory.forces[nodes, 0])
-        if isinstance(self.rows, TangentialRows):
+        if isinstance(rows, TangentialRows):
             status = np.where(memory.slipped[nodes], SLIP, STICK).astype(np.int8)
             status[memory.forces[nodes, 0] == 0.0] = OPEN
-            self.take(Forces(on_rows(self.rows, memory.forces), closed, status, np.zeros((len(nodes), 2))))
+            forces = Forces(on_rows(rows, memory.forces), closed, status, np.zeros((len(nodes), 2)), state.power)
         else:
-            self.take(Forces(memory.forces[nodes], closed))
-        if self.betas is not None and memory.closed and not state.creep.elastic:  # of a run in which all yields at once
-            at_rest = [self.forces] * len(self.gaps.sides)
-            creep = ViscousMemory().after(self.rows, self.forces, at_rest, self._n_nodes, state.creep.dissipated)
+            forces = Forces(memory.forces[nodes], closed, power=state.power)
+        if self.parts.betas is not None and memory.closed and not state.creep.elastic:
+            # The run before let all flexibilities yield at once.
+            at_rest = [forces.on_rows] * len(self.gaps.sides)
+            creep = ViscousMemory().after(rows, forces.on_rows, at_rest, self._n_nodes, state.creep.dissipated)
             self.state = replace(state, creep=creep)
-        self.least_gap, self._answered, self._begun = state.least_gap, False, state
-        self._power = state.power
-
-    def after(self, end: float) -> ContactState:
-        """State after a step that ends at time `end` [s] with the last answer."""
-        if not self._answered:
-            return replace(self.state, gaps=self.gaps.accepted)
-        if self.remembers and end <= self.since:  # the answer belongs to the start of a step
-            return self.state
-        if self.ahead or self.friction is None:
-            memory = self.memory.with_forces(self._at_nodes())
-        else:
-            memory = self._slid_memory(end - self.since)
-        zones = () if self.zones is None else self.zones.after()
-        return ContactState(
-            self.gaps.after(),
-            memory,
-            self._crept_memory(),
-            zones,
-            self.opening,
-            power=self._power,
-            dissipated=self.law_work(end),
+        self.evaluation = Evaluation(
+            self.parts, state, t, forces, gap, state.least_gap, opening=state.opening, begun=True
         )
+
+    @property
+    def _answered(self) -> bool:
+        """Whether an answer was found in the present step."""
+        return self.evaluation.since == self.since and not self.evaluation.begun
 
     def at_end(self, end: float) -> ContactState:
         """State at the end of a run, at time `end` [s], with what its results tell of it."""
-        return replace(self.after(end), stored=self.stored(), least_gap=float(self.least_gap))
+        evaluation = self.evaluation
+        state = evaluation.after(end) if self._answered else replace(self.state, gaps=self.gaps.accepted)
+        return replace(state, stored=evaluation.stored, least_gap=float(evaluation.least_gap))
 
     def accept(self, start: float) -> None:
         """Begin a step at time `start` [s]. The step before ended there, with the last answer."""
         if start > self.since:
-            closed = self.index.size > 0
-            if self._answered and (self.remembers or self.told or self.damped):
-                self.state = self.after(start)
+            evaluation, answered = self.evaluation, self._answered
+            if answered and (self.remembers or self.told or self.damped):
+                self.state = evaluation.after(start)
                 if self.zones is not None:
                     self.zones.accept(self.state.zones)
                 gaps = self.state.gaps
@@ -543,9 +393,9 @@ class PatchContact:
                 gaps = self.gaps.after()
             if not self.ahead:
                 self.gaps.accept(gaps)
-            if isinstance(self.rows, TangentialRows) and self._answered and not self.ahead:
-                self.rows.hold(soon=closed)
-        self.since, self._answered = start, False
+            if isinstance(self.rows, TangentialRows) and answered and not self.ahead:
+                self.rows.hold(soon=evaluation.index.size > 0)
+        self.since = start
 
     def retry(self) -> None:
         """Begin the step again, from the state that was accepted last."""
@@ -553,73 +403,24 @@ class PatchContact:
         if self.zones is not None:
             self.zones.retry()
 
-    def take_step(self, end: float) -> None:
-        """Take the time [s] at which forces are evaluated next: viscous flexibilities depend on the step up to it.
+    def ends_at(self, end: float) -> None:
+        """Let the present step end at a time [s], at which forces are evaluated next: viscous flexibilities need it.
 
         Ahead of the first step nothing moves. If the contact is closed then, its flexibility is at rest.
         """
-        if self.betas is None:
+        if self.parts.betas is None:
             return
         step, before = end - self.since, self.gaps.yielding
-        if step > 0.0 and self._answered and before is not None and min(before) == 1.0 and not self.creep.elastic:
-            self.state = replace(self.state, creep=self._crept_memory())
-        self.gaps.yield_by(shares(self.betas, step))
-
-    def _crept_memory(self) -> ViscousMemory:
-        """What viscous flexibilities remember of the last answer."""
-        if self.yielding is None or not (self.index.size or self.creep.elastic):
-            return self.creep
-        now = self._crept(self.yielding)
-        return self.creep.after(self.rows, self.forces, now.elastic, self._n_nodes, now.taken)
-
-    def _slid_memory(self, step: float) -> RowMemory:
-        """What rows with friction remember of the last answer, after a step [s]."""
-        closed = self.index.size > 0
-        if not (closed or self.memory.closed):
-            return self.memory
-        slips, taken = self._sliding() if closed else (np.zeros((len(self.forces), 2)), 0.0)
-        return self.slid_memory(slips, np.hypot(*slips.T) / step, taken)
-
-    def slid_memory(self, slips: Array, speeds: Array, taken: float) -> RowMemory:
-        """What rows with friction remember of the present forces; see `RowMemory.after`."""
-        assert isinstance(self.rows, TangentialRows)
-        return self.memory.after(self.rows, self.lam, self.traction, self.status, slips, speeds, taken)
+        creep = self.state.creep
+        if step > 0.0 and self._answered and before is not None and min(before) == 1.0 and not creep.elastic:
+            self.state = replace(self.state, creep=self.evaluation.creep_after)
+        self.gaps.yield_by(shares(self.parts.betas, step))
 
     def remember(self, memory: RowMemory) -> None:
         """Take what is remembered of forces that are found ahead of steps."""
         self.state = replace(self.state, memory=memory)
 
-    def _at_nodes(self) -> Array:
-        """Present forces stored for the nodes of the slave's patch, as in `RowMemory`."""
-        if isinstance(self.rows, TangentialRows):
-            return by_nodes(self.rows, self.lam, self.traction, self._n_nodes)
-        found = np.zeros((self._n_nodes, 1))
-        found[self.gaps.row_nodes] = self.forces
-        return found
-
     # Results.
-
-    @property
-    def slips(self) -> Array:
-        """How far the present rows have slipped since the last accepted step, (nr, 2) [m]."""
-        return np.zeros((len(self.forces), 2)) if self._slips is None else self._slips
-
-    @property
-    def traction(self) -> Array:
-        """Tangential forces on the present rows in space, (nr, 3) [N]; zero without friction."""
-        if self._traction is None:
-            self._traction = self.rows.tractions(self.forces)
-        return self._traction
-
-    @property
-    def slip_path(self) -> Array:
-        """Path that the row of each node of the slave's patch has slipped in the steps so far, (np,) [m]."""
-        return self.memory.path
-
-    @property
-    def row_nodes(self) -> Array:
-        """Node of the slave's patch for each present row, (nr,)."""
-        return self.gaps.row_nodes
 
     @property
     def node_areas(self) -> Array:
@@ -634,25 +435,8 @@ class PatchContact:
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """Gaps until forces begin, rates and accelerations of an open contact, see `Gaps.closing`."""
         gap, rate, acceleration = self.gaps.closing(q, q_t, q_tt)
-        self.open_rows()  # the rows may have changed
+        self.opened(self.evaluation.h, self.evaluation.least_gap)  # the rows may have changed
         return gap - self.reach, rate, acceleration
-
-    def resultant(self) -> Array:
-        """Force on the slave, (3,) [N]."""
-        along = self.gaps.resultant(self.lam)
-        return along if self.friction is None else along + self.traction.sum(axis=0)
-
-    def moment(self, point: Array) -> Array:
-        """Moment on the slave about a point in space, (3,) [N m]."""
-        return self.rows.moment(self.forces, point) if self.index.size else np.zeros(3)
-
-    def on_carrier(self, point: Array) -> Array:
-        """Force on the body that carries the rigid surface, and moment about a point in space, (6,) [N, N m]."""
-        return -np.concatenate([self.resultant(), self.moment(point)])
-
-    def nodal_forces(self) -> list[Array]:
-        """Forces on the nodes of the patches, in axes of space, (np, 3) for each side [N]."""
-        return self.rows.nodal_forces(self.forces)
 
     def forces_on_nodes(self, q: Array, nodes: Array, lam: Array, traction: Array) -> list[Array]:
         """Forces on the nodes of the patches, like `nodal_forces`, from rows that were closed at coordinates q, (n,).
@@ -673,20 +457,6 @@ class PatchContact:
         if isinstance(self.rows, TangentialRows):
             forces = np.column_stack([found[:, 0], self.rows.along(np.ascontiguousarray(found[:, 1:]))])
         return self.rows.nodal_forces(forces)
-
-    def edge_reached(self) -> Array | None:
-        """Place of a row with which contact leaves its patch, (3,) [m]; None if there is none. Pulling rows do not."""
-        closed = self.index[self.lam[self.index] > 0.0] if self.reach else self.index
-        if not closed.size:
-            return None
-        leaves_at = self.gaps.leaves_at[closed]
-        # Closed rows without a flexibility of their own have no depth that would tell how far contact reaches.
-        reached = -self.h[closed] >= leaves_at if self.compliant else np.isfinite(leaves_at)
-        rows = closed[reached | (leaves_at == 0.0)]
-        if not len(rows):
-            return None
-        value: Array = self.gaps.centre + self.gaps.places_now()[0][self.gaps.row_nodes[rows[0]]]
-        return value
 
 
 def _rates(rows: NormalRows | TangentialRows, motion: Motion | None) -> Array:

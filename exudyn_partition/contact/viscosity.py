@@ -145,16 +145,11 @@ class Yielding:
     ----------
     before : list of (nr, d) arrays
         Forces that each side carried elastically at the end of the last accepted step [N].
-    across_before, across : list of (nr, d) arrays or None
-        Displacements of each side by the elastic forces of other contacts, then and now [m].
     """
-
-    across_before: list[Array] | None = None
-    across: list[Array] | None = None
 
     def __init__(self, rows: Rows, memory: ViscousMemory) -> None:
         self.rows, self._memory, self._stage = rows, memory, rows.gaps.stage
-        self.shares = rows.gaps.yielding or (1.0,) * len(rows.gaps.sides)
+        self.shares = rows.gaps.yielding_shares
         self.before = self._on_rows(memory.elastic)
         self._moved_before: list[Array] | None = None
         self._lasting: Array | None = None
@@ -192,18 +187,22 @@ class Yielding:
         both = zip(self.shares, self.before, strict=True)
         return [share * lam + (1.0 - share) * before for share, before in both]
 
-    def creep(self, lam: Array) -> Creep:
-        """State at the forces lam, (nr, d) [N], on the rows. Work in the step is found by the trapezoidal rule."""
+    def creep(self, lam: Array, across: list[Array] | None, across_before: list[Array] | None) -> Creep:
+        """State at the forces lam, (nr, d) [N], on the rows. Work in the step is found by the trapezoidal rule.
+
+        `across` and `across_before` are displacements of each side by the elastic forces of other contacts, (nr, d)
+        each [m], now and at the end of the last accepted step; None without any.
+        """
         elastic, late = self.elastic(lam), self._on_rows(self._memory.excess)
         before = moved(self.rows, self.before) if self._moved_before is None else self._moved_before
         stored = taken = 0.0
         for side, (own, now) in enumerate(zip(elastic, moved(self.rows, elastic), strict=True)):
             way = now - before[side]
-            if self.across is not None:
-                now = now + self.across[side]
-                way = way + self.across[side]
-            if self.across_before is not None:
-                way = way - self.across_before[side]
+            if across is not None:
+                now = now + across[side]
+                way = way + across[side]
+            if across_before is not None:
+                way = way - across_before[side]
             stored += 0.5 * float(np.vdot(own, now))
             taken += 0.5 * float(np.vdot(lam - own + late[side], way))
         return Creep(elastic, stored, taken)

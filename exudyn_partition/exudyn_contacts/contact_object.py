@@ -68,8 +68,7 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
             run.settled_force(mbs, t)
         contacts, given_up = run.contacts, run.unsettled is not None
         stuck = [contact for contact in contacts if given_up or _sticks(mbs, run.of(contact))]
-        blocks = [*_of_stuck(run, stuck, fODE2), *_of_each(run, contacts, stuck, fODE2)]
-        blocks += _of_groups(mbs, run, contacts, stuck, fODE2)
+        blocks = [*_of_stuck(run, stuck, fODE2), *_of_groups(mbs, run, contacts, stuck, fODE2)]
         blocks += _of_damping(mbs, run, contacts, fODE2_t)
         if run.over:
             _warn_of_slips(run, contacts)
@@ -118,28 +117,6 @@ def _assembled(blocks: Sequence[Block], dofs: Array) -> tuple[Array, Array, Arra
     return rows, columns, values
 
 
-def _of_each(
-    model: ModelRun, contacts: Sequence[ModelContact], stuck: Sequence[ModelContact], by_q: float
-) -> Iterator[Block]:
-    """Stiffness of each contact on the coordinates of its bodies; `_of_groups` has that of contacts solved together.
-
-    Those that are `stuck` are left out.
-    """
-    for contact in contacts:
-        run = model.of(contact)
-        K = None if contact in stuck else _own_stiffness(run)
-        if K is not None:
-            yield by_q * K, run.dofs, run.dofs
-
-
-def _own_stiffness(run: ContactRun) -> Rows | None:
-    """Return -dF/dq, (n, n), of a contact's force F; None if it is zero."""
-    mechanics = run.mechanics
-    if mechanics.compliant and not mechanics.index.size and mechanics.zones is None:
-        return None
-    return mechanics.tangent() if run.group.together is None or not mechanics.index.size else None
-
-
 def _of_stuck(model: ModelRun, stuck: Sequence[ModelContact], by_q: float) -> Iterator[Block]:
     """Stiffness with all rows closed of contacts that stick, see `_sticks`, and between those solved together.
 
@@ -165,7 +142,8 @@ def _sticks(mbs: MainSystem, run: ContactRun) -> bool:
     """
     mechanics = run.mechanics
     size = mechanics.gaps.size
-    if not (mechanics.compliant and -_ROUNDING * size <= mechanics.least_gap - mechanics.reach < _TOUCHING * size):
+    gap = run.evaluation.least_gap - mechanics.reach
+    if not (mechanics.compliant and -_ROUNDING * size <= gap < _TOUCHING * size):
         return False
     solver = latest_solver(mbs)
     return solver is not None and method_of(solver) == "static" and solver.it.newtonSteps == 1
@@ -178,25 +156,27 @@ def _of_groups(
     stuck: Sequence[ModelContact],
     by_q: float,
 ) -> Iterator[Block]:
-    """Stiffness of and between contacts that are solved together, and between contacts and carriers of surfaces.
+    """Stiffness of contacts, between those that are solved together, and between contacts and carriers of surfaces.
 
     Those that are `stuck` are left out.
     """
     for group in {id(contact.group): contact.group for contact in contacts}.values():
-        run, alone = model.of(group[0]).group, group[0].together is None
+        runs = [model.of(contact) for contact in group]
+        acting = [place for place, contact in enumerate(group) if contact not in stuck]
         closed = {
-            place: _closed_rows(mbs, model.of(contact), contact)
-            for place, contact in enumerate(group)
-            if contact.mechanics.compliant and contact not in stuck and model.of(contact).mechanics.index.size
-            if not alone or _carrying_nodes(contact)
+            place: _closed_rows(mbs, runs[place], group[place])
+            for place in acting
+            if group[place].mechanics.compliant and runs[place].evaluation.index.size
         }
-        for (j, k), K in run.stiffness({j: H for j, (H, _) in closed.items()}).items():
-            if j == k:
-                own, zones = np.s_[: len(model.of(group[j]).dofs)], model.of(group[j]).mechanics.zones
-                if alone:
-                    K[own, own] = 0.0  # `_of_each` has that of the bodies
-                elif zones is not None:
-                    K[own, own] = zones.tangent(K[own, own])
+        for place in acting:
+            zones = runs[place].mechanics.zones
+            if zones is not None and place not in closed:
+                dofs = runs[place].dofs
+                yield by_q * zones.tangent(np.zeros((len(dofs),) * 2)), dofs, dofs
+        for (j, k), K in runs[0].group.stiffness({j: H for j, (H, _) in closed.items()}).items():
+            if j == k and (zones := runs[j].mechanics.zones) is not None:
+                own = np.s_[: len(runs[j].dofs)]
+                K[own, own] = zones.tangent(K[own, own])
             yield by_q * K, closed[j][1], closed[k][1]
 
 
@@ -204,7 +184,7 @@ def _of_damping(mbs: MainSystem, model: ModelRun, contacts: Sequence[ModelContac
     """Damping of contacts whose laws depend on rates, on the coordinates of bodies and carrier."""
     for contact in contacts if by_q_t else ():  # zero in statics
         run = model.of(contact)
-        if run.mechanics.law.elastic or (C := run.mechanics.damping()) is None:
+        if run.mechanics.law.elastic or (C := run.evaluation.damping()) is None:
             continue
         H, dofs = _closed_rows(mbs, run, contact)
         yield by_q_t * (H.T @ C @ H), dofs, dofs
@@ -212,8 +192,8 @@ def _of_damping(mbs: MainSystem, model: ModelRun, contacts: Sequence[ModelContac
 
 def _warn_of_slips(model: ModelRun, contacts: Sequence[ModelContact]) -> None:
     """Warn that rows slip, so that the stiffness that is asked for after a run is not symmetric."""
-    mechanics = {contact.name: model.of(contact).mechanics for contact in contacts}
-    slip = [name for name, one in mechanics.items() if one.friction is not None and (one.status == SLIP).any()]
+    answers = {contact.name: model.of(contact).evaluation for contact in contacts if contact.mechanics.friction}
+    slip = [name for name, answer in answers.items() if (answer.status == SLIP).any()]
     if slip:
         warn(
             f"contact {', '.join(map(repr, slip))}: rows slip, so that the stiffness is not symmetric. Exudyn's "
@@ -227,17 +207,17 @@ def _of_slips(mbs: MainSystem, model: ModelRun, contacts: Sequence[ModelContact]
     """Stiffness along slips, see `SlipSecants`."""
     for contact in contacts:
         run = model.of(contact)
-        if run.mechanics.friction is not None and run.mechanics.index.size:
+        if run.mechanics.friction is not None and run.evaluation.index.size:
             H, dofs = _closed_rows(mbs, run, contact)
-            yield by_q * run.mechanics.slip_secants(H), dofs, dofs
+            yield by_q * run.evaluation.slip_secants(H), dofs, dofs
 
 
 def _closed_rows(mbs: MainSystem, run: ContactRun, contact: ModelContact) -> tuple[Array, Array]:
     """Closed rows on the coordinates of bodies and carrier, (na, m), and numbers of these in the model, (m,)."""
-    H, nodes = dense(run.mechanics.row_jacobian()), _carrying_nodes(contact)
+    H, nodes = dense(run.evaluation.row_jacobian()), _carrying_nodes(contact)
     if contact.carrier is None or not nodes:
         return H, run.dofs
-    H = np.hstack([H, run.mechanics.row_carrier() @ contact.carrier.by_coordinates(mbs)])
+    H = np.hstack([H, run.evaluation.row_carrier() @ contact.carrier.by_coordinates(mbs)])
     return H, np.concatenate([run.dofs, *(mbs.systemData.GetNodeLTGODE2(node) for node in nodes)])
 
 

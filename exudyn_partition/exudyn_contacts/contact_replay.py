@@ -29,7 +29,7 @@ def nodal_forces(contact: ModelContact, result: RunSamples) -> list[Array]:
     if not mechanics.elastic:
         raise InputError("nodal_forces: multipliers are not known from coordinates; row_forces has what was stored")
     place = _place_in_group(contact)
-    forces = [parts[place].nodal_forces() for parts in _evaluated(contact, result)]
+    forces = [parts[place].evaluation.nodal_forces() for parts in _evaluated(contact, result)]
     return [np.array(side) for side in zip(*forces, strict=True)]
 
 
@@ -40,11 +40,11 @@ def stored_energy(contact: ModelContact, result: RunSamples) -> Array:
         return np.array([kept.get(t, 0.0) for t in result.t.tolist()])
     if contact.together is None:
         mechanics = contact.mechanics.for_run("explicit")
-        return np.array([mechanics.potential(q) for (q,) in _coordinates(contact, result)])
+        return np.array([mechanics.at(q).stored for (q,) in _coordinates(contact, result)])
     found = _ENERGIES.setdefault(result, {})  # energies of all contacts of the group, which are found together
     if id(contact.group) not in found:
         found[id(contact.group)] = np.array(
-            [[mechanics.stored() for mechanics in parts] for parts in _evaluated(contact, result)]
+            [[mechanics.evaluation.stored for mechanics in parts] for parts in _evaluated(contact, result)]
         )
     return found[id(contact.group)][:, _place_in_group(contact)].copy()
 
@@ -91,7 +91,7 @@ def _evaluated(contact: ModelContact, result: RunSamples) -> Iterator[Sequence[P
     together = None if contact.together is None else contact.together.for_run(parts)
     for coordinates in _coordinates(contact, result):
         if together is None:
-            parts[0].potential(coordinates[0])
+            parts[0].at(coordinates[0])
         else:
             together.forces(coordinates)
         yield parts

@@ -5,7 +5,6 @@ They also keep the data that results read. Each run makes new ones. No other mod
 
 from __future__ import annotations
 
-import math
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -13,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..algebra.friction import SLIP, STICK
+from ..contact.evaluation import Evaluation
 from ..contact.formulations.explicit_multipliers import ForwardRows, ForwardState
 from ..contact.formulations.formulation import Method, Together
 from ..contact.formulations.implicit_multipliers import ImpulseState, StepImpulses
@@ -129,7 +129,7 @@ class ContactRun:
         method: Method,
         place: int | None = None,
     ) -> None:
-        self.name, self._mechanics, self.place = name, mechanics, place
+        self.name, self.mechanics, self.place = name, mechanics, place
         self.forward = ForwardRows(mechanics) if mechanics.ahead and method == "explicit" else None
         self.impulses = StepImpulses(mechanics) if mechanics.ahead and method == "implicit" else None
         self.dofs = np.concatenate([np.r_[s] for s in slices])
@@ -161,65 +161,67 @@ class ContactRun:
         self._closed = self._closed_nodes = np.empty(0, dtype=np.int64)
 
     @property
-    def _group(self) -> GroupRun | None:
-        return self._group_of()
-
-    @property
-    def mechanics(self) -> PatchContact:
-        """Rows, forces and memory of the contact, in their present state."""
-        if (group := self._group) is not None:
-            group.update_members()
-        return self._mechanics
+    def evaluation(self) -> Evaluation:
+        """Last answer of the contact."""
+        group = self._group_of()
+        return self.mechanics.evaluation if group is None else group.evaluation(self._place)
 
     @property
     def is_open(self) -> bool:
         """Whether all rows are open in the state that was evaluated last. The mechanics need not know it."""
-        found = None if self._group is None else self._group.values
-        return not (self._mechanics.index.size if found is None else found[self._place, 1])
+        values = self._values
+        return not (self.evaluation.index.size if values is None else values[1])
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
-        """See `PatchContact.closing`. The mechanics find it from the coordinates, and need no results of loops."""
-        return self._mechanics.closing(q, q_t, q_tt)
+        """See `PatchContact.closing`."""
+        return self.mechanics.closing(q, q_t, q_tt)
 
     @property
     def normal_force(self) -> float:
         """Sum of the normal forces in the state that was evaluated last [N]."""
-        found = None if self._group is None else self._group.values
-        if found is not None:
-            return float(found[self._place, 0])
-        return float(self._mechanics.lam.take(self._mechanics.index).sum())
+        if (values := self._values) is not None:
+            return float(values[0])
+        answer = self.evaluation
+        return float(answer.lam.take(answer.index).sum())
 
     @property
     def energy(self) -> float:
         """Energy that the contact stores in the state that was evaluated last, and that it has dissipated [J]."""
-        looped = None if self._group is None else self._group.looped
-        if looped is not None:  # without friction and plastic zones
-            return float(looped.stored[self._place])
-        zones = self._mechanics.zones
+        group = self._group_of()
+        if group is not None and (stored := group.stored) is not None:  # without friction and plastic zones
+            return float(stored[self._place])
+        zones = self.mechanics.zones
         taken = self._dissipated() + self._damping_work(self._at) + (0.0 if zones is None else zones.work())
-        return self._mechanics.stored() + taken
+        return self.evaluation.stored + taken
 
     @property
     def group(self) -> GroupRun:
         """Contacts whose forces are found together with this one's."""
-        group = self._group
+        group = self._group_of()
         assert group is not None
         return group
 
     @property
+    def _values(self) -> Array | None:
+        """Values of the sensor `sForce`, (6,), if compiled loops have found them."""
+        group = self._group_of()
+        values = None if group is None else group.values
+        return None if values is None else values[self._place]
+
+    @property
     def acts_within(self) -> bool:
         """Whether the contact has forces within a step; multipliers ahead of the step do not count."""
-        return self.forward is None or self._mechanics.zones is not None
+        return self.forward is None or self.mechanics.zones is not None
 
     @property
     def pushes(self) -> bool:
         """Whether any force may not be zero in the last evaluation."""
-        return self.force is not None and (self.impulses is not None or self._mechanics.pushes)
+        return self.force is not None and (self.impulses is not None or self.evaluation.pushes)
 
     @property
     def remembers(self) -> bool:
         """Whether forces depend on earlier steps."""
-        return self.impulses is not None or self._mechanics.remembers
+        return self.impulses is not None or self.mechanics.remembers
 
     @property
     def samples(self) -> list[tuple[float, Array, Array]]:
@@ -235,12 +237,12 @@ class ContactRun:
     @property
     def law_name(self) -> str:
         """Name of the law's class."""
-        return type(self._mechanics.law).__name__
+        return type(self.mechanics.law).__name__
 
     @property
     def slip_path(self) -> Array:
         """Length of the slip so far of the row of each of the slave's patch nodes, (np,) [m]."""
-        return np.array(self.mechanics.slip_path)
+        return np.array(self.mechanics.state.memory.path)
 
     @property
     def plastic_ends(self) -> dict[int, PlasticState]:
@@ -265,7 +267,7 @@ class ContactRun:
 
     def begin(self, state: MemberState, t: float) -> None:
         """Begin at time t [s] from the state at the end of a run, as if both runs were one."""
-        mechanics = self._mechanics
+        mechanics = self.mechanics
         mechanics.begin(state.contact, t)
         if self.forward is not None and isinstance(state.multipliers, ForwardState):
             self.forward.begin(state.multipliers)
@@ -273,12 +275,13 @@ class ContactRun:
             self.impulses.begin(state.multipliers)
             self.force = state.multipliers.mean.force[: len(self.dofs)]
         elif self.acts_within:
-            self.force = mechanics.generalised()
+            self.force = mechanics.evaluation.generalised
         self._impulse, self._last, self._rest = state.impulses.copy()
         self._at = self._stepped_to = self.goes_on_at = t
 
     def state(self, number: int) -> MemberState:
         """State at the end of the last step. `number` is that of the contact."""
+        self.group.evaluation(self._place)  # which compiled loops may have found
         contact = self.mechanics.at_end(self._at)
         multipliers: ForwardState | ImpulseState | None = None
         if self.impulses is not None:
@@ -292,7 +295,7 @@ class ContactRun:
         """Whether forces were found in the step that begins at time t [s]."""
         if self.impulses is not None:
             return self._start == t
-        return not self._mechanics.remembers or self._mechanics.since == t
+        return not self.mechanics.remembers or self.mechanics.since == t
 
     def step_back(self, mbs: MainSystem, t: float, q: Array) -> bool:
         """Return to the start of a step, t [s], at the model's coordinates q, (nq,); whether that can be done."""
@@ -300,24 +303,26 @@ class ContactRun:
             return True
         if self.impulses is not None:  # they are means of the whole step
             return False
-        self._at, mechanics = t, self._mechanics
+        self._at, mechanics = t, self.mechanics
         mechanics.retry()
-        if mechanics.needs_motion:
-            self.force = mechanics.evaluate(SolverMotion(mbs, self.of))
-        else:
-            self.force = mechanics.force(self.of(q))
+        self._find_force(mbs, q)
         return True
 
     def evaluate(self, mbs: MainSystem, t: float, q: Array) -> None:
         """Find the force of this contact alone at the model's coordinates q, (nq,), and time t [s]."""
         self.follow(start_of_step(mbs), t)
-        mechanics = self._mechanics
         if self.impulses is not None:
             self.force = self.impulses.evaluate(SolverMotion(mbs, self.of))
-        elif mechanics.needs_motion:
-            self.force = mechanics.evaluate(SolverMotion(mbs, self.of))
         else:
-            self.force = mechanics.force(self.of(q))
+            self._find_force(mbs, q)
+
+    def _find_force(self, mbs: MainSystem, q: Array) -> None:
+        """Find the force within the step, which multipliers ahead of it do not have."""
+        mechanics = self.mechanics
+        if mechanics.ahead:
+            self.force = mechanics.zone_forces(self.of(q))
+        else:
+            self.force = mechanics.at(self.of(q), SolverMotion(mbs, self.of)).generalised
 
     def add_force(self, total: Array) -> None:
         """Add `force` to generalised forces on the model's coordinates, (nq,)."""
@@ -331,7 +336,7 @@ class ContactRun:
             (self.impulses or self.mechanics).accept(start)
         elif t != self._at:
             (self.impulses or self.mechanics).retry()
-        self._mechanics.take_step(t)
+        self.mechanics.ends_at(t)
         self._start, self._at = start, t
 
     def count_impulse(self, t: float, step: float, *, half: bool = False) -> None:
@@ -339,12 +344,12 @@ class ContactRun:
 
         They act at the start of the step. Velocities at the start include all of their impulse, or `half` of it.
         """
-        mechanics, share = self.mechanics, 0.5 if half else 1.0
+        answer, share = self.evaluation, 0.5 if half else 1.0
         self._last = last = np.zeros(7)
-        if mechanics.index.size:
-            last[0], last[1:4] = mechanics.lam.sum(), mechanics.resultant()
-            if mechanics.friction is not None:
-                last[4:] = mechanics.traction.sum(axis=0)
+        if answer.index.size:
+            last[0], last[1:4] = answer.lam.sum(), answer.resultant()
+            if self.mechanics.friction is not None:
+                last[4:] = answer.traction.sum(axis=0)
             last *= step
         self._impulse += self._rest + share * self._last
         self._rest = (1 - share) * self._last
@@ -363,18 +368,16 @@ class ContactRun:
 
     def force_values(self) -> list[float]:
         """Values of the sensor `sForce` in the state that was evaluated last."""
-        if self._group is not None and (found := self._group.values) is not None:
-            values: list[float] = found[self._place].tolist()
-            return values
-        mechanics = self._mechanics
-        if mechanics.index.size:
-            total, gap = (
-                float(mechanics.lam.take(mechanics.index).sum()),
-                float(mechanics.least_gap) if mechanics.compliant else 0.0,
-            )
-            values = [total, float(mechanics.index.size), *mechanics.resultant().tolist(), gap]
+        if (known := self._values) is not None:
+            looped: list[float] = known.tolist()
+            return looped
+        answer = self.evaluation
+        if answer.index.size:
+            total = float(answer.lam.take(answer.index).sum())
+            gap = float(answer.least_gap) if self.mechanics.compliant else 0.0
+            values = [total, float(answer.index.size), *answer.resultant().tolist(), gap]
         else:
-            values = [0.0, 0.0, 0.0, 0.0, 0.0, float(mechanics.least_gap)]
+            values = [0.0, 0.0, 0.0, 0.0, 0.0, float(answer.least_gap)]
         return values if (impulse := self._impulses()) is None else values + impulse[:4].tolist()
 
     def publish(self, data: Array) -> None:
@@ -385,10 +388,10 @@ class ContactRun:
 
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """Keep the data that results need of the state at t; `q` returns the model's coordinates at t."""
-        mechanics = self._mechanics
-        closed = mechanics.index
+        mechanics, answer = self.mechanics, self.evaluation
+        closed = answer.index
         if mechanics.damped:
-            self._stored[t], self.viscous_works[t] = mechanics.stored(), self._damping_work(t)
+            self._stored[t], self.viscous_works[t] = answer.stored, self._damping_work(t)
         if mechanics.zones is not None:
             mechanics.zones.check()
             for side, zone in mechanics.zones.zones:
@@ -398,51 +401,54 @@ class ContactRun:
             self.forward.check(self.of(q()))
         if closed.size:
             if closed is not self._closed:  # the same array as long as no row opens or closes
-                self._closed, self._closed_nodes = closed, mechanics.row_nodes[closed]
+                self._closed, self._closed_nodes = closed, answer.row_nodes[closed]
             self.look_for_edge(t)
-            lam = mechanics.lam.take(closed)
+            lam = answer.lam.take(closed)
             if self._samples and self._samples[-1][0] == t:  # a second call for this time
                 self._samples.pop()
             self._samples.append((t, self._closed_nodes, lam))
             if mechanics.elastic:
-                self._stored[t] = mechanics.stored()
+                self._stored[t] = answer.stored
             if mechanics.friction is not None:
-                self.tangential[t] = mechanics.traction[closed], mechanics.status[closed]
+                self.tangential[t] = answer.traction[closed], answer.status[closed]
             if mechanics.gaps.carried:
-                self.on_nodes[t] = mechanics.nodal_forces()
+                self.on_nodes[t] = answer.nodal_forces()
 
     def look_for_edge(self, t: float) -> None:
         """Record the time and place at which a closed row first leaves its patch."""
-        if self.edge is None and (reached := self.mechanics.edge_reached()) is not None:
+        if self.edge is None and (reached := self.evaluation.edge_reached()) is not None:
             read_only(reached)  # results return it
             self.edge = t, reached
 
     def friction_values(self) -> list[float]:
         """Values of the sensor `sFriction`, see `PartitionContact`."""
-        mechanics = self.mechanics
-        if mechanics.index is self._open_index:  # the same array as long as all rows stay open
+        mechanics, answer = self.mechanics, self.evaluation
+        if answer.index is self._open_index:  # the same array as long as all rows stay open
             return self._open_values
-        if mechanics.index.size:
-            stuck, slipping = (float(np.count_nonzero(mechanics.status == kind)) for kind in (STICK, SLIP))
-            values = [*mechanics.traction.sum(axis=0).tolist(), stuck, slipping, self._dissipated(), mechanics.stored()]
+        if answer.index.size:
+            stuck, slipping = (float(np.count_nonzero(answer.status == kind)) for kind in (STICK, SLIP))
+            values = [*answer.traction.sum(axis=0).tolist(), stuck, slipping, self._dissipated(), answer.stored]
         else:
-            values = [0.0, 0.0, 0.0, 0.0, 0.0, self._dissipated(), mechanics.stored()]
+            values = [0.0, 0.0, 0.0, 0.0, 0.0, self._dissipated(), answer.stored]
             # What zones and viscous flexibilities store changes as bodies swing.
-            if self._impulses() is None and mechanics.zones is None and not mechanics.creep.elastic:
-                self._open_index, self._open_values = mechanics.index, values
+            if self._impulses() is None and mechanics.zones is None and not mechanics.state.creep.elastic:
+                self._open_index, self._open_values = answer.index, values
         return values if (impulse := self._impulses()) is None else values + impulse[4:].tolist()
 
     def _dissipated(self) -> float:
         """Energy that friction has taken since the start of the run [J]."""
-        return self.mechanics.dissipated() if self.impulses is None else self.impulses.dissipated()
+        if self.impulses is not None:
+            return self.impulses.dissipated()
+        return self.mechanics.state.memory.dissipated if self.mechanics.ahead else self.evaluation.dissipated
 
     def _damping_work(self, t: float) -> float:
         """Energy that viscous flexibilities and the law itself have taken until t [J]."""
-        return self._mechanics.viscous_work() + self._mechanics.law_work(t)
+        answer = self.evaluation
+        return answer.viscous_work + answer.law_work(t)
 
     def on_carrier(self, point: Array) -> Array:
         """Force on the body that carries the rigid surface, and its moment about a point in space, (6,) [N, N m]."""
-        return self.mechanics.on_carrier(point) if self.impulses is None else self.impulses.on_carrier(point)
+        return self.evaluation.on_carrier(point) if self.impulses is None else self.impulses.on_carrier(point)
 
     @property
     def iterations(self) -> int:
@@ -453,7 +459,7 @@ class ContactRun:
         """Values of the sensor `sPlastic`, see `PartitionContact`."""
         zones = self.mechanics.zones
         assert zones is not None
-        return [self.mechanics.stored(), zones.work(), zones.largest_strain(), float(zones.flowing())]
+        return [self.evaluation.stored, zones.work(), zones.largest_strain(), float(zones.flowing())]
 
     def _check_step(self, t: float) -> None:
         """Raise an error if multipliers were not applied in the run."""
@@ -468,9 +474,9 @@ class ContactRun:
 class GroupRun:
     """Contacts in a run whose forces are found together. A contact that is solved alone is a group of its own.
 
-    As long as the pairs of all contacts are frozen, compiled loops evaluate all contacts at once. Then the group has
-    the values of the sensors, and the contacts' mechanics take the state only when somebody reads them. Otherwise the
-    forces are found through the mechanics.
+    As long as the pairs of all contacts are frozen, compiled loops evaluate all contacts at once, with the values of
+    the sensors. Then evaluations of single contacts are made only when somebody asks for one. Otherwise contacts
+    answer themselves.
 
     Parameters
     ----------
@@ -494,9 +500,8 @@ class GroupRun:
         self._find_whether_pushes()
         self._dofs = [member.dofs for member in members]
         self._frozen: FrozenContacts | None = None
-        self._q: Array | None = None  # coordinates of the last evaluation, if compiled loops made it
-        self._t = math.nan  # its time
-        self._members_know = True
+        self._looped: tuple[float, Array] | None = None  # time and coordinates of the last answer, if loops found it
+        self._told: tuple[float, Array] | None = None  # the last of these for which members have evaluations
         readers = [(j, member.place) for j, member in enumerate(members) if member.place is not None]
         starts = np.reshape(readers, (-1, 2)).astype(int) * [N_VALUES, 1]
         self._from, self._to = np.add.outer(starts.T, np.arange(N_VALUES)).reshape(2, -1)  # places, from and to
@@ -553,23 +558,23 @@ class GroupRun:
     def _find_by_loops(self, t: float, q: Array) -> bool:
         """Find the forces by compiled loops, if the group has them and all pairs are frozen; returns whether it did."""
         assert self.together is not None
-        if self._q is not None and t == self._t and (q == self._q).all():
+        if self._looped is not None and t == self._looped[0] and (q == self._looped[1]).all():
             return True
-        if self._q is None:
+        if self._looped is None:
             self._frozen = self.together.frozen(self._dofs, self._frozen)
         if self._frozen is None or not self._frozen.evaluate(q):
-            self._q, self._members_know = None, True
+            self._looped = None
             return False
-        if self._q is None:
+        if self._looped is None:
             for member in self.members:
                 member.force = None
-        self._q, self._t, self._members_know, self.pushes = q.copy(), t, False, self._frozen.pushes
+        self._looped, self.pushes = (t, q.copy()), self._frozen.pushes
         return True
 
     def add_force(self, total: Array) -> None:
         """Add the generalised forces of all members to those on the model's coordinates, (nq,)."""
-        if self.looped is not None:
-            total += self.looped.force
+        if self._looped is not None and self._frozen is not None:
+            total += self._frozen.force
             return
         for member in self._within:
             member.add_force(total)
@@ -578,31 +583,32 @@ class GroupRun:
         """See `formulation.Together.stiffness`."""
         if self.together is not None:
             return self.together.stiffness(rows)
-        return {(j, j): H.T @ self.members[j].mechanics.row_stiffness() @ H for j, H in rows.items()}
+        return {(j, j): self.members[j].evaluation.stiffness_along(H) for j, H in rows.items()}
 
-    def update_members(self) -> None:
-        """Let the contacts' mechanics take the results of compiled loops, if they have not taken them yet."""
-        if self._members_know or self._q is None or self._frozen is None:
-            return
-        assert self.together is not None
-        self._members_know, q = True, self._q
-        if not self.together.take(self._frozen, [member.of(q) for member in self.members]):
-            self._q = None
+    def evaluation(self, place: int) -> Evaluation:
+        """Last answer of the contact at a place of the group."""
+        if self._looped is not None and self._looped is not self._told and self._frozen is not None:
+            assert self.together is not None
+            self._told = self._looped
+            coordinates = [member.of(self._looped[1]) for member in self.members]
+            if not self.together.answer_as(self._frozen, coordinates):
+                self._looped = None
+        return self.members[place].mechanics.evaluation
 
     def end(self) -> None:
-        """Give the last state to the contacts' mechanics, and drop the data of compiled loops."""
-        self.update_members()
-        self._q = self._frozen = None
-
-    @property
-    def looped(self) -> FrozenContacts | None:
-        """Results of compiled loops in the last evaluation; None if the mechanics made it."""
-        return None if self._q is None else self._frozen
+        """Make evaluations of the last answer, and drop the data of compiled loops."""
+        self.evaluation(0)
+        self._looped = self._frozen = None
 
     @property
     def values(self) -> Array | None:
-        """Values of the sensors `sForce` of all members, (n, 6); None if their mechanics have them."""
-        return None if self.looped is None else self.looped.values
+        """Values of the sensors `sForce` of all members, (n, 6); None unless compiled loops have found them."""
+        return None if self._looped is None or self._frozen is None else self._frozen.values
+
+    @property
+    def stored(self) -> Array | None:
+        """Energy that each member stores, (n,) [J]; None unless compiled loops have found it."""
+        return None if self._looped is None or self._frozen is None else self._frozen.stored
 
     def publish(self, data: Array) -> None:
         """Write these values to where the sensors read them, among the model's data coordinates."""
@@ -616,7 +622,7 @@ class GroupRun:
         """Keep the data that results need of the members' state at t; `q` returns the model's coordinates at t."""
         frozen = self._frozen
         self.kept.drop(t)  # a second call for this time
-        if self._q is None or frozen is None:
+        if self._looped is None or frozen is None:
             for member in self.members:
                 member.keep(t, q)
             return

@@ -359,7 +359,7 @@ class ModelRun:
             if "sPlastic" in contact:
                 found[int(contact["sPlastic"])] = run.plastic_values()
             if contact.moment_about is not None:
-                found[int(contact["sMoment"])] = run.mechanics.moment(contact.moment_about).tolist()
+                found[int(contact["sMoment"])] = run.evaluation.moment(contact.moment_about).tolist()
         return found
 
     def before_step(self, mbs: MainSystem, t: float, *, joined: bool) -> None:

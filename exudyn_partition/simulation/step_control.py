@@ -115,7 +115,7 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
     limit : callable
         Returns the stability limit [s].
     """
-    if not contact.compliant or contact.mechanics.needs_motion or contact.mechanics.reach:
+    if not contact.compliant or contact.mechanics.ahead or not contact.mechanics.law.elastic or contact.mechanics.reach:
         return math.inf  # the contact has no flexibility of its own, or no force at a depth tells of its energy
     mechanics = contact.mechanics.for_run("explicit")
     time, speed = _first_touch(*mechanics.closing(q, q_t, q_tt))
@@ -385,7 +385,7 @@ class StepControl:
         for was_open, run in zip(self._was_open, self._runs, strict=True):
             is_open = run.is_open
             if was_open and not is_open and run.forward is None:
-                if is_long or (tolerance is not None and run.mechanics.reach - run.mechanics.least_gap > tolerance):
+                if is_long or (tolerance is not None and run.mechanics.reach - run.evaluation.least_gap > tolerance):
                     return 0.5 * taken
             opened |= is_open and not was_open
         if self._errors is None or not is_long or all(self._was_open):
@@ -402,7 +402,7 @@ class StepControl:
 
     def _stored(self) -> float:
         """Energy that bodies and contacts store at present [J]."""
-        stored = sum(run.mechanics.stored() for run in self._runs)
+        stored = sum(run.evaluation.stored for run in self._runs)
         q = self._state()[0]
         for item, own in self._own.items():
             stored += float(item.body.strain_energy(item.kinematics.elastic(q[own])))

@@ -27,7 +27,7 @@ def test_forces_are_the_same(round_body, flat_body, kind, frame):
 
     def forces():
         law = compliant(PatchGaps(*sides, kind))
-        found = [law.force(q).copy() for q in ways(sides[0], flat_body.n_dofs)]
+        found = [law.at(q).generalised.copy() for q in ways(sides[0], flat_body.n_dofs)]
         assert law.gaps.moving
         return np.array(found)
 
@@ -63,7 +63,7 @@ def test_following_only_the_nodes_that_rows_need_changes_no_force(round_body, fl
         monkeypatch.setattr(gaps, "MANY", many)
         with nullcontext() if compiled else without_numba():
             law = compliant(PatchGaps(*sides), Coulomb(0.3))
-            forces = [law.force(q).copy() for q in ways(sides[0], flat_body.n_dofs)]
+            forces = [law.at(q).generalised.copy() for q in ways(sides[0], flat_body.n_dofs)]
             followed = [side.n_followed for side in law.gaps.near_sides]
         assert (followed < [side.n_followed for side in law.gaps.sides]) is (many == 0)
         found.append(np.array(forces))
@@ -79,10 +79,10 @@ def test_forces_with_friction_are_the_same(round_body, flat_body):
         law, found, states = compliant(PatchGaps(*sides), Coulomb(0.3)), [], set()
         for step, q in enumerate(ways(sides[0], flat_body.n_dofs)):
             law.accept(float(step))
-            found.append(law.force(q).copy())
-            states |= set(law.status)
+            found.append(law.at(q).generalised.copy())
+            states |= set(law.evaluation.status)
         assert states == {0, 1, 2}
-        return np.array([*found, np.full(len(found[0]), law.dissipated())])
+        return np.array([*found, np.full(len(found[0]), law.evaluation.dissipated)])
 
     compiled, plain = each_way(forces)
     assert relative(compiled, plain) < 1e-8

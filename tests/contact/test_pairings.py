@@ -27,8 +27,8 @@ def test_a_second_contact_in_the_same_places_pairs_nothing_and_is_the_same(round
     fresh, kept = (law.gaps for law in laws)
     np.testing.assert_array_equal(kept.flexibility(np.arange(9)), fresh.flexibility(np.arange(9)))
     q = np.r_[-4e-6 * slave.rigid[:, 2], np.zeros(flat_body.n_dofs)]
-    np.testing.assert_array_equal(*(law.force(q) for law in laws))
-    assert laws[0].lam.any()
+    np.testing.assert_array_equal(*(law.at(q).generalised for law in laws))
+    assert laws[0].evaluation.lam.any()
 
 
 def test_other_places_frames_and_bodies_have_their_own_pairs(round_body, flat_body, monkeypatch):
@@ -60,12 +60,12 @@ def test_pairs_elsewhere_in_space_are_the_same(round_body, flat_body, monkeypatc
         gaps = PatchGaps(inertial(slave, place), inertial(flat_body, place))
         monkeypatch.setattr(pairings, "pair_surfaces", None)
         law = compliant(gaps)
-        law.force(np.r_[-4e-6 * slave.rigid[:, 2], np.zeros(flat_body.n_dofs)])
-        force.append(law.lam.sum())
+        law.at(np.r_[-4e-6 * slave.rigid[:, 2], np.zeros(flat_body.n_dofs)])
+        force.append(law.evaluation.lam.sum())
         laws.append(law)
     np.testing.assert_allclose(force, force[0], rtol=1e-9)
     assert len({id(law.law.problem.F) for law in laws}) == len({id(law.gaps.linear.H) for law in laws}) == 1
-    laws[0].law.problem.solve(np.ones(len(laws[0].lam)))
+    laws[0].law.problem.solve(np.ones(len(laws[0].evaluation.lam)))
     assert laws[1].law.problem.index.size  # active rows are each contact's own
 
 

@@ -15,11 +15,11 @@ def test_moving_pairs_are_the_frozen_ones_where_nothing_slides(round_body, flat_
     laws = [compliant(PatchGaps(inertial(round_body), inertial(flat_body), kind)) for _ in range(2)]
     laws[1].gaps.follow()
     q = np.r_[moved(inertial(round_body), [0, 0, -4e-6]), np.zeros(flat_body.n_dofs)]
-    frozen, moving = (law.force(q) for law in laws)
+    frozen, moving = (law.at(q).generalised for law in laws)
     assert not laws[0].gaps.moving
     assert laws[1].gaps.moving
-    assert laws[0].lam.sum() > 50
-    assert laws[1].lam.sum() == pytest.approx(laws[0].lam.sum(), rel=2e-3)
+    assert laws[0].evaluation.lam.sum() > 50
+    assert laws[1].evaluation.lam.sum() == pytest.approx(laws[0].evaluation.lam.sum(), rel=2e-3)
     assert relative(moving, frozen) < 5e-3
 
 
@@ -30,8 +30,8 @@ def test_sliding_over_facets(round_body, flat_body, kind):
     force = []
     for x in np.linspace(0, 0.6e-3, 61):
         q = np.r_[moved(inertial(round_body), [x, 0.2 * x, -4e-6]), np.zeros(flat_body.n_dofs)]
-        law.force(q)
-        force.append(law.resultant())
+        law.at(q)
+        force.append(law.evaluation.resultant())
     force = np.array(force)
     assert law.gaps.moving
     assert abs(force[:, 2] / force[:, 2].mean() - 1).max() < 0.05
@@ -68,11 +68,11 @@ def test_forces_of_followed_rows_belong_to_their_gaps(round_body, flat_body, kin
     slave = frame(round_body)
     law = compliant(PatchGaps(slave, inertial(flat_body), kind))
     for x in np.linspace(0, 0.1e-3, 4):
-        force = law.force(np.r_[moved(slave, [x, 0, -4e-6]), np.zeros(flat_body.n_dofs)])
-    H = law.gaps.jacobian(np.arange(len(law.lam)))
+        force = law.at(np.r_[moved(slave, [x, 0, -4e-6]), np.zeros(flat_body.n_dofs)]).generalised
+    H = law.gaps.jacobian(np.arange(len(law.evaluation.lam)))
     assert law.gaps.moving
-    assert np.count_nonzero(law.lam) > 1
-    np.testing.assert_allclose(force, law.lam @ H, rtol=0, atol=1e-11 * abs(force).max())
+    assert np.count_nonzero(law.evaluation.lam) > 1
+    np.testing.assert_allclose(force, law.evaluation.lam @ H, rtol=0, atol=1e-11 * abs(force).max())
 
 
 def test_the_flexibility_is_that_of_the_present_places(round_body, flat_body):
@@ -129,8 +129,10 @@ def test_what_closing_looks_at_changes_nothing(round_body, flat_body, kind):
     asked, other = (compliant(PatchGaps(slave, floating(flat_body), kind)) for _ in range(2))
     for i, x in enumerate(np.linspace(0, 0.1 * asked.gaps.size, 6)):
         q = np.r_[moved(slave, [x, 0, -4e-6]), np.zeros(flat_body.n_dofs)]
-        np.testing.assert_allclose(asked.force(q), other.force(q), rtol=0, atol=1e-9 * abs(other.force(q)).max())
-        gaps, closed = asked.gaps, asked.index
+        np.testing.assert_allclose(
+            asked.at(q).generalised, (expected := other.at(q).generalised), rtol=0, atol=1e-9 * abs(expected).max()
+        )
+        gaps, closed = asked.gaps, asked.evaluation.index
         rows, known = gaps.row_nodes, gaps.flexibility(closed)
         q_t = np.random.default_rng(i).standard_normal(len(q))
         gap, rate, change = asked.closing(q, q_t, 2.0 * q_t)
@@ -192,8 +194,8 @@ def test_forces_are_the_same_wherever_both_bodies_are(round_body, flat_body):
             floating(flat_body, [1.0, 2, 3], rotation),
         )
         law = compliant(PatchGaps(*sides))
-        force = law.force(np.r_[moved(sides[0], A @ [0, 0, -5e-6]), np.zeros(flat_body.n_dofs)])
-        answers.append((A.T @ law.resultant(), force[6 : round_body.n_dofs]))
+        force = law.at(np.r_[moved(sides[0], A @ [0, 0, -5e-6]), np.zeros(flat_body.n_dofs)]).generalised
+        answers.append((A.T @ law.evaluation.resultant(), force[6 : round_body.n_dofs]))
     np.testing.assert_allclose(answers[1][0], answers[0][0], rtol=1e-6, atol=1e-6 * answers[0][0][2])
     assert relative(answers[1][1], answers[0][1]) < 1e-6
 
@@ -203,14 +205,14 @@ def test_action_is_reaction_while_sliding(round_body, flat_body):
     slave, master = floating(round_body), floating(flat_body)
     law = compliant(PatchGaps(slave, master))
     q = np.r_[moved(slave, [0.3e-3, 0.1e-3, -4e-6], [1e-3, 2e-3, 0.2]), moved(master, [0, 0, 1e-7], [0, 1e-4, 0])]
-    force = law.force(q)
+    force = law.at(q).generalised
     parts = force[: slave.n], force[slave.n :]
     total, moment = np.zeros(3), np.zeros(3)
     for side, part, own in zip((slave, master), parts, law.gaps.split(q), strict=True):
         r, A = side.kinematics.frame(own)
         total += part[:3]
         moment += np.cross(r, part[:3]) + A @ part[3:6]
-    size = np.linalg.norm(law.resultant())
+    size = np.linalg.norm(law.evaluation.resultant())
     assert size > 50
     np.testing.assert_allclose(total, 0, atol=1e-12 * size)
     np.testing.assert_allclose(moment, 0, atol=1e-9 * size * SPHERE_RADIUS)
@@ -236,18 +238,18 @@ def test_patches_far_apart_have_no_rows_and_are_hardly_searched(round_body, flat
 def test_pairs_freeze_again_when_the_sliding_stops(round_body, flat_body):
     law = compliant(PatchGaps(inertial(round_body), inertial(flat_body)))
     q = np.r_[moved(inertial(round_body), [0.2e-3, 0, -4e-6]), np.zeros(flat_body.n_dofs)]
-    law.force(q)
+    law.at(q)
     assert law.gaps.moving
-    moving = law.lam.sum()
+    moving = law.evaluation.lam.sum()
     for n in range(500):
-        law.force(q)
+        law.at(q)
         law.accept(float(n))
     assert not law.gaps.moving
-    assert law.lam.sum() == pytest.approx(moving, rel=1e-9)
+    assert law.evaluation.lam.sum() == pytest.approx(moving, rel=1e-9)
     fresh, away = law.for_run(), q + 1e-4 * abs(q).max()
-    fresh.begin(law.after(500.0), 500.0)
+    fresh.begin(law.at_end(500.0), 500.0)
     assert not fresh.gaps.moving
-    np.testing.assert_allclose(fresh.force(away), law.force(away), rtol=1e-12)
+    np.testing.assert_allclose(fresh.at(away).generalised, law.at(away).generalised, rtol=1e-12)
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -268,13 +270,13 @@ def test_pairs_that_slide_slowly_along_either_direction_do_not_freeze(round_body
 def test_points_past_the_master_s_edge_carry_nothing(round_body, flat_body):
     law = compliant(PatchGaps(inertial(round_body), inertial(flat_body)))
     for x in np.linspace(0, 6e-3, 61):
-        law.force(np.r_[moved(inertial(round_body), [x, 0, -4e-6]), np.zeros(flat_body.n_dofs)])
-        if law.edge_reached() is not None:
+        law.at(np.r_[moved(inertial(round_body), [x, 0, -4e-6]), np.zeros(flat_body.n_dofs)])
+        if law.evaluation.edge_reached() is not None:
             break
     assert 1.1e-3 < x < 1.7e-3  # the contact's radius is 0.2 mm, the patch's 1.6
     for further in np.linspace(x, 6e-3, 61):
-        law.force(np.r_[moved(inertial(round_body), [further, 0, -4e-6]), np.zeros(flat_body.n_dofs)])
-    assert not law.lam.any()
+        law.at(np.r_[moved(inertial(round_body), [further, 0, -4e-6]), np.zeros(flat_body.n_dofs)])
+    assert not law.evaluation.lam.any()
 
 
 def test_contact_tells_that_it_leaves_the_patch_before_its_circle_reaches_the_edge(round_body, flat_body):
@@ -282,9 +284,9 @@ def test_contact_tells_that_it_leaves_the_patch_before_its_circle_reaches_the_ed
     ball = inertial(round_body, [1.2e-3, 0, 0])
     law = compliant(PatchGaps(ball, inertial(flat_body)))
     for radius in np.linspace(0.13e-3, 0.8e-3, 68):
-        law.force(np.r_[moved(ball, [0, 0, -(radius**2) / SPHERE_RADIUS]), np.zeros(flat_body.n_dofs)])
-        assert law.lam.any()
-        if (place := law.edge_reached()) is not None:
+        law.at(np.r_[moved(ball, [0, 0, -(radius**2) / SPHERE_RADIUS]), np.zeros(flat_body.n_dofs)])
+        assert law.evaluation.lam.any()
+        if (place := law.evaluation.edge_reached()) is not None:
             break
     assert not law.gaps.moving
     assert 0.2e-3 < radius < 0.4e-3

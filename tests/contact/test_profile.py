@@ -52,8 +52,8 @@ def test_a_carried_profile_presses_as_a_cylinder_and_a_surface_as_a_small_patch(
     for surface, pose in surfaces:
         side = floating(round_body)
         law = compliant(RigidGaps(side, surface, pose=pose))
-        law.force(moved(side, [0, 0, -4e-6]))
-        force.append(law.resultant())
+        law.at(moved(side, [0, 0, -4e-6]))
+        force.append(law.evaluation.resultant())
     assert force[1][2] > 50
     np.testing.assert_allclose(force[0], force[1], rtol=1e-5, atol=1e-5 * force[1][2])
 
@@ -65,7 +65,7 @@ def test_a_surface_that_starts_far_away_knows_its_nearest_rows():
     laws = [compliant(WanderingRigidGaps(floating(body), ep.RigidPlane((0, 0, -d)))) for d in (1e-6, 0.02)]
     near, far = (law.closed_stiffness() for law in laws)
     np.testing.assert_allclose(far, near, atol=1e-9 * abs(near).max())
-    assert not laws[1].force(np.zeros(body.n_dofs)).any()
+    assert not laws[1].at(np.zeros(body.n_dofs)).generalised.any()
 
 
 def test_rows_to_a_rigid_plane_come_and_go_with_the_place_of_contact():
@@ -78,12 +78,12 @@ def test_rows_to_a_rigid_plane_come_and_go_with_the_place_of_contact():
     for angle in (0.0, 0.3, 1.1, 2.0):
         q = down.kinematics.moved(np.zeros(body.n_dofs), np.r_[0, 0, 0, angle, 0, 0, np.zeros(body.n_dofs - 6)])
         q[2] = -0.2e-3
-        law.force(q)
+        law.at(q)
         gap, rows = points.mean @ (points.at(down.kinematics.place(q))[:, 2] - bottom), law.gaps.row_nodes
-        np.testing.assert_allclose(law.h, gap[rows], atol=1e-15)
+        np.testing.assert_allclose(law.evaluation.h, gap[rows], atol=1e-15)
         assert set(np.flatnonzero(gap < 0)) <= set(rows)
         assert len(rows) < len(gap) / 2
-        assert law.resultant()[2] > 100
+        assert law.evaluation.resultant()[2] > 100
 
 
 @pytest.mark.parametrize(

@@ -38,12 +38,17 @@ def test_a_rigid_surface_that_is_carried(round_body):
     place = np.array([0.1, 0.2, 0.3])
     side = floating(round_body, place, (0.4, 0.2, -0.3))
     law = compliant(RigidGaps(side, RigidPlane(), pose=lambda: (place, A)))
-    law.force(moved(side, A @ [0, 0, -4e-6]))
+    law.at(moved(side, A @ [0, 0, -4e-6]))
     at_rest = compliant(RigidGaps(inertial(round_body), RigidPlane()))
-    at_rest.force(moved(inertial(round_body), [0, 0, -4e-6]))
-    assert at_rest.lam.sum() > 100
-    assert law.lam.sum() == pytest.approx(at_rest.lam.sum(), rel=1e-6)
-    np.testing.assert_allclose(A.T @ law.resultant(), at_rest.resultant(), rtol=1e-6, atol=1e-6 * at_rest.lam.sum())
+    at_rest.at(moved(inertial(round_body), [0, 0, -4e-6]))
+    assert at_rest.evaluation.lam.sum() > 100
+    assert law.evaluation.lam.sum() == pytest.approx(at_rest.evaluation.lam.sum(), rel=1e-6)
+    np.testing.assert_allclose(
+        A.T @ law.evaluation.resultant(),
+        at_rest.evaluation.resultant(),
+        rtol=1e-6,
+        atol=1e-6 * at_rest.evaluation.lam.sum(),
+    )
 
 
 @pytest.mark.parametrize("surface", [RigidPlane(), RigidCylinder((0, 0, -0.02), (1.0, 0.3, 0), 0.02)])
@@ -80,15 +85,20 @@ def test_the_carrier_bears_the_reaction(round_body, surface, friction):
     A, side = Rotation.from_rotvec(turn).as_matrix(), floating(round_body, place, turn)
     law = compliant(RigidGaps(side, surface, pose=lambda: (place, A)), friction and Coulomb(friction))
     for n, way in enumerate([(0, 0, 0), (0, 0, -4e-6), (1e-6, 2e-6, -5e-6)]):
-        law.force(moved(side, A @ way))
+        law.at(moved(side, A @ way))
         law.accept(float(n))
-    force = law.on_carrier(place)
-    np.testing.assert_allclose(force, law.row_carrier().T @ law.forces[law.index].ravel(), rtol=1e-9, atol=1e-9)
-    (on_patch,), elsewhere = law.nodal_forces(), place + np.array([0.3, -0.1, 0.2])
+    force = law.evaluation.on_carrier(place)
+    np.testing.assert_allclose(
+        force,
+        law.evaluation.row_carrier().T @ law.evaluation.on_rows[law.evaluation.index].ravel(),
+        rtol=1e-9,
+        atol=1e-9,
+    )
+    (on_patch,), elsewhere = law.evaluation.nodal_forces(), place + np.array([0.3, -0.1, 0.2])
     np.testing.assert_allclose(on_patch.sum(axis=0), -force[:3], rtol=1e-9)
     assert (-A.T @ force[:3])[2] > 50
     moment = np.cross(law.gaps.centre + law.gaps.places_now()[0] - elsewhere, on_patch).sum(axis=0)
-    np.testing.assert_allclose(law.on_carrier(elsewhere)[3:], -moment, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(law.evaluation.on_carrier(elsewhere)[3:], -moment, rtol=1e-7, atol=1e-9)
 
 
 @pytest.mark.parametrize("friction", [None, 0.3])
@@ -98,11 +108,11 @@ def test_moments_of_a_contact_far_from_the_origin(round_body, friction):
     side = inertial(round_body, place)
     law = compliant(RigidGaps(side, RigidPlane(place)), friction and Coulomb(friction))
     for n, way in enumerate([(0, 0, 0), (0, 0, -4e-6), (2e-6, 0, -4e-6)]):
-        law.force(moved(side, way))
+        law.at(moved(side, way))
         law.accept(float(n))
     x = place + way + round_body.points[round_body.partition.patches[0].nodes]
-    moment = np.cross(x - point, law.nodal_forces()[0]).sum(axis=0)
-    np.testing.assert_allclose(law.moment(point), moment, rtol=1e-9)
+    moment = np.cross(x - point, law.evaluation.nodal_forces()[0]).sum(axis=0)
+    np.testing.assert_allclose(law.evaluation.moment(point), moment, rtol=1e-9)
     assert np.linalg.norm(moment) > 50
 
 

@@ -116,8 +116,8 @@ def test_a_ball_presses_on_it_as_on_a_plane(round_body):
     for surface, pose in ((mesh, lambda: (np.array([0, 0, -HALF[2]]), A)), (ep.RigidPlane(), None)):
         side = floating(round_body)
         law = compliant(RigidGaps(side, surface, pose=pose))
-        law.force(moved(side, [0, 0, -4e-6]))
-        force.append(law.resultant())
+        law.at(moved(side, [0, 0, -4e-6]))
+        force.append(law.evaluation.resultant())
     assert force[1][2] > 50
     np.testing.assert_allclose(*force, rtol=1e-9, atol=1e-9 * force[1][2])
 

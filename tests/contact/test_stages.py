@@ -66,14 +66,14 @@ def test_the_flexibility_follows_from_the_anchor_whatever_came_before(round_body
     size, q = law.gaps.size, at(slave, master, 0.0)
     anchors = []
     for n in range(60):
-        law.force(at(slave, master, 4e-3 * size * n))
+        law.at(at(slave, master, 4e-3 * size * n))
         law.accept(float(n))
         anchors.append(law.state.gaps.anchor if law.remembers else law.gaps.accepted.anchor)
         fresh = law.for_run()
-        fresh.begin(law.after(float(n)), float(n))
+        fresh.begin(law.at_end(float(n)), float(n))
         q = at(slave, master, 4e-3 * size * (n + 1.3))
-        expected = law.force(q)
-        np.testing.assert_allclose(fresh.force(q), expected, rtol=0, atol=1e-9 * abs(expected).max())
+        expected = law.at(q).generalised
+        np.testing.assert_allclose(fresh.at(q).generalised, expected, rtol=0, atol=1e-9 * abs(expected).max())
         law.retry()
     assert 5 < len({*map(id, anchors)}) < 50  # it was kept, and found again
 
@@ -86,7 +86,7 @@ def test_a_second_run_is_the_first_whatever_came_before(round_body, frame):
     first, second = [], []
     for run in (first, second):
         own = law.for_run()
-        run += [own.force(q) for q in ways]
+        run += [own.at(q).generalised for q in ways]
     assert abs(np.array(first)).max() > 1
     np.testing.assert_array_equal(first, second)
 

@@ -46,22 +46,22 @@ def test_forces_energy_and_work_are_those_of_fields_of_displacements(contact):
     law = contact.for_run()
     sides = range(len(law.gaps.sides))
     G, F = [law.rows.side_rows(side) for side in sides], [np.asarray(side.flexibility) for side in law.gaps.sides]
-    H = dense(law.rows.jacobian(np.arange(len(law.row_nodes))))
+    H = dense(law.rows.jacobian(np.arange(len(law.gaps.row_nodes))))
     u, last_q, t = [np.zeros(len(own)) for own in F], coordinates(law, (0, 0, 0)), 0.0
-    elastic = last = np.zeros((len(sides), len(law.row_nodes), 3))
+    elastic = last = np.zeros((len(sides), len(law.gaps.row_nodes), 3))
     work = rubbed = 0.0
     states = set()
     for step, way in STEPS:
         law.accept(t)
         t, q = t + 1e-6 * step, coordinates(law, way)
-        law.take_step(t)
-        law.force(q)
+        law.ends_at(t)
+        law.at(q)
         share = [1e-6 * step / (1e-6 * step + beta) for beta in BETAS[: len(sides)]]
         whole = sum(share[s] * G[s] @ F[s] @ G[s].T for s in sides)
         before = [(G[s] @ u[s]).reshape(-1, 3) for s in sides]
         h = (H @ (q - last_q)).reshape(-1, 3) - sum(share[s] * before[s] for s in sides)
         h[:, 0] = law.gaps.at(q) + sum((1 - share[s]) * before[s][:, 0] for s in sides)
-        lam = law.forces
+        lam = law.evaluation.on_rows
         assert broken_law(whole, h, np.full(len(h), MU), lam) < 1e-6
         u = [share[s] * F[s] @ (G[s].T @ lam.ravel()) + (1 - share[s]) * u[s] for s in sides]
         elastic = [share[s] * lam + (1 - share[s]) * elastic[s] for s in sides]
@@ -69,31 +69,31 @@ def test_forces_energy_and_work_are_those_of_fields_of_displacements(contact):
         stored = 0.5 * sum(np.vdot(elastic[s], now[s]) for s in sides)
         work += 0.5 * sum(np.vdot(lam + last[0], now[s] - before[s]) for s in sides)
         slips = (h + (whole @ lam.ravel()).reshape(-1, 3))[:, 1:]
-        if law.index.size:
+        if law.evaluation.index.size:
             rubbed -= 0.5 * np.vdot((lam + last[0])[:, 1:], slips)
-        assert law.stored() == pytest.approx(stored, rel=1e-5)
-        assert law.viscous_work() == pytest.approx(work - stored, rel=1e-5)
-        assert law.dissipated() == pytest.approx(rubbed, rel=1e-5, abs=1e-6 * stored)
+        assert law.evaluation.stored == pytest.approx(stored, rel=1e-5)
+        assert law.evaluation.viscous_work == pytest.approx(work - stored, rel=1e-5)
+        assert law.evaluation.dissipated == pytest.approx(rubbed, rel=1e-5, abs=1e-6 * stored)
         last, last_q = [lam.copy()], q
-        states |= {*law.status}
+        states |= {*law.evaluation.status}
     assert not law.gaps.moving
     assert {STICK, SLIP} < states
-    assert law.viscous_work() > 0.5 * stored > 0
+    assert law.evaluation.viscous_work > 0.5 * stored > 0
 
 
 def test_what_is_closed_ahead_of_the_first_step_is_at_rest(contact):
     """Exudyn asks for forces before it begins: nothing moves then, and nothing creeps in the first steps."""
     law, q = contact.for_run(), coordinates(contact, (0, 0, -9))
     law.accept(0.0)
-    law.take_step(0.0)
-    law.force(q)
-    at_rest = law.forces.copy()
+    law.ends_at(0.0)
+    law.at(q)
+    at_rest = law.evaluation.on_rows.copy()
     assert at_rest.any()
     for t in (1e-6, 1.3e-6):
-        law.take_step(t)
-        law.force(q)
-        np.testing.assert_allclose(law.forces, at_rest, atol=1e-6 * at_rest.max())
-        assert law.viscous_work() < 1e-9 * law.stored()
+        law.ends_at(t)
+        law.at(q)
+        np.testing.assert_allclose(law.evaluation.on_rows, at_rest, atol=1e-6 * at_rest.max())
+        assert law.evaluation.viscous_work < 1e-9 * law.evaluation.stored
         law.accept(t)
 
 
@@ -103,10 +103,10 @@ def test_nothing_is_left_after_a_long_time(contact):
     for way in [(0, 0, -3)] + 70 * [(0, 0, 50)]:
         law.accept(t)
         t += 1e-6
-        law.take_step(t)
-        law.force(coordinates(law, way))
+        law.ends_at(t)
+        law.at(coordinates(law, way))
     law.accept(t)
-    assert not law.creep.elastic
+    assert not law.state.creep.elastic
 
 
 @pytest.mark.parametrize("friction", [None, ep.Coulomb(MU)])

@@ -1,7 +1,6 @@
 """Contact that wanders over whole surfaces: a disc that rolls on a plate, and in a slot."""
 
 import contextlib
-from types import SimpleNamespace
 
 import netgen.occ as occ
 import numpy as np
@@ -61,8 +60,8 @@ def forces(rim, face, places):
     law = compliant(WanderingGaps(floating(rim, (0, 1e-6, 0)), inertial(face)))
     found = []
     for angle, x in places:
-        law.force(np.r_[turned(rim, angle, [x, -DEEP - 1e-6, 0]), np.zeros(face.n_dofs)])
-        found.append(law.resultant())
+        law.at(np.r_[turned(rim, angle, [x, -DEEP - 1e-6, 0]), np.zeros(face.n_dofs)])
+        found.append(law.evaluation.resultant())
     return np.array(found)
 
 
@@ -85,8 +84,8 @@ def test_rows_within_a_thin_elastic_wall_are_those_of_its_face_alone(round_body)
         sheet, side = ep.reduce(fem, part, f_cut=20e3), floating(round_body, (0, 0, top))
         law = compliant(WanderingGaps(side, inertial(sheet)))
         for depth in (0.02e-3, 0.08e-3, 0.15e-3, 0.19e-3):
-            law.force(np.r_[moved(side, [0, 0, -depth]), np.zeros(sheet.n_dofs)])
-            found.append([law.gaps.at(law.gaps.q).min(), law.resultant()[2]])
+            law.at(np.r_[moved(side, [0, 0, -depth]), np.zeros(sheet.n_dofs)])
+            found.append([law.gaps.at(law.gaps.q).min(), law.evaluation.resultant()[2]])
     assert found[3][0] < -0.9 * t
     np.testing.assert_allclose(found[4:], found[:4], rtol=1e-6)
 
@@ -98,8 +97,8 @@ def test_a_surface_presses_as_a_small_patch_on_the_same_mesh(disc, plate, rim, f
     large = compliant(WanderingGaps(inertial(rim), inertial(face)))
     force = []
     for law, (slave, master) in ((small, (tip, spot)), (large, (rim, face))):
-        law.force(np.r_[moved(inertial(slave), [0, -DEEP, 0]), np.zeros(master.n_dofs)])
-        force.append(law.resultant())
+        law.at(np.r_[moved(inertial(slave), [0, -DEEP, 0]), np.zeros(master.n_dofs)])
+        force.append(law.evaluation.resultant())
     assert force[0][1] > 20
     np.testing.assert_allclose(force[1], force[0], rtol=1e-6, atol=1e-6 * force[0][1])
 
@@ -115,9 +114,9 @@ def test_flexibility_along_local_normals(disc, rim):
 def test_force_is_the_gradient_of_its_potential(rim, face):
     law = compliant(WanderingGaps(floating(rim, (0, 1e-6, 0)), inertial(face)))
     at, step = [0.4e-3, -DEEP - 1e-6, 0], 1e-9
-    force = -law.force(np.r_[turned(rim, 1.3, at), np.zeros(face.n_dofs)])[1]
+    force = -law.at(np.r_[turned(rim, 1.3, at), np.zeros(face.n_dofs)]).generalised[1]
     energy = [
-        law.potential(np.r_[turned(rim, 1.3, np.add(at, [0, way, 0])), np.zeros(face.n_dofs)]) for way in (-step, step)
+        law.at(np.r_[turned(rim, 1.3, np.add(at, [0, way, 0])), np.zeros(face.n_dofs)]).stored for way in (-step, step)
     ]
     assert (energy[1] - energy[0]) / (2 * step) == pytest.approx(force, rel=1e-4)
 
@@ -133,8 +132,8 @@ def test_friction_of_parts_is_that_of_small_patches(disc, plate, rim, face):
         for step, x in enumerate((0.0, 0.2e-6, 0.4e-6)):
             q = np.r_[moved(inertial(slave), [x, -DEEP, 0]), np.zeros(master.n_dofs)]
             law.accept(1e-6 * step)
-            law.evaluate(SimpleNamespace(q=q, q_t=np.zeros(len(q)), step=1e-6, start=1e-6 * step))
-        found.append(law.resultant())
+            law.at(q)
+        found.append(law.evaluation.resultant())
     assert found[0][0] < -1
     np.testing.assert_allclose(found[1], found[0], rtol=1e-3, atol=1e-3 * found[0][1])
 
@@ -146,10 +145,10 @@ def slid(rim, face, places):
     for step, (angle, x) in enumerate(places):
         q = np.r_[turned(rim, angle, [x, -DEEP - 1e-6, 0]), np.zeros(face.n_dofs)]
         law.accept(1e-6 * step)
-        law.evaluate(SimpleNamespace(q=q, q_t=np.zeros(len(q)), step=1e-6, start=1e-6 * step))
-        found.append(law.resultant())
-        rows |= {*law.row_nodes[law.index].tolist()}
-    return np.array(found), law.dissipated(), rows
+        law.at(q)
+        found.append(law.evaluation.resultant())
+        rows |= {*law.gaps.row_nodes[law.evaluation.index].tolist()}
+    return np.array(found), law.evaluation.dissipated, rows
 
 
 @pytest.mark.parametrize("spin", [-1.0, 1.0])
@@ -222,8 +221,8 @@ def test_spots_appear_and_vanish(rim):
     law = compliant(WanderingGaps(inertial(rim, (-2e-3, 1e-6, 0)), inertial(body)))
     up = []
     for y in (-DEEP, 0.0, DEEP, 0.0, -DEEP):
-        law.force(np.r_[moved(inertial(rim), [0, y, 0]), np.zeros(body.n_dofs)])
-        up.append(law.resultant()[1])
+        law.at(np.r_[moved(inertial(rim), [0, y, 0]), np.zeros(body.n_dofs)])
+        up.append(law.evaluation.resultant()[1])
     assert up[0] > 5
     assert up[1] == up[3] == 0
     assert up[2] < -5
@@ -244,7 +243,7 @@ def test_rows_near_a_rigid_plane_have_the_force_of_all_rows(rim):
     pressed = []
     for angle, height in [(0, 8e-3), (0, 6.5e-3), (0, 2e-3), (0, -DEEP), (0.3, -DEEP), (0.6, 5e-4), (0.6, -DEEP)]:
         q = turned(rim, angle, [-R * angle, height, 0])
-        force, expected = near.force(q), every.force(q)
+        force, expected = near.at(q).generalised, every.at(q).generalised
         np.testing.assert_allclose(force, expected, rtol=0, atol=1e-6 * max(abs(expected).max(), 1.0))
         pressed.append(expected.any())
         gap, *_ = near.closing(q, 0.0 * q, 0.0 * q)
@@ -253,7 +252,7 @@ def test_rows_near_a_rigid_plane_have_the_force_of_all_rows(rim):
         assert gap[-1] <= gaps[left_out].min()
         assert gap.min() <= gaps.min() + 1e-12
         fresh = near.for_run()
-        np.testing.assert_allclose(fresh.force(q), expected, rtol=0, atol=1e-6 * max(abs(expected).max(), 1.0))
+        np.testing.assert_allclose(fresh.at(q).generalised, expected, rtol=0, atol=1e-6 * max(abs(expected).max(), 1.0))
     assert 1 < sum(pressed) < len(pressed)
 
 

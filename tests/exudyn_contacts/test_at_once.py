@@ -114,8 +114,8 @@ def test_forces_are_those_of_an_element_for_each_contact(marble, aside, plate, f
     assert moving == [any(aside) or frame == "floating"] * len(moving)
     assert_same_motion(mbs, other)
     for run, law in zip(result.runs, (laws[0, 1], laws[1, 2], *([] if plate is None else [laws[0,]])), strict=True):
-        np.testing.assert_array_equal(run.mechanics.index, law.index)
-        np.testing.assert_allclose(run.mechanics.resultant(), law.resultant(), rtol=1e-9, atol=1e-9)
+        np.testing.assert_array_equal(run.evaluation.index, law.evaluation.index)
+        np.testing.assert_allclose(run.evaluation.resultant(), law.evaluation.resultant(), rtol=1e-9, atol=1e-9)
 
 
 def test_the_jacobian_is_the_derivative_of_the_forces(marble):
@@ -234,7 +234,7 @@ def test_pairs_that_stop_to_slide_go_on_in_loops(marble):
     # Somebody moves the pairs of a law: then the laws find the present state themselves.
     laws[1][0].gaps.at(runs[0].of(np.concatenate([moved[0], moved[1] + marble.rigid[:, 0] * size, moved[2]])))
     assert runs[0].mechanics.gaps.moving
-    np.testing.assert_allclose(runs[0].mechanics.resultant(), laws[0][0].resultant(), rtol=0.02, atol=0.02)
+    np.testing.assert_allclose(runs[0].evaluation.resultant(), laws[0][0].evaluation.resultant(), rtol=0.02, atol=0.02)
     assert group.values is None
 
 
@@ -250,10 +250,10 @@ def test_contacts_that_fly_tell_the_smallest_gap(marble):
             expected[run.dofs] += own
         np.testing.assert_allclose(force, expected, rtol=1e-9, atol=1e-9 * abs(expected).max())
         assert group.pushes == expected.any() == (100 <= step < 120)
-        gaps = [law.least_gap for law in laws[0]]
+        gaps = [law.evaluation.least_gap for law in laws[0]]
         np.testing.assert_allclose(group.values[:, 5], gaps, rtol=1e-9)
         if step == 200:
-            assert [run.mechanics.least_gap for run in runs] == pytest.approx(gaps, rel=1e-9)
+            assert [run.evaluation.least_gap for run in runs] == pytest.approx(gaps, rel=1e-9)
 
 
 @pytest.mark.usefixtures("each_path")

@@ -38,7 +38,7 @@ def test_a_plan_leaves_the_model_as_it_is(mbs, items):
         partial(plan_contact, mbs, *items, name="contact"),  # a name is free until the contact is built
         partial(plan_contact, mbs, items[0], ep.RigidPlane(), masterBody=carrier),
     ):
-        assert planned().mechanics.lam.sum() == 0.0
+        assert planned().mechanics.evaluation.lam.sum() == 0.0
     for wrong in (
         {"passes": "two"},
         {"rows": "nodes"},

@@ -21,7 +21,7 @@ class Diary:
     def retry(self):
         self.pages.append("retry")
 
-    def take_step(self, end):
+    def ends_at(self, end):
         """It would need the time at which forces come next if it were viscous."""
 
 
@@ -65,7 +65,7 @@ def test_a_group_keeps_what_each_member_has_once_a_time_and_notes_its_edge():
 class Known(Diary):
     """A law whose force is known."""
 
-    remembers, ahead, pushes = False, False, True
+    remembers, ahead, evaluation = False, False, SimpleNamespace(pushes=True)
 
 
 def test_forces_of_a_body_that_touches_itself_add_up():

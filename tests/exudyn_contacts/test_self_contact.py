@@ -199,13 +199,13 @@ def test_friction_turns_with_the_clip(rough):
             deformed = kinematics.moved(np.zeros(n), (close * shapes[0] + shear * shapes[1]) / SPEED)
             q = kinematics.moved(deformed, np.r_[3e-3 * step * turn, step * turn, np.zeros(n - 6)])
             law.accept(1e-6 * step)
-            on_both = law.force(np.tile(q, 2)).reshape(2, n)
+            on_both = law.at(np.tile(q, 2)).generalised.reshape(2, n)
             on_frame = on_both.sum(axis=0)[:6]
             size = abs(on_both[:, :3]).max()
             assert abs(on_frame[:3]).max() <= 1e-12 * size
             assert abs(on_frame[3:]).max() <= 1e-12 * size * ARM
-            forces.append(law.forces)
-            states |= {*law.status.tolist()}
+            forces.append(law.evaluation.on_rows)
+            states |= {*law.evaluation.status.tolist()}
         assert states == {OPEN, STICK, SLIP}
         assert not forces[-1].any()
         found.append(np.concatenate(forces))
@@ -289,7 +289,7 @@ def test_a_clip_on_a_ball_touches_itself(clip, frame, axes):
     expected = Complementarity(regularised(np.block(blocks))).solve(np.concatenate(gaps))
     pressed = np.split(expected, [len(gaps[0])])
     assert min(lam.sum() for lam in pressed) > 50.0
-    assert relative(np.concatenate([law.lam for law in group.contacts]), expected) < 1e-6
+    assert relative(np.concatenate([law.evaluation.lam for law in group.contacts]), expected) < 1e-6
 
 
 def test_the_flexibility_does_not_depend_on_the_number_of_modes(clip, rough):

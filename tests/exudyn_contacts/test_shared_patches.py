@@ -82,9 +82,9 @@ def test_forces_are_those_of_the_whole_problem(plate_of, marble):
         h = np.concatenate([law.gaps.at(x) for law, x in zip(laws, q, strict=True)])
         lam = Complementarity(F).solve(h)
         assert abs(F[: len(own[0]), len(own[0]) :] @ lam[len(own[0]) :]).max() > -1e-3 * h.min()  # they push
-        np.testing.assert_allclose(np.concatenate([law.lam for law in laws]), lam, atol=1e-6 * lam.max())
+        np.testing.assert_allclose(np.concatenate([law.evaluation.lam for law in laws]), lam, atol=1e-6 * lam.max())
         for law, force, x in zip(laws, forces, q, strict=True):
-            np.testing.assert_allclose(force, law.gaps.linear.H.T @ law.lam, atol=1e-12 * abs(force).max())
+            np.testing.assert_allclose(force, law.gaps.linear.H.T @ law.evaluation.lam, atol=1e-12 * abs(force).max())
             assert len(x) == len(force)
 
 
@@ -136,9 +136,9 @@ def test_forces_with_friction_are_those_of_the_whole_problem(plate_of, rough_mar
         together.forces(q)
         h, before = -F @ last, before or q  # sliding counts from the first places
         for part, law, x, start in zip(parts, laws, q, before, strict=True):
-            h[part] += dense(law.rows.jacobian(np.arange(len(law.row_nodes)))) @ (x - start)
+            h[part] += dense(law.rows.jacobian(np.arange(len(law.gaps.row_nodes)))) @ (x - start)
             h[part][:: law.rows.d] = law.gaps.at(x)
-        found, before = np.concatenate([law.forces.ravel() for law in laws]), q
+        found, before = np.concatenate([law.evaluation.on_rows.ravel() for law in laws]), q
         w = h + F @ found
         for part, law in zip(parts, laws, strict=True):
             lam, slid = (values[part].reshape(-1, law.rows.d) for values in (found, w))
@@ -151,7 +151,7 @@ def test_forces_with_friction_are_those_of_the_whole_problem(plate_of, rough_mar
                 assert (along - bound).max() < 1e-8 * force
                 assert ((bound - along) * way).max() < 1e-8 * depth * force  # what slides has all of its friction
                 assert abs(along[:, None] * slid[:, 1:] + way[:, None] * lam[:, 1:]).max() < 1e-8 * depth * force
-                states |= {*law.status.tolist()}
+                states |= {*law.evaluation.status.tolist()}
         last = found
     assert states == {OPEN, STICK, SLIP}
 

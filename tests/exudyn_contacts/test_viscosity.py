@@ -143,27 +143,27 @@ def test_forces_are_those_of_two_fields_of_displacements(round_body, flat_body, 
         q = [-depth * items[0].body.rigid[:, 2] if side == slave else np.zeros(n[side]) for side in (0, 1)]
         mechanics.accept(t)
         t += step
-        mechanics.take_step(t + step)  # a longer step is tried first
-        mechanics.force(np.concatenate(q))
-        mechanics.take_step(t)
-        mechanics.force(np.concatenate(q))
+        mechanics.ends_at(t + step)  # a longer step is tried first
+        mechanics.at(np.concatenate(q))
+        mechanics.ends_at(t)
+        mechanics.at(np.concatenate(q))
         shares = [step / (step + beta) for beta in times]
         parts = [*zip(rows, F, u, shares, strict=True)]
         h = mechanics.gaps.at(np.concatenate(q)) + sum((1 - share) * G @ own for G, _, own, share in parts)
         whole = sum(share * G @ flexible @ G.T for G, flexible, _, share in parts)
         L = np.linalg.cholesky(whole)
         lam = scipy.optimize.nnls(L.T, -np.linalg.solve(L, h), maxiter=10000)[0]
-        np.testing.assert_allclose(mechanics.lam, lam, atol=1e-5 * max(lam.max(), 1e-6 * depth))
+        np.testing.assert_allclose(mechanics.evaluation.lam, lam, atol=1e-5 * max(lam.max(), 1e-6 * depth))
         before, u = u, [share * flexible @ (G.T @ lam) + (1 - share) * own for G, flexible, own, share in parts]
         last = np.zeros(len(lam)) if last is None else last
         work += sum(0.5 * (lam + last) @ G @ (now - then) for G, now, then in zip(rows, u, before, strict=True))
         stored = sum(0.5 * own @ np.linalg.lstsq(flexible, own)[0] for own, flexible in zip(u, F, strict=True))
         taken, last = work - stored, lam
-        assert mechanics.viscous_work() + mechanics.stored() == pytest.approx(work, rel=1e-5)
+        assert mechanics.evaluation.viscous_work + mechanics.evaluation.stored == pytest.approx(work, rel=1e-5)
         if lam.any():
-            assert mechanics.stored() == pytest.approx(stored, rel=1e-3)
-            K = mechanics.row_stiffness()
-            some = mechanics.index
+            assert mechanics.evaluation.stored == pytest.approx(stored, rel=1e-3)
+            K = mechanics.evaluation.row_stiffness()
+            some = mechanics.evaluation.index
             np.testing.assert_allclose(K @ whole[np.ix_(some, some)], np.eye(len(some)), atol=1e-5)
     assert taken > 0.1 * stored
 

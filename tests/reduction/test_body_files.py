@@ -59,7 +59,7 @@ def test_loaded_bodies_meet_with_the_same_force(pair, tmp_path):
             q_t = np.r_[striker.rigid @ down, np.zeros(target.n_dofs)]
             rows = ForwardRows(multipliers(gaps))
             return ForwardIncrement([rows], [np.arange(len(q))]).increment([(q, q_t, np.zeros(len(q)))], 1e-8)[0]
-        return compliant(gaps).force(q)
+        return compliant(gaps).at(q).generalised
 
     expected = answer(*pair)
     assert np.abs(expected).max() > 0

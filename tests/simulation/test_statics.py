@@ -224,7 +224,7 @@ def test_frequencies_about_the_equilibrium_are_those_of_its_stiffness(mbs, bodie
     found, _ = mbs.ComputeODE2Eigenvalues(convert2Frequencies=True)
     q, law = item.coordinates(result)[-1], contact.mechanics.for_run("static")
     small = 1e-9 * np.eye(len(q))
-    tangent = np.array([(law.force(q - way) - law.force(q + way)) / 2e-9 for way in small])
+    tangent = np.array([(law.at(q - way).generalised - law.at(q + way).generalised) / 2e-9 for way in small])
     stiffness = item.body.stiffness.toarray() + K + (tangent + tangent.T) / 2
     square = scipy.linalg.eigh(stiffness, item.body.mass.toarray(), eigvals_only=True)
     np.testing.assert_allclose(found, np.sqrt(square) / (2 * np.pi), rtol=1e-3)

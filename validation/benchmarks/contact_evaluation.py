@@ -2,7 +2,7 @@
 
 Reference: the same in NumPy, in a process of its own where numba does not compile. The limits are 0.7 of its time with
 frozen pairs and 0.45 with moving ones, for the default rows, which are integrated.
-Quantity: median time of `law.force(q)` over 2000 calls, with the contact closed to the depth of a Hertz impact. In the
+Quantity: median time of `law.at(q).generalised` in 2000 calls, with the contact closed as deep as in an impact. In the
 case "frozen" the coordinates change but do not slide. In the case "moving" they slide by 0.1 % of a facet in a call,
 over edges of facets. The table also has node-to-segment rows, the numbers of closed rows, sliding at four and a half
 times the depth, which closes 60 integrated rows, at six times, which closes most, and the same with the patches apart.
@@ -62,11 +62,11 @@ def ball_on_plate():
 
 
 def median_us(law, coordinates):
-    """Median time of `law.force` [us]."""
+    """Median time of `law.at(q).generalised` [us]."""
     times = []
     for q in coordinates:
         begin = time.perf_counter()
-        law.force(q)
+        _ = law.at(q).generalised
         times.append(time.perf_counter() - begin)
     return 1e6 * float(np.median(times))
 
@@ -98,7 +98,7 @@ def measure(bodies, kind):
         entry["rows"] = len(law.gaps.row_nodes)
         entry[f"{name}_us"] = median_us(law, motions(bodies, law.gaps)[name])
         if name in ("moving", "sixty", "deep"):
-            entry[f"{name}_closed_rows"] = len(law.index)
+            entry[f"{name}_closed_rows"] = len(law.evaluation.index)
     return entry
 
 

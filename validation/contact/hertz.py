@@ -150,19 +150,19 @@ def static(level=0.15):
         for _ in range(20):
             q[~elastic] = (body.rigid @ np.r_[0, 0, -approach, 0, 0, 0])[~elastic]
             q = scenes.equilibrium(law, q, elastic)
-            miss = law.lam.sum() / force - 1
+            miss = law.evaluation.lam.sum() / force - 1
             if abs(miss) < 1e-10:
                 break
             approach *= 1 - miss / 1.5
         r, p, weight, p_hertz = hat_means(law, lambda x, p0=p0, a=a: p0 * np.sqrt(np.maximum(1 - (x / a) ** 2, 0)))
-        closed = law.node_areas[law.row_nodes[law.index]].sum()
+        closed = law.node_areas[law.gaps.row_nodes[law.evaluation.index]].sum()
         found[rows] = {
             "approach_over_hertz": approach / (a**2 / radius) - 1,
             "approach_over_sphere": approach / sphere_approach - 1,
             "pressure_L2": math.sqrt(weight @ (p - p_hertz) ** 2 / (weight @ p_hertz**2)),
             "pressure_of_rows_L2": rows_error(law, lambda x, p0=p0, a=a: p0 * np.sqrt(np.maximum(1 - (x / a) ** 2, 0))),
             "radius_error": math.sqrt(closed / math.pi) / a - 1,
-            "closed_rows": len(law.index),
+            "closed_rows": len(law.evaluation.index),
             "state_s": time.perf_counter() - begin,
             "r_over_a": list(r / a),
             "pressure": list(p / p0),
@@ -202,7 +202,7 @@ def rows_error(law, pressure):
 def row_forces(law):
     """Forces of the rows, (np,) [N], by the patch's nodes."""
     forces = np.zeros(len(law.node_areas))
-    forces[law.row_nodes] = law.lam
+    forces[law.gaps.row_nodes] = law.evaluation.lam
     return forces
 
 

@@ -68,9 +68,9 @@ def pressed(fems, bodies, options):
     state_s = time.perf_counter() - begin
     exact = FORCE / SIDE**2
     found = {
-        "total_error": law.lam.sum() / FORCE - 1,
+        "total_error": law.evaluation.lam.sum() / FORCE - 1,
         "rows": contact.n_rows,
-        "open_rows": len(law.lam) - len(law.index),
+        "open_rows": len(law.evaluation.lam) - len(law.evaluation.index),
         "state_s": state_s,
         "slave_is": "upper" if sides[0] is bodies[0] else "lower",
     }
@@ -85,7 +85,7 @@ def pressed(fems, bodies, options):
             "pressure": list(p / exact),
         }
     row_force = np.zeros(len(law.node_areas))
-    row_force[law.row_nodes] = law.lam
+    row_force[law.gaps.row_nodes] = law.evaluation.lam
     p = law.node_pressures @ row_force / exact
     own = np.flatnonzero(np.diff(law.node_pressures.indptr))
     found["pressure_of_rows_rms"] = np.sqrt(np.mean((p[own] - 1) ** 2))
@@ -95,7 +95,7 @@ def pressed(fems, bodies, options):
 def nodal_forces(law):
     """Forces on the patch nodes of both bodies, (np, 3) each [N]."""
     gaps = law.gaps
-    at_points = gaps.points.spread(law.lam)
+    at_points = gaps.points.spread(law.evaluation.lam)
     forces = []
     for (nodes, weights), side in zip(gaps.shares, gaps.sides, strict=True):
         on_nodes = np.zeros((len(side.surface.points), 3))

@@ -42,14 +42,14 @@ def equilibrium(law, q, free, load=0.0, tolerance=1e-12):
     omega = np.concatenate([side.kinematics.body.basis.omega for side in law.gaps.sides])
     q, free = q.copy(), np.flatnonzero(free)
     for _ in range(60):
-        residual = (law.force(q) + load - omega**2 * q)[free]
-        tangent = (law.tangent() + np.diag(omega**2))[np.ix_(free, free)]
+        residual = (law.at(q).generalised + load - omega**2 * q)[free]
+        tangent = (law.evaluation.tangent() + np.diag(omega**2))[np.ix_(free, free)]
         scale = 1 / np.sqrt(np.maximum(np.diag(tangent), 1e-12 * np.diag(tangent).max()))
         # Motions along the surfaces have no stiffness.
         step = scale * scipy.linalg.lstsq(scale[:, None] * tangent * scale, scale * residual, cond=1e-13)[0]
         q[free] += step
         if abs(step).max() <= tolerance * abs(q).max():
-            law.force(q)
+            law.at(q)
             return q
     raise RuntimeError("the quasi-static state did not settle in 60 steps")
 

@@ -67,8 +67,8 @@ class Drag:
         held = ~self.elastic[:n]
         self.q[:n][held] = self._rigid(x, APPROACH)[held]
         self.q = scenes.equilibrium(self.law, self.q, self.elastic, tolerance=1e-9)
-        self.at_edge |= self.law.edge_reached() is not None
-        return float(self.law.lam.sum())
+        self.at_edge |= self.law.evaluation.edge_reached() is not None
+        return float(self.law.evaluation.lam.sum())
 
 
 def drag(bodies, options):

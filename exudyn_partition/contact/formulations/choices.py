@@ -105,7 +105,7 @@ class Lagrange(Formulation):
             return True
         inverse_mass = sp.diags(1 / shared.mass)
         both = zip((contact, other), shared.columns, strict=True)
-        G, others = (sp.csr_matrix(one.rows.jacobian(np.arange(len(one.row_nodes)))[:, own]) for one, own in both)
+        G, others = (sp.csr_matrix(one.rows.jacobian(np.arange(len(one.gaps.row_nodes)))[:, own]) for one, own in both)
         return bool(abs(G @ inverse_mass @ others.T).max() > _MOVED * abs(G @ inverse_mass @ G.T).max())
 
 

@@ -12,7 +12,7 @@ import scipy.linalg
 
 from ...algebra.complementarity import Complementarity, regularised
 from ...algebra.friction import OPEN, FrictionProblem
-from ...algebra.products import Solved, dense, smallest
+from ...algebra.products import dense, smallest
 from ...support.arrays import Array
 from .. import loops
 from ..followed import BULGE
@@ -63,18 +63,13 @@ class NormalCompliance(Law):
     problem: Complementarity
 
     def __init__(self, gaps: Gaps) -> None:
-        self.gaps, self._counted = gaps, 0
+        self.gaps = gaps
         self._closed_nodes = np.empty(0, dtype=np.int64)  # of the slave, at the last answer with rows that moved
         self._take_held()
 
     def fresh(self, rows: RowDirections) -> NormalCompliance:
         """See `Law`."""
         return NormalCompliance(rows.gaps)
-
-    @property
-    def iterations(self) -> int:  # type: ignore[override]
-        """See `Law`."""
-        return self._counted + self.problem.iterations
 
     def _take_held(self) -> None:
         """Set up the problem for the rows that are frozen now."""
@@ -86,7 +81,9 @@ class NormalCompliance(Law):
         h = at.gap
         least = smallest(h)
         near = self.near(h, least)
-        return self._on_rows(h, near, self.problem.solve(h if len(near) == len(h) else h[near], least))
+        made = self.problem.iterations
+        lam = self.problem.solve(h if len(near) == len(h) else h[near], least)
+        return self._on_rows(h, near, lam, self.problem.iterations - made)
 
     def near(self, h: Array, least: float) -> Array:
         """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.
@@ -108,25 +105,21 @@ class NormalCompliance(Law):
     def hold(self) -> None:
         """Set up the problem of rows that became frozen after the last answer."""
         if not self.gaps.holds(self._held):
-            self._counted += self.problem.iterations
             self._take_held()
 
-    def found(self, h: Array, near: Array, lam: Array) -> Forces:
+    def found(self, h: Array, near: Array, lam: Array, iterations: int) -> Forces:
         """Forces on all rows, from forces lam on the rows `near`, (k,) [N], that were found elsewhere."""
         self.problem.take(lam > 0.0)
-        return self._on_rows(h, near, lam)
+        return self._on_rows(h, near, lam, iterations)
 
-    def _on_rows(self, h: Array, near: Array, lam: Array) -> Forces:
+    def _on_rows(self, h: Array, near: Array, lam: Array, iterations: int) -> Forces:
+        inverse = self.problem.inverse()
         if not self.gaps.moving:
-            return Forces(lam[:, None], self.problem.index)
+            return Forces(lam[:, None], self.problem.index, stiffness=inverse, iterations=iterations)
         forces, closed = np.zeros((len(h), 1)), near[self.problem.index]
         forces[near, 0] = lam
         self._closed_nodes = self.gaps.row_nodes[closed]
-        return Forces(forces, closed)
-
-    def stiffness(self) -> Solved:
-        """See `Law`: the inverse of the flexibility of the closed rows."""
-        return Solved(self.problem.solve_active, len(self.problem.index))
+        return Forces(forces, closed, stiffness=inverse, iterations=iterations)
 
     def active_flexibility(self) -> Array:
         """Flexibility of the closed rows, (na, na) [m/N]."""
@@ -169,7 +162,6 @@ class FrictionalCompliance(Law):
 
     def __init__(self, rows: RowDirections) -> None:
         self.rows, self.closing = rows, ClosingRows(rows)
-        self.iterations, self._stored = 0, 0.0
 
     def fresh(self, rows: RowDirections) -> FrictionalCompliance:
         """See `Law`."""
@@ -191,11 +183,11 @@ class FrictionalCompliance(Law):
         h[:, 0], h[:, 1:] = at.gap[near], at.way[near] - problem.moved_by(last[near])[:, 1:]
         made = problem.iterations
         found = problem.solve(h, at.mu[near])
-        self.iterations += problem.iterations - made
         closing.remember(problem.state)
-        return self.found(closing, found, problem.moved_by(found), h, problem.state)
+        forces = self.found(closing, found, problem.moved_by(found), h, problem.state, problem.iterations - made)
+        return forces._replace(stiffness=problem.tangent())
 
-    def found(self, closing: ClosingRows, lam: Array, moved: Array, h: Array, state: Array) -> Forces:
+    def found(self, closing: ClosingRows, lam: Array, moved: Array, h: Array, state: Array, iterations: int) -> Forces:
         """Forces on all rows.
 
         Parameters
@@ -208,22 +200,14 @@ class FrictionalCompliance(Law):
         h : (k, 3) array
             Their gaps and slips without forces [m].
         state : (k,) int8 array
+        iterations : int
+            See `Forces`.
         """
-        self._stored = 0.5 * float(np.vdot(lam, moved))
+        stored = 0.5 * float(np.vdot(lam, moved))
         near, n = closing.index, len(self.rows.gaps.row_nodes)
         forces, states, slips = np.zeros((n, 3)), np.zeros(n, dtype=np.int8), np.zeros((n, 2))
         forces[near], states[near], slips[near] = lam, state, (h + moved)[:, 1:]
-        return Forces(forces, near[state != OPEN], states, slips)
-
-    def stored(self, gap: Array, forces: Array) -> float:
-        """See `Law`: 1/2 lambda' F lambda."""
-        return self._stored
-
-    def stiffness(self) -> Solved:
-        """See `Law`; unsymmetric where rows slip."""
-        assert self.problem is not None
-        self.problem.linearise()
-        return Solved(self.problem.response, 3 * len(self.problem.index))
+        return Forces(forces, near[state != OPEN], states, slips, stored=stored, iterations=iterations)
 
     def closed_stiffness(self, rows: RowDirections) -> Array:
         """See `Law`."""

@@ -102,19 +102,19 @@ class Coupled:
             Returns the coordinates of each contact, (n,). It is called only when the state has changed.
         """
         if len(self.contacts) == 1:
-            return [self.contacts[0].force(coordinates()[0])]
+            return [self.contacts[0].at(coordinates()[0]).generalised]
         self._since = since = [contact.since for contact in self._remembering]
         more = [contact.gaps.carrier_pose for contact in self._carried]
         more += [np.atleast_1d(contact.opening) for contact in self._pressed]
         if self._viscous:
-            more += [np.array(contact.shares) for contact in self.contacts]
+            more += [np.array(contact.gaps.yielding_shares) for contact in self.contacts]
         at = np.concatenate([state, since, *more]) if since or more else state
         if self._at is None or not _equal(at, self._at):
             gaps = [contact.gap_at(q) for contact, q in zip(self.contacts, coordinates(), strict=True)]
             self._find(gaps)
             if self._viscous:
                 self._creep()
-            self._at, self._forces = at.copy(), [contact.generalised() for contact in self.contacts]
+            self._at, self._forces = at.copy(), [contact.evaluation.generalised for contact in self.contacts]
         return self._forces
 
     def _lasting(self, last: Sequence[Array]) -> list[Array]:
@@ -123,16 +123,16 @@ class Coupled:
         See `viscosity.Yielding.lasting`. `last`, (nr, 3) each [N], are forces at the end of the last accepted step.
         """
         self._moved_before = [None] * len(self.contacts)
-        if not any(contact.creep.elastic for contact in self.contacts):
+        if not any(contact.state.creep.elastic for contact in self.contacts):
             return []
-        before = [contact.carried_before(f) for contact, f in zip(self.contacts, last, strict=True)]
+        before = [contact.evaluation.carried_before(f) for contact, f in zip(self.contacts, last, strict=True)]
         found = more = self._between.across(before)
         if any(contact.rows.d > 1 for contact in self.contacts):
             exceed = [[f[:, : own.shape[1]] - own for own in sides] for sides, f in zip(before, last, strict=True)]
             more = self._between.across(exceed)
         self._moved_before = [*found]
         both = zip(self.contacts, found, more, strict=True)
-        return [lasting(contact.shares, own, others) for contact, own, others in both]
+        return [lasting(contact.gaps.yielding_shares, own, others) for contact, own, others in both]
 
     @property
     def _fields(self) -> RowFields:
@@ -141,11 +141,10 @@ class Coupled:
         return self._between
 
     def _creep(self) -> None:
-        """Tell contacts how the elastic forces on others move their rows in the present answer."""
-        moved = self._between.across([contact.carried() for contact in self.contacts])
+        """Tell answers how the elastic forces on other contacts move their rows."""
+        moved = self._between.across([contact.evaluation.carried() for contact in self.contacts])
         for contact, own, before in zip(self.contacts, moved, self._moved_before, strict=True):
-            if contact.yielding is not None:
-                contact.yielding.across, contact.yielding.across_before = own, before
+            contact.evaluation = contact.evaluation.pushed_by(own, before)
 
     def _find(self, gaps: list[Array]) -> None:
         """Find the forces of all contacts at gaps of their rows, (nr,) [m] each."""
@@ -153,7 +152,7 @@ class Coupled:
 
     def stiffness(self, rows: Mapping[int, Array]) -> dict[tuple[int, int], Array]:
         """See `formulation.Together`."""
-        closed, result = consecutive([contact.rows.d * contact.index.size for contact in self.contacts]), {}
+        closed, result = consecutive([contact.rows.d * contact.evaluation.index.size for contact in self.contacts]), {}
         respond = self._linearised(closed)
         for k, of_k in rows.items():
             forces = respond(k, of_k)
@@ -220,8 +219,8 @@ class Coupled:
         """
         return None
 
-    def take(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
-        """Let the contacts take the state of `frozen`, whose last evaluation was at these coordinates of each.
+    def answer_as(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
+        """Let the contacts answer as `frozen` did, whose last evaluation was at these coordinates of each.
 
         Return False if pairs have changed since then, because gaps were evaluated elsewhere. Then contacts find the
         state themselves.
@@ -264,7 +263,7 @@ class CoupledContacts(Coupled):
             fields = [self._fields.fields(j) for j in range(len(gaps))]
             blocks = self._joint.flat([law.problem.F for law in self._laws], fields)
             last = FrozenContacts(gaps, dofs, blocks)
-        last.guess(np.concatenate([contact.lam > 0.0 for contact in self.contacts]))
+        last.guess(np.concatenate([contact.evaluation.lam > 0.0 for contact in self.contacts]))
         return last
 
     @property
@@ -272,7 +271,7 @@ class CoupledContacts(Coupled):
         """Laws of the contacts."""
         return cast("list[NormalCompliance]", [contact.law for contact in self.contacts])
 
-    def take(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
+    def answer_as(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
         """See `Coupled`."""
         self._at = None
         if not frozen.has_pairs_of([contact.gaps for contact in self.contacts]):
@@ -282,21 +281,20 @@ class CoupledContacts(Coupled):
         lam, moved = np.split(frozen.lam.copy(), starts), np.split(frozen.pushed.copy(), starts)
         for j, (law, iterations) in enumerate(zip(self._laws, frozen.take_iterations(), strict=True)):
             near = law.near(moved[j], moved[j].min()) if lam[j].any() else None
-            self._take(j, self.contacts[j].gaps.at(coordinates[j]), moved[j], near, lam[j])
-            law.problem.iterations += int(iterations)
+            self._give(j, self.contacts[j].gaps.at(coordinates[j]), moved[j], near, lam[j], int(iterations))
         return True
 
-    def _take(self, j: int, gap: Array, moved: Array, near: Array | None, lam: Array) -> None:
+    def _give(self, j: int, gap: Array, moved: Array, near: Array | None, lam: Array, iterations: int) -> None:
         """Let a contact have forces on the rows `near`, (k,) [N], that were found together with those of the others.
 
         Its gaps are `gap`, (nr,) [m]. `moved` are the gaps with the displacements that the other contacts cause.
         """
-        contact, law = self.contacts[j], self._laws[j]
-        contact.h, contact.least_gap = gap, moved.min(initial=np.inf)
+        contact, least = self.contacts[j], moved.min(initial=np.inf)
         if near is None:
-            contact.open_rows()
+            contact.iterations += iterations
+            contact.opened(gap, least)
         else:
-            contact.take(law.found(moved, near, lam))
+            contact.answered(self._laws[j].found(moved, near, lam, iterations), gap, least)
 
     def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
         """See `Coupled`."""
@@ -305,15 +303,17 @@ class CoupledContacts(Coupled):
 
     def _flexibility(self, closed: Sequence[slice]) -> Array:
         """Flexibility of the closed rows of all contacts, (n, n) [m/N]."""
-        index = {j: contact.index for j, contact in enumerate(self.contacts)}
+        index = {j: contact.evaluation.index for j, contact in enumerate(self.contacts)}
         F = flexibility_between(self._between, dict(enumerate(closed)), index)
         for law, contact, own in zip(self._laws, self.contacts, closed, strict=True):
-            F[own, own] = law.active_flexibility() if contact.index.size else 0.0
+            F[own, own] = law.active_flexibility() if contact.evaluation.index.size else 0.0
         return F
 
     def _find(self, gaps: list[Array]) -> None:
         """See `Coupled`. A contact enters if it presses, or if the others press it."""
         pushed, near, lam = [*gaps], dict[int, Array](), dict[int, Array]()
+        for law in self._laws:
+            law.problem.iterations = 0
         for _ in range(_PASSES):
             entering = [j for j, h in enumerate(pushed) if _presses(h, near.get(j))]
             if not entering:
@@ -327,7 +327,7 @@ class CoupledContacts(Coupled):
                 f"the rows that close in {len(gaps)} contacts on common bodies did not settle in {_PASSES} passes"
             )
         for j, (gap, moved) in enumerate(zip(gaps, pushed, strict=True)):
-            self._take(j, gap, moved, near.get(j), lam.get(j, np.empty(0)))
+            self._give(j, gap, moved, near.get(j), lam.get(j, np.empty(0)), self._laws[j].problem.iterations)
 
     def _solve(self, near: dict[int, Array], gaps: list[Array]) -> dict[int, Array]:
         """Forces on the near rows of each contact, (k,) [N]."""

@@ -47,7 +47,7 @@ class CoupledFriction(Coupled):
         assert self._problem is not None
         problem, parts = self._problem, self._parts
         problem.linearise()
-        rows = consecutive([3 * contact.index.size for contact in self.contacts])
+        rows = consecutive([3 * contact.evaluation.index.size for contact in self.contacts])
 
         def respond(k: int, way: Array) -> Array:
             ways = np.zeros((rows[-1].stop, way.shape[1]))
@@ -67,7 +67,7 @@ class CoupledFriction(Coupled):
         for part, lasts in zip(self._parts, self._lasting(last), strict=False):
             part.at.gap, part.at.way = part.at.gap + lasts[:, 0], part.at.way + lasts[:, 1:]
         ways, placed, gaps = [part.way() for part in self._parts], gaps, [part.at.gap for part in self._parts]
-        pushed, more = self._pushed(gaps), False
+        pushed, more, self._iterations = self._pushed(gaps), False, 0
         for _ in range(_PASSES):
             for part, gap, before in zip(self._parts, pushed, last, strict=True):
                 part.closing.choose(gap, before, more=more)
@@ -88,8 +88,8 @@ class CoupledFriction(Coupled):
         moved, state = self._problem.moved_by(found), self._problem.state
         ends = np.cumsum(list(map(len, near)))[:-1]
         answers = zip(*(np.split(values, ends) for values in (found, moved, h, state)), strict=True)
-        for part, gap, least, answer in zip(self._parts, placed, pushed, answers, strict=True):
-            part.take(gap, least.min(initial=np.inf), *answer)
+        for part, gap, least, (lam, w, start, states) in zip(self._parts, placed, pushed, answers, strict=True):
+            part.give(gap, least.min(initial=np.inf), lam, w, start, states, self._iterations)
 
     def _pushed(self, gaps: list[Array]) -> list[Array]:
         """Gaps of each contact, (nr,) [m], with the displacements that the last forces on the others cause."""
@@ -155,8 +155,7 @@ class CoupledFriction(Coupled):
         mu = np.concatenate([part.at.mu[part.closing.index] for part in self._parts])
         made = self._problem.iterations
         found = self._problem.solve(h, mu)
-        for part in self._parts:
-            part.count(self._problem.iterations - made)
+        self._iterations += self._problem.iterations - made
         at = consecutive([len(part.closing.index) for part in self._parts])
         self._pushing = {}
         for k, (part, own) in enumerate(zip(self._parts, at, strict=True)):
@@ -248,7 +247,7 @@ class _Part:
         """Forces on rows at the end of the last accepted step, (nr, 3) [N]."""
         last = self.at.last
         if self.contact.rows.d == 1:
-            last[:, :1] = self.contact.memory.forces[self.contact.row_nodes]
+            last[:, :1] = self.contact.state.memory.forces[self.contact.gaps.row_nodes]
         return last
 
     def flexibility(self) -> tuple[Array, bool]:
@@ -263,16 +262,11 @@ class _Part:
         wide[::3, ::3] = F
         return wide, other
 
-    def count(self, iterations: int) -> None:
-        """Count iterations of the problem."""
-        if self.contact.friction is not None:
-            self._law.iterations += iterations
-
     @property
     def _law(self) -> FrictionalCompliance:
         return cast("FrictionalCompliance", self.contact.law)
 
-    def take(self, gap: Array, least: float, lam: Array, moved: Array, h: Array, state: Array) -> None:
+    def give(self, gap: Array, least: float, lam: Array, moved: Array, h: Array, state: Array, iterations: int) -> None:
         """Give the contact its answer.
 
         Parameters
@@ -281,17 +275,16 @@ class _Part:
             Gaps [m].
         least : float
             Least of them with the displacements that other contacts cause [m].
-        lam, moved, h, state : (k, 3), (k, 3), (k, 3), (k,) arrays
+        lam, moved, h, state, iterations
             See `FrictionalCompliance.found`.
         """
         contact, closing = self.contact, self.closing
-        contact.h, contact.least_gap = gap, least
         closing.remember(state)
         if not state.any():
-            contact.open_rows()
+            contact.opened(gap, least)
         elif contact.friction is not None:
-            contact.take(self._law.found(closing, lam, moved, h, state))
+            contact.answered(self._law.found(closing, lam, moved, h, state, iterations), gap, least, self.at)
         else:
             forces = np.zeros((len(gap), 1))
             forces[closing.index] = lam[:, :1]
-            contact.take(Forces(forces, closing.index[np.flatnonzero(state)]))
+            contact.answered(Forces(forces, closing.index[np.flatnonzero(state)]), gap, least)

@@ -34,8 +34,8 @@ class CoupledZones(Coupled):
 
     def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
         """See `Coupled`: d lambda = -D (dh + F_between d lambda)."""
-        own = {j: contact.rows.directions(contact.index) for j, contact in enumerate(self.contacts)}
-        D = scipy.linalg.block_diag(*(contact.row_stiffness() for contact in self.contacts))
+        own = {j: contact.rows.directions(contact.evaluation.index) for j, contact in enumerate(self.contacts)}
+        D = scipy.linalg.block_diag(*(contact.evaluation.row_stiffness() for contact in self.contacts))
         F = flexibility_between(self._between, dict(enumerate(closed)), own)
         K = np.linalg.solve(np.eye(len(D)) + D @ F, D)
         return lambda k, way: K[:, closed[k]] @ way
@@ -51,7 +51,7 @@ class CoupledZones(Coupled):
     def _pushes(self, j: int) -> bool:
         """Whether forces of a contact, or those at the end of the last accepted step, move the rows of others."""
         contact = self.contacts[j]
-        return contact.index.size > 0 or contact.memory.closed
+        return contact.evaluation.index.size > 0 or contact.state.memory.closed
 
     def _settle(self, gaps: list[Array], lasting: list[Array]) -> None:
         pushed_ever = [bool(lasting)] * len(self.contacts)  # contacts that nothing has pushed have their answer
@@ -61,11 +61,11 @@ class CoupledZones(Coupled):
             for j, contact in enumerate(self.contacts):
                 pushing = [k for k in self._exchange.neighbours[j] if self._pushes(k)]
                 if pushing or pushed_ever[j]:
-                    before, pushed_ever[j] = contact.forces, True
+                    before, pushed_ever[j] = contact.evaluation.on_rows, True
                     start = lasting[j] if lasting else np.zeros(before.shape)
-                    contact.answer(gaps[j], sum((self._pushed(j, k) for k in pushing), start))
-                    change += abs(contact.forces - before).sum()
-                size += contact.lam.sum()
+                    answer = contact.answer(gaps[j], sum((self._pushed(j, k) for k in pushing), start))
+                    change += abs(answer.on_rows - before).sum()
+                size += contact.evaluation.lam.sum()
             if change <= settled * size:
                 return
         if change > _UNSETTLED * size:
@@ -81,7 +81,7 @@ class CoupledZones(Coupled):
         These are gaps, and with friction also tangential places since the last accepted step.
         """
         contact, other = self.contacts[j], self.contacts[k]
-        pushed = self._moved(j, k, other.forces).reshape(contact.forces.shape)
+        pushed = self._moved(j, k, other.evaluation.on_rows).reshape(contact.evaluation.on_rows.shape)
         if contact.friction is not None:
             pushed[:, 1:] -= self._moved(j, k, self._last_of(k)[:, : other.rows.d]).reshape(-1, 3)[:, 1:]
         return pushed
@@ -91,8 +91,9 @@ class CoupledZones(Coupled):
         contact = self.contacts[k]
         if contact.friction is not None:
             return contact.last
-        last = np.zeros((len(contact.row_nodes), 3))
-        last[:, :1] = contact.memory.forces[contact.row_nodes]
+        nodes = contact.gaps.row_nodes
+        last = np.zeros((len(nodes), 3))
+        last[:, :1] = contact.state.memory.forces[nodes]
         return last
 
     def _moved(self, j: int, k: int, forces: Array) -> Array:

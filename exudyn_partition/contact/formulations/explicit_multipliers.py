@@ -163,7 +163,7 @@ class ForwardRows:
         if not isinstance(rows, TangentialRows):
             return gap[:, None]
         pose, way = gaps.evaluated_pose, np.zeros((len(gap), rows.d - 1))
-        if self.contact.least_gap < gaps.size:
+        if self._least < gaps.size:
             rows.hold_at(q, pose if self._pose is None else self._pose)
             way = rows.way()
         self._pose, self._free = pose, way
@@ -188,17 +188,17 @@ class ForwardRows:
             self._frozen_steps = 0
         gap = gap - self._jump[gaps.row_nodes]
         self._expected, self._predicted = None, (to, gap)
-        self.contact.least_gap = gap.min(initial=np.inf)
+        self._least = gap.min(initial=np.inf)
         return gap
 
     def open(self) -> None:
         """Leave all rows open in the coming step."""
-        closed = self.contact.index.size > 0
-        self.contact.open_rows()
+        closed = self.contact.evaluation.index.size > 0
+        answer = self.contact.opened(self._predicted[1], self._least)
         self._last = self._open
         if closed and self.rows.d > 1:
-            n = len(self.contact.forces)
-            self.contact.remember(self.contact.slid_memory(np.zeros((n, 2)), np.zeros(n), 0.0))
+            n = len(answer.on_rows)
+            self.contact.remember(answer.slid_memory(np.zeros((n, 2)), np.zeros(n), 0.0))
 
     def act(self, forces: Forces, places: Array, scale: float) -> None:
         """Apply forces to the rows in the coming step.
@@ -212,15 +212,15 @@ class ForwardRows:
             Largest change of a place that one multiplier causes [m].
         """
         contact = self.contact
-        contact.take(forces)
+        answer = contact.answered(forces, places[:, 0], self._least)
         self._last = contact.gaps.row_nodes, forces
         self._expected, self._scale = places[:, 0], scale
         if self.rows.d > 1:
             slips, taken = places[:, 1:], 0.0
-            if contact.index.size:
+            if answer.index.size:
                 before = self._free - self._step**2 * np.asarray(self.G @ self._q_tt).reshape(-1, 3)[:, 1:]
                 taken = -0.5 * float(np.sum(forces.on_rows[:, 1:] * (before + slips)))
-            contact.remember(contact.slid_memory(slips, np.linalg.norm(slips, axis=1) / self._step, taken))
+            contact.remember(answer.slid_memory(slips, np.linalg.norm(slips, axis=1) / self._step, taken))
 
     def _check_last_step(self, q: Array) -> None:
         """Raise unless the last step moved the gaps as central differences with these multipliers do.

@@ -68,8 +68,8 @@ class Together(Protocol):
     def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> FrozenContacts | None:
         """All contacts for compiled loops, or None, see `coupled.Coupled.frozen`."""
 
-    def take(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
-        """Let the contacts take the state that `frozen` has found, see `coupled.Coupled.take`."""
+    def answer_as(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
+        """Let the contacts answer as `frozen` did, see `coupled.Coupled.answer_as`."""
 
 
 @dataclass(frozen=True, eq=False)

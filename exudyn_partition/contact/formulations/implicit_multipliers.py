@@ -20,7 +20,7 @@ from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
 from ..law import Forces, Motion, Places
-from ..memory import RowMemory, by_nodes, on_rows
+from ..memory import RowMemory, on_rows
 from ..patch_contact import PatchContact
 from ..side import Side
 from ..step_mean import TRAPEZOIDAL, GeneralizedAlpha, StepMean
@@ -133,11 +133,11 @@ class StepImpulses:
         return self.state.impulse + self._impulse_in_step()
 
     def _impulse_in_step(self) -> Array:
-        contact = self.contact
-        if self._at is None or not contact.index.size:
+        answer = self.contact.evaluation
+        if self._at is None or not answer.index.size:
             return np.zeros(7)
-        along = contact.traction.sum(axis=0)
-        return self._at[0] * np.concatenate([[contact.lam.sum()], contact.resultant(), along])
+        along = answer.traction.sum(axis=0)
+        return self._at[0] * np.concatenate([[answer.lam.sum()], answer.resultant(), along])
 
     @property
     def iterations(self) -> int:
@@ -166,7 +166,7 @@ class StepImpulses:
             If gaps are not finite.
         """
         if step <= 0.0:
-            self.contact.open_rows()
+            self.contact.opened(np.zeros(len(self.gaps.row_nodes)), self.contact.evaluation.least_gap)
             return np.zeros(self.gaps.n)
         state = np.concatenate([q, q_t, self.gaps.carrier_pose, self.gaps.carrier_motion])
         if self._at is None or self._at[0] != step or not np.array_equal(self._at[1], state):
@@ -195,7 +195,8 @@ class StepImpulses:
         if again:
             self._line, self._before, self._settled = self._linear(ahead), None, True
         h = self._gaps_at(ahead, step)
-        self.contact.least_gap = least = h.min(initial=np.inf)
+        self._gap, self._least = h, h.min(initial=np.inf)
+        least = self._least
         if math.isnan(least):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
         last = self._last_answer()
@@ -251,10 +252,10 @@ class StepImpulses:
 
     def _fly(self, q_t: Array) -> None:
         """Leave all rows open; with friction, record the slip rates of rows that may touch soon."""
-        self.contact.open_rows()
+        self.contact.opened(self._gap, self._least)
         self._last = self._open
         if self._tangential is not None:
-            near = self.contact.least_gap < self.gaps.size
+            near = self._least < self.gaps.size
             self._rates = self._tangential.rates(q_t)[:, 1:] if near else None
 
     def _moves(self, gap: Array, step: float, q_t: Array) -> Array:
@@ -274,14 +275,9 @@ class StepImpulses:
             if state is not None:
                 state = np.where(closed, np.maximum(state, STICK), OPEN).astype(np.int8)
             forces = Forces(last, np.flatnonzero(closed), state)
-        contact.take(forces)
-        nodes = self.gaps.row_nodes
-        self._last = nodes, contact.status
-        if self._tangential is not None:
-            self._given = by_nodes(self._tangential, contact.lam, contact.traction, len(self._given))
-        else:
-            self._given[:] = 0.0
-            self._given[nodes] = contact.forces
+        answer = contact.answered(forces, self._gap, self._least)
+        self._last = self.gaps.row_nodes, answer.status
+        self._given = answer.at_nodes()
 
     def _same(self, problem: RowProblem, forces: Array, last: Array) -> bool:
         """Whether the change of forces would move rows by no more than the rounding of places."""
@@ -308,11 +304,10 @@ class StepImpulses:
 
     def _pushes(self) -> Array:
         """Generalised forces, (n,), from present forces on rows; with a carrier, also its force and moment, (6,)."""
-        contact = self.contact
-        push = contact.generalised()
+        answer = self.contact.evaluation
         if not self.gaps.carried:
-            return push
-        return np.concatenate([push, -contact.resultant(), -contact.moment(np.zeros(3))])
+            return answer.generalised
+        return np.concatenate([answer.generalised, answer.on_carrier(np.zeros(3))])
 
     def on_carrier(self, point: Array) -> Array:
         """Force on the body that carries the rigid surface, and moment about a point, (6,), at the end of the step."""
@@ -330,12 +325,12 @@ class StepImpulses:
         """State after a step that ends with the last answer, and what rows remember then."""
         state, contact = self.state, self.contact
         if self._at is None:
-            return state, contact.memory
-        rates, memory, mean = state.rates, contact.memory.with_forces(self._given.copy()), state.mean
+            return state, contact.state.memory
+        rates, memory, mean = state.rates, contact.state.memory.with_forces(self._given.copy()), state.mean
         if (rows := self._tangential) is not None:
             now, nodes = self._rates, self.gaps.row_nodes
             length = np.zeros(len(nodes)) if now is None else np.linalg.norm(now, axis=1)
-            memory = contact.slid_memory(self._way(), length, self._taken_in_step())
+            memory = contact.evaluation.slid_memory(self._way(), length, self._taken_in_step())
             rates = np.full_like(rates, np.nan)
             if now is not None:
                 rates[nodes] = rows.in_space(now) @ rows.axes
@@ -374,13 +369,13 @@ class StepImpulses:
 
     def _taken_in_step(self) -> float:
         """Energy that friction dissipates in the present step [J]."""
-        if self._tangential is None or not self.contact.index.size:
+        if self._tangential is None or not self.contact.evaluation.index.size:
             return 0.0
-        return float(np.maximum(-np.sum(self._way() * self.contact.forces[:, 1:], axis=1), 0.0).sum())
+        return float(np.maximum(-np.sum(self._way() * self.contact.evaluation.on_rows[:, 1:], axis=1), 0.0).sum())
 
     def dissipated(self) -> float:
         """Energy that friction has dissipated since the start of the run [J]."""
-        return self.contact.memory.dissipated + self._taken_in_step()
+        return self.contact.state.memory.dissipated + self._taken_in_step()
 
     def _take_rows(self, step: float, weights: GeneralizedAlpha) -> RowProblem:
         """Compute F of the present rows, if the rows or the step have changed."""

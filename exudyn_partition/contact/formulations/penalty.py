@@ -56,51 +56,60 @@ class PenaltyLayer(Law):
     def answer(self, at: Places) -> Forces:
         """See `Law`."""
         lam = np.where(at.gap < 0.0, -self.layer * self._area * at.gap, 0.0)
+        closed = np.flatnonzero(lam)
+        each = self._each(closed)
         if self.rows.d == 1:
-            self._closed = np.flatnonzero(lam)
-            return Forces(lam[:, None], self._closed)
+            return Forces(lam[:, None], closed, stiffness=lambda: sp.diags(each[:, 0]))
         shear = _SHEAR * self.layer * self._area
         trial = at.last[:, 1:] - shear[:, None] * at.way
         length, bound = np.linalg.norm(trial, axis=1), at.mu * lam
         slipping = length > bound
         share = np.divide(bound, length, out=np.ones(len(lam)), where=slipping)
-        forces = np.column_stack([lam, share[:, None] * trial])
-        self._closed, self._slipping, self._mu = np.flatnonzero(lam), slipping, at.mu
-        self._share, self._along = share, trial / np.maximum(length, 1e-300)[:, None]
-        slips = at.way + _yields(forces[:, 1:] - at.last[:, 1:], shear)
-        state = np.where(lam > 0, np.where(slipping, SLIP, STICK), OPEN).astype(np.int8)
-        return Forces(forces, self._closed, state, slips)
+        tangential = share[:, None] * trial
+        slips = at.way + _yields(tangential - at.last[:, 1:], shear)
+        stored = -0.5 * float(lam.dot(at.gap)) + 0.5 * float(np.sum(tangential * _yields(tangential, shear)))
 
-    def stored(self, gap: Array, forces: Array) -> float:
-        """See `Law`; the layer yields along the normal and the tangents."""
-        normal = super().stored(gap, forces)
-        if self.rows.d == 1:
-            return normal
-        along, shear = forces[:, 1:], _SHEAR * self.layer * self._area
-        return normal + 0.5 * float(np.sum(along * _yields(along, shear)))
+        def stiffness() -> sp.spmatrix:
+            along = (trial / np.maximum(length, 1e-300)[:, None])[closed]
+            return _of_slipping(each, slipping[closed], along, at.mu[closed], share[closed])
+
+        state = np.where(lam > 0, np.where(slipping, SLIP, STICK), OPEN).astype(np.int8)
+        forces = np.column_stack([lam, tangential])
+        return Forces(forces, closed, state, slips, stored=stored, stiffness=stiffness)
 
     def _each(self, index: Array) -> Array:
         """Stiffness of some rows, (na, d) [N/m]: along the normal, and along both tangents while they stick."""
         value: Array = self.layer * self._area[index][:, None] * np.array([1.0, _SHEAR, _SHEAR])[: self.rows.d]
         return value
 
-    def stiffness(self) -> sp.spmatrix:
-        """See `Law`; a force that slips turns with its trial force, and grows with the normal force."""
-        some = self._closed
-        each = self._each(some)
-        if self.rows.d == 1:
-            return sp.diags(each[:, 0])
-        blocks, slips, along = np.zeros((len(some), 3, 3)), self._slipping[some], self._along[some]
-        turning = np.eye(2) - slips[:, None, None] * (along[:, :, None] * along[:, None, :])
-        blocks[:, 0, 0] = each[:, 0]
-        blocks[:, 1:, 0] = (slips * each[:, 0] * self._mu[some])[:, None] * along
-        blocks[:, 1:, 1:] = (each[:, 1] * self._share[some])[:, None, None] * turning
-        return sp.bsr_matrix((blocks, np.arange(len(some)), np.arange(len(some) + 1)), shape=(3 * len(some),) * 2)
-
     def closed_stiffness(self, rows: RowDirections) -> Array:
         """See `Law`."""
         everything = np.arange(len(self._area))
         return _springs(self._each(everything).ravel(), rows.jacobian(everything))
+
+
+def _of_slipping(each: Array, slips: Array, along: Array, mu: Array, share: Array) -> sp.spmatrix:
+    """Stiffness of closed rows with friction, (3 na, 3 na) [N/m].
+
+    A force that slips turns with its trial force, and grows with the normal force.
+
+    Parameters
+    ----------
+    each : (na, 3) array
+        Stiffness while rows stick [N/m].
+    slips : (na,) bool array
+        Whether rows slip.
+    along : (na, 2) array
+        Directions of the trial forces.
+    mu, share : (na,) arrays
+        Coefficients of friction, and what is left of the trial forces.
+    """
+    n, blocks = len(each), np.zeros((len(each), 3, 3))
+    turning = np.eye(2) - slips[:, None, None] * (along[:, :, None] * along[:, None, :])
+    blocks[:, 0, 0] = each[:, 0]
+    blocks[:, 1:, 0] = (slips * each[:, 0] * mu)[:, None] * along
+    blocks[:, 1:, 1:] = (each[:, 1] * share)[:, None, None] * turning
+    return sp.bsr_matrix((blocks, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n))
 
 
 def _yields(along: Array, shear: Array) -> Array:

@@ -91,7 +91,7 @@ class Zones:
         """Return the same zones in their start state, for the contact of another run with this method."""
         raise NotImplementedError
 
-    def solve(self, respond: Callable[[Array], None], pushed: Array) -> None:
+    def solve(self, respond: Callable[[Array], Array], pushed: Array) -> None:
         """Find the states together with the forces on the rows, see `YieldingPatches.solve`."""
         respond(pushed)
 
@@ -199,14 +199,14 @@ class YieldingPatches(Zones):
         result._take(contact, method)
         return result
 
-    def solve(self, respond: Callable[[Array], None], pushed: Array) -> None:
+    def solve(self, respond: Callable[[Array], Array], pushed: Array) -> None:
         """Find the state at the present coordinates.
 
         Parameters
         ----------
         respond : callable
-            Finds the forces on the rows. Its argument is the displacement of the rows due to zones and other contacts,
-            in the shape of these forces [m].
+            Returns the forces on the rows, (nr, d) [N]. Its argument is the displacement of the rows due to zones and
+            other contacts, (nr, d) [m].
         pushed : array
             Displacement of the rows due to other contacts.
         """
@@ -217,8 +217,8 @@ class YieldingPatches(Zones):
             zone.back()
             zone.move(parts[side])
         if not all(zone.goes_on for _, zone in self.zones):
-            respond(pushed + self._moved(rows))
-            forces = zip(self.zones, self._on_patches(rows), strict=True)
+            on_patches = self._on_patches(rows, respond(pushed + self._moved(rows)))
+            forces = zip(self.zones, on_patches, strict=True)
             if all([zone.stays_elastic(force) for (_, zone), force in forces]):  # each zone takes its force
                 return
             if not any([zone.look() for _, zone in self.zones]):
@@ -226,7 +226,7 @@ class YieldingPatches(Zones):
         while not self._iterate(respond, pushed, rows):
             pass
 
-    def _iterate(self, respond: Callable[[Array], None], pushed: Array, rows: dict[int, Array]) -> bool:
+    def _iterate(self, respond: Callable[[Array], Array], pushed: Array, rows: dict[int, Array]) -> bool:
         """Find the pseudo-forces of the active points; return whether no other point flows."""
         self._unsettled = 0.0  # also after a rough answer that left points out
         own = [zone.guess for _, zone in self.zones]
@@ -256,10 +256,10 @@ class YieldingPatches(Zones):
             self.check()
         return self._finish()
 
-    def _answer(self, respond: Callable[[Array], None], pushed: Array, rows: dict[int, Array]) -> tuple[Array, float]:
+    def _answer(self, respond: Callable[[Array], Array], pushed: Array, rows: dict[int, Array]) -> tuple[Array, float]:
         """Change of the pseudo-forces on active nodes that follows from what was pushed; norm of all of them [N]."""
-        respond(pushed + self._moved(rows))
-        answers = [zone.answer(force) for (_, zone), force in zip(self.zones, self._on_patches(rows), strict=True)]
+        on_patches = self._on_patches(rows, respond(pushed + self._moved(rows)))
+        answers = [zone.answer(force) for (_, zone), force in zip(self.zones, on_patches, strict=True)]
         sizes = [zone.size(one) for (_, zone), one in zip(self.zones, answers, strict=True)]
         return np.concatenate(answers), float(np.linalg.norm(sizes))
 
@@ -297,10 +297,9 @@ class YieldingPatches(Zones):
             total = total + places
         return total
 
-    def _on_patches(self, rows: dict[int, Array]) -> list[Array]:
-        """Forces on the flexibility coordinates of each zone's patch, (d np,) [N]."""
-        forces = self.contact.forces.ravel()
-        return [rows[side].T @ forces for side, _ in self.zones]
+    def _on_patches(self, rows: dict[int, Array], forces: Array) -> list[Array]:
+        """Forces on the flexibility coordinates of each zone's patch, (d np,) [N], by forces on rows, (nr, d) [N]."""
+        return [rows[side].T @ forces.ravel() for side, _ in self.zones]
 
     def _side_rows(self, side: int) -> Array:
         stays = self.contact.gaps.constant_rows

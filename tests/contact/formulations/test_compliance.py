@@ -36,25 +36,25 @@ def closing_state(law, bodies, depth, seed=0):
 def test_contact_force_jacobian_and_potential_against_finite_differences(law, bodies, seed):
     depth = 1e-6
     q = closing_state(law, bodies, depth, seed)
-    force = law.force(q).copy()
-    tangent = law.tangent()
-    assert 0 < len(law.index)
+    force = law.at(q).generalised.copy()
+    tangent = law.evaluation.tangent()
+    assert 0 < len(law.evaluation.index)
     rng = np.random.default_rng(seed)
     for _ in range(3):
         d = rng.standard_normal(len(q))
         d *= 1e-5 * depth / abs(law.gaps.linear.H @ d).max()
-        slope = law.force(q + d) - law.force(q - d)
+        slope = law.at(q + d).generalised - law.at(q - d).generalised
         assert relative(-2 * tangent @ d, slope) < 1e-5
-        work = law.potential(q + d) - law.potential(q - d)
+        work = law.at(q + d).stored - law.at(q - d).stored
         assert work == pytest.approx(-2 * force @ d, rel=1e-5)
 
 
 def test_contact_pushes_both_bodies_with_the_same_force(law, bodies):
-    force = law.force(closing_state(law, bodies, 1e-6))
+    force = law.at(closing_state(law, bodies, 1e-6)).generalised
     n = bodies[0].n_dofs
     on_slave, on_master = bodies[0].rigid[:, :3].T @ force[:n], bodies[1].rigid[:, :3].T @ force[n:]
-    np.testing.assert_allclose(on_slave, [0, 0, law.lam.sum()], atol=1e-9 * law.lam.sum())
-    np.testing.assert_allclose(on_master, -on_slave, atol=1e-9 * law.lam.sum())
+    np.testing.assert_allclose(on_slave, [0, 0, law.evaluation.lam.sum()], atol=1e-9 * law.evaluation.lam.sum())
+    np.testing.assert_allclose(on_master, -on_slave, atol=1e-9 * law.evaluation.lam.sum())
 
 
 def test_forces_depend_on_no_state_before(round_body, flat_body, each_path):
@@ -71,15 +71,15 @@ def test_forces_depend_on_no_state_before(round_body, flat_body, each_path):
         arm = slave.kinematics.origin - Rotation.from_rotvec(turn).apply(slave.kinematics.origin)
         q = np.r_[moved(slave, arm * [1, 1, 0] + [x, 0, -depth], turn), np.zeros(flat_body.n_dofs)]
         q += 1e-9 * rng.standard_normal(len(q)) * (n % 4 == 3)
-        force, fresh = law.force(q), law.for_run()
-        expected = fresh.force(q)
+        force, fresh = law.at(q).generalised, law.for_run()
+        expected = fresh.at(q).generalised
         np.testing.assert_allclose(force, expected, rtol=0, atol=5e-3 * abs(expected).max())
-        assert law.least_gap == pytest.approx(fresh.least_gap, abs=1e-12)
-        if law.index.size:
-            F = regularised(fresh.gaps.flexibility(np.arange(len(fresh.lam))))
+        assert law.evaluation.least_gap == pytest.approx(fresh.evaluation.least_gap, abs=1e-12)
+        if law.evaluation.index.size:
+            F = regularised(fresh.gaps.flexibility(np.arange(len(fresh.evaluation.lam))))
             lam = Complementarity(F).solve(fresh.gaps.at(q))
-            np.testing.assert_allclose(fresh.lam, lam, rtol=0, atol=1e-6 * lam.max())
-        found.append(law.lam.sum())
+            np.testing.assert_allclose(fresh.evaluation.lam, lam, rtol=0, atol=1e-6 * lam.max())
+        found.append(law.evaluation.lam.sum())
     assert 0.3 < np.mean(np.array(found) > 0) < 0.9
 
 
@@ -87,32 +87,32 @@ def test_rows_that_bulge_shut_are_closed(round_body, flat_body, monkeypatch, eac
     """Material that is pressed out beside a contact closes small gaps there: rows whose forces push others nearer."""
     law = compliant(PatchGaps(floating(round_body), floating(flat_body)))
     q = np.r_[moved(law.gaps.slave, [0, 0, -3e-6]), np.zeros(flat_body.n_dofs)]
-    law.force(q)
+    law.at(q)
     h = law.gaps.at(q).copy()
     F = 1e-9 * (np.eye(len(h)) - np.full((len(h),) * 2, 0.9 / len(h)))
     monkeypatch.setattr(law.gaps, "regularised_flexibility", lambda index: regularised(F[np.ix_(index, index)]))
     law.answer(h)
     expected = Complementarity(regularised(F)).solve(h)
     assert (h[expected > 0] > 0).any()
-    np.testing.assert_allclose(law.lam, expected, rtol=0, atol=1e-9 * expected.max())
+    np.testing.assert_allclose(law.evaluation.lam, expected, rtol=0, atol=1e-9 * expected.max())
 
 
 def test_pairs_that_stand_still_again_keep_their_forces(round_body, flat_body):
     """They are frozen then, with all rows, after some hundred evaluations in one place."""
     law = compliant(PatchGaps(inertial(round_body), inertial(flat_body)))
     states = [np.r_[moved(law.gaps.slave, [x, 0, -3e-6]), np.zeros(flat_body.n_dofs)] for x in (0.0, 5e-5)]
-    law.force(states[0])
+    law.at(states[0])
     assert not law.gaps.moving
-    expected = law.force(states[1])
+    expected = law.at(states[1]).generalised
     assert law.gaps.moving
     count = 0
     while law.gaps.moving:
-        found, count = law.force(states[1]), count + 1
+        found, count = law.at(states[1]).generalised, count + 1
         law.accept(float(count))
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-2 * abs(expected).max())
         assert count < 1000
-    np.testing.assert_allclose(law.force(states[1]), expected, rtol=0, atol=1e-2 * abs(expected).max())
-    assert len(law.lam) == len(law.row_nodes)
+    np.testing.assert_allclose(law.at(states[1]).generalised, expected, rtol=0, atol=1e-2 * abs(expected).max())
+    assert len(law.evaluation.lam) == len(law.gaps.row_nodes)
 
 
 @pytest.mark.parametrize("kind", ["integrated", "node-to-segment"])
@@ -125,21 +125,23 @@ def test_forces_that_were_kept_are_put_on_the_nodes_again(round_body, flat_body,
     for n, (depth, turn) in enumerate([(0.0, 0.0), (1e-6, 0.0), (4e-6, 0.085)]):
         law.accept(float(n))
         q = np.r_[moved(slave, [0, 0, -depth], [0, turn, 0]), np.zeros(flat_body.n_dofs)]
-        law.force(q)
-    index, fresh = law.index, law.for_run()
-    found = fresh.forces_on_nodes(q, law.row_nodes[index], law.lam[index], law.traction[index])
-    for again, told in zip(found, law.nodal_forces(), strict=True):
+        law.at(q)
+    index, fresh = law.evaluation.index, law.for_run()
+    found = fresh.forces_on_nodes(
+        q, law.gaps.row_nodes[index], law.evaluation.lam[index], law.evaluation.traction[index]
+    )
+    for again, told in zip(found, law.evaluation.nodal_forces(), strict=True):
         np.testing.assert_allclose(again, told, rtol=0, atol=1e-4 * abs(told).max())
-    place, nodes = law.edge_reached(), law.gaps.centre + law.gaps.places_now()[0]
-    closed_at_edge = law.row_nodes[index[np.isfinite(law.gaps.leaves_at[index])]]
+    place, nodes = law.evaluation.edge_reached(), law.gaps.centre + law.gaps.places_now()[0]
+    closed_at_edge = law.gaps.row_nodes[index[np.isfinite(law.gaps.leaves_at[index])]]
     assert abs(nodes[closed_at_edge] - place).max(axis=1).min() == 0.0
     law.closing(0.0 * q, 0.0 * q, 0.0 * q)  # as a run asks whose bodies have parted
-    assert len(law.lam) == len(law.row_nodes)
-    assert not law.lam.any()
-    assert not law.index.size
+    assert len(law.evaluation.lam) == len(law.gaps.row_nodes)
+    assert not law.evaluation.lam.any()
+    assert not law.evaluation.index.size
 
 
 def test_no_force_without_contact(law, bodies):
     q = -closing_state(law, bodies, 1e-6)
-    assert not law.force(q).any()
-    assert not law.tangent().any()
+    assert not law.at(q).generalised.any()
+    assert not law.evaluation.tangent().any()

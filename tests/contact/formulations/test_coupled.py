@@ -34,14 +34,14 @@ class Runaway:
     node_areas, memory = np.ones(1), SimpleNamespace(forces=np.zeros((1, 1)), closed=False)
 
     def __init__(self):
-        self.gaps = self.rows = self
+        self.gaps = self.rows = self.state = self.evaluation = self
         self.reset()
 
     def reset(self):
         self.lam, self.index = np.ones(1), np.zeros(1, dtype=int)
 
     @property
-    def forces(self):
+    def on_rows(self):
         return self.lam[:, None]
 
     def gap_at(self, q):
@@ -58,6 +58,7 @@ class Runaway:
 
     def answer(self, h, pushed=None):
         self.lam = np.maximum(-(h if pushed is None else h + pushed[:, 0]), 0.0)
+        return self
 
 
 def test_contacts_that_do_not_settle_are_an_error():
@@ -77,7 +78,9 @@ class Spring(Runaway):
     def answer(self, h, pushed=None):
         super().answer(h, pushed)
         self.index = np.flatnonzero(self.lam)
+        return self
 
+    @property
     def generalised(self):
         return self.lam
 
@@ -126,7 +129,7 @@ class Listener(Runaway):
     """A contact with friction that presses nothing, and knows what the other one has pushed it."""
 
     d = 3
-    friction, remembers, viscous, forces = True, True, False, np.zeros((1, 3))
+    friction, remembers, viscous, on_rows = True, True, False, np.zeros((1, 3))
     row_nodes, index = np.zeros(1, dtype=int), np.empty(0)
 
     def reset(self):
@@ -137,7 +140,9 @@ class Listener(Runaway):
 
     def answer(self, h, pushed=None):
         self.pushed = pushed
+        return self
 
+    @property
     def generalised(self):
         return self.lam
 
@@ -215,19 +220,21 @@ def test_frictional_forces_are_those_of_the_whole_problem(block, request):
             law.accept(float(n))
         q = body.rigid @ [*way, 0, tilt, 0]
         together.forces([q] * 3)
-        moved = [law.rows.jacobian(np.arange(len(law.row_nodes))) @ (q - last_q) for law in laws]
+        moved = [law.rows.jacobian(np.arange(len(law.gaps.row_nodes))) @ (q - last_q) for law in laws]
         h = (np.concatenate(moved) - F @ lam.ravel()).reshape(-1, 3)
         h[:, 0] = np.concatenate([law.gaps.at(q) for law in laws])
         lam, last_q = whole.solve(h, np.full(len(h), MU)).copy(), q
-        found = np.concatenate([law.forces for law in laws])
+        found = np.concatenate([law.evaluation.on_rows for law in laws])
         np.testing.assert_allclose(found, lam, rtol=0, atol=1e-8 * abs(lam).max())
         assert not found.any() or broken_law(F, h, np.full(len(h), MU), found) < 1e-7  # by plain NumPy
         if n == 3:
-            pushed = sum(rows[1] @ body.flexibility(1, k) @ (laws[k].forces.ravel() @ rows[k]) for k in (0, 2))
-            assert {STICK, SLIP} < {*np.concatenate([law.status for law in laws])}
+            pushed = sum(
+                rows[1] @ body.flexibility(1, k) @ (laws[k].evaluation.on_rows.ravel() @ rows[k]) for k in (0, 2)
+            )
+            assert {STICK, SLIP} < {*np.concatenate([law.evaluation.status for law in laws])}
             assert abs(pushed.reshape(-1, 3)[:, 1:]).max() > 1e-7
     for law in laws:  # nothing moved in the last step
-        assert abs(law.slips[law.index]).max() < 1e-12
+        assert abs(law.evaluation.slips[law.evaluation.index]).max() < 1e-12
 
 
 def test_energy_of_patches_that_move_each_other_is_that_of_their_forces(block_on_feet):
@@ -238,13 +245,13 @@ def test_energy_of_patches_that_move_each_other_is_that_of_their_forces(block_on
         law.accept(0.0)
     q = body.rigid[:, :3] @ [0.2e-6, 0.1e-6, -1.2e-6]
     found = sum(together.forces([q] * 3))
-    assert all((law.status[law.index] == STICK).all() for law in laws)
+    assert all((law.evaluation.status[law.evaluation.index] == STICK).all() for law in laws)
     for way in np.random.default_rng(1).standard_normal((3, body.n_dofs)):
-        way *= 1e-9 / abs(np.vstack([law.row_jacobian() for law in laws]) @ way).max()
+        way *= 1e-9 / abs(np.vstack([law.evaluation.row_jacobian() for law in laws]) @ way).max()
         energy = []
         for sign in (1, -1):
             together.forces([q + sign * way] * 3)
-            energy.append(sum(law.stored() for law in laws))
+            energy.append(sum(law.evaluation.stored for law in laws))
         assert -found @ way == pytest.approx((energy[0] - energy[1]) / 2, rel=1e-4)
 
 
@@ -257,8 +264,8 @@ def test_a_patch_that_is_not_positive_definite_is_refused(block_on_feet):
     together = CoupledFriction(laws, lambda: links).for_run(laws)
     away, near = (block_on_feet.rigid @ [0, 0, z, 0, tilt, 0] for z, tilt in ((0.0, -1e-4), (-1e-6, 0.0)))
     together.forces([away] * 3)
-    assert laws[0].index.size
-    assert not laws[2].index.size
+    assert laws[0].evaluation.index.size
+    assert not laws[2].evaluation.index.size
     with pytest.raises(IndefiniteMatrixError):
         together.forces([near] * 3)
 
@@ -277,7 +284,10 @@ def test_contacts_without_friction_among_others(block_on_feet):
         for n, (way, tilt) in enumerate(zip(WAYS, TILTS, strict=True)):
             for law in laws:
                 law.accept(float(n))
-            forces += [*together.forces([body.rigid @ [*way, 0, tilt, 0]] * 3), [sum(law.stored() for law in laws)]]
+            forces += [
+                *together.forces([body.rigid @ [*way, 0, tilt, 0]] * 3),
+                [sum(law.evaluation.stored for law in laws)],
+            ]
         found.append(np.concatenate(forces))
     assert abs(found[0]).max() > 1.0
     np.testing.assert_allclose(*found, rtol=1e-7, atol=1e-7 * abs(found[1]).max())
@@ -292,18 +302,18 @@ def test_stiffness_of_coupled_contacts_against_finite_differences(block_on_feet,
             law.accept(float(n))
         q = body.rigid[:, :3] @ way
         together.forces([q] * 3)
-    rows = {j: np.eye(law.rows.d * law.index.size) for j, law in enumerate(laws)}
+    rows = {j: np.eye(law.rows.d * law.evaluation.index.size) for j, law in enumerate(laws)}
     stiffness = together.stiffness(rows)
     stiffness = np.block([[stiffness[j, k] for k in rows] for j in rows])
-    index, states = [law.index for law in laws], [law.status for law in laws]
-    H = np.vstack([law.row_jacobian() for law in laws])
+    index, states = [law.evaluation.index for law in laws], [law.evaluation.status for law in laws]
+    H = np.vstack([law.evaluation.row_jacobian() for law in laws])
 
     def forces(way):
         together.forces([q + way] * 3)
         for law, rows, state in zip(laws, index, states, strict=True):
-            np.testing.assert_array_equal(law.index, rows)
-            np.testing.assert_array_equal(law.status, state)
-        return np.concatenate([law.forces[rows].ravel() for law, rows in zip(laws, index, strict=True)])
+            np.testing.assert_array_equal(law.evaluation.index, rows)
+            np.testing.assert_array_equal(law.evaluation.status, state)
+        return np.concatenate([law.evaluation.on_rows[rows].ravel() for law, rows in zip(laws, index, strict=True)])
 
     for way in np.random.default_rng(0).standard_normal((3, body.n_dofs)):
         way *= 1e-10 / abs(H @ way).max()
@@ -345,13 +355,15 @@ def test_compiled_loops_tell_what_the_laws_do(block_on_feet):
         assert frozen.force.any()
         np.testing.assert_allclose(frozen.force, sum(forces), rtol=0, atol=1e-9 * abs(frozen.force).max())
         for law, values, stored in zip(own, frozen.values, frozen.stored, strict=True):
-            gap = law.least_gap
-            expected = [law.lam.sum(), law.index.size, *law.resultant(), gap]
+            gap = law.evaluation.least_gap
+            expected = [law.evaluation.lam.sum(), law.evaluation.index.size, *law.evaluation.resultant(), gap]
             np.testing.assert_allclose(values, expected, rtol=1e-8, atol=1e-15)
-            assert stored == pytest.approx(law.stored(), rel=1e-8, abs=1e-20)
-    assert not all(law.index.size for law in own)
-    assert together.take(frozen, [q] * 3)
+            assert stored == pytest.approx(law.evaluation.stored, rel=1e-8, abs=1e-20)
+    assert not all(law.evaluation.index.size for law in own)
+    assert together.answer_as(frozen, [q] * 3)
     frozen.evaluate(2 * q)
     for law, same in zip(laws, own, strict=True):
-        np.testing.assert_allclose(law.lam, same.lam, rtol=0, atol=1e-9 * same.lam.max())
-        assert law.least_gap == pytest.approx(same.least_gap, rel=1e-9)
+        np.testing.assert_allclose(
+            law.evaluation.lam, same.evaluation.lam, rtol=0, atol=1e-9 * same.evaluation.lam.max()
+        )
+        assert law.evaluation.least_gap == pytest.approx(same.evaluation.least_gap, rel=1e-9)

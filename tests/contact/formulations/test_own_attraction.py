@@ -160,9 +160,9 @@ def test_the_tangent_is_the_slope_of_the_force(round_body, flat_body):
     rigid = sides[0].kinematics.body.rigid[:, 2]
     for height in (-1e-6, 0.2 * REACH, 0.7 * REACH):
         q = np.r_[height * rigid, np.zeros(sides[1].n)]
-        contact.force(q)
-        H, tangent = contact.row_jacobian(), contact.tangent()
+        answer = contact.at(q)
+        H, tangent = answer.row_jacobian(), answer.tangent()
         way = rng.standard_normal(len(q))
         way *= 1e-6 * REACH / abs(H @ way).max()
-        slope = (contact.force(q + way) - contact.force(q - way)) / 2
+        slope = (contact.at(q + way).generalised - contact.at(q - way).generalised) / 2
         np.testing.assert_allclose(-tangent @ way, slope, rtol=0, atol=1e-3 * abs(slope).max())

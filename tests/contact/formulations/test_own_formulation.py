@@ -88,19 +88,19 @@ def test_the_tangent_is_the_slope_of_the_force(round_body, flat_body, friction):
     q = np.r_[body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(sides[1].n)]
     for start in (0.0, 1.0):
         contact.accept(start)
-        contact.force(q)
+        contact.at(q)
     q = q + np.r_[body.rigid[:, :3] @ [1e-6, 4e-7, 0], np.zeros(sides[1].n)]
-    contact.force(q)
-    tangent, closed, state = contact.tangent(), contact.index, contact.status
+    answer = contact.at(q)
+    tangent, closed, state, H = answer.tangent(), answer.index, answer.status, answer.row_jacobian()
     for _ in range(4):
         way = rng.standard_normal(len(q))
-        way *= 1e-10 / abs(contact.row_jacobian() @ way).max()
-        there, back = contact.force(q + way).copy(), contact.force(q - way).copy()
-        np.testing.assert_array_equal(contact.index, closed)
-        np.testing.assert_array_equal(contact.status, state)
-        slope = (there - back) / 2
+        way *= 1e-10 / abs(H @ way).max()
+        there, back = contact.at(q + way), contact.at(q - way)
+        for moved in (there, back):
+            np.testing.assert_array_equal(moved.index, closed)
+            np.testing.assert_array_equal(moved.status, state)
+        slope = (there.generalised - back.generalised) / 2
         np.testing.assert_allclose(-tangent @ way, slope, rtol=0, atol=1e-4 * abs(slope).max())
-        contact.force(q)
 
 
 class Layered(Springs):
@@ -120,8 +120,7 @@ class PerArea(page["Spring"]):
 
     def answer(self, at):
         lam = 1e12 * self.rows.gaps.area * np.maximum(-at.gap, 0.0)
-        self.closed = np.flatnonzero(lam)
-        return Forces(lam[:, None], self.closed)
+        return Forces(lam[:, None], np.flatnonzero(lam))
 
 
 @pytest.mark.filterwarnings("ignore:contact 'tip' reached the edge of its patch")
@@ -192,7 +191,7 @@ def test_springs_on_nodes_with_mass_have_a_limit(pair_of, friction):
 def test_forces_of_another_shape_are_named(round_body, flat_body):
     class Flat(page["Spring"]):
         def answer(self, at):
-            return Forces(super().answer(at).on_rows[:, 0], self.closed)
+            return super().answer(at)._replace(on_rows=at.gap)
 
     class Flats(Springs):
         def law(self, rows):
@@ -200,7 +199,7 @@ def test_forces_of_another_shape_are_named(round_body, flat_body):
 
     contact = PatchContact(PatchGaps(inertial(round_body), inertial(flat_body)), Flats())
     with pytest.raises(InputError, match=r"law Flat: expected forces of shape \(\d+, 1\), rows by directions"):
-        contact.force(np.r_[round_body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(flat_body.n_dofs)])
+        contact.at(np.r_[round_body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(flat_body.n_dofs)])
 
 
 def test_an_answer_without_slips_is_named(round_body, flat_body):
@@ -214,7 +213,7 @@ def test_an_answer_without_slips_is_named(round_body, flat_body):
 
     contact = PatchContact(PatchGaps(inertial(round_body), inertial(flat_body)), Silents(), ep.Coulomb(0.3))
     q = np.r_[round_body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(flat_body.n_dofs)]
-    contact.force(q)
+    contact.at(q)
     with pytest.raises(RunError, match="law Silent: with friction, its answers need `slips`"):
         contact.accept(1.0)
 

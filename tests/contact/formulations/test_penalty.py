@@ -21,11 +21,11 @@ def test_penalty_layer_yields_as_the_residual_flexibility_does(round_body, flat_
     layer = PatchContact(gaps, Penalty(bed_stiffness(gaps)))
     q = closed(round_body, flat_body)
     for law in (compliance, layer):
-        law.force(q)
+        law.at(q)
     A = gaps.area
     pressed = A @ gaps.flexibility(np.arange(len(A))) @ A  # by a unit pressure
     assert layer.law.layer * pressed == pytest.approx(A.sum(), rel=1e-12)
-    assert 0.25 < layer.lam.sum() / compliance.lam.sum() < 0.5
+    assert 0.25 < layer.evaluation.lam.sum() / compliance.evaluation.lam.sum() < 0.5
 
 
 def test_a_row_on_nodes_with_mass_adds_a_tenth_to_the_highest_squared_frequency_at_most(pair_of):
@@ -43,13 +43,13 @@ def test_the_layer_is_softer_along_the_tangents_by_the_ratio_of_mindlin(round_bo
     law = PatchContact(RigidGaps(inertial(round_body), RigidPlane()), Penalty(), ep.Coulomb(2.0))
     side, depth, shift = law.gaps.slave, 4e-6, 1e-9
     for start in (0.0, 1.0):
-        law.force(moved(side, [0, 0, -depth]))
+        law.at(moved(side, [0, 0, -depth]))
         law.accept(start)
-    before, stored = law.traction.sum(axis=0)[0], law.stored()
-    law.force(moved(side, [shift, 0, -depth]))
-    along = law.law.layer * law.gaps.area[law.index].sum() * 2 * (1 - 0.3) / (2 - 0.3)
-    assert law.traction.sum(axis=0)[0] - before == pytest.approx(-along * shift, rel=1e-2)
-    assert law.stored() - stored == pytest.approx(0.5 * along * shift**2, rel=2e-2)
+    before, stored = law.evaluation.traction.sum(axis=0)[0], law.evaluation.stored
+    law.at(moved(side, [shift, 0, -depth]))
+    along = law.law.layer * law.gaps.area[law.evaluation.index].sum() * 2 * (1 - 0.3) / (2 - 0.3)
+    assert law.evaluation.traction.sum(axis=0)[0] - before == pytest.approx(-along * shift, rel=1e-2)
+    assert law.evaluation.stored - stored == pytest.approx(0.5 * along * shift**2, rel=2e-2)
 
 
 def test_a_layer_is_stiffest_where_all_rows_are_closed_and_stuck(round_body):
@@ -58,9 +58,9 @@ def test_a_layer_is_stiffest_where_all_rows_are_closed_and_stuck(round_body):
     depth = 1.5 * law.gaps.at(np.zeros(law.gaps.n)).max()  # closes the last row
     pressed, rng, stiffness = moved(law.gaps.slave, [0, 0, -depth]), np.random.default_rng(0), law.closed_stiffness()
     for start in (0.0, 1.0):
-        law.force(pressed)
+        law.at(pressed)
         law.accept(start)
-    assert (law.status == STICK).all()
+    assert (law.evaluation.status == STICK).all()
     for way in 1e-12 * rng.standard_normal((5, len(pressed))):
-        there, back = law.force(pressed + way).copy(), law.force(pressed - way)
+        there, back = law.at(pressed + way).generalised.copy(), law.at(pressed - way).generalised
         assert relative(back - there, 2 * stiffness @ way) < 1e-6

@@ -1,0 +1,413 @@
+"""What a contact answers at some coordinates: the forces on its rows and all that follows from them, as one value."""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..algebra.coulomb import Coulomb
+from ..algebra.friction import OPEN, SLIP
+from ..algebra.products import dense
+from ..errors import RunError
+from ..frames.kinematics import Rows
+from ..support.arrays import Array
+from .law import Forces, Law, Places, Slope
+from .memory import RowMemory, by_nodes, on_rows
+from .normal_rows import NormalRows
+from .plasticity.yielding_patches import Zones
+from .state import ContactState
+from .tangential import TangentialRows
+from .viscosity import Creep, ViscousMemory, Yielding
+
+_HELD = 0.75  # share of closed rows: if no more slip, those that stick hold the contact
+_LEAST_WAY = 1e-3  # of the longest: secants count no shorter ones, which may be zero
+
+
+@dataclass(frozen=True, eq=False)
+class ContactParts:
+    """What a contact consists of in a run.
+
+    Parameters
+    ----------
+    rows : NormalRows or TangentialRows
+        Present rows with d = 1 direction each, with friction d = 3.
+    law : Law
+    friction : Coulomb or None
+    zones : Zones or None
+        Plastic zones beneath the patches. Any law can have them.
+    betas : tuple of float or None
+        Times with which the residual flexibilities of the sides yield [s], see `viscosity`; None if all yield at once.
+    """
+
+    rows: NormalRows | TangentialRows
+    law: Law
+    friction: Coulomb | None
+    zones: Zones | None
+    betas: tuple[float, ...] | None
+
+    @property
+    def viscous(self) -> bool:
+        """Whether a residual flexibility yields with time, see `viscosity`."""
+        return self.betas is not None
+
+    @property
+    def elastic(self) -> bool:
+        """Whether forces follow from the coordinates alone and have a potential."""
+        return self.law.elastic and not self.remembers and not self.law.ahead
+
+    @property
+    def remembers(self) -> bool:
+        """Whether forces within steps depend on those of earlier steps."""
+        return self.zones is not None or self.viscous or (self.friction is not None and not self.law.ahead)
+
+    @property
+    def damped(self) -> bool:
+        """Whether a viscous flexibility or the law itself may take energy."""
+        return self.viscous or not (self.law.elastic or self.law.ahead)
+
+
+class Evaluation:
+    """Answer of a contact at some coordinates. It does not change.
+
+    What follows from the forces is found when somebody asks. The rows then go back to the place that belongs to this
+    answer, if others have moved them since.
+
+    Parameters
+    ----------
+    parts : ContactParts
+    state : ContactState
+        At the end of the last accepted step, from which the answer follows.
+    since : float
+        Start of the present step [s].
+    forces : Forces
+        On the present rows.
+    h : (nr,) array
+        Gaps [m], with displacements by zones, and without those by other contacts.
+    least_gap : float
+        Smallest gap of the present rows, without the deformation by the contact's own flexibility [m].
+    places : Places, optional
+        Places of the rows for which the law found the forces; None if all are open.
+    yielding : Yielding, optional
+        How viscous flexibilities yield in this step.
+    opening : float
+        How much of an overlap that is meant is still open [m].
+    begun : bool
+        Whether these are the forces of `state` itself, with which a run begins.
+
+    Attributes
+    ----------
+    rows : NormalRows or TangentialRows
+    on_rows : (nr, d) array
+        Forces on the present rows [N].
+    index : (na,) int array
+        Rows that are closed.
+    """
+
+    _across: list[Array] | None = None  # displacements of viscous sides by the elastic forces of other contacts [m]
+    _across_before: list[Array] | None = None  # the same at the end of the last accepted step
+
+    def __init__(
+        self,
+        parts: ContactParts,
+        state: ContactState,
+        since: float,
+        forces: Forces,
+        h: Array,
+        least_gap: float,
+        *,
+        places: Places | None = None,
+        yielding: Yielding | None = None,
+        opening: float = 0.0,
+        begun: bool = False,
+    ) -> None:
+        self.parts, self.rows, self.state, self.since = parts, parts.rows, state, since
+        self.forces, self.h, self.least_gap, self._places = forces, h, least_gap, places
+        self._yielding, self.opening, self.begun = yielding, opening, begun
+        self.on_rows, self.index = forces.on_rows, forces.closed
+        self._present = parts.rows.gaps.present
+
+    def pushed_by(self, across: list[Array], before: list[Array] | None) -> Evaluation:
+        """Return the same answer with displacements of viscous sides by other contacts, now and in the last step."""
+        result = copy.copy(self)
+        result._across, result._across_before = across, before
+        vars(result).pop("_creep", None)
+        return result
+
+    def _there(self) -> NormalRows | TangentialRows:
+        """The rows, at the place of this answer."""
+        self.rows.gaps.return_to(self._present)
+        return self.rows
+
+    # Forces.
+
+    @property
+    def lam(self) -> Array:
+        """Normal forces on the present rows, (nr,) [N]."""
+        value: Array = self.on_rows[:, 0]
+        return value
+
+    @cached_property
+    def status(self) -> Array:
+        """Whether each present row is open, sticks or slips, (nr,) int8; closed rows without friction slip."""
+        if self.forces.state is not None:
+            return self.forces.state
+        status = np.full(len(self.on_rows), OPEN, dtype=np.int8)
+        status[self.index] = SLIP
+        return status
+
+    @property
+    def slips(self) -> Array:
+        """How far the present rows have slipped since the last accepted step, (nr, 2) [m]."""
+        slips = self.forces.slips
+        return np.zeros((len(self.on_rows), 2)) if slips is None else slips
+
+    @cached_property
+    def traction(self) -> Array:
+        """Tangential forces on the present rows in space, (nr, 3) [N]; zero without friction."""
+        return self._there().tractions(self.on_rows)
+
+    @property
+    def row_nodes(self) -> Array:
+        """Node of the slave's patch for each present row, (nr,)."""
+        return self._there().gaps.row_nodes
+
+    @property
+    def pushes(self) -> bool:
+        """Whether rows are closed, or zones may push."""
+        return self.index.size > 0 or self.parts.zones is not None
+
+    @cached_property
+    def generalised(self) -> Array:
+        """Generalised forces, (n,), from forces on rows, and from zones."""
+        gaps = self.rows.gaps
+        force = self._there().generalised(self.on_rows) if self.index.size else np.zeros(gaps.n)
+        return force if self.parts.zones is None else self.parts.zones.generalised(force)
+
+    def resultant(self) -> Array:
+        """Force on the slave, (3,) [N]."""
+        along = self._there().gaps.resultant(self.lam)
+        return along if self.parts.friction is None else along + self.traction.sum(axis=0)
+
+    def moment(self, point: Array) -> Array:
+        """Moment on the slave about a point in space, (3,) [N m]."""
+        return self._there().moment(self.on_rows, point) if self.index.size else np.zeros(3)
+
+    def on_carrier(self, point: Array) -> Array:
+        """Force on the body that carries the rigid surface, and moment about a point in space, (6,) [N, N m]."""
+        return -np.concatenate([self.resultant(), self.moment(point)])
+
+    def nodal_forces(self) -> list[Array]:
+        """Forces on the nodes of the patches, in axes of space, (np, 3) for each side [N]."""
+        return self._there().nodal_forces(self.on_rows)
+
+    @property
+    def last(self) -> Array:
+        """Forces on the present rows at the end of the last accepted step, (nr, 3) [N]; zero without friction."""
+        rows = self._there()
+        if isinstance(rows, TangentialRows):
+            return on_rows(rows, self.state.memory.forces)
+        return np.zeros((len(self.on_rows), 3))
+
+    def edge_reached(self) -> Array | None:
+        """Place of a row with which contact leaves its patch, (3,) [m]; None if there is none. Pulling rows do not."""
+        law, gaps = self.parts.law, self._there().gaps
+        closed = self.index[self.lam[self.index] > 0.0] if law.reach else self.index
+        if not closed.size:
+            return None
+        leaves_at = gaps.leaves_at[closed]
+        # Closed rows without a flexibility of their own have no depth that would tell how far contact reaches.
+        reached = -self.h[closed] >= leaves_at if law.compliant else np.isfinite(leaves_at)
+        rows = closed[reached | (leaves_at == 0.0)]
+        if not len(rows):
+            return None
+        value: Array = gaps.centre + gaps.places_now()[0][gaps.row_nodes[rows[0]]]
+        return value
+
+    # Stiffness.
+
+    def row_jacobian(self) -> Rows:
+        """Derivative of the places of closed rows with respect to the coordinates, (d na, n)."""
+        return self._there().jacobian(self.index)
+
+    def row_carrier(self) -> Array:
+        """Derivative of the rates of closed rows with respect to the velocities of a surface's carrier, (d na, 6)."""
+        return self._there().carrier_rows(self.index)
+
+    def row_stiffness(self) -> Array:
+        """Minus the derivative of forces on closed rows with respect to their places, (d na, d na) [N/m]."""
+        return dense(self._slope()) if self.index.size else np.zeros((0, 0))
+
+    def _slope(self) -> Slope:
+        if self.forces.stiffness is None:
+            raise NotImplementedError(
+                f"{type(self.parts.law).__name__} answers without `stiffness`, which implicit and static runs need, "
+                "see `contact.law.Forces`"
+            )
+        return self.forces.stiffness()
+
+    def tangent(self) -> Array:
+        """Contact stiffness -d force / d q, (n, n), of closed rows and zones, for fixed pairs."""
+        zones, K = self.parts.zones, np.zeros((self.rows.gaps.n,) * 2)
+        if self.index.size and not self.parts.law.ahead:
+            K = self.stiffness_along(self.row_jacobian())
+        return K if zones is None else zones.tangent(K)
+
+    def stiffness_along(self, H: Rows) -> Array:
+        """Stiffness H' K H, (m, m), where K is `row_stiffness` and H, (d na, m), are ways of closed rows."""
+        return dense(H.T @ (self._slope() @ H))
+
+    def damping(self) -> Array | None:
+        """Minus the derivative of forces on closed rows with respect to their rates, (d na, d na) [N s/m], or None."""
+        damping = self.forces.damping
+        return dense(damping()) if damping is not None and self.index.size else None
+
+    def slip_secants(self, H: Array) -> Array:
+        """Stiffness, (m, m), if friction opposed slips in proportion to the ways of rows; zero where many rows stick.
+
+        `H`, (d na, m), is the derivative of the places of closed rows.
+        """
+        slipping = np.flatnonzero(self.status[self.index] == SLIP)
+        K = np.zeros((H.shape[1],) * 2)
+        if self._places is None or len(slipping) <= _HELD * len(self.index):
+            return K
+        rows = self.index[slipping]
+        forces, ways = self.on_rows[rows, 1:], np.hypot(*self._places.way[rows].T)
+        size = np.hypot(*forces.T)
+        some = (size > 0.0) & (ways > 0.0)
+        directions = forces[some] / size[some, None]
+        along = np.einsum("it,itm->im", directions, H.reshape(-1, 3, len(K))[slipping[some], 1:])
+        secants = size[some] / np.maximum(ways[some], _LEAST_WAY * ways.max())
+        return np.asarray(along.T @ (secants[:, None] * along))
+
+    # Energy.
+
+    @cached_property
+    def stored(self) -> float:
+        """Energy that the contact stores [J]."""
+        if self.begun:
+            return self.state.stored
+        rows = 0.0
+        if self._yielding is not None:
+            rows = self._creep.stored
+        elif self.index.size and not self.parts.law.ahead:
+            rows = self.forces.energy(self.h)
+        zones = self.parts.zones
+        return rows if zones is None else rows + zones.stored()
+
+    @property
+    def viscous_work(self) -> float:
+        """Energy that the viscosity of the flexibilities has dissipated since the start of the run [J]."""
+        taken = self.state.creep.dissipated
+        return taken if self.begun or self._yielding is None else taken + self._creep.taken
+
+    def law_work(self, end: float) -> float:
+        """Energy that the law itself has dissipated since the start of the run [J], if the step ends at time `end` [s].
+
+        Its power is integrated by the trapezoidal rule. Ahead of the first step it has taken nothing.
+        """
+        step, taken = end - self.since, self.state.dissipated
+        if self.begun or not math.isfinite(step):
+            return taken
+        return taken + 0.5 * step * (self.state.power + self.forces.power)
+
+    @property
+    def dissipated(self) -> float:
+        """Energy that friction has dissipated since the start of the run [J]."""
+        within = not self.begun and self.parts.friction is not None and not self.parts.law.ahead
+        return self.state.memory.dissipated + (self._sliding[1] if within and self.index.size else 0.0)
+
+    @cached_property
+    def _sliding(self) -> tuple[Array, float]:
+        """Slip of the rows since the last accepted step, (nr, 2) [m], and the energy that it dissipates [J].
+
+        The energy is found by the trapezoidal rule. The force at the end of the step alone would give too much or too
+        little.
+        """
+        slips = self.forces.slips
+        if slips is None or self._places is None:
+            raise RunError(
+                f"law {type(self.parts.law).__name__}: with friction, its answers need `slips`, how far the rows "
+                "have slipped since the last accepted step, see `contact.law.Forces`"
+            )
+        return slips, -0.5 * float(np.vdot(slips, (self._places.last + self.on_rows)[:, 1:]))
+
+    # Viscous flexibilities.
+
+    @cached_property
+    def _creep(self) -> Creep:
+        """State of viscous flexibilities."""
+        assert self._yielding is not None
+        self._there()
+        return self._yielding.creep(self.on_rows, self._across, self._across_before)
+
+    def carried_before(self, last: Array) -> list[Array]:
+        """Forces that each side carried elastically at the end of the last step, (nr, d) [N].
+
+        Those of a side that yields at once are `last`, (nr, 3) [N].
+        """
+        if self._yielding is None:
+            return [last[:, : self.rows.d]] * len(self.rows.gaps.sides)
+        return self._yielding.before
+
+    def carried(self) -> list[Array]:
+        """Forces that each side carries elastically, (nr, d) [N]."""
+        if self._yielding is None:
+            return [self.on_rows] * len(self.rows.gaps.sides)
+        return self._yielding.elastic(self.on_rows)
+
+    # State.
+
+    def after(self, end: float) -> ContactState:
+        """State after a step that ends at time `end` [s] with this answer."""
+        if self.parts.remembers and end <= self.since:  # the answer belongs to the start of a step
+            return self.state
+        self._there()
+        zones = self.parts.zones
+        return ContactState(
+            self.rows.gaps.after(),
+            self._memory_after(end - self.since),
+            self.creep_after,
+            () if zones is None else zones.after(),
+            self.opening,
+            power=self.forces.power,
+            dissipated=self.law_work(end),
+        )
+
+    def _memory_after(self, step: float) -> RowMemory:
+        """What rows remember of this answer after a step [s]."""
+        memory = self.state.memory
+        if self.parts.law.ahead or self.parts.friction is None:
+            return memory.with_forces(self.at_nodes())
+        closed = self.index.size > 0
+        if not (closed or memory.closed):
+            return memory
+        slips, taken = self._sliding if closed else (np.zeros((len(self.on_rows), 2)), 0.0)
+        return self.slid_memory(slips, np.hypot(*slips.T) / step, taken)
+
+    def slid_memory(self, slips: Array, speeds: Array, taken: float) -> RowMemory:
+        """What rows with friction remember of these forces; see `RowMemory.after`."""
+        rows = self._there()
+        assert isinstance(rows, TangentialRows)
+        return self.state.memory.after(rows, self.lam, self.traction, self.status, slips, speeds, taken)
+
+    @property
+    def creep_after(self) -> ViscousMemory:
+        """What viscous flexibilities remember of this answer."""
+        memory = self.state.creep
+        if self._yielding is None or not (self.index.size or memory.elastic):
+            return memory
+        creep, n = self._creep, len(self.state.memory.path)
+        return memory.after(self._there(), self.on_rows, creep.elastic, n, creep.taken)
+
+    def at_nodes(self) -> Array:
+        """Forces stored for the nodes of the slave's patch, as in `RowMemory`."""
+        rows, n = self.rows, len(self.state.memory.path)
+        if isinstance(rows, TangentialRows):
+            return by_nodes(rows, self.lam, self.traction, n)
+        forces = np.zeros((n, 1))
+        forces[self.row_nodes] = self.on_rows
+        return forces
