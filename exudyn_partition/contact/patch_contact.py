@@ -378,6 +378,8 @@ class PatchContact:
         """State at the end of a run, at time `end` [s], with what its results tell of it."""
         evaluation = self.evaluation
         state = evaluation.after(end) if self._answered else replace(self.state, gaps=self.gaps.accepted)
+        if self.ahead:  # multipliers have let rows remember their slip already
+            state = replace(state, memory=self.state.memory.with_forces(evaluation.at_nodes()))
         return replace(state, stored=evaluation.stored, least_gap=float(evaluation.least_gap))
 
     def accept(self, start: float) -> None:

@@ -33,5 +33,6 @@ def test_the_body_that_yields_does_so_at_once_beside_one_that_stays_elastic(yiel
     sides = [contact.gaps.sides[number].kinematics.body.material for number, _ in contact.zones.zones]
     for count, material in zip(flows, sides, strict=True):
         assert (count > 0) == (material.yield_stress == SOFT.yield_stress)
-    closely = mechanics.for_run("implicit").at(q).generalised  # settles closely, in double precision
+    implicit = mechanics.for_run("implicit")  # settles closely, in double precision
+    closely = implicit.at(q).generalised
     assert np.linalg.norm(settled - closely) < 5e-3 * np.linalg.norm(closely)  # in one answer, far beyond yield
