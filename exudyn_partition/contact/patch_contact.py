@@ -22,7 +22,8 @@ from .gaps import Gaps
 from .law import Forces, Law, LawMaker, Motion, Places
 from .memory import RowMemory, by_nodes, on_rows
 from .normal_rows import NormalRows
-from .plasticity.yielding_patches import Zones
+from .plasticity.nodal_zones import NodalZones
+from .plasticity.yielding_patches import YieldingPatches, Zones
 from .state import ContactState
 from .tangential import TangentialRows
 from .viscosity import Creep, ViscousMemory, Yielding, shares
@@ -55,8 +56,12 @@ class PatchContact:
     rows : NormalRows or TangentialRows
         Present rows with d = 1 direction each, with friction d = 3.
     law : Law
-    zones : Zones or None
+    zones : YieldingPatches or NodalZones or None
         Plastic zones beneath the patches.
+    yielded : ZonesAnswer or None
+        What the zones do in the last answer.
+    secant : Secant or None
+        Where zones flow in implicit and static steps, a guess for the next step of Newton's method.
     forces : (nr, d) array
         Forces on the present rows [N].
     index : (na,) int array
@@ -117,21 +122,21 @@ class PatchContact:
         result = copy.copy(self)
         result.rows = self.rows.fresh(self.gaps.fresh())
         result.law = self.law.fresh(result.rows)
+        result.zones = None if self.zones is None else self.zones.for_run(method)
         result._reset()
         if method == "static":
             result.betas, result._find_rates = None, None
             result.opening = self.gaps.overlap
             if self.gaps.overlap:
                 result.least_gap = self.gaps.clearance + result.opening
-        if self.zones is not None:
-            result.zones = self.zones.for_run(result, method)
-            result.state = replace(result.state, zones=result.zones.after())
         return result
 
     def _reset(self) -> None:
         self._n_nodes = len(self.gaps.slave.surface.points)
         memory = RowMemory.none(self._n_nodes, 4 if self.rows.d == 3 else 1)
-        zones = () if self.zones is None else self.zones.after()
+        zones = () if self.zones is None else self.zones.start
+        self.yielded = None if self.zones is None else self.zones.last(zones)
+        self.secant = None if self.zones is None else self.zones.secant
         self.state = ContactState(self.gaps.accepted, memory, ViscousMemory(), zones)
         self._begun: ContactState | None = None  # state at the start of the run, until the first answer
         self.yielding: Yielding | None = None  # in the present step, if a flexibility is viscous
@@ -236,7 +241,10 @@ class PatchContact:
         if not self.ahead:
             return self.force(motion.q, motion)
         self._answered = True
-        return self._zero if self.zones is None else self.zones.forces(self.gaps.split(motion.q))
+        if not isinstance(self.zones, NodalZones):
+            return self._zero
+        self.yielded = self.zones.at(self.state.zones, self.gaps.split(motion.q))
+        return self.yielded.generalised(self._zero)
 
     def force(self, q: Array, motion: Motion | None = None) -> Array:
         """Generalised contact force, (n,), at the coordinates q, (n,), of slave and master."""
@@ -258,13 +266,18 @@ class PatchContact:
         lasting = None if self.yielding is None else self.yielding.lasting(self.last)
         if lasting is not None:
             pushed = lasting if pushed is None else pushed + lasting
-        if self.zones is None:
+        if not isinstance(self.zones, YieldingPatches):
             self._answer(gap, pushed, motion)
             self.h = gap
-        else:
-            more = np.zeros((len(gap), self.rows.d)) if pushed is None else pushed
-            self.zones.solve(lambda moved: self._answer(gap, moved, motion), more)
-            self.h = self.h - more[:, 0]  # what others have pushed is no gap: its energy is stored here
+            return
+
+        def respond(moved: Array) -> Array:
+            self._answer(gap, moved, motion)
+            return self.forces
+
+        more = np.zeros((len(gap), self.rows.d)) if pushed is None else pushed
+        self.yielded = self.zones.solve(self.state.zones, self.gaps.coordinates, self.rows, respond, more)
+        self.h = self.h - more[:, 0]  # what others have pushed is no gap: its energy is stored here
 
     def _begin_answer(self) -> None:
         """Sliding counts from the present places if no step has begun."""
@@ -326,7 +339,12 @@ class PatchContact:
     def generalised(self) -> Array:
         """Generalised forces, (n,), from the present forces on rows, and from zones."""
         force = self.rows.generalised(self.forces) if self.index.size else self._zero
-        return force if self.zones is None else self.zones.generalised(force)
+        if self.yielded is None:
+            return force
+        force = self.yielded.generalised(force)
+        if self.secant is not None:
+            self.secant = self.secant.then(self.gaps.q, force)
+        return force
 
     @property
     def last(self) -> Array:
@@ -363,7 +381,13 @@ class PatchContact:
         if self.index.size and not self.ahead:
             H = self.row_jacobian()
             K = dense(H.T @ (self.law.stiffness() @ H))
-        return K if self.zones is None else self.zones.tangent(K)
+        return self.corrected(K)
+
+    def corrected(self, of_rows: Array) -> Array:
+        """Stiffness, (n, n), from that of the rows, (n, n): where zones flow, it explains Newton's last step."""
+        if self.secant is None or self.yielded is None or not self.yielded.flowing:
+            return of_rows
+        return self.secant.corrected(of_rows)
 
     def damping(self) -> Array | None:
         """Minus the derivative of forces on closed rows with respect to their rates, (d na, d na) [N s/m], or None."""
@@ -420,7 +444,7 @@ class PatchContact:
             own = self._crept(self.yielding).stored
         else:
             own = self.law.stored(self.h, self.forces) if self.index.size and not self.ahead else 0.0
-        return own if self.zones is None else own + self.zones.stored()
+        return own if self.yielded is None else own + self.yielded.stored
 
     @property
     def shares(self) -> tuple[float, ...]:
@@ -487,8 +511,7 @@ class PatchContact:
         self.h = self.gaps.begin(state.gaps) + state.opening
         if isinstance(self.rows, TangentialRows):
             self.rows.hold()
-        if self.zones is not None:
-            self.zones.begin(state.zones)
+        self.yielded = None if self.zones is None else self.zones.last(state.zones)
         self.state, self.since, self.opening = state, t, state.opening
         nodes, memory = self.gaps.row_nodes, state.memory
         closed = np.flatnonzero(memory.forces[nodes, 0])
@@ -515,7 +538,7 @@ class PatchContact:
             memory = self.memory.with_forces(self._at_nodes())
         else:
             memory = self._slid_memory(end - self.since)
-        zones = () if self.zones is None else self.zones.after()
+        zones = () if self.yielded is None else self.yielded.after
         return ContactState(
             self.gaps.after(),
             memory,
@@ -536,8 +559,8 @@ class PatchContact:
             closed = self.index.size > 0
             if self._answered and (self.remembers or self.told or self.damped):
                 self.state = self.after(start)
-                if self.zones is not None:
-                    self.zones.accept(self.state.zones)
+                if self.yielded is not None:
+                    self.yielded.check()
                 gaps = self.state.gaps
             else:
                 gaps = self.gaps.after()
@@ -550,8 +573,6 @@ class PatchContact:
     def retry(self) -> None:
         """Begin the step again, from the state that was accepted last."""
         self.gaps.retry()
-        if self.zones is not None:
-            self.zones.retry()
 
     def take_step(self, end: float) -> None:
         """Take the time [s] at which forces are evaluated next: viscous flexibilities depend on the step up to it.

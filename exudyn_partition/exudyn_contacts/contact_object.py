@@ -192,11 +192,9 @@ def _of_groups(
         }
         for (j, k), K in run.stiffness({j: H for j, (H, _) in closed.items()}).items():
             if j == k:
-                own, zones = np.s_[: len(model.of(group[j]).dofs)], model.of(group[j]).mechanics.zones
-                if alone:
-                    K[own, own] = 0.0  # `_of_each` has that of the bodies
-                elif zones is not None:
-                    K[own, own] = zones.tangent(K[own, own])
+                own = np.s_[: len(model.of(group[j]).dofs)]
+                # `_of_each` has that of the bodies of a contact alone
+                K[own, own] = 0.0 if alone else model.of(group[j]).mechanics.corrected(K[own, own])
             yield by_q * K, closed[j][1], closed[k][1]
 
 

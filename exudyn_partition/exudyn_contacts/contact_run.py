@@ -148,7 +148,7 @@ class ContactRun:
         self.tangential: dict[float, tuple[Array, Array]] = {}
         self.on_nodes: dict[float, list[Array]] = {}
         self.plastic_strains = (
-            {} if mechanics.zones is None else {i: StrainHistory(z.zone) for i, z in mechanics.zones.zones}
+            {} if mechanics.zones is None else {i: StrainHistory(z.zone) for i, z in mechanics.zones.motions}
         )
         self.edge: tuple[float, Array] | None = None
         # Impulses: sum and vector of normal forces, vector of tangential forces.
@@ -195,8 +195,8 @@ class ContactRun:
         looped = None if self._group is None else self._group.looped
         if looped is not None:  # without friction and plastic zones
             return float(looped.stored[self._place])
-        zones = self._mechanics.zones
-        taken = self._dissipated() + self._damping_work(self._at) + (0.0 if zones is None else zones.work())
+        yielded = self._mechanics.yielded
+        taken = self._dissipated() + self._damping_work(self._at) + (0.0 if yielded is None else yielded.work)
         return self._mechanics.stored() + taken
 
     @property
@@ -245,8 +245,8 @@ class ContactRun:
     @property
     def plastic_ends(self) -> dict[int, PlasticState]:
         """Present state of each plastic zone; keys are the numbers of the sides."""
-        zones = self.mechanics.zones
-        return {} if zones is None else {side: zone.present for side, zone in zones.zones}
+        yielded = self.mechanics.yielded
+        return {} if yielded is None else yielded.present
 
     def histories(self, zones: Mapping[int, PlasticZone]) -> dict[int, StrainHistory]:
         """Return `plastic_strains`. The same method of a run from a file needs these zones."""
@@ -389,10 +389,10 @@ class ContactRun:
         closed = mechanics.index
         if mechanics.damped:
             self._stored[t], self.viscous_works[t] = mechanics.stored(), self._damping_work(t)
-        if mechanics.zones is not None:
-            mechanics.zones.check()
-            for side, zone in mechanics.zones.zones:
-                self.plastic_strains[side].keep(t, zone.present)
+        if mechanics.yielded is not None:
+            mechanics.yielded.check()
+            for side, plastic in mechanics.yielded.present.items():
+                self.plastic_strains[side].keep(t, plastic)
         if self.forward is not None and t != self.goes_on_at:  # that time was checked before, and a check moves pairs
             self._check_step(t)
             self.forward.check(self.of(q()))
@@ -451,9 +451,9 @@ class ContactRun:
 
     def plastic_values(self) -> list[float]:
         """Values of the sensor `sPlastic`, see `PartitionContact`."""
-        zones = self.mechanics.zones
-        assert zones is not None
-        return [self.mechanics.stored(), zones.work(), zones.largest_strain(), float(zones.flowing())]
+        yielded = self.mechanics.yielded
+        assert yielded is not None
+        return [self.mechanics.stored(), yielded.work, yielded.largest_strain, float(yielded.flowing)]
 
     def _check_step(self, t: float) -> None:
         """Raise an error if multipliers were not applied in the run."""
