@@ -142,6 +142,8 @@ class ActivePoints:
 
     def strain(self, state: ZoneState) -> Array:
         """Deviatoric strains of the points, (k, 6), in a state; those of the last one that was asked for are kept."""
+        if state.strain is not None and self.holds(state.active):
+            return state.strain
         if self._strain is None or self._strain[0] is not state:
             moved = self.moved(state.q, state.applied.moved) + self.by_patch(state.by_patch)
             # Nothing flows. So this gives the strains quickly.

@@ -298,7 +298,8 @@ class YieldingPatches(Zones):
         for tried in range(_MOST):
             parts = np.split(p, places)
             pushes.append([step.push(part if tried else None) for step, part in zip(steps, parts, strict=True)])
-            flowed, found, size = _flow(steps, pushes[-1], on_patches)
+            flowed = _flow(steps, pushes[-1], on_patches)
+            found, size = _asked_for(steps, flowed)
             change = float(np.linalg.norm(found - p))
             least, stalled = min(change, least), stalled + 1 if change >= least else 0
             # What an answer still lacks, by its change, if changes go on to decrease as the last one has.
@@ -310,7 +311,8 @@ class YieldingPatches(Zones):
             if lacks * anderson.least <= settled:  # so the best combination of all guesses may do, without a product
                 last = list(pushes)[-len(anderson.shares) :]
                 mixed = [combined(of_zone, anderson.shares) for of_zone in zip(*last, strict=True)]
-                flowed, found, _ = _flow(steps, mixed, on_patches)
+                flowed = _flow(steps, mixed, on_patches)
+                found = np.concatenate([flow.asks_for for flow in flowed])
                 if lacks * np.linalg.norm(found - np.concatenate([push.change for push in mixed])) <= settled:
                     return _ends(steps, flowed), tried + 1, 0.0
         return _ends(steps, flowed), _MOST, float(change / size)
@@ -348,15 +350,17 @@ class YieldingPatches(Zones):
         return found
 
 
-def _flow(
-    steps: Sequence[ZoneStep], pushes: Sequence[Push], on_patches: OnPatches
-) -> tuple[list[Flowed], Array, float]:
-    """Flow by what was pushed, the change of the pseudo-forces that it asks for, and the norm of all of them [N]."""
-    forces = on_patches([step.moved_patch(push) for step, push in zip(steps, pushes, strict=True)])
-    flowed = [step.flow(push, force) for step, push, force in zip(steps, pushes, forces, strict=True)]
-    changes = [step.asks_for(one) for step, one in zip(steps, flowed, strict=True)]
-    size = np.linalg.norm([step.size(change) for step, change in zip(steps, changes, strict=True)])
-    return flowed, np.concatenate(changes), float(size)
+def _flow(steps: Sequence[ZoneStep], pushes: Sequence[Push], on_patches: OnPatches) -> list[Flowed]:
+    """Flow in each zone by what was pushed in all of them."""
+    both = list(zip(steps, pushes, strict=True))
+    forces = on_patches([step.moved_patch(push) for step, push in both])
+    return [step.flow(push, force) for (step, push), force in zip(both, forces, strict=True)]
+
+
+def _asked_for(steps: Sequence[ZoneStep], flowed: Sequence[Flowed]) -> tuple[Array, float]:
+    """Change of the pseudo-forces of all zones that flow asks for, and norm of the pseudo-forces after it [N]."""
+    sizes = [step.size(flow.asks_for) for step, flow in zip(steps, flowed, strict=True)]
+    return np.concatenate([flow.asks_for for flow in flowed]), float(np.linalg.norm(sizes))
 
 
 def _ends(steps: Sequence[ZoneStep], flowed: Sequence[Flowed]) -> list[ZoneState | ZoneStep]:

@@ -74,6 +74,8 @@ class Flowed(NamedTuple):
     strain : (k, 6) array
     led_to : (m,) array
         Change of the pseudo-forces on the active nodes in this step, by this flow [N].
+    asks_for : (m,) array
+        The same with what the step before has left to apply [N].
     """
 
     push: Push
@@ -81,6 +83,7 @@ class Flowed(NamedTuple):
     plastic: PlasticState
     strain: Array
     led_to: Array
+    asks_for: Array
 
 
 class _ElasticRange(NamedTuple):
@@ -280,12 +283,7 @@ class ZoneStep:
         """Flow that follows from a push and forces on the patch, (r,) [N]."""
         active, (moved, before) = self._active, self._beginning
         plastic, strain, led_to = active.part.answer(moved + active.by_patch(force) + push.moved, before)
-        return Flowed(push, force, plastic, strain, led_to)
-
-    def asks_for(self, flowed: Flowed) -> Array:
-        """Change of the pseudo-forces on the active nodes, (m,) [N], that flow asks for, and the step before."""
-        value: Array = flowed.led_to + self.state.applied.left[self._active.dofs]
-        return value
+        return Flowed(push, force, plastic, strain, led_to, led_to + self.state.applied.left[active.dofs])
 
     @cached_property
     def _beginning(self) -> tuple[Array, PlasticState]:
@@ -296,7 +294,7 @@ class ZoneStep:
     def end(self, flowed: Flowed) -> ZoneState | ZoneStep:
         """State after the step. If other points flow, the same step with these points active, to be done again."""
         zone, active, state, last = self.zone, self._active, self.state, self.state.applied
-        push, force, found, strain, led_to = flowed
+        push, force, found, strain, led_to, _ = flowed
         plastic = state.plastic.changed(active.points, found)
         p, left = last.p.copy(), last.left.copy()
         p[active.dofs] += push.change
@@ -312,8 +310,7 @@ class ZoneStep:
         before = self._beginning[1]
         flow = int(np.count_nonzero(found.equivalent > before.equivalent))
         goes_on = flow > 0 and len(active.points) <= _SPARE * (flow + _FEW)
-        begun_at = state.strain if self.chosen is state.active and state.strain is not None else active.strain(state)
-        work = state.work + active.part.work((before, begun_at), (found, strain))
+        work = state.work + active.part.work((before, active.strain(state)), (found, strain))
         if state.excess is not None and goes_on:  # points that will flow if stress grows as it has
             chosen = self._grown(2 * excess - state.excess)
         now = zone.with_energy(applied, plastic), change, self.q, force, work, chosen, goes_on

@@ -11,25 +11,45 @@ import exudyn_partition as ep
 
 SOFT = ep.Material(E=70e9, nu=0.33, rho=2700.0, yield_stress=50e6, hardening=500e6)
 HARD = replace(SOFT, yield_stress=5e9)
+PRESSED = 1e-6  # the upper ball, by as much as makes the soft one flow and leaves the hard one elastic [m]
 
 
-@pytest.mark.parametrize("yielding", [0, 1])
-def test_the_body_that_yields_does_so_at_once_beside_one_that_stays_elastic(yielding):
-    """In the first answer, from the virgin state: each zone knows the forces on its own patch."""
+@pytest.fixture(scope="module", params=[0, 1])
+def contact(request):
+    """Two balls, of which one is soft."""
     mbs, items = exu.SystemContainer().AddSystem(), []
     for number, sign in enumerate((-1, 1)):
         ball = occ.Sphere(occ.Pnt(0, 0, -sign * 4e-3), 4e-3)
         fem = ep.fe_model(
-            ball, SOFT if number == yielding else HARD, maxh=4e-3, refine=[ep.Refine((0, 0, 0), 4e-4, 3e-4)]
+            ball, SOFT if number == request.param else HARD, maxh=4e-3, refine=[ep.Refine((0, 0, 0), 4e-4, 3e-4)]
         )
         part = ep.Partition.ball(fem, (0, 0, 0), 6e-4, direction=(0, 0, sign), plastic_radius=8e-4)
         items.append(ep.CreatePartitionBody(mbs, ep.reduce(fem, part, f_cut=60e3)))
-    contact = ep.CreatePartitionContact(mbs, *items).mechanics.for_run("explicit")
+    return ep.CreatePartitionContact(mbs, *items).mechanics
+
+
+def pressed(contact, depth):
+    """Coordinates with the upper ball that much lower [m]."""
     q = np.zeros(contact.gaps.n)
-    q[2] = -1e-6  # the upper ball, by as much as makes the soft one flow and leaves the hard one elastic
-    settled = contact.force(q)
-    for number, plastic in contact.yielded.present.items():
+    q[2] = -depth
+    return q
+
+
+def test_the_body_that_yields_does_so_at_once_beside_one_that_stays_elastic(contact):
+    """In the first answer, from the virgin state: each zone knows the forces on its own patch."""
+    roughly, closely = contact.for_run("explicit"), contact.for_run("implicit")  # in single and in double precision
+    settled, exact = (run.force(pressed(run, PRESSED)) for run in (roughly, closely))
+    for number, plastic in roughly.yielded.present.items():
         material = contact.gaps.sides[number].kinematics.body.material
         assert plastic.equivalent.any() == (material.yield_stress == SOFT.yield_stress)
-    closely = contact.for_run("implicit").force(q)  # settles closely, in double precision
-    assert np.linalg.norm(settled - closely) < 5e-3 * np.linalg.norm(closely)  # in one answer, far beyond yield
+    assert np.linalg.norm(settled - exact) < 5e-3 * np.linalg.norm(exact)  # in one answer, far beyond yield
+
+
+@pytest.mark.parametrize("share", [0.25, 0.35, 0.5, 0.7])
+def test_what_newtons_method_has_tried_within_a_step_changes_no_force(contact, share):
+    """Points that had become active there, and the last guess, changed the next answer by what settling leaves."""
+    run, depth = contact.for_run("implicit"), share * PRESSED
+    first = run.force(pressed(run, depth))
+    assert np.linalg.norm(run.force(pressed(run, 1.5 * depth))) > 1.2 * np.linalg.norm(first)
+    again = run.force(pressed(run, depth))
+    np.testing.assert_allclose(again, first, rtol=0, atol=1e-12 * abs(first).max())
