@@ -276,7 +276,8 @@ class PatchContact:
             return self.forces
 
         more = np.zeros((len(gap), self.rows.d)) if pushed is None else pushed
-        self.yielded = self.zones.solve(self.state.zones, self.gaps.coordinates, self.rows, respond, more)
+        parts = self.gaps.coordinates
+        self.yielded = self.zones.solve(self.state.zones, parts, self.rows, respond, more, self.yielded)
         self.h = self.h - more[:, 0]  # what others have pushed is no gap: its energy is stored here
 
     def _begin_answer(self) -> None:
@@ -573,6 +574,7 @@ class PatchContact:
     def retry(self) -> None:
         """Begin the step again, from the state that was accepted last."""
         self.gaps.retry()
+        self.yielded = None if self.zones is None else self.zones.last(self.state.zones)
 
     def take_step(self, end: float) -> None:
         """Take the time [s] at which forces are evaluated next: viscous flexibilities depend on the step up to it.

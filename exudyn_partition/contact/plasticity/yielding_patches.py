@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import operator
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from ...algebra.secants import DEPTH, Anderson, Secant
 from ...errors import ComplementarityError
 from ...plasticity.flow import PlasticState
 from ...support.arrays import Array
-from .yielding_zone import Flowed, Push, YieldingZone, ZoneStep, combined
+from .yielding_zone import Flowed, Push, YieldingZone, ZoneGuess, ZoneStep, combined
 from .zone_motion import ZoneMotion
 from .zone_state import NodalState, ZoneState
 
@@ -72,6 +73,8 @@ class ZonesAnswer:
         At the begin and at the end of the step.
     places : tuple of slice
         Where the coordinates that each zone pushes are among those of the contact.
+    guesses : tuple of ZoneGuess
+        Where the next answer in the same step may begin.
     iterations : int
     unsettled : float
         By how much the last iteration changed the forces, relative, if it was not the last for having settled.
@@ -81,6 +84,7 @@ class ZonesAnswer:
     before: tuple[Any, ...]
     after: tuple[Any, ...]
     places: tuple[slice, ...]
+    guesses: tuple[ZoneGuess, ...] = ()
     iterations: int = 0
     unsettled: float = 0.0
 
@@ -234,6 +238,7 @@ class YieldingPatches(Zones):
         rows: Rows,
         respond: Callable[[Array], Array],
         pushed: Array,
+        earlier: ZonesAnswer | None = None,
     ) -> ZonesAnswer:
         """Find the states after a step, together with the forces on the rows.
 
@@ -247,23 +252,30 @@ class YieldingPatches(Zones):
             The present ones.
         respond : callable
             Returns the forces on the rows, (nr, d) [N]. Its argument is the displacement of the rows due to zones and
-            other contacts, in this shape [m].
+            other contacts, in this shape [m]. The answer belongs to the last call.
         pushed : (nr, d) array
             Displacement of the rows due to other contacts.
+        earlier : ZonesAnswer, optional
+            An answer for other coordinates. If it is one of the same step, the iteration begins with its guesses, which
+            saves time. They change the answer by less than a step leaves to the next one.
 
         Raises
         ------
         ComplementarityError
             In explicit steps, if flow does not settle. Otherwise `ZonesAnswer.check` raises it.
         """
-        steps = [zone.step(state, parts[side]) for (side, zone), state in zip(self.zones, states, strict=True)]
+        guesses: Sequence[ZoneGuess | None] = [None] * len(states)
+        if earlier is not None and earlier.guesses and all(map(operator.is_, earlier.before, states)):
+            guesses = earlier.guesses
+        each_zone = zip(self.zones, states, guesses, strict=True)
+        steps = [zone.step(state, parts[side], guess) for (side, zone), state, guess in each_zone]
         on_patches = self._on_patches(steps, rows, respond, pushed)
         if not all(state.goes_on for state in states):
             forces = on_patches([state.applied.moved_patch for state in states])
             each = list(zip(steps, forces, strict=True))
             flows = [step.begins_to_flow(force) for step, force in each]
             if not any(flows):
-                return self._answer(states, [step.elastic(force) for step, force in each])
+                return self._answer(states, [step.elastic(force) for step, force in each], _guesses(steps))
             steps = [flowing or step for step, flowing in zip(steps, flows, strict=True)]
         iterations = 0
         while True:
@@ -271,7 +283,7 @@ class YieldingPatches(Zones):
             iterations += tried
             after = [end for end in ends if isinstance(end, ZoneState)]
             if len(after) == len(ends):
-                answer = self._answer(states, after, iterations, unsettled)
+                answer = self._answer(states, after, _guesses(steps), iterations, unsettled)
                 if self.secant is None:
                     answer.check()
                 return answer
@@ -291,8 +303,8 @@ class YieldingPatches(Zones):
         float
             See `ZonesAnswer.unsettled`.
         """
-        guesses, pushes, anderson = [step.guess for step in steps], deque[list[Push]](maxlen=DEPTH + 1), Anderson()
-        p, places = np.concatenate(guesses), np.cumsum([len(guess) for guess in guesses])[:-1]
+        first, pushes, anderson = [step.first for step in steps], deque[list[Push]](maxlen=DEPTH + 1), Anderson()
+        p, places = np.concatenate(first), np.cumsum([len(change) for change in first])[:-1]
         least, stalled, before = math.inf, 0, 0.0
         close = min(self._settled, _OF_STRESS * _elastic_share(steps))
         for tried in range(_MOST):
@@ -361,6 +373,10 @@ def _asked_for(steps: Sequence[ZoneStep], flowed: Sequence[Flowed]) -> tuple[Arr
     """Change of the pseudo-forces of all zones that flow asks for, and norm of the pseudo-forces after it [N]."""
     sizes = [step.size(flow.asks_for) for step, flow in zip(steps, flowed, strict=True)]
     return np.concatenate([flow.asks_for for flow in flowed]), float(np.linalg.norm(sizes))
+
+
+def _guesses(steps: Sequence[ZoneStep]) -> tuple[ZoneGuess, ...]:
+    return tuple(step.guess for step in steps)
 
 
 def _ends(steps: Sequence[ZoneStep], flowed: Sequence[Flowed]) -> list[ZoneState | ZoneStep]:

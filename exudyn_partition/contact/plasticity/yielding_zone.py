@@ -33,6 +33,13 @@ _MOST_DENSE = 1500
 _SPARE = 4  # points are chosen again if so many times the flowing points and _FEW are active
 
 
+class ZoneGuess(NamedTuple):
+    """Where the iteration of a step begins: points that may flow, (g,) bool, and what the step changes."""
+
+    active: Array
+    change: Change
+
+
 class Push(NamedTuple):
     """A change of the pseudo-forces on m active nodes and what it does, all linear in it.
 
@@ -168,9 +175,13 @@ class YieldingZone:
             self._active = ActivePoints(self.motion, chosen, self._own, self._of_patch)
         return self._active
 
-    def step(self, state: ZoneState, q: Array) -> ZoneStep:
-        """Step that begins in this state and ends at coordinates q, (n,), of the body."""
-        return ZoneStep(self, state, q[len(q) - len(self._by_q) :].copy(), state.active, state.change)
+    def step(self, state: ZoneState, q: Array, guess: ZoneGuess | None = None) -> ZoneStep:
+        """Step that begins in this state and ends at coordinates q, (n,), of the body.
+
+        By default the guess is that of the state.
+        """
+        guess = ZoneGuess(state.active, state.change) if guess is None else guess
+        return ZoneStep(self, state, q[len(q) - len(self._by_q) :].copy(), guess)
 
     def stays_elastic(self, state: ZoneState, q: Array, force: Array) -> bool:
         """Whether a bound shows that no point yields from this state on, at coordinates and forces on the patch.
@@ -217,54 +228,51 @@ class ZoneStep:
         At the begin of the step.
     q : (n,) array
         Last coordinates of the body at its end.
-    chosen : (g,) bool array
-        Points that may flow: the active ones.
-    first : Change
-        First guess of what the step changes.
+    guess : ZoneGuess
     """
 
     zone: YieldingZone
     state: ZoneState
     q: Array
-    chosen: Array
-    first: Change
+    guess: ZoneGuess
 
     @property
     def _active(self) -> ActivePoints:
-        return self.zone.active(self.chosen)
+        return self.zone.active(self.guess.active)
 
     def elastic(self, force: Array) -> ZoneState:
         """State after the step if no point flows, with forces on the patch, (r,) [N]."""
-        state, nothing = self.state, self.first.none()
-        goes_on = state.goes_on and nothing is self.first
-        return ZoneState(state.plastic, state.applied, nothing, self.q, force, state.work, self.chosen, goes_on)
+        state, (chosen, change) = self.state, self.guess
+        nothing = change.none()
+        goes_on = state.goes_on and nothing is change
+        return ZoneState(state.plastic, state.applied, nothing, self.q, force, state.work, chosen, goes_on)
 
     def begins_to_flow(self, force: Array) -> ZoneStep | None:
         """Return the step with the points active that flow with forces on the patch, (r,) [N]; None if none do."""
         excess = self.zone.flows(self.state, self.q, force)
         if excess is None:
             return None
-        flow = int(np.count_nonzero(excess > 0))
-        if not (excess[~self.chosen] > 0).any() and np.count_nonzero(self.chosen) <= _SPARE * (flow + _FEW):
+        flow, chosen = int(np.count_nonzero(excess > 0)), self.guess.active
+        if not (excess[~chosen] > 0).any() and np.count_nonzero(chosen) <= _SPARE * (flow + _FEW):
             return self
-        return replace(self, chosen=self.zone.near(excess, flow))
+        return replace(self, guess=ZoneGuess(self.zone.near(excess, flow), self.guess.change))
 
     @property
-    def guess(self) -> Array:
+    def first(self) -> Array:
         """First guess of the change of the pseudo-forces on the active nodes, (m,) [N]."""
-        guess: Array = self.first.change[self._active.dofs]
-        return guess
+        first: Array = self.guess.change.change[self._active.dofs]
+        return first
 
     def push(self, change: Array | None = None) -> Push:
         """What a change of the pseudo-forces on the active nodes, (m,) [N], does.
 
-        By default it is `guess`, whose displacements are known.
+        By default it is `first`, whose displacements are known.
         """
-        active, first = self._active, self.first
+        active, known = self._active, self.guess.change
         if change is None:
-            change = self.guess
-            if np.count_nonzero(first.change) == np.count_nonzero(change):  # all are active
-                return Push(change, first.moved[active.dofs], first.moved_patch, 1.0, np.zeros(1))
+            change = self.first
+            if np.count_nonzero(known.change) == np.count_nonzero(change):  # all are active
+                return Push(change, known.moved[active.dofs], known.moved_patch, 1.0, np.zeros(1))
         moved, answered = active.answer(change)
         return Push(change, moved, active.at_patch(change), 0.0, answered)
 
@@ -299,14 +307,14 @@ class ZoneStep:
         p, left = last.p.copy(), last.left.copy()
         p[active.dofs] += push.change
         left[active.dofs] += led_to - push.change
-        moved = last.moved + push.first * self.first.moved
+        moved = last.moved + push.first * self.guess.change.moved
         if push.answered.any():
             moved += active.spread(push.answered)
         applied = Applied(p, left, moved, self.moved_patch(push), last.generalised + active.generalised(led_to), 0.0)
         change, excess = applied.beyond(last), zone.excess(plastic, self.q, force, moved)
         chosen = self._grown(excess)
-        if chosen is not self.chosen:
-            return replace(self, chosen=chosen, first=change)
+        if chosen is not self.guess.active:
+            return replace(self, guess=ZoneGuess(chosen, change))
         before = self._beginning[1]
         flow = int(np.count_nonzero(found.equivalent > before.equivalent))
         goes_on = flow > 0 and len(active.points) <= _SPARE * (flow + _FEW)
@@ -314,12 +322,13 @@ class ZoneStep:
         if state.excess is not None and goes_on:  # points that will flow if stress grows as it has
             chosen = self._grown(2 * excess - state.excess)
         now = zone.with_energy(applied, plastic), change, self.q, force, work, chosen, goes_on
-        return ZoneState(plastic, *now, strain if chosen is self.chosen else None, excess)
+        return ZoneState(plastic, *now, strain if chosen is self.guess.active else None, excess)
 
     def _grown(self, excess: Array) -> Array:
         """The active points, (g,) bool, and others that flow, and those near them; the same array if there are none."""
-        excess = np.where(self.chosen, -np.inf, excess)
+        chosen = self.guess.active
+        excess = np.where(chosen, -np.inf, excess)
         if excess.max() <= 0:
-            return self.chosen
-        flow = int(np.count_nonzero(excess > 0)) + int(np.count_nonzero(self.chosen)) // 2
-        return np.asarray(self.chosen | self.zone.near(excess, flow))
+            return chosen
+        flow = int(np.count_nonzero(excess > 0)) + int(np.count_nonzero(chosen)) // 2
+        return np.asarray(chosen | self.zone.near(excess, flow))

@@ -42,7 +42,7 @@ def after(zone, state, force, settled, q=0.0):
         step = flowing
     ended = 0
     while not isinstance(step, ZoneState):
-        change, push = step.guess, step.push()
+        change, push = step.first, step.push()
         flowed = step.flow(push, force)
         while np.linalg.norm(flowed.asks_for - change) > settled * step.size(flowed.asks_for):
             change = flowed.asks_for
@@ -147,8 +147,8 @@ def test_a_combination_of_guesses_does_what_the_same_guess_does(zone, kind):
     step = zone.step(state, np.zeros(zone.motion.kinematics.rows.shape[1]))
     first = step.push()
     change = step.flow(first, force).asks_for
-    assert np.linalg.norm(change - step.guess) > 0.1 * np.linalg.norm(step.guess) > 0
-    other = 0.3 * step.guess + 0.7 * change
+    assert np.linalg.norm(change - step.first) > 0.1 * np.linalg.norm(step.first) > 0
+    other = 0.3 * step.first + 0.7 * change
     mixed = combined([first, step.push(change)], np.array([0.3, 0.7]))
     np.testing.assert_allclose(mixed.change, other)
     for push in (mixed, step.push(other)):
