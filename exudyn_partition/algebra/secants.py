@@ -5,6 +5,8 @@ Theory: examples/site/theory.md, "Plastic zones".
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.linalg
 
@@ -54,29 +56,37 @@ class Anderson:
         return np.asarray(led_to - back @ np.array(self._steps))
 
 
-class Broyden:
-    """Stiffness K of a force f(q), df = -K dq, corrected along the last step dq of an iteration by what f did there.
+@dataclass(frozen=True, eq=False)
+class Secant:
+    """Last step of an iteration that looks for a zero of a force f(q), and what f did there: Broyden's formula.
+
+    Parameters
+    ----------
+    last : tuple of two (n,) arrays, optional
+        Last coordinates, and the force there.
+    step : tuple of two (n,) arrays, optional
+        Last step in which the force changed by more than its rounding, and this change.
 
     References
     ----------
     C. G. Broyden, A class of methods for solving nonlinear simultaneous equations, Math. Comp. 19, 1965.
     """
 
-    def __init__(self) -> None:
-        self._last: tuple[Array, Array] | None = None
-        self._step: tuple[Array, Array] | None = None
+    last: tuple[Array, Array] | None = None
+    step: tuple[Array, Array] | None = None
 
-    def see(self, q: Array, force: Array) -> None:
-        """Take note of the force, (n,), at coordinates q, (n,)."""
-        if self._last is not None:
-            step, change = q - self._last[0], force - self._last[1]
+    def then(self, q: Array, force: Array) -> Secant:
+        """Return the secant after the next step, to coordinates q, (n,), with a force, (n,)."""
+        step = self.step
+        if self.last is not None:
+            way, change = q - self.last[0], force - self.last[1]
             if np.linalg.norm(change) > _TELLING * np.linalg.norm(force):
-                self._step = step, change
-        self._last = q.copy(), force.copy()
+                step = way, change
+        return Secant((q.copy(), force.copy()), step)
 
     def corrected(self, stiffness: Array) -> Array:
-        """Stiffness, (n, n), that explains the last step, with the least change of the given one, (n, n)."""
-        if self._step is None:
+        """Stiffness K, df = -K dq, (n, n), that explains the last step, with the least change of the given one."""
+        if self.step is None:
             return stiffness
-        step, change = self._step
-        return stiffness - np.outer(change + stiffness @ step, step / (step @ step))
+        way, change = self.step
+        return stiffness - np.outer(change + stiffness @ way, way / (way @ way))

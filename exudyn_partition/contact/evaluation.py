@@ -6,19 +6,21 @@ import copy
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ..algebra.coulomb import Coulomb
-from ..algebra.friction import OPEN, SLIP
+from ..algebra.friction import SLIP
 from ..algebra.products import dense
 from ..errors import RunError
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from .law import Forces, Law, Places, Slope
-from .memory import RowMemory, by_nodes, on_rows
+from .memory import RowMemory
 from .normal_rows import NormalRows
-from .plasticity.yielding_patches import Zones
+from .plasticity.yielding_patches import Zones, ZonesAnswer
+from .row_forces import RowForces
 from .state import ContactState
 from .tangential import TangentialRows
 from .viscosity import Creep, ViscousMemory, Yielding
@@ -37,7 +39,7 @@ class ContactParts:
         Present rows with d = 1 direction each, with friction d = 3.
     law : Law
     friction : Coulomb or None
-    zones : Zones or None
+    zones : YieldingPatches or NodalZones or None
         Plastic zones beneath the patches. Any law can have them.
     betas : tuple of float or None
         Times with which the residual flexibilities of the sides yield [s], see `viscosity`; None if all yield at once.
@@ -70,11 +72,8 @@ class ContactParts:
         return self.viscous or not (self.law.elastic or self.law.ahead)
 
 
-class Evaluation:
+class Evaluation(RowForces):
     """Answer of a contact at some coordinates. It does not change.
-
-    What follows from the forces is found when somebody asks. The rows then go back to the place that belongs to this
-    answer, if others have moved them since.
 
     Parameters
     ----------
@@ -93,18 +92,12 @@ class Evaluation:
         Places of the rows for which the law found the forces; None if all are open.
     yielding : Yielding, optional
         How viscous flexibilities yield in this step.
+    yielded : ZonesAnswer, optional
+        What plastic zones do in it.
     opening : float
         How much of an overlap that is meant is still open [m].
     begun : bool
         Whether these are the forces of `state` itself, with which a run begins.
-
-    Attributes
-    ----------
-    rows : NormalRows or TangentialRows
-    on_rows : (nr, d) array
-        Forces on the present rows [N].
-    index : (na,) int array
-        Rows that are closed.
     """
 
     _across: list[Array] | None = None  # displacements of viscous sides by the elastic forces of other contacts [m]
@@ -121,43 +114,35 @@ class Evaluation:
         *,
         places: Places | None = None,
         yielding: Yielding | None = None,
+        yielded: ZonesAnswer | None = None,
         opening: float = 0.0,
         begun: bool = False,
     ) -> None:
-        self.parts, self.rows, self.state, self.since = parts, parts.rows, state, since
-        self.forces, self.h, self.least_gap, self._places = forces, h, least_gap, places
-        self._yielding, self.opening, self.begun = yielding, opening, begun
-        self.on_rows, self.index = forces.on_rows, forces.closed
-        self._present = parts.rows.gaps.present
+        super().__init__(parts.rows, forces)
+        self.parts, self.state, self.since, self.h, self.least_gap = parts, state, since, h, least_gap
+        self._places, self._yielding, self.yielded = places, yielding, yielded
+        self.opening, self.begun = opening, begun
 
     def pushed_by(self, across: list[Array], before: list[Array] | None) -> Evaluation:
         """Return the same answer with displacements of viscous sides by other contacts, now and in the last step."""
+        return self._with(_across=across, _across_before=before)
+
+    def from_state(self, state: ContactState) -> Evaluation:
+        """Return the same answer with another state at the start of the step."""
+        return self._with(state=state)
+
+    def with_zones(self, yielded: ZonesAnswer) -> Evaluation:
+        """Return the same answer with what plastic zones do."""
+        return self._with(yielded=yielded)
+
+    def _with(self, **changes: Any) -> Evaluation:
         result = copy.copy(self)
-        result._across, result._across_before = across, before
-        vars(result).pop("_creep", None)
+        for derived in ("generalised", "stored", "_creep"):
+            vars(result).pop(derived, None)
+        vars(result).update(changes)
         return result
 
-    def _there(self) -> NormalRows | TangentialRows:
-        """The rows, at the place of this answer."""
-        self.rows.gaps.return_to(self._present)
-        return self.rows
-
     # Forces.
-
-    @property
-    def lam(self) -> Array:
-        """Normal forces on the present rows, (nr,) [N]."""
-        value: Array = self.on_rows[:, 0]
-        return value
-
-    @cached_property
-    def status(self) -> Array:
-        """Whether each present row is open, sticks or slips, (nr,) int8; closed rows without friction slip."""
-        if self.forces.state is not None:
-            return self.forces.state
-        status = np.full(len(self.on_rows), OPEN, dtype=np.int8)
-        status[self.index] = SLIP
-        return status
 
     @property
     def slips(self) -> Array:
@@ -165,52 +150,15 @@ class Evaluation:
         slips = self.forces.slips
         return np.zeros((len(self.on_rows), 2)) if slips is None else slips
 
-    @cached_property
-    def traction(self) -> Array:
-        """Tangential forces on the present rows in space, (nr, 3) [N]; zero without friction."""
-        return self._there().tractions(self.on_rows)
-
-    @property
-    def row_nodes(self) -> Array:
-        """Node of the slave's patch for each present row, (nr,)."""
-        return self._there().gaps.row_nodes
-
     @property
     def pushes(self) -> bool:
         """Whether rows are closed, or zones may push."""
-        return self.index.size > 0 or self.parts.zones is not None
+        return self.index.size > 0 or self.yielded is not None
 
     @cached_property
     def generalised(self) -> Array:
-        """Generalised forces, (n,), from forces on rows, and from zones."""
-        gaps = self.rows.gaps
-        force = self._there().generalised(self.on_rows) if self.index.size else np.zeros(gaps.n)
-        return force if self.parts.zones is None else self.parts.zones.generalised(force)
-
-    def resultant(self) -> Array:
-        """Force on the slave, (3,) [N]."""
-        along = self._there().gaps.resultant(self.lam)
-        return along if self.parts.friction is None else along + self.traction.sum(axis=0)
-
-    def moment(self, point: Array) -> Array:
-        """Moment on the slave about a point in space, (3,) [N m]."""
-        return self._there().moment(self.on_rows, point) if self.index.size else np.zeros(3)
-
-    def on_carrier(self, point: Array) -> Array:
-        """Force on the body that carries the rigid surface, and moment about a point in space, (6,) [N, N m]."""
-        return -np.concatenate([self.resultant(), self.moment(point)])
-
-    def nodal_forces(self) -> list[Array]:
-        """Forces on the nodes of the patches, in axes of space, (np, 3) for each side [N]."""
-        return self._there().nodal_forces(self.on_rows)
-
-    @property
-    def last(self) -> Array:
-        """Forces on the present rows at the end of the last accepted step, (nr, 3) [N]; zero without friction."""
-        rows = self._there()
-        if isinstance(rows, TangentialRows):
-            return on_rows(rows, self.state.memory.forces)
-        return np.zeros((len(self.on_rows), 3))
+        """Generalised forces, (n,), by rows and zones."""
+        return self.by_rows if self.yielded is None else self.yielded.generalised(self.by_rows)
 
     def edge_reached(self) -> Array | None:
         """Place of a row with which contact leaves its patch, (3,) [m]; None if there is none. Pulling rows do not."""
@@ -250,11 +198,10 @@ class Evaluation:
         return self.forces.stiffness()
 
     def tangent(self) -> Array:
-        """Contact stiffness -d force / d q, (n, n), of closed rows and zones, for fixed pairs."""
-        zones, K = self.parts.zones, np.zeros((self.rows.gaps.n,) * 2)
-        if self.index.size and not self.parts.law.ahead:
-            K = self.stiffness_along(self.row_jacobian())
-        return K if zones is None else zones.tangent(K)
+        """Contact stiffness -d force / d q, (n, n), of closed rows, for fixed pairs."""
+        if not self.index.size or self.parts.law.ahead:
+            return np.zeros((self.rows.gaps.n,) * 2)
+        return self.stiffness_along(self.row_jacobian())
 
     def stiffness_along(self, H: Rows) -> Array:
         """Stiffness H' K H, (m, m), where K is `row_stiffness` and H, (d na, m), are ways of closed rows."""
@@ -295,8 +242,7 @@ class Evaluation:
             rows = self._creep.stored
         elif self.index.size and not self.parts.law.ahead:
             rows = self.forces.energy(self.h)
-        zones = self.parts.zones
-        return rows if zones is None else rows + zones.stored()
+        return rows if self.yielded is None else rows + self.yielded.stored
 
     @property
     def viscous_work(self) -> float:
@@ -366,12 +312,11 @@ class Evaluation:
         if self.parts.remembers and end <= self.since:  # the answer belongs to the start of a step
             return self.state
         self._there()
-        zones = self.parts.zones
         return ContactState(
             self.rows.gaps.after(),
             self._memory_after(end - self.since),
             self.creep_after,
-            () if zones is None else zones.after(),
+            () if self.yielded is None else self.yielded.after,
             self.opening,
             power=self.forces.power,
             dissipated=self.law_work(end),
@@ -381,18 +326,12 @@ class Evaluation:
         """What rows remember of this answer after a step [s]."""
         memory = self.state.memory
         if self.parts.law.ahead or self.parts.friction is None:
-            return memory.with_forces(self.at_nodes())
+            return memory.with_forces(self.at_nodes(len(memory.path)))
         closed = self.index.size > 0
         if not (closed or memory.closed):
             return memory
         slips, taken = self._sliding if closed else (np.zeros((len(self.on_rows), 2)), 0.0)
-        return self.slid_memory(slips, np.hypot(*slips.T) / step, taken)
-
-    def slid_memory(self, slips: Array, speeds: Array, taken: float) -> RowMemory:
-        """What rows with friction remember of these forces; see `RowMemory.after`."""
-        rows = self._there()
-        assert isinstance(rows, TangentialRows)
-        return self.state.memory.after(rows, self.lam, self.traction, self.status, slips, speeds, taken)
+        return self.memory_after(memory, slips, np.hypot(*slips.T) / step, taken)
 
     @property
     def creep_after(self) -> ViscousMemory:
@@ -402,12 +341,3 @@ class Evaluation:
             return memory
         creep, n = self._creep, len(self.state.memory.path)
         return memory.after(self._there(), self.on_rows, creep.elastic, n, creep.taken)
-
-    def at_nodes(self) -> Array:
-        """Forces stored for the nodes of the slave's patch, as in `RowMemory`."""
-        rows, n = self.rows, len(self.state.memory.path)
-        if isinstance(rows, TangentialRows):
-            return by_nodes(rows, self.lam, self.traction, n)
-        forces = np.zeros((n, 1))
-        forces[self.row_nodes] = self.on_rows
-        return forces

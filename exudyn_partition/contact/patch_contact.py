@@ -22,7 +22,8 @@ from .gaps import Gaps
 from .law import Forces, Law, LawMaker, Motion, Places
 from .memory import RowMemory, on_rows
 from .normal_rows import NormalRows
-from .plasticity.yielding_patches import Zones
+from .plasticity.nodal_zones import NodalZones
+from .plasticity.yielding_patches import YieldingPatches, Zones
 from .state import ContactState
 from .tangential import TangentialRows
 from .viscosity import ViscousMemory, Yielding, shares
@@ -55,6 +56,8 @@ class PatchContact:
         At the end of the last accepted step.
     evaluation : Evaluation
         Last answer; at the start of a run, the forces of its state.
+    secant : Secant or None
+        Where zones flow in implicit and static steps, a guess for the next step of Newton's method.
     since : float
         Start of the present step [s].
     opening : float
@@ -100,7 +103,7 @@ class PatchContact:
         betas = None if method == "static" else self.parts.betas
         result.parts = replace(self.parts, rows=rows, law=self.law.fresh(rows), betas=betas)
         if self.zones is not None:
-            result.parts = replace(result.parts, zones=self.zones.for_run(result, method))
+            result.parts = replace(result.parts, zones=self.zones.for_run(method))
         result._reset()
         if method == "static":
             result._find_rates, result.opening = None, self.gaps.overlap
@@ -111,9 +114,9 @@ class PatchContact:
     def _reset(self) -> None:
         self._n_nodes = len(self.gaps.slave.surface.points)
         memory = RowMemory.none(self._n_nodes, 4 if self.rows.d == 3 else 1)
-        self.state = ContactState(
-            self.gaps.accepted, memory, ViscousMemory(), () if self.zones is None else self.zones.after()
-        )
+        zones = () if self.zones is None else self.zones.start
+        self.state = ContactState(self.gaps.accepted, memory, ViscousMemory(), zones)
+        self.secant = None if self.zones is None else self.zones.secant
         self._yielding: Yielding | None = None  # in the present step, if a flexibility is viscous
         self.since, self.opening, self.iterations = -math.inf, 0.0, 0
         self.sticks = self.told = False
@@ -125,7 +128,10 @@ class PatchContact:
         """Evaluation with which a run begins that goes on from no other."""
         n = len(self.gaps.row_nodes)
         forces = Forces(np.zeros((n, self.rows.d)), np.empty(0, dtype=np.int64))
-        return Evaluation(self.parts, self.state, self.since, forces, np.zeros(n), least_gap, begun=True)
+        yielded = None if self.zones is None else self.zones.last(self.state.zones)
+        return Evaluation(
+            self.parts, self.state, self.since, forces, np.zeros(n), least_gap, yielded=yielded, begun=True
+        )
 
     @property
     def rows(self) -> NormalRows | TangentialRows:
@@ -212,11 +218,17 @@ class PatchContact:
         lasting = self._begin_answer()
         if lasting is not None:
             pushed = lasting if pushed is None else pushed + lasting
-        if self.zones is None:
+        zones, earlier = self.zones, self.evaluation.yielded
+        if not isinstance(zones, YieldingPatches):
             return self._answer(gap, gap, pushed, motion)
         others = np.zeros((len(gap), self.rows.d)) if pushed is None else pushed
-        # What others have pushed is no gap: its energy is stored there.
-        self.zones.solve(lambda moved: self._answer(gap + (moved - others)[:, 0], gap, moved, motion).on_rows, others)
+
+        def respond(moved: Array) -> Array:
+            # What others have pushed is no gap: its energy is stored there.
+            return self._answer(gap + (moved - others)[:, 0], gap, moved, motion).on_rows
+
+        yielded = zones.solve(self.state.zones, self.gaps.coordinates, self.rows, respond, others, earlier)
+        self.evaluation = self.evaluation.with_zones(yielded)
         return self.evaluation
 
     def _begin_answer(self) -> Array | None:
@@ -288,6 +300,7 @@ class PatchContact:
             least_gap,
             places=places,
             yielding=self._yielding,
+            yielded=self.evaluation.yielded,
             opening=self.opening,
         )
         return self.evaluation
@@ -305,7 +318,26 @@ class PatchContact:
 
     def zone_forces(self, q: Array) -> Array:
         """Generalised forces of zones alone, (n,), at coordinates q, (n,); rows act ahead of the step."""
-        return np.zeros(self.gaps.n) if self.zones is None else self.zones.forces(self.gaps.split(q))
+        none = np.zeros(self.gaps.n)
+        if not isinstance(self.zones, NodalZones):
+            return none
+        yielded = self.zones.at(self.state.zones, self.gaps.split(q))
+        self.evaluation = self.evaluation.with_zones(yielded)
+        return yielded.generalised(none)
+
+    def generalised(self) -> Array:
+        """Generalised forces of the last answer, (n,), from which Newton's method learns where zones flow."""
+        force = self.evaluation.generalised
+        if self.secant is not None:
+            self.secant = self.secant.then(self.gaps.q, force)
+        return force
+
+    def corrected(self, of_rows: Array) -> Array:
+        """Stiffness, (n, n), from that of the rows, (n, n): where zones flow, it explains Newton's last step."""
+        yielded = self.evaluation.yielded
+        if self.secant is None or yielded is None or not yielded.flowing:
+            return of_rows
+        return self.secant.corrected(of_rows)
 
     @property
     def last(self) -> Array:
@@ -349,8 +381,6 @@ class PatchContact:
         rows = self.rows
         if isinstance(rows, TangentialRows):
             rows.hold()
-        if self.zones is not None:
-            self.zones.begin(state.zones)
         self.state, self.since, self.opening = state, t, state.opening
         nodes, memory = self.gaps.row_nodes, state.memory
         closed = np.flatnonzero(memory.forces[nodes, 0])
@@ -365,9 +395,9 @@ class PatchContact:
             at_rest = [forces.on_rows] * len(self.gaps.sides)
             creep = ViscousMemory().after(rows, forces.on_rows, at_rest, self._n_nodes, state.creep.dissipated)
             self.state = replace(state, creep=creep)
-        self.evaluation = Evaluation(
-            self.parts, state, t, forces, gap, state.least_gap, opening=state.opening, begun=True
-        )
+        yielded = None if self.zones is None else self.zones.last(state.zones)
+        begun = Evaluation(self.parts, state, t, forces, gap, state.least_gap, opening=state.opening, begun=True)
+        self.evaluation = begun if yielded is None else begun.with_zones(yielded)
 
     @property
     def _answered(self) -> bool:
@@ -378,8 +408,6 @@ class PatchContact:
         """State at the end of a run, at time `end` [s], with what its results tell of it."""
         evaluation = self.evaluation
         state = evaluation.after(end) if self._answered else replace(self.state, gaps=self.gaps.accepted)
-        if self.ahead:  # multipliers have let rows remember their slip already
-            state = replace(state, memory=self.state.memory.with_forces(evaluation.at_nodes()))
         return replace(state, stored=evaluation.stored, least_gap=float(evaluation.least_gap))
 
     def accept(self, start: float) -> None:
@@ -388,8 +416,8 @@ class PatchContact:
             evaluation, answered = self.evaluation, self._answered
             if answered and (self.remembers or self.told or self.damped):
                 self.state = evaluation.after(start)
-                if self.zones is not None:
-                    self.zones.accept(self.state.zones)
+                if evaluation.yielded is not None:
+                    evaluation.yielded.check()
                 gaps = self.state.gaps
             else:
                 gaps = self.gaps.after()
@@ -403,7 +431,7 @@ class PatchContact:
         """Begin the step again, from the state that was accepted last."""
         self.gaps.retry()
         if self.zones is not None:
-            self.zones.retry()
+            self.evaluation = self.evaluation.with_zones(self.zones.last(self.state.zones))
 
     def ends_at(self, end: float) -> None:
         """Let the present step end at a time [s], at which forces are evaluated next: viscous flexibilities need it.
@@ -421,6 +449,7 @@ class PatchContact:
     def remember(self, memory: RowMemory) -> None:
         """Take what is remembered of forces that are found ahead of steps."""
         self.state = replace(self.state, memory=memory)
+        self.evaluation = self.evaluation.from_state(self.state)
 
     # Results.
 

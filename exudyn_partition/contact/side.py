@@ -18,7 +18,7 @@ from ..support.arrays import Array
 from ..surfaces.points import ContactPoints
 from ..surfaces.surface import Surface
 from . import loops
-from .plasticity.zone_run import ZoneMotion
+from .plasticity.zone_motion import ZoneMotion
 
 
 @dataclass(frozen=True, eq=False)

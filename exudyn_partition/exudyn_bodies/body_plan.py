@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..contact.plasticity.zone_run import ZoneMotion, deformed_at_rest
+from ..contact.plasticity.zone_motion import ZoneMotion, deformed_at_rest
 from ..errors import InputError, UnitsWarning
 from ..fe.partition import number_of_patch
 from ..frames.damping import Damping, ModeDamping, Ratios, Rayleigh, damping_of

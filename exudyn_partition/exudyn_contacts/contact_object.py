@@ -169,14 +169,13 @@ def _of_groups(
             if group[place].mechanics.compliant and runs[place].evaluation.index.size
         }
         for place in acting:
-            zones = runs[place].mechanics.zones
-            if zones is not None and place not in closed:
-                dofs = runs[place].dofs
-                yield by_q * zones.tangent(np.zeros((len(dofs),) * 2)), dofs, dofs
+            mechanics, dofs = runs[place].mechanics, runs[place].dofs
+            if mechanics.zones is not None and place not in closed:
+                yield by_q * mechanics.corrected(np.zeros((len(dofs),) * 2)), dofs, dofs
         for (j, k), K in runs[0].group.stiffness({j: H for j, (H, _) in closed.items()}).items():
-            if j == k and (zones := runs[j].mechanics.zones) is not None:
+            if j == k:
                 own = np.s_[: len(runs[j].dofs)]
-                K[own, own] = zones.tangent(K[own, own])
+                K[own, own] = runs[j].mechanics.corrected(K[own, own])
             yield by_q * K, closed[j][1], closed[k][1]
 
 

@@ -148,7 +148,7 @@ class ContactRun:
         self.tangential: dict[float, tuple[Array, Array]] = {}
         self.on_nodes: dict[float, list[Array]] = {}
         self.plastic_strains = (
-            {} if mechanics.zones is None else {i: StrainHistory(z.zone) for i, z in mechanics.zones.zones}
+            {} if mechanics.zones is None else {i: StrainHistory(z.zone) for i, z in mechanics.zones.motions}
         )
         self.edge: tuple[float, Array] | None = None
         # Impulses: sum and vector of normal forces, vector of tangential forces.
@@ -190,9 +190,9 @@ class ContactRun:
         group = self._group_of()
         if group is not None and (stored := group.stored) is not None:  # without friction and plastic zones
             return float(stored[self._place])
-        zones = self.mechanics.zones
-        taken = self._dissipated() + self._damping_work(self._at) + (0.0 if zones is None else zones.work())
-        return self.evaluation.stored + taken
+        answer = self.evaluation
+        yielded = 0.0 if answer.yielded is None else answer.yielded.work
+        return answer.stored + self._dissipated() + self._damping_work(self._at) + yielded
 
     @property
     def group(self) -> GroupRun:
@@ -247,8 +247,8 @@ class ContactRun:
     @property
     def plastic_ends(self) -> dict[int, PlasticState]:
         """Present state of each plastic zone; keys are the numbers of the sides."""
-        zones = self.mechanics.zones
-        return {} if zones is None else {side: zone.present for side, zone in zones.zones}
+        yielded = self.evaluation.yielded
+        return {} if yielded is None else yielded.present
 
     def histories(self, zones: Mapping[int, PlasticZone]) -> dict[int, StrainHistory]:
         """Return `plastic_strains`. The same method of a run from a file needs these zones."""
@@ -322,7 +322,8 @@ class ContactRun:
         if mechanics.ahead:
             self.force = mechanics.zone_forces(self.of(q))
         else:
-            self.force = mechanics.at(self.of(q), SolverMotion(mbs, self.of)).generalised
+            mechanics.at(self.of(q), SolverMotion(mbs, self.of))
+            self.force = mechanics.generalised()
 
     def add_force(self, total: Array) -> None:
         """Add `force` to generalised forces on the model's coordinates, (nq,)."""
@@ -392,10 +393,10 @@ class ContactRun:
         closed = answer.index
         if mechanics.damped:
             self._stored[t], self.viscous_works[t] = answer.stored, self._damping_work(t)
-        if mechanics.zones is not None:
-            mechanics.zones.check()
-            for side, zone in mechanics.zones.zones:
-                self.plastic_strains[side].keep(t, zone.present)
+        if answer.yielded is not None:
+            answer.yielded.check()
+            for side, plastic in answer.yielded.present.items():
+                self.plastic_strains[side].keep(t, plastic)
         if self.forward is not None and t != self.goes_on_at:  # that time was checked before, and a check moves pairs
             self._check_step(t)
             self.forward.check(self.of(q()))
@@ -457,9 +458,10 @@ class ContactRun:
 
     def plastic_values(self) -> list[float]:
         """Values of the sensor `sPlastic`, see `PartitionContact`."""
-        zones = self.mechanics.zones
-        assert zones is not None
-        return [self.evaluation.stored, zones.work(), zones.largest_strain(), float(zones.flowing())]
+        answer = self.evaluation
+        yielded = answer.yielded
+        assert yielded is not None
+        return [answer.stored, yielded.work, yielded.largest_strain, float(yielded.flowing)]
 
     def _check_step(self, t: float) -> None:
         """Raise an error if multipliers were not applied in the run."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..contact.plasticity.yielding_patches import Zone
+from ..contact.plasticity.zone_motion import ZoneMotion
 from ..errors import InputError
 from ..plasticity.flow import PlasticState
 from ..plasticity.strain_history import StrainHistory
@@ -38,10 +38,10 @@ class PlasticResults:
         return self._contact.mechanics.zones is not None
 
     @property
-    def zones(self) -> Sequence[tuple[int, Zone]]:
-        """For each side that can yield: its number, and its plastic zone at the start of runs."""
+    def zones(self) -> Sequence[tuple[int, ZoneMotion]]:
+        """For each side that can yield: its number, and its plastic zone."""
         zones = self._contact.mechanics.zones
-        return () if zones is None else zones.zones
+        return () if zones is None else zones.motions
 
     def work(self, result: RunSamples) -> Array:
         """Plastic work since the start of the run, (n,) [J]; zero without plastic zones.
@@ -105,10 +105,10 @@ class PlasticResults:
             See `states`.
         """
         states, found = self.states(result), {}
-        for side, run in self.zones:
+        for side, motion in self.zones:
             name, (item, number) = SIDES[side], self._contact.sides[side]
             patch = item.body.partition.patches[number]
-            moved = run.motion.at_rest(states[name])[np.isin(run.zone.nodes, patch.nodes)]
+            moved = motion.at_rest(states[name])[np.isin(motion.zone.nodes, patch.nodes)]
             found[name] = float(-(moved @ patch.direction).min(initial=0.0))
         return found
 
@@ -125,8 +125,8 @@ class PlasticResults:
             See `states`.
         """
         states = self.states(result)
-        for side, run in self.zones:
-            name, zone = SIDES[side], run.zone
+        for side, motion in self.zones:
+            name, zone = SIDES[side], motion.zone
             flow = states[name].equivalent * zone.weight
             at_border = np.where(zone.border, flow, 0.0)
             if at_border.sum() > _AT_BORDER * flow.sum():

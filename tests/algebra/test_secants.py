@@ -2,18 +2,16 @@
 
 import numpy as np
 
-from exudyn_partition.algebra.secants import DEPTH, Anderson, Broyden
+from exudyn_partition.algebra.secants import DEPTH, Anderson, Secant
 
 
 def test_the_corrected_stiffness_explains_the_last_step_and_keeps_what_lies_across():
     rng = np.random.default_rng(0)
     stiff, soft = (a @ a.T for a in rng.standard_normal((2, 5, 5)))
     q, step = rng.standard_normal((2, 5))
-    broyden = Broyden()
-    broyden.see(q, -soft @ q)
-    np.testing.assert_array_equal(broyden.corrected(stiff), stiff)  # there was no step yet
-    broyden.see(q + step, -soft @ (q + step))
-    corrected = broyden.corrected(stiff)
+    first = Secant().then(q, -soft @ q)
+    np.testing.assert_array_equal(first.corrected(stiff), stiff)  # there was no step yet
+    corrected = first.then(q + step, -soft @ (q + step)).corrected(stiff)
     np.testing.assert_allclose(corrected @ step, soft @ step)
     across = np.linalg.svd(step[None])[2][1:].T
     np.testing.assert_allclose(corrected @ across, stiff @ across)
@@ -21,20 +19,18 @@ def test_the_corrected_stiffness_explains_the_last_step_and_keeps_what_lies_acro
 
 def test_rounding_tells_nothing():
     """A step as small as what an inner iteration leaves behind would correct the stiffness by noise."""
-    broyden, stiffness = Broyden(), np.eye(3)
-    broyden.see(np.zeros(3), np.ones(3))
-    broyden.see(np.full(3, 1e-9), np.ones(3) + 1e-6)
-    np.testing.assert_array_equal(broyden.corrected(stiffness), stiffness)
+    secant, stiffness = Secant().then(np.zeros(3), np.ones(3)), np.eye(3)
+    secant = secant.then(np.full(3, 1e-9), np.ones(3) + 1e-6)
+    np.testing.assert_array_equal(secant.corrected(stiffness), stiffness)
 
 
 def test_arrays_may_change_after_they_were_seen():
     """As a solver's own arrays do, which it overwrites in each iteration."""
-    broyden, q, force = Broyden(), np.zeros(2), np.array([3.0, 1.0])
-    broyden.see(q, force)
+    q, force = np.zeros(2), np.array([3.0, 1.0])
+    secant = Secant().then(q, force)
     q += [1.0, 0.0]
     force -= [2.0, 0.0]
-    broyden.see(q, force)
-    np.testing.assert_allclose(broyden.corrected(np.eye(2)), [[2.0, 0.0], [0.0, 1.0]])
+    np.testing.assert_allclose(secant.then(q, force).corrected(np.eye(2)), [[2.0, 0.0], [0.0, 1.0]])
 
 
 def test_shares_give_the_combination_of_guesses_whose_change_is_least():

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
-from exudyn_partition.contact.plasticity.zone_run import ZoneMotion
+from exudyn_partition.contact.plasticity.zone_motion import ZoneMotion
 from exudyn_partition.errors import InputError
 from exudyn_partition.frames.inertial import InertialKinematics
 from exudyn_partition.plasticity.flow import PlasticState
@@ -153,9 +153,9 @@ def test_plastic_states_of_a_user_are_copied(mbs, yielding):
         array[:] = 7.0  # still the user's own
     contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane())
     ((_, zone),) = contact.plastic.zones
-    assert (zone.present.strain == 1e-3).all()
-    assert (zone.present.equivalent == 2e-3).all()
-    assert not zone.present.back.any()
+    assert (zone.start.strain == 1e-3).all()
+    assert (zone.start.equivalent == 2e-3).all()
+    assert not zone.start.back.any()
 
 
 @pytest.mark.parametrize("frame", ["inertial", "floating"])

@@ -8,7 +8,7 @@ import pytest
 from oracles import SIZE, box, each_way, hexahedra, quadratic, split, write_deck
 
 import exudyn_partition as ep
-from exudyn_partition.contact.plasticity.zone_run import OrderedRows
+from exudyn_partition.contact.plasticity.active_points import OrderedRows
 from exudyn_partition.errors import EmptyRegionError, InputError
 from exudyn_partition.fe.elements import kinds_of
 from exudyn_partition.fe.model import node_dofs, rigid_modes

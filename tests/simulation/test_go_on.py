@@ -10,7 +10,7 @@ from oracles import MARBLE_RADIUS as R
 from oracles import add_springs
 
 import exudyn_partition as ep
-from exudyn_partition.contact.plasticity.zone_run import ZoneRun
+from exudyn_partition.contact.plasticity.yielding_zone import YieldingZone
 from exudyn_partition.errors import InputError, RunError, StoppedRunWarning
 
 ROUND_OFF = 1e-9  # m/s
@@ -128,8 +128,8 @@ def test_plastic_patches(yielding, friction, monkeypatch):
     of a zone in the order in which they became active, which is no part of the state; in double precision, that does
     not grow.
     """
-    h, single = 2.0**-22, ZoneRun.for_run
-    monkeypatch.setattr(ZoneRun, "for_run", lambda zone, kind: single(zone, float))
+    h, single = 2.0**-22, YieldingZone.in_precision
+    monkeypatch.setattr(YieldingZone, "in_precision", lambda zone, kind: single(zone, float))
     assert_one_run(lambda: slides(yielding, friction=friction), 50 * h, 84 * h, step=h)
 
 

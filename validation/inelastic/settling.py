@@ -28,7 +28,7 @@ from rich.table import Table
 
 import exudyn_partition as ep
 from exudyn_partition.contact.plasticity import yielding_patches
-from exudyn_partition.contact.plasticity.zone_run import ZoneRun
+from exudyn_partition.contact.plasticity.yielding_zone import YieldingZone
 from validation.contact import scenes
 from validation.inelastic.impact import ALUMINIUM, F_CUT, RADIUS, STEEL, THICKNESS, WIDTH, reduced_run, scene
 
@@ -61,10 +61,10 @@ def measured(bodies, speed, step=None):
 
 def settled_closely(bodies, speed, step):
     """The same in double precision, with steps that settle to `CLOSE`."""
-    for_run = ZoneRun.for_run
+    in_precision = YieldingZone.in_precision
     with (
         mock.patch.object(yielding_patches, "_SETTLED", CLOSE),
-        mock.patch.object(ZoneRun, "for_run", lambda zone, kind: for_run(zone, np.float64)),
+        mock.patch.object(YieldingZone, "in_precision", lambda zone, kind: in_precision(zone, np.float64)),
     ):
         return measured(bodies, speed, step)[0]
 

@@ -102,7 +102,8 @@ class Coupled:
             Returns the coordinates of each contact, (n,). It is called only when the state has changed.
         """
         if len(self.contacts) == 1:
-            return [self.contacts[0].at(coordinates()[0]).generalised]
+            self.contacts[0].at(coordinates()[0])
+            return [self.contacts[0].generalised()]
         self._since = since = [contact.since for contact in self._remembering]
         more = [contact.gaps.carrier_pose for contact in self._carried]
         more += [np.atleast_1d(contact.opening) for contact in self._pressed]
@@ -114,7 +115,7 @@ class Coupled:
             self._find(gaps)
             if self._viscous:
                 self._creep()
-            self._at, self._forces = at.copy(), [contact.evaluation.generalised for contact in self.contacts]
+            self._at, self._forces = at.copy(), [contact.generalised() for contact in self.contacts]
         return self._forces
 
     def _lasting(self, last: Sequence[Array]) -> list[Array]:

@@ -198,7 +198,7 @@ class ForwardRows:
         self._last = self._open
         if closed and self.rows.d > 1:
             n = len(answer.on_rows)
-            self.contact.remember(answer.slid_memory(np.zeros((n, 2)), np.zeros(n), 0.0))
+            self.contact.remember(answer.memory_after(self.contact.state.memory, np.zeros((n, 2)), np.zeros(n), 0.0))
 
     def act(self, forces: Forces, places: Array, scale: float) -> None:
         """Apply forces to the rows in the coming step.
@@ -220,7 +220,9 @@ class ForwardRows:
             if answer.index.size:
                 before = self._free - self._step**2 * np.asarray(self.G @ self._q_tt).reshape(-1, 3)[:, 1:]
                 taken = -0.5 * float(np.sum(forces.on_rows[:, 1:] * (before + slips)))
-            contact.remember(answer.slid_memory(slips, np.linalg.norm(slips, axis=1) / self._step, taken))
+            contact.remember(
+                answer.memory_after(self.contact.state.memory, slips, np.linalg.norm(slips, axis=1) / self._step, taken)
+            )
 
     def _check_last_step(self, q: Array) -> None:
         """Raise unless the last step moved the gaps as central differences with these multipliers do.

@@ -152,14 +152,15 @@ class Formulation:
                 f"formulation: {type(self).__name__} knows no plastic zones, and the material of a body has hardening. "
                 "Take formulation='compliance', 'lagrange' with basis 'free', or a material without it"
             )
+        sizes = [side.n for side in contact.gaps.sides]
         if contact.law.ahead:
-            return NodalZones(zones)
+            return NodalZones(zones, sizes)
         if any(zone.flexibility is None for _, zone in zones):
             raise InputError(
                 "formulation: 'compliance' needs the residual flexibility of plastic zones, which basis 'free' does "
                 "not have. Take formulation='lagrange', or basis 'contact-adapted' or 'residual' for both bodies"
             )
-        return YieldingPatches(contact)
+        return YieldingPatches(zones, sizes)
 
     def couples(self, contact: PatchContact, other: PatchContact, shared: SharedBody) -> bool:
         """Whether forces of each contact on a body change the gaps of the other, so that both are solved together.

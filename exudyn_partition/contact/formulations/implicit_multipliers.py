@@ -277,7 +277,7 @@ class StepImpulses:
             forces = Forces(last, np.flatnonzero(closed), state)
         answer = contact.answered(forces, self._gap, self._least)
         self._last = self.gaps.row_nodes, answer.status
-        self._given = answer.at_nodes()
+        self._given = answer.at_nodes(len(self._given))
 
     def _same(self, problem: RowProblem, forces: Array, last: Array) -> bool:
         """Whether the change of forces would move rows by no more than the rounding of places."""
@@ -330,7 +330,7 @@ class StepImpulses:
         if (rows := self._tangential) is not None:
             now, nodes = self._rates, self.gaps.row_nodes
             length = np.zeros(len(nodes)) if now is None else np.linalg.norm(now, axis=1)
-            memory = contact.evaluation.slid_memory(self._way(), length, self._taken_in_step())
+            memory = contact.evaluation.memory_after(contact.state.memory, self._way(), length, self._taken_in_step())
             rates = np.full_like(rates, np.nan)
             if now is not None:
                 rates[nodes] = rows.in_space(now) @ rows.axes

@@ -14,8 +14,8 @@ import numpy as np
 from ...errors import RunError
 from ...plasticity.flow import PlasticState
 from ...support.arrays import Array
-from .yielding_patches import Zones
-from .zone_run import ZoneMotion
+from .yielding_patches import Zones, ZonesAnswer
+from .zone_motion import ZoneMotion
 from .zone_state import NodalState
 
 if TYPE_CHECKING:
@@ -23,81 +23,56 @@ if TYPE_CHECKING:
 
 
 class NodalZone:
-    """One zone in a run, see `yielding_patches.Zone`. Strains follow from the body's coordinates.
+    """A zone whose strains follow from the body's coordinates.
 
     Attributes
     ----------
-    state : NodalState
-        At the end of the last accepted step.
-    generalised : (n,) array
-        Forces on the last coordinates of the body from the present pseudo-forces [N].
+    start : NodalState
+        At the start of each run.
     """
 
     def __init__(self, motion: ZoneMotion) -> None:
-        self.motion, self.zone = motion, motion.zone
-        self.begin(NodalState(motion.start, np.zeros_like(motion.start.strain)))
+        self.motion = motion
+        self._pushing: tuple[PlasticState, Array] | None = None  # kept to save time
+        plastic = motion.start
+        own = motion.zone.own_energy(plastic)
+        self.start = NodalState(plastic, np.zeros_like(plastic.strain), self._generalised(plastic), own)
 
-    def fresh(self) -> Self:
-        """Return the same zone in its start state, for another run."""
-        result = copy.copy(self)
-        result.begin(NodalState(self.motion.start, np.zeros_like(self.motion.start.strain)))
-        return result
+    def at(self, state: NodalState, q: Array) -> NodalState:
+        """State after a step that ends at coordinates q, (n,), of the body, by radial return from the state before."""
+        zone, rows = self.motion.zone, self.motion.kinematics.rows
+        total = zone.strains(np.asarray(rows @ q[len(q) - rows.shape[1] :]))
+        plastic, work = zone.flow.answer(total, state.plastic), state.work
+        if plastic is not state.plastic:
+            work += zone.work((state.plastic, state.total), (plastic, total))
+        stored = zone.own_energy(plastic) - float(np.vdot(zone.stress_volumes(plastic.strain), total))
+        return NodalState(plastic, total, self._generalised(plastic), stored, work)
 
-    def begin(self, state: NodalState) -> None:
-        """Begin from a state."""
-        self.state, self._flows, self._strain, self.work = state, False, state.total, state.work
-        self._displacement = np.zeros(3 * len(self.zone.nodes))
-        self._take(state.plastic)
-
-    def after(self) -> NodalState:
-        """State after a step that ends at the last coordinates."""
-        return NodalState(self.present, self._strain, self.work)
-
-    def accept(self, state: NodalState) -> None:
-        """Accept the step whose end this state is, see `after`."""
-        self.state, self._flows = state, False
-
-    def retry(self) -> None:
-        """Begin the step again: each evaluation starts from the last accepted state."""
-
-    def _take(self, state: PlasticState) -> None:
-        self.present = state
-        self._p = self.zone.pseudo_forces(state.strain)
-        self.generalised: Array = np.asarray(self.motion.kinematics.rows.T @ self._p)
-
-    def move(self, q: Array) -> None:
-        """Find the state at coordinates q, (n,), of the body, by radial return from the last accepted step."""
-        rows, before = self.motion.kinematics.rows, (self.state.plastic, self.state.total)
-        self._displacement = np.asarray(rows @ q[len(q) - rows.shape[1] :])
-        self._strain = self.zone.strains(self._displacement)
-        state = self.zone.flow.answer(self._strain, self.state.plastic)
-        flowed, self._flows = self._flows, state is not self.state.plastic
-        if flowed or self._flows:
-            self._take(state)
-        self.work = self.state.work
-        if self._flows:
-            self.work += self.zone.work(before, (state, self._strain))
-
-    def stored(self) -> float:
-        """Elastic energy that plastic strain adds to that of the body's coordinates [J]."""
-        return self.zone.own_energy(self.present) - float(self._p @ self._displacement)
+    def _generalised(self, plastic: PlasticState) -> Array:
+        """Forces on the last coordinates of the body, (n,) [N], by plastic strain."""
+        if self._pushing is None or self._pushing[0] is not plastic:
+            p = self.motion.zone.pseudo_forces(plastic.strain)
+            self._pushing = plastic, np.asarray(self.motion.kinematics.rows.T @ p)
+        return self._pushing[1]
 
 
 class NodalZones(Zones):
-    """Plastic zones beneath the patches of a contact, in a run.
+    """Plastic zones beneath the patches of a contact, in explicit runs.
 
     Parameters
     ----------
-    motions : sequence of (int, ZoneMotion)
+    zones : sequence of (int, ZoneMotion)
         Number of the side, and the zone beneath its patch.
+    sizes : sequence of int
+        Numbers of coordinates of the contact's sides.
     """
 
     zones: list[tuple[int, NodalZone]]
 
-    def __init__(self, motions: Sequence[tuple[int, ZoneMotion]]) -> None:
-        self.zones = [(side, NodalZone(motion)) for side, motion in motions]
+    def __init__(self, zones: Sequence[tuple[int, ZoneMotion]], sizes: Sequence[int]) -> None:
+        super().__init__([(side, NodalZone(motion)) for side, motion in zones], sizes)
 
-    def for_run(self, contact: Any, method: str) -> Self:
+    def for_run(self, method: str) -> Self:
         """See `Zones`; only explicit runs have such zones.
 
         Raises
@@ -110,14 +85,17 @@ class NodalZones(Zones):
                 f"method: {method!r} knows no plastic zones of basis 'free'. Take method='explicit', or basis "
                 "'contact-adapted' or 'residual' with formulation='compliance'"
             )
-        result = copy.copy(self)
-        result.zones = [(side, zone.fresh()) for side, zone in self.zones]
-        return result
+        return copy.copy(self)
 
-    def forces(self, parts: Sequence[Array]) -> Array:
-        """Generalised forces, (n,), at the coordinates of each side."""
-        result = [np.zeros(len(q)) for q in parts]
-        for side, zone in self.zones:
-            zone.move(parts[side])
-            result[side][len(parts[side]) - len(zone.generalised) :] += zone.generalised
-        return np.concatenate(result)
+    def at(self, states: Sequence[Any], parts: Sequence[Array]) -> ZonesAnswer:
+        """Find the states after a step.
+
+        Parameters
+        ----------
+        states : sequence of NodalState
+            Of the zones at its begin.
+        parts : sequence of (n,) arrays
+            Coordinates of each side at its end.
+        """
+        each = zip(self.zones, states, strict=True)
+        return self._answer(states, [zone.at(state, parts[side]) for (side, zone), state in each])

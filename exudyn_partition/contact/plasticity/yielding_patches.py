@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import copy
 import math
-import weakref
+import operator
+from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from ...algebra.secants import Anderson, Broyden
+from ...algebra.secants import DEPTH, Anderson, Secant
 from ...errors import ComplementarityError
 from ...plasticity.flow import PlasticState
-from ...plasticity.zone import PlasticZone
 from ...support.arrays import Array
-from .zone_run import ZoneMotion, ZoneRun
+from .yielding_zone import Flowed, Push, YieldingZone, ZoneGuess, ZoneStep, combined
+from .zone_motion import ZoneMotion
 from .zone_state import NodalState, ZoneState
+
+if TYPE_CHECKING:
+    from typing import Self
 
 _SETTLED = 1e-4  # what the pseudo-forces lack, relative
 # Plastic strain may be far larger than elastic strain. So what it lacks is also at most this share of elastic strain,
@@ -26,120 +31,159 @@ _SETTLED_FOR_NEWTON = 5e-8  # in implicit and static steps: Newton's method does
 _ROUGH, _STALLED = 2e-6, 4  # accept this change if it has not decreased in so many iterations, because of rounding
 _MOST = 60  # iterations
 
+OnPatches = Callable[[Sequence[Array]], list[Array]]  # forces on patches, (r,) [N], by displacements of their rows [m]
+
 
 class Zone(Protocol):
-    """State of a plastic zone in a run.
+    """A plastic zone beneath a patch.
 
     Attributes
     ----------
     motion : ZoneMotion
-    zone : PlasticZone
-    state : ZoneState or NodalState
-        At the end of the last accepted step.
-    present : PlasticState
-        Of the last answer.
-    work : float
-        Plastic work since the start of the run [J].
+    start : ZoneState or NodalState
+        At the start of each run.
     """
 
     motion: ZoneMotion
-    zone: PlasticZone
-    state: Any
-    present: PlasticState
-    work: float
-
-    def begin(self, state: Any) -> None:
-        """Begin from a state."""
-
-    def after(self) -> Any:
-        """State after a step that ends with the last answer."""
-
-    def accept(self, state: Any) -> None:
-        """Accept the step whose end this state is."""
-
-    def retry(self) -> None:
-        """Begin the step again, from the state that was accepted last."""
-
-    def stored(self) -> float:
-        """Elastic energy that plastic strain adds [J]."""
+    start: Any
 
 
-class Zones:
-    """Plastic zones beneath the patches of a contact: interface of all kinds.
+class Rows(Protocol):
+    """Rows of a contact, with d directions each, see `NormalRows` and `TangentialRows`."""
 
-    Attributes
+    d: int
+
+    @property
+    def gaps(self) -> Any:
+        """Gaps of the rows."""
+
+    def side_rows(self, side: int) -> Any:
+        """Rows on the flexibility coordinates of one side's patch, (d nr, r)."""
+
+
+@dataclass(frozen=True, eq=False)
+class ZonesAnswer:
+    """What plastic zones do in a step.
+
+    Parameters
     ----------
-    zones : list of (int, ZoneRun or NodalZone)
-        Number of the side, and its zone.
+    sides : tuple of int
+        Number of each zone's side.
+    before, after : tuples of ZoneState or NodalState
+        At the begin and at the end of the step.
+    places : tuple of slice
+        Where the coordinates that each zone pushes are among those of the contact.
+    guesses : tuple of ZoneGuess
+        Where the next answer in the same step may begin.
+    iterations : int
+    unsettled : float
+        By how much the last iteration changed the forces, relative, if it was not the last for having settled.
     """
 
-    zones: Sequence[tuple[int, Zone]]
+    sides: tuple[int, ...]
+    before: tuple[Any, ...]
+    after: tuple[Any, ...]
+    places: tuple[slice, ...]
+    guesses: tuple[ZoneGuess, ...] = ()
+    iterations: int = 0
+    unsettled: float = 0.0
 
     def check(self) -> None:
-        """Refuse a step that ends in the present states, if they are no solution.
+        """Refuse a step that ends so, if this is no solution.
 
         Raises
         ------
         ComplementarityError
         """
+        if self.unsettled:
+            raise ComplementarityError(
+                f"plastic flow did not settle in {_MOST} iterations; the last one changed its forces by "
+                f"{self.unsettled:.2g}. Take smaller steps, or a finer mesh in the plastic zone"
+            )
 
-    def tangent(self, of_rows: Array) -> Array:
-        """Stiffness -df/dq, (n, n), of rows and zones; `of_rows`, (n, n), is that of the rows if nothing flows."""
-        return of_rows
+    def generalised(self, on_rows: Array) -> Array:
+        """Generalised forces, (n,), of rows and zones; `on_rows`, (n,), are those of the rows."""
+        force = on_rows
+        for place, state in zip(self.places, self.after, strict=True):
+            if state.generalised.any():
+                force = force.copy()
+                force[place] += state.generalised
+        return force
 
-    def for_run(self, contact: Any, method: str) -> Zones:
-        """Return the same zones in their start state, for the contact of another run with this method."""
-        raise NotImplementedError
+    @property
+    def present(self) -> dict[int, PlasticState]:
+        """Plastic state of each zone; keys are the numbers of the sides."""
+        return {side: state.plastic for side, state in zip(self.sides, self.after, strict=True)}
 
-    def solve(self, respond: Callable[[Array], Array], pushed: Array) -> None:
-        """Find the states together with the forces on the rows, see `YieldingPatches.solve`."""
-        respond(pushed)
-
-    def forces(self, parts: Sequence[Array]) -> Array:
-        """Generalised forces of the zones alone, (n,), at the coordinates of each side."""
-        return np.zeros(sum(map(len, parts)))
-
-    def generalised(self, contact: Array) -> Array:
-        """Generalised forces, (n,), of rows and zones; `contact`, (n,), are those of the rows."""
-        return contact
-
-    # State.
-
-    def after(self) -> tuple[ZoneState | NodalState, ...]:
-        """States of the zones after a step that ends with the last answer."""
-        return tuple(zone.after() for _, zone in self.zones)
-
-    def accept(self, states: Sequence[ZoneState | NodalState]) -> None:
-        """Accept the step whose end these states are; it is refused if they are no solution, see `check`."""
-        self.check()
-        for (_, zone), state in zip(self.zones, states, strict=True):
-            zone.accept(state)
-
-    def retry(self) -> None:
-        """Begin the step again, from the states that were accepted last."""
-        for _, zone in self.zones:
-            zone.retry()
-
-    def begin(self, states: Sequence[ZoneState | NodalState]) -> None:
-        """Begin from these states."""
-        for (_, zone), state in zip(self.zones, states, strict=True):
-            zone.begin(state)
-
+    @property
     def stored(self) -> float:
         """Elastic energy that plastic strain adds [J]."""
-        return sum(zone.stored() for _, zone in self.zones)
+        return float(sum(state.stored for state in self.after))
 
+    @property
     def work(self) -> float:
         """Plastic work since the start of the run [J]."""
-        return sum(zone.work for _, zone in self.zones)
+        return float(sum(state.work for state in self.after))
 
+    @property
     def largest_strain(self) -> float:
         """Largest equivalent plastic strain."""
-        return max(float(zone.present.equivalent.max()) for _, zone in self.zones)
+        return max(float(plastic.equivalent.max()) for plastic in self.present.values())
 
+    @property
     def flowing(self) -> int:
-        """Number of points that flow in the present step."""
-        return sum(int(np.count_nonzero(z.present.equivalent > z.state.plastic.equivalent)) for _, z in self.zones)
+        """Number of points that flow in the step."""
+        both = zip(self.before, self.after, strict=True)
+        return sum(int(np.count_nonzero(new.plastic.equivalent > old.plastic.equivalent)) for old, new in both)
+
+
+class Zones:
+    """Plastic zones beneath the patches of a contact: what all kinds of them have. They have no state.
+
+    Parameters
+    ----------
+    zones : sequence of (int, Zone)
+        Number of the side, and its zone.
+    sizes : sequence of int
+        Numbers of coordinates of the contact's sides.
+
+    Attributes
+    ----------
+    secant : Secant or None
+        First guess for Newton's method, see `YieldingPatches`; None if the run has none.
+    """
+
+    zones: Sequence[tuple[int, Zone]]
+    secant: Secant | None = None
+
+    def __init__(self, zones: Sequence[tuple[int, Zone]], sizes: Sequence[int]) -> None:
+        ends = np.cumsum(sizes)
+        self.zones, self._sides = zones, tuple(side for side, _ in zones)
+        lengths = [zone.motion.kinematics.rows.shape[1] for _, zone in zones]
+        self._places = tuple(
+            slice(int(ends[side]) - n, int(ends[side])) for side, n in zip(self._sides, lengths, strict=True)
+        )
+
+    def for_run(self, method: str) -> Self:
+        """Return the same zones for a run with this method."""
+        raise NotImplementedError
+
+    @property
+    def motions(self) -> list[tuple[int, ZoneMotion]]:
+        """For each side that can yield: its number, and its plastic zone."""
+        return [(side, zone.motion) for side, zone in self.zones]
+
+    @property
+    def start(self) -> tuple[ZoneState | NodalState, ...]:
+        """States at the start of each run."""
+        return tuple(zone.start for _, zone in self.zones)
+
+    def last(self, states: Sequence[ZoneState | NodalState]) -> ZonesAnswer:
+        """Answer of a step that ended in these states, from which a run begins."""
+        return self._answer(states, states)
+
+    def _answer(self, before: Sequence[Any], after: Sequence[Any], *found: Any) -> ZonesAnswer:
+        return ZonesAnswer(self._sides, (*before,), (*after,), self._places, *found)
 
 
 class YieldingPatches(Zones):
@@ -154,174 +198,196 @@ class YieldingPatches(Zones):
     Generalised forces are Phi' (G' lambda + p).
 
     In implicit and static steps, Newton's method also tries states far from the answer. There the iteration may not
-    converge. Then its last forces are used, and `check` refuses a step that ends in such a state. The stiffness of rows
-    alone would be too large where much material flows. It is corrected from the last step of Newton's method.
+    converge. Then its last forces are used, and `ZonesAnswer.check` refuses a step that ends in such a state. The
+    stiffness of rows alone would be too large where much material flows. So it is corrected by `secant`, from the last
+    step of Newton's method.
 
     A step in which nothing yields needs one evaluation of the strains. It needs none if a bound on the stresses shows
     that nothing yields.
 
     Parameters
     ----------
-    contact : PatchContact
-
-    Attributes
-    ----------
-    zones : list of (int, ZoneRun)
-        Number of the side, and its zone.
-    iterations : int
+    zones : sequence of (int, ZoneMotion)
+        Number of the side, and the zone beneath its patch.
+    sizes : sequence of int
+        Numbers of coordinates of the contact's sides.
     """
 
-    zones: list[tuple[int, ZoneRun]]
+    zones: list[tuple[int, YieldingZone]]
 
-    def __init__(self, contact: Any) -> None:
-        zones = [(number, side.zone) for number, side in enumerate(contact.gaps.sides)]
-        self.zones = [(number, ZoneRun(zone)) for number, zone in zones if zone is not None]
-        self._take(contact)
+    def __init__(self, zones: Sequence[tuple[int, ZoneMotion]], sizes: Sequence[int]) -> None:
+        super().__init__([(side, YieldingZone(motion)) for side, motion in zones], sizes)
+        self._settled = _SETTLED
+        self._side_rows: dict[int, tuple[object, Array]] = {}  # kept to save time
 
-    def _take(self, contact: Any, method: str = "explicit") -> None:
-        self._contact, self.iterations = weakref.ref(contact), 0  # which holds the zones
-        self._settled = _SETTLED if method == "explicit" else _SETTLED_FOR_NEWTON
-        self._broyden = None if method == "explicit" else Broyden()
-        self._unsettled = 0.0
-        self._rows: dict[int, tuple[object, Array]] = {}
-
-    @property
-    def contact(self) -> Any:
-        """The contact."""
-        return self._contact()
-
-    def for_run(self, contact: Any, method: str) -> YieldingPatches:
+    def for_run(self, method: str) -> Self:
         """See `Zones`."""
-        result = copy.copy(self)
+        result, explicit = copy.copy(self), method == "explicit"
         # For forces accurate to 1e-4, single precision is enough. It halves the memory that products read.
-        kind = np.float32 if method == "explicit" else np.float64
-        result.zones = [(number, zone.for_run(kind)) for number, zone in self.zones]
-        result._take(contact, method)
+        kind = np.float32 if explicit else np.float64
+        result.zones = [(side, zone.in_precision(kind)) for side, zone in self.zones]
+        result._settled = _SETTLED if explicit else _SETTLED_FOR_NEWTON
+        result.secant = None if explicit else Secant()
+        result._side_rows = {}
         return result
 
-    def solve(self, respond: Callable[[Array], Array], pushed: Array) -> None:
-        """Find the state at the present coordinates.
+    def solve(
+        self,
+        states: Sequence[Any],
+        parts: Sequence[Array],
+        rows: Rows,
+        respond: Callable[[Array], Array],
+        pushed: Array,
+        earlier: ZonesAnswer | None = None,
+    ) -> ZonesAnswer:
+        """Find the states after a step, together with the forces on the rows.
 
         Parameters
         ----------
+        states : sequence of ZoneState
+            Of the zones at the begin of the step.
+        parts : sequence of (n,) arrays
+            Coordinates of each side at its end.
+        rows : NormalRows or TangentialRows
+            The present ones.
         respond : callable
             Returns the forces on the rows, (nr, d) [N]. Its argument is the displacement of the rows due to zones and
-            other contacts, (nr, d) [m].
-        pushed : array
+            other contacts, in this shape [m]. The answer belongs to the last call.
+        pushed : (nr, d) array
             Displacement of the rows due to other contacts.
-        """
-        self._unsettled = 0.0
-        parts = self.contact.gaps.coordinates
-        rows = {side: self._side_rows(side) for side, _ in self.zones}
-        for side, zone in self.zones:
-            zone.back()
-            zone.move(parts[side])
-        if not all(zone.goes_on for _, zone in self.zones):
-            on_patches = self._on_patches(rows, respond(pushed + self._moved(rows)))
-            forces = zip(self.zones, on_patches, strict=True)
-            if all([zone.stays_elastic(force) for (_, zone), force in forces]):  # each zone takes its force
-                return
-            if not any([zone.look() for _, zone in self.zones]):
-                return
-        while not self._iterate(respond, pushed, rows):
-            pass
+        earlier : ZonesAnswer, optional
+            An answer for other coordinates. If it is one of the same step, the iteration begins with its guesses, which
+            saves time. They change the answer by less than a step leaves to the next one.
 
-    def _iterate(self, respond: Callable[[Array], Array], pushed: Array, rows: dict[int, Array]) -> bool:
-        """Find the pseudo-forces of the active points; return whether no other point flows."""
-        self._unsettled = 0.0  # also after a rough answer that left points out
-        own = [zone.guess for _, zone in self.zones]
-        p, sizes, anderson = np.concatenate(own), np.cumsum([len(one) for one in own])[:-1], Anderson()
+        Raises
+        ------
+        ComplementarityError
+            In explicit steps, if flow does not settle. Otherwise `ZonesAnswer.check` raises it.
+        """
+        guesses: Sequence[ZoneGuess | None] = [None] * len(states)
+        if earlier is not None and earlier.guesses and all(map(operator.is_, earlier.before, states)):
+            guesses = earlier.guesses
+        each_zone = zip(self.zones, states, guesses, strict=True)
+        steps = [zone.step(state, parts[side], guess) for (side, zone), state, guess in each_zone]
+        on_patches = self._on_patches(steps, rows, respond, pushed)
+        if not all(state.goes_on for state in states):
+            forces = on_patches([state.applied.moved_patch for state in states])
+            each = list(zip(steps, forces, strict=True))
+            flows = [step.begins_to_flow(force) for step, force in each]
+            if not any(flows):
+                return self._answer(states, [step.elastic(force) for step, force in each], _guesses(steps))
+            steps = [flowing or step for step, flowing in zip(steps, flows, strict=True)]
+        iterations = 0
+        while True:
+            ends, tried, unsettled = self._iterate(steps, on_patches)
+            iterations += tried
+            after = [end for end in ends if isinstance(end, ZoneState)]
+            if len(after) == len(ends):
+                answer = self._answer(states, after, _guesses(steps), iterations, unsettled)
+                if self.secant is None:
+                    answer.check()
+                return answer
+            steps = [end if isinstance(end, ZoneStep) else step for step, end in zip(steps, ends, strict=True)]
+
+    def _iterate(
+        self, steps: Sequence[ZoneStep], on_patches: OnPatches
+    ) -> tuple[list[ZoneState | ZoneStep], int, float]:
+        """Find the pseudo-forces of the active points.
+
+        Returns
+        -------
+        list of ZoneState or ZoneStep
+            See `ZoneStep.end`.
+        int
+            Number of iterations.
+        float
+            See `ZonesAnswer.unsettled`.
+        """
+        first, pushes, anderson = [step.first for step in steps], deque[list[Push]](maxlen=DEPTH + 1), Anderson()
+        p, places = np.concatenate(first), np.cumsum([len(change) for change in first])[:-1]
         least, stalled, before = math.inf, 0, 0.0
-        close = min(self._settled, _OF_STRESS * self._elastic_share())
+        close = min(self._settled, _OF_STRESS * _elastic_share(steps))
         for tried in range(_MOST):
-            self.iterations += 1
-            for (_, zone), part in zip(self.zones, np.split(p, sizes), strict=True):
-                zone.push(part if tried else None)
-            found, size = self._answer(respond, pushed, rows)
+            parts = np.split(p, places)
+            pushes.append([step.push(part if tried else None) for step, part in zip(steps, parts, strict=True)])
+            flowed = _flow(steps, pushes[-1], on_patches)
+            found, size = _asked_for(steps, flowed)
             change = float(np.linalg.norm(found - p))
             least, stalled = min(change, least), stalled + 1 if change >= least else 0
             # What an answer still lacks, by its change, if changes go on to decrease as the last one has.
             lacks = change / (before - change) if 2 * change < before else 1.0
             before, settled = change, (self._settled if tried >= _PATIENT else close) * size
             if lacks * change <= settled or (stalled >= _STALLED and change <= _ROUGH * size):
-                return self._finish()
+                return _ends(steps, flowed), tried + 1, 0.0
             p = anderson.guess(p, found)
             if lacks * anderson.least <= settled:  # so the best combination of all guesses may do, without a product
-                parts = [zone.combine(anderson.shares) for _, zone in self.zones]
-                found, _ = self._answer(respond, pushed, rows)
-                if lacks * np.linalg.norm(found - np.concatenate(parts)) <= settled:
-                    return self._finish()
-        self._unsettled = float(change / size)
-        if self._broyden is None:
-            self.check()
-        return self._finish()
+                last = list(pushes)[-len(anderson.shares) :]
+                mixed = [combined(of_zone, anderson.shares) for of_zone in zip(*last, strict=True)]
+                flowed = _flow(steps, mixed, on_patches)
+                found = np.concatenate([flow.asks_for for flow in flowed])
+                if lacks * np.linalg.norm(found - np.concatenate([push.change for push in mixed])) <= settled:
+                    return _ends(steps, flowed), tried + 1, 0.0
+        return _ends(steps, flowed), _MOST, float(change / size)
 
-    def _answer(self, respond: Callable[[Array], Array], pushed: Array, rows: dict[int, Array]) -> tuple[Array, float]:
-        """Change of the pseudo-forces on active nodes that follows from what was pushed; norm of all of them [N]."""
-        on_patches = self._on_patches(rows, respond(pushed + self._moved(rows)))
-        answers = [zone.answer(force) for (_, zone), force in zip(self.zones, on_patches, strict=True)]
-        sizes = [zone.size(one) for (_, zone), one in zip(self.zones, answers, strict=True)]
-        return np.concatenate(answers), float(np.linalg.norm(sizes))
+    def _on_patches(
+        self, steps: Sequence[ZoneStep], rows: Rows, respond: Callable[[Array], Array], pushed: Array
+    ) -> OnPatches:
+        """Forces on the patches by displacements of their rows.
 
-    def _finish(self) -> bool:
-        """Enter the state of the last answer; return whether no other point flows."""
-        return all([zone.finish() for _, zone in self.zones])
-
-    def _elastic_share(self) -> float:
-        """Elastic strain divided by plastic strain, where a zone has flowed most; the least of all zones."""
-        least = math.inf
-        for _, zone in self.zones:
-            flow, most = zone.zone.flow, zone.state.plastic.equivalent.max()
-            if most > 0.0:
-                least = min(least, float(flow.flow_stress(most) / (3 * flow.shear_modulus * most)))
-        return least
-
-    def check(self) -> None:
-        """See `Zones`."""
-        if self._unsettled:
-            raise ComplementarityError(
-                f"plastic flow did not settle in {_MOST} iterations; the last one changed its forces by "
-                f"{self._unsettled:.2g}. Take smaller steps, or a finer mesh in the plastic zone"
-            )
-
-    def _moved(self, rows: dict[int, Array]) -> Array:
-        """Displacements of the rows due to the present pseudo-forces, (nr, d) [m].
-
-        Tangential places count from the end of the last accepted step.
+        Tangential places of the contact's rows count from the end of the last accepted step.
         """
-        d, total = self.contact.rows.d, np.zeros((1, 1))
-        for side, zone in self.zones:
-            places = (rows[side] @ zone.moved_patch).reshape(-1, d)
-            if d > 1:
-                places[:, 1:] -= (rows[side] @ zone.moved_patch_before).reshape(-1, d)[:, 1:]
-            total = total + places
-        return total
+        on_sides = [self._rows_of(rows, side) for side, _ in self.zones]
+        stood = [on_side @ step.state.applied.moved_patch for on_side, step in zip(on_sides, steps, strict=True)]
 
-    def _on_patches(self, rows: dict[int, Array], forces: Array) -> list[Array]:
-        """Forces on the flexibility coordinates of each zone's patch, (d np,) [N], by forces on rows, (nr, d) [N]."""
-        return [rows[side].T @ forces.ravel() for side, _ in self.zones]
+        def on_patches(moved: Sequence[Array]) -> list[Array]:
+            total = np.zeros((1, 1))
+            for on_side, of_patch, before in zip(on_sides, moved, stood, strict=True):
+                places = (on_side @ of_patch).reshape(-1, rows.d)
+                places[:, 1:] -= before.reshape(-1, rows.d)[:, 1:]
+                total = total + places
+            forces = respond(pushed + total).ravel()
+            return [on_side.T @ forces for on_side in on_sides]
 
-    def _side_rows(self, side: int) -> Array:
-        stays = self.contact.gaps.constant_rows
-        kept = self._rows.get(side)
+        return on_patches
+
+    def _rows_of(self, rows: Rows, side: int) -> Array:
+        """Rows on the flexibility coordinates of a side's patch, (d nr, r)."""
+        stays = rows.gaps.constant_rows
+        kept = self._side_rows.get(side)
         if kept is not None and stays is not None and kept[0] is stays:
             return kept[1]
-        rows = self.contact.rows.side_rows(side)
-        rows = rows if isinstance(rows, np.ndarray) else rows.toarray()
-        self._rows[side] = stays, rows
-        return rows
+        found = rows.side_rows(side)
+        found = found if isinstance(found, np.ndarray) else found.toarray()
+        self._side_rows[side] = stays, found
+        return found
 
-    def generalised(self, contact: Array) -> Array:
-        """Generalised forces, (n,), of rows and zones; `contact`, (n,), are those of the rows."""
-        force, ends = contact, np.cumsum([side.n for side in self.contact.gaps.sides])
-        for number, zone in self.zones:
-            if zone.generalised.any():
-                force = force.copy()
-                force[ends[number] - len(zone.generalised) : ends[number]] += zone.generalised
-        if self._broyden is not None:
-            self._broyden.see(self.contact.gaps.q, force)
-        return force
 
-    def tangent(self, of_rows: Array) -> Array:
-        """See `Zones`; corrected from Newton's last step."""
-        return of_rows if self._broyden is None or not self.flowing() else self._broyden.corrected(of_rows)
+def _flow(steps: Sequence[ZoneStep], pushes: Sequence[Push], on_patches: OnPatches) -> list[Flowed]:
+    """Flow in each zone by what was pushed in all of them."""
+    both = list(zip(steps, pushes, strict=True))
+    forces = on_patches([step.moved_patch(push) for step, push in both])
+    return [step.flow(push, force) for (step, push), force in zip(both, forces, strict=True)]
+
+
+def _asked_for(steps: Sequence[ZoneStep], flowed: Sequence[Flowed]) -> tuple[Array, float]:
+    """Change of the pseudo-forces of all zones that flow asks for, and norm of the pseudo-forces after it [N]."""
+    sizes = [step.size(flow.asks_for) for step, flow in zip(steps, flowed, strict=True)]
+    return np.concatenate([flow.asks_for for flow in flowed]), float(np.linalg.norm(sizes))
+
+
+def _guesses(steps: Sequence[ZoneStep]) -> tuple[ZoneGuess, ...]:
+    return tuple(step.guess for step in steps)
+
+
+def _ends(steps: Sequence[ZoneStep], flowed: Sequence[Flowed]) -> list[ZoneState | ZoneStep]:
+    return [step.end(flow) for step, flow in zip(steps, flowed, strict=True)]
+
+
+def _elastic_share(steps: Sequence[ZoneStep]) -> float:
+    """Elastic strain divided by plastic strain, where a zone has flowed most; the least of all zones."""
+    least = math.inf
+    for step in steps:
+        flow, most = step.zone.motion.zone.flow, step.state.plastic.equivalent.max()
+        if most > 0.0:
+            least = min(least, float(flow.flow_stress(most) / (3 * flow.shear_modulus * most)))
+    return least

@@ -4,8 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ...plasticity.flow import PlasticState
 from ...support.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A change of the pseudo-forces, (3 nz,) [N], and how far it moves the nodes, (3 nz,), and the patch, (r,) [m]."""
+
+    change: Array
+    moved: Array
+    moved_patch: Array
+
+    def none(self) -> Change:
+        """Return no change; this one if it is none."""
+        if not self.change.any():
+            return self
+        return Change(np.zeros_like(self.change), np.zeros_like(self.moved), np.zeros_like(self.moved_patch))
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,19 +50,14 @@ class Applied:
     generalised: Array
     energy: float
 
-
-@dataclass(frozen=True, eq=False)
-class Change:
-    """A change of the pseudo-forces, (3 nz,) [N], and how far it moves the nodes, (3 nz,), and the patch, (r,) [m]."""
-
-    change: Array
-    moved: Array
-    moved_patch: Array
+    def beyond(self, last: Applied) -> Change:
+        """What has been applied since the last step."""
+        return Change(self.p - last.p, self.moved - last.moved, self.moved_patch - last.moved_patch)
 
 
 @dataclass(frozen=True, eq=False)
 class ZoneState:
-    """What a plastic zone remembers of the last accepted step.
+    """A plastic zone at the end of a step: all that the next one needs.
 
     Parameters
     ----------
@@ -80,20 +92,36 @@ class ZoneState:
     strain: Array | None = None
     excess: Array | None = None
 
+    @property
+    def generalised(self) -> Array:
+        """Forces on the last coordinates of the body, (n,) [N]."""
+        return self.applied.generalised
+
+    @property
+    def stored(self) -> float:
+        """Elastic energy that plastic strain adds to the energy of the patch forces [J]."""
+        return self.applied.energy - float(self.generalised @ self.q)
+
 
 @dataclass(frozen=True, eq=False)
 class NodalState:
-    """What a plastic zone remembers of the last accepted step, if its nodes are coordinates.
+    """The same of a plastic zone whose nodes are coordinates.
 
     Parameters
     ----------
     plastic : PlasticState
     total : (g, 6) array
         Strain, elastic and plastic.
+    generalised : (n,) array
+        Forces on the last coordinates of the body [N].
+    stored : float
+        Elastic energy that plastic strain adds to that of the body's coordinates [J].
     work : float
         Plastic work since the start of the run [J].
     """
 
     plastic: PlasticState
     total: Array
+    generalised: Array
+    stored: float = 0.0
     work: float = 0.0
