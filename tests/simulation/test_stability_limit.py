@@ -12,7 +12,7 @@ from oracles import MARBLE_RADIUS, SPHERE_RADIUS, TOP, add_force
 
 import exudyn_partition as ep
 from exudyn_partition.errors import ModelLimitWarning, StoppedRunWarning
-from exudyn_partition.simulation import solve, stability
+from exudyn_partition.simulation import stability, step_choice
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,7 @@ def test_stability_limit(adapted, surface, options, frame, monkeypatch):
     assert result.status == "finished"
     assert contact.force(result).max() > 100
     assert ep.stability_limit(mbs) == pytest.approx(limit, rel=1e-6)
-    monkeypatch.setattr(solve, "stability_limit", lambda mbs: np.inf)
+    monkeypatch.setattr(step_choice, "stability_limit", lambda mbs: np.inf)
     if options.get("stiffness") is None:  # in that case there is no row that is not closed
         with pytest.warns(StoppedRunWarning) as caught:
             result = ep.solve_dynamic(mbs, end_time=(300 if surface else 100) * limit, step=1.05 * limit)
@@ -104,7 +104,7 @@ def test_damping_lowers_the_limit(mbs, marble, ratio, monkeypatch):
     mbs.Assemble()
     limit, omega = ep.stability_limit(mbs), marble.basis.omega.max()
     assert limit == pytest.approx(2 * (np.hypot(ratio, 1) - ratio) / omega, rel=1e-3)
-    monkeypatch.setattr(solve, "stability_limit", lambda mbs: np.inf)
+    monkeypatch.setattr(step_choice, "stability_limit", lambda mbs: np.inf)
     strong = pytest.warns(ModelLimitWarning, match="modes with ratios of 0.2") if ratio else contextlib.nullcontext()
     with strong:
         result = ep.solve_dynamic(mbs, end_time=300 * limit, step=0.98 * limit)
