@@ -84,7 +84,7 @@ def _crossing(run: ReviewedRun, history: ContactHistory) -> Iterator[Finding]:
     edges, size = [_Edges.of(surface) for surface in surfaces], min(surface.facet_size for surface in surfaces)
     for i, sample in enumerate(chosen):
         held = np.zeros(len(surfaces[0].points), dtype=bool)
-        nodes, forces = history.rows_at(sample)
+        nodes, forces = history.rows.at_sample(int(sample))
         held[nodes[forces > 0]] = True
         held |= around @ held > 0
         found = [_deepest_crossing(edges, x_s[i], x_m[i], held)]

@@ -110,21 +110,28 @@ def _sunk(run: ReviewedRun, history: ContactHistory, gaps: RigidGaps) -> Iterato
     if not len(chosen):
         return
     t, (item, number) = result.t[chosen], contact.sides[0]
+    surface = item.body.surface(np.zeros(3), number)
+    allowed, body = _allowed_depth(surface), run.of(item)
+    near = np.arange(len(allowed))
+    if contact.carrier is None and not contact.plastic:
+        deepest = body.way - gaps.surface.project(side.kinematics.place(body.q[0]))[0]  # no node can lie deeper
+        near = np.flatnonzero(deepest > 0.0)
+        if (deepest <= allowed).all():
+            return
     motion = surface_motion(contact.carrier, result.others, t)
     if motion is None:
         return
-    (carried, axes), q = motion, run.of(item).q[chosen]
+    (carried, axes), q = motion, body.q[chosen]
     places = side.kinematics.place(q)
     for i, sample in enumerate(chosen) if contact.plastic else ():
         if (dent := dents(int(sample))) is not None:
             places[i] += dent[0] @ side.kinematics.frame(q[i])[1].T
     on_surface = places if contact.carrier is None else (places - carried[:, None]) @ axes
-    depth = -gaps.surface.project(on_surface.reshape(-1, 3))[0].reshape(places.shape[:2])
-    surface = item.body.surface(np.zeros(3), number)
-    allowed = _allowed_depth(surface)
+    depth = np.full(places.shape[:2], -np.inf)
+    depth[:, near] = -gaps.surface.project(on_surface[:, near].reshape(-1, 3))[0].reshape(len(q), len(near))
     if (depth <= allowed).all():
         return
-    held = history.rows[chosen].toarray() != 0
+    held = history.rows.matrix(chosen).toarray() != 0
     # Beside a contact the coordinates alone also place the surface too deep. The contact's flexibility lifts it.
     lifted = np.where(held, depth, 0.0).max(axis=1, initial=0.0)
     sunk = (depth - lifted[:, None] > allowed) & ~held

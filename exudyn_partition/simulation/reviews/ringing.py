@@ -87,7 +87,7 @@ def _sliding_speed(run: ReviewedRun, history: ContactHistory) -> float | None:
         return None
     some = pressed[np.unique(np.linspace(0, len(pressed) - 1, _LOOKED_AT).astype(int))]
     nodes = contact.mechanics.gaps.slave.surface.nodes
-    weights = history.rows[some].toarray()[:, : len(nodes)]
+    weights = history.rows.matrix(some).toarray()[:, : len(nodes)]
     places = contact.slave.kinematics.at(nodes).place(run.of(contact.slave).q[some])
     centres = np.einsum("mk,mkd->md", weights, places) / weights.sum(axis=1)[:, None]
     one, other = (
