@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import math
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -197,6 +198,11 @@ class ModelRun:
         """Whether the run has made steps."""
         return self.ended is not None and self.ended[0] > self._began
 
+    @property
+    def latest(self) -> float:
+        """Time at which the sensors were last read, or at which the run began [s]."""
+        return self._began if self.ended is None else self.ended[0]
+
     def ended_in(self, q: Array) -> bool:
         """Whether the run ended at the model's coordinates q, (nq,), at any time."""
         return self.ended is not None and np.array_equal(self.ended[1], q)
@@ -363,26 +369,56 @@ class ModelRun:
             stepper.joints = None
 
 
+@dataclass(frozen=True, eq=False)
+class _Present:
+    """What a model knows of its present run, or of the last one when it has ended.
+
+    Parameters
+    ----------
+    run : ModelRun or None
+    origin : RunState or None
+        End from which this run goes on.
+    solver : exudyn.MainSolver or None
+        Exudyn's solver as the run last met it.
+    solver_comes : bool
+        Whether the run has begun ahead of its solver.
+    outdated : bool
+        Whether contacts were added since.
+    goes_on : bool
+        Whether the run begins where the last one ended.
+    given : tuple of (RunState or None), optional
+        End from which a run goes on by its user's choice, if there is such a choice.
+    """
+
+    run: ModelRun | None = None
+    origin: RunState | None = None
+    solver: MainSolver = None
+    solver_comes: bool = False
+    outdated: bool = False
+    goes_on: bool = False
+    given: tuple[RunState | None] | None = None
+
+
 class Runs:
     """The present run of a model, or the last one when it has ended. User functions find their state here."""
 
     def __init__(self) -> None:
-        self._now: ModelRun | None = None
-        self._origin: RunState | None = None  # end from which the present run goes on
-        self._solver: MainSolver = None
-        self._solver_comes = self._outdated = False
-        self._latest, self._goes_on = -math.inf, False
-        self._given: tuple[RunState | None] | None = None  # end from which a run goes on by its user's choice
+        self._present = _Present()
+
+    def _note(self, **changes: Any) -> None:
+        """Change some of what is known of the present run."""
+        self._present = replace(self._present, **changes)
 
     def now(self, mbs: MainSystem) -> ModelRun:
         """The present run, which evaluates contacts. If there is none, or contacts were added, a run begins."""
-        if self._now is None or self._outdated:
+        run = self._present.run
+        if run is None or self._present.outdated:
             return self.begin(mbs, float(mbs.systemData.GetTime()))
-        return self._now
+        return run
 
     def add_contact(self) -> None:
         """Record that the model has another contact: a new run must begin before contacts are evaluated again."""
-        self._outdated = True
+        self._note(outdated=True)
 
     def sample(self, mbs: MainSystem, t: float) -> ModelRun:
         """The run whose sensors are read at time t; all contacts keep their data of that time.
@@ -392,13 +428,15 @@ class Runs:
         They are written again in two cases: if multipliers are applied ahead of steps, and at the start, because Exudyn
         has then reset them to their initial values.
         """
-        now = self._now
-        first = self.last(mbs) is None or t < self._latest or self._outdated or self._solver_comes
-        if now is None or (first and not self._solver_comes):
+        present, now = self._present, self._present.run
+        first = now is None or self.last(mbs) is None or t < now.latest or present.outdated or present.solver_comes
+        if now is None or (first and not present.solver_comes):
             now = self.begin(mbs, t)
         if first or not now.idle:
             now.publish(mbs)
-        self._solver, self._solver_comes, self._latest = mbs.sys.get("dynamicSolver"), False, t
+        solver = mbs.sys.get("dynamicSolver")
+        if self._present.solver_comes or self._present.solver is not solver:
+            self._note(solver=solver, solver_comes=False)
         q = mbs.systemData.GetODE2Coordinates()
         now.ended = t, q
         now.keep(t, lambda: q)
@@ -412,30 +450,31 @@ class Runs:
         Without a method, the run has the method of Exudyn's solver. Its record keeps steps that Exudyn's sensors do not
         keep. With a method, only sensors keep steps, with the period that the user chose.
         """
-        self._solver, self._latest, self._outdated = mbs.sys.get("dynamicSolver"), t, False
         keep, solver = method is None and not sensors_keep_all(mbs), None
         if method is None:
             solver = latest_solver(mbs)
             method = "explicit" if solver is None else method_of(solver)
-        contacts: list[ModelContact] = [*registered(mbs).contacts.values()]
-        _log.debug("a run of %s contacts begins at %.6g s, %s", len(contacts), t, method)
-        initial = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
-        ends = self._ends() if self._given is None else self._given
-        earlier = [end for end in ends if end is not None]
-        if self._now is not None and self._now.has_steps:  # otherwise a run begins again before its first step
-            self._goes_on = any(end.ended_in(initial) for end in earlier)
-        same = next((end for end in earlier if end.ended_at(t, method, initial)), None)
-        if self._now is not None:
-            self._now.release()
         if solver is not None and solver.output.finishedSuccessfully:  # it made an earlier run
             solver = None
-        self._now = ModelRun(mbs, contacts, t, method, joints, keep, same, solver)
+        contacts: list[ModelContact] = [*registered(mbs).contacts.values()]
+        _log.debug("a run of %s contacts begins at %.6g s, %s", len(contacts), t, method)
+        initial, present = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial), self._present
+        earlier = [end for end in (self._ends() if present.given is None else present.given) if end is not None]
+        goes_on = present.goes_on
+        if present.run is not None and present.run.has_steps:  # otherwise a run begins again before its first step
+            goes_on = any(end.ended_in(initial) for end in earlier)
+        same = next((end for end in earlier if end.ended_at(t, method, initial)), None)
+        if present.run is not None:
+            present.run.release()
+        run = ModelRun(mbs, contacts, t, method, joints, keep, same, solver)
         for contact in contacts:
-            self._now.of(contact).goes_on = self._goes_on
-        resumed = same or self._now.resume(initial, earlier, t, goes_on=self._given is not None)
+            run.of(contact).goes_on = goes_on
+        resumed = same or run.resume(initial, earlier, t, goes_on=present.given is not None)
         # Later runs from the same initial state go on from the same run, also if its contacts remember nothing.
-        self._origin = next((end for end in earlier if end.has_steps and end.ended_in(initial)), resumed)
-        return self._now
+        origin = next((end for end in earlier if end.has_steps and end.ended_in(initial)), resumed)
+        solver = mbs.sys.get("dynamicSolver")
+        self._note(run=run, origin=origin, solver=solver, outdated=False, goes_on=goes_on)
+        return run
 
     @contextlib.contextmanager
     def begun(self, mbs: MainSystem, t: float, method: Method, joints: Joints | None = None) -> Iterator[ModelRun]:
@@ -450,24 +489,24 @@ class Runs:
             Joints that explicit steps close together with the contacts.
         """
         run = self.begin(mbs, t, method, joints)
-        self._solver_comes = True
+        self._note(solver_comes=True)
         try:
             yield run
         finally:
-            self._solver_comes = False
+            self._note(solver_comes=False)
             if run.unsampled:
-                self._solver = mbs.sys.get("dynamicSolver")
+                self._note(solver=mbs.sys.get("dynamicSolver"))
             run.release()
 
     @contextlib.contextmanager
     def aside(self, mbs: MainSystem) -> Iterator[ModelRun]:
         """A static run at the initial state that makes no step; after it, the run before is the present one again."""
-        kept, t = {**vars(self)}, mbs.systemData.GetTime(require("exudyn").ConfigurationType.Initial)
+        before, t = self._present, mbs.systemData.GetTime(require("exudyn").ConfigurationType.Initial)
         try:
             with self.begun(mbs, float(t), "static") as run:
                 yield run
         finally:
-            vars(self).update(kept)
+            self._present = before
 
     @contextlib.contextmanager
     def going_on(self, mbs: MainSystem, end: RunState | None) -> Iterator[None]:
@@ -479,26 +518,26 @@ class Runs:
         initial = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
         ends = (end for end in self._ends() if end is not None)
         origin = next((end for end in ends if end.has_steps and end.ended_in(initial)), None)
-        self._given = (end,)
+        self._note(given=(end,))
         try:
             yield
         finally:
-            self._given, self._origin = None, origin
+            self._note(given=None, origin=origin)
 
     @contextlib.contextmanager
     def unless_refused(self) -> Iterator[None]:
         """Forget what begins within the block if it raises an error: such a run was not made."""
-        before = vars(self).copy()
+        before = self._present
         try:
             yield
         except BaseException:
-            vars(self).update(before)
+            self._present = before
             raise
 
     def at_work(self, contact: ModelContact) -> ContactRun:
         """State of a contact in the present run."""
-        assert self._now is not None
-        return self._now.of(contact)
+        assert self._present.run is not None
+        return self._present.run.of(contact)
 
     def before_step(self, mbs: MainSystem, t: float) -> None:
         """Apply multipliers of contacts ahead of the step that ends at t. With joints, `solve_dynamic` does it."""
@@ -508,21 +547,23 @@ class Runs:
 
     def last(self, mbs: MainSystem) -> ModelRun | None:
         """The last run; None if Exudyn has run the model since, without contacts."""
-        return self._now if mbs.sys.get("dynamicSolver") is self._solver else None
+        return self._present.run if mbs.sys.get("dynamicSolver") is self._present.solver else None
 
     def end(self, mbs: MainSystem, *, stopped: bool = False) -> None:
         """Record that the present run ended in the model's present state: without contacts no sensor records it.
 
         `stopped` is whether this state is the start of a step that an error has stopped, see `ModelRun.step_back`.
         """
-        if self._now is not None:
+        run = self._present.run
+        if run is not None:
             if stopped:
-                self._now.step_back(mbs)
-            self._now.ended = float(mbs.systemData.GetTime()), mbs.systemData.GetODE2Coordinates()
+                run.step_back(mbs)
+            run.ended = float(mbs.systemData.GetTime()), mbs.systemData.GetODE2Coordinates()
 
     def _ends(self) -> tuple[RunState | None, RunState | None]:
         """Ends from which a run may go on: that of the last run, and that from which it went on itself."""
-        return None if self._now is None else self._now.state(), self._origin
+        run, origin = self._present.run, self._present.origin
+        return None if run is None else run.state(), origin
 
     def end_state(self, mbs: MainSystem) -> RunState | None:
         """State of the contacts at the end of the last run; None if there was none with contacts."""

@@ -17,7 +17,7 @@ from ..exudyn_contacts.run_state import RunState
 from ..support.arrays import Array
 from ..support.foreign import MainSolver, MainSystem, SimulationSettings
 from ..support.optional import require
-from .step_control import Pace, StepControl
+from .step_control import Pace
 
 _KEY = "exudynPartitionEnd"  # in mbs.sys
 _SOLVERS = "dynamicSolver", "staticSolver"
@@ -57,7 +57,7 @@ class RunEnd:
     contacts: RunState | None
 
     @classmethod
-    def of(cls, mbs: MainSystem, control: StepControl | None = None, *, stopped: bool = False) -> RunEnd:
+    def of(cls, mbs: MainSystem, pace: Pace | None = None, *, stopped: bool = False) -> RunEnd:
         """End of the model's last run, if the model is still in that state.
 
         `stopped` is whether an error stopped the run in a step, and the model stands at the start of that step again.
@@ -89,7 +89,7 @@ class RunEnd:
             system=tuple(map(np.array, data.GetSystemState())),
             q_tt=q_tt,
             algorithmic=algorithmic,
-            pace=Pace() if control is None else control.pace,
+            pace=Pace() if pace is None else pace.at_end(),
             contacts=runs_of(mbs).end_state(mbs),
         )
 
@@ -127,10 +127,11 @@ def _kept(mbs: MainSystem) -> _Kept:
     return kept
 
 
-def keep_end(mbs: MainSystem, control: StepControl | None = None, *, stopped: bool = False) -> RunEnd | None:
+def keep_end(mbs: MainSystem, pace: Pace | None = None, *, stopped: bool = False) -> RunEnd | None:
     """Keep and return the end of a run, because later calls may change the model's state; None if it has no whole end.
 
-    `stopped` is whether an error stopped the run: it then ends with the last step that was made whole.
+    `pace` is that of the control of an adaptive run. `stopped` is whether an error stopped the run: it then ends with
+    the last step that was made whole.
     """
     if (solver := latest_solver(mbs)) is None:
         return None
@@ -138,7 +139,7 @@ def keep_end(mbs: MainSystem, control: StepControl | None = None, *, stopped: bo
         _step_back(mbs, solver)
     runs = runs_of(mbs)
     runs.end(mbs, stopped=stopped)
-    end = RunEnd.of(mbs, control, stopped=stopped) if runs.is_whole(mbs) else None
+    end = RunEnd.of(mbs, pace, stopped=stopped) if runs.is_whole(mbs) else None
     mbs.sys[_KEY] = _Kept(end, _origin(mbs), _solvers(mbs))
     return end
 

@@ -26,7 +26,7 @@ from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContaine
 from ..support.interrupt import Interrupt, interruptible
 from ..support.optional import require
 from ..support.progress import Progress
-from .step_control import StepControl
+from .step_control import Pace, StepControl
 
 _RESIDUAL = 3e-18  # share of forces that move bodies by their size in a period of f_cut: 1e-8 N for some centimetres
 _OVER = 1e-6  # share of a step: a run that has less time left is at its end
@@ -125,10 +125,18 @@ def _extent(mbs: MainSystem, contact: PartitionContact, duration: float) -> floa
 
 
 class Watch:
-    """State of the hook before each step: the number of steps, and whether the user asked to stop."""
+    """State of the hooks around steps: the number of steps, and whether the user asked to stop.
+
+    Attributes
+    ----------
+    steps : int
+    pace : Pace or None
+        What the control of an adaptive run knows.
+    """
 
     def __init__(self, interrupt: Interrupt) -> None:
         self.steps = 0
+        self.pace: Pace | None = None
         self._interrupt = interrupt
 
     @property
@@ -248,9 +256,16 @@ def watched(
 
 @contextlib.contextmanager
 def controlled(
-    mbs: MainSystem, control: StepControl | None, settings: SimulationSettings, end_time: float
+    mbs: MainSystem,
+    control: StepControl | None,
+    watch: Watch,
+    earlier: Pace | None,
+    settings: SimulationSettings,
+    end_time: float,
 ) -> Iterator[None]:
     """Let the control choose the steps, by Exudyn's PostStep and PostNewton functions, after the model's own.
+
+    `watch` has its pace, which begins from that of an `earlier` run, if there was one.
 
     The last step ends at `end_time`, also if Exudyn's own end is later, as for very short runs. PostStep runs at the
     start and after each step. The solver then reads the length of its next step from `it.currentStepSize`. PostNewton
@@ -263,10 +278,13 @@ def controlled(
         user_function, (mbs.GetPostStepUserFunction(), mbs.GetPostNewtonUserFunction())
     )
     refused = 2 * settings.timeIntegration.discontinuous.iterationTolerance
+    pace = watch.pace = control.begin(earlier)
 
     def after_step(mbs: MainSystem, t: float) -> bool:
+        nonlocal pace
         it = mbs.sys["dynamicSolver"].it
-        step = control.next_step(it.currentStepSize)
+        pace = watch.pace = control.after_step(pace, it.currentStepSize)
+        step = pace.step
         if _OVER * step < end_time - t < step:
             step = end_time - t
         if step != it.currentStepSize:
@@ -275,7 +293,8 @@ def controlled(
         return own_after_step is None or own_after_step(mbs, t)
 
     def after_newton(mbs: MainSystem, t: float) -> list[float]:
-        shorter = control.shorter_step(mbs.sys["dynamicSolver"].it.currentStepSize)
+        nonlocal pace
+        shorter, pace = control.shorter_step(pace, mbs.sys["dynamicSolver"].it.currentStepSize)
         if shorter is not None:
             return [refused, shorter]
         return [0.0, -1.0] if own_after_newton is None else own_after_newton(mbs, t)

@@ -197,12 +197,11 @@ def plan_run(mbs: MainSystem, options: RunOptions, last: RunEnd | None, progress
         None if adaptive else options.sample_period,
         _EARLY * (_SHORTER if adaptive else 1),
     )
-    origin, control = origin_of(mbs, start, method, last), None
+    control = None
     if adaptive:
         duration = times.end - times.start
         control = options.of_adaptive.control(mbs, times.step, method, options.sample_period, duration)
-        if origin is not None:
-            control.go_on(origin.pace)
+    origin = origin_of(mbs, start, method, last)
     return RunPlan(method, times, _settings(mbs, options, times), control, origin, open_joints)
 
 

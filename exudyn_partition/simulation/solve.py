@@ -162,7 +162,7 @@ def _run(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> tuple[Res
     times, method, control = plan.times, plan.method, plan.control
     if method == "explicit":
         hear_of_verlet()
-    kind = "equal" if control is None else "adaptive"
+    earlier, kind = None if plan.origin is None else plan.origin.pace, "equal" if control is None else "adaptive"
     _log.info("%s steps of %.4g s to %.6g s, %s", times.steps, times.step, times.end, kind)
     bar = progress_bar("stepping", after=LONG) if progress is None else contextlib.nullcontext(progress)
     with (
@@ -172,15 +172,15 @@ def _run(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> tuple[Res
         begun(mbs, times.start, method),
         accelerated(mbs, plan.origin, plan.settings) as accelerations,
         watched(mbs, times.start, times.end, times.step, report, accelerations) as watch,
-        controlled(mbs, control, plan.settings, times.end),
+        controlled(mbs, control, watch, earlier, plan.settings, times.end),
     ):
         begin = time.perf_counter()
         failure = _steps(mbs, plan, watch)
         time_s = time.perf_counter() - begin
-    end = keep_end(mbs, control, stopped=bool(failure))
+    end = keep_end(mbs, watch.pace, stopped=bool(failure))
     result = replace(samples(mbs), end=end, step=times.step, steps=watch.steps, method=method, time_s=time_s)
     _log.debug("%s steps in %.4g s: %s", watch.steps, time_s, result.work)
-    made = 0.0 if control is None else control.share_made
+    made = 0.0 if control is None or watch.pace is None else control.share_made(watch.pace)
     _log.debug("long steps in contact made %.2g of the energy", made)
     if times.beyond:  # a run that a hook ends has a sample too many, of the step that was not made
         result = cut(result, int(np.searchsorted(result.t, times.end + _ROUNDING * times.step)))

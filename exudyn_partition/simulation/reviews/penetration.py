@@ -18,7 +18,7 @@ from ...surfaces.rows import PENETRATION_TOLERANCE
 from ...surfaces.surface import Surface
 from ..result import called, when
 from .crossing_edges import looked_at, neighbours
-from .reviewed_run import ContactHistory, Finding, ReviewedRun
+from .reviewed_run import BodyHistory, ContactHistory, Finding, ReviewedRun
 
 _ENERGY = 1e-2  # energy that overlap at the start may store, as a share of the bodies' largest energy
 _MOVED = 0.1  # share of the stored energy: with less kinetic energy, bodies rest on each other and do not fly apart
@@ -112,15 +112,11 @@ def _sunk(run: ReviewedRun, history: ContactHistory, gaps: RigidGaps) -> Iterato
     t, (item, number) = result.t[chosen], contact.sides[0]
     surface = item.body.surface(np.zeros(3), number)
     allowed, body = _allowed_depth(surface), run.of(item)
-    near = np.arange(len(allowed))
-    if contact.carrier is None and not contact.plastic:
-        deepest = body.way - gaps.surface.project(side.kinematics.place(body.q[0]))[0]  # no node can lie deeper
-        near = np.flatnonzero(deepest > 0.0)
-        if (deepest <= allowed).all():
-            return
+    deepest = _largest_depths(history, gaps, body)
     motion = surface_motion(contact.carrier, result.others, t)
-    if motion is None:
+    if motion is None or (deepest <= allowed).all():
         return
+    near = np.flatnonzero(deepest > 0.0)
     (carried, axes), q = motion, body.q[chosen]
     places = side.kinematics.place(q)
     for i, sample in enumerate(chosen) if contact.plastic else ():
@@ -152,6 +148,13 @@ def _sunk(run: ReviewedRun, history: ContactHistory, gaps: RigidGaps) -> Iterato
         "edge",
         ContactPatchWarning,
     )
+
+
+def _largest_depths(history: ContactHistory, gaps: RigidGaps, body: BodyHistory) -> Array:
+    """Depths in a rigid surface that nodes cannot have exceeded, (np,) [m]: those at the start, and the body's way."""
+    if history.contact.carrier is not None or history.contact.plastic:
+        return np.full(len(gaps.whole.surface.points), np.inf)
+    return np.asarray(body.way - gaps.surface.project(gaps.whole.kinematics.place(body.q[0]))[0])
 
 
 @once
