@@ -38,9 +38,9 @@ _NO_MORE = 2**30  # more iterations than Newton's method may make
 class ModelRun:
     """State of a model's contacts in one run.
 
-    Who takes part is fixed at its start, see `RunMembers`. In a run only these attributes change: `at` in each
-    evaluation, `ended` at each sample, `unsettled` in load steps, `broken` and `over` at the end. So do the time spent
-    in contacts, and the velocities by which bodies in floating frames grow.
+    Who takes part is fixed at its start, see `RunMembers`. In a run only these attributes change: `evaluated_at` in
+    each evaluation, `ended` at each sample, `unsettled` in load steps, `broken` and `over` at the end. So do the time
+    spent in contacts, and the velocities by which bodies in floating frames grow.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class ModelRun:
         Record of where Exudyn's own bodies are, for pictures.
     unsampled : bool
         Whether the model has no contact whose sensor would keep this record.
-    at : float
+    evaluated_at : float
         Time at which contacts were evaluated last [s].
     ended : (float, (nq,) array) or None
         Time [s] and coordinates of the model at the end of the run, or when the sensors were last read.
@@ -103,7 +103,7 @@ class ModelRun:
         state: RunState | None = None,
         solver: MainSolver | None = None,
     ) -> None:
-        self._members = members = RunMembers.begun(mbs, contacts, t, method, joints, state)
+        self._members = members = RunMembers.at_start(mbs, contacts, t, method, joints, state)
         self.contacts, self.method, self._began = members.contacts, method, t
         self._run_of = {id(contact): run for contact, run in zip(contacts, members.runs, strict=True)}
         self._all_ask = all(run.place is None for run in members.runs)
@@ -115,7 +115,7 @@ class ModelRun:
         self.slip_secants: SlipSecants | None = None
         self.divides = False
 
-        self.at, self._spent_s = t, 0.0
+        self.evaluated_at, self._spent_s = t, 0.0
         self.ended: tuple[float, Array] | None = None
         self.unsettled: ComplementarityError | None = None
         self.broken = self._released = False
@@ -127,10 +127,12 @@ class ModelRun:
         if self.ended is None:
             return None
         t, q = self.ended
-        whole = not self.broken and abs(self.at - t) <= _ROUND_OFF * abs(t)
+        whole = not self.broken and abs(self.evaluated_at - t) <= _ROUND_OFF * abs(t)
         contacts = tuple(self.of(contact).state(number_of(contact)) for contact in self.contacts if whole)
         steppers = tuple(stepper.state(numbers) for (_, numbers), stepper in self._members.steppers.items() if whole)
-        return RunState(self.method, t, self.at, q, self.has_steps, self.broken, contacts, steppers, self._turning)
+        return RunState(
+            self.method, t, self.evaluated_at, q, self.has_steps, self.broken, contacts, steppers, self._turning
+        )
 
     @property
     def contact_s(self) -> float:
@@ -218,7 +220,7 @@ class ModelRun:
             self._press(mbs, t)
         within = [group.step_back(mbs, t, q) for group in self._within]
         ahead = [stepper.step_back(t) for stepper in self._members.steppers.values()]  # with those of joints
-        self.broken, self.at = not all(within + ahead), t
+        self.broken, self.evaluated_at = not all(within + ahead), t
         self.publish(mbs)
 
     def force(self, mbs: MainSystem, t: float) -> Array | None:
@@ -229,7 +231,7 @@ class ModelRun:
         begin = time.perf_counter()
         if self.record.on:
             self.keep_last_step(mbs, t)
-        self.at, total = t, None
+        self.evaluated_at, total = t, None
         q = mbs.systemData.GetODE2Coordinates(copy=False)
         self._turn(mbs)
         if self.method == "static" and t > self._began:
@@ -333,7 +335,7 @@ class ModelRun:
         With `joined`, these are the multipliers of joints and contacts together; otherwise those of contacts alone.
         A second call for the same step does nothing.
         """
-        begin, self.at = time.perf_counter(), t
+        begin, self.evaluated_at = time.perf_counter(), t
         self._turn(mbs)
         for (joins, _), stepper in self._members.steppers.items():
             if joins == joined:
@@ -423,10 +425,10 @@ class Runs:
     def sample(self, mbs: MainSystem, t: float) -> ModelRun:
         """The run whose sensors are read at time t; all contacts keep their data of that time.
 
-        Exudyn's first act in a run is to read the sensors. The run begins here, unless `begun` has begun it. The sensor
-        of the first contact calls this method. The values that other sensors read are those of the last evaluation.
-        They are written again in two cases: if multipliers are applied ahead of steps, and at the start, because Exudyn
-        has then reset them to their initial values.
+        Exudyn's first act in a run is to read the sensors. The run begins here, unless `run_within` has begun it. The
+        sensor of the first contact calls this method. The values that other sensors read are those of the last
+        evaluation. They are written again in two cases: if multipliers are applied ahead of steps, and at the start,
+        because Exudyn has then reset them to their initial values.
         """
         present, now = self._present, self._present.run
         first = now is None or self.last(mbs) is None or t < now.latest or present.outdated or present.solver_comes
@@ -477,7 +479,7 @@ class Runs:
         return run
 
     @contextlib.contextmanager
-    def begun(self, mbs: MainSystem, t: float, method: Method, joints: Joints | None = None) -> Iterator[ModelRun]:
+    def run_within(self, mbs: MainSystem, t: float, method: Method, joints: Joints | None = None) -> Iterator[ModelRun]:
         """Begin a run at time t [s]. The solver that Exudyn makes within the block belongs to this run.
 
         Parameters
@@ -499,17 +501,17 @@ class Runs:
             run.release()
 
     @contextlib.contextmanager
-    def aside(self, mbs: MainSystem) -> Iterator[ModelRun]:
+    def linearise_aside(self, mbs: MainSystem) -> Iterator[ModelRun]:
         """A static run at the initial state that makes no step; after it, the run before is the present one again."""
         before, t = self._present, mbs.systemData.GetTime(require("exudyn").ConfigurationType.Initial)
         try:
-            with self.begun(mbs, float(t), "static") as run:
+            with self.run_within(mbs, float(t), "static") as run:
                 yield run
         finally:
             self._present = before
 
     @contextlib.contextmanager
-    def going_on(self, mbs: MainSystem, end: RunState | None) -> Iterator[None]:
+    def go_on_from(self, mbs: MainSystem, end: RunState | None) -> Iterator[None]:
         """Let a run within the block go on from the end of an earlier one, whatever their methods.
 
         The model's initial state must be that end only within the block. Runs from its own initial state later go on
@@ -525,7 +527,7 @@ class Runs:
             self._note(given=None, origin=origin)
 
     @contextlib.contextmanager
-    def unless_refused(self) -> Iterator[None]:
+    def undo_if_refused(self) -> Iterator[None]:
         """Forget what begins within the block if it raises an error: such a run was not made."""
         before = self._present
         try:

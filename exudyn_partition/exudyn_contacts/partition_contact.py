@@ -252,7 +252,7 @@ class PartitionContact(Item[Any]):
         q, turned = np.hstack([item.coordinates(result) for item, _ in self.sides]), Turned(self.sides, result)
 
         def gap(sample: int) -> float:
-            with turned.at(sample):
+            with turned.at_sample(sample):
                 return gaps.surface_gap(q[sample], dents(sample))
 
         return functools.cache(gap)

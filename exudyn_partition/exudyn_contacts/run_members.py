@@ -53,7 +53,7 @@ class RunMembers:
         return [int(contact.carrier.body) for contact in self.contacts if contact.carrier is not None]
 
     @classmethod
-    def begun(
+    def at_start(
         cls,
         mbs: MainSystem,
         contacts: Sequence[ModelContact],

@@ -99,7 +99,7 @@ class AdaptiveOptions:
             gap_tolerance=gap_tolerance,
             unresolved=unresolved,
             velocity_tolerance=tolerance,
-            work=None if method == "explicit" else ContactWork.of(mbs, contacts),
+            work=None if method == "explicit" else ContactWork.if_known(mbs, contacts),
         )
 
     def _velocity_tolerance(self, method: Integrator) -> float | None:
@@ -122,7 +122,7 @@ class AdaptiveOptions:
 
 def _state_of_bodies(mbs: MainSystem) -> State:
     """Return what a control asks for the present coordinates, velocities and accelerations of all bodies."""
-    places = joined_slices([own for item in partition_items(mbs)[0] for own in coordinate_slices(mbs, item)])
+    places = joined_slices([place for item in partition_items(mbs)[0] for place in coordinate_slices(mbs, item)])
 
     def state() -> tuple[Array, Array, Array]:
         data = mbs.systemData
@@ -130,7 +130,7 @@ def _state_of_bodies(mbs: MainSystem) -> State:
         if len(places) == 1:
             q, q_t, q_tt = [get(copy=False)[places[0]].copy() for get in views]
         else:
-            q, q_t, q_tt = [np.concatenate([[], *(get(copy=False)[own] for own in places)]) for get in views]
+            q, q_t, q_tt = [np.concatenate([[], *(get(copy=False)[place] for place in places)]) for get in views]
         return q, q_t, q_tt
 
     return state

@@ -104,7 +104,7 @@ def _norm_of_weight(item: PartitionBody) -> float:
 def _speed(mbs: MainSystem, item: PartitionBody) -> float:
     """Speed of a body's centre of mass at the start [m/s]."""
     q_t = mbs.systemData.GetODE2Coordinates_t(require("exudyn").ConfigurationType.Initial)
-    momentum = item.kinematics.momentum(np.concatenate([q_t[own] for own in coordinate_slices(mbs, item)]))
+    momentum = item.kinematics.momentum(np.concatenate([q_t[place] for place in coordinate_slices(mbs, item)]))
     return float(np.linalg.norm(momentum) / item.body.total_mass)
 
 
@@ -146,14 +146,14 @@ class Watch:
 
 
 @contextlib.contextmanager
-def quiet(asked: bool = True) -> Iterator[None]:
+def silence(asked: bool = True) -> Iterator[None]:
     """Keep Exudyn's texts off the terminal, as where a second try may succeed and our own error tells the cause."""
     config = require("exudyn").config
-    own, config.printToConsole = config.printToConsole, config.printToConsole and not asked
+    printed, config.printToConsole = config.printToConsole, config.printToConsole and not asked
     try:
         yield
     finally:
-        config.printToConsole = own
+        config.printToConsole = printed
 
 
 @functools.cache
@@ -166,12 +166,12 @@ def hear_of_verlet() -> None:
     settings.solution.file.write, settings.timeIntegration.verboseMode = False, 0
     mbs = exu.SystemContainer().AddSystem()
     mbs.Assemble()
-    with quiet():
+    with silence():
         mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.VelocityVerlet)
 
 
 @contextlib.contextmanager
-def begun(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
+def begin_run(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
     """Begin a run at time t [s], and give contacts and joints the hooks that explicit steps need.
 
     Exudyn's explicit solvers ignore algebraic equations, with a warning. So joints are closed here, together with the
@@ -179,7 +179,7 @@ def begun(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
     which is restored after the run.
     """
     exu, jointed = require("exudyn"), method == "explicit" and mbs.systemData.AEsize() > 0
-    with runs_of(mbs).begun(mbs, t, method, Joints(mbs) if jointed else None) as run, called_if_needed(mbs, run):
+    with runs_of(mbs).run_within(mbs, t, method, Joints(mbs) if jointed else None) as run, called_if_needed(mbs, run):
         if run.idle:
             yield
             return
@@ -201,7 +201,7 @@ def begun(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def watched(
+def watch_steps(
     mbs: MainSystem,
     start_time: float,
     end_time: float,
@@ -255,7 +255,7 @@ def watched(
 
 
 @contextlib.contextmanager
-def controlled(
+def control_steps(
     mbs: MainSystem,
     control: StepControl | None,
     watch: Watch,
@@ -309,7 +309,7 @@ def controlled(
 
 
 @contextlib.contextmanager
-def kept_apart(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
+def keep_apart(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
     """Repeat load steps in which bodies would pass through each other, with a shorter length.
 
     The model's own function runs first. An open contact has no stiffness. A body on soft springs may then pass the
@@ -340,7 +340,7 @@ def kept_apart(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def divided(mbs: MainSystem, settings: SimulationSettings, start: float, step: float) -> Iterator[ModelRun]:
+def divide_load_steps(mbs: MainSystem, settings: SimulationSettings, start: float, step: float) -> Iterator[ModelRun]:
     """Repeat load steps in which contact forces do not settle, shorter; all load levels remain ends of steps.
 
     The model's own PostStep function runs first. A level is the end of a load step as the user asked for, from `start`
@@ -376,14 +376,14 @@ def divided(mbs: MainSystem, settings: SimulationSettings, start: float, step: f
 
 
 @contextlib.contextmanager
-def slips_opposed(mbs: MainSystem) -> Iterator[None]:
+def oppose_slips(mbs: MainSystem) -> Iterator[None]:
     """Add a stiffness along slips to the Jacobian of the static run that has begun, see `SlipSecants`."""
     runs_of(mbs).now(mbs).slip_secants = SlipSecants()
     yield
 
 
 @contextlib.contextmanager
-def held(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
+def hold_by_springs(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
     """Hold all bodies by springs in the Jacobian alone, so that a body without other support stays in its place.
 
     Without springs the system of such a body is singular. Springs without forces do not change the equilibrium. Their
@@ -503,8 +503,8 @@ def cause(error: BaseException) -> str:
     root = chain[-1]
     if isinstance(root, SystemExit):
         raise root
-    if own := [str(one) for one in chain if isinstance(one, PartitionError)]:
-        return own[0]
+    if ours := [str(error) for error in chain if isinstance(error, PartitionError)]:
+        return ours[0]
     found = _FUNCTION.search(report)
     function = f"the user function {found[0]}" if found else "a user function"
     if returned := _RETURNED.search(report):

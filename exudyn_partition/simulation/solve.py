@@ -20,8 +20,8 @@ from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
 from .adaptive_options import AdaptiveOptions
-from .continuation import RunEnd, accelerated, keep_end, last_end, started_from, unless_refused
-from .hooks import Watch, begun, cause, controlled, hear_of_verlet, unsettled, watched
+from .continuation import RunEnd, keep_end, last_end, set_accelerations, start_from, undo_if_refused
+from .hooks import Watch, begin_run, cause, control_steps, hear_of_verlet, unsettled, watch_steps
 from .result import Result, cut, end_for, samples
 from .reviews.review import reviewed
 from .reviews.reviewed_run import ReviewedRun
@@ -149,7 +149,7 @@ def solve_dynamic(
         settings=settings,
     )
     last = _end_of(mbs, start_time, go_on)
-    with interruptible(), started_from(mbs, last):  # from before the first step until the last check of results
+    with interruptible(), start_from(mbs, last):  # from before the first step until the last check of results
         plan = plan_run(mbs, options, last, progress)
         result, made = _run(mbs, plan, progress)
         return reviewed(
@@ -166,13 +166,13 @@ def _run(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> tuple[Res
     _log.info("%s steps of %.4g s to %.6g s, %s", times.steps, times.step, times.end, kind)
     bar = progress_bar("stepping", after=LONG) if progress is None else contextlib.nullcontext(progress)
     with (
-        unless_refused(mbs),
+        undo_if_refused(mbs),
         one_blas_thread(),
         bar as report,
-        begun(mbs, times.start, method),
-        accelerated(mbs, plan.origin, plan.settings) as accelerations,
-        watched(mbs, times.start, times.end, times.step, report, accelerations) as watch,
-        controlled(mbs, control, watch, earlier, plan.settings, times.end),
+        begin_run(mbs, times.start, method),
+        set_accelerations(mbs, plan.origin, plan.settings) as accelerations,
+        watch_steps(mbs, times.start, times.end, times.step, report, accelerations) as watch,
+        control_steps(mbs, control, watch, earlier, plan.settings, times.end),
     ):
         begin = time.perf_counter()
         failure = _steps(mbs, plan, watch)

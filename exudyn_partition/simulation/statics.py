@@ -30,10 +30,20 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
-from .continuation import keep_end, unless_refused
-from .hooks import begun, cause, divided, held, kept_apart, quiet, residual, slips_opposed, watched
+from .continuation import keep_end, undo_if_refused
+from .hooks import (
+    begin_run,
+    cause,
+    divide_load_steps,
+    hold_by_springs,
+    keep_apart,
+    oppose_slips,
+    residual,
+    silence,
+    watch_steps,
+)
 from .joint_checks import check_start
-from .modes import linearised, linearising
+from .modes import ignore_slips, linearised
 from .result import Result, called, samples
 from .reviews.review import reviewed
 from .reviews.reviewed_run import Finding, ReviewedRun
@@ -213,10 +223,10 @@ def settle(
     kept = [item for item in everything if item not in chosen and id(item) not in others]
     rest = _fallen(mbs, start.copy(), falling, contacts)
     try:
-        with interruptible(), _weightless(mbs, [item for item in kept if item.weight is not None]):
+        with interruptible(), _remove_weight(mbs, [item for item in kept if item.weight is not None]):
             for _ in range(_MOST_MOORINGS):
                 data.SetODE2Coordinates(rest, initial)
-                springs = partial(_moored, mbs, falling, rest)
+                springs = partial(_moor, mbs, falling, rest)
                 result = _run(
                     mbs, springs, load_steps=1, load_factor=True, update_initial=True, settings=settings,
                     progress=progress,
@@ -228,8 +238,8 @@ def settle(
             _refuse_pulled(pulls)
             result = replace(result, end=keep_end(mbs, stopped=result.status == "unstable"))
             result = reviewed(ReviewedRun(mbs, result))
-        for own in itertools.chain.from_iterable(coordinate_slices(mbs, item) for item in kept):
-            rest[own] = start[own]
+        for place in itertools.chain.from_iterable(coordinate_slices(mbs, item) for item in kept):
+            rest[place] = start[place]
     except BaseException:
         rest = start
         raise
@@ -256,7 +266,7 @@ def _resting(
     speeds = mbs.systemData.GetODE2Coordinates_t(require("exudyn").ConfigurationType.Initial)
 
     def moves(item: PartitionBody) -> bool:
-        return any(speeds[own].any() for own in coordinate_slices(mbs, item))
+        return any(speeds[place].any() for place in coordinate_slices(mbs, item))
 
     if bodies is None:
         found = [item for item in held_bodies if item.weight is not None and not moves(item)]
@@ -288,7 +298,7 @@ def _fallen(mbs: MainSystem, q: Array, falling: Sequence[PartitionBody], contact
             items = [item for item, _ in contact.sides]
             if len({*items}) < len(items):
                 continue
-            at = np.concatenate([q[own] for own in contact.slices(mbs)])
+            at = np.concatenate([q[place] for place in contact.slices(mbs)])
             for item in items:
                 if item in ways:
                     down = [ways[item] if other == item else np.zeros(other.kinematics.mass.shape) for other in items]
@@ -301,8 +311,8 @@ def _fallen(mbs: MainSystem, q: Array, falling: Sequence[PartitionBody], contact
                 raise InputError(
                     f"settle: nothing lies beneath {called(item)}; give it a contact with what it rests on, or hold it"
                 )
-            for own, part in zip(coordinate_slices(mbs, item), _split(ways[item], item), strict=True):
-                q[own] += depth * part
+            for place, part in zip(coordinate_slices(mbs, item), _split(ways[item], item), strict=True):
+                q[place] += depth * part
         if max(depths.values(), default=0.0) <= touching:
             break
     return q
@@ -340,7 +350,7 @@ def _size(item: PartitionBody) -> float:
 
 def _pull(mbs: MainSystem, item: PartitionBody, moved: Array) -> float:
     """Force of the springs by the weight, or their moment by weight and size, after the model's coordinates moved."""
-    q = np.concatenate([moved[own] for own in coordinate_slices(mbs, item)])
+    q = np.concatenate([moved[place] for place in coordinate_slices(mbs, item)])
     force, kinematics = _mooring(item) @ q, item.kinematics
     weight = float(item.weight @ _way_down(item))
     inertia = np.sqrt(np.maximum(force @ (force / kinematics.mass), 0.0))  # its norm by the mass, as that of the weight
@@ -348,7 +358,7 @@ def _pull(mbs: MainSystem, item: PartitionBody, moved: Array) -> float:
 
 
 @contextlib.contextmanager
-def _moored(mbs: MainSystem, items: Sequence[PartitionBody], q: Array) -> Iterator[None]:
+def _moor(mbs: MainSystem, items: Sequence[PartitionBody], q: Array) -> Iterator[None]:
     """Hold bodies by their `_mooring` where they are at the model's coordinates q, (nq,), within the block."""
     container, springs, former = require("exudyn").MatrixContainer, registry(mbs).springs, {}
     try:
@@ -356,7 +366,7 @@ def _moored(mbs: MainSystem, items: Sequence[PartitionBody], q: Array) -> Iterat
             number, stiffness = int(item["oGenericODE2"]), item.as_made["stiffnessMatrix"].csr
             former[number] = stiffness, mbs.GetObjectParameter(number, "forceVector")
             springs[number] = sp.csr_matrix(_mooring(item))
-            at = np.concatenate([q[own] for own in coordinate_slices(mbs, item)])
+            at = np.concatenate([q[place] for place in coordinate_slices(mbs, item)])
             mbs.SetObjectParameter(number, "stiffnessMatrix", container(stiffness + springs[number]))
             mbs.SetObjectParameter(number, "forceVector", former[number][1] + springs[number] @ at)
         yield
@@ -383,7 +393,7 @@ def _depths(
 
 
 @contextlib.contextmanager
-def _weightless(mbs: MainSystem, items: Sequence[PartitionBody]) -> Iterator[None]:
+def _remove_weight(mbs: MainSystem, items: Sequence[PartitionBody]) -> Iterator[None]:
     """Take the weight of bodies away within the block."""
     numbers = [item["oGenericODE2"] for item in items]
     weights = [mbs.GetObjectParameter(number, "forceVector") for number in numbers]
@@ -449,8 +459,8 @@ def _run(
 
     _log.info("%s load steps to %.6g", load_steps, plan.end)
     bar = progress_bar("load steps", after=LONG) if progress is None else contextlib.nullcontext(progress)
-    silent = quiet(plan.settings.staticSolver.verboseMode == 0)
-    with unless_refused(mbs), one_blas_thread(), _at_rest(mbs), silent, bar as report:
+    quiet = silence(plan.settings.staticSolver.verboseMode == 0)
+    with undo_if_refused(mbs), one_blas_thread(), _stop_bodies(mbs), quiet, bar as report:
         begin = time.perf_counter()
         made = _best_attempt(mbs, plan, partial(_attempt, mbs, plan, report))
         if made.error is not None and made.steps <= 1:
@@ -512,12 +522,12 @@ def _attempt(
     static = plan.settings.staticSolver
     static.numberOfLoadSteps = parts * plan.load_steps
     with (
-        begun(mbs, plan.start, "static"),
-        watched(mbs, plan.start, plan.end, plan.step, report) as watch,
-        divided(mbs, plan.settings, plan.start, plan.step / parts) as run,
+        begin_run(mbs, plan.start, "static"),
+        watch_steps(mbs, plan.start, plan.end, plan.step, report) as watch,
+        divide_load_steps(mbs, plan.settings, plan.start, plan.step / parts) as run,
         plan.springs(),
         more or contextlib.nullcontext(),
-        kept_apart(mbs, plan.settings),
+        keep_apart(mbs, plan.settings),
     ):
         try:
             mbs.SolveStatic(plan.settings)
@@ -528,7 +538,7 @@ def _attempt(
 
 def _best_attempt(mbs: MainSystem, plan: _Plan, attempt: Callable[..., _Attempt]) -> _Attempt:
     """Try again where there is no equilibrium: with helps for Newton's method, and with finer load steps."""
-    made = attempt(_divided(plan.settings, plan.step / _PARTS) if plan.pressed else None)
+    made = attempt(_limit_division(plan.settings, plan.step / _PARTS) if plan.pressed else None)
     for how, more, said in _helps(mbs, plan):
         again = made.error is not None and (plan.pressed or made.steps <= 1) and not made.interrupted
         if again and made.error is not None and any(text in cause(made.error) for text in said):
@@ -547,8 +557,8 @@ def _helps(
 ) -> Iterator[tuple[str, contextlib.AbstractContextManager[None], tuple[str, ...]]]:
     """Contexts in which Newton's method may find an equilibrium, with their names, and the errors that they help."""
     if any(contact.mechanics.friction is not None for contact in partition_items(mbs)[1]):
-        yield "with a stiffness along slips", slips_opposed(mbs), (_UNSETTLED, _SINGULAR)
-    yield "held by springs without forces", held(mbs, plan.settings), (_UNSETTLED,)
+        yield "with a stiffness along slips", oppose_slips(mbs), (_UNSETTLED, _SINGULAR)
+    yield "held by springs without forces", hold_by_springs(mbs, plan.settings), (_UNSETTLED,)
 
 
 def _remedy(plan: _Plan, error: Exception) -> str:
@@ -576,7 +586,7 @@ def _settles_later(error: Exception) -> bool:
 
 
 @contextlib.contextmanager
-def _at_rest(mbs: MainSystem) -> Iterator[None]:
+def _stop_bodies(mbs: MainSystem) -> Iterator[None]:
     """Begin with all velocities zero within the block; after it, the initial and the last states have them again."""
     data, configurations = mbs.systemData, require("exudyn").ConfigurationType
     speeds = data.GetODE2Coordinates_t(configurations.Initial)
@@ -589,14 +599,14 @@ def _at_rest(mbs: MainSystem) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _divided(settings: SimulationSettings, least: float) -> Iterator[None]:
+def _limit_division(settings: SimulationSettings, least: float) -> Iterator[None]:
     """Divide load steps no further than to a length: a body that nothing holds does not settle in shorter ones."""
     static = settings.staticSolver
-    own, static.minimumStepSize = static.minimumStepSize, max(least, static.minimumStepSize)
+    former, static.minimumStepSize = static.minimumStepSize, max(least, static.minimumStepSize)
     try:
         yield
     finally:
-        static.minimumStepSize = own
+        static.minimumStepSize = former
 
 
 def _equilibrium(run: ReviewedRun) -> Iterator[Finding]:
@@ -605,7 +615,7 @@ def _equilibrium(run: ReviewedRun) -> Iterator[Finding]:
     n = mbs.systemData.ODE2Size()
     if run.result.status != "finished" or not bodies or n + mbs.systemData.AEsize() > _MOST_DENSE:
         return
-    with linearising():
+    with ignore_slips():
         M, K, allowed = linearised(mbs, mbs.sys["staticSolver"])
     M += _LEAST_MASS * np.trace(M) / n * np.eye(len(M))  # nodes without mass are fine in statics
     squares, motions = scipy.linalg.eigh((K + K.T) / 2, M)
@@ -623,7 +633,7 @@ def _equilibrium(run: ReviewedRun) -> Iterator[Finding]:
     if abs(squares[slowest]) > least:
         return
     motion = abs(allowed @ motions[:, slowest])
-    free = max(bodies, key=lambda item: max(motion[own].max(initial=0.0) for own in coordinate_slices(mbs, item)))
+    free = max(bodies, key=lambda item: max(motion[place].max(initial=0.0) for place in coordinate_slices(mbs, item)))
     yield Finding(
         f"{called(free)}: nothing holds it against some motion, so that its place in this equilibrium is arbitrary, "
         "though forces balance. Hold it by joints or soft springs"

@@ -138,9 +138,9 @@ def _mobility(contact: PartitionContact, row: Array) -> float:
     """Acceleration of the bodies' rigid motion along a row, (n,), due to a unit force on it [1/kg]."""
     slices = consecutive([item.body.n_dofs for item, _ in contact.sides])
     total = 0.0
-    for (item, _), own in zip(contact.sides, slices, strict=True):
+    for (item, _), place in zip(contact.sides, slices, strict=True):
         body = item.body
-        of_rigid = row[own] @ (item.kinematics.from_basis @ body.rigid)
+        of_rigid = row[place] @ (item.kinematics.from_basis @ body.rigid)
         total += float(of_rigid @ np.linalg.solve(body.rigid.T @ (body.mass @ body.rigid), of_rigid))
     return total
 
@@ -282,9 +282,9 @@ class StepControl:
         self.contacts, self.bodies, self._state, self._run_of = contacts, bodies, state, run_of
         self.step, self.longest, self.gap_tolerance = step, longest, gap_tolerance
         self.unresolved, self._tolerance, self._work = unresolved, velocity_tolerance, work
-        self._own = dict(zip(bodies, consecutive([item.body.n_dofs for item in bodies]), strict=True))
+        self._places = dict(zip(bodies, consecutive([item.body.n_dofs for item in bodies]), strict=True))
         floating = [item for item in bodies if isinstance(item.kinematics, FloatingKinematics)]
-        self._spins = [slice(self._own[item].start + 3, self._own[item].start + 6) for item in floating]
+        self._spins = [slice(self._places[item].start + 3, self._places[item].start + 6) for item in floating]
         self._vibration = Vibration(bodies)
         self._explicit = velocity_tolerance is None
         may_change = gap_tolerance is not None or longest > _WORTHWHILE * step
@@ -429,8 +429,8 @@ class StepControl:
         """Energy that bodies and contacts store at present [J]."""
         stored = sum(run.mechanics.stored() for run in self._runs)
         q = self._state()[0]
-        for item, own in self._own.items():
-            stored += float(item.body.strain_energy(item.kinematics.elastic(q[own])))
+        for item, place in self._places.items():
+            stored += float(item.body.strain_energy(item.kinematics.elastic(q[place])))
         return stored
 
     def _until_contact(self, pace: Pace, step: float) -> tuple[float, tuple[float, ...]]:
@@ -454,9 +454,9 @@ class StepControl:
     def _predicted(self, contact: PartitionContact, run: ContactRun) -> tuple[float, float]:
         """Time to contact [s] and speed of approach then [m/s], from the present state."""
         q, q_t, q_tt = self._state()
-        sides = [(item, self._own[item]) for item, _ in contact.sides]
+        sides = [(item, self._places[item]) for item, _ in contact.sides]
         # Accelerations of vibration change sign too soon: those of the rigid motion count alone.
-        motion = [(q[own], q_t[own], item.kinematics.rigid_part(q_tt[own])) for item, own in sides]
+        motion = [(q[place], q_t[place], item.kinematics.rigid_part(q_tt[place])) for item, place in sides]
         return _first_touch(*run.closing(*map(np.concatenate, zip(*motion, strict=True))))
 
     def _turning_step(self, q_t: Array) -> float:

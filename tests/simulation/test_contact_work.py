@@ -37,7 +37,7 @@ def test_the_work_of_long_steps_is_what_the_balance_lacks(round_body, frame, fri
 
     def after_step(mbs, t):
         if not works:
-            works.append(ContactWork.of(mbs, [contact]))
+            works.append(ContactWork.if_known(mbs, [contact]))
         works[0].end_step(step)
         works[0].begin_step()
         return True
@@ -79,6 +79,6 @@ def test_work_of_carriers_is_not_judged(mbs, marble):
     ball = ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, MARBLE_RADIUS])
     alone = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="south")
     carried = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="south", masterBody=carrier)
-    assert ContactWork.of(mbs, []) is None
-    assert ContactWork.of(mbs, [alone, carried]) is None
-    assert ContactWork.of(mbs, [alone]) is not None
+    assert ContactWork.if_known(mbs, []) is None
+    assert ContactWork.if_known(mbs, [alone, carried]) is None
+    assert ContactWork.if_known(mbs, [alone]) is not None

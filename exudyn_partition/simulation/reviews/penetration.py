@@ -44,7 +44,7 @@ def overlap(run: ReviewedRun) -> Iterator[Finding]:
         if depth <= _ROUND_OFF * size:
             continue
         stored = float(contact.energy(first)[0])
-        bodies = [run.of(item) for item, _ in contact.sides]
+        bodies = [run.body(item) for item, _ in contact.sides]
         largest = max(float(body.energy.max()) for body in bodies)
         if contact.compliant:
             thrown = max(body.kinetic_energy.max() for body in bodies) > _MOVED * stored
@@ -111,7 +111,7 @@ def _sunk(run: ReviewedRun, history: ContactHistory, gaps: RigidGaps) -> Iterato
         return
     t, (item, number) = result.t[chosen], contact.sides[0]
     surface = item.body.surface(np.zeros(3), number)
-    allowed, body = _allowed_depth(surface), run.of(item)
+    allowed, body = _allowed_depth(surface), run.body(item)
     deepest = _largest_depths(history, gaps, body)
     motion = surface_motion(contact.carrier, result.others, t)
     if motion is None or (deepest <= allowed).all():

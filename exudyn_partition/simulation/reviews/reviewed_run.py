@@ -229,7 +229,7 @@ class ReviewedRun:
     def _histories(self) -> dict[PartitionBody, BodyHistory]:
         return {body.item: body for body in self.bodies}
 
-    def of(self, item: PartitionBody) -> BodyHistory:
+    def body(self, item: PartitionBody) -> BodyHistory:
         """History of a body of the model."""
         return self._histories[item]
 
