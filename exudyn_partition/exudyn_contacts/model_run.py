@@ -35,6 +35,15 @@ _ROUND_OFF = 1e-12  # relative difference of times that are the same
 _NO_MORE = 2**30  # more iterations than Newton's method may make
 
 
+def _unstable_energies() -> np.errstate:
+    """Context in which energies may overflow, without a warning by NumPy.
+
+    An unstable run ends when its gaps are no longer finite. Energies are products of gaps and forces: they are infinite
+    some steps before. Reviews find where energies grow without bound, end the result there, and tell it.
+    """
+    return np.errstate(over="ignore")
+
+
 class ModelRun:
     """State of a model's contacts in one run.
 
@@ -128,7 +137,8 @@ class ModelRun:
             return None
         t, q = self.ended
         whole = not self.broken and abs(self.evaluated_at - t) <= _ROUND_OFF * abs(t)
-        contacts = tuple(self.of(contact).state(number_of(contact)) for contact in self.contacts if whole)
+        with _unstable_energies():
+            contacts = tuple(self.of(contact).state(number_of(contact)) for contact in self.contacts if whole)
         steppers = tuple(stepper.state(numbers) for (_, numbers), stepper in self._members.steppers.items() if whole)
         return RunState(
             self.method, t, self.evaluated_at, q, self.has_steps, self.broken, contacts, steppers, self._turning
@@ -303,7 +313,7 @@ class ModelRun:
 
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """Keep the data that results need of the state at t; `q` returns the model's coordinates at t."""
-        with np.errstate(over="ignore"):  # of energies in the last steps of an unstable run
+        with _unstable_energies():
             for group in self._members.groups:
                 group.keep(t, q)
 

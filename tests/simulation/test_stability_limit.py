@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import warnings
 
 import exudyn as exu
 import exudyn.itemInterface as items
@@ -11,7 +12,7 @@ import scipy.linalg
 from oracles import MARBLE_RADIUS, SPHERE_RADIUS, TOP, add_force
 
 import exudyn_partition as ep
-from exudyn_partition.errors import ModelLimitWarning, StoppedRunWarning
+from exudyn_partition.errors import ModelLimitWarning, PartitionWarning, StoppedRunWarning
 from exudyn_partition.simulation import stability, step_choice
 
 
@@ -111,6 +112,23 @@ def test_damping_lowers_the_limit(mbs, marble, ratio, monkeypatch):
     assert result.status == "finished"
     with pytest.warns(StoppedRunWarning, match="beyond all bounds"):
         ep.solve_dynamic(mbs, end_time=300 * limit, step=1.03 * limit)
+
+
+@pytest.mark.parametrize("factor", [1.3, 2.0])  # with the second one, rows of the penalty are closed at the end
+@pytest.mark.parametrize("formulation", ["compliance", "penalty"])
+def test_an_unstable_run_tells_it_in_our_words_alone(mbs, marble, formulation, factor, monkeypatch):
+    """Its energies overflow before its gaps do, in each sample and at its end."""
+    item = ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, MARBLE_RADIUS], initialVelocity=[0, 0, -0.01])
+    ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="south", formulation=formulation)
+    mbs.Assemble()
+    step = factor * ep.stability_limit(mbs)
+    monkeypatch.setattr(step_choice, "stability_limit", lambda mbs: np.inf)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        result = ep.solve_dynamic(mbs, end_time=5000 * step, step=step)
+    assert result.status == "unstable"
+    assert "not finite" in result.message
+    assert {issubclass(each.category, PartitionWarning) for each in said} == {True}
 
 
 @pytest.mark.parametrize("most", [stability.DENSE, 0])
