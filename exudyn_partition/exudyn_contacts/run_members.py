@@ -67,7 +67,11 @@ class RunMembers:
         turn(floating, np.empty(0) if state is None else state.turning)
         runs = tuple(_contact_run(mbs, contact, t, method, state) for contact in contacts)
         groups = tuple(_groups(contacts, runs))
-        steppers = {_served(stepper, contacts, runs): stepper for stepper in _steppers(groups, runs, joints)}
+        numbers = {id(run): number_of(contact) for contact, run in zip(contacts, runs, strict=True)}
+        steppers = {
+            (stepper.joints is not None, tuple(numbers[id(run)] for run in stepper.contacts)): stepper
+            for stepper in _steppers(groups, runs, joints)
+        }
         for served in () if state is None else state.steppers:
             if (served.joined, served.numbers) in steppers:
                 steppers[served.joined, served.numbers].begin(served, t)
@@ -134,9 +138,3 @@ def _steppers(groups: Sequence[GroupRun], runs: Sequence[ContactRun], joints: Jo
     for run in ahead:
         run.joined = True
     return [MultiplierStep(ahead, joints)]
-
-
-def _served(stepper: MultiplierStep, contacts: Sequence[ModelContact], runs: Sequence[ContactRun]) -> Served:
-    """Whether the multipliers close joints, and the numbers of their contacts."""
-    numbers = {id(run): number_of(contact) for contact, run in zip(contacts, runs, strict=True)}
-    return stepper.joints is not None, tuple(numbers[id(run)] for run in stepper.contacts)

@@ -89,7 +89,7 @@ class RunEnd:
             system=tuple(map(np.array, data.GetSystemState())),
             q_tt=q_tt,
             algorithmic=algorithmic,
-            pace=Pace() if pace is None else pace.at_end(),
+            pace=pace or Pace(),
             contacts=runs_of(mbs).end_state(mbs),
         )
 

@@ -26,7 +26,7 @@ from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContaine
 from ..support.interrupt import Interrupt, interruptible
 from ..support.optional import require
 from ..support.progress import Progress
-from .step_control import Pace, StepControl
+from .step_control import Pace, Pacing, StepControl
 
 _RESIDUAL = 3e-18  # share of forces that move bodies by their size in a period of f_cut: 1e-8 N for some centimetres
 _OVER = 1e-6  # share of a step: a run that has less time left is at its end
@@ -130,13 +130,13 @@ class Watch:
     Attributes
     ----------
     steps : int
-    pace : Pace or None
+    pace : Pacing or None
         What the control of an adaptive run knows.
     """
 
     def __init__(self, interrupt: Interrupt) -> None:
         self.steps = 0
-        self.pace: Pace | None = None
+        self.pace: Pacing | None = None
         self._interrupt = interrupt
 
     @property

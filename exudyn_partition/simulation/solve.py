@@ -177,7 +177,7 @@ def _run(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> tuple[Res
         begin = time.perf_counter()
         failure = _steps(mbs, plan, watch)
         time_s = time.perf_counter() - begin
-    end = keep_end(mbs, watch.pace, stopped=bool(failure))
+    end = keep_end(mbs, watch.pace and watch.pace.at_end, stopped=bool(failure))
     result = replace(samples(mbs), end=end, step=times.step, steps=watch.steps, method=method, time_s=time_s)
     _log.debug("%s steps in %.4g s: %s", watch.steps, time_s, result.work)
     made = 0.0 if control is None or watch.pace is None else control.share_made(watch.pace)

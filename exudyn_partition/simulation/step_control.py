@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -189,7 +190,7 @@ class Closing:
 
 @dataclass(frozen=True, eq=False)
 class Pace:
-    """What a step control knows at the end of a step, as one value: it is all that changes from step to step.
+    """What a step control knows at the end of a run; the next run goes on with it.
 
     Parameters
     ----------
@@ -199,8 +200,27 @@ class Pace:
         Largest kinetic energy of the bodies in free flight so far [J].
     errors : VelocityError or None
         Errors of velocities in contact; None before there was any.
-    closings : tuple of Closing or None
+    closings : sequence of Closing or None
         Each contact since it closed; None if it is open, or was closed at the start.
+    """
+
+    step: float = 0.0
+    largest_energy: float = 0.0
+    errors: VelocityError | None = None
+    closings: Sequence[Closing | None] = ()
+
+
+class Pacing(NamedTuple):
+    """What a step control knows between two steps, as one value: nothing else changes from step to step.
+
+    Parameters
+    ----------
+    step : float
+        The next step [s].
+    largest_energy : float
+        See `Pace`.
+    errors : VelocityError or None
+    closings : tuple of Closing or None
     at_least : float
         Next step of the run from which this one goes on, until its first step is chosen [s].
     is_open : tuple of bool
@@ -213,26 +233,27 @@ class Pace:
         End of the step that was taken, if it was judged before it was accepted.
     """
 
-    step: float = 0.0
-    largest_energy: float = 0.0
-    errors: VelocityError | None = None
-    closings: tuple[Closing | None, ...] = ()
-    at_least: float = 0.0
-    is_open: tuple[bool, ...] = ()
-    foreseen: tuple[float, ...] = ()
+    step: float
+    largest_energy: float
+    errors: VelocityError | None
+    closings: tuple[Closing | None, ...]
+    at_least: float
+    is_open: tuple[bool, ...]
+    foreseen: tuple[float, ...]
     calm: int = 0
     waits: int = 0
     judged: Judgement | None = None
 
+    @property
     def at_end(self) -> Pace:
-        """Return what the next run goes on with: it looks at the motion anew."""
+        """What the next run goes on with: it looks at the motion anew."""
         return Pace(self.step, self.largest_energy, self.errors, self.closings)
 
 
 class StepControl:
     """Control of the step size of a run; it returns the next step at the end of each step.
 
-    Nothing of it changes in a run: what it knows is a `Pace`, which its methods take and return.
+    Nothing of it changes in a run: what it knows is a `Pacing`, which its methods take and return.
 
     In an impact the step is the contact's own. In free flight it grows up to `longest`, as far as vibration and spin
     allow: 25 steps in a period of the fastest rotation and of the highest mode that must be resolved. This mode, with
@@ -290,47 +311,45 @@ class StepControl:
         may_change = gap_tolerance is not None or longest > _WORTHWHILE * step
         self._constant = self._explicit and not may_change  # whether all steps have the same length
 
-    def begin(self, pace: Pace | None = None) -> Pace:
-        """Return the pace at the start of a run; it goes on with the `pace` at the end of an earlier one, if given."""
-        n = len(self.contacts)
-        start = Pace(closings=(None,) * n, is_open=(False,) * n, foreseen=(0.0,) * n)
-        if pace is None:
-            return start
-        start = replace(start, at_least=pace.step, largest_energy=pace.largest_energy)
-        if pace.errors is None or self._tolerance is None:
-            return start
-        return replace(start, errors=replace(pace.errors, tolerance=self._tolerance), closings=pace.closings)
+    def begin(self, earlier: Pace | None = None) -> Pacing:
+        """Return what is known at the start of a run; it goes on with the pace of an `earlier` one, if there is one."""
+        n, earlier = len(self.contacts), earlier or Pace()
+        errors: VelocityError | None = None
+        closings: tuple[Closing | None, ...] = (None,) * n
+        if earlier.errors is not None and self._tolerance is not None:
+            errors, closings = replace(earlier.errors, tolerance=self._tolerance), tuple(earlier.closings)
+        return Pacing(0.0, earlier.largest_energy, errors, closings, earlier.step, (False,) * n, (0.0,) * n)
 
-    def share_made(self, pace: Pace) -> float:
+    def share_made(self, pace: Pacing) -> float:
         """Energy that long steps made in contact, by that of the largest changes of velocity; below zero if lost."""
         return self._work.made / pace.errors.energy if self._work and pace.errors and self._work.made else 0.0
 
-    def after_step(self, pace: Pace, last: float) -> Pace:
+    def after_step(self, pace: Pacing, last: float) -> Pacing:
         """Return the pace after a step of length `last` [s], with the next step, from the state at its end."""
         if self._constant and last == pace.step:
             return pace
         was_open, is_open = pace.is_open, tuple(run.is_open for run in self._runs)
         changed = was_open != is_open
-        pace = replace(pace, is_open=is_open, foreseen=tuple(0.0 if changed else t - last for t in pace.foreseen))
-        if last == pace.step and not changed:
-            pace = replace(pace, waits=pace.waits - all(is_open))
-            if self._stays(pace, last):
-                return pace
+        same, foreseen = last == pace.step and not changed, tuple([0.0 if changed else t - last for t in pace.foreseen])
+        pace = pace._replace(is_open=is_open, foreseen=foreseen, waits=pace.waits - (same and all(is_open)))
+        if same and self._stays(pace, last):
+            return pace
         if self._tolerance is not None and not (pace.at_least and pace.errors):  # a run that goes on has judged it
             pace = self._judge(pace, was_open, last, self._tolerance)
         last = max(last, pace.at_least / GROWTH)
-        pace = self._next_step(replace(pace, judged=None, at_least=0.0), last)
-        calm = min(max(1, 2 * pace.calm), _PATIENCE) if pace.step == last and not changed else 0
-        if self._work is not None and pace.step > _SAME * self.step and not all(is_open):
+        step, largest_energy, foreseen = self._next_step(pace, last)
+        calm = min(max(1, 2 * pace.calm), _PATIENCE) if step == last and not changed else 0
+        if self._work is not None and step > _SAME * self.step and not all(is_open):
             self._work.begin_step()
-        return replace(pace, calm=calm, waits=calm)
+        pace = pace._replace(step=step, largest_energy=largest_energy, foreseen=foreseen)
+        return pace._replace(at_least=0.0, calm=calm, waits=calm, judged=None)
 
     @cached_property
     def _runs(self) -> list[ContactRun]:
         """State of each contact in the present run, which has begun."""
         return [self._run_of(contact) for contact in self.contacts]
 
-    def _stays(self, pace: Pace, last: float) -> bool:
+    def _stays(self, pace: Pacing, last: float) -> bool:
         """Whether a step follows one of the same length without a look at the bodies' motion.
 
         Explicit steps in contact are those of an impact. In free flight vibration changes slowly. If it does not after
@@ -342,18 +361,18 @@ class StepControl:
         short = self._explicit or last <= _SHORT * self.step
         return pace.waits >= 0 and short and (shortest or min(pace.foreseen) >= _FORESEEN * last)
 
-    def _judge(self, pace: Pace, was_open: tuple[bool, ...], last: float, tolerance: float) -> Pace:
+    def _judge(self, pace: Pacing, was_open: tuple[bool, ...], last: float, tolerance: float) -> Pacing:
         """Take the error of a step into account, and which contacts have opened or closed in it."""
         closings = [self._closing(pace, i, last, was_open=was) for i, was in enumerate(was_open)]
-        pace = replace(pace, closings=tuple(closings))
+        pace = pace._replace(closings=tuple(closings))
         if not all(pace.is_open):
             changed = was_open != pace.is_open
-            pace = replace(pace, errors=self._errors_after(pace, last, tolerance, changed=changed))
+            pace = pace._replace(errors=self._errors_after(pace, last, tolerance, changed=changed))
         if self._work is not None:
             self._work.end_step(last)
         return pace
 
-    def _errors_after(self, pace: Pace, last: float, tolerance: float, *, changed: bool) -> VelocityError:
+    def _errors_after(self, pace: Pacing, last: float, tolerance: float, *, changed: bool) -> VelocityError:
         """Errors after a step in contact; `changed` is whether contacts have opened or closed in it."""
         now, errors = pace.judged.now if pace.judged else self._motion(), pace.errors
         if begins := errors is None:
@@ -362,7 +381,7 @@ class StepControl:
             return errors.jumped(self.step, now, self._stored())
         return errors.after(last, pace.judged or errors.judged(last, now))
 
-    def _closing(self, pace: Pace, i: int, last: float, *, was_open: bool) -> Closing | None:
+    def _closing(self, pace: Pacing, i: int, last: float, *, was_open: bool) -> Closing | None:
         """Contact number i since it closed, after a step [s]; None if it is open, or was closed at the start."""
         before = pace.closings[i]
         if pace.is_open[i] or (before is None and not was_open):
@@ -371,14 +390,15 @@ class StepControl:
         return Closing(0.0, force, 0.0, force) if before is None else before.after(last, force)
 
     @staticmethod
-    def _share(pace: Pace) -> float:
+    def _share(pace: Pacing) -> float:
         """Share of the tolerance of velocities that holds now."""
         impacts = any(closing is not None and not closing.lasts for closing in pace.closings)
         return _IN_IMPACTS if impacts else 1.0
 
-    def _next_step(self, pace: Pace, last: float) -> Pace:
-        """Choose the step that follows one of length `last` [s]."""
+    def _next_step(self, pace: Pacing, last: float) -> tuple[float, float, tuple[float, ...]]:
+        """Step that follows one of length `last` [s], and what `Pacing` calls largest_energy and foreseen."""
         in_contact, resolving, growth = not all(pace.is_open), math.inf, GROWTH
+        largest_energy = pace.largest_energy
         if in_contact and pace.errors:
             resolving = min(pace.errors.next_step(last, self._share(pace)), self._turning_step(self._state()[1]))
             growth = math.inf
@@ -386,23 +406,24 @@ class StepControl:
             resolving = self.step
         limit = max(self.step, min(self.longest, resolving))
         if limit > self.step and not in_contact:
-            resolving, largest_energy = self._resolving_step(pace.largest_energy)
-            pace, limit = replace(pace, largest_energy=largest_energy), max(self.step, min(limit, resolving))
+            resolving, largest_energy = self._resolving_step(largest_energy)
+            limit = max(self.step, min(limit, resolving))
         if last == self.step and limit <= _WORTHWHILE * last and self.gap_tolerance is None:
-            return replace(pace, step=last)  # whenever the next contact closes
+            return last, largest_energy, pace.foreseen  # whenever the next contact closes
         until_contact, foreseen = self._until_contact(pace, min(limit, growth * last))
         limit = min(limit, until_contact)
         stays = last < limit <= _WORTHWHILE * last and limit != self.step
-        return replace(pace, step=last if stays else min(limit, growth * last), foreseen=foreseen)
+        return last if stays else min(limit, growth * last), largest_energy, foreseen
 
-    def shorter_step(self, pace: Pace, taken: float) -> tuple[float | None, Pace]:
+    def shorter_step(self, pace: Pacing, taken: float) -> tuple[float | None, Pacing]:
         """Return a shorter step [s] to replace one that was too long; None if the one taken is short enough.
 
         The pace that is returned too knows how a step that stays was judged. Explicit multipliers never close a gap too
         far: gaps are zero at the end of a step of any length.
         """
         is_long, opened, tolerance = taken > self.step * _SAME, False, self.gap_tolerance
-        pace = replace(pace, judged=None)  # an earlier try of this step
+        if pace.judged is not None:  # an earlier try of this step
+            pace = pace._replace(judged=None)
         if not is_long and tolerance is None:
             return None, pace
         for was_open, run in zip(pace.is_open, self._runs, strict=True):
@@ -418,7 +439,7 @@ class StepControl:
         judged = pace.errors.judged(taken, self._motion())
         shorter = pace.errors.shorter_step(taken, judged.error, self._share(pace))
         if shorter is None:
-            return None, replace(pace, judged=judged)
+            return None, pace._replace(judged=judged)
         return max(shorter, self.step), pace
 
     def _motion(self) -> BodyMotion:
@@ -433,7 +454,7 @@ class StepControl:
             stored += float(item.body.strain_energy(item.kinematics.elastic(q[place])))
         return stored
 
-    def _until_contact(self, pace: Pace, step: float) -> tuple[float, tuple[float, ...]]:
+    def _until_contact(self, pace: Pacing, step: float) -> tuple[float, tuple[float, ...]]:
         """Longest step up to the next contact [s], where the next step is at most `step` [s], and what is foreseen.
 
         Predictions take long: so none is made where it would change nothing, or where an earlier one still holds.

@@ -151,7 +151,10 @@ def _sunk(run: ReviewedRun, history: ContactHistory, gaps: RigidGaps) -> Iterato
 
 
 def _largest_depths(history: ContactHistory, gaps: RigidGaps, body: BodyHistory) -> Array:
-    """Depths in a rigid surface that nodes cannot have exceeded, (np,) [m]: those at the start, and the body's way."""
+    """Depths in a rigid surface that nodes cannot have exceeded, (np,) [m]: those at the start, and the body's way.
+
+    They are not known if the surface moves, or if dents move the nodes.
+    """
     if history.contact.carrier is not None or history.contact.plastic:
         return np.full(len(gaps.whole.surface.points), np.inf)
     return np.asarray(body.way - gaps.surface.project(gaps.whole.kinematics.place(body.q[0]))[0])
