@@ -446,9 +446,8 @@ class Runs:
             now = self.begin(mbs, t)
         if first or not now.idle:
             now.publish(mbs)
-        solver = mbs.sys.get("dynamicSolver")
-        if self._present.solver_comes or self._present.solver is not solver:
-            self._note(solver=solver, solver_comes=False)
+        if self._present.solver_comes or self.last(mbs) is None:
+            self._note(solver=mbs.sys.get("dynamicSolver"), solver_comes=False)
         q = mbs.systemData.GetODE2Coordinates()
         now.ended = t, q
         now.keep(t, lambda: q)
