@@ -128,7 +128,7 @@ def _weights(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
 
     terms = []
     for number, item in held.bodies.items():
-        force = np.asarray(mbs.GetObject(item["oGenericODE2"])["forceVector"], dtype=float)
+        force = np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"), dtype=float)
         if force.any():
             terms.append((f"gravity on {item.name or f'body {number}'}", weight(item, force)))
     return terms
@@ -239,7 +239,7 @@ class Others:
         each = {number: _numbers({number: item}) for number, item in held.bodies.items()}
         everything = _numbers(held.bodies)
         for number, item in held.bodies.items():
-            force = np.asarray(mbs.GetObject(item["oGenericODE2"])["forceVector"], dtype=float)
+            force = np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"), dtype=float)
             expected = np.zeros(len(force)) if item.weight is None else item.weight
             if not np.array_equal(force, expected):
                 acted_on.add(id(item))
@@ -273,8 +273,7 @@ def _others(mbs: MainSystem, held: Registry) -> Iterator[tuple[ItemEntry, set[in
     """Each object and load that is not of this library, with its nodes and markers."""
     ours = _numbers(held.bodies)[0] | {int(contact["oContact"]) for contact in held.contacts.values()}
     for index in range(mbs.systemData.NumberOfObjects()):
-        entry = mbs.GetObject(index)
-        if index not in ours and not _is_idle(entry):
+        if index not in ours and not _is_idle(entry := mbs.GetObject(index)):
             yield (
                 entry,
                 {*map(int, entry.get("nodeNumbers", ()))},

@@ -38,7 +38,7 @@ class Balance:
     given: dict[str, Array]
 
     @classmethod
-    def of(cls, result: RunResult, samples: Array | None = None) -> Balance:
+    def of_run(cls, result: RunResult, samples: Array | None = None) -> Balance:
         """Balance of a run with at least one partition body, at all samples or at some, (m,) int array."""
         chosen = np.arange(len(result.t)) if samples is None else samples
         some = result if samples is None else result.at(result.t[samples])

@@ -92,7 +92,7 @@ class Turned:
         ]
 
     @contextmanager
-    def at(self, sample: int) -> Iterator[None]:
+    def at_sample(self, sample: int) -> Iterator[None]:
         """Within this context, bodies have the growth of their rotation at a sample, by its number."""
         for kinematics, q_t in self._turning:
             kinematics.turn(q_t[sample])

@@ -42,7 +42,7 @@ class KeptStrains:
     strains: Array
 
     @classmethod
-    def of(cls, side: int, history: StrainHistory) -> KeptStrains:
+    def of_history(cls, side: int, history: StrainHistory) -> KeptStrains:
         """Strains of a history."""
         times, kept = history.kept
         points, strains = (np.concatenate([of[i] for of in kept] or [np.empty(0)]) for i in range(2))
@@ -129,7 +129,7 @@ class KeptRun:
         read_only(*(value for value in vars(self).values() if isinstance(value, np.ndarray)))
 
     @classmethod
-    def of(cls, run: ContactRun | KeptRun) -> KeptRun:
+    def of_run(cls, run: ContactRun | KeptRun) -> KeptRun:
         """Data that was kept of a run, at its end."""
         if isinstance(run, KeptRun):
             return run
@@ -157,7 +157,7 @@ class KeptRun:
             slip_path=run.slip_path,
             plastic_sides=tuple(ends),
             plastic_states=tuple(ends.values()),
-            strains=tuple(KeptStrains.of(side, history) for side, history in run.plastic_strains.items()),
+            strains=tuple(KeptStrains.of_history(side, history) for side, history in run.plastic_strains.items()),
             on_nodes_times=np.array([*run.on_nodes], dtype=float),
             forces_on_nodes=tuple(map(np.array, zip(*run.on_nodes.values(), strict=True))),
         )

@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
 from ..contact.formulations.formulation import Method
 from ..contact.patch_contact import PatchContact
 from ..errors import ComplementarityError, RunError
-from ..exudyn_bodies.item_work import acts_on_constant_mass
 from ..exudyn_bodies.joints import Joints
-from ..exudyn_bodies.model import coordinate_slices, latest_solver, method_of, registered
+from ..exudyn_bodies.model import latest_solver, method_of, registered
 from ..exudyn_bodies.other_bodies import OtherBodies
-from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array, as_slice
 from ..support.foreign import MainSolver, MainSystem
 from ..support.optional import require
-from .central_differences import MultiplierStep
-from .contact_run import ContactRun, GroupRun
+from .contact_run import ContactRun
 from .contact_samples import ModelContact
+from .run_members import RunMembers, acted_on, number_of, turn
 from .run_record import RunRecord, sensors_keep_all
 from .run_state import RunState
 from .slip_secants import SlipSecants
@@ -36,8 +35,21 @@ _ROUND_OFF = 1e-12  # relative difference of times that are the same
 _NO_MORE = 2**30  # more iterations than Newton's method may make
 
 
+def _unstable_energies() -> np.errstate:
+    """Context in which energies may overflow, without a warning by NumPy.
+
+    An unstable run ends when its gaps are no longer finite. Energies are products of gaps and forces: they are infinite
+    some steps before. Reviews find where energies grow without bound, end the result there, and tell it.
+    """
+    return np.errstate(over="ignore")
+
+
 class ModelRun:
     """State of a model's contacts in one run.
+
+    Who takes part is fixed at its start, see `RunMembers`. In a run only these attributes change: `evaluated_at` in
+    each evaluation, `ended` at each sample, `unsettled` in load steps, `broken` and `over` at the end. So do the time
+    spent in contacts, and the velocities by which bodies in floating frames grow.
 
     Parameters
     ----------
@@ -54,6 +66,8 @@ class ModelRun:
         Whether the record keeps the ends of steps. It need not if Exudyn's sensors keep them.
     state : RunState, optional
         End of a run from which this one goes on as if both were one.
+    solver : exudyn.MainSolver, optional
+        Exudyn's solver that makes the run. Default: one that comes.
 
     Attributes
     ----------
@@ -64,10 +78,6 @@ class ModelRun:
     of_object : slice or (n,) int array
         The same places, as a slice if that can be.
     method : {"explicit", "implicit", "static"}
-    at : float
-        Time at which contacts were evaluated last [s].
-    ended : (float, (nq,) array) or None
-        Time [s] and coordinates of the model at the end of the run, or when the sensors were last read.
     acts_within : bool
         Whether contacts have forces within steps; multipliers ahead of steps do not count.
     idle : bool
@@ -76,16 +86,19 @@ class ModelRun:
         Record of where Exudyn's own bodies are, for pictures.
     unsampled : bool
         Whether the model has no contact whose sensor would keep this record.
-    slip_secants : SlipSecants or None
-        Adds to the Jacobian, if a static run needs it.
-    divides : bool
-        Whether the static solver repeats a load step with a shorter length where contact forces do not settle.
-    solver : exudyn.MainSolver or None
-        Exudyn's solver that makes the run, if the run was not begun for one that comes.
-    unsettled : ComplementarityError or None
-        Why contact forces did not settle in the present try of a load step.
+    evaluated_at : float
+        Time at which contacts were evaluated last [s].
+    ended : (float, (nq,) array) or None
+        Time [s] and coordinates of the model at the end of the run, or when the sensors were last read.
     broken : bool
         Whether an error stopped the run in a step to whose start its multipliers cannot return.
+    unsettled : ComplementarityError or None
+        Why contact forces did not settle in the present try of a load step.
+    slip_secants : SlipSecants or None
+        Adds to the Jacobian, if a static run needs it; `solve_static` sets it when the run has begun.
+    divides : bool
+        Whether the static solver repeats a load step with a shorter length where contact forces do not settle; set
+        likewise.
     """
 
     def __init__(
@@ -97,78 +110,39 @@ class ModelRun:
         joints: Joints | None,
         keep: bool,
         state: RunState | None = None,
+        solver: MainSolver | None = None,
     ) -> None:
-        self.contacts, self._spent_s, self._began = [*contacts], 0.0, t
-        self.method, self.at = method, t
-        self.ended: tuple[float, Array] | None = None
-        self.broken = False
-        items = [*{id(item): item for contact in contacts for item, _ in contact.sides}.values()]
-        for item in items:
-            if isinstance(item.kinematics, FloatingKinematics):
-                acts_on_constant_mass(mbs, item, item.kinematics.acting)
-        self._floating = [
-            (as_slice(np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])), item.kinematics)
-            for item in items
-            if isinstance(item.kinematics, FloatingKinematics)
-        ]
-        self._turning = np.empty(0) if state is None else state.turning
-        self._grow()
-        self._runs: dict[int, ContactRun] = {}
-        for contact in contacts:
-            mechanics, place = contact.mechanics.for_run(method), _place_of_values(mbs, contact)
-            self._runs[id(contact)] = run = ContactRun(contact.name, mechanics, contact.slices(mbs), t, method, place)
-            last = None if state is None else state.find(_number(contact))
-            if last is not None:
-                run.begin(last, t)
-        self._all_ask = all(run.place is None for run in self._runs.values())
-        self.record = RunRecord(t, keep)
-        self.slip_secants: SlipSecants | None = None
-        self.divides = self._released = False
-        self.solver: MainSolver | None = None
-        self.unsettled: ComplementarityError | None = None
-        carriers = [contact.carrier.body for contact in contacts if contact.carrier is not None]
-        self.others, self.unsampled = OtherBodies(mbs, map(int, carriers)), not contacts
-        self._steppers: list[MultiplierStep] = []
-        self._groups: list[GroupRun] = []
-        for group in {id(contact.group): contact.group for contact in contacts}.values():
-            members = [self._runs[id(contact)] for contact in group]
-            together = None
-            if group[0].together is not None:
-                together = group[0].together.for_run([member.mechanics for member in members])
-            self._groups.append(GroupRun(members, together))
-            if joints is None and members[0].forward is not None:
-                self._steppers.append(MultiplierStep(members))
-        self._openings: list[tuple[PatchContact, float]] | None = None  # at the start of a static run
-        self._within = [group for group in self._groups if group.acts_within]
-        self.acts_within = bool(self._within)
-        if joints is not None:
-            ahead = [run for run in self._runs.values() if run.forward is not None]
-            for run in ahead:
-                run.joined = True
-            self._steppers.append(MultiplierStep(ahead, joints))
-        self.idle = not self._steppers
-        self._served = {self._served_by(stepper): stepper for stepper in self._steppers}
-        for served in () if state is None else state.steppers:
-            if (served.joined, served.numbers) in self._served:
-                self._served[served.joined, served.numbers].begin(served, t)
-        dofs = mbs.systemData.GetObjectLTGODE2(contacts[0]["oContact"]) if contacts else []
-        self.dofs, self._total = np.array(dofs, dtype=int), np.zeros(mbs.systemData.ODE2Size())
+        self._members = members = RunMembers.at_start(mbs, contacts, t, method, joints, state)
+        self.contacts, self.method, self._began = members.contacts, method, t
+        self._run_of = {id(contact): run for contact, run in zip(contacts, members.runs, strict=True)}
+        self._all_ask = all(run.place is None for run in members.runs)
+        self._within = [group for group in members.groups if group.acts_within]
+        self.acts_within, self.idle, self.unsampled = bool(self._within), not members.steppers, not contacts
+        self.others, self.record = OtherBodies(mbs, members.carriers), RunRecord(t, keep)
+        self.dofs, self._total = acted_on(mbs, contacts), np.zeros(mbs.systemData.ODE2Size())
         self.of_object = as_slice(self.dofs)
+        self.slip_secants: SlipSecants | None = None
+        self.divides = False
 
-    def _served_by(self, stepper: MultiplierStep) -> tuple[bool, tuple[int, ...]]:
-        """Whether the stepper closes joints, and the numbers of its contacts."""
-        numbers = {id(self.of(contact)): _number(contact) for contact in self.contacts}
-        return stepper.joints is not None, tuple(numbers[id(run)] for run in stepper.contacts)
+        self.evaluated_at, self._spent_s = t, 0.0
+        self.ended: tuple[float, Array] | None = None
+        self.unsettled: ComplementarityError | None = None
+        self.broken = self._released = False
+        self._turning = np.empty(0) if state is None else state.turning
+        self._solver = solver
 
     def state(self) -> RunState | None:
         """State at the end of the run; None if it has none. Contacts that stopped within a step have no state."""
         if self.ended is None:
             return None
         t, q = self.ended
-        whole = not self.broken and abs(self.at - t) <= _ROUND_OFF * abs(t)
-        contacts = tuple(self.of(contact).state(_number(contact)) for contact in self.contacts if whole)
-        steppers = tuple(stepper.state(numbers) for (_, numbers), stepper in self._served.items() if whole)
-        return RunState(self.method, t, self.at, q, self.has_steps, self.broken, contacts, steppers, self._turning)
+        whole = not self.broken and abs(self.evaluated_at - t) <= _ROUND_OFF * abs(t)
+        with _unstable_energies():
+            contacts = tuple(self.of(contact).state(number_of(contact)) for contact in self.contacts if whole)
+        steppers = tuple(stepper.state(numbers) for (_, numbers), stepper in self._members.steppers.items() if whole)
+        return RunState(
+            self.method, t, self.evaluated_at, q, self.has_steps, self.broken, contacts, steppers, self._turning
+        )
 
     @property
     def contact_s(self) -> float:
@@ -178,13 +152,13 @@ class ModelRun:
     @property
     def active_set_iterations(self) -> int:
         """Iterations of all contacts' active sets so far."""
-        by_laws = sum(run.iterations for run in self._runs.values())
-        return by_laws + sum(stepper.iterations for stepper in self._steppers)
+        by_laws = sum(run.iterations for run in self._members.runs)
+        return by_laws + sum(stepper.iterations for stepper in self._members.steppers.values())
 
     @property
     def pair_searches(self) -> int:
         """Searches of the pairs of all points so far."""
-        return sum(run.mechanics.searches for run in self._runs.values())
+        return sum(run.mechanics.searches for run in self._members.runs)
 
     def of(self, contact: ModelContact) -> ContactRun:
         """State of a contact.
@@ -205,7 +179,7 @@ class ModelRun:
 
     def find(self, contact: ModelContact) -> ContactRun | None:
         """State of a contact; None if it was not in the model when the run began."""
-        return self._runs.get(id(contact))
+        return self._run_of.get(id(contact))
 
     def resume(self, initial: Array, earlier: Sequence[RunState], t: float, *, goes_on: bool) -> RunState | None:
         """Let contacts go on from the end of earlier runs with another method or time, if that is the initial state.
@@ -218,7 +192,7 @@ class ModelRun:
             run = self.of(contact)
             mechanics = run.mechanics
             for end in earlier:
-                last = end.find(_number(contact))
+                last = end.find(number_of(contact))
                 if last is None or not np.array_equal(run.of(end.q), run.of(initial)):
                     continue
                 counts = end.ended_in(initial) and (goes_on or (end.has_steps and end.ended_when(t)))
@@ -236,6 +210,11 @@ class ModelRun:
         """Whether the run has made steps."""
         return self.ended is not None and self.ended[0] > self._began
 
+    @property
+    def latest(self) -> float:
+        """Time at which the sensors were last read, or at which the run began [s]."""
+        return self._began if self.ended is None else self.ended[0]
+
     def ended_in(self, q: Array) -> bool:
         """Whether the run ended at the model's coordinates q, (nq,), at any time."""
         return self.ended is not None and np.array_equal(self.ended[1], q)
@@ -250,8 +229,8 @@ class ModelRun:
         if self.method == "static" and t > self._began:
             self._press(mbs, t)
         within = [group.step_back(mbs, t, q) for group in self._within]
-        ahead = [stepper.step_back(t) for stepper in self._served.values()]  # with those of joints
-        self.broken, self.at = not all(within + ahead), t
+        ahead = [stepper.step_back(t) for stepper in self._members.steppers.values()]  # with those of joints
+        self.broken, self.evaluated_at = not all(within + ahead), t
         self.publish(mbs)
 
     def force(self, mbs: MainSystem, t: float) -> Array | None:
@@ -262,7 +241,7 @@ class ModelRun:
         begin = time.perf_counter()
         if self.record.on:
             self.keep_last_step(mbs, t)
-        self.at, total = t, None
+        self.evaluated_at, total = t, None
         q = mbs.systemData.GetODE2Coordinates(copy=False)
         self._turn(mbs)
         if self.method == "static" and t > self._began:
@@ -276,11 +255,11 @@ class ModelRun:
                 group.add_force(total)
         if not self._all_ask:
             self.publish(mbs)
-        if total is not None and self._floating:
-            for own, kinematics in self._floating:
-                pushed = total[own]
+        if total is not None:
+            for place, kinematics in self._members.floating:
+                pushed = total[place]
                 if pushed.any():
-                    total[own] = kinematics.on_constant_mass(q[own], pushed)
+                    total[place] = kinematics.on_constant_mass(q[place], pushed)
         self._spent_s += time.perf_counter() - begin
         return total
 
@@ -309,19 +288,17 @@ class ModelRun:
 
     def _turn(self, mbs: MainSystem) -> None:
         """Let the growth of bodies in floating frames follow their rotation."""
-        if self._floating and self.method != "static":
+        if self._members.floating and self.method != "static":
             self._turning = mbs.systemData.GetODE2Coordinates_t()
-            self._grow()
+            turn(self._members.floating, self._turning)
 
-    def _grow(self) -> None:
-        for own, kinematics in self._floating if len(self._turning) else ():
-            kinematics.turn(self._turning[own])
+    @cached_property
+    def _openings(self) -> list[tuple[PatchContact, float]]:
+        """Contacts with overlaps that are meant, and how far these are open at the start of a static run [m]."""
+        return [(run.mechanics, run.mechanics.opening) for run in self._members.runs if run.mechanics.opening]
 
     def _press(self, mbs: MainSystem, t: float) -> None:
         """Close overlaps that are meant, in proportion to the static time t."""
-        if self._openings is None:
-            pressed = [run.mechanics for run in self._runs.values() if run.mechanics.opening]
-            self._openings = [(mechanics, mechanics.opening) for mechanics in pressed]
         if self._openings:
             solver = mbs.sys["staticSolver"].it
             left = (solver.endTime - t) / (solver.endTime - solver.startTime)
@@ -331,13 +308,13 @@ class ModelRun:
     def publish(self, mbs: MainSystem) -> None:
         """Write the values of sensors `sForce` to the data that they read, in the state that was evaluated last."""
         data = mbs.systemData.GetDataCoordinates(copy=False)
-        for group in self._groups:
+        for group in self._members.groups:
             group.publish(data)
 
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """Keep the data that results need of the state at t; `q` returns the model's coordinates at t."""
-        with np.errstate(over="ignore"):  # of energies in the last steps of an unstable run
-            for group in self._groups:
+        with _unstable_energies():
+            for group in self._members.groups:
                 group.keep(t, q)
 
     def keep_last_step(self, mbs: MainSystem, t: float) -> None:
@@ -368,10 +345,10 @@ class ModelRun:
         With `joined`, these are the multipliers of joints and contacts together; otherwise those of contacts alone.
         A second call for the same step does nothing.
         """
-        begin, self.at = time.perf_counter(), t
+        begin, self.evaluated_at = time.perf_counter(), t
         self._turn(mbs)
-        for stepper in self._steppers:
-            if (stepper.joints is not None) == joined:
+        for (joins, _), stepper in self._members.steppers.items():
+            if joins == joined:
                 stepper.before_step(mbs, t)
         self._spent_s += time.perf_counter() - begin
 
@@ -379,69 +356,98 @@ class ModelRun:
         """Apply multipliers of contacts in the explicit step that begins at t; a second call does nothing."""
         begin = time.perf_counter()
         self._turn(mbs)
-        for stepper in self._steppers:
+        for stepper in self._members.steppers.values():
             stepper.look_ahead(mbs, t)
         self._spent_s += time.perf_counter() - begin
 
     def after_step(self, mbs: MainSystem, t: float) -> None:
         """Correct velocities for the joints at the end of a step."""
-        for stepper in self._steppers if t > self._began else ():
+        for stepper in self._members.steppers.values() if t > self._began else ():
             stepper.after_step(mbs, t)
 
     @property
     def over(self) -> bool:
         """Whether the run has ended: who asks for a stiffness linearises about a state."""
-        return self._released or (self.solver is not None and bool(self.solver.output.finishedSuccessfully))
+        return self._released or (self._solver is not None and bool(self._solver.output.finishedSuccessfully))
 
     def release(self) -> None:
         """Drop the data that only the run needed. Results keep contacts and samples; joints would keep the model."""
-        self._released, self.solver = True, None
-        for _, kinematics in self._floating:
+        self._released, self._solver = True, None
+        for _, kinematics in self._members.floating:
             kinematics.turn(None)
-        for group in self._groups:
+        for group in self._members.groups:
             group.end()
-        jointed = [stepper for stepper in self._steppers if stepper.joints is not None]
-        self._steppers = [stepper for stepper in self._steppers if stepper.joints is None]
-        for stepper in jointed:
+        for stepper in self._members.steppers.values():
             stepper.joints = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Present:
+    """What a model knows of its present run, or of the last one when it has ended.
+
+    Parameters
+    ----------
+    run : ModelRun or None
+    origin : RunState or None
+        End from which this run goes on.
+    solver : exudyn.MainSolver or None
+        Exudyn's solver as the run last met it.
+    solver_comes : bool
+        Whether the run has begun ahead of its solver.
+    outdated : bool
+        Whether contacts were added since.
+    goes_on : bool
+        Whether the run begins where the last one ended.
+    given : tuple of (RunState or None), optional
+        End from which a run goes on by its user's choice, if there is such a choice.
+    """
+
+    run: ModelRun | None = None
+    origin: RunState | None = None
+    solver: MainSolver = None
+    solver_comes: bool = False
+    outdated: bool = False
+    goes_on: bool = False
+    given: tuple[RunState | None] | None = None
 
 
 class Runs:
     """The present run of a model, or the last one when it has ended. User functions find their state here."""
 
     def __init__(self) -> None:
-        self._now: ModelRun | None = None
-        self._origin: RunState | None = None  # end from which the present run goes on
-        self._solver: MainSolver = None
-        self._solver_comes = self._outdated = False
-        self._latest, self._goes_on = -math.inf, False
-        self._given: tuple[RunState | None] | None = None  # end from which a run goes on by its user's choice
+        self._present = _Present()
+
+    def _note(self, **changes: Any) -> None:
+        """Change some of what is known of the present run."""
+        self._present = replace(self._present, **changes)
 
     def now(self, mbs: MainSystem) -> ModelRun:
         """The present run, which evaluates contacts. If there is none, or contacts were added, a run begins."""
-        if self._now is None or self._outdated:
+        run = self._present.run
+        if run is None or self._present.outdated:
             return self.begin(mbs, float(mbs.systemData.GetTime()))
-        return self._now
+        return run
 
     def add_contact(self) -> None:
         """Record that the model has another contact: a new run must begin before contacts are evaluated again."""
-        self._outdated = True
+        self._note(outdated=True)
 
     def sample(self, mbs: MainSystem, t: float) -> ModelRun:
         """The run whose sensors are read at time t; all contacts keep their data of that time.
 
-        Exudyn's first act in a run is to read the sensors. The run begins here, unless `begun` has begun it. The sensor
-        of the first contact calls this method. The values that other sensors read are those of the last evaluation.
-        They are written again in two cases: if multipliers are applied ahead of steps, and at the start, because Exudyn
-        has then reset them to their initial values.
+        Exudyn's first act in a run is to read the sensors. The run begins here, unless `run_within` has begun it. The
+        sensor of the first contact calls this method. The values that other sensors read are those of the last
+        evaluation. They are written again in two cases: if multipliers are applied ahead of steps, and at the start,
+        because Exudyn has then reset them to their initial values.
         """
-        now = self._now
-        first = self.last(mbs) is None or t < self._latest or self._outdated or self._solver_comes
-        if now is None or (first and not self._solver_comes):
+        present, now = self._present, self._present.run
+        first = now is None or self.last(mbs) is None or t < now.latest or present.outdated or present.solver_comes
+        if now is None or (first and not present.solver_comes):
             now = self.begin(mbs, t)
         if first or not now.idle:
             now.publish(mbs)
-        self._solver, self._solver_comes, self._latest = mbs.sys.get("dynamicSolver"), False, t
+        if self._present.solver_comes or self.last(mbs) is None:
+            self._note(solver=mbs.sys.get("dynamicSolver"), solver_comes=False)
         q = mbs.systemData.GetODE2Coordinates()
         now.ended = t, q
         now.keep(t, lambda: q)
@@ -455,33 +461,34 @@ class Runs:
         Without a method, the run has the method of Exudyn's solver. Its record keeps steps that Exudyn's sensors do not
         keep. With a method, only sensors keep steps, with the period that the user chose.
         """
-        self._solver, self._latest, self._outdated = mbs.sys.get("dynamicSolver"), t, False
         keep, solver = method is None and not sensors_keep_all(mbs), None
         if method is None:
             solver = latest_solver(mbs)
             method = "explicit" if solver is None else method_of(solver)
+        if solver is not None and solver.output.finishedSuccessfully:  # it made an earlier run
+            solver = None
         contacts: list[ModelContact] = [*registered(mbs).contacts.values()]
         _log.debug("a run of %s contacts begins at %.6g s, %s", len(contacts), t, method)
-        initial = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
-        ends = self._ends() if self._given is None else self._given
-        earlier = [end for end in ends if end is not None]
-        if self._now is not None and self._now.has_steps:  # otherwise a run begins again before its first step
-            self._goes_on = any(end.ended_in(initial) for end in earlier)
+        initial, present = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial), self._present
+        earlier = [end for end in (self._ends() if present.given is None else present.given) if end is not None]
+        goes_on = present.goes_on
+        if present.run is not None and present.run.has_steps:  # otherwise a run begins again before its first step
+            goes_on = any(end.ended_in(initial) for end in earlier)
         same = next((end for end in earlier if end.ended_at(t, method, initial)), None)
-        if self._now is not None:
-            self._now.release()
-        self._now = ModelRun(mbs, contacts, t, method, joints, keep, same)
-        if solver is not None and not solver.output.finishedSuccessfully:  # one that has finished made an earlier run
-            self._now.solver = solver
+        if present.run is not None:
+            present.run.release()
+        run = ModelRun(mbs, contacts, t, method, joints, keep, same, solver)
         for contact in contacts:
-            self._now.of(contact).goes_on = self._goes_on
-        resumed = same or self._now.resume(initial, earlier, t, goes_on=self._given is not None)
+            run.of(contact).goes_on = goes_on
+        resumed = same or run.resume(initial, earlier, t, goes_on=present.given is not None)
         # Later runs from the same initial state go on from the same run, also if its contacts remember nothing.
-        self._origin = next((end for end in earlier if end.has_steps and end.ended_in(initial)), resumed)
-        return self._now
+        origin = next((end for end in earlier if end.has_steps and end.ended_in(initial)), resumed)
+        solver = mbs.sys.get("dynamicSolver")
+        self._note(run=run, origin=origin, solver=solver, outdated=False, goes_on=goes_on)
+        return run
 
     @contextlib.contextmanager
-    def begun(self, mbs: MainSystem, t: float, method: Method, joints: Joints | None = None) -> Iterator[ModelRun]:
+    def run_within(self, mbs: MainSystem, t: float, method: Method, joints: Joints | None = None) -> Iterator[ModelRun]:
         """Begin a run at time t [s]. The solver that Exudyn makes within the block belongs to this run.
 
         Parameters
@@ -493,27 +500,27 @@ class Runs:
             Joints that explicit steps close together with the contacts.
         """
         run = self.begin(mbs, t, method, joints)
-        self._solver_comes = True
+        self._note(solver_comes=True)
         try:
             yield run
         finally:
-            self._solver_comes = False
+            self._note(solver_comes=False)
             if run.unsampled:
-                self._solver = mbs.sys.get("dynamicSolver")
+                self._note(solver=mbs.sys.get("dynamicSolver"))
             run.release()
 
     @contextlib.contextmanager
-    def aside(self, mbs: MainSystem) -> Iterator[ModelRun]:
+    def linearise_aside(self, mbs: MainSystem) -> Iterator[ModelRun]:
         """A static run at the initial state that makes no step; after it, the run before is the present one again."""
-        kept, t = {**vars(self)}, mbs.systemData.GetTime(require("exudyn").ConfigurationType.Initial)
+        before, t = self._present, mbs.systemData.GetTime(require("exudyn").ConfigurationType.Initial)
         try:
-            with self.begun(mbs, float(t), "static") as run:
+            with self.run_within(mbs, float(t), "static") as run:
                 yield run
         finally:
-            vars(self).update(kept)
+            self._present = before
 
     @contextlib.contextmanager
-    def going_on(self, mbs: MainSystem, end: RunState | None) -> Iterator[None]:
+    def go_on_from(self, mbs: MainSystem, end: RunState | None) -> Iterator[None]:
         """Let a run within the block go on from the end of an earlier one, whatever their methods.
 
         The model's initial state must be that end only within the block. Runs from its own initial state later go on
@@ -522,26 +529,26 @@ class Runs:
         initial = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
         ends = (end for end in self._ends() if end is not None)
         origin = next((end for end in ends if end.has_steps and end.ended_in(initial)), None)
-        self._given = (end,)
+        self._note(given=(end,))
         try:
             yield
         finally:
-            self._given, self._origin = None, origin
+            self._note(given=None, origin=origin)
 
     @contextlib.contextmanager
-    def unless_refused(self) -> Iterator[None]:
+    def undo_if_refused(self) -> Iterator[None]:
         """Forget what begins within the block if it raises an error: such a run was not made."""
-        before = vars(self).copy()
+        before = self._present
         try:
             yield
         except BaseException:
-            vars(self).update(before)
+            self._present = before
             raise
 
     def at_work(self, contact: ModelContact) -> ContactRun:
         """State of a contact in the present run."""
-        assert self._now is not None
-        return self._now.of(contact)
+        assert self._present.run is not None
+        return self._present.run.of(contact)
 
     def before_step(self, mbs: MainSystem, t: float) -> None:
         """Apply multipliers of contacts ahead of the step that ends at t. With joints, `solve_dynamic` does it."""
@@ -551,21 +558,23 @@ class Runs:
 
     def last(self, mbs: MainSystem) -> ModelRun | None:
         """The last run; None if Exudyn has run the model since, without contacts."""
-        return self._now if mbs.sys.get("dynamicSolver") is self._solver else None
+        return self._present.run if mbs.sys.get("dynamicSolver") is self._present.solver else None
 
     def end(self, mbs: MainSystem, *, stopped: bool = False) -> None:
         """Record that the present run ended in the model's present state: without contacts no sensor records it.
 
         `stopped` is whether this state is the start of a step that an error has stopped, see `ModelRun.step_back`.
         """
-        if self._now is not None:
+        run = self._present.run
+        if run is not None:
             if stopped:
-                self._now.step_back(mbs)
-            self._now.ended = float(mbs.systemData.GetTime()), mbs.systemData.GetODE2Coordinates()
+                run.step_back(mbs)
+            run.ended = float(mbs.systemData.GetTime()), mbs.systemData.GetODE2Coordinates()
 
     def _ends(self) -> tuple[RunState | None, RunState | None]:
         """Ends from which a run may go on: that of the last run, and that from which it went on itself."""
-        return None if self._now is None else self._now.state(), self._origin
+        run, origin = self._present.run, self._present.origin
+        return None if run is None else run.state(), origin
 
     def end_state(self, mbs: MainSystem) -> RunState | None:
         """State of the contacts at the end of the last run; None if there was none with contacts."""
@@ -584,13 +593,3 @@ def runs_of(mbs: MainSystem) -> Runs:
     """The runs of a model."""
     runs: Runs = mbs.sys.setdefault(RUNS, Runs())
     return runs
-
-
-def _number(contact: ModelContact) -> int:
-    """Number by which a contact is known in its model: that of its sensor `sForce`."""
-    return int(contact["sForce"])
-
-
-def _place_of_values(mbs: MainSystem, contact: ModelContact) -> int | None:
-    """First of the data coordinates that `sForce` reads; None if the sensor calls the contact itself."""
-    return int(mbs.systemData.GetNodeLTGData(contact["nGenericData"])[0]) if "nGenericData" in contact else None

@@ -30,6 +30,7 @@ from .contact_samples import RunSamples, Turned, mean_forces
 from .friction_results import FrictionResults
 from .model_run import runs_of
 from .plastic_results import PlasticResults, dent_motion
+from .row_samples import RowSamples
 
 _LARGE = 0.8  # share of the largest force above which stresses are computed
 _WHOLE = 0.9  # share of a patch's area: a larger contact is no Hertz contact
@@ -251,7 +252,7 @@ class PartitionContact(Item[Any]):
         q, turned = np.hstack([item.coordinates(result) for item, _ in self.sides]), Turned(self.sides, result)
 
         def gap(sample: int) -> float:
-            with turned.at(sample):
+            with turned.at_sample(sample):
                 return gaps.surface_gap(q[sample], dents(sample))
 
         return functools.cache(gap)
@@ -269,20 +270,7 @@ class PartitionContact(Item[Any]):
 
     def _row_forces(self, result: RunSamples, times: Array) -> sp.csr_matrix:
         """See `row_forces`, here at some times of the result, (k,) [s]."""
-        run = result.kept(self)
-        samples, shape = run.samples, (len(times), len(run.areas))
-        kept = np.array([t for t, *_ in samples])
-        at = np.searchsorted(times, kept, side="right") - 1
-        known = at >= 0
-        known[known] = times[at[known]] == kept[known]
-        if not known.any():
-            return sp.csr_matrix(shape)
-        if not known.all():
-            samples, at = [sample for sample, is_known in zip(samples, known, strict=True) if is_known], at[known]
-        ends = np.zeros(len(times) + 1, dtype=np.int64)
-        ends[at + 1] = [len(nodes) for _, nodes, _ in samples]
-        nodes, forces = (np.concatenate(parts) for parts in ([n for _, n, _ in samples], [f for *_, f in samples]))
-        return sp.csr_matrix((forces, nodes, ends.cumsum()), shape=shape)
+        return RowSamples.kept(result.kept(self), times).matrix()
 
     def pressure(self, result: RunSamples) -> sp.csr_matrix:
         """Contact pressure around the slave's patch nodes, (n, np) [Pa], columns as those of `row_forces`.
@@ -327,7 +315,7 @@ class PartitionContact(Item[Any]):
         InputError
             If `result` is no result, is of another model, or nothing was kept of its run.
         """
-        return stress_by_rows(self, result, self.force(result), self.row_forces(result))
+        return stress_by_rows(self, result, self.force(result), RowSamples.kept(result.kept(self), result.t))
 
     @property
     def elastic_materials(self) -> list[Material | None]:
@@ -574,32 +562,29 @@ class PartitionContact(Item[Any]):
         return closed_spans(self.force(result))
 
 
-def stress_by_rows(
-    contact: PartitionContact, result: RunSamples, force: Array, row_forces: sp.csr_matrix
-) -> Stress | None:
-    """See `PartitionContact.largest_stress`, by sums of normal forces, (n,), and by forces of rows, (n, np) [N]."""
-    run, n = result.kept(contact), len(contact.mechanics.gaps.slave.surface.points)
+def stress_by_rows(contact: PartitionContact, result: RunSamples, force: Array, rows: RowSamples) -> Stress | None:
+    """See `PartitionContact.largest_stress`, by sums of normal forces, (n,) [N], and by forces of rows."""
+    run, surface = result.kept(contact), contact.mechanics.gaps.slave.surface
+    n, areas = len(surface.points), run.areas[: len(surface.points)]
     large = np.flatnonzero((force >= _LARGE * force.max(initial=0.0)) & (force > 0))
-    rows, areas = row_forces[large].maximum(0.0), run.areas[:n]  # no pull is a pressure
-    if rows.shape[1] > n:
-        rows = rows[:, :n]
-    touching = rows @ np.ones(n) > 0
-    if not touching.any() or not areas.any():  # rows of edges alone have no area, and no limit of stress
+    nodes, forces, bounds = rows.joined(large.tolist())
+    pushes = (forces > 0) & (nodes < n)  # no pull is a pressure, and rows of edges alone have no area
+    if not pushes.any() or not areas.any():  # no limit of stress
         return None
-    if not touching.all():
-        large, rows = large[touching], rows[touching]
-    places = contact.slave.body.points[contact.mechanics.gaps.slave.surface.nodes]
-    axes = semi_axes(rows, places, areas, not contact.mechanics.gaps.points.nodal)
-    peak = int((force[large] / axes.prod(axis=1)).argmax())
-    closed = rows.indices[slice(*rows.indptr[peak : peak + 2])]
+    samples, nodes, forces = np.repeat(large, np.diff(bounds))[pushes], nodes[pushes], forces[pushes]
+    starts = np.flatnonzero(np.diff(samples, prepend=-1))
+    places, samples = contact.slave.body.points[surface.nodes], samples[starts]
+    axes = semi_axes(nodes, forces, starts, places, areas, not contact.mechanics.gaps.points.nodal)
+    peak = int((force[samples] / axes.prod(axis=1)).argmax())
+    closed = nodes[slice(*[*starts, len(nodes)][peak : peak + 2])]
     whole = run.edge is None and areas[closed].sum() >= _WHOLE * areas.sum()
-    load, (a, b) = float(force[large[peak]]), map(float, axes[peak])
+    load, (a, b) = float(force[samples[peak]]), map(float, axes[peak])
     return Stress.beneath(
         load,
         (a, b),
         contact.elastic_materials,
         mean=load / areas.sum() if whole else 0.0,
-        time=float(result.t[large[peak]]),
+        time=float(result.t[samples[peak]]),
     )
 
 

@@ -167,7 +167,7 @@ class RunRecord:
         for item in registered(mbs).bodies.values():
             slices = coordinate_slices(mbs, item)
             for key, values in (("sCoordinates", q), ("sCoordinates_t", q_t)):
-                kept |= {int(number): values[:, own] for number, own in zip(item[key], slices, strict=True)}
+                kept |= {int(number): values[:, place] for number, place in zip(item[key], slices, strict=True)}
         return kept
 
 

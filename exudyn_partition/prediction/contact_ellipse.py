@@ -8,14 +8,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import scipy.sparse as sp
 
 from ..support.arrays import Array
 
 _HAT = 4 * math.sqrt(3)  # second moment of a hat function on equilateral triangles: its integral by this
 
 
-def semi_axes(row_forces: sp.csr_matrix, points: Array, areas: Array, integrated: bool) -> Array:
+def semi_axes(nodes: Array, forces: Array, starts: Array, points: Array, areas: Array, integrated: bool) -> Array:
     """Semi-axes of the Hertz contact with the same second moments of pressure, (n, 2) [m], the larger first.
 
     Beneath an ellipse with Hertz's pressure, the mean of x^2, weighted by the pressure, is a^2 / 5. Peaks and areas of
@@ -28,8 +27,12 @@ def semi_axes(row_forces: sp.csr_matrix, points: Array, areas: Array, integrated
 
     Parameters
     ----------
-    row_forces : (n, np) csr matrix
-        Of one side's patch nodes [N]; each sample has some.
+    nodes : (k,) int array
+        Patch nodes of the rows that are pressed, of all samples one after the other.
+    forces : (k,) array
+        Forces on them [N], above zero.
+    starts : (n,) int array
+        Where the rows of each sample begin; each has some.
     points : (np, 3) array
         Their places in the body [m].
     areas : (np,) array
@@ -39,11 +42,13 @@ def semi_axes(row_forces: sp.csr_matrix, points: Array, areas: Array, integrated
     """
     x = points - points.mean(axis=0)
     squares = (x[:, :, None] * x[:, None, :]).reshape(-1, 9)
-    sums = row_forces @ np.column_stack([np.ones(len(x)), areas, x, squares])  # one product of a sparse matrix
-    area, first, second = np.split(sums[:, 1:] / sums[:, :1], [1, 4], axis=1)
-    moments = second.reshape(-1, 3, 3) - first[:, :, None] * first[:, None, :]
+    terms = forces[:, None] * np.column_stack([np.ones(len(x)), areas, x, squares])[nodes]
+    sums = np.add.reduceat(terms, starts)
+    sums /= sums[:, :1]
+    area, first = sums[:, 1], sums[:, 2:5]
+    moments = sums[:, 5:].reshape(-1, 3, 3) - first[:, :, None] * first[:, None, :]
     principal = np.linalg.eigvalsh(moments)[:, :0:-1]
     hat = areas.sum() / len(points) / _HAT
-    own = area[:, 0] / _HAT if integrated else np.zeros(len(area))
+    own = area / _HAT if integrated else np.zeros(len(area))
     value: Array = np.sqrt(5 * np.maximum(principal + own[:, None], hat))
     return value

@@ -233,7 +233,7 @@ def _balance(result: Result) -> tuple[list[tuple[object, ...]], str]:
     """Sums over the partition bodies at start and end of the run, and a note."""
     if not result.bodies:
         return [], ""
-    balance = Balance.of(result)
+    balance = Balance.of_run(result)
     sums = [("energy of the bodies [J]", balance.bodies), ("with contacts' [J]", balance.total)]
     sums += [(f"taken by {what} [J]", taken) for what, taken in balance.taken.items()]
     if balance.taken:

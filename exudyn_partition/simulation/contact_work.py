@@ -43,7 +43,7 @@ class ContactWork:
         self._end: _End | None = None  # of the last step, if the next one has not begun
 
     @classmethod
-    def of(cls, mbs: MainSystem, contacts: Sequence[PartitionContact]) -> ContactWork | None:
+    def if_known(cls, mbs: MainSystem, contacts: Sequence[PartitionContact]) -> ContactWork | None:
         """The work of these contacts; None if not all of their work and energy is known.
 
         Carriers of rigid surfaces take work that their bodies give. Multipliers store nothing.

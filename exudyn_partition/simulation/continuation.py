@@ -17,7 +17,7 @@ from ..exudyn_contacts.run_state import RunState
 from ..support.arrays import Array
 from ..support.foreign import MainSolver, MainSystem, SimulationSettings
 from ..support.optional import require
-from .step_control import Pace, StepControl
+from .step_control import Pace
 
 _KEY = "exudynPartitionEnd"  # in mbs.sys
 _SOLVERS = "dynamicSolver", "staticSolver"
@@ -57,7 +57,7 @@ class RunEnd:
     contacts: RunState | None
 
     @classmethod
-    def of(cls, mbs: MainSystem, control: StepControl | None = None, *, stopped: bool = False) -> RunEnd:
+    def of_last_run(cls, mbs: MainSystem, pace: Pace | None = None, *, stopped: bool = False) -> RunEnd:
         """End of the model's last run, if the model is still in that state.
 
         `stopped` is whether an error stopped the run in a step, and the model stands at the start of that step again.
@@ -89,7 +89,7 @@ class RunEnd:
             system=tuple(map(np.array, data.GetSystemState())),
             q_tt=q_tt,
             algorithmic=algorithmic,
-            pace=Pace() if control is None else control.pace,
+            pace=pace or Pace(),
             contacts=runs_of(mbs).end_state(mbs),
         )
 
@@ -127,10 +127,11 @@ def _kept(mbs: MainSystem) -> _Kept:
     return kept
 
 
-def keep_end(mbs: MainSystem, control: StepControl | None = None, *, stopped: bool = False) -> RunEnd | None:
+def keep_end(mbs: MainSystem, pace: Pace | None = None, *, stopped: bool = False) -> RunEnd | None:
     """Keep and return the end of a run, because later calls may change the model's state; None if it has no whole end.
 
-    `stopped` is whether an error stopped the run: it then ends with the last step that was made whole.
+    `pace` is that of the control of an adaptive run. `stopped` is whether an error stopped the run: it then ends with
+    the last step that was made whole.
     """
     if (solver := latest_solver(mbs)) is None:
         return None
@@ -138,7 +139,7 @@ def keep_end(mbs: MainSystem, control: StepControl | None = None, *, stopped: bo
         _step_back(mbs, solver)
     runs = runs_of(mbs)
     runs.end(mbs, stopped=stopped)
-    end = RunEnd.of(mbs, control, stopped=stopped) if runs.is_whole(mbs) else None
+    end = RunEnd.of_last_run(mbs, pace, stopped=stopped) if runs.is_whole(mbs) else None
     mbs.sys[_KEY] = _Kept(end, _origin(mbs), _solvers(mbs))
     return end
 
@@ -160,13 +161,13 @@ def _origin(mbs: MainSystem) -> RunEnd | None:
 
 
 @contextlib.contextmanager
-def unless_refused(mbs: MainSystem) -> Iterator[None]:
+def undo_if_refused(mbs: MainSystem) -> Iterator[None]:
     """Leave the model as it was if the block raises an error: no run goes on from one that was not made."""
     data, keys = mbs.systemData, (*_SOLVERS, "simulationSettings")
     held, state = {key: mbs.sys[key] for key in keys if key in mbs.sys}, data.GetSystemState()
     q_tt, t = data.GetODE2Coordinates_tt(), data.GetTime()
     try:
-        with runs_of(mbs).unless_refused():
+        with runs_of(mbs).undo_if_refused():
             yield
     except BaseException:
         for key in keys:
@@ -187,7 +188,7 @@ def last_end(mbs: MainSystem) -> RunEnd:
         If there was none.
     """
     kept = _kept(mbs)
-    return kept.last if kept.last is not None and kept.solvers == _solvers(mbs) else RunEnd.of(mbs)
+    return kept.last if kept.last is not None and kept.solvers == _solvers(mbs) else RunEnd.of_last_run(mbs)
 
 
 def origin_of(mbs: MainSystem, start: float, method: Method, last: RunEnd | None) -> RunEnd | None:
@@ -204,26 +205,26 @@ def _solvers(mbs: MainSystem) -> tuple[int, ...]:
 
 
 @contextlib.contextmanager
-def started_from(mbs: MainSystem, end: RunEnd | None) -> Iterator[None]:
+def start_from(mbs: MainSystem, end: RunEnd | None) -> Iterator[None]:
     """Let the model start where a run ended, and restore its initial state after the block. None changes nothing."""
     if end is None:
         yield
         return
     data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
-    own, origin = data.GetSystemState(initial), _origin(mbs)
-    if [len(part) for part in own] != [len(part) for part in end.system]:
+    former, origin = data.GetSystemState(initial), _origin(mbs)
+    if [len(part) for part in former] != [len(part) for part in end.system]:
         raise InputError("go_on: the model has other coordinates than in its last run; run it from the start")
-    with runs_of(mbs).going_on(mbs, end.contacts):
+    with runs_of(mbs).go_on_from(mbs, end.contacts):
         data.SetSystemState([*end.system], initial)
         try:
             yield
         finally:
-            data.SetSystemState(own, initial)
+            data.SetSystemState(former, initial)
             mbs.sys[_KEY] = _kept(mbs)._replace(origin=origin)
 
 
 @contextlib.contextmanager
-def accelerated(mbs: MainSystem, end: RunEnd | None, settings: SimulationSettings) -> Iterator[Array | None]:
+def set_accelerations(mbs: MainSystem, end: RunEnd | None, settings: SimulationSettings) -> Iterator[Array | None]:
     """Let a run go on with the accelerations at the end of the last one; None changes nothing.
 
     Exudyn begins each run with accelerations of its own. For explicit steps it takes velocities at the end of the step
@@ -238,7 +239,7 @@ def accelerated(mbs: MainSystem, end: RunEnd | None, settings: SimulationSetting
         yield None
         return
     data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
-    alpha, own = settings.timeIntegration.generalizedAlpha, np.array(data.GetODE2Coordinates_tt(initial))
+    alpha, former = settings.timeIntegration.generalizedAlpha, np.array(data.GetODE2Coordinates_tt(initial))
     flags = alpha.computeInitialAccelerations, alpha.resetAccelerations
     data.SetODE2Coordinates_tt(end.algorithmic, initial)  # generalized-alpha reads them there
     alpha.computeInitialAccelerations = alpha.resetAccelerations = False
@@ -246,4 +247,4 @@ def accelerated(mbs: MainSystem, end: RunEnd | None, settings: SimulationSetting
         yield end.q_tt
     finally:
         alpha.computeInitialAccelerations, alpha.resetAccelerations = flags
-        data.SetODE2Coordinates_tt(own, initial)
+        data.SetODE2Coordinates_tt(former, initial)

@@ -26,7 +26,7 @@ from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContaine
 from ..support.interrupt import Interrupt, interruptible
 from ..support.optional import require
 from ..support.progress import Progress
-from .step_control import StepControl
+from .step_control import Pace, Pacing, StepControl
 
 _RESIDUAL = 3e-18  # share of forces that move bodies by their size in a period of f_cut: 1e-8 N for some centimetres
 _OVER = 1e-6  # share of a step: a run that has less time left is at its end
@@ -104,7 +104,7 @@ def _norm_of_weight(item: PartitionBody) -> float:
 def _speed(mbs: MainSystem, item: PartitionBody) -> float:
     """Speed of a body's centre of mass at the start [m/s]."""
     q_t = mbs.systemData.GetODE2Coordinates_t(require("exudyn").ConfigurationType.Initial)
-    momentum = item.kinematics.momentum(np.concatenate([q_t[own] for own in coordinate_slices(mbs, item)]))
+    momentum = item.kinematics.momentum(np.concatenate([q_t[place] for place in coordinate_slices(mbs, item)]))
     return float(np.linalg.norm(momentum) / item.body.total_mass)
 
 
@@ -125,10 +125,18 @@ def _extent(mbs: MainSystem, contact: PartitionContact, duration: float) -> floa
 
 
 class Watch:
-    """State of the hook before each step: the number of steps, and whether the user asked to stop."""
+    """State of the hooks around steps: the number of steps, and whether the user asked to stop.
+
+    Attributes
+    ----------
+    steps : int
+    pace : Pacing or None
+        What the control of an adaptive run knows.
+    """
 
     def __init__(self, interrupt: Interrupt) -> None:
         self.steps = 0
+        self.pace: Pacing | None = None
         self._interrupt = interrupt
 
     @property
@@ -138,14 +146,14 @@ class Watch:
 
 
 @contextlib.contextmanager
-def quiet(asked: bool = True) -> Iterator[None]:
+def silence(asked: bool = True) -> Iterator[None]:
     """Keep Exudyn's texts off the terminal, as where a second try may succeed and our own error tells the cause."""
     config = require("exudyn").config
-    own, config.printToConsole = config.printToConsole, config.printToConsole and not asked
+    printed, config.printToConsole = config.printToConsole, config.printToConsole and not asked
     try:
         yield
     finally:
-        config.printToConsole = own
+        config.printToConsole = printed
 
 
 @functools.cache
@@ -158,12 +166,12 @@ def hear_of_verlet() -> None:
     settings.solution.file.write, settings.timeIntegration.verboseMode = False, 0
     mbs = exu.SystemContainer().AddSystem()
     mbs.Assemble()
-    with quiet():
+    with silence():
         mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.VelocityVerlet)
 
 
 @contextlib.contextmanager
-def begun(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
+def begin_run(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
     """Begin a run at time t [s], and give contacts and joints the hooks that explicit steps need.
 
     Exudyn's explicit solvers ignore algebraic equations, with a warning. So joints are closed here, together with the
@@ -171,7 +179,7 @@ def begun(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
     which is restored after the run.
     """
     exu, jointed = require("exudyn"), method == "explicit" and mbs.systemData.AEsize() > 0
-    with runs_of(mbs).begun(mbs, t, method, Joints(mbs) if jointed else None) as run, called_if_needed(mbs, run):
+    with runs_of(mbs).run_within(mbs, t, method, Joints(mbs) if jointed else None) as run, called_if_needed(mbs, run):
         if run.idle:
             yield
             return
@@ -193,7 +201,7 @@ def begun(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def watched(
+def watch_steps(
     mbs: MainSystem,
     start_time: float,
     end_time: float,
@@ -247,10 +255,17 @@ def watched(
 
 
 @contextlib.contextmanager
-def controlled(
-    mbs: MainSystem, control: StepControl | None, settings: SimulationSettings, end_time: float
+def control_steps(
+    mbs: MainSystem,
+    control: StepControl | None,
+    watch: Watch,
+    earlier: Pace | None,
+    settings: SimulationSettings,
+    end_time: float,
 ) -> Iterator[None]:
     """Let the control choose the steps, by Exudyn's PostStep and PostNewton functions, after the model's own.
+
+    `watch` has its pace, which begins from that of an `earlier` run, if there was one.
 
     The last step ends at `end_time`, also if Exudyn's own end is later, as for very short runs. PostStep runs at the
     start and after each step. The solver then reads the length of its next step from `it.currentStepSize`. PostNewton
@@ -263,10 +278,13 @@ def controlled(
         user_function, (mbs.GetPostStepUserFunction(), mbs.GetPostNewtonUserFunction())
     )
     refused = 2 * settings.timeIntegration.discontinuous.iterationTolerance
+    pace = watch.pace = control.begin(earlier)
 
     def after_step(mbs: MainSystem, t: float) -> bool:
+        nonlocal pace
         it = mbs.sys["dynamicSolver"].it
-        step = control.next_step(it.currentStepSize)
+        pace = watch.pace = control.after_step(pace, it.currentStepSize)
+        step = pace.step
         if _OVER * step < end_time - t < step:
             step = end_time - t
         if step != it.currentStepSize:
@@ -275,7 +293,8 @@ def controlled(
         return own_after_step is None or own_after_step(mbs, t)
 
     def after_newton(mbs: MainSystem, t: float) -> list[float]:
-        shorter = control.shorter_step(mbs.sys["dynamicSolver"].it.currentStepSize)
+        nonlocal pace
+        shorter, pace = control.shorter_step(pace, mbs.sys["dynamicSolver"].it.currentStepSize)
         if shorter is not None:
             return [refused, shorter]
         return [0.0, -1.0] if own_after_newton is None else own_after_newton(mbs, t)
@@ -290,7 +309,7 @@ def controlled(
 
 
 @contextlib.contextmanager
-def kept_apart(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
+def keep_apart(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
     """Repeat load steps in which bodies would pass through each other, with a shorter length.
 
     The model's own function runs first. An open contact has no stiffness. A body on soft springs may then pass the
@@ -321,7 +340,7 @@ def kept_apart(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def divided(mbs: MainSystem, settings: SimulationSettings, start: float, step: float) -> Iterator[ModelRun]:
+def divide_load_steps(mbs: MainSystem, settings: SimulationSettings, start: float, step: float) -> Iterator[ModelRun]:
     """Repeat load steps in which contact forces do not settle, shorter; all load levels remain ends of steps.
 
     The model's own PostStep function runs first. A level is the end of a load step as the user asked for, from `start`
@@ -357,14 +376,14 @@ def divided(mbs: MainSystem, settings: SimulationSettings, start: float, step: f
 
 
 @contextlib.contextmanager
-def slips_opposed(mbs: MainSystem) -> Iterator[None]:
+def oppose_slips(mbs: MainSystem) -> Iterator[None]:
     """Add a stiffness along slips to the Jacobian of the static run that has begun, see `SlipSecants`."""
     runs_of(mbs).now(mbs).slip_secants = SlipSecants()
     yield
 
 
 @contextlib.contextmanager
-def held(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
+def hold_by_springs(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
     """Hold all bodies by springs in the Jacobian alone, so that a body without other support stays in its place.
 
     Without springs the system of such a body is singular. Springs without forces do not change the equilibrium. Their
@@ -484,8 +503,8 @@ def cause(error: BaseException) -> str:
     root = chain[-1]
     if isinstance(root, SystemExit):
         raise root
-    if own := [str(one) for one in chain if isinstance(one, PartitionError)]:
-        return own[0]
+    if ours := [str(error) for error in chain if isinstance(error, PartitionError)]:
+        return ours[0]
     found = _FUNCTION.search(report)
     function = f"the user function {found[0]}" if found else "a user function"
     if returned := _RETURNED.search(report):

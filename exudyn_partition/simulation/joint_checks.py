@@ -261,7 +261,7 @@ def check_joints(
     settings.staticSolver.verboseMode, settings.solution.file.write = 0, False
     settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
     settings.staticSolver.loadStepStart = start
-    with _exudyn_computes():
+    with _raise_run_errors():
         solver.InitializeSolver(mbs, settings)
         gaps = _violations(mbs, solver)
     apart = abs(gaps)
@@ -290,9 +290,9 @@ def _largest_velocity(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> float
     q, q_t = mbs.systemData.GetODE2Coordinates(initial), mbs.systemData.GetODE2Coordinates_t(initial)
     others, found = np.ones(len(q_t), dtype=bool), [0.0]
     for item in bodies:
-        own = np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])
-        others[own] = False
-        found.append(float(np.sqrt(2 * item.kinematics.kinetic_energy(q[own], q_t[own]) / item.body.total_mass)))
+        dofs = np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])
+        others[dofs] = False
+        found.append(float(np.sqrt(2 * item.kinematics.kinetic_energy(q[dofs], q_t[dofs]) / item.body.total_mass)))
     return float(max(*found, abs(q_t[others]).max(initial=0.0)))
 
 
@@ -310,7 +310,7 @@ def _force_sensors(mbs: MainSystem, number: int) -> tuple[tuple[str, int], ...]:
 
 
 @contextlib.contextmanager
-def _exudyn_computes() -> Iterator[None]:
+def _raise_run_errors() -> Iterator[None]:
     """Turn Exudyn's errors, and those of a user's functions that it calls, into a RunError."""
     try:
         yield
@@ -365,19 +365,19 @@ def _refuse_violating_velocities(
     share, look = _LOOK
     look = share / (2 * np.pi * max(item.body.f_cut for item in bodies)) if bodies else look
     driven = [number for number in constraints if is_timed(entry := mbs.GetObject(number)) and entry["activeConnector"]]
-    with _exudyn_computes():
+    with _raise_run_errors():
         residual = abs(_rates(mbs, solver, driven))
         speeds = {number: _drive(mbs, number, look) for number in driven}
     for number in constraints:
         rows, drive = mbs.systemData.GetObjectLTGAE(number), ""
-        own = residual[list(rows)].max()
+        excess = residual[list(rows)].max()
         if number in speeds:
             speed, unsure = speeds[number]
-            own = (abs(_row_rates(mbs, number) + speed) - unsure).max()
+            excess = (abs(_row_rates(mbs, number) + speed) - unsure).max()
             drive = f"Its drive begins with {abs(speed).max():.4g}. "
-        if own > max(_VIOLATION * largest, round_off):
+        if excess > max(_VIOLATION * largest, round_off):
             raise InputError(
-                f"{_object(mbs, number)} is violated by the initial velocities, by {own:.4g} (m/s or rad/s): Exudyn "
+                f"{_object(mbs, number)} is violated by the initial velocities, by {excess:.4g} (m/s or rad/s): Exudyn "
                 f"would begin with an impulse. {drive}Give all bodies of the mechanism initialVelocity, of their "
                 "centres of mass, and initialAngularVelocity that fit the joints and drives"
             )

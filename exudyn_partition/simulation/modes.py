@@ -18,7 +18,7 @@ from ..support.arrays import Array
 from ..support.checks import validate_flag
 from ..support.foreign import MainSolver, MainSystem
 from ..support.optional import require
-from .hooks import quiet
+from .hooks import silence
 
 
 def natural_modes(mbs: MainSystem, *, slipping: bool = False) -> tuple[Array, Array]:
@@ -70,7 +70,7 @@ def natural_modes(mbs: MainSystem, *, slipping: bool = False) -> tuple[Array, Ar
         if not (run.method == "static" and run.has_steps and run.ended_in(initial)):
             raise RunError("slipping: which rows slip is known only after solve_static(mbs, update_initial=True)")
     solver = exu.MainSolverStatic()
-    with one_blas_thread(), quiet(True), linearising() if slipping else runs.aside(mbs):
+    with one_blas_thread(), silence(True), ignore_slips() if slipping else runs.linearise_aside(mbs):
         for contact in () if slipping else contacts:
             runs.at_work(contact).mechanics.sticks = True
         mbs.sys["staticSolver"] = solver
@@ -90,7 +90,7 @@ def natural_modes(mbs: MainSystem, *, slipping: bool = False) -> tuple[Array, Ar
 
 
 @contextlib.contextmanager
-def linearising() -> Iterator[None]:
+def ignore_slips() -> Iterator[None]:
     """Within the block, the stiffness of rows that slip is asked for on purpose, and no warning tells of it."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelLimitWarning)

@@ -279,7 +279,7 @@ class Result:
 
     def _stored(self) -> StoredRun:
         """Data of the result that files hold."""
-        kept: list[KeptRun | None] = [KeptRun.of(run) for run in self.runs]
+        kept: list[KeptRun | None] = [KeptRun.of_run(run) for run in self.runs]
         kept = kept or [None] * len(self.contacts)
         return StoredRun(
             t=self.t.copy(),
@@ -295,7 +295,7 @@ class Result:
             samples=tuple(np.array(data) for data in self.sensors.values()),
             items=described(self.bodies, self.contacts) if self.marks is None else self.marks,
             bodies=tuple(self._stored_body(item) for item in self.bodies),
-            contacts=tuple(StoredContactRun.of(*both) for both in zip(self.contacts, kept, strict=True)),
+            contacts=tuple(StoredContactRun.of_contact(*both) for both in zip(self.contacts, kept, strict=True)),
             warnings=self.warnings,
             others=self.others,
             end=self.end,
@@ -626,7 +626,7 @@ def samples(mbs: MainSystem) -> Result:
         sensors={number: data[:count, 1:] for number, data in sensors.items()},
         bodies=tuple(bodies),
         contacts=tuple(contacts),
-        work=Work.of(solver, run),
+        work=Work.counted(solver, run),
         runs=() if run is None else tuple(run.of(contact) for contact in contacts),
         item_work=registered(mbs).work,
         newmark=None if solver is None else solver.newmark,
@@ -639,11 +639,11 @@ def samples(mbs: MainSystem) -> Result:
 
 def _joined(result: Result, t: Array, kept: Mapping[int, Array]) -> Result:
     """Result at its own times and at t, (n,), with the values `kept` at t, (n, k); keys are the sensors' numbers."""
-    own = ~np.isin(t, result.t)
-    times = np.r_[result.t, t[own]]
+    further = ~np.isin(t, result.t)
+    times = np.r_[result.t, t[further]]
     order = np.argsort(times)
     joined = {
-        number: np.concatenate([data, kept[number][own]])[order]
+        number: np.concatenate([data, kept[number][further]])[order]
         for number, data in result.sensors.items()
         if number in kept
     }

@@ -98,7 +98,7 @@ def _largest(bodies: list[PartitionBody], contacts: list[PartitionContact], step
     In steps of this length [s], viscous flexibilities are stiff.
     """
     slices = consecutive([item.body.n_dofs for item in bodies])
-    place = {item: np.arange(own.start, own.stop) for item, own in zip(bodies, slices, strict=True)}
+    place = {item: np.arange(dofs.start, dofs.stop) for item, dofs in zip(bodies, slices, strict=True)}
     scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
     closed = [
         _on_coordinates(contact, stiffness, place)
@@ -107,8 +107,8 @@ def _largest(bodies: list[PartitionBody], contacts: list[PartitionContact], step
     ]
     if len(scale) <= DENSE:
         matrix = np.zeros((len(scale), len(scale)))
-        for item, own in zip(bodies, slices, strict=True):
-            matrix[own, own] = item.body.stiffness.toarray()
+        for item, span in zip(bodies, slices, strict=True):
+            matrix[span, span] = item.body.stiffness.toarray()
         for dofs, stiffness in closed:
             matrix[np.ix_(dofs, dofs)] += stiffness
         return float(np.linalg.eigvalsh(scale[:, None] * matrix * scale)[-1])

@@ -9,8 +9,9 @@ import logging
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -29,10 +30,20 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
-from .continuation import keep_end, unless_refused
-from .hooks import begun, cause, divided, held, kept_apart, quiet, residual, slips_opposed, watched
+from .continuation import keep_end, undo_if_refused
+from .hooks import (
+    begin_run,
+    cause,
+    divide_load_steps,
+    hold_by_springs,
+    keep_apart,
+    oppose_slips,
+    residual,
+    silence,
+    watch_steps,
+)
 from .joint_checks import check_start
-from .modes import linearised, linearising
+from .modes import ignore_slips, linearised
 from .result import Result, called, samples
 from .reviews.review import reviewed
 from .reviews.reviewed_run import Finding, ReviewedRun
@@ -212,10 +223,10 @@ def settle(
     kept = [item for item in everything if item not in chosen and id(item) not in others]
     rest = _fallen(mbs, start.copy(), falling, contacts)
     try:
-        with interruptible(), _weightless(mbs, [item for item in kept if item.weight is not None]):
+        with interruptible(), _remove_weight(mbs, [item for item in kept if item.weight is not None]):
             for _ in range(_MOST_MOORINGS):
                 data.SetODE2Coordinates(rest, initial)
-                springs = partial(_moored, mbs, falling, rest)
+                springs = partial(_moor, mbs, falling, rest)
                 result = _run(
                     mbs, springs, load_steps=1, load_factor=True, update_initial=True, settings=settings,
                     progress=progress,
@@ -227,8 +238,8 @@ def settle(
             _refuse_pulled(pulls)
             result = replace(result, end=keep_end(mbs, stopped=result.status == "unstable"))
             result = reviewed(ReviewedRun(mbs, result))
-        for own in itertools.chain.from_iterable(coordinate_slices(mbs, item) for item in kept):
-            rest[own] = start[own]
+        for place in itertools.chain.from_iterable(coordinate_slices(mbs, item) for item in kept):
+            rest[place] = start[place]
     except BaseException:
         rest = start
         raise
@@ -255,7 +266,7 @@ def _resting(
     speeds = mbs.systemData.GetODE2Coordinates_t(require("exudyn").ConfigurationType.Initial)
 
     def moves(item: PartitionBody) -> bool:
-        return any(speeds[own].any() for own in coordinate_slices(mbs, item))
+        return any(speeds[place].any() for place in coordinate_slices(mbs, item))
 
     if bodies is None:
         found = [item for item in held_bodies if item.weight is not None and not moves(item)]
@@ -287,7 +298,7 @@ def _fallen(mbs: MainSystem, q: Array, falling: Sequence[PartitionBody], contact
             items = [item for item, _ in contact.sides]
             if len({*items}) < len(items):
                 continue
-            at = np.concatenate([q[own] for own in contact.slices(mbs)])
+            at = np.concatenate([q[place] for place in contact.slices(mbs)])
             for item in items:
                 if item in ways:
                     down = [ways[item] if other == item else np.zeros(other.kinematics.mass.shape) for other in items]
@@ -300,8 +311,8 @@ def _fallen(mbs: MainSystem, q: Array, falling: Sequence[PartitionBody], contact
                 raise InputError(
                     f"settle: nothing lies beneath {called(item)}; give it a contact with what it rests on, or hold it"
                 )
-            for own, part in zip(coordinate_slices(mbs, item), _split(ways[item], item), strict=True):
-                q[own] += depth * part
+            for place, part in zip(coordinate_slices(mbs, item), _split(ways[item], item), strict=True):
+                q[place] += depth * part
         if max(depths.values(), default=0.0) <= touching:
             break
     return q
@@ -339,7 +350,7 @@ def _size(item: PartitionBody) -> float:
 
 def _pull(mbs: MainSystem, item: PartitionBody, moved: Array) -> float:
     """Force of the springs by the weight, or their moment by weight and size, after the model's coordinates moved."""
-    q = np.concatenate([moved[own] for own in coordinate_slices(mbs, item)])
+    q = np.concatenate([moved[place] for place in coordinate_slices(mbs, item)])
     force, kinematics = _mooring(item) @ q, item.kinematics
     weight = float(item.weight @ _way_down(item))
     inertia = np.sqrt(np.maximum(force @ (force / kinematics.mass), 0.0))  # its norm by the mass, as that of the weight
@@ -347,7 +358,7 @@ def _pull(mbs: MainSystem, item: PartitionBody, moved: Array) -> float:
 
 
 @contextlib.contextmanager
-def _moored(mbs: MainSystem, items: Sequence[PartitionBody], q: Array) -> Iterator[None]:
+def _moor(mbs: MainSystem, items: Sequence[PartitionBody], q: Array) -> Iterator[None]:
     """Hold bodies by their `_mooring` where they are at the model's coordinates q, (nq,), within the block."""
     container, springs, former = require("exudyn").MatrixContainer, registry(mbs).springs, {}
     try:
@@ -355,7 +366,7 @@ def _moored(mbs: MainSystem, items: Sequence[PartitionBody], q: Array) -> Iterat
             number, stiffness = int(item["oGenericODE2"]), item.as_made["stiffnessMatrix"].csr
             former[number] = stiffness, mbs.GetObjectParameter(number, "forceVector")
             springs[number] = sp.csr_matrix(_mooring(item))
-            at = np.concatenate([q[own] for own in coordinate_slices(mbs, item)])
+            at = np.concatenate([q[place] for place in coordinate_slices(mbs, item)])
             mbs.SetObjectParameter(number, "stiffnessMatrix", container(stiffness + springs[number]))
             mbs.SetObjectParameter(number, "forceVector", former[number][1] + springs[number] @ at)
         yield
@@ -382,7 +393,7 @@ def _depths(
 
 
 @contextlib.contextmanager
-def _weightless(mbs: MainSystem, items: Sequence[PartitionBody]) -> Iterator[None]:
+def _remove_weight(mbs: MainSystem, items: Sequence[PartitionBody]) -> Iterator[None]:
     """Take the weight of bodies away within the block."""
     numbers = [item["oGenericODE2"] for item in items]
     weights = [mbs.GetObjectParameter(number, "forceVector") for number in numbers]
@@ -393,6 +404,40 @@ def _weightless(mbs: MainSystem, items: Sequence[PartitionBody]) -> Iterator[Non
     finally:
         for number, weight in zip(numbers, weights, strict=True):
             mbs.SetObjectParameter(number, "forceVector", weight)
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """A static run before its first load step.
+
+    Parameters
+    ----------
+    settings : exudyn.SimulationSettings
+        Exudyn's settings, of this run alone.
+    load_steps : int
+    start, end, step : float
+        Static time.
+    pressed : bool
+        Whether overlaps of contacts close in it.
+    springs : callable
+        Returns a context in which the model is held.
+    """
+
+    settings: SimulationSettings
+    load_steps: int
+    start: float
+    end: float
+    step: float
+    pressed: bool
+    springs: Callable[[], contextlib.AbstractContextManager[None]]
+
+
+class _Attempt(NamedTuple):
+    """What Exudyn has made of a static run: load steps, whether the user asked to stop, and the error that ended it."""
+
+    steps: int
+    interrupted: bool
+    error: Exception | None
 
 
 def _run(
@@ -406,96 +451,133 @@ def _run(
     progress: Progress | None,
 ) -> Result:
     """Run of `solve_static`; its result has had no review. Within the block of `springs` the model is held by these."""
-    exu = require("exudyn")
     load_steps = validate_integer("load_steps", load_steps, least=1)
     validate_flag("load_factor", load_factor)
     validate_flag("update_initial", update_initial)
     check_start(mbs, settings, progress, partial(_static_start, settings), judges_velocities=False)
-    if settings is None:
-        settings = exu.SimulationSettings()
-        settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
-        settings.solution.file.write = False
-        settings.staticSolver.verboseMode = 0
-        settings.staticSolver.adaptiveStepDecrease = 0.5
-        settings.staticSolver.minimumStepSize = _SHORTEST / load_steps
-        newton = settings.staticSolver.newton
-        newton.absoluteTolerance = residual(mbs)
-        if all(contact.mechanics.zones is None for contact in partition_items(mbs)[1]):
-            newton.relativeTolerance = _RELATIVE  # forces of plastic zones are not known as closely
-    else:
-        settings = copy.copy(settings)
+    plan = _planned(mbs, springs, load_steps, load_factor, settings)
+
+    _log.info("%s load steps to %.6g", load_steps, plan.end)
+    bar = progress_bar("load steps", after=LONG) if progress is None else contextlib.nullcontext(progress)
+    quiet = silence(plan.settings.staticSolver.verboseMode == 0)
+    with undo_if_refused(mbs), one_blas_thread(), _stop_bodies(mbs), quiet, bar as report:
+        begin = time.perf_counter()
+        made = _best_attempt(mbs, plan, partial(_attempt, mbs, plan, report))
+        if made.error is not None and made.steps <= 1:
+            said = f"{cause(made.error)}. {_remedy(plan, made.error)}"
+            raise RunError(f"mbs: Exudyn finds no equilibrium: {said}") from made.error
+        status, message = _ending(mbs, plan, made)
+        time_s = time.perf_counter() - begin
+    result = replace(samples(mbs), step=plan.step, steps=made.steps, method="static", time_s=time_s)
+    if status == "finished" and progress is not None:
+        progress(1.0)
+    if status == "finished" and update_initial:
+        initial = require("exudyn").ConfigurationType.Initial
+        mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), initial)
+    return replace(result, status=status, message=message)
+
+
+def _planned(
+    mbs: MainSystem,
+    springs: Callable[[], contextlib.AbstractContextManager[None]],
+    load_steps: int,
+    load_factor: bool,
+    settings: SimulationSettings,
+) -> _Plan:
+    """Plan a static run of some load steps, by the user's settings or our own."""
+    settings = _default_settings(mbs, load_steps) if settings is None else copy.copy(settings)
     static = settings.staticSolver
     start, duration = float(static.loadStepStart), float(static.loadStepDuration)
     if not duration > 0:
         raise InputError(f"settings: expected a staticSolver.loadStepDuration above zero, got {duration!r}")
-    static.numberOfLoadSteps, static.useLoadFactor = load_steps, load_factor
-    settings.solution.sensors.writePeriod = 0.0
-    step, end = duration / load_steps, start + duration
+    static.useLoadFactor, settings.solution.sensors.writePeriod = load_factor, 0.0
+    pressed = any(contact.mechanics.gaps.overlap for contact in partition_items(mbs)[1])
+    return _Plan(settings, load_steps, start, start + duration, duration / load_steps, pressed, springs)
 
-    _log.info("%s load steps to %.6g", load_steps, end)
-    status, message = "finished", "reached the full load"
-    bar = progress_bar("load steps", after=LONG) if progress is None else contextlib.nullcontext(progress)
-    with unless_refused(mbs), one_blas_thread(), _at_rest(mbs), quiet(static.verboseMode == 0), bar as report:
 
-        def attempt(
-            more: contextlib.AbstractContextManager[None], parts: int = 1
-        ) -> tuple[int, bool, Exception | None]:
-            """Run Exudyn, with load steps in some parts.
+def _default_settings(mbs: MainSystem, load_steps: int) -> SimulationSettings:
+    """Settings for a user who gave none."""
+    exu = require("exudyn")
+    settings = exu.SimulationSettings()
+    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+    settings.solution.file.write = False
+    settings.staticSolver.verboseMode = 0
+    settings.staticSolver.adaptiveStepDecrease = 0.5
+    settings.staticSolver.minimumStepSize = _SHORTEST / load_steps
+    newton = settings.staticSolver.newton
+    newton.absoluteTolerance = residual(mbs)
+    if all(contact.mechanics.zones is None for contact in partition_items(mbs)[1]):
+        newton.relativeTolerance = _RELATIVE  # forces of plastic zones are not known as closely
+    return settings
 
-            Returns the number of load steps, whether the user asked to stop, and the error.
-            """
-            static.numberOfLoadSteps = parts * load_steps
-            with (
-                begun(mbs, start, "static"),
-                watched(mbs, start, end, step, report) as watch,
-                divided(mbs, settings, start, step / parts) as run,
-                springs(),
-                more,
-                kept_apart(mbs, settings),
-            ):
-                try:
-                    mbs.SolveStatic(settings)
-                except Exception as error:  # Exudyn wraps errors of user functions in its own types
-                    return watch.steps, watch.interrupted, run.unsettled or error
-            return watch.steps, watch.interrupted, None
 
-        begin = time.perf_counter()
-        pressed = any(contact.mechanics.gaps.overlap for contact in partition_items(mbs)[1])
-        steps, interrupted, error = attempt(_divided(settings, step / _PARTS) if pressed else contextlib.nullcontext())
-        others = [
-            ("with a stiffness along slips", slips_opposed(mbs), (_UNSETTLED, _SINGULAR)),
-            ("held by springs without forces", held(mbs, settings), (_UNSETTLED,)),
-        ]
-        if all(contact.mechanics.friction is None for contact in partition_items(mbs)[1]):
-            del others[0]
-        for how, other, said in others:
-            again = error is not None and (pressed or steps <= 1) and not interrupted
-            if again and error is not None and any(text in cause(error) for text in said):
-                _log.info("no equilibrium: again, %s", how)
-                steps, interrupted, error = attempt(other)
-        for parts in _FINER_STEPS:
-            if error is None or steps <= 1 or interrupted or not _settles_later(error):
-                break
-            _log.info("load steps end without an equilibrium: again, in %s parts each", parts)
-            steps, interrupted, error = attempt(contextlib.nullcontext(), parts)
-        static.numberOfLoadSteps = load_steps
-        remedy = f"{_REMEDY}. {_PRESSED}" if pressed else _REMEDY
-        if isinstance(error, ComplementarityError):
-            remedy = _FINER
-        if error is not None and steps <= 1:
-            raise RunError(f"mbs: Exudyn finds no equilibrium: {cause(error)}. {remedy}") from error
-        if error is not None:
-            status, message = "unstable", f"the solver stopped: {cause(error)}. {remedy}"
-        time_s = time.perf_counter() - begin
-    result = replace(samples(mbs), step=step, steps=steps, method="static", time_s=time_s)
-    if status == "finished" and end - mbs.systemData.GetTime() > 0.5 * step:
-        user = f"a PreStep or other user function ended the run at {mbs.systemData.GetTime():.6g}"
-        status, message = "interrupted", "interrupted by the user" if interrupted else user
-    elif status == "finished" and progress is not None:
-        progress(1.0)
-    if status == "finished" and update_initial:
-        mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), exu.ConfigurationType.Initial)
-    return replace(result, status=status, message=message)
+def _attempt(
+    mbs: MainSystem,
+    plan: _Plan,
+    report: Progress,
+    more: contextlib.AbstractContextManager[None] | None = None,
+    parts: int = 1,
+) -> _Attempt:
+    """Run Exudyn, with each load step in some parts, and within one more context."""
+    static = plan.settings.staticSolver
+    static.numberOfLoadSteps = parts * plan.load_steps
+    with (
+        begin_run(mbs, plan.start, "static"),
+        watch_steps(mbs, plan.start, plan.end, plan.step, report) as watch,
+        divide_load_steps(mbs, plan.settings, plan.start, plan.step / parts) as run,
+        plan.springs(),
+        more or contextlib.nullcontext(),
+        keep_apart(mbs, plan.settings),
+    ):
+        try:
+            mbs.SolveStatic(plan.settings)
+        except Exception as error:  # Exudyn wraps errors of user functions in its own types
+            return _Attempt(watch.steps, watch.interrupted, run.unsettled or error)
+    return _Attempt(watch.steps, watch.interrupted, None)
+
+
+def _best_attempt(mbs: MainSystem, plan: _Plan, attempt: Callable[..., _Attempt]) -> _Attempt:
+    """Try again where there is no equilibrium: with helps for Newton's method, and with finer load steps."""
+    made = attempt(_limit_division(plan.settings, plan.step / _PARTS) if plan.pressed else None)
+    for how, more, said in _helps(mbs, plan):
+        again = made.error is not None and (plan.pressed or made.steps <= 1) and not made.interrupted
+        if again and made.error is not None and any(text in cause(made.error) for text in said):
+            _log.info("no equilibrium: again, %s", how)
+            made = attempt(more)
+    for parts in _FINER_STEPS:
+        if made.error is None or made.steps <= 1 or made.interrupted or not _settles_later(made.error):
+            break
+        _log.info("load steps end without an equilibrium: again, in %s parts each", parts)
+        made = attempt(parts=parts)
+    return made
+
+
+def _helps(
+    mbs: MainSystem, plan: _Plan
+) -> Iterator[tuple[str, contextlib.AbstractContextManager[None], tuple[str, ...]]]:
+    """Contexts in which Newton's method may find an equilibrium, with their names, and the errors that they help."""
+    if any(contact.mechanics.friction is not None for contact in partition_items(mbs)[1]):
+        yield "with a stiffness along slips", oppose_slips(mbs), (_UNSETTLED, _SINGULAR)
+    yield "held by springs without forces", hold_by_springs(mbs, plan.settings), (_UNSETTLED,)
+
+
+def _remedy(plan: _Plan, error: Exception) -> str:
+    """What the user may do about an error that ended a static run."""
+    if isinstance(error, ComplementarityError):
+        return _FINER
+    return f"{_REMEDY}. {_PRESSED}" if plan.pressed else _REMEDY
+
+
+def _ending(mbs: MainSystem, plan: _Plan, made: _Attempt) -> tuple[str, str]:
+    """Status of a run that has ended, and a message on how."""
+    if made.error is not None:
+        return "unstable", f"the solver stopped: {cause(made.error)}. {_remedy(plan, made.error)}"
+    t = mbs.systemData.GetTime()
+    if plan.end - t <= 0.5 * plan.step:
+        return "finished", "reached the full load"
+    if made.interrupted:
+        return "interrupted", "interrupted by the user"
+    return "interrupted", f"a PreStep or other user function ended the run at {t:.6g}"
 
 
 def _settles_later(error: Exception) -> bool:
@@ -504,7 +586,7 @@ def _settles_later(error: Exception) -> bool:
 
 
 @contextlib.contextmanager
-def _at_rest(mbs: MainSystem) -> Iterator[None]:
+def _stop_bodies(mbs: MainSystem) -> Iterator[None]:
     """Begin with all velocities zero within the block; after it, the initial and the last states have them again."""
     data, configurations = mbs.systemData, require("exudyn").ConfigurationType
     speeds = data.GetODE2Coordinates_t(configurations.Initial)
@@ -517,14 +599,14 @@ def _at_rest(mbs: MainSystem) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _divided(settings: SimulationSettings, least: float) -> Iterator[None]:
+def _limit_division(settings: SimulationSettings, least: float) -> Iterator[None]:
     """Divide load steps no further than to a length: a body that nothing holds does not settle in shorter ones."""
     static = settings.staticSolver
-    own, static.minimumStepSize = static.minimumStepSize, max(least, static.minimumStepSize)
+    former, static.minimumStepSize = static.minimumStepSize, max(least, static.minimumStepSize)
     try:
         yield
     finally:
-        static.minimumStepSize = own
+        static.minimumStepSize = former
 
 
 def _equilibrium(run: ReviewedRun) -> Iterator[Finding]:
@@ -533,7 +615,7 @@ def _equilibrium(run: ReviewedRun) -> Iterator[Finding]:
     n = mbs.systemData.ODE2Size()
     if run.result.status != "finished" or not bodies or n + mbs.systemData.AEsize() > _MOST_DENSE:
         return
-    with linearising():
+    with ignore_slips():
         M, K, allowed = linearised(mbs, mbs.sys["staticSolver"])
     M += _LEAST_MASS * np.trace(M) / n * np.eye(len(M))  # nodes without mass are fine in statics
     squares, motions = scipy.linalg.eigh((K + K.T) / 2, M)
@@ -551,7 +633,7 @@ def _equilibrium(run: ReviewedRun) -> Iterator[Finding]:
     if abs(squares[slowest]) > least:
         return
     motion = abs(allowed @ motions[:, slowest])
-    free = max(bodies, key=lambda item: max(motion[own].max(initial=0.0) for own in coordinate_slices(mbs, item)))
+    free = max(bodies, key=lambda item: max(motion[place].max(initial=0.0) for place in coordinate_slices(mbs, item)))
     yield Finding(
         f"{called(free)}: nothing holds it against some motion, so that its place in this equilibrium is arbitrary, "
         "though forces balance. Hold it by joints or soft springs"

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -138,9 +139,9 @@ def _mobility(contact: PartitionContact, row: Array) -> float:
     """Acceleration of the bodies' rigid motion along a row, (n,), due to a unit force on it [1/kg]."""
     slices = consecutive([item.body.n_dofs for item, _ in contact.sides])
     total = 0.0
-    for (item, _), own in zip(contact.sides, slices, strict=True):
+    for (item, _), place in zip(contact.sides, slices, strict=True):
         body = item.body
-        of_rigid = row[own] @ (item.kinematics.from_basis @ body.rigid)
+        of_rigid = row[place] @ (item.kinematics.from_basis @ body.rigid)
         total += float(of_rigid @ np.linalg.solve(body.rigid.T @ (body.mass @ body.rigid), of_rigid))
     return total
 
@@ -209,8 +210,50 @@ class Pace:
     closings: Sequence[Closing | None] = ()
 
 
+class Pacing(NamedTuple):
+    """What a step control knows between two steps, as one value: nothing else changes from step to step.
+
+    Parameters
+    ----------
+    step : float
+        The next step [s].
+    largest_energy : float
+        See `Pace`.
+    errors : VelocityError or None
+    closings : tuple of Closing or None
+    at_least : float
+        Next step of the run from which this one goes on, until its first step is chosen [s].
+    is_open : tuple of bool
+        Whether each contact is open.
+    foreseen : tuple of float
+        Time for which each contact certainly stays open [s].
+    calm, waits : int
+        Number of looks in a row after which the step stayed, and of steps until the next look.
+    judged : Judgement or None
+        End of the step that was taken, if it was judged before it was accepted.
+    """
+
+    step: float
+    largest_energy: float
+    errors: VelocityError | None
+    closings: tuple[Closing | None, ...]
+    at_least: float
+    is_open: tuple[bool, ...]
+    foreseen: tuple[float, ...]
+    calm: int = 0
+    waits: int = 0
+    judged: Judgement | None = None
+
+    @property
+    def at_end(self) -> Pace:
+        """What the next run goes on with: it looks at the motion anew."""
+        return Pace(self.step, self.largest_energy, self.errors, self.closings)
+
+
 class StepControl:
     """Control of the step size of a run; it returns the next step at the end of each step.
+
+    Nothing of it changes in a run: what it knows is a `Pacing`, which its methods take and return.
 
     In an impact the step is the contact's own. In free flight it grows up to `longest`, as far as vibration and spin
     allow: 25 steps in a period of the fastest rotation and of the highest mode that must be resolved. This mode, with
@@ -260,141 +303,144 @@ class StepControl:
         self.contacts, self.bodies, self._state, self._run_of = contacts, bodies, state, run_of
         self.step, self.longest, self.gap_tolerance = step, longest, gap_tolerance
         self.unresolved, self._tolerance, self._work = unresolved, velocity_tolerance, work
-        self._own = dict(zip(bodies, consecutive([item.body.n_dofs for item in bodies]), strict=True))
+        self._places = dict(zip(bodies, consecutive([item.body.n_dofs for item in bodies]), strict=True))
         floating = [item for item in bodies if isinstance(item.kinematics, FloatingKinematics)]
-        self._spins = [slice(self._own[item].start + 3, self._own[item].start + 6) for item in floating]
+        self._spins = [slice(self._places[item].start + 3, self._places[item].start + 6) for item in floating]
         self._vibration = Vibration(bodies)
-        self._was_open = [False] * len(contacts)
-        self._next, self._largest_energy, self._at_least = 0.0, 0.0, 0.0
-        self._errors: VelocityError | None = None
-        self._closings: list[Closing | None] = [None] * len(contacts)
-        self._judged: Judgement | None = None  # of the step that was just taken
-        self._foreseen = [0.0] * len(contacts)  # time for which each contact certainly stays open [s]
         self._explicit = velocity_tolerance is None
         may_change = gap_tolerance is not None or longest > _WORTHWHILE * step
         self._constant = self._explicit and not may_change  # whether all steps have the same length
-        self._calm, self._waits = 0, 0  # looks in a row after which the step stayed; steps until the next look
 
-    @property
-    def pace(self) -> Pace:
-        """What the control knows."""
-        return Pace(self._next, self._largest_energy, self._errors, tuple(self._closings))
+    def begin(self, earlier: Pace | None = None) -> Pacing:
+        """Return what is known at the start of a run; it goes on with the pace of an `earlier` one, if there is one."""
+        n, earlier = len(self.contacts), earlier or Pace()
+        errors: VelocityError | None = None
+        closings: tuple[Closing | None, ...] = (None,) * n
+        if earlier.errors is not None and self._tolerance is not None:
+            errors, closings = replace(earlier.errors, tolerance=self._tolerance), tuple(earlier.closings)
+        return Pacing(0.0, earlier.largest_energy, errors, closings, earlier.step, (False,) * n, (0.0,) * n)
 
-    @property
-    def share_made(self) -> float:
+    def share_made(self, pace: Pacing) -> float:
         """Energy that long steps made in contact, by that of the largest changes of velocity; below zero if lost."""
-        return self._work.made / self._errors.energy if self._work and self._errors and self._work.made else 0.0
+        return self._work.made / pace.errors.energy if self._work and pace.errors and self._work.made else 0.0
 
-    def go_on(self, pace: Pace) -> None:
-        """Go on with the `pace` of an earlier run."""
-        self._at_least, self._largest_energy = pace.step, pace.largest_energy
-        if pace.errors is not None and self._tolerance is not None:
-            self._errors, self._closings = replace(pace.errors, tolerance=self._tolerance), [*pace.closings]
-
-    def next_step(self, last: float) -> float:
-        """Return the next step [s] after one of length `last` [s], from the state at its end."""
-        if self._constant and last == self._next:
-            return last
-        was_open, self._was_open = self._was_open, [run.is_open for run in self._runs]
-        changed = was_open != self._was_open
-        self._foreseen = [0.0 if changed else time - last for time in self._foreseen]
-        if last == self._next and not changed and self._stays(last):
-            return last
-        if self._tolerance is not None and not (self._at_least and self._errors):  # a run that goes on has judged it
-            self._closings = [self._closing(i, last, was_open=was) for i, was in enumerate(was_open)]
-            if not all(self._was_open):
-                self._judge(last, self._tolerance, changed=changed)
-            if self._work is not None:
-                self._work.end_step(last)
-        self._judged = None
-        last, self._at_least = max(last, self._at_least / GROWTH), 0.0
-        self._next = self._allowed_step(last)
-        self._calm = min(max(1, 2 * self._calm), _PATIENCE) if self._next == last and not changed else 0
-        self._waits = self._calm
-        if self._work is not None and self._next > _SAME * self.step and not all(self._was_open):
+    def after_step(self, pace: Pacing, last: float) -> Pacing:
+        """Return the pace after a step of length `last` [s], with the next step, from the state at its end."""
+        if self._constant and last == pace.step:
+            return pace
+        was_open, is_open = pace.is_open, tuple(run.is_open for run in self._runs)
+        changed = was_open != is_open
+        same, foreseen = last == pace.step and not changed, tuple([0.0 if changed else t - last for t in pace.foreseen])
+        pace = pace._replace(is_open=is_open, foreseen=foreseen, waits=pace.waits - (same and all(is_open)))
+        if same and self._stays(pace, last):
+            return pace
+        if self._tolerance is not None and not (pace.at_least and pace.errors):  # a run that goes on has judged it
+            pace = self._judge(pace, was_open, last, self._tolerance)
+        last = max(last, pace.at_least / GROWTH)
+        step, largest_energy, foreseen = self._next_step(pace, last)
+        calm = min(max(1, 2 * pace.calm), _PATIENCE) if step == last and not changed else 0
+        if self._work is not None and step > _SAME * self.step and not all(is_open):
             self._work.begin_step()
-        return self._next
+        pace = pace._replace(step=step, largest_energy=largest_energy, foreseen=foreseen)
+        return pace._replace(at_least=0.0, calm=calm, waits=calm, judged=None)
 
     @cached_property
     def _runs(self) -> list[ContactRun]:
         """State of each contact in the present run, which has begun."""
         return [self._run_of(contact) for contact in self.contacts]
 
-    def _stays(self, last: float) -> bool:
+    def _stays(self, pace: Pacing, last: float) -> bool:
         """Whether a step follows one of the same length without a look at the bodies' motion.
 
         Explicit steps in contact are those of an impact. In free flight vibration changes slowly. If it does not after
         all, the shortest steps resolve it, and explicit ones, which stability limits, nearly so.
         """
         shortest = last == self.step and self.gap_tolerance is None  # no contact that closes makes it shorter
-        if not all(self._was_open):
+        if not all(pace.is_open):
             return shortest and self._explicit
-        self._waits -= 1
         short = self._explicit or last <= _SHORT * self.step
-        return self._waits >= 0 and short and (shortest or min(self._foreseen) >= _FORESEEN * last)
+        return pace.waits >= 0 and short and (shortest or min(pace.foreseen) >= _FORESEEN * last)
 
-    def _judge(self, last: float, tolerance: float, *, changed: bool) -> None:
-        """Take the error of a step in contact into account, and whether contacts have opened or closed in it."""
-        now = self._judged.now if self._judged else self._motion()
-        if begins := self._errors is None:
-            self._errors = VelocityError.at_start(tolerance, [item.kinematics.mass for item in self.bodies], now)
+    def _judge(self, pace: Pacing, was_open: tuple[bool, ...], last: float, tolerance: float) -> Pacing:
+        """Take the error of a step into account, and which contacts have opened or closed in it."""
+        closings = [self._closing(pace, i, last, was_open=was) for i, was in enumerate(was_open)]
+        pace = pace._replace(closings=tuple(closings))
+        if not all(pace.is_open):
+            changed = was_open != pace.is_open
+            pace = pace._replace(errors=self._errors_after(pace, last, tolerance, changed=changed))
+        if self._work is not None:
+            self._work.end_step(last)
+        return pace
+
+    def _errors_after(self, pace: Pacing, last: float, tolerance: float, *, changed: bool) -> VelocityError:
+        """Errors after a step in contact; `changed` is whether contacts have opened or closed in it."""
+        now, errors = pace.judged.now if pace.judged else self._motion(), pace.errors
+        if begins := errors is None:
+            errors = VelocityError.at_start(tolerance, [item.kinematics.mass for item in self.bodies], now)
         if begins or changed:
-            self._errors = self._errors.jumped(self.step, now, self._stored())
-        else:
-            self._errors = self._errors.after(last, self._judged or self._errors.judged(last, now))
+            return errors.jumped(self.step, now, self._stored())
+        return errors.after(last, pace.judged or errors.judged(last, now))
 
-    def _closing(self, i: int, last: float, *, was_open: bool) -> Closing | None:
+    def _closing(self, pace: Pacing, i: int, last: float, *, was_open: bool) -> Closing | None:
         """Contact number i since it closed, after a step [s]; None if it is open, or was closed at the start."""
-        before = self._closings[i]
-        if self._was_open[i] or (before is None and not was_open):
+        before = pace.closings[i]
+        if pace.is_open[i] or (before is None and not was_open):
             return None
         force = self._runs[i].normal_force
         return Closing(0.0, force, 0.0, force) if before is None else before.after(last, force)
 
-    @property
-    def _share(self) -> float:
+    @staticmethod
+    def _share(pace: Pacing) -> float:
         """Share of the tolerance of velocities that holds now."""
-        impacts = any(closing is not None and not closing.lasts for closing in self._closings)
+        impacts = any(closing is not None and not closing.lasts for closing in pace.closings)
         return _IN_IMPACTS if impacts else 1.0
 
-    def _allowed_step(self, last: float) -> float:
-        in_contact, resolving, growth = not all(self._was_open), math.inf, GROWTH
-        if in_contact and self._errors:
-            resolving = min(self._errors.next_step(last, self._share), self._turning_step(self._state()[1]))
+    def _next_step(self, pace: Pacing, last: float) -> tuple[float, float, tuple[float, ...]]:
+        """Step that follows one of length `last` [s], and what `Pacing` calls largest_energy and foreseen."""
+        in_contact, resolving, growth = not all(pace.is_open), math.inf, GROWTH
+        largest_energy = pace.largest_energy
+        if in_contact and pace.errors:
+            resolving = min(pace.errors.next_step(last, self._share(pace)), self._turning_step(self._state()[1]))
             growth = math.inf
         elif in_contact:
             resolving = self.step
         limit = max(self.step, min(self.longest, resolving))
         if limit > self.step and not in_contact:
-            limit = max(self.step, min(limit, self._resolving_step()))
+            resolving, largest_energy = self._resolving_step(largest_energy)
+            limit = max(self.step, min(limit, resolving))
         if last == self.step and limit <= _WORTHWHILE * last and self.gap_tolerance is None:
-            return last  # whenever the next contact closes
-        limit = min(limit, self._until_contact(min(limit, growth * last)))
-        if last < limit <= _WORTHWHILE * last and limit != self.step:
-            return last
-        return min(limit, growth * last)
+            return last, largest_energy, pace.foreseen  # whenever the next contact closes
+        until_contact, foreseen = self._until_contact(pace, min(limit, growth * last))
+        limit = min(limit, until_contact)
+        stays = last < limit <= _WORTHWHILE * last and limit != self.step
+        return last if stays else min(limit, growth * last), largest_energy, foreseen
 
-    def shorter_step(self, taken: float) -> float | None:
+    def shorter_step(self, pace: Pacing, taken: float) -> tuple[float | None, Pacing]:
         """Return a shorter step [s] to replace one that was too long; None if the one taken is short enough.
 
-        Explicit multipliers never close a gap too far: gaps are zero at the end of a step of any length.
+        The pace that is returned too knows how a step that stays was judged. Explicit multipliers never close a gap too
+        far: gaps are zero at the end of a step of any length.
         """
         is_long, opened, tolerance = taken > self.step * _SAME, False, self.gap_tolerance
+        if pace.judged is not None:  # an earlier try of this step
+            pace = pace._replace(judged=None)
         if not is_long and tolerance is None:
-            return None
-        for was_open, run in zip(self._was_open, self._runs, strict=True):
+            return None, pace
+        for was_open, run in zip(pace.is_open, self._runs, strict=True):
             is_open = run.is_open
             if was_open and not is_open and run.forward is None:
                 if is_long or (tolerance is not None and run.mechanics.reach - run.evaluation.least_gap > tolerance):
-                    return 0.5 * taken
+                    return 0.5 * taken, pace
             opened |= is_open and not was_open
-        if self._errors is None or not is_long or all(self._was_open):
-            return None
+        if pace.errors is None or not is_long or all(pace.is_open):
+            return None, pace
         if opened and taken > _LIFTED * self.step:
-            return max(0.5 * taken, self.step)
-        self._judged = self._errors.judged(taken, self._motion())
-        shorter = self._errors.shorter_step(taken, self._judged.error, self._share)
-        return None if shorter is None else max(shorter, self.step)
+            return max(0.5 * taken, self.step), pace
+        judged = pace.errors.judged(taken, self._motion())
+        shorter = pace.errors.shorter_step(taken, judged.error, self._share(pace))
+        if shorter is None:
+            return None, pace._replace(judged=judged)
+        return max(shorter, self.step), pace
 
     def _motion(self) -> BodyMotion:
         """Present motion of all bodies."""
@@ -404,34 +450,34 @@ class StepControl:
         """Energy that bodies and contacts store at present [J]."""
         stored = sum(run.evaluation.stored for run in self._runs)
         q = self._state()[0]
-        for item, own in self._own.items():
-            stored += float(item.body.strain_energy(item.kinematics.elastic(q[own])))
+        for item, place in self._places.items():
+            stored += float(item.body.strain_energy(item.kinematics.elastic(q[place])))
         return stored
 
-    def _until_contact(self, step: float) -> float:
-        """Longest step up to the next contact [s], where the next step is at most `step` [s].
+    def _until_contact(self, pace: Pacing, step: float) -> tuple[float, tuple[float, ...]]:
+        """Longest step up to the next contact [s], where the next step is at most `step` [s], and what is foreseen.
 
         Predictions take long: so none is made where it would change nothing, or where an earlier one still holds.
         """
-        limit = math.inf
+        limit, foreseen = math.inf, [*pace.foreseen]
         if step <= self.step and self.gap_tolerance is None:
-            return limit
+            return limit, pace.foreseen
         for i, contact in enumerate(self.contacts):
-            if self._was_open[i] and self._foreseen[i] < _FORESEEN * step:
+            if pace.is_open[i] and foreseen[i] < _FORESEEN * step:
                 time, speed = self._predicted(contact, self._runs[i])
-                self._foreseen[i] = min(time, max(_SIGHT[0] * step, _SIGHT[1] * self.step))
+                foreseen[i] = min(time, max(_SIGHT[0] * step, _SIGHT[1] * self.step))
                 touching = self.step
                 if self.gap_tolerance is not None and speed > 0:
                     touching = min(touching, self.gap_tolerance / speed)
                 limit = min(limit, max(touching, min(_CAUTION * time, time - _LANDING * touching)))
-        return limit
+        return limit, tuple(foreseen)
 
     def _predicted(self, contact: PartitionContact, run: ContactRun) -> tuple[float, float]:
         """Time to contact [s] and speed of approach then [m/s], from the present state."""
         q, q_t, q_tt = self._state()
-        sides = [(item, self._own[item]) for item, _ in contact.sides]
+        sides = [(item, self._places[item]) for item, _ in contact.sides]
         # Accelerations of vibration change sign too soon: those of the rigid motion count alone.
-        motion = [(q[own], q_t[own], item.kinematics.rigid_part(q_tt[own])) for item, own in sides]
+        motion = [(q[place], q_t[place], item.kinematics.rigid_part(q_tt[place])) for item, place in sides]
         return _first_touch(*run.closing(*map(np.concatenate, zip(*motion, strict=True))))
 
     def _turning_step(self, q_t: Array) -> float:
@@ -439,9 +485,10 @@ class StepControl:
         fastest = max((math.hypot(*q_t[spin].tolist()) for spin in self._spins), default=0.0)
         return 2 * np.pi / (STEPS_A_PERIOD * fastest) if fastest else math.inf
 
-    def _resolving_step(self) -> float:
-        """Step that resolves vibration and rotation [s]."""
+    def _resolving_step(self, largest_energy: float) -> tuple[float, float]:
+        """Step that resolves vibration and rotation [s], and the largest kinetic energy [J], by that so far."""
         q, q_t, _ = self._state()
-        self._largest_energy = max(self._largest_energy, self._vibration.kinetic_energy(q_t))
-        fastest = self._vibration.fastest(q, q_t, self.unresolved * self._largest_energy)
-        return min(self._turning_step(q_t), 1 / (STEPS_A_PERIOD * fastest) if fastest else math.inf)
+        largest_energy = max(largest_energy, self._vibration.kinetic_energy(q_t))
+        fastest = self._vibration.fastest(q, q_t, self.unresolved * largest_energy)
+        step = min(self._turning_step(q_t), 1 / (STEPS_A_PERIOD * fastest) if fastest else math.inf)
+        return step, largest_energy

@@ -64,7 +64,7 @@ class ItemMark:
     sketches: Array
 
     @classmethod
-    def of(cls, said: str, content: Mapping[str, object]) -> ItemMark:
+    def of_item(cls, said: str, content: Mapping[str, object]) -> ItemMark:
         """Mark of an item with this content, by the names of its parts."""
         exact, sketches = [], dict[str, Array]()
         for part, value in content.items():
@@ -149,7 +149,7 @@ class StoredContactRun:
     damped: bool = False
 
     @classmethod
-    def of(cls, contact: PartitionContact, kept: KeptRun | None) -> StoredContactRun:
+    def of_contact(cls, contact: PartitionContact, kept: KeptRun | None) -> StoredContactRun:
         """Data of a contact of a model, or of one that was stored."""
         mechanics = contact.mechanics
         return cls(
@@ -382,7 +382,7 @@ def described(bodies: Sequence[PartitionBody], contacts: Sequence[PartitionConta
             "plastic states": {str(patch): vars(state) for patch, state in item.plastic_states.items()},
         }
         sensors = [*map(int, item["sCoordinates"]), *map(int, item["sCoordinates_t"])]
-        marks.append(ItemMark.of(f"body {item.name!r}, {item.frame} frame, sensors {sensors}", content))
+        marks.append(ItemMark.of_item(f"body {item.name!r}, {item.frame} frame, sensors {sensors}", content))
     for contact in contacts:
         of = [(item.name, patch) for item, patch in contact.sides]
         rigid = None if isinstance(contact.master, PartitionBody) else contact.master
@@ -399,7 +399,7 @@ def described(bodies: Sequence[PartitionBody], contacts: Sequence[PartitionConta
             "areas": np.array(contact.mechanics.node_areas),
         }
         said = f"contact {contact.name!r} of {of}{master}, {law}, {contact.rows} rows, sensor {int(contact['sForce'])}"
-        marks.append(ItemMark.of(said, content))
+        marks.append(ItemMark.of_item(said, content))
     return tuple(marks)
 
 

@@ -104,7 +104,7 @@ class VelocityError:
         """Kinetic energy of all bodies' largest changes of velocity [J], at least a small share of what is stored."""
         return max(0.5 * float(self.squares.sum()), _STORED * self.stored)
 
-    def of(self, step: float, now: BodyMotion) -> float:
+    def error(self, step: float, now: BodyMotion) -> float:
         """Error of a step [s] that ends in this motion."""
         return self.judged(step, now).error
 

@@ -21,9 +21,9 @@ class Vibration:
     """
 
     def __init__(self, bodies: Sequence[PartitionBody]) -> None:
-        own = consecutive([item.body.n_dofs for item in bodies])
+        slices = consecutive([item.body.n_dofs for item in bodies])
         modal, self._nodal = [], []
-        for item, dofs in zip(bodies, own, strict=True):
+        for item, dofs in zip(bodies, slices, strict=True):
             if item.body.n_shapes == item.body.n_dofs:
                 modal.append((np.arange(dofs.start + 6, dofs.stop), item.body.basis.omega[6:]))
             else:
@@ -48,7 +48,7 @@ class Vibration:
         if self._nodal:
             of_modes, energies = energies, np.empty(len(self._frequencies))
             energies[self._modes] = of_modes
-            energies[self._of_nodal] = [_energy(item, q[own], q_t[own]) for item, own in self._nodal]
+            energies[self._of_nodal] = [_energy(item, q[dofs], q_t[dofs]) for item, dofs in self._nodal]
         first = int(energies.cumsum().searchsorted(2 * least, side="right"))
         return float(self._frequencies[first]) if first < len(self._frequencies) else 0.0
 

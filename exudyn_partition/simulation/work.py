@@ -34,7 +34,7 @@ class Work:
     contact_s: float = 0.0
 
     @classmethod
-    def of(cls, solver: Solver | None, run: ModelRun | None) -> Work:
+    def counted(cls, solver: Solver | None, run: ModelRun | None) -> Work:
         """Work of a run, as far as Exudyn's solver and the contacts record it."""
         of_solver = (0, 0, 0) if solver is None else (solver.rejected_steps, solver.jacobians, solver.newton_iterations)
         of_contacts = (0, 0, 0.0) if run is None else (run.active_set_iterations, run.pair_searches, run.contact_s)

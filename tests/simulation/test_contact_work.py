@@ -8,7 +8,7 @@ import pytest
 from oracles import MARBLE_RADIUS
 
 import exudyn_partition as ep
-from exudyn_partition.simulation import solve
+from exudyn_partition.simulation import adaptive_options
 from exudyn_partition.simulation.contact_work import ContactWork
 
 GRAVITY, SPEED = 2e3, 0.2  # [m/s2], [m/s]
@@ -37,7 +37,7 @@ def test_the_work_of_long_steps_is_what_the_balance_lacks(round_body, frame, fri
 
     def after_step(mbs, t):
         if not works:
-            works.append(ContactWork.of(mbs, [contact]))
+            works.append(ContactWork.if_known(mbs, [contact]))
         works[0].end_step(step)
         works[0].begin_step()
         return True
@@ -56,7 +56,7 @@ def test_the_work_of_long_steps_is_what_the_balance_lacks(round_body, frame, fri
 @pytest.mark.filterwarnings("ignore::exudyn_partition.errors.YieldWarning")
 def test_long_steps_that_make_energy_warn(marble, monkeypatch):
     """With errors of velocities a thousand times too large; with the right ones the same run is quiet."""
-    monkeypatch.setattr(solve, "TOLERANCE", 1.0)
+    monkeypatch.setattr(adaptive_options, "TOLERANCE", 1.0)
     said = []
     for tolerance in (1e-3, 1.0):
         mbs = exu.SystemContainer().AddSystem()
@@ -79,6 +79,6 @@ def test_work_of_carriers_is_not_judged(mbs, marble):
     ball = ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, MARBLE_RADIUS])
     alone = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="south")
     carried = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="south", masterBody=carrier)
-    assert ContactWork.of(mbs, []) is None
-    assert ContactWork.of(mbs, [alone, carried]) is None
-    assert ContactWork.of(mbs, [alone]) is not None
+    assert ContactWork.if_known(mbs, []) is None
+    assert ContactWork.if_known(mbs, [alone, carried]) is None
+    assert ContactWork.if_known(mbs, [alone]) is not None

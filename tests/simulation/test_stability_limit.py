@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import warnings
 
 import exudyn as exu
 import exudyn.itemInterface as items
@@ -11,8 +12,8 @@ import scipy.linalg
 from oracles import MARBLE_RADIUS, SPHERE_RADIUS, TOP, add_force
 
 import exudyn_partition as ep
-from exudyn_partition.errors import ModelLimitWarning, StoppedRunWarning
-from exudyn_partition.simulation import solve, stability
+from exudyn_partition.errors import ModelLimitWarning, PartitionWarning, StoppedRunWarning
+from exudyn_partition.simulation import stability, step_choice
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +86,7 @@ def test_stability_limit(adapted, surface, options, frame, monkeypatch):
     assert result.status == "finished"
     assert contact.force(result).max() > 100
     assert ep.stability_limit(mbs) == pytest.approx(limit, rel=1e-6)
-    monkeypatch.setattr(solve, "stability_limit", lambda mbs: np.inf)
+    monkeypatch.setattr(step_choice, "stability_limit", lambda mbs: np.inf)
     if options.get("stiffness") is None:  # in that case there is no row that is not closed
         with pytest.warns(StoppedRunWarning) as caught:
             result = ep.solve_dynamic(mbs, end_time=(300 if surface else 100) * limit, step=1.05 * limit)
@@ -104,13 +105,30 @@ def test_damping_lowers_the_limit(mbs, marble, ratio, monkeypatch):
     mbs.Assemble()
     limit, omega = ep.stability_limit(mbs), marble.basis.omega.max()
     assert limit == pytest.approx(2 * (np.hypot(ratio, 1) - ratio) / omega, rel=1e-3)
-    monkeypatch.setattr(solve, "stability_limit", lambda mbs: np.inf)
+    monkeypatch.setattr(step_choice, "stability_limit", lambda mbs: np.inf)
     strong = pytest.warns(ModelLimitWarning, match="modes with ratios of 0.2") if ratio else contextlib.nullcontext()
     with strong:
         result = ep.solve_dynamic(mbs, end_time=300 * limit, step=0.98 * limit)
     assert result.status == "finished"
     with pytest.warns(StoppedRunWarning, match="beyond all bounds"):
         ep.solve_dynamic(mbs, end_time=300 * limit, step=1.03 * limit)
+
+
+@pytest.mark.parametrize("factor", [1.3, 2.0])  # with the second one, rows of the penalty are closed at the end
+@pytest.mark.parametrize("formulation", ["compliance", "penalty"])
+def test_an_unstable_run_tells_it_in_our_words_alone(mbs, marble, formulation, factor, monkeypatch):
+    """Its energies overflow before its gaps do, in each sample and at its end."""
+    item = ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, MARBLE_RADIUS], initialVelocity=[0, 0, -0.01])
+    ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="south", formulation=formulation)
+    mbs.Assemble()
+    step = factor * ep.stability_limit(mbs)
+    monkeypatch.setattr(step_choice, "stability_limit", lambda mbs: np.inf)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        result = ep.solve_dynamic(mbs, end_time=5000 * step, step=step)
+    assert result.status == "unstable"
+    assert "not finite" in result.message
+    assert {issubclass(each.category, PartitionWarning) for each in said} == {True}
 
 
 @pytest.mark.parametrize("most", [stability.DENSE, 0])

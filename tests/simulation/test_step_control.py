@@ -124,7 +124,18 @@ class Watched:
         return self.q, self.q_t, self.q_tt
 
     def control(self, **options):
-        return StepControl([], [self.item], self, None, step=1e-8, **options)
+        return Steps(StepControl([], [self.item], self, None, step=1e-8, **options))
+
+
+class Steps:
+    """Steps that a control chooses, one after the other."""
+
+    def __init__(self, control):
+        self.control, self.pace = control, control.begin()
+
+    def after(self, last):
+        self.pace = self.control.after_step(self.pace, last)
+        return self.pace.step
 
 
 @pytest.mark.parametrize("tolerance", [None, 1e-3], ids=["explicit", "implicit"])
@@ -134,13 +145,14 @@ def test_vibration_that_forbids_growth_is_looked_at_in_few_steps(mbs, marble, to
     motion.q_t[-1] = 1e-2  # the fastest mode, with more energy than all rigid motion
     step = 1 / (25 * marble.basis.omega[-1] / (2 * np.pi))
     control = StepControl([], [motion.item], motion, None, step=step, longest=1.0, velocity_tolerance=tolerance)
+    control = Steps(control)
     last, steps = step, 400
     for _ in range(steps):
-        last = control.next_step(last)
+        last = control.after(last)
         assert last == step
     assert motion.asked < steps / 7
     motion.q_t[-1] = 0.0
-    taken = [last := control.next_step(last) for _ in range(20)]
+    taken = [last := control.after(last) for _ in range(20)]
     assert np.count_nonzero(np.equal(taken, step)) <= 8
     assert taken[-1] > 10 * step
 
@@ -149,7 +161,7 @@ def test_steps_that_cannot_grow_need_no_look_at_the_motion(mbs, marble):
     motion = Watched(mbs, marble)
     control, last = motion.control(longest=1.05e-8), 1e-8
     for _ in range(50):
-        last = control.next_step(last)
+        last = control.after(last)
         assert last == 1e-8
     assert motion.asked <= 1
 
@@ -159,10 +171,55 @@ def test_long_steps_get_shorter_as_soon_as_a_fast_mode_vibrates(mbs, marble):
     motion, last = Watched(mbs, marble), 1e-8
     control = motion.control(longest=1e-4, velocity_tolerance=1e-3)
     for _ in range(60):
-        last = control.next_step(last)
+        last = control.after(last)
     assert last > 0.9e-4
     motion.q_t[-1] = 1e-2
-    assert control.next_step(last) == pytest.approx(1 / (25 * marble.basis.omega[-1] / (2 * np.pi)))
+    assert control.after(last) == pytest.approx(1 / (25 * marble.basis.omega[-1] / (2 * np.pi)))
+
+
+class Closed:
+    """The run of a contact that is closed with a constant force."""
+
+    is_open, forward, normal_force = False, None, 1.0
+    mechanics = SimpleNamespace(stored=lambda: 0.0)
+
+
+def closed_control(motion):
+    contact = SimpleNamespace(sides=[(motion.item, 0)])
+    return StepControl(
+        [contact], [motion.item], motion, lambda contact: Closed, step=1e-8, longest=1e-4, velocity_tolerance=1e-3
+    )
+
+
+def test_a_step_follows_from_the_pace_alone(mbs, marble):
+    """Whatever steps the control has chosen meanwhile."""
+    motion = Watched(mbs, marble)
+    control, last = closed_control(motion), 1e-8
+    pace = control.begin()
+    motion.q_tt = 1e3 * marble.rigid[:, 2]
+    for _ in range(30):
+        motion.q_t = motion.q_t + last * motion.q_tt
+        before, pace = pace, control.after_step(pace, last)
+        again = control.after_step(before, last)
+        assert (again.step, again.calm, again.closings) == (pace.step, pace.calm, pace.closings)
+        last = pace.step
+    assert last > 2e-8
+
+
+def test_a_try_that_was_refused_does_not_judge_the_step_that_replaces_it(mbs, marble):
+    """The refused try ended with accelerations that the shorter one does not reach."""
+    motion = Watched(mbs, marble)
+    control = closed_control(motion)
+    pace = control.after_step(control.begin(), 1e-8)
+    motion.q_t = motion.q_t + 0.01 * marble.rigid[:, 2]
+    pace = control.after_step(pace, 1e-8)
+    motion.q_tt = 1e6 * marble.rigid[:, 2]
+    shorter, tried = control.shorter_step(pace, 1e-3)
+    assert shorter is not None
+    motion.q_tt = np.zeros_like(motion.q_tt)
+    accepted, tried = control.shorter_step(tried, 1e-8)
+    assert accepted is None
+    assert control.after_step(tried, 1e-8).errors.rate == control.after_step(pace, 1e-8).errors.rate
 
 
 def test_time_to_contact_with_a_surface_that_a_body_carries(body):
@@ -201,8 +258,8 @@ def test_a_body_that_spins_takes_25_steps_a_turn_at_least(mbs, marble):
     q_t = np.zeros(marble.n_dofs)
     q_t[3:6] = [300.0, 0.0, -400.0]
     state = np.zeros(marble.n_dofs), q_t, np.zeros(marble.n_dofs)
-    control = StepControl([], [item], lambda: state, None, step=1e-9, longest=1.0)
-    assert control.next_step(1.0) == pytest.approx(2 * np.pi / 500.0 / 25)
+    control = Steps(StepControl([], [item], lambda: state, None, step=1e-9, longest=1.0))
+    assert control.after(1.0) == pytest.approx(2 * np.pi / 500.0 / 25)
 
 
 @pytest.mark.parametrize("gap_tolerance", [None, 2e-9])
@@ -219,12 +276,12 @@ def test_predictions_are_few_until_a_contact_is_near(mbs, marble, gap_tolerance)
         return np.array([height - speed * t]), rows - speed, rows
 
     contact, run = SimpleNamespace(sides=[(item, 0)]), SimpleNamespace(is_open=True, closing=closing)
-    control = StepControl(
+    control = Steps(StepControl(
         [contact], [item], lambda: state, lambda contact: run,
         step=step, longest=longest, gap_tolerance=gap_tolerance,
-    )  # fmt: skip
+    ))  # fmt: skip
     while t < height / speed:
-        taken.append(control.next_step(taken[-1]))
+        taken.append(control.after(taken[-1]))
         t += taken[-1]
     assert taken[-1] <= step * (1 + 1e-9)
     assert t - height / speed <= (step if gap_tolerance is None else gap_tolerance / speed)

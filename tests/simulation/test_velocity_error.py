@@ -43,7 +43,7 @@ def test_the_error_is_how_far_a_trapezoidal_step_misplaces_an_oscillator(t):
     errors = after(errors, h, [v], [a])
     end = swing.step(u, v, h)
     misplaced = abs(end - swing.exact(t + h)[0]) / h
-    found = errors.of(h, BodyMotion(np.array([0.0]), np.array([-(swing.w**2) * end])))
+    found = errors.error(h, BodyMotion(np.array([0.0]), np.array([-(swing.w**2) * end])))
     assert found == pytest.approx(misplaced / (2 * swing.v), rel=0.02)
 
 
@@ -123,7 +123,7 @@ def test_a_common_velocity_does_not_make_errors_look_small():
     for common in (0.0, 1e6):
         errors = at_start([[1.0, 3.0]], [common, 0.0])
         errors = after(errors, 1.0, [common + 2.0, 1.0], [0.1, 0.0])
-        found.append(errors.of(0.5, BodyMotion(np.array([common + 1.0, 0.0]), np.array([0.3, 0.2]))))
+        found.append(errors.error(0.5, BodyMotion(np.array([common + 1.0, 0.0]), np.array([0.3, 0.2]))))
     assert found[1] == pytest.approx(found[0], rel=1e-6)
     assert found[0] > 0
 

@@ -85,12 +85,12 @@ def surface_stress(body: ReducedBody, facets: Array, deformed: Array, material: 
     found, middles = np.empty((len(deformed), len(facets))), np.empty((len(facets), 3))
     modulus = material.E / (1 - material.nu**2)
     for rows, columns in by_shape(facets):
-        own = facets[rows][:, columns]
+        corners = facets[rows][:, columns]
         middle = np.full((1, 2), 1 / 2 if len(columns) in QUADS else 1 / 3)
         value, by_r, by_s = shape_functions(middle, len(columns))[0]
-        nodes, at = np.unique(own, return_inverse=True)
+        nodes, at = np.unique(corners, return_inverse=True)
         moved = np.asarray(body.rows(nodes) @ deformed.T).T.reshape(len(deformed), len(nodes), 3)
-        moved, points = moved[:, at.reshape(own.shape)], body.points[own]
+        moved, points = moved[:, at.reshape(corners.shape)], body.points[corners]
         along, aside = by_r @ points, by_s @ points  # tangents
         length = np.linalg.norm(along, axis=1)
         x, normal = along / length[:, None], np.cross(along, aside)

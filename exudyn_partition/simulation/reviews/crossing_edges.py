@@ -71,7 +71,7 @@ def _crossing(run: ReviewedRun, history: ContactHistory) -> Iterator[Finding]:
         return
     pressed, around = np.maximum(history.pressed[chosen], 0.0), neighbours(surfaces[0])
     places = [
-        item.kinematics.at(surface.nodes).place(run.of(item).q[chosen])
+        item.kinematics.at(surface.nodes).place(run.body(item).q[chosen])
         for (item, _), surface in zip(contact.sides, surfaces, strict=False)
     ]
     if rigid:
@@ -81,10 +81,10 @@ def _crossing(run: ReviewedRun, history: ContactHistory) -> Iterator[Finding]:
         place, axes = motion
         places.append(place[:, None] + surfaces[1].points @ axes.swapaxes(1, 2))
     x_s, x_m = places
-    edges, size = [_Edges.of(surface) for surface in surfaces], min(surface.facet_size for surface in surfaces)
+    edges, size = [_Edges.of_surface(surface) for surface in surfaces], min(surface.facet_size for surface in surfaces)
     for i, sample in enumerate(chosen):
         held = np.zeros(len(surfaces[0].points), dtype=bool)
-        nodes, forces = history.rows_at(sample)
+        nodes, forces = history.rows.at_sample(int(sample))
         held[nodes[forces > 0]] = True
         held |= around @ held > 0
         found = [_deepest_crossing(edges, x_s[i], x_m[i], held)]
@@ -135,7 +135,7 @@ class _Edges:
     weights: Array
 
     @classmethod
-    def of(cls, surface: Surface) -> _Edges:
+    def of_surface(cls, surface: Surface) -> _Edges:
         """Find those of a surface at the start."""
         across = neighbours_across(surface.facets)[0]
         facet, edge = sharp_edges(surface.points, surface.facets)
@@ -151,7 +151,7 @@ class _Edges:
         beside = np.stack([facet, np.where(other < 0, facet, other)], axis=1)
         return cls(surface.facets, beside, shape.reshape(len(beside), 3, surface.facets.shape[1]))
 
-    def at(self, points: Array) -> tuple[Array, Array, Array]:
+    def pieces(self, points: Array) -> tuple[Array, Array, Array]:
         """Pieces at places of the nodes, (np, 3) [m].
 
         Returns ends, (2 k, 2, 3) [m], mean outward unit normals, (2 k, 3), and the cosine between these and the normals
@@ -165,7 +165,7 @@ class _Edges:
         ends = np.stack([x[:, :2], x[:, 1:]], axis=2).reshape(-1, 2, 3)
         return ends, np.repeat(mean, 2, axis=0), np.repeat(cosine, 2)
 
-    def held(self, nodes: Array) -> Array:
+    def touch(self, nodes: Array) -> Array:
         """Whether the facets of each piece have one of some nodes, (np,) bool: (2 k,) bool."""
         return np.repeat(nodes[self.facets[self.beside]].any(axis=(1, 2)), 2)
 
@@ -180,7 +180,7 @@ def _deepest_crossing(edges: list[_Edges], x_s: Array, x_m: Array, held: Array) 
 
     They pass each other along a direction that lies between the facets on both sides of each edge.
     """
-    (a, n_a, cosine_a), (b, n_b, cosine_b) = (one.at(x) for one, x in zip(edges, (x_s, x_m), strict=True))
+    (a, n_a, cosine_a), (b, n_b, cosine_b) = (edge.pieces(x) for edge, x in zip(edges, (x_s, x_m), strict=True))
     if not len(a) or not len(b):
         return _NOWHERE
     reach = sum(np.linalg.norm(x[:, 1] - x[:, 0], axis=1).max() for x in (a, b)) / 2
@@ -195,7 +195,7 @@ def _deepest_crossing(edges: list[_Edges], x_s: Array, x_m: Array, held: Array) 
     squared[~crossing] = 1.0
     s, t = (ab * wb - bb * wa) / squared, (aa * wb - ab * wa) / squared
     way = apart + s[:, None] * one - t[:, None] * two  # from the master's edge to the slave's
-    crossing &= (s > 0) & (s < 1) & (t > 0) & (t < 1) & ~edges[0].held(held)[i]
+    crossing &= (s > 0) & (s < 1) & (t > 0) & (t < 1) & ~edges[0].touch(held)[i]
     depth = np.linalg.norm(way, axis=1)
     outward, inward = (np.einsum("kd,kd->k", way, normal) for normal in (n_a[i], n_b[j]))
     crossing &= outward > np.maximum(cosine_a[i] - _ASIDE, 0.0) * depth

@@ -79,13 +79,13 @@ def axial_forces(run: ReviewedRun) -> Iterator[Finding]:
             # The time of statics is no time in which a pulse ends before the link bends.
             force = -link.tension(elastic) if result.method == "static" else compression(link, result.t, elastic)
             between = " and ".join(map(repr, link.ends))
-            for own, how, changed in ((force, "compressed", "softer"), (-force, "pulled", "stiffer")):
-                share = own.max() / link.buckling_load
+            for push, how, changed in ((force, "compressed", "softer"), (-force, "pulled", "stiffer")):
+                share = push.max() / link.buckling_load
                 if share > _LARGEST_AXIAL:
-                    start = result.t[int((own > _LARGEST_AXIAL * link.buckling_load).argmax())]
+                    start = result.t[int((push > _LARGEST_AXIAL * link.buckling_load).argmax())]
                     yield Finding(
                         f"{called(item)} is {how} between its interfaces {between}, from {when(result, start)} on by "
-                        f"up to {own.max():.4g} N, {share:.2g} of the {link.buckling_load:.4g} N at which it buckles, "
+                        f"up to {push.max():.4g} N, {share:.2g} of the {link.buckling_load:.4g} N at which it buckles, "
                         "hinged at both ends (a quarter of them, if one end is clamped and the other free). Its "
                         f"bending is linear; in truth it is {changed} by that share, so that frequencies and "
                         "deflections are off. Reduce it with geometric_stiffness=True, or keep the force below a tenth"

@@ -49,19 +49,19 @@ def _entered(
     sides = [item for item, _ in contact.sides]
     for item, other in zip(sides, sides[::-1] if len(sides) > 1 else [contact.master], strict=True):
         deep = _DEEP * size_of(item.body)
-        if not isinstance(other, PartitionBody) and contact.carrier is None and run.of(item).way < deep:
+        if not isinstance(other, PartitionBody) and contact.carrier is None and run.body(item).way < deep:
             continue  # nothing that was outside at the start can be so deep
         nodes = _beside(item.body, met[item, id(other)])
-        places = item.kinematics.at(nodes).place(run.of(item).q[chosen])
+        places = item.kinematics.at(nodes).place(run.body(item).q[chosen])
         if isinstance(other, PartitionBody):
-            depth = _depths_in_body(places, other, run.of(other).q[chosen])
+            depth = _depths_in_body(places, other, run.body(other).q[chosen])
         else:
             motion = surface_motion(contact.carrier, result.others, result.t[chosen])
             if motion is None:
                 continue
             place, axes = motion
-            own = places if contact.carrier is None else (places - place[:, None]) @ axes
-            depth = -other.project(own.reshape(-1, 3))[0].reshape(own.shape[:2])
+            on_surface = places if contact.carrier is None else (places - place[:, None]) @ axes
+            depth = -other.project(on_surface.reshape(-1, 3))[0].reshape(on_surface.shape[:2])
         entered = np.where(depth[0] < 0.0, depth, 0.0) > dent[:, None] + deep
         if entered.any():
             sample, node = np.argwhere(entered)[0]

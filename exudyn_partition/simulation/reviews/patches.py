@@ -57,7 +57,7 @@ def directions(run: ReviewedRun) -> Iterator[Finding]:
             if patch.wanders:
                 yield from _off_normals(run, history, side, top)
                 continue
-            line = item.kinematics.frame(run.of(item).q[top])[1] @ patch.direction
+            line = item.kinematics.frame(run.body(item).q[top])[1] @ patch.direction
             aside = np.arccos(np.clip(sign * force @ line / np.linalg.norm(force), -1, 1))
             if aside > _ASIDE:
                 yield Finding(
@@ -113,7 +113,7 @@ def _far(run: ReviewedRun, history: ContactHistory) -> Finding | None:
     """Surface that is far away, compared with the size of the bodies, and stays there; None if there is none."""
     contact = history.contact
     places = [
-        item.kinematics.at(item.body.partition.patches[number].nodes).place(run.of(item).q[[0, -1]])
+        item.kinematics.at(item.body.partition.patches[number].nodes).place(run.body(item).q[[0, -1]])
         for item, number in contact.sides
     ]
     size = max(size_of(item.body) for item, _ in contact.sides)

@@ -18,7 +18,7 @@ from ...surfaces.rows import PENETRATION_TOLERANCE
 from ...surfaces.surface import Surface
 from ..result import called, when
 from .crossing_edges import looked_at, neighbours
-from .reviewed_run import ContactHistory, Finding, ReviewedRun
+from .reviewed_run import BodyHistory, ContactHistory, Finding, ReviewedRun
 
 _ENERGY = 1e-2  # energy that overlap at the start may store, as a share of the bodies' largest energy
 _MOVED = 0.1  # share of the stored energy: with less kinetic energy, bodies rest on each other and do not fly apart
@@ -44,7 +44,7 @@ def overlap(run: ReviewedRun) -> Iterator[Finding]:
         if depth <= _ROUND_OFF * size:
             continue
         stored = float(contact.energy(first)[0])
-        bodies = [run.of(item) for item, _ in contact.sides]
+        bodies = [run.body(item) for item, _ in contact.sides]
         largest = max(float(body.energy.max()) for body in bodies)
         if contact.compliant:
             thrown = max(body.kinetic_energy.max() for body in bodies) > _MOVED * stored
@@ -110,21 +110,24 @@ def _sunk(run: ReviewedRun, history: ContactHistory, gaps: RigidGaps) -> Iterato
     if not len(chosen):
         return
     t, (item, number) = result.t[chosen], contact.sides[0]
+    surface = item.body.surface(np.zeros(3), number)
+    allowed, body = _allowed_depth(surface), run.body(item)
+    deepest = _largest_depths(history, gaps, body)
     motion = surface_motion(contact.carrier, result.others, t)
-    if motion is None:
+    if motion is None or (deepest <= allowed).all():
         return
-    (carried, axes), q = motion, run.of(item).q[chosen]
+    near = np.flatnonzero(deepest > 0.0)
+    (carried, axes), q = motion, body.q[chosen]
     places = side.kinematics.place(q)
     for i, sample in enumerate(chosen) if contact.plastic else ():
         if (dent := dents(int(sample))) is not None:
             places[i] += dent[0] @ side.kinematics.frame(q[i])[1].T
     on_surface = places if contact.carrier is None else (places - carried[:, None]) @ axes
-    depth = -gaps.surface.project(on_surface.reshape(-1, 3))[0].reshape(places.shape[:2])
-    surface = item.body.surface(np.zeros(3), number)
-    allowed = _allowed_depth(surface)
+    depth = np.full(places.shape[:2], -np.inf)
+    depth[:, near] = -gaps.surface.project(on_surface[:, near].reshape(-1, 3))[0].reshape(len(q), len(near))
     if (depth <= allowed).all():
         return
-    held = history.rows[chosen].toarray() != 0
+    held = history.rows.matrix(chosen).toarray() != 0
     # Beside a contact the coordinates alone also place the surface too deep. The contact's flexibility lifts it.
     lifted = np.where(held, depth, 0.0).max(axis=1, initial=0.0)
     sunk = (depth - lifted[:, None] > allowed) & ~held
@@ -145,6 +148,16 @@ def _sunk(run: ReviewedRun, history: ContactHistory, gaps: RigidGaps) -> Iterato
         "edge",
         ContactPatchWarning,
     )
+
+
+def _largest_depths(history: ContactHistory, gaps: RigidGaps, body: BodyHistory) -> Array:
+    """Depths in a rigid surface that nodes cannot have exceeded, (np,) [m]: those at the start, and the body's way.
+
+    They are not known if the surface moves, or if dents move the nodes.
+    """
+    if history.contact.carrier is not None or history.contact.plastic:
+        return np.full(len(gaps.whole.surface.points), np.inf)
+    return np.asarray(body.way - gaps.surface.project(gaps.whole.kinematics.place(body.q[0]))[0])
 
 
 @once

@@ -72,7 +72,7 @@ def few_rows(run: ReviewedRun) -> Iterator[Finding]:
             continue  # a growing contact begins with one row
         if contact.beside is not None and contact.beside.force(result)[top] > force[top]:
             continue
-        nodes, forces = history.rows_at(top)
+        nodes, forces = history.rows.at_sample(top)
         peak = f"{called(contact)} at {when(result, result.t[top])}"
         if np.isin(nodes[forces != 0], contact.mechanics.gaps.slave.surface.sharp).all():
             yield Finding(

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.sparse as sp
 
 from ...errors import ModelLimitWarning
 from ...exudyn_bodies.partition_body import PartitionBody
 from ...exudyn_contacts.contact_run import ContactRun
 from ...exudyn_contacts.kept_run import KeptRun
 from ...exudyn_contacts.partition_contact import PartitionContact, stress_by_rows
+from ...exudyn_contacts.row_samples import RowSamples
 from ...exudyn_contacts.run_record import Solver
 from ...prediction.yielding import Stress
 from ...reduction.body import ReducedBody
@@ -170,9 +170,9 @@ class ContactHistory:
         return closed_spans(self.force)
 
     @cached_property
-    def rows(self) -> sp.csr_matrix:
-        """Force of the row of each of the slave's patch nodes, (n, np) [N]."""
-        return self.contact.row_forces(self._result)
+    def rows(self) -> RowSamples:
+        """Forces of the rows."""
+        return RowSamples.kept(self.kept, self._result.t)
 
     @cached_property
     def ringing(self) -> Ringing | None:
@@ -186,13 +186,8 @@ class ContactHistory:
 
     def radius_at(self, sample: int) -> float:
         """Radius of a circle of the contact area at a sample [m]."""
-        nodes, forces = self.rows_at(sample)
+        nodes, forces = self.rows.at_sample(sample)
         return math.sqrt(float(self.contact.mechanics.node_areas[nodes[forces > 0]].sum()) / math.pi)
-
-    def rows_at(self, sample: int) -> tuple[Array, Array]:
-        """Nodes of the rows with a force at a sample, (k,), and these forces, (k,) [N]."""
-        there = slice(*self.rows.indptr[sample : sample + 2])
-        return self.rows.indices[there], self.rows.data[there]
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +229,7 @@ class ReviewedRun:
     def _histories(self) -> dict[PartitionBody, BodyHistory]:
         return {body.item: body for body in self.bodies}
 
-    def of(self, item: PartitionBody) -> BodyHistory:
+    def body(self, item: PartitionBody) -> BodyHistory:
         """History of a body of the model."""
         return self._histories[item]
 

@@ -87,11 +87,11 @@ def _sliding_speed(run: ReviewedRun, history: ContactHistory) -> float | None:
         return None
     some = pressed[np.unique(np.linspace(0, len(pressed) - 1, _LOOKED_AT).astype(int))]
     nodes = contact.mechanics.gaps.slave.surface.nodes
-    weights = history.rows[some].toarray()[:, : len(nodes)]
-    places = contact.slave.kinematics.at(nodes).place(run.of(contact.slave).q[some])
+    weights = history.rows.matrix(some).toarray()[:, : len(nodes)]
+    places = contact.slave.kinematics.at(nodes).place(run.body(contact.slave).q[some])
     centres = np.einsum("mk,mkd->md", weights, places) / weights.sum(axis=1)[:, None]
     one, other = (
-        item.kinematics.mean_velocity(run.of(item).q[some], run.of(item).q_t[some], centres)
+        item.kinematics.mean_velocity(run.body(item).q[some], run.body(item).q_t[some], centres)
         for item, _ in contact.sides
     )
     normals = on_slave[some] / np.linalg.norm(on_slave[some], axis=1)[:, None]

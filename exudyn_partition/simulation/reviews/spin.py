@@ -112,8 +112,8 @@ def _rows(mbs: MainSystem, item: PartitionBody) -> Array:
     if not mbs.systemData.AEsize():
         return np.zeros((0, item.body.n_dofs))
     rows = sp.csc_matrix(mass_and_rows(mbs)[1])[:, np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])]
-    own: Array = rows.toarray()
-    return own[own.any(axis=1)]
+    on_body: Array = rows.toarray()
+    return on_body[on_body.any(axis=1)]
 
 
 def _held_modes(kinematics: FloatingKinematics, rows: Array) -> tuple[Array, Array]:

@@ -73,7 +73,7 @@ def test_what_the_steps_take_leaves_the_same_rest_for_every_spectral_radius(marb
     rests, taken = [], []
     for radius in (1.0, 0.9, 0.3, 0.0):
         _, result, *_ = dropped(marble, frame=frame, method="implicit", spectral_radius=radius, step=0.15e-6)
-        balance = Balance.of(result)
+        balance = Balance.of_run(result)
         rests.append(balance.rest[-1] / balance.total[0])
         taken.append(balance.taken[STEPS][-1] / balance.total[0] if radius < 1 else 0.0)
     assert np.all(np.diff(taken) > 0)

@@ -1,0 +1,140 @@
+"""Who takes part in a run: contacts, the groups that find their forces, multipliers, and bodies in floating frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..contact.formulations.formulation import Method
+from ..exudyn_bodies.item_work import acts_on_constant_mass
+from ..exudyn_bodies.joints import Joints
+from ..exudyn_bodies.model import coordinate_slices
+from ..frames.floating import FloatingKinematics
+from ..support.arrays import Array, as_slice
+from ..support.foreign import MainSystem
+from .central_differences import MultiplierStep
+from .contact_run import ContactRun, GroupRun
+from .contact_samples import ModelContact
+from .run_state import RunState
+
+Place = slice | Array  # of coordinates among the model's
+Served = tuple[bool, tuple[int, ...]]  # whether multipliers close joints, and the numbers of their contacts
+
+
+@dataclass(frozen=True, eq=False)
+class RunMembers:
+    """Members of a run. They are found at its start and stay the same, though each has a state of its own.
+
+    Parameters
+    ----------
+    contacts : list of PartitionContact
+    runs : tuple of ContactRun
+        State of each contact.
+    groups : tuple of GroupRun
+        Contacts whose forces are found together.
+    steppers : dict of (bool, tuple of int) to MultiplierStep
+        Multipliers that act ahead of explicit steps. Keys say what they serve: whether they close joints, and the
+        numbers of their contacts.
+    floating : tuple of (slice or (n,) int array, FloatingKinematics)
+        Bodies in floating frames, with the places of their coordinates.
+    """
+
+    contacts: list[ModelContact]
+    runs: tuple[ContactRun, ...]
+    groups: tuple[GroupRun, ...]
+    steppers: dict[Served, MultiplierStep]
+    floating: tuple[tuple[Place, FloatingKinematics], ...]
+
+    @property
+    def carriers(self) -> list[int]:
+        """Numbers of the bodies of other kinds that carry rigid surfaces."""
+        return [int(contact.carrier.body) for contact in self.contacts if contact.carrier is not None]
+
+    @classmethod
+    def at_start(
+        cls,
+        mbs: MainSystem,
+        contacts: Sequence[ModelContact],
+        t: float,
+        method: Method,
+        joints: Joints | None,
+        state: RunState | None,
+    ) -> RunMembers:
+        """Members at the start of a run; see `ModelRun` for its parameters."""
+        floating = tuple(_floating(mbs, contacts))  # bodies grow by their rotation before contacts find their rows
+        turn(floating, np.empty(0) if state is None else state.turning)
+        runs = tuple(_contact_run(mbs, contact, t, method, state) for contact in contacts)
+        groups = tuple(_groups(contacts, runs))
+        numbers = {id(run): number_of(contact) for contact, run in zip(contacts, runs, strict=True)}
+        steppers = {
+            (stepper.joints is not None, tuple(numbers[id(run)] for run in stepper.contacts)): stepper
+            for stepper in _steppers(groups, runs, joints)
+        }
+        for served in () if state is None else state.steppers:
+            if (served.joined, served.numbers) in steppers:
+                steppers[served.joined, served.numbers].begin(served, t)
+        return cls([*contacts], runs, groups, steppers, floating)
+
+
+def number_of(contact: ModelContact) -> int:
+    """Return the number by which a contact is known in its model: that of its sensor `sForce`."""
+    return int(contact["sForce"])
+
+
+def acted_on(mbs: MainSystem, contacts: Sequence[ModelContact]) -> Array:
+    """Numbers of the coordinates on which contacts may act, (n,) int, in the order of Exudyn's object of contacts."""
+    return np.array(mbs.systemData.GetObjectLTGODE2(contacts[0]["oContact"]) if contacts else [], dtype=int)
+
+
+def turn(floating: Sequence[tuple[Place, FloatingKinematics]], q_t: Array) -> None:
+    """Let the growth of bodies in floating frames follow their rotation at the model's velocities, (nq,), if any."""
+    for place, kinematics in floating if len(q_t) else ():
+        kinematics.turn(q_t[place])
+
+
+def _floating(mbs: MainSystem, contacts: Sequence[ModelContact]) -> Iterator[tuple[Place, FloatingKinematics]]:
+    """Bodies of contacts in floating frames, with the places of their coordinates."""
+    for item in {id(item): item for contact in contacts for item, _ in contact.sides}.values():
+        kinematics = item.kinematics
+        if isinstance(kinematics, FloatingKinematics):
+            acts_on_constant_mass(mbs, item, kinematics.acting)
+            yield as_slice(np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])), kinematics
+
+
+def _contact_run(
+    mbs: MainSystem, contact: ModelContact, t: float, method: Method, state: RunState | None
+) -> ContactRun:
+    """State of a contact at the start of a run at t [s]."""
+    mechanics, place = contact.mechanics.for_run(method), _place_of_values(mbs, contact)
+    run = ContactRun(contact.name, mechanics, contact.slices(mbs), t, method, place)
+    last = None if state is None else state.find(number_of(contact))
+    if last is not None:
+        run.begin(last, t)
+    return run
+
+
+def _place_of_values(mbs: MainSystem, contact: ModelContact) -> int | None:
+    """First of the data coordinates that `sForce` reads; None if the sensor calls the contact itself."""
+    return int(mbs.systemData.GetNodeLTGData(contact["nGenericData"])[0]) if "nGenericData" in contact else None
+
+
+def _groups(contacts: Sequence[ModelContact], runs: Sequence[ContactRun]) -> Iterator[GroupRun]:
+    """Contacts that are solved together, or each of the others alone."""
+    run_of = {id(contact): run for contact, run in zip(contacts, runs, strict=True)}
+    for group in {id(contact.group): contact.group for contact in contacts}.values():
+        members, together = [run_of[id(contact)] for contact in group], group[0].together
+        if together is not None:
+            together = together.for_run([member.mechanics for member in members])
+        yield GroupRun(members, together)
+
+
+def _steppers(groups: Sequence[GroupRun], runs: Sequence[ContactRun], joints: Joints | None) -> list[MultiplierStep]:
+    """Multipliers ahead of steps: those of each group alone, or of all contacts together with the model's joints."""
+    if joints is None:
+        return [MultiplierStep(group.members) for group in groups if group.members[0].forward is not None]
+    ahead = [run for run in runs if run.forward is not None]
+    for run in ahead:
+        run.joined = True
+    return [MultiplierStep(ahead, joints)]
