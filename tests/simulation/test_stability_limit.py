@@ -114,12 +114,13 @@ def test_damping_lowers_the_limit(mbs, marble, ratio, monkeypatch):
         ep.solve_dynamic(mbs, end_time=300 * limit, step=1.03 * limit)
 
 
-@pytest.mark.parametrize("factor", [1.3, 2.0])  # with the second one, rows of the penalty are closed at the end
-@pytest.mark.parametrize("formulation", ["compliance", "penalty"])
-def test_an_unstable_run_tells_it_in_our_words_alone(mbs, marble, formulation, factor, monkeypatch):
-    """Its energies overflow before its gaps do, in each sample and at its end."""
-    item = ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, MARBLE_RADIUS], initialVelocity=[0, 0, -0.01])
-    ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="south", formulation=formulation)
+@pytest.mark.parametrize("factor", [1.1, 1.3])
+def test_an_unstable_run_tells_it_in_our_words_alone(mbs, marble, factor, monkeypatch):
+    """Energies overflow before gaps do. Between two planes rows are closed when the run ends, whatever its phase."""
+    item = ep.CreatePartitionBody(mbs, marble, referencePosition=[0, 0, MARBLE_RADIUS], initialVelocity=[0, 0, -0.1])
+    above = ep.RigidPlane([0, 0, 2 * MARBLE_RADIUS], [0, 0, -1])
+    for patch, plane in (("south", ep.RigidPlane()), ("north", above)):
+        ep.CreatePartitionContact(mbs, item, plane, slavePatch=patch)
     mbs.Assemble()
     step = factor * ep.stability_limit(mbs)
     monkeypatch.setattr(step_choice, "stability_limit", lambda mbs: np.inf)
@@ -128,7 +129,7 @@ def test_an_unstable_run_tells_it_in_our_words_alone(mbs, marble, formulation, f
         result = ep.solve_dynamic(mbs, end_time=5000 * step, step=step)
     assert result.status == "unstable"
     assert "not finite" in result.message
-    assert {issubclass(each.category, PartitionWarning) for each in said} == {True}
+    assert not [str(each.message) for each in said if not issubclass(each.category, PartitionWarning)]
 
 
 @pytest.mark.parametrize("most", [stability.DENSE, 0])

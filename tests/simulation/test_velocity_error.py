@@ -98,7 +98,7 @@ def test_a_share_of_the_tolerance_shortens_steps_by_its_root(share):
 def test_a_body_at_rest_is_judged_as_one_that_moved_with_a_hundredth_of_what_is_stored():
     moved, stands = after(at_start([[2.0]], [0.0]), 1.0, [1.0], [0.0]), at_start([[2.0]], [0.0], stored=100.0)
     now = BodyMotion(np.zeros(1), np.array([0.7]))
-    assert stands.of(0.3, now) == pytest.approx(moved.of(0.3, now), rel=1e-12)
+    assert stands.error(0.3, now) == pytest.approx(moved.error(0.3, now), rel=1e-12)
 
 
 def test_energy_is_that_of_the_largest_changes_of_velocity_or_a_hundredth_of_what_is_stored():
@@ -137,13 +137,13 @@ def test_a_heavy_body_hardly_hides_the_errors_of_a_light_one(share):
     beside = after(beside, 1.0, [0.1, 1.0], [0.0, 0.0])
     now = BodyMotion(np.array([0.1]), np.array([0.7]))
     both = BodyMotion(np.array([0.1, 1.0]), np.array([0.7, 0.0]))
-    assert beside.of(0.3, both) == pytest.approx(share**0.25 * alone.of(0.3, now), rel=1e-9)
+    assert beside.error(0.3, both) == pytest.approx(share**0.25 * alone.error(0.3, now), rel=1e-9)
 
 
 def test_bodies_at_rest_are_compared_with_what_they_store():
     """Round-off of a preloaded body is no error; without any energy every change of acceleration is one."""
     noise = BodyMotion(np.array([1e-12]), np.array([1e-9]))
-    assert at_start([[1.0]], [0.0], stored=1.0).of(1e-3, noise) < 1e-6
+    assert at_start([[1.0]], [0.0], stored=1.0).error(1e-3, noise) < 1e-6
     still = BodyMotion(np.zeros(1), np.array([1e-9]))
-    assert at_start([[1.0]], [0.0]).of(1e-3, still) == np.inf
-    assert at_start([[1.0]], [0.0]).of(1e-3, BodyMotion(np.zeros(1), np.zeros(1))) == 0.0
+    assert at_start([[1.0]], [0.0]).error(1e-3, still) == np.inf
+    assert at_start([[1.0]], [0.0]).error(1e-3, BodyMotion(np.zeros(1), np.zeros(1))) == 0.0
