@@ -127,6 +127,11 @@
     return buffers(surface);
   });
 
+  const curves = facts.forces.map(({ name, curve }) => {
+    const both = array(curve), every = k => both.filter((_, i) => i % 2 == k);
+    return { name, t: every(0), f: every(1) };
+  });
+
   /** Frames before and after a time, and the share of the later one. */
   function framesAt(time) {
     let before = 0, after = last;
@@ -206,13 +211,26 @@
   // ---- A frame ------------------------------------------------------------------------------------------------------
   const number = v => v === 0 ? "0" : Math.abs(v) >= 1e4 || Math.abs(v) < 1e-2 ? v.toExponential(1).replace("e+", "e")
     : String(+v.toPrecision(3));
+  const force = v => Math.abs(v) >= 1e5 || (v && Math.abs(v) < 1e-2) ? v.toExponential(3).replace("e+", "e")
+    : String(+v.toPrecision(4));
+  /** Sum of the contacts' forces: each curve has the samples at which it is largest and least. */
   function forceAt(time) {
-    const sum = facts.forces.map(({ values }) => {
-      const x = Math.min(1, Math.max(0, (time - first) / span)) * (values.length - 1);
-      const i = Math.min(values.length - 2, Math.floor(x));
-      return values[i] + (values[i + 1] - values[i]) * (x - i);
-    });
-    return sum.reduce((a, b) => a + b, 0);
+    return curves.reduce((sum, { t, f }) => {
+      let before = 0, after = t.length - 1;
+      while (after - before > 1) {
+        const middle = (before + after) >> 1;
+        if (t[middle] <= time) before = middle; else after = middle;
+      }
+      const share = Math.min(1, Math.max(0, (time - t[before]) / (t[after] - t[before] || 1)));
+      return sum + (1 - share) * f[before] + share * f[after];
+    }, 0);
+  }
+  const told = speed => `1 s = ${number(speed * facts.factor)} ${facts.unit}`;
+  /** The impact that is going on and short, if any: it is played slowly. */
+  const slowAt = time => $("slow").checked && facts.slow.find(([start, end]) => time >= start && time < end);
+  function speedAt(time) {
+    const slow = slowAt(time);
+    return slow ? Math.min(state.speed, (slow[1] - slow[0]) / facts.slowSeconds) : state.speed;
   }
   function draw() {
     const ratio = Math.min(devicePixelRatio || 1, 2);
@@ -240,8 +258,10 @@
     surfaces.filter(surface => surface.shown).forEach(surface => show(surface, [0.6, 0.6, 0.63, 1]));
     bodies.filter(body => body.shown).forEach(body => show(body, [0, 0, 0, 0]));
     const colour = facts.colours[state.colour], share = span ? (state.time - first) / span : 0;
-    const force = facts.forces.length ? `   force ${number(forceAt(state.time))} N` : "";
-    $("time").textContent = `t = ${(state.time * facts.factor).toFixed(facts.digits)} ${facts.unit}${force}`;
+    const now = curves.length ? `   force ${force(forceAt(state.time))} N` : "";
+    $("time").textContent = `t = ${(state.time * facts.factor).toFixed(facts.digits)} ${facts.unit}${now}`;
+    const slow = state.playing && slowAt(state.time);
+    $("slowed").textContent = slow ? `slow motion, ${told(speedAt(state.time))}` : "";
     $("ends").children[0].textContent = "0";
     $("ends").children[1].textContent = (state.end < 0.999 ? "\u2265 " : "") + number(state.end * colour.largest);
     $("quantity").textContent = `${colour.name} [${colour.unit}]`;
@@ -262,20 +282,35 @@
     svg.append(element);
     return element;
   };
-  const largestForce = facts.forces.reduce((most, { values }) => Math.max(most, ...values), 0);
-  facts.forces.forEach(({ values }, k) => line("polyline", {
-    points: values.map((f, i) =>
-      `${(1000 * i / (values.length - 1)).toFixed(1)},${(54 - 50 * f / (largestForce || 1)).toFixed(1)}`).join(" "),
-    fill: "none", stroke: ["var(--accent)", "#c25b12", "#3b8a3b", "#8a3b86"][k % 4], "stroke-width": 1.6,
-  }));
-  const mark = line("line", { y1: 0, y2: 58, stroke: "var(--fore)" });
-  document.querySelector("#track span").textContent =
-    facts.forces.length ? `contact force, largest ${number(largestForce)} N` : "";
+  const HEIGHT = 58, across = time => 1000 * (span ? (time - first) / span : 0);
+  const largest = values => values.reduce((most, value) => Math.max(most, value), 0);
+  const largestForce = largest(curves.map(({ f }) => largest(f)));
+  const up = f => HEIGHT - 4 - (HEIGHT - 12) * f / (largestForce || 1);
+  facts.slow.forEach(([start, end]) => line("rect", { x: across(start), width: Math.max(2, across(end) - across(start)),
+    y: 0, height: HEIGHT, fill: "var(--accent)", opacity: 0.18, stroke: "none" }));
+  curves.forEach(({ name, t, f }, k) => {
+    const stroke = ["var(--accent)", "#d0691f", "#3f9a4a", "#a050a8"][k % 4];
+    line("polyline", { points: [...t].map((time, i) => `${across(time).toFixed(2)},${up(f[i]).toFixed(1)}`).join(" "),
+      fill: "none", stroke, "stroke-width": 1.6, "stroke-dasharray": ["", "6 3", "2 3"][Math.floor(k / 4) % 3] });
+    const entry = document.createElement("span"), swatch = document.createElement("i");
+    swatch.style.background = stroke;
+    entry.append(swatch, `${name}: largest ${force(largest(f))} N`);
+    $("curves").append(entry);
+  });
+  if (largestForce) {  // where the curve is highest, on the side that has room
+    const { t, f } = curves.find(({ f }) => largest(f) == largestForce), at = across(t[f.indexOf(largestForce)]);
+    $("peak").textContent = `${force(largestForce)} N`;
+    Object.assign($("peak").style, at < 800 ? { left: `calc(${at / 10}% + 5px)` } : { right: `calc(${100 - at / 10}% + 5px)` });
+  }
+  const shortTime = time => `${+(time * facts.factor).toPrecision(4)} ${facts.unit}`;
+  [$("from").textContent, $("until").textContent] = [shortTime(first), shortTime(times[last])];
+  $("slowly").hidden = !facts.slow.length;
+  const mark = line("line", { y1: 0, y2: HEIGHT, stroke: "var(--fore)", "stroke-width": 1 });
 
   // ---- Controls -------------------------------------------------------------------------------------------------------
   document.querySelector("#said b").textContent = facts.title;
   facts.speeds.forEach(speed => {
-    const option = new Option(`1 s = ${number(speed * facts.factor)} ${facts.unit}`, speed);
+    const option = new Option(told(speed), speed);
     option.selected = speed == state.speed;
     $("speed").append(option);
   });
@@ -402,8 +437,8 @@
   addEventListener("keydown", event => {
     if (["INPUT", "SELECT"].includes(event.target.tagName) && event.key != " ") return;
     if (event.key == " " && event.target.tagName != "BUTTON") { event.preventDefault(); play(!state.playing); }
-    else if (event.key == "ArrowRight") setTime(state.time + span / last);
-    else if (event.key == "ArrowLeft") setTime(state.time - span / last);
+    else if (event.key == "ArrowRight") setTime(times.find(time => time > state.time) ?? times[last]);
+    else if (event.key == "ArrowLeft") setTime(times.findLast(time => time < state.time) ?? first);
     else if (event.key == "+" || event.key == "-") { camera.distance *= event.key == "+" ? 0.85 : 1.18; state.stale = true; }
   });
   new ResizeObserver(() => { state.stale = true; }).observe(canvas);
@@ -412,7 +447,9 @@
   let before = 0;
   function loop(now) {
     if (state.playing) {
-      const next = state.time + (before ? state.speed * (now - before) / 1000 : 0);
+      let next = state.time + (before ? speedAt(state.time) * (now - before) / 1000 : 0);
+      const begun = facts.slow.find(([start]) => start > state.time && start < next);
+      if (begun && $("slow").checked) next = begun[0];  // not beyond an impact that is to be played slowly
       setTime(next > times[last] ? first : next);
       before = now;
     }

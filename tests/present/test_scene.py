@@ -2,6 +2,8 @@
 
 import base64
 import gzip
+import html
+import itertools
 import json
 import re
 
@@ -57,38 +59,103 @@ def test_the_page_holds_the_motion(run, tmp_path):
                 np.testing.assert_allclose(read_back, values, atol=2 * most / 255)
 
 
-def test_the_largest_force_is_that_of_all_samples(marble, mbs):
-    """Of an impact that is a hundred times shorter than the run: curve, frames and pressures have its peak."""
+@pytest.fixture
+def bounces(marble, mbs):
+    """A marble between two floors hits each, in 6 ms; an impact lasts a fiftieth of that. Returns contacts and run."""
+    way = 1e-3
     ball = ep.CreatePartitionBody(
-        mbs, marble, referencePosition=[0, 0, MARBLE_RADIUS + 2e-6], initialVelocity=[0, 0, -0.5]
+        mbs, marble, name="marble", referencePosition=[0, 0, MARBLE_RADIUS + 2e-6], initialVelocity=[0, 0, -0.5]
     )
-    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="south")
+    floor = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="south", name="floor")
+    top = ep.RigidPlane((0, 0, 2 * MARBLE_RADIUS + way), (0, 0, -1))
+    roof = ep.CreatePartitionContact(mbs, ball, top, slavePatch="north", name="roof")
     mbs.Assemble()
-    run = ep.solve_dynamic(mbs, end_time=6e-3, method="implicit", adaptive=True)
-    force = contact.force(run)
-    facts, _ = read(run.scene(frames=5).page)
-    (curve,) = (entry["values"] for entry in facts["forces"])
-    assert max(curve) == pytest.approx(force.max(), rel=1e-4)
-    assert min(curve) == 0.0
-    assert facts["start"] == run.t[force.argmax()]
-    assert facts["start"] in facts["t"]
-    at_peak, _ = read(run.scene(frames=[0.0, facts["start"]]).page)
-    pressures = [c["largest"] for page in (facts, at_peak) for c in page["colours"] if "pressure" in c["name"]]
-    assert len(pressures) == 2
-    assert pressures[0] == pytest.approx(pressures[1], rel=1e-6)
-    assert pressures[0] > 0
+    return floor, roof, ep.solve_dynamic(mbs, end_time=6e-3, method="implicit", adaptive=True)
 
 
-def test_a_curve_of_few_points_follows_each_sample():
-    """Points are at most one interval away from the samples, and none of these is above or below the curve's ends."""
-    t = np.sort(np.random.default_rng(0).random(5000))
+def test_what_the_page_tells_of_short_impacts_is_of_all_samples(bounces):
+    """Frames, curves, pressures and colours have the peak of each impact, however few frames are asked for."""
+    *contacts, run = bounces
+    page = run.scene(frames=7).page
+    facts, array = read(page)
+    total = sum(contact.force(run) for contact in contacts)
+    assert facts["start"] == run.t[total.argmax()]
+    assert [entry["name"] for entry in facts["forces"]] == ["floor", "roof"]
+    for contact, given, spot in zip(contacts, facts["forces"], facts["spots"], strict=True):
+        force = contact.force(run)
+        assert force.max() > 100
+        t, values = array(given["curve"]).reshape(-1, 2).T
+        assert values.max() == pytest.approx(force.max(), rel=1e-6)  # single precision
+        assert t[values.argmax()] == pytest.approx(run.t[force.argmax()], rel=1e-6)
+        assert spot["time"] == run.t[force.argmax()]
+        assert spot["time"] in facts["t"]
+        first, last = run.t[np.flatnonzero(force)[[0, -1]]]
+        if last - first < 0.5e-3:  # a single impact
+            assert sum(first <= time <= last for time in facts["t"]) >= 9
+            assert any(start <= spot["time"] <= end for start, end in facts["slow"])
+    (pressure,) = (colour for colour in facts["colours"] if "pressure" in colour["name"])
+    closed = run.t[total > 0]
+    each, _ = read(run.scene(frames=closed[:: len(closed) // 300], colours=["contact_pressure"]).page)
+    assert pressure["largest"] > 0.98 * each["colours"][0]["largest"]
+    assert pressure["end"] > 0.3
+
+
+def test_the_report_has_the_same_scene(bounces, tmp_path):
+    *_, run = bounces
+    report = run.report(tmp_path / "run.html").read_text()
+    (frame,) = re.findall(r'<iframe[^>]* srcdoc="([^"]*)"', report)
+    here, there = (read(page)[0] for page in (run.scene().page, html.unescape(frame)))
+    for key in ("t", "speeds", "colours", "slow", "spots", "scale"):
+        assert here[key] == there[key]
+
+
+def test_impacts_are_played_slowly(opened, bounces, tmp_path):
+    *_, run = bounces
+    page, faults = opened(run.scene(tmp_path / "run.html").path)
+    facts, _ = read((tmp_path / "run.html").read_text())
+    start, end = facts["slow"][0]
+    assert end - start < 0.05 * run.t[-1]
+    assert page.locator("#slowly").is_visible()
+    assert page.locator("#curves").text_content().startswith("floor: largest ")
+    page.evaluate(f"scene.set({start - 1e-9})")
+    page.click("#play")
+    page.wait_for_function(f"scene.state.time > {start}", timeout=30_000)
+    page.wait_for_function("document.querySelector('#slowed').textContent.startsWith('slow motion, 1 s = ')")
+    page.wait_for_timeout(200)
+    assert page.evaluate("scene.state.time") < end  # at 0.75 ms a second it would be over
+    page.uncheck("#slow")
+    page.wait_for_function(f"scene.state.time > {end}", timeout=30_000)
+    page.wait_for_timeout(100)
+    assert page.locator("#slowed").text_content() == ""
+    assert faults == []
+
+
+def test_the_force_that_is_told_is_that_of_the_sample(opened, bounces, tmp_path):
+    *contacts, run = bounces
+    page, _ = opened(run.scene(tmp_path / "run.html").path)
+    total = sum(contact.force(run) for contact in contacts)
+    told = re.search(r"force (\S+) N", page.locator("#time").text_content())[1]
+    assert float(told) == pytest.approx(total.max(), rel=1e-3)
+    assert float(page.locator("#peak").text_content().split()[0]) == pytest.approx(total.max(), rel=1e-3)
+    page.focus("canvas")
+    page.keyboard.press("ArrowRight")
+    times = page.evaluate("scene.times")
+    assert page.evaluate("scene.state.time") == times[times.index(run.t[total.argmax()]) + 1]
+
+
+def test_a_curve_of_few_points_has_the_ends_of_each_part():
+    """Between neighbouring points no sample is above or below both by more than a pixel's width beside it."""
+    t = np.sort(np.random.default_rng(0).random(50_000))
     force = np.maximum(0.0, np.sin(300 * t)) * 1e-4  # far below a millinewton
-    curve = np.array(force_curve(t, force))
-    assert curve.max() == pytest.approx(force.max(), rel=1e-4)
-    at, step = np.linspace(t[0], t[-1], len(curve)), np.ptp(t) / (len(curve) // 2)
-    for time, value in zip(at, curve, strict=True):
-        near = force[abs(t - time) < 2 * step]
-        assert near.min() - 1e-8 <= value <= near.max() + 1e-8
+    at, curve = force_curve(t, force).T
+    assert len(at) < 2500
+    assert np.isin(at, t).all()
+    assert curve.max() == force.max()
+    edges = np.linspace(t[0], t[-1], 1201)
+    for start, end in itertools.pairwise(edges):
+        near = force[(t >= start) & (t < end)]
+        kept = curve[(at >= start) & (at < end)]
+        assert (kept.min(), kept.max()) == (near.min(), near.max())
 
 
 def test_text_from_the_user_cannot_end_the_script(run):
