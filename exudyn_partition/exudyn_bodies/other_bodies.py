@@ -19,7 +19,7 @@ from ..support.optional import require
 from .carriers import Carrier, pose_in
 
 _MOST = 1000  # places of a body that are kept; a longer run keeps each second, then each fourth, and so on
-_AROUND, _ALONG = 24, 12  # facets of a sphere
+_AROUND, _ALONG = 48, 24  # facets of a sphere
 _STRAIGHT = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # triangles of one with nodes at the middles of its sides
 
 

@@ -37,6 +37,7 @@ _BAR = {"color": "black", "fill": True, "background_color": "white", "n_labels":
         "position_y": 0.86, "width": 0.31, "height": 0.13}  # fmt: skip
 _LETTERS = 45  # of these a picture is high
 _MANY = 24  # pictures in a film, from which impacts get more
+_SEEN_THROUGH = 0.2  # opacity of what hides a body
 _OPACITY = 0.75  # of the white box behind texts
 _NEAR = 0.25  # size of what is seen of a contact, by that of all bodies
 
@@ -139,16 +140,20 @@ def _pictures(
     label, unit, many = LABELS[colour]
     top = many * (motion.end_of(colour) if end is None else end)
     scene.set_background("white")
-    meshes = [_drawn(scene, body, colour, many, scale, top) for body in motion.bodies]
+    focus, extent, towards = camera
+    faded = motion.look_through(int(abs(motion.t - motion.peak).argmin()), towards)
+    meshes = [
+        _drawn(scene, body, colour, many, scale, top, _SEEN_THROUGH if look else 1.0)
+        for body, look in zip(motion.bodies, faded[0], strict=True)
+    ]
     letter = max(8, height // _LETTERS)
     bar = scene.add_scalar_bar(
         f"{label} [{unit}]", mapper=meshes[0][1].mapper, title_font_size=letter, label_font_size=letter, **_BAR
     )
     grey = [(shape, polydata(shape.at(0), shape.triangles)) for shape in motion.rigid]
-    for _, mesh in grey:
-        scene.add_mesh(mesh, color=_GREY, show_scalar_bar=False)
+    for (_, mesh), look in zip(grey, faded[1], strict=True):
+        scene.add_mesh(mesh, color=_GREY, show_scalar_bar=False, opacity=_SEEN_THROUGH if look else 1.0)
     scene.enable_anti_aliasing("msaa")
-    focus, extent, towards = camera
     scene.camera_position = [focus + 2 * extent * towards / np.linalg.norm(towards), focus, (0, 0, 1)]
     scene.camera.view_angle = 2 * np.degrees(np.arctan(0.27))
     scene.reset_camera_clipping_range()
@@ -179,14 +184,14 @@ def on_box(text: Actor, bar: Actor) -> None:
 
 
 def _drawn(
-    scene: Plotter, body: BodyMotion, colour: Colour, many: float, scale: float, top: float
+    scene: Plotter, body: BodyMotion, colour: Colour, many: float, scale: float, top: float, opacity: float
 ) -> tuple[PolyData, Actor]:
     """Surface of a body in the scene, and what draws it."""
     mesh = polydata(body.at(0, scale), body.triangles)
     mesh.point_data[colour] = many * body.colours[colour][0]
     actor = scene.add_mesh(
         mesh, scalars=colour, cmap=colour_map(), clim=[0, top], show_scalar_bar=False, smooth_shading=True,
-        split_sharp_edges=False, **_LIGHT,
+        split_sharp_edges=False, opacity=opacity, **_LIGHT,
     )  # fmt: skip
     return mesh, actor
 

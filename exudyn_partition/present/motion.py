@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, get_args
 
@@ -21,8 +21,10 @@ from ..support.arrays import Array
 from ..support.checks import validate_choice, validate_integer, validate_times
 from ..support.progress import Progress
 from .body_fields import BodyFields, Shown, contact_loads, shown_bodies
+from .curved_facets import rounded
 from .frame_times import frame_times
 from .graphics import RigidShape, corners, rigid_shapes
+from .hiding import hiding
 
 Colour = Literal["speed", "deformation", "von_mises", "contact_pressure"]
 COLOUR_NAMES: tuple[Colour, ...] = get_args(Colour)
@@ -54,6 +56,8 @@ class BodyMotion:
         Undeformed, from the centre of mass, in the body's axes [m].
     triangles : (k, 3) int array
         Outward, as rows of `points`.
+    facets : (nf, 3 to 10) int array
+        The facets that they are parts of, likewise.
     place : (m, 3) array
         Of the centre of mass of rigid motion [m].
     turn : (m, 3, 3) array
@@ -69,6 +73,7 @@ class BodyMotion:
     name: str
     points: Array
     triangles: Array
+    facets: Array
     place: Array
     turn: Array
     turns: bool
@@ -80,6 +85,15 @@ class BodyMotion:
         local = self.points + scale * self.deformation[frame]
         places: Array = self.place[frame] + local @ self.turn[frame].T
         return places
+
+    def rounded(self) -> BodyMotion:
+        """The same with more points where facets are bent, for drawing."""
+        triangles, places, values = rounded(self.points, self.facets)
+        count = places.shape[0]
+        frames = self.deformation.transpose(1, 0, 2).reshape(len(self.points), -1)
+        deformation = (places @ frames).reshape(count, -1, 3).transpose(1, 0, 2)
+        colours = {name: (values @ field.T).T for name, field in self.colours.items()}
+        return replace(self, points=places @ self.points, triangles=triangles, deformation=deformation, colours=colours)
 
     @cached_property
     def areas(self) -> Array:
@@ -168,6 +182,18 @@ class Motion:
         if largest <= _ROUNDING * size:
             return 1.0
         return float(10.0 ** max(0, np.floor(np.log10(_VISIBLE * size / largest))))
+
+    def rounded(self) -> Motion:
+        """The same, of bodies with more points where facets are bent."""
+        return replace(self, bodies=[body.rounded() for body in self.bodies])
+
+    def look_through(self, frame: int, towards: Array) -> tuple[list[bool], list[bool]]:
+        """Whether bodies and rigid shapes hide a body from a viewer in a direction, (3,), at a frame."""
+        bodies = [(body.at(frame), body.triangles) for body in self.bodies]
+        rigid = [(shape.at(frame), shape.triangles) for shape in self.rigid]
+        matter = [*(True for _ in bodies), *(bool(shape.name) for shape in self.rigid)]
+        faded = hiding([*bodies, *rigid], matter, towards)
+        return faded[: len(bodies)], faded[len(bodies) :]
 
     def end_of(self, colour: Colour) -> float:
         """Value at the upper end of the colours: what most of the area stays below, so that a small dent does not rule.
@@ -290,7 +316,7 @@ def _body(piece: BodyFields, name: str, run: Result, wanted: Sequence[Colour], f
         values = found.get(_SOURCES.get(colour, colour), np.zeros(deformation.shape[:2]))
         colours[colour] = np.linalg.norm(values, axis=2) if values.ndim == 3 else values
     triangles = flat_triangles(piece.cells)[0]
-    return BodyMotion(name, points, triangles, place, turn, not kinematics.linear, deformation, colours)
+    return BodyMotion(name, points, triangles, piece.cells, place, turn, not kinematics.linear, deformation, colours)
 
 
 def pressing_at(result: Result, time: float, scale: float = 1.0) -> list[tuple[Array, float]]:

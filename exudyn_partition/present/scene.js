@@ -20,31 +20,38 @@
   // ---- What is shown --------------------------------------------------------------------------------------------
   const times = facts.t, last = times.length - 1, first = times[0], span = times[last] - first;
   const state = { time: facts.start, playing: false, speed: facts.speed, scale: facts.scale, colour: 0,
-    end: facts.colours[0].end, stale: true };
-  const home = () => ({ centre: [0, 0, 0], distance: 1.9 * facts.size, azimuth: -1.05, elevation: 0.42 });
+    end: facts.colours[0].end, cut: null, stale: true };
+  const home = () => ({ centre: [0, 0, 0], distance: 1.9 * facts.size, azimuth: facts.view[0], elevation: facts.view[1] });
   let camera = home();
 
   // ---- Drawing on the graphics card -----------------------------------------------------------------------------
   const VERTEX = `#version 300 es
     in vec3 place, normal; in float level;
     uniform mat4 view, lens;
-    out vec3 n, x; out float value;
+    out vec3 n, x, p; out float value;
     void main() {
       vec4 seen = view * vec4(place, 1.0);
-      x = seen.xyz; n = mat3(view) * normal; value = level; gl_Position = lens * seen;
+      p = place; x = seen.xyz; n = mat3(view) * normal; value = level; gl_Position = lens * seen;
     }`;
   const PIXEL = `#version 300 es
     precision highp float;
-    in vec3 n, x; in float value;
-    uniform float end; uniform vec4 plain; uniform sampler2D colours;
+    in vec3 n, x, p; in float value;
+    uniform float end, faded; uniform vec4 plain, cut; uniform sampler2D colours;
     out vec4 colour;
     void main() {
+      if (dot(cut.xyz, p) > cut.w) discard;
+      if (cut.w < 1e30 && !gl_FrontFacing && plain.a < 1.0 && faded == 0.0) {  // the inside, as if it were full
+        float line = step(0.5, fract((gl_FragCoord.x + gl_FragCoord.y) / 12.0));
+        colour = vec4(vec3(0.62, 0.64, 0.67) - 0.07 * line, 1.0);
+        return;
+      }
       vec3 m = normalize(n); if (m.z < 0.0) m = -m;
       vec3 own = plain.a > 0.0 ? plain.rgb : texture(colours, vec2(clamp(value / end, 0.002, 0.998), 0.5)).rgb;
       vec3 light = normalize(vec3(0.35, 0.5, 0.8));
       float lit = 0.68 + 0.38 * max(dot(m, light), 0.0);
       float shine = pow(max(dot(reflect(normalize(x), m), light), 0.0), 24.0), rim = pow(1.0 - abs(m.z), 3.0);
-      colour = vec4(own * lit * (1.0 - 0.25 * rim) + 0.06 * shine, 1.0);
+      float seen = faded > 0.0 ? 0.10 + 0.45 * rim : 1.0;
+      colour = vec4(own * lit * (1.0 - 0.25 * rim) + 0.06 * shine, 1.0) * seen;
     }`;
   const compiled = (type, text) => {
     const shader = gl.createShader(type);
@@ -60,7 +67,8 @@
   gl.linkProgram(program);
   gl.useProgram(program);
   gl.enable(gl.DEPTH_TEST);
-  const uniform = Object.fromEntries(["view", "lens", "end", "plain"].map(n => [n, gl.getUniformLocation(program, n)]));
+  gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+  const uniform = Object.fromEntries(["view", "lens", "end", "plain", "cut", "faded"].map(n => [n, gl.getUniformLocation(program, n)]));
   gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
   const pixels = new Uint8Array(facts.map.flatMap(([r, g, b]) => [r, g, b, 255]));
   gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, facts.map.length, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
@@ -103,7 +111,7 @@
 
   // ---- Bodies: place + turn (points + sum of amplitudes and shapes) ------------------------------------------------
   const bodies = facts.bodies.map(given => {
-    const body = { name: given.name, turns: given.turns, shown: true };
+    const body = { name: given.name, turns: given.turns, look: given.faded ? "faded" : "solid" };
     for (const key of ["points", "triangles", "nodes", "shapes", "amplitudes", "place", "turn"])
       body[key] = array(given[key]);
     body.colours = given.colours.map(array);
@@ -118,7 +126,7 @@
   });
   // Rigid surfaces, and Exudyn's own bodies: place + turn points; those that stay where they are have one frame.
   const surfaces = facts.rigid.map(given => {
-    const surface = { name: given.name, turns: true, shown: true };
+    const surface = { name: given.name, turns: true, look: given.faded ? "faded" : "solid", grey: true };
     for (const key of ["points", "triangles", "place", "turn"]) surface[key] = array(given[key]);
     surface.nodes = Uint32Array.from({ length: surface.points.length / 3 }, (_, v) => v);
     surface.places = new Float32Array(surface.points.length);
@@ -131,6 +139,9 @@
     const both = array(curve), every = k => both.filter((_, i) => i % 2 == k);
     return { name, t: every(0), f: every(1) };
   });
+
+  const everything = [...surfaces, ...bodies];
+  const looks = new Map(everything.map(surface => [surface, surface.look]));  // those of the first view
 
   /** Frames before and after a time, and the share of the later one. */
   function framesAt(time) {
@@ -250,13 +261,22 @@
     gl.uniformMatrix4fv(uniform.lens, false, lens);
     gl.uniformMatrix4fv(uniform.view, false, view);
     gl.uniform1f(uniform.end, state.end);
-    const show = (surface, plain) => {
-      gl.uniform4fv(uniform.plain, plain);
-      gl.bindVertexArray(surface.list);
-      gl.drawElements(gl.TRIANGLES, surface.triangles.length, gl.UNSIGNED_INT, 0);
+    gl.uniform4fv(uniform.cut, state.cut ? [0, 1, 2].map(k => k == state.cut.axis ? state.cut.side : 0)
+      .concat(state.cut.side * state.cut.at) : [0, 0, 0, 1e31]);
+    const show = look => {
+      gl.uniform1f(uniform.faded, look == "faded" ? 1 : 0);
+      everything.filter(surface => surface.look == look).forEach(surface => {
+        gl.uniform4fv(uniform.plain, surface.grey ? [0.6, 0.6, 0.63, surface.name ? 0.5 : 1] : [0, 0, 0, 0]);
+        gl.bindVertexArray(surface.list);
+        gl.drawElements(gl.TRIANGLES, surface.triangles.length, gl.UNSIGNED_INT, 0);
+      });
     };
-    surfaces.filter(surface => surface.shown).forEach(surface => show(surface, [0.6, 0.6, 0.63, 1]));
-    bodies.filter(body => body.shown).forEach(body => show(body, [0, 0, 0, 0]));
+    show("solid");
+    gl.enable(gl.BLEND);
+    gl.depthMask(false);
+    show("faded");
+    gl.disable(gl.BLEND);
+    gl.depthMask(true);
     const colour = facts.colours[state.colour], share = span ? (state.time - first) / span : 0;
     const now = curves.length ? `   force ${force(forceAt(state.time))} N` : "";
     $("time").textContent = `t = ${(state.time * facts.factor).toFixed(facts.digits)} ${facts.unit}${now}`;
@@ -348,29 +368,76 @@
   };
   $("play").onclick = () => play(!state.playing);
   $("slider").oninput = event => setTime(first + span * event.target.value / 1000);
-  [...bodies, ...surfaces.filter(surface => surface.name)].forEach(body => {
-    const label = document.createElement("label"), box = document.createElement("input");
-    box.type = "checkbox";
-    box.checked = true;
-    box.onchange = () => { body.shown = box.checked; state.stale = true; };
-    label.append(box, body.name);
+  // Boxes have three states: a body is solid, faded, so that one looks through it, or hidden.
+  const NEXT = { solid: "faded", faded: "hidden", hidden: "solid" };
+  const named = [...bodies, ...surfaces.filter(surface => surface.name)];
+  named.forEach(body => {
+    const label = document.createElement("label");
+    body.box = document.createElement("input");
+    body.box.type = "checkbox";
+    body.box.onchange = () => setLook(body, NEXT[body.look]);
+    label.append(body.box, body.name);
+    label.title = "solid, see-through or hidden";
     $("bodies").append(label);
   });
-  const views = [["all", () => home()]];
-  facts.spots.forEach((spot, i) => {
-    const name = facts.spots.length > 1 ? `contact ${i + 1}` : "contact";
-    views.push([name, () => ({ ...camera, centre: [...spot], distance: 0.25 * facts.size })]);
-    if (i == 0) views.push(["close", () => ({ ...camera, centre: [...spot], distance: 0.06 * facts.size })]);
-  });
-  const quarter = Math.PI / 2;
-  for (const [name, azimuth, elevation] of [["front", -quarter, 0], ["side", 0, 0], ["top", -quarter, quarter]])
-    views.push([name, () => ({ ...camera, azimuth, elevation })]);
-  for (const [name, of] of views) {
-    const button = document.createElement("button");
-    button.textContent = name;
-    button.onclick = () => { camera = of(); state.stale = true; };
-    $("views").append(button);
+  function setLook(body, look) {
+    body.look = look;
+    if (body.box) {
+      body.box.checked = look != "hidden";
+      body.box.indeterminate = look == "faded";
+      body.box.setAttribute("aria-label", `${body.name}: ${look}`);
+    }
+    state.stale = true;
   }
+  const asAtFirst = () => looks.forEach((look, surface) => setLook(surface, look));
+  asAtFirst();
+  const quarter = Math.PI / 2;
+  function whole(azimuth, elevation) {
+    asAtFirst();
+    camera = { ...home(), azimuth, elevation };
+    [state.scale, state.end] = [facts.scale, facts.colours[state.colour].end];
+    showSettings();
+  }
+  /** Looks at the side of a body that a contact presses, at its peak, with all else faded; then at that of the other. */
+  function lookAt(spot, i) {
+    const turn = state.spot == i && spot.bodies.length > 1 ? 1 - state.side : 0, body = bodies[spot.bodies[turn]];
+    [state.spot, state.side] = [i, turn];
+    everything.forEach(surface => setLook(surface, surface == body || !body ? "solid" : "faded"));
+    const out = spot.push.map(v => turn ? v : -v);  // from the body, where the other one is
+    const [, , back] = axes(), along = dot(back, out), flat = back.map((v, k) => v - along * out[k]);
+    const aside = Math.hypot(...flat) > 0.05 ? unit(flat) : unit(cross(out, [0.3, 0.9, 0.3]));
+    const eye = out.map((v, k) => 0.8 * v + 0.6 * aside[k]);
+    camera = { centre: [...spot.place], azimuth: Math.atan2(eye[1], eye[0]), elevation: Math.asin(eye[2]),
+      distance: Math.max(0.02 * facts.size, Math.min(0.6 * facts.size, 22 * spot.reach)) };
+    [state.scale, state.end] = [1, 1];  // colours to the largest value, which is here
+    showSettings();
+    if (!state.playing) setTime(spot.time);
+  }
+  const button = (name, title, pressed) => {
+    const element = document.createElement("button");
+    Object.assign(element, { textContent: name, title, onclick: pressed });
+    $("views").append(element);
+  };
+  button("all", "everything, from the first view", () => whole(...facts.view));
+  if (facts.spots.length > 4) {
+    const choice = document.createElement("select");
+    choice.setAttribute("aria-label", "contact to look at");
+    choice.append(new Option("contact ...", ""), ...facts.spots.map((spot, i) => new Option(spot.name, i)));
+    choice.onchange = () => { lookAt(facts.spots[choice.value], +choice.value); choice.value = ""; };
+    $("views").append(choice);
+  } else facts.spots.forEach((spot, i) => button(spot.name,
+    "where it presses, at its peak" + (spot.bodies.length > 1 ? "; once more: the other body" : ""), () => lookAt(spot, i)));
+  for (const [name, azimuth, elevation] of [["front", -quarter, 0], ["side", 0, 0], ["top", -quarter, quarter]])
+    button(name, `everything, from ${name == "front" ? "the front" : `the ${name}`}`, () => whole(azimuth, elevation));
+  /** A plane that cuts off what is before it; it faces the viewer when it is chosen, and is dragged by the slider. */
+  $("cut").onchange = event => {
+    const axis = "xyz".indexOf(event.target.value);
+    state.cut = axis < 0 ? null : { axis, side: axes()[2][axis] < 0 ? -1 : 1, at: 0 };
+    $("place").style.visibility = state.cut ? "visible" : "hidden";
+    if (state.cut) Object.assign($("place"), { min: -facts.half[axis], max: facts.half[axis], value: 0 });
+    state.stale = true;
+  };
+  $("place").oninput = event => { state.cut.at = +event.target.value; state.stale = true; };
 
   // ---- Pointer and keys -------------------------------------------------------------------------------------------------
   const fingers = new Map();
@@ -412,7 +479,7 @@
   function nearest(px, py) {
     const width = canvas.clientWidth, height = canvas.clientHeight, matrices = lensAndView(width, height);
     let best = null;
-    for (const body of bodies.filter(body => body.shown)) {
+    for (const body of bodies.filter(body => body.look == "solid")) {
       for (let v = 0; v < body.nodes.length; v++) {
         const [x, y, depth] = project(body.places[3 * v], body.places[3 * v + 1], body.places[3 * v + 2], matrices,
           width, height);
@@ -441,6 +508,7 @@
     else if (event.key == "ArrowLeft") setTime(times.findLast(time => time < state.time) ?? first);
     else if (event.key == "+" || event.key == "-") { camera.distance *= event.key == "+" ? 0.85 : 1.18; state.stale = true; }
   });
+  matchMedia("(prefers-color-scheme: dark)").onchange = () => { state.stale = true; };
   new ResizeObserver(() => { state.stale = true; }).observe(canvas);
 
   // ---- Time goes on -------------------------------------------------------------------------------------------------------
@@ -459,7 +527,8 @@
   showSettings();
   draw();
   requestAnimationFrame(loop);
-  window.scene = { bodies, surfaces, times, state, set(time) { setTime(time); draw(); }, project(body, vertex) {
+  window.scene = { bodies, surfaces, times, state, set(time) { setTime(time); draw(); },
+    eye: () => axes()[2].map((v, k) => camera.centre[k] + camera.distance * v), project(body, vertex) {
     const width = canvas.clientWidth, height = canvas.clientHeight, p = bodies[body].places.slice(3 * vertex);
     return project(p[0], p[1], p[2], lensAndView(width, height), width, height);
   } };

@@ -43,6 +43,7 @@ _SPEEDS = (60, 20, 8, 3, 1)  # seconds in which the run is played
 _SPEED = 2  # which of these is the first choice
 _MORE = 200  # most frames at impacts, beside those that are equally spaced
 _SLOW, _ALL_SLOW = 1.5, 20.0  # seconds in which an impact is played at least, and all of them at most
+_VIEW = (-1.05, 0.42)  # azimuth and elevation of the first view [rad]
 _IN_MILLISECONDS = 2.0  # shorter runs are told in milliseconds [s]
 _HEIGHT = 560  # of the page in a notebook's cell [pixels]
 _TYPES = {"f4": np.float32, "i2": np.int16, "u4": np.uint32, "u1": np.uint8}
@@ -108,12 +109,18 @@ def scene_of(
     if progress is not None:
         validate_callable("progress", progress, "a function of the share done, 0 to 1")
     with shown(progress, "moving bodies") as report:
-        motion = motion_of(result, bodies, colours=colours, frames=frames, more=_MORE, progress=report)
+        motion = motion_of(result, bodies, colours=colours, frames=frames, more=_MORE, progress=report).rounded()
     middle = np.mean(motion.bounds, axis=0)
     blob = _Blob()
     facts = _facts(motion, title, motion.visible_scale if scale is None else scale)
-    facts["bodies"] = [_packed(body, middle, motion, blob) for body in motion.bodies]
-    facts["rigid"] = [_packed_shape(shape, middle, blob) for shape in motion.rigid]
+    azimuth, elevation = _VIEW
+    flat = np.cos(elevation)
+    towards = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+    faded = motion.look_through(int(np.searchsorted(motion.t, motion.peak).clip(0, len(motion.t) - 1)), towards)
+    facts["bodies"], facts["rigid"] = (
+        [{**pack(each, middle, motion, blob), "faded": look} for each, look in zip(some, looks, strict=True)]
+        for some, looks, pack in ((motion.bodies, faded[0], _packed), (motion.rigid, faded[1], _packed_shape))
+    )
     seen = (motion.force_t >= motion.t[0]) & (motion.force_t <= motion.t[-1])
     facts["forces"] = [
         {"name": name, "curve": blob.put(force_curve(motion.force_t[seen], own[seen]), "f4")}
@@ -186,6 +193,8 @@ def _facts(motion: Motion, title: str, scale: float) -> JSON:
         "digits": time_digits(motion.t, factor),
         "start": motion.peak,
         "size": motion.size,
+        "half": (0.51 * np.subtract(*motion.bounds[::-1])).tolist(),
+        "view": _VIEW,
         "scale": scale,
         "largestScale": max(10.0, 100 * scale),
         "speeds": [span / seconds for seconds in _SPEEDS],
@@ -256,7 +265,7 @@ def _steps(shapes: Array, amplitudes: Array, largest: float) -> Array:
     return steps
 
 
-def _packed_shape(shape: RigidShape, middle: Array, blob: _Blob) -> JSON:
+def _packed_shape(shape: RigidShape, middle: Array, motion: Motion, blob: _Blob) -> JSON:
     """A rigid surface or body for the page."""
     triangles, nodes = split_at_edges(shape.points, shape.triangles)
     kept = slice(None) if shape.moves else slice(1)  # one frame of what stays in its place

@@ -3,6 +3,7 @@
 import base64
 import gzip
 import html
+import io
 import itertools
 import json
 import re
@@ -13,6 +14,7 @@ import pytest
 from exudyn import graphics
 from exudyn.utilities import InertiaCuboid
 from oracles import MARBLE_RADIUS, hit_by_a_spinning_ball
+from PIL import Image
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError
@@ -41,7 +43,7 @@ def test_the_page_holds_the_motion(run, tmp_path):
     assert scene.path.read_text() == scene.page
     facts, array = read(scene.page)
     assert facts["title"] == "run"
-    motion = motion_of(run, frames=times)
+    motion = motion_of(run, frames=times).rounded()
     middle = np.mean(motion.bounds, axis=0)
     for given, body in zip(facts["bodies"], motion.bodies, strict=True):
         points, amplitudes = array(given["points"]).reshape(-1, 3), array(given["amplitudes"]).reshape(9, -1)
@@ -203,7 +205,7 @@ def test_what_is_refused(run, tmp_path):
 def test_a_browser_plays_the_page(opened, run, tmp_path):
     times = np.linspace(run.t[0], run.t[-1], 21)
     page, faults = opened(run.scene(tmp_path / "run.html", frames=times, scale=1.0).path)
-    motion = motion_of(run, frames=times)
+    motion = motion_of(run, frames=times).rounded()
     middle = np.mean(motion.bounds, axis=0)
     for frame in (0, 7, 20):  # vertices are where the bodies are
         page.evaluate(f"scene.set(scene.times[{frame}])")
@@ -258,9 +260,92 @@ def test_what_is_rigid_moves_in_the_browser(opened, round_body, tmp_path):
     np.testing.assert_allclose(top[:, 2], 0.005, atol=1e-12)  # the plane stays on its plate
     assert page.locator("#bodies label").all_text_contents() == ["body 0", "plate", "floor"]
     still = page.locator("canvas").screenshot()
-    page.uncheck("#bodies label:nth-child(2) input")
+    seen = [still]
+    for look in ("faded", "hidden", "solid"):
+        page.click("#bodies label:nth-child(2) input")
+        page.wait_for_timeout(200)
+        assert page.get_attribute("#bodies label:nth-child(2) input", "aria-label") == f"plate: {look}"
+        seen.append(page.locator("canvas").screenshot())
+    assert seen[3] == seen[0]
+    assert len({*seen}) == 3
+    assert faults == []
+
+
+def test_what_is_within_a_drum_is_seen(opened, mbs, round_body, tmp_path):
+    """A closed drum around a ball begins see-through, and a floor beneath it does not."""
+    item = ep.CreatePartitionBody(mbs, round_body, name="ball", initialVelocity=[0, 0, -1.0])
+    drum = graphics.Cylinder(pAxis=[-0.03, 0, 0.01], vAxis=[0.06, 0, 0], radius=0.02, nTiles=32)
+    mbs.CreateGround(name="drum", graphicsDataList=[drum])
+    mbs.CreateGround(name="floor", graphicsDataList=[graphics.Brick(centerPoint=[0, 0, -0.05], size=[0.1, 0.1, 0.01])])
+    ep.CreatePartitionContact(mbs, item, ep.RigidPlane())
+    mbs.Assemble()
+    run = ep.solve_dynamic(mbs, end_time=20e-6, step=1e-6)
+    page, faults = opened(run.scene(tmp_path / "run.html", frames=3).path)
+    looks = {name: page.evaluate(f"scene.surfaces.find(s => s.name == '{name}').look") for name in ("drum", "floor")}
+    assert looks == {"drum": "faded", "floor": "solid"}
+    assert page.evaluate("scene.bodies[0].look") == "solid"
+    box = page.locator("#bodies label:nth-child(2) input")
+    assert box.evaluate("box => box.indeterminate")
+    through = page.locator("canvas").screenshot()
+    box.click()  # now hidden
+    box.click()
     page.wait_for_timeout(200)
-    assert page.locator("canvas").screenshot() != still
+    assert page.evaluate("scene.surfaces.map(s => s.look)").count("solid") == 3
+    assert page.locator("canvas").screenshot() != through
+    assert faults == []
+
+
+def colours_at(page, x, y):
+    """Red, green and blue of a pixel of the canvas, by shares of its width and height."""
+    picture = Image.open(io.BytesIO(page.locator("canvas").screenshot())).convert("RGB")
+    return np.array(picture.getpixel((int(x * picture.width), int(y * picture.height))), dtype=int)
+
+
+def test_a_contact_is_looked_at_on_the_body_that_it_presses(opened, run, tmp_path):
+    """Seen from where the other body is, which is faded, at its peak; once more pressed, the other body's side."""
+    page, faults = opened(run.scene(tmp_path / "run.html").path)
+    facts, _ = read((tmp_path / "run.html").read_text())
+    (spot,) = facts["spots"]
+    assert page.locator("#views button").all_text_contents() == ["all", spot["name"], "front", "side", "top"]
+    page.evaluate("scene.set(scene.times[0])")
+    page.select_option("#colour", label="contact pressure")
+    button = f"#views button:text-is('{spot['name']}')"
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        page.click(button)
+        page.wait_for_timeout(200)
+        assert page.evaluate("scene.state.time") == spot["time"]
+        assert page.evaluate("scene.state.scale") == 1
+        looks = page.evaluate("scene.bodies.map(body => body.look)")
+        assert looks == [["solid", "faded"], ["faded", "solid"]][side]
+        eye = page.evaluate("scene.eye()")
+        assert sign * np.dot(np.subtract(eye, spot["place"]), spot["push"]) < 0  # on the other body's side
+        if side == 0:  # the middle of the picture is where pressure is large, which is dark
+            assert colours_at(page, 0.5, 0.5).sum() < colours_at(page, 0.1, 0.5).sum() - 150
+    page.click("#views button:text-is('side')")
+    page.wait_for_timeout(200)
+    assert page.evaluate("scene.bodies.map(body => body.look)") == ["solid", "solid"]
+    away = np.linalg.norm(page.evaluate("scene.eye()"))
+    assert away > 1.5 * facts["size"]  # outside of all bodies, whatever was looked at before
+    assert faults == []
+
+
+def test_a_plane_cuts_bodies(opened, run, tmp_path):
+    """What is before the plane is not drawn, and the inside of a cut body looks full."""
+    page, faults = opened(run.scene(tmp_path / "run.html", scale=1.0).path)
+    whole = page.locator("canvas").screenshot()
+    assert page.locator("#place").is_hidden()
+    page.select_option("#cut", "y")
+    page.wait_for_timeout(200)
+    half = page.locator("canvas").screenshot()
+    page.evaluate("p => { p.value = p.min; p.oninput({ target: p }) }", page.locator("#place").element_handle())
+    page.wait_for_timeout(200)
+    side = page.evaluate("scene.state.cut.side")
+    assert side == -1  # the viewer is at negative y, and that half is cut off
+    assert page.locator("canvas").screenshot() == whole  # the plane is before all
+    assert half != whole
+    page.select_option("#cut", "")
+    page.wait_for_timeout(200)
+    assert page.locator("canvas").screenshot() == whole
     assert faults == []
 
 
