@@ -97,7 +97,7 @@ def film(
 
 def _more(frames: object) -> int:
     """Most pictures at impacts beside those that are equally spaced; none in a film of few pictures."""
-    return frames // 2 if isinstance(frames, int | np.integer) and frames >= _MANY else 0
+    return int(frames) // 2 if isinstance(frames, int | np.integer) and frames >= _MANY else 0
 
 
 def _slow(motion: Motion) -> list[bool]:

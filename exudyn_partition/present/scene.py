@@ -117,10 +117,14 @@ def scene_of(
     flat = np.cos(elevation)
     towards = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
     faded = motion.look_through(int(np.searchsorted(motion.t, motion.peak).clip(0, len(motion.t) - 1)), towards)
-    facts["bodies"], facts["rigid"] = (
-        [{**pack(each, middle, motion, blob), "faded": look} for each, look in zip(some, looks, strict=True)]
-        for some, looks, pack in ((motion.bodies, faded[0], _packed), (motion.rigid, faded[1], _packed_shape))
-    )
+    facts["bodies"] = [
+        {**_packed(body, middle, motion, blob), "faded": look}
+        for body, look in zip(motion.bodies, faded[0], strict=True)
+    ]
+    facts["rigid"] = [
+        {**_packed_shape(shape, middle, blob), "faded": look}
+        for shape, look in zip(motion.rigid, faded[1], strict=True)
+    ]
     seen = (motion.force_t >= motion.t[0]) & (motion.force_t <= motion.t[-1])
     facts["forces"] = [
         {"name": name, "curve": blob.put(force_curve(motion.force_t[seen], own[seen]), "f4")}
@@ -265,7 +269,7 @@ def _steps(shapes: Array, amplitudes: Array, largest: float) -> Array:
     return steps
 
 
-def _packed_shape(shape: RigidShape, middle: Array, motion: Motion, blob: _Blob) -> JSON:
+def _packed_shape(shape: RigidShape, middle: Array, blob: _Blob) -> JSON:
     """A rigid surface or body for the page."""
     triangles, nodes = split_at_edges(shape.points, shape.triangles)
     kept = slice(None) if shape.moves else slice(1)  # one frame of what stays in its place

@@ -295,12 +295,6 @@ def test_what_is_within_a_drum_is_seen(opened, mbs, round_body, tmp_path):
     assert faults == []
 
 
-def colours_at(page, x, y):
-    """Red, green and blue of a pixel of the canvas, by shares of its width and height."""
-    picture = Image.open(io.BytesIO(page.locator("canvas").screenshot())).convert("RGB")
-    return np.array(picture.getpixel((int(x * picture.width), int(y * picture.height))), dtype=int)
-
-
 def test_a_contact_is_looked_at_on_the_body_that_it_presses(opened, run, tmp_path):
     """Seen from where the other body is, which is faded, at its peak; once more pressed, the other body's side."""
     page, faults = opened(run.scene(tmp_path / "run.html").path)
@@ -320,7 +314,9 @@ def test_a_contact_is_looked_at_on_the_body_that_it_presses(opened, run, tmp_pat
         eye = page.evaluate("scene.eye()")
         assert sign * np.dot(np.subtract(eye, spot["place"]), spot["push"]) < 0  # on the other body's side
         if side == 0:  # the middle of the picture is where pressure is large, which is dark
-            assert colours_at(page, 0.5, 0.5).sum() < colours_at(page, 0.1, 0.5).sum() - 150
+            pixels = picture(page)
+            high, wide = pixels.shape[0] // 2, pixels.shape[1] // 2
+            assert pixels[high, wide].sum() < pixels[high, wide // 5].sum() - 150
     page.click("#views button:text-is('side')")
     page.wait_for_timeout(200)
     assert page.evaluate("scene.bodies.map(body => body.look)") == ["solid", "solid"]
@@ -329,23 +325,30 @@ def test_a_contact_is_looked_at_on_the_body_that_it_presses(opened, run, tmp_pat
     assert faults == []
 
 
+def picture(page):
+    """Pixels of the canvas, (height, width, 3) int."""
+    page.wait_for_timeout(200)
+    return np.asarray(Image.open(io.BytesIO(page.locator("canvas").screenshot())).convert("RGB"), dtype=int)
+
+
 def test_a_plane_cuts_bodies(opened, run, tmp_path):
     """What is before the plane is not drawn, and the inside of a cut body looks full."""
     page, faults = opened(run.scene(tmp_path / "run.html", scale=1.0).path)
-    whole = page.locator("canvas").screenshot()
+    whole = picture(page)
     assert page.locator("#place").is_hidden()
     page.select_option("#cut", "y")
-    page.wait_for_timeout(200)
-    half = page.locator("canvas").screenshot()
+    half = picture(page)
+    assert page.evaluate("scene.state.cut.side") == -1  # the viewer is at negative y, and that half is cut off
     page.evaluate("p => { p.value = p.min; p.oninput({ target: p }) }", page.locator("#place").element_handle())
-    page.wait_for_timeout(200)
-    side = page.evaluate("scene.state.cut.side")
-    assert side == -1  # the viewer is at negative y, and that half is cut off
-    assert page.locator("canvas").screenshot() == whole  # the plane is before all
-    assert half != whole
+    before = picture(page)  # the plane is before all
+
+    def changed(now):
+        return (abs(now - whole).max(axis=2) > 30).mean()
+
+    assert changed(before) < 2e-3  # edges alone
+    assert changed(half) > 0.05
     page.select_option("#cut", "")
-    page.wait_for_timeout(200)
-    assert page.locator("canvas").screenshot() == whole
+    assert changed(picture(page)) == 0
     assert faults == []
 
 
