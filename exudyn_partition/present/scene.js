@@ -431,7 +431,7 @@
     button(name, `everything, from ${name == "front" ? "the front" : `the ${name}`}`, () => whole(azimuth, elevation));
   /** A plane that cuts off what is before it; it faces the viewer when it is chosen, and is dragged by the slider. */
   $("cut").onchange = event => {
-    const axis = "xyz".indexOf(event.target.value);
+    const axis = ["x", "y", "z"].indexOf(event.target.value);
     state.cut = axis < 0 ? null : { axis, side: axes()[2][axis] < 0 ? -1 : 1, at: 0 };
     $("place").style.visibility = state.cut ? "visible" : "hidden";
     if (state.cut) Object.assign($("place"), { min: -facts.half[axis], max: facts.half[axis], value: 0 });
