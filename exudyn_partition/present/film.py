@@ -21,7 +21,7 @@ from ..support.optional import require
 from ..support.progress import Progress, shown
 from .body_fields import Shown
 from .frame_times import slow_spans, time_digits
-from .graphics import validate_period, validate_pixels, validate_scale
+from .graphics import RigidShape, validate_period, validate_pixels, validate_scale
 from .motion import COLOUR_NAMES, LABELS, BodyMotion, Colour, Motion, motion_of
 from .plot_input import plain
 from .scene import colour_map
@@ -150,9 +150,15 @@ def _pictures(
     bar = scene.add_scalar_bar(
         f"{label} [{unit}]", mapper=meshes[0][1].mapper, title_font_size=letter, label_font_size=letter, **_BAR
     )
-    grey = [(shape, polydata(shape.at(0), shape.triangles)) for shape in motion.rigid]
+    grey: list[tuple[RigidShape, PolyData]] = [
+        (shape, polydata(shape.at(0), shape.triangles)) for shape in motion.rigid
+    ]
     for (_, mesh), look in zip(grey, faded[1], strict=True):
         scene.add_mesh(mesh, color=_GREY, show_scalar_bar=False, opacity=_SEEN_THROUGH if look else 1.0)
+    for sign in motion.signs:
+        mesh = polydata(sign.at(0), sign.triangles)
+        scene.add_mesh(mesh, color=sign.colour, show_scalar_bar=False, **_LIGHT)
+        grey.append((sign, mesh))
     scene.enable_anti_aliasing("msaa")
     scene.camera_position = [focus + 2 * extent * towards / np.linalg.norm(towards), focus, (0, 0, 1)]
     scene.camera.view_angle = 2 * np.degrees(np.arctan(0.27))

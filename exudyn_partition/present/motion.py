@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal, get_args
 
@@ -25,6 +25,7 @@ from .curved_facets import rounded
 from .frame_times import frame_times
 from .graphics import RigidShape, corners, rigid_shapes
 from .hiding import hiding
+from .signs import SignShape, sign_shapes
 
 Colour = Literal["speed", "deformation", "von_mises", "contact_pressure"]
 COLOUR_NAMES: tuple[Colour, ...] = get_args(Colour)
@@ -150,6 +151,8 @@ class Motion:
         Time of the largest force [s].
     rigid : list of RigidShape
         Rigid surfaces of the contacts, and Exudyn's own bodies.
+    signs : list of SignShape
+        Of joints, springs, drives, loads, ground and gravity.
     """
 
     t: Array
@@ -159,6 +162,7 @@ class Motion:
     spots: list[Spot]
     peak: float
     rigid: list[RigidShape]
+    signs: list[SignShape] = field(default_factory=list)
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
@@ -277,7 +281,8 @@ def motion_of(
     }
     rigid = rigid_shapes(result, run.t, places)
     spots = _spots(result, [piece.item for piece in pieces])
-    return Motion(run.t, moved, force, result.t, spots, float(result.t[int(np.argmax(total))]), rigid)
+    motion = Motion(run.t, moved, force, result.t, spots, float(result.t[int(np.argmax(total))]), rigid)
+    return replace(motion, signs=sign_shapes(result.others, run.t, motion.bounds))
 
 
 def _looked_at(count: int) -> Array:

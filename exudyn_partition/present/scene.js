@@ -50,7 +50,7 @@
       vec3 light = normalize(vec3(0.35, 0.5, 0.8));
       float lit = 0.68 + 0.38 * max(dot(m, light), 0.0);
       float shine = pow(max(dot(reflect(normalize(x), m), light), 0.0), 24.0), rim = pow(1.0 - abs(m.z), 3.0);
-      float seen = faded > 0.0 ? 0.10 + 0.45 * rim : 1.0;
+      float seen = faded > 1.0 ? 0.3 : faded > 0.0 ? 0.10 + 0.45 * rim : 1.0;
       colour = vec4(own * lit * (1.0 - 0.25 * rim) + 0.06 * shine, 1.0) * seen;
     }`;
   const compiled = (type, text) => {
@@ -125,15 +125,18 @@
     return buffers(body);
   });
   // Rigid surfaces, and Exudyn's own bodies: place + turn points; those that stay where they are have one frame.
-  const surfaces = facts.rigid.map(given => {
-    const surface = { name: given.name, turns: true, look: given.faded ? "faded" : "solid", grey: true };
+  function rigid(given, more) {
+    const surface = { name: given.name, look: given.faded ? "faded" : "solid", ...more };
     for (const key of ["points", "triangles", "place", "turn"]) surface[key] = array(given[key]);
     surface.nodes = Uint32Array.from({ length: surface.points.length / 3 }, (_, v) => v);
     surface.places = new Float32Array(surface.points.length);
     surface.normals = new Float32Array(surface.points.length);
     surface.levels = new Float32Array(surface.nodes.length);
     return buffers(surface);
-  });
+  }
+  const surfaces = facts.rigid.map(given => rigid(given, { turns: true, plain: [0.6, 0.6, 0.63, given.name ? 0.5 : 1] }));
+  // Signs may stretch, as springs do, so that their axes are no rotations.
+  const signs = facts.signs.map(given => rigid(given, { turns: false, plain: [...given.colour, 1] }));
 
   const curves = facts.forces.map(({ name, curve }) => {
     const both = array(curve), every = k => both.filter((_, i) => i % 2 == k);
@@ -250,7 +253,7 @@
     if (canvas.width != width || canvas.height != height) { canvas.width = width; canvas.height = height; }
     const frames = framesAt(state.time);
     bodies.forEach(body => move(body, frames));
-    surfaces.filter(surface => surface.place.length > 3 || !surface.stands).forEach(surface => {
+    [...surfaces, ...signs].filter(surface => surface.place.length > 3 || !surface.stands).forEach(surface => {
       carry(surface, surface.points, surface.place.length > 3 ? frames : [0, 0, 0]);
       surface.stands = true;
     });
@@ -263,20 +266,26 @@
     gl.uniform1f(uniform.end, state.end);
     gl.uniform4fv(uniform.cut, state.cut ? [0, 1, 2].map(k => k == state.cut.axis ? state.cut.side : 0)
       .concat(state.cut.side * state.cut.at) : [0, 0, 0, 1e31]);
-    const show = look => {
-      gl.uniform1f(uniform.faded, look == "faded" ? 1 : 0);
-      everything.filter(surface => surface.look == look).forEach(surface => {
-        gl.uniform4fv(uniform.plain, surface.grey ? [0.6, 0.6, 0.63, surface.name ? 0.5 : 1] : [0, 0, 0, 0]);
+    const show = (some, faded) => {
+      gl.uniform1f(uniform.faded, faded);
+      some.forEach(surface => {
+        gl.uniform4fv(uniform.plain, surface.plain || [0, 0, 0, 0]);
         gl.bindVertexArray(surface.list);
         gl.drawElements(gl.TRIANGLES, surface.triangles.length, gl.UNSIGNED_INT, 0);
       });
     };
-    show("solid");
+    show(everything.filter(surface => surface.look == "solid"), 0);
     gl.enable(gl.BLEND);
     gl.depthMask(false);
-    show("faded");
+    show(everything.filter(surface => surface.look == "faded"), 1);
+    const drawn = $("signs").checked ? signs : [];
+    gl.uniform4fv(uniform.cut, [0, 0, 0, 1e31]);
+    gl.depthFunc(gl.GREATER);
+    show(drawn, 2);  // what is within bodies shines through
+    gl.depthFunc(gl.LESS);
     gl.disable(gl.BLEND);
     gl.depthMask(true);
+    show(drawn, 0);
     const colour = facts.colours[state.colour], share = span ? (state.time - first) / span : 0;
     const now = curves.length ? `   force ${force(forceAt(state.time))} N` : "";
     $("time").textContent = `t = ${(state.time * facts.factor).toFixed(facts.digits)} ${facts.unit}${now}`;
@@ -325,6 +334,8 @@
   const shortTime = time => `${+(time * facts.factor).toPrecision(4)} ${facts.unit}`;
   [$("from").textContent, $("until").textContent] = [shortTime(first), shortTime(times[last])];
   $("slowly").hidden = !facts.slow.length;
+  $("signed").hidden = !signs.length;
+  $("signs").onchange = () => { state.stale = true; };
   const mark = line("line", { y1: 0, y2: HEIGHT, stroke: "var(--fore)", "stroke-width": 1 });
 
   // ---- Controls -------------------------------------------------------------------------------------------------------
@@ -479,7 +490,7 @@
   function nearest(px, py) {
     const width = canvas.clientWidth, height = canvas.clientHeight, matrices = lensAndView(width, height);
     let best = null;
-    for (const body of bodies.filter(body => body.look == "solid")) {
+    for (const body of [...bodies.filter(body => body.look == "solid"), ...($("signs").checked ? signs : [])]) {
       for (let v = 0; v < body.nodes.length; v++) {
         const [x, y, depth] = project(body.places[3 * v], body.places[3 * v + 1], body.places[3 * v + 2], matrices,
           width, height);
@@ -497,7 +508,8 @@
     tip.style.display = found ? "block" : "none";
     if (!found) return;
     const colour = facts.colours[state.colour];
-    tip.textContent = `${found.body.name}: ${number(found.body.levels[found.vertex] * colour.largest)} ${colour.unit}`;
+    const value = `: ${number(found.body.levels[found.vertex] * colour.largest)} ${colour.unit}`;
+    tip.textContent = found.body.name + (bodies.includes(found.body) ? value : "");
     tip.style.left = `${Math.min(found.x + 12, frame.width - tip.offsetWidth - 4)}px`;
     tip.style.top = `${Math.max(4, found.y - 30)}px`;
   }
@@ -527,7 +539,7 @@
   showSettings();
   draw();
   requestAnimationFrame(loop);
-  window.scene = { bodies, surfaces, times, state, set(time) { setTime(time); draw(); },
+  window.scene = { bodies, surfaces, signs, times, state, set(time) { setTime(time); draw(); },
     eye: () => axes()[2].map((v, k) => camera.centre[k] + camera.distance * v), project(body, vertex) {
     const width = canvas.clientWidth, height = canvas.clientHeight, p = bodies[body].places.slice(3 * vertex);
     return project(p[0], p[1], p[2], lensAndView(width, height), width, height);

@@ -125,6 +125,7 @@ def scene_of(
         {**_packed_shape(shape, middle, blob), "faded": look}
         for shape, look in zip(motion.rigid, faded[1], strict=True)
     ]
+    facts["signs"] = [{**_packed_shape(sign, middle, blob), "colour": sign.rgb} for sign in motion.signs]
     seen = (motion.force_t >= motion.t[0]) & (motion.force_t <= motion.t[-1])
     facts["forces"] = [
         {"name": name, "curve": blob.put(force_curve(motion.force_t[seen], own[seen]), "f4")}
