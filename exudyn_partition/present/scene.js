@@ -486,6 +486,10 @@
     camera.distance *= Math.exp(0.0012 * event.deltaY);
     state.stale = true;
   }, { passive: false });
+  function pixel(surface, vertex) {
+    const width = canvas.clientWidth, height = canvas.clientHeight, p = surface.places.slice(3 * vertex);
+    return project(p[0], p[1], p[2], lensAndView(width, height), width, height);
+  }
   /** The vertex nearest to the pointer, of those the one in front. */
   function nearest(px, py) {
     const width = canvas.clientWidth, height = canvas.clientHeight, matrices = lensAndView(width, height);
@@ -496,7 +500,8 @@
           width, height);
         const away = Math.hypot(x - px, y - py);
         if (away > 14 || depth < 0) continue;
-        const cost = depth / camera.distance + 0.004 * away;
+        const shines = signs.includes(body) && away < 6;  // through bodies
+        const cost = depth / camera.distance + 0.004 * away - (shines ? 10 : 0);
         if (!best || cost < best.cost) best = { cost, body, vertex: v, x, y };
       }
     }
@@ -540,10 +545,7 @@
   draw();
   requestAnimationFrame(loop);
   window.scene = { bodies, surfaces, signs, times, state, set(time) { setTime(time); draw(); },
-    eye: () => axes()[2].map((v, k) => camera.centre[k] + camera.distance * v), project(body, vertex) {
-    const width = canvas.clientWidth, height = canvas.clientHeight, p = bodies[body].places.slice(3 * vertex);
-    return project(p[0], p[1], p[2], lensAndView(width, height), width, height);
-  } };
+    eye: () => axes()[2].map((v, k) => camera.centre[k] + camera.distance * v), project: (body, vertex) => pixel(bodies[body], vertex), pixel };
   window.ready = true;
 })().catch(error => {
   document.getElementById("note").textContent = `The moving bodies failed: ${error}`;

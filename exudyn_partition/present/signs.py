@@ -18,7 +18,8 @@ _ARROW = 4.0  # length of the arrow of the largest load, and of gravity, by that
 _SLIM = 0.8  # radius of a spring and of an arrow, likewise
 _AROUND = 20  # facets around a cylinder
 _TURNS, _PER_TURN = 6, 14  # of a spring
-_BLUE, _GREEN, _ORANGE, _RED, _GREY = "#2f7fc1", "#2f9a55", "#e08a1e", "#d23b3b", "#5f6770"
+_BLUE, _GREEN, _ORANGE = "#2f7fc1", "#2f9a55", "#e08a1e"
+_RED, _VIOLET, _GREY = "#d23b3b", "#8a5bd6", "#5f6770"
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +183,7 @@ _SOLIDS: dict[str, tuple[Solid, str]] = {
     "drive": (_ring_arrow(), _ORANGE),
     "torque": (_ring_arrow(), _RED),
     "force": (_round([(0, 0), (0.25, 0), (0.25, 0.7), (0.6, 0.7), (0, 1)]), _RED),
-    "gravity": (_round([(0, 0), (0.25, 0), (0.25, 0.7), (0.6, 0.7), (0, 1)]), _GREY),
+    "gravity": (_round([(0, 0), (0.25, 0), (0.25, 0.7), (0.6, 0.7), (0, 1)]), _VIOLET),
     "ground": (
         _joined(_round([(0, 0), (1.0, -1.3), (0, -1.3)]), _box((-1.5, -1.5, -1.6), (1.5, 1.5, -1.3))), _GREY,
     ),

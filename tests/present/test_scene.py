@@ -9,6 +9,7 @@ import json
 import re
 
 import exudyn as exu
+import exudyn.itemInterface as items
 import numpy as np
 import pytest
 from exudyn import graphics
@@ -329,6 +330,40 @@ def picture(page):
     """Pixels of the canvas, (height, width, 3) int."""
     page.wait_for_timeout(200)
     return np.asarray(Image.open(io.BytesIO(page.locator("canvas").screenshot())).convert("RGB"), dtype=int)
+
+
+def test_signs_are_drawn_where_joints_are(opened, mbs, arm_body, tmp_path):
+    """Within the body too; the pointer gets their names, and a box takes them away."""
+    arm = ep.CreatePartitionBody(mbs, arm_body, name="arm", frame="floating", gravity=[0, 0, -9.81])
+    foot = arm.CreateInterfaceMarker(mbs, "foot")
+    pin = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.CreateGround()))
+    mbs.AddObject(items.GenericJoint(name="pin", markerNumbers=[pin, foot], constrainedAxes=[1, 1, 1, 1, 0, 1]))
+    mbs.Assemble()
+    run = ep.solve_dynamic(mbs, end_time=2e-4, step=1e-5, method="implicit")
+    page, faults = opened(run.scene(tmp_path / "run.html", frames=3).path)
+    assert page.evaluate("scene.signs.map(sign => sign.name)") == ["hinge 'pin'", "ground 'pin'", "gravity, 9.81 m/s2"]
+    middle = -np.mean(motion_of(run, frames=3).bounds, axis=0)  # of the page is that of what moves; the pin is at zero
+    drawn = np.array(page.evaluate("Array.from(scene.signs[0].places)")).reshape(-1, 3)
+    np.testing.assert_allclose((drawn.min(axis=0) + drawn.max(axis=0)) / 2, middle, atol=1e-6)
+    x, y, _ = page.evaluate("scene.pixel(scene.signs[0], 0)")
+    box = page.locator("canvas").bounding_box()
+    page.mouse.move(box["x"] + x, box["y"] + y)
+    assert page.locator("#value").text_content() == "hinge 'pin'"
+    with_signs = picture(page)
+    page.uncheck("#signs")
+    without = picture(page)
+    assert (abs(with_signs - without).max(axis=2) > 30).mean() > 2e-3
+    page.mouse.move(box["x"] + 5, box["y"] + box["height"] - 5)
+    assert faults == []
+
+
+def test_a_dark_theme_is_dark(opened, run, tmp_path):
+    page, _ = opened(run.scene(tmp_path / "run.html", frames=2).path)
+    light = picture(page)[-3, 3]
+    page.emulate_media(color_scheme="dark")
+    dark = picture(page)[-3, 3]
+    assert light.min() > 240
+    assert dark.max() < 60
 
 
 def test_a_plane_cuts_bodies(opened, run, tmp_path):
