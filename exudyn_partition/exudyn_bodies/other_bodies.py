@@ -21,7 +21,8 @@ from ..support.optional import require
 from .carriers import Carrier, pose_in
 from .signs import signs_of
 
-_MOST = 1000  # places of a body that are kept; a longer run keeps each second, then each fourth, and so on
+_MOST = 1000  # places of a body that are kept
+_MOST_OF_SIGNS = 250  # of a sign: Exudyn takes longer to tell where markers of flexible bodies are
 _AROUND, _ALONG = 48, 24  # facets of a sphere
 _STRAIGHT = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # triangles of one with nodes at the middles of its sides
 
@@ -96,39 +97,41 @@ def surface_motion(carrier: Carrier | None, bodies: Iterable[OtherBody], times: 
     return next((body.at(times) for body in bodies if body.number == int(carrier.body)), None)
 
 
-class OtherBodies:
-    """Record of where Exudyn's own bodies with shapes, and those that carry rigid surfaces, are in a run.
+class _Watched(NamedTuple):
+    """A body or sign whose motion is recorded; see `OtherBody`."""
+
+    number: int
+    name: str
+    kind: str
+    points: Array
+    triangles: Array
+    now: Callable[[MainSystem, object], tuple[Array, Array, Array]]
+
+
+class _Record:
+    """Poses of what is watched at some times of a run: of a longer run each second, then each fourth, and so on.
 
     Parameters
     ----------
-    mbs : exudyn.MainSystem
-    carriers : iterable of int
-        Numbers of the bodies that carry rigid surfaces.
+    watched : list of _Watched
+    most : int
+        Times that are kept.
     """
 
-    def __init__(self, mbs: MainSystem, carriers: Iterable[int]) -> None:
+    def __init__(self, watched: list[_Watched], most: int) -> None:
+        self._watched, self._most = watched, most
         self._t: list[float] = []
         self._poses: list[list[tuple[Array, Array, Array]]] = []
         self._stride, self._left = 1, 0
-        self._watched: list[_Watched] = []
-        carrying = {*carriers}
-        for number in range(mbs.systemData.NumberOfObjects()):
-            entry = mbs.GetObject(number)
-            points, triangles = _shape(mbs, number, entry)
-            if len(triangles) or number in carrying:
-                self._watched.append(_Watched(number, entry["name"], "", points, triangles, partial(_pose, number)))
-        none = np.zeros((0, 3)), np.zeros((0, 3), dtype=int)
-        self._watched += [_Watched(-1, sign.name, sign.kind, *none, sign.now) for sign in signs_of(mbs)]
 
     def __bool__(self) -> bool:
-        """Whether there are any."""
+        """Whether anything is watched."""
         return bool(self._watched)
 
-    def keep(self, mbs: MainSystem, t: float, *, start_of_step: bool = False) -> None:
-        """Keep where the bodies are at time t [s], in the model's present state, or in that at the start of the step.
-
-        Times must not decrease. A second call for the same time replaces the first one.
-        """
+    def keep(self, mbs: MainSystem, t: float, start_of_step: bool) -> None:
+        """See `OtherBodies.keep`."""
+        if not self._watched:
+            return
         if self._t and t <= self._t[-1]:
             if t == self._t[-1]:
                 self._poses[-1] = self._now(mbs, start_of_step)
@@ -137,7 +140,7 @@ class OtherBodies:
             self._left -= 1
             return
         self._add(t, self._now(mbs, start_of_step))
-        if len(self._t) >= _MOST:
+        if len(self._t) >= self._most:
             self._t, self._poses, self._stride = self._t[::2], self._poses[::2], 2 * self._stride
         self._left = self._stride - 1
 
@@ -150,10 +153,10 @@ class OtherBodies:
         configuration = kinds.StartOfStep if start_of_step else kinds.Current
         return [watched.now(mbs, configuration) for watched in self._watched]
 
-    def motions(self, mbs: MainSystem) -> tuple[OtherBody, ...]:
-        """Motion of each until the model's present state, which is the end of the run."""
+    def motions(self, mbs: MainSystem) -> list[OtherBody]:
+        """Motion of each until the model's present state."""
         if not self._watched:
-            return ()
+            return []
         end = float(mbs.systemData.GetTime())
         if not self._t or end > self._t[-1]:
             self._add(end, self._now(mbs, False))
@@ -165,18 +168,45 @@ class OtherBodies:
                     watched.number, watched.name, watched.points, watched.triangles, t, place, turn, watched.kind, other
                 )
             )
-        return tuple(found)
+        return found
 
 
-class _Watched(NamedTuple):
-    """A body or sign whose motion is recorded; see `OtherBody`."""
+class OtherBodies:
+    """Record of where Exudyn's own bodies with shapes, those that carry rigid surfaces, and signs are in a run.
 
-    number: int
-    name: str
-    kind: str
-    points: Array
-    triangles: Array
-    now: Callable[[MainSystem, object], tuple[Array, Array, Array]]
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    carriers : iterable of int
+        Numbers of the bodies that carry rigid surfaces.
+    """
+
+    def __init__(self, mbs: MainSystem, carriers: Iterable[int]) -> None:
+        bodies, carrying = list[_Watched](), {*carriers}
+        for number in range(mbs.systemData.NumberOfObjects()):
+            entry = mbs.GetObject(number)
+            points, triangles = _shape(mbs, number, entry)
+            if len(triangles) or number in carrying:
+                bodies.append(_Watched(number, entry["name"], "", points, triangles, partial(_pose, number)))
+        none = np.zeros((0, 3)), np.zeros((0, 3), dtype=int)
+        signs = [_Watched(-1, sign.name, sign.kind, *none, sign.now) for sign in signs_of(mbs)]
+        self._records = _Record(bodies, _MOST), _Record(signs, _MOST_OF_SIGNS)
+
+    def __bool__(self) -> bool:
+        """Whether there are any."""
+        return any(self._records)
+
+    def keep(self, mbs: MainSystem, t: float, *, start_of_step: bool = False) -> None:
+        """Keep where the bodies are at time t [s], in the model's present state, or in that at the start of the step.
+
+        Times must not decrease. A second call for the same time replaces the first one.
+        """
+        for record in self._records:
+            record.keep(mbs, t, start_of_step)
+
+    def motions(self, mbs: MainSystem) -> tuple[OtherBody, ...]:
+        """Motion of each until the model's present state, which is the end of the run; signs come last."""
+        return tuple(found for record in self._records for found in record.motions(mbs))
 
 
 def _pose(number: int, mbs: MainSystem, configuration: object) -> tuple[Array, Array, Array]:

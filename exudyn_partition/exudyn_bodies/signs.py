@@ -76,7 +76,7 @@ def _connectors(mbs: MainSystem) -> Iterator[Sign]:
         if shape is None or first is None or second is None:
             continue
         kind, axes = shape
-        yield Sign(name, kind, _between(first, second, axes))
+        yield Sign(name, kind, _between(first, second, axes) if kind in ("spring", "rod") else _at(first, axes))
         if driven:
             yield Sign(name, "drive", _at(first, axes))
         for marker, place in zip(markers, places, strict=True):
@@ -119,10 +119,7 @@ def _loads(mbs: MainSystem) -> Iterator[Sign]:
         if kind == "MassProportional":
             yield _gravity(np.asarray(entry["loadVector"], dtype=float))
         elif kind in ("ForceVector", "TorqueVector") and (place := _where(mbs, marker)) is not None:
-            yield Sign(
-                entry["name"], "force" if kind == "ForceVector" else "torque",
-                _loaded(load, place, bool(entry["bodyFixed"])),
-            )  # fmt: skip
+            yield Sign(entry["name"], "force" if kind == "ForceVector" else "torque", _loaded(mbs, load, place))
 
 
 def _weights(mbs: MainSystem) -> Iterator[Sign]:
@@ -170,6 +167,9 @@ def _where(mbs: MainSystem, marker: ItemIndex) -> Where | None:
         axes = mbs.GetMarkerOutput(marker, variable.RotationMatrix, configuration)
         return place, np.asarray(axes, dtype=float).reshape(3, 3)
 
+    if _on_ground(mbs, marker):  # where it always is
+        there = pose(mbs, reference)
+        return lambda mbs, configuration: there
     return pose
 
 
@@ -193,12 +193,15 @@ def _between(first: Where, second: Where, axes: Array) -> Callable[[MainSystem, 
     return now
 
 
-def _loaded(load: int, where: Where, fixed: bool) -> Callable[[MainSystem, object], tuple[Array, Array, Array]]:
-    """A load at a place, and what it is now."""
+def _loaded(mbs: MainSystem, load: int, where: Where) -> Callable[[MainSystem, object], tuple[Array, Array, Array]]:
+    """A load at a place, and what it is now; only a function of time is asked for at each time."""
+    entry = mbs.GetLoad(load)
+    varies, constant = isinstance(entry["loadVectorUserFunction"], dict), np.asarray(entry["loadVector"], dtype=float)
+    fixed = bool(entry["bodyFixed"])
 
     def now(mbs: MainSystem, configuration: object) -> tuple[Array, Array, Array]:
         place, turn = where(mbs, configuration)
-        value = np.asarray(mbs.GetLoadValues(load), dtype=float)
+        value = np.asarray(mbs.GetLoadValues(load), dtype=float) if varies else constant
         return place, turn, turn @ value if fixed else value
 
     return now
