@@ -121,7 +121,7 @@ class Spot:
     time : float
         [s]
     bodies : list of int
-        Numbers of slave and master among those shown.
+        Numbers of slave and master among those shown; -1 of one that is not shown.
     """
 
     name: str
@@ -344,7 +344,6 @@ def _spots(result: Result, items: Sequence[PartitionBody]) -> list[Spot]:
             far = np.linalg.norm(place[weight > 0] - spot, axis=1)
             push = contact.force_on_slave(now)[0]
             size = float(np.linalg.norm(push))
-            shown = [items.index(item) for item, _ in contact.sides if item in items]
             spots.append(
                 Spot(
                     name=contact.name or f"contact {number}",
@@ -352,7 +351,7 @@ def _spots(result: Result, items: Sequence[PartitionBody]) -> list[Spot]:
                     reach=float(far.max()),
                     push=push / size if size else np.array([0.0, 0.0, 1.0]),
                     time=time,
-                    bodies=list(dict.fromkeys(shown)),
+                    bodies=[items.index(item) if item in items else -1 for item, _ in contact.sides],
                 )
             )
     return spots

@@ -20,8 +20,10 @@
   // ---- What is shown --------------------------------------------------------------------------------------------
   const times = facts.t, last = times.length - 1, first = times[0], span = times[last] - first;
   const state = { time: facts.start, playing: false, speed: facts.speed, scale: facts.scale, colour: 0,
-    end: facts.colours[0].end, cut: null, stale: true };
-  const home = () => ({ centre: [0, 0, 0], distance: 1.9 * facts.size, azimuth: facts.view[0], elevation: facts.view[1] });
+    end: facts.colours[0].end, cut: null, spot: null, turn: 0,
+    stale: true };
+  const [azimuth, elevation] = facts.view, home = () => ({ centre: [0, 0, 0], distance: 1.9 * facts.size, azimuth,
+    elevation });
   let camera = home();
 
   // ---- Drawing on the graphics card -----------------------------------------------------------------------------
@@ -68,7 +70,8 @@
   gl.useProgram(program);
   gl.enable(gl.DEPTH_TEST);
   gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-  const uniform = Object.fromEntries(["view", "lens", "end", "plain", "cut", "faded"].map(n => [n, gl.getUniformLocation(program, n)]));
+  const uniform = Object.fromEntries(
+    ["view", "lens", "end", "plain", "cut", "faded"].map(n => [n, gl.getUniformLocation(program, n)]));
   gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
   const pixels = new Uint8Array(facts.map.flatMap(([r, g, b]) => [r, g, b, 255]));
   gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, facts.map.length, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
@@ -134,7 +137,8 @@
     surface.levels = new Float32Array(surface.nodes.length);
     return buffers(surface);
   }
-  const surfaces = facts.rigid.map(given => rigid(given, { turns: true, plain: [0.6, 0.6, 0.63, given.name ? 0.5 : 1] }));
+  const surfaces = facts.rigid.map(given =>
+    rigid(given, { turns: true, plain: [0.6, 0.6, 0.63, given.name ? 0.5 : 1] }));
   // Signs may stretch, as springs do, so that their axes are no rotations.
   const signs = facts.signs.map(given => rigid(given, { turns: false, plain: [...given.colour, 1] }));
 
@@ -329,7 +333,8 @@
   if (largestForce) {  // where the curve is highest, on the side that has room
     const { t, f } = curves.find(({ f }) => largest(f) == largestForce), at = across(t[f.indexOf(largestForce)]);
     $("peak").textContent = `${force(largestForce)} N`;
-    Object.assign($("peak").style, at < 800 ? { left: `calc(${at / 10}% + 5px)` } : { right: `calc(${100 - at / 10}% + 5px)` });
+    const [end, share] = at < 800 ? ["left", at / 10] : ["right", 100 - at / 10];
+    $("peak").style[end] = `calc(${share}% + 5px)`;
   }
   const shortTime = time => `${+(time * facts.factor).toPrecision(4)} ${facts.unit}`;
   [$("from").textContent, $("until").textContent] = [shortTime(first), shortTime(times[last])];
@@ -368,7 +373,7 @@
   $("speed").onchange = event => { state.speed = +event.target.value; };
   $("colour").onchange = event => {
     state.colour = +event.target.value;
-    state.end = facts.colours[state.colour].end;
+    state.end = state.spot === null ? facts.colours[state.colour].end : 1;
     showSettings();
   };
   $("end").oninput = event => { state.end = 10 ** event.target.value; showSettings(); };
@@ -406,19 +411,24 @@
   function whole(azimuth, elevation) {
     asAtFirst();
     camera = { ...home(), azimuth, elevation };
+    state.spot = null;
     [state.scale, state.end] = [facts.scale, facts.colours[state.colour].end];
     showSettings();
   }
-  /** Looks at the side of a body that a contact presses, at its peak, with all else faded; then at that of the other. */
+  /** Sides of a contact, 0 slave and 1 master, whose bodies are shown. */
+  const sidesOf = spot => spot.bodies.map((body, side) => body < 0 ? -1 : side).filter(side => side >= 0);
+  /** Looks at the side of a body that a contact presses, at its peak, with all else faded; then at the other's. */
   function lookAt(spot, i) {
-    const turn = state.spot == i && spot.bodies.length > 1 ? 1 - state.side : 0, body = bodies[spot.bodies[turn]];
-    [state.spot, state.side] = [i, turn];
+    const sides = sidesOf(spot), turn = state.spot == i ? (state.turn + 1) % (sides.length || 1) : 0;
+    const side = sides[turn] ?? 0, body = bodies[spot.bodies[side]];
+    [state.spot, state.turn] = [i, turn];
     everything.forEach(surface => setLook(surface, surface == body || !body ? "solid" : "faded"));
-    const out = spot.push.map(v => turn ? v : -v);  // from the body, where the other one is
+    const out = spot.push.map(v => side ? v : -v);  // from the body, where the other one is
     const [, , back] = axes(), along = dot(back, out), flat = back.map((v, k) => v - along * out[k]);
     const aside = Math.hypot(...flat) > 0.05 ? unit(flat) : unit(cross(out, [0.3, 0.9, 0.3]));
     const eye = out.map((v, k) => 0.8 * v + 0.6 * aside[k]);
-    camera = { centre: [...spot.place], azimuth: Math.atan2(eye[1], eye[0]), elevation: Math.asin(eye[2]),
+    camera = { centre: [...spot.place], azimuth: Math.atan2(eye[1], eye[0]),
+      elevation: Math.asin(Math.max(-1, Math.min(1, eye[2]))),
       distance: Math.max(0.02 * facts.size, Math.min(0.6 * facts.size, 22 * spot.reach)) };
     [state.scale, state.end] = [1, 1];  // colours to the largest value, which is here
     showSettings();
@@ -437,7 +447,8 @@
     choice.onchange = () => { lookAt(facts.spots[choice.value], +choice.value); choice.value = ""; };
     $("views").append(choice);
   } else facts.spots.forEach((spot, i) => button(spot.name,
-    "where it presses, at its peak" + (spot.bodies.length > 1 ? "; once more: the other body" : ""), () => lookAt(spot, i)));
+    "where it presses, at its peak" + (sidesOf(spot).length > 1 ? "; once more: the other body" : ""),
+    () => lookAt(spot, i)));
   for (const [name, azimuth, elevation] of [["front", -quarter, 0], ["side", 0, 0], ["top", -quarter, quarter]])
     button(name, `everything, from ${name == "front" ? "the front" : `the ${name}`}`, () => whole(azimuth, elevation));
   /** A plane that cuts off what is before it; it faces the viewer when it is chosen, and is dragged by the slider. */
@@ -545,7 +556,8 @@
   draw();
   requestAnimationFrame(loop);
   window.scene = { bodies, surfaces, signs, times, state, set(time) { setTime(time); draw(); },
-    eye: () => axes()[2].map((v, k) => camera.centre[k] + camera.distance * v), project: (body, vertex) => pixel(bodies[body], vertex), pixel };
+    eye: () => axes()[2].map((v, k) => camera.centre[k] + camera.distance * v), pixel,
+    project: (body, vertex) => pixel(bodies[body], vertex) };
   window.ready = true;
 })().catch(error => {
   document.getElementById("note").textContent = `The moving bodies failed: ${error}`;
