@@ -1,4 +1,4 @@
-"""Exudyn's own bodies in a run: their shapes, and where they are, so that pictures can show them.
+"""Exudyn's own bodies in a run, and signs of joints, springs, drives and loads: where they are, for pictures.
 
 Shapes are those that Exudyn's renderer draws: what the user gave each body, or the brick that CreateRigidBody derives
 from the inertia. Lines and texts are left out.
@@ -6,8 +6,10 @@ from the inertia. Lines and texts are left out.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -17,20 +19,22 @@ from ..support.checks import read_only
 from ..support.foreign import ItemEntry, MainSystem
 from ..support.optional import require
 from .carriers import Carrier, pose_in
+from .signs import signs_of
 
-_MOST = 1000  # places of a body that are kept; a longer run keeps each second, then each fourth, and so on
-_AROUND, _ALONG = 24, 12  # facets of a sphere
+_MOST = 1000  # places of a body that are kept
+_MOST_OF_SIGNS = 250  # of a sign: Exudyn takes longer to tell where markers of flexible bodies are
+_AROUND, _ALONG = 48, 24  # facets of a sphere
 _STRAIGHT = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # triangles of one with nodes at the middles of its sides
 
 
 @dataclass(frozen=True, eq=False)
 class OtherBody:
-    """Motion of one of Exudyn's own bodies in a run.
+    """Motion of one of Exudyn's own bodies in a run, or of a sign of what joins, drives or loads bodies.
 
     Parameters
     ----------
     number : int
-        Of its object.
+        Of its object; -1 of a sign.
     name : str
     points : (n, 3) array
         Of its shape, in its own axes [m].
@@ -42,6 +46,10 @@ class OtherBody:
         Of its origin [m].
     turn : (m, 3, 3) array
         Its axes, as columns.
+    kind : str
+        Of a sign, see `signs.Kind`; empty of a body.
+    end : (m, 3) array
+        Of a sign, see `signs.Sign`; of a body its place.
     """
 
     number: int
@@ -51,9 +59,11 @@ class OtherBody:
     t: Array
     place: Array
     turn: Array
+    kind: str
+    end: Array
 
     def __post_init__(self) -> None:
-        read_only(self.points, self.triangles, self.t, self.place, self.turn)
+        read_only(self.points, self.triangles, self.t, self.place, self.turn, self.end)
 
     @property
     def moves(self) -> bool:
@@ -63,11 +73,18 @@ class OtherBody:
     def at(self, times: Array) -> tuple[Array, Array]:
         """Place, (k, 3) [m], and axes, (k, 3, 3), at times, (k,) [s]."""
         times = np.clip(times, self.t[0], self.t[-1])
-        place = np.column_stack([np.interp(times, self.t, along) for along in self.place.T])
+        place = self._between(times, self.place)
         if len(self.t) == 1:
             return place, np.repeat(self.turn, len(times), axis=0)
         turn: Array = Slerp(self.t, Rotation.from_matrix(self.turn))(times).as_matrix()
         return place, turn
+
+    def end_at(self, times: Array) -> Array:
+        """The other end, (k, 3), at times, (k,) [s]."""
+        return self._between(np.clip(times, self.t[0], self.t[-1]), self.end)
+
+    def _between(self, times: Array, values: Array) -> Array:
+        return np.column_stack([np.interp(times, self.t, along) for along in values.T])
 
 
 def surface_motion(carrier: Carrier | None, bodies: Iterable[OtherBody], times: Array) -> tuple[Array, Array] | None:
@@ -80,8 +97,82 @@ def surface_motion(carrier: Carrier | None, bodies: Iterable[OtherBody], times: 
     return next((body.at(times) for body in bodies if body.number == int(carrier.body)), None)
 
 
+class _Watched(NamedTuple):
+    """A body or sign whose motion is recorded; see `OtherBody`."""
+
+    number: int
+    name: str
+    kind: str
+    points: Array
+    triangles: Array
+    now: Callable[[MainSystem, object], tuple[Array, Array, Array]]
+
+
+class _Record:
+    """Poses of what is watched at some times of a run: of a longer run each second, then each fourth, and so on.
+
+    Parameters
+    ----------
+    watched : list of _Watched
+    most : int
+        Times that are kept.
+    """
+
+    def __init__(self, watched: list[_Watched], most: int) -> None:
+        self._watched, self._most = watched, most
+        self._t: list[float] = []
+        self._poses: list[list[tuple[Array, Array, Array]]] = []
+        self._stride, self._left = 1, 0
+
+    def __bool__(self) -> bool:
+        """Whether anything is watched."""
+        return bool(self._watched)
+
+    def keep(self, mbs: MainSystem, t: float, start_of_step: bool) -> None:
+        """See `OtherBodies.keep`."""
+        if not self._watched:
+            return
+        if self._t and t <= self._t[-1]:
+            if t == self._t[-1]:
+                self._poses[-1] = self._now(mbs, start_of_step)
+            return
+        if self._left:
+            self._left -= 1
+            return
+        self._add(t, self._now(mbs, start_of_step))
+        if len(self._t) >= self._most:
+            self._t, self._poses, self._stride = self._t[::2], self._poses[::2], 2 * self._stride
+        self._left = self._stride - 1
+
+    def _add(self, t: float, poses: list[tuple[Array, Array, Array]]) -> None:
+        self._t.append(t)
+        self._poses.append(poses)
+
+    def _now(self, mbs: MainSystem, start_of_step: bool) -> list[tuple[Array, Array, Array]]:
+        kinds = require("exudyn").ConfigurationType
+        configuration = kinds.StartOfStep if start_of_step else kinds.Current
+        return [watched.now(mbs, configuration) for watched in self._watched]
+
+    def motions(self, mbs: MainSystem) -> list[OtherBody]:
+        """Motion of each until the model's present state."""
+        if not self._watched:
+            return []
+        end = float(mbs.systemData.GetTime())
+        if not self._t or end > self._t[-1]:
+            self._add(end, self._now(mbs, False))
+        t, found = np.array(self._t), []
+        for i, watched in enumerate(self._watched):
+            place, turn, other = (np.array([poses[i][part] for poses in self._poses]) for part in range(3))
+            found.append(
+                OtherBody(
+                    watched.number, watched.name, watched.points, watched.triangles, t, place, turn, watched.kind, other
+                )
+            )
+        return found
+
+
 class OtherBodies:
-    """Record of where Exudyn's own bodies with shapes, and those that carry rigid surfaces, are in a run.
+    """Record of where Exudyn's own bodies with shapes, those that carry rigid surfaces, and signs are in a run.
 
     Parameters
     ----------
@@ -91,61 +182,36 @@ class OtherBodies:
     """
 
     def __init__(self, mbs: MainSystem, carriers: Iterable[int]) -> None:
-        self._t: list[float] = []
-        self._poses: list[list[tuple[Array, Array]]] = []
-        self._stride, self._left = 1, 0
-        self._bodies, carrying = list[tuple[int, str, Array, Array]](), {*carriers}
+        bodies, carrying = list[_Watched](), {*carriers}
         for number in range(mbs.systemData.NumberOfObjects()):
             entry = mbs.GetObject(number)
             points, triangles = _shape(mbs, number, entry)
             if len(triangles) or number in carrying:
-                self._bodies.append((number, entry["name"], points, triangles))
+                bodies.append(_Watched(number, entry["name"], "", points, triangles, partial(_pose, number)))
+        none = np.zeros((0, 3)), np.zeros((0, 3), dtype=int)
+        signs = [_Watched(-1, sign.name, sign.kind, *none, sign.now) for sign in signs_of(mbs)]
+        self._records = _Record(bodies, _MOST), _Record(signs, _MOST_OF_SIGNS)
 
     def __bool__(self) -> bool:
         """Whether there are any."""
-        return bool(self._bodies)
+        return any(self._records)
 
     def keep(self, mbs: MainSystem, t: float, *, start_of_step: bool = False) -> None:
         """Keep where the bodies are at time t [s], in the model's present state, or in that at the start of the step.
 
         Times must not decrease. A second call for the same time replaces the first one.
         """
-        if self._t and t <= self._t[-1]:
-            if t == self._t[-1]:
-                self._poses[-1] = self._now(mbs, start_of_step)
-            return
-        if self._left:
-            self._left -= 1
-            return
-        self._add(t, self._now(mbs, start_of_step))
-        if len(self._t) >= _MOST:
-            self._t, self._poses, self._stride = self._t[::2], self._poses[::2], 2 * self._stride
-        self._left = self._stride - 1
-
-    def _add(self, t: float, poses: list[tuple[Array, Array]]) -> None:
-        self._t.append(t)
-        self._poses.append(poses)
-
-    def _now(self, mbs: MainSystem, start_of_step: bool) -> list[tuple[Array, Array]]:
-        kinds = require("exudyn").ConfigurationType
-        configuration = kinds.StartOfStep if start_of_step else kinds.Current
-        return [pose_in(mbs, number, configuration) for number, *_ in self._bodies]
+        for record in self._records:
+            record.keep(mbs, t, start_of_step)
 
     def motions(self, mbs: MainSystem) -> tuple[OtherBody, ...]:
-        """Motion of each body until the model's present state, which is the end of the run."""
-        if not self._bodies:
-            return ()
-        end = float(mbs.systemData.GetTime())
-        if not self._t or end > self._t[-1]:
-            self._add(end, self._now(mbs, False))
-        t = np.array(self._t)
-        return tuple(
-            OtherBody(
-                number, name, points, triangles, t,
-                np.array([poses[i][0] for poses in self._poses]), np.array([poses[i][1] for poses in self._poses]),
-            )
-            for i, (number, name, points, triangles) in enumerate(self._bodies)
-        )  # fmt: skip
+        """Motion of each until the model's present state, which is the end of the run; signs come last."""
+        return tuple(found for record in self._records for found in record.motions(mbs))
+
+
+def _pose(number: int, mbs: MainSystem, configuration: object) -> tuple[Array, Array, Array]:
+    place, turn = pose_in(mbs, number, configuration)
+    return place, turn, place
 
 
 def _shape(mbs: MainSystem, number: int, entry: ItemEntry) -> tuple[Array, Array]:

@@ -20,7 +20,8 @@ from ..support.foreign import Actor, Plotter, PolyData
 from ..support.optional import require
 from ..support.progress import Progress, shown
 from .body_fields import Shown
-from .graphics import validate_period, validate_pixels, validate_scale
+from .frame_times import slow_spans, time_digits
+from .graphics import RigidShape, validate_period, validate_pixels, validate_scale
 from .motion import COLOUR_NAMES, LABELS, BodyMotion, Colour, Motion, motion_of
 from .plot_input import plain
 from .scene import colour_map
@@ -32,9 +33,12 @@ _INCH = 100  # pixels
 _QUALITY = 20  # constant rate factor of H.264: small numbers are better and larger
 _GREY = "#9a9aa0"
 _LIGHT = {"ambient": 0.45, "diffuse": 0.65, "specular": 0.15}
-_BAR = {"color": "black", "n_labels": 2, "fmt": "%.3g", "position_x": 0.66, "position_y": 0.86, "width": 0.31,
-        "height": 0.13}  # fmt: skip
+_BAR = {"color": "black", "fill": True, "background_color": "white", "n_labels": 2, "fmt": "%.3g", "position_x": 0.64,
+        "position_y": 0.86, "width": 0.31, "height": 0.13}  # fmt: skip
 _LETTERS = 45  # of these a picture is high
+_MANY = 24  # pictures in a film, from which impacts get more
+_SEEN_THROUGH = 0.2  # opacity of what hides a body
+_OPACITY = 0.75  # of the white box behind texts
 _NEAR = 0.25  # size of what is seen of a contact, by that of all bodies
 
 
@@ -73,7 +77,14 @@ def film(
         require("imageio_ffmpeg")
     require("pyvista")
     with shown(progress, "film") as report:
-        motion = motion_of(result, bodies, colours=[colour], frames=frames, progress=lambda share: report(share / 2))
+        motion = motion_of(
+            result,
+            bodies,
+            colours=[colour],
+            frames=frames,
+            more=_more(frames),
+            progress=lambda share: report(share / 2),
+        )
         focus, extent = _focus(motion, view)
         with filling(path.parent, last=path.name) as new:
             pictures = _pictures(
@@ -84,6 +95,18 @@ def film(
     return path if ending != ".png" else path.with_name(f"{path.stem}_0000.png")
 
 
+def _more(frames: object) -> int:
+    """Most pictures at impacts beside those that are equally spaced; none in a film of few pictures."""
+    return int(frames) // 2 if isinstance(frames, int | np.integer) and frames >= _MANY else 0
+
+
+def _slow(motion: Motion) -> list[bool]:
+    """Whether each frame is of an impact that has frames of its own, so that time goes more slowly."""
+    usual = float(np.median(np.diff(motion.t))) if len(motion.t) > 1 else 0.0
+    spans = slow_spans(motion.force_t, motion.forces.values(), usual)
+    return [any(start <= t <= end for start, end in spans) for t in motion.t]
+
+
 def _focus(motion: Motion, view: str) -> tuple[Array, float]:
     """Point to look at and size of what is seen [m], of "all", "contact" or a body's name."""
     low, high = motion.bounds
@@ -92,7 +115,7 @@ def _focus(motion: Motion, view: str) -> tuple[Array, float]:
     if view == "all":
         return (low + high) / 2, motion.size
     if view == "contact":
-        return motion.spots[0], _NEAR * motion.size
+        return motion.spots[0].place, _NEAR * motion.size
     body: BodyMotion = names[view]
     every = np.vstack([body.at(frame) for frame in (0, len(motion.t) // 2, len(motion.t) - 1)])
     return (every.min(axis=0) + every.max(axis=0)) / 2, float(np.linalg.norm(np.ptp(every, axis=0)))
@@ -117,20 +140,32 @@ def _pictures(
     label, unit, many = LABELS[colour]
     top = many * (motion.end_of(colour) if end is None else end)
     scene.set_background("white")
-    meshes = [_drawn(scene, body, colour, many, scale, top) for body in motion.bodies]
+    focus, extent, towards = camera
+    faded = motion.look_through(int(abs(motion.t - motion.peak).argmin()), towards)
+    meshes = [
+        _drawn(scene, body, colour, many, scale, top, _SEEN_THROUGH if look else 1.0)
+        for body, look in zip(motion.bodies, faded[0], strict=True)
+    ]
     letter = max(8, height // _LETTERS)
-    scene.add_scalar_bar(
+    bar = scene.add_scalar_bar(
         f"{label} [{unit}]", mapper=meshes[0][1].mapper, title_font_size=letter, label_font_size=letter, **_BAR
     )
-    grey = [(shape, polydata(shape.at(0), shape.triangles)) for shape in motion.rigid]
-    for _, mesh in grey:
-        scene.add_mesh(mesh, color=_GREY, show_scalar_bar=False)
+    grey: list[tuple[RigidShape, PolyData]] = [
+        (shape, polydata(shape.at(0), shape.triangles)) for shape in motion.rigid
+    ]
+    for (_, mesh), look in zip(grey, faded[1], strict=True):
+        scene.add_mesh(mesh, color=_GREY, show_scalar_bar=False, opacity=_SEEN_THROUGH if look else 1.0)
+    for sign in motion.signs:
+        mesh = polydata(sign.at(0), sign.triangles)
+        scene.add_mesh(mesh, color=sign.colour, show_scalar_bar=False, **_LIGHT)
+        grey.append((sign, mesh))
     scene.enable_anti_aliasing("msaa")
-    focus, extent, towards = camera
     scene.camera_position = [focus + 2 * extent * towards / np.linalg.norm(towards), focus, (0, 0, 1)]
     scene.camera.view_angle = 2 * np.degrees(np.arctan(0.27))
     scene.reset_camera_clipping_range()
     text = scene.add_text("t", position="upper_left", font_size=max(5, letter // 2 + 3), color="black")
+    on_box(text, bar)
+    slow, digits = _slow(motion), time_digits(motion.t, 1e3)
     said = "" if scale == 1 else f"\ndeformed x {scale:g}: bodies may seem to overlap"
     try:
         for frame, t in enumerate(motion.t):
@@ -139,7 +174,7 @@ def _pictures(
                 mesh.point_data[colour] = many * body.colours[colour][frame]
             for shape, mesh in grey:
                 mesh.points = shape.at(frame)
-            text.set_text("upper_left", f"t = {1e3 * t:.4g} ms{said}")
+            text.set_text("upper_left", f"t = {1e3 * t:.{digits}f} ms{' (slow motion)' if slow[frame] else ''}{said}")
             scene.render()  # a screenshot alone would show the frame before
             picture = np.asarray(scene.screenshot(return_img=True))[..., :3]
             yield picture if strip is None else np.vstack([picture, strip.at(float(t))])
@@ -148,15 +183,21 @@ def _pictures(
         scene.close()
 
 
+def on_box(text: Actor, bar: Actor) -> None:
+    """Put a text and a bar of colours, whose background is filled, on boxes, so that they can be read before bodies."""
+    text.prop.background_color, text.prop.background_opacity = "white", _OPACITY
+    bar.GetBackgroundProperty().SetOpacity(_OPACITY)
+
+
 def _drawn(
-    scene: Plotter, body: BodyMotion, colour: Colour, many: float, scale: float, top: float
+    scene: Plotter, body: BodyMotion, colour: Colour, many: float, scale: float, top: float, opacity: float
 ) -> tuple[PolyData, Actor]:
     """Surface of a body in the scene, and what draws it."""
     mesh = polydata(body.at(0, scale), body.triangles)
     mesh.point_data[colour] = many * body.colours[colour][0]
     actor = scene.add_mesh(
         mesh, scalars=colour, cmap=colour_map(), clim=[0, top], show_scalar_bar=False, smooth_shading=True,
-        split_sharp_edges=False, **_LIGHT,
+        split_sharp_edges=False, opacity=opacity, **_LIGHT,
     )  # fmt: skip
     return mesh, actor
 

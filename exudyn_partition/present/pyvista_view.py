@@ -17,7 +17,7 @@ from ..support.files import replacing, writable
 from ..support.foreign import Plotter
 from ..support.optional import require
 from .body_fields import Shown
-from .film import polydata
+from .film import on_box, polydata
 from .graphics import (
     COLOURS,
     WINDOW,
@@ -41,6 +41,8 @@ _GREY = "#9a9aa0"
 _AMBIENT = 0.5  # brightness without light: shadows must not look like small values
 _BAR = {
     "color": "black",
+    "fill": True,
+    "background_color": "white",
     "n_labels": 2,
     "fmt": "%.3g",
     "position_x": 0.32,
@@ -114,7 +116,8 @@ def plotter(
         )
     for rigid in rigid_shapes(result, frame.t, places_of(pieces, places)):
         scene.add_mesh(polydata(rigid.at(0), rigid.triangles), color=_GREY, show_scalar_bar=False)
-    scene.add_text("\n".join([f"t = {frame.t[0]:.6g} s", *said]), font_size=10, color="black")
+    text = scene.add_text("\n".join([f"t = {frame.t[0]:.6g} s", *said]), font_size=10, color="black")
+    on_box(text, scene.scalar_bar)
     scene.set_background("white")
     scene.add_axes(color="black")
     return scene

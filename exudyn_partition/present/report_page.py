@@ -27,7 +27,6 @@ from . import plot
 from .plot_input import plain
 from .scene import scene_of
 
-_FRAMES = 60  # of the moving bodies
 _ROUNDING = 1e-3  # of a speed: steps change it by less
 _MOST_IMPACTS = 20  # largest number of sub-impacts of a contact to list
 _ADAPTIVE = 1.01  # mean step by that in contact, above which steps are adaptive
@@ -278,9 +277,7 @@ def _figures(result: Result) -> list[dict[str, str]]:
 
 def _scene(result: Result) -> str:
     """Page with the moving bodies, to stand in a frame of this one."""
-    if not result.bodies:
-        return ""
-    return scene_of(result, frames=min(_FRAMES, max(2, len(result.t)))).page
+    return scene_of(result).page if result.bodies else ""
 
 
 def _drawn(axes: Axes, caption: str) -> dict[str, str]:

@@ -20,31 +20,40 @@
   // ---- What is shown --------------------------------------------------------------------------------------------
   const times = facts.t, last = times.length - 1, first = times[0], span = times[last] - first;
   const state = { time: facts.start, playing: false, speed: facts.speed, scale: facts.scale, colour: 0,
-    end: facts.colours[0].end, stale: true };
-  const home = () => ({ centre: [0, 0, 0], distance: 1.9 * facts.size, azimuth: -1.05, elevation: 0.42 });
+    end: facts.colours[0].end, cut: null, spot: null, turn: 0,
+    stale: true };
+  const [azimuth, elevation] = facts.view, home = () => ({ centre: [0, 0, 0], distance: 1.9 * facts.size, azimuth,
+    elevation });
   let camera = home();
 
   // ---- Drawing on the graphics card -----------------------------------------------------------------------------
   const VERTEX = `#version 300 es
     in vec3 place, normal; in float level;
     uniform mat4 view, lens;
-    out vec3 n, x; out float value;
+    out vec3 n, x, p; out float value;
     void main() {
       vec4 seen = view * vec4(place, 1.0);
-      x = seen.xyz; n = mat3(view) * normal; value = level; gl_Position = lens * seen;
+      p = place; x = seen.xyz; n = mat3(view) * normal; value = level; gl_Position = lens * seen;
     }`;
   const PIXEL = `#version 300 es
     precision highp float;
-    in vec3 n, x; in float value;
-    uniform float end; uniform vec4 plain; uniform sampler2D colours;
+    in vec3 n, x, p; in float value;
+    uniform float end, faded; uniform vec4 plain, cut; uniform sampler2D colours;
     out vec4 colour;
     void main() {
+      if (dot(cut.xyz, p) > cut.w) discard;
+      if (cut.w < 1e30 && !gl_FrontFacing && plain.a < 1.0 && faded == 0.0) {  // the inside, as if it were full
+        float line = step(0.5, fract((gl_FragCoord.x + gl_FragCoord.y) / 12.0));
+        colour = vec4(vec3(0.62, 0.64, 0.67) - 0.07 * line, 1.0);
+        return;
+      }
       vec3 m = normalize(n); if (m.z < 0.0) m = -m;
       vec3 own = plain.a > 0.0 ? plain.rgb : texture(colours, vec2(clamp(value / end, 0.002, 0.998), 0.5)).rgb;
       vec3 light = normalize(vec3(0.35, 0.5, 0.8));
       float lit = 0.68 + 0.38 * max(dot(m, light), 0.0);
       float shine = pow(max(dot(reflect(normalize(x), m), light), 0.0), 24.0), rim = pow(1.0 - abs(m.z), 3.0);
-      colour = vec4(own * lit * (1.0 - 0.25 * rim) + 0.06 * shine, 1.0);
+      float seen = faded > 1.0 ? 0.3 : faded > 0.0 ? 0.10 + 0.45 * rim : 1.0;
+      colour = vec4(own * lit * (1.0 - 0.25 * rim) + 0.06 * shine, 1.0) * seen;
     }`;
   const compiled = (type, text) => {
     const shader = gl.createShader(type);
@@ -60,7 +69,9 @@
   gl.linkProgram(program);
   gl.useProgram(program);
   gl.enable(gl.DEPTH_TEST);
-  const uniform = Object.fromEntries(["view", "lens", "end", "plain"].map(n => [n, gl.getUniformLocation(program, n)]));
+  gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+  const uniform = Object.fromEntries(
+    ["view", "lens", "end", "plain", "cut", "faded"].map(n => [n, gl.getUniformLocation(program, n)]));
   gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
   const pixels = new Uint8Array(facts.map.flatMap(([r, g, b]) => [r, g, b, 255]));
   gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, facts.map.length, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
@@ -103,7 +114,7 @@
 
   // ---- Bodies: place + turn (points + sum of amplitudes and shapes) ------------------------------------------------
   const bodies = facts.bodies.map(given => {
-    const body = { name: given.name, turns: given.turns, shown: true };
+    const body = { name: given.name, turns: given.turns, look: given.faded ? "faded" : "solid" };
     for (const key of ["points", "triangles", "nodes", "shapes", "amplitudes", "place", "turn"])
       body[key] = array(given[key]);
     body.colours = given.colours.map(array);
@@ -117,15 +128,27 @@
     return buffers(body);
   });
   // Rigid surfaces, and Exudyn's own bodies: place + turn points; those that stay where they are have one frame.
-  const surfaces = facts.rigid.map(given => {
-    const surface = { name: given.name, turns: true, shown: true };
+  function rigid(given, more) {
+    const surface = { name: given.name, look: given.faded ? "faded" : "solid", ...more };
     for (const key of ["points", "triangles", "place", "turn"]) surface[key] = array(given[key]);
     surface.nodes = Uint32Array.from({ length: surface.points.length / 3 }, (_, v) => v);
     surface.places = new Float32Array(surface.points.length);
     surface.normals = new Float32Array(surface.points.length);
     surface.levels = new Float32Array(surface.nodes.length);
     return buffers(surface);
+  }
+  const surfaces = facts.rigid.map(given =>
+    rigid(given, { turns: true, plain: [0.6, 0.6, 0.63, given.name ? 0.5 : 1] }));
+  // Signs may stretch, as springs do, so that their axes are no rotations.
+  const signs = facts.signs.map(given => rigid(given, { turns: false, plain: [...given.colour, 1] }));
+
+  const curves = facts.forces.map(({ name, curve }) => {
+    const both = array(curve), every = k => both.filter((_, i) => i % 2 == k);
+    return { name, t: every(0), f: every(1) };
   });
+
+  const everything = [...surfaces, ...bodies];
+  const looks = new Map(everything.map(surface => [surface, surface.look]));  // those of the first view
 
   /** Frames before and after a time, and the share of the later one. */
   function framesAt(time) {
@@ -206,13 +229,26 @@
   // ---- A frame ------------------------------------------------------------------------------------------------------
   const number = v => v === 0 ? "0" : Math.abs(v) >= 1e4 || Math.abs(v) < 1e-2 ? v.toExponential(1).replace("e+", "e")
     : String(+v.toPrecision(3));
+  const force = v => Math.abs(v) >= 1e5 || (v && Math.abs(v) < 1e-2) ? v.toExponential(3).replace("e+", "e")
+    : String(+v.toPrecision(4));
+  /** Sum of the contacts' forces: each curve has the samples at which it is largest and least. */
   function forceAt(time) {
-    const sum = facts.forces.map(({ values }) => {
-      const x = Math.min(1, Math.max(0, (time - first) / span)) * (values.length - 1);
-      const i = Math.min(values.length - 2, Math.floor(x));
-      return values[i] + (values[i + 1] - values[i]) * (x - i);
-    });
-    return sum.reduce((a, b) => a + b, 0);
+    return curves.reduce((sum, { t, f }) => {
+      let before = 0, after = t.length - 1;
+      while (after - before > 1) {
+        const middle = (before + after) >> 1;
+        if (t[middle] <= time) before = middle; else after = middle;
+      }
+      const share = Math.min(1, Math.max(0, (time - t[before]) / (t[after] - t[before] || 1)));
+      return sum + (1 - share) * f[before] + share * f[after];
+    }, 0);
+  }
+  const told = speed => `1 s = ${number(speed * facts.factor)} ${facts.unit}`;
+  /** The impact that is going on and short, if any: it is played slowly. */
+  const slowAt = time => $("slow").checked && facts.slow.find(([start, end]) => time >= start && time < end);
+  function speedAt(time) {
+    const slow = slowAt(time);
+    return slow ? Math.min(state.speed, (slow[1] - slow[0]) / facts.slowSeconds) : state.speed;
   }
   function draw() {
     const ratio = Math.min(devicePixelRatio || 1, 2);
@@ -221,7 +257,7 @@
     if (canvas.width != width || canvas.height != height) { canvas.width = width; canvas.height = height; }
     const frames = framesAt(state.time);
     bodies.forEach(body => move(body, frames));
-    surfaces.filter(surface => surface.place.length > 3 || !surface.stands).forEach(surface => {
+    [...surfaces, ...signs].filter(surface => surface.place.length > 3 || !surface.stands).forEach(surface => {
       carry(surface, surface.points, surface.place.length > 3 ? frames : [0, 0, 0]);
       surface.stands = true;
     });
@@ -232,16 +268,33 @@
     gl.uniformMatrix4fv(uniform.lens, false, lens);
     gl.uniformMatrix4fv(uniform.view, false, view);
     gl.uniform1f(uniform.end, state.end);
-    const show = (surface, plain) => {
-      gl.uniform4fv(uniform.plain, plain);
-      gl.bindVertexArray(surface.list);
-      gl.drawElements(gl.TRIANGLES, surface.triangles.length, gl.UNSIGNED_INT, 0);
+    gl.uniform4fv(uniform.cut, state.cut ? [0, 1, 2].map(k => k == state.cut.axis ? state.cut.side : 0)
+      .concat(state.cut.side * state.cut.at) : [0, 0, 0, 1e31]);
+    const show = (some, faded) => {
+      gl.uniform1f(uniform.faded, faded);
+      some.forEach(surface => {
+        gl.uniform4fv(uniform.plain, surface.plain || [0, 0, 0, 0]);
+        gl.bindVertexArray(surface.list);
+        gl.drawElements(gl.TRIANGLES, surface.triangles.length, gl.UNSIGNED_INT, 0);
+      });
     };
-    surfaces.filter(surface => surface.shown).forEach(surface => show(surface, [0.6, 0.6, 0.63, 1]));
-    bodies.filter(body => body.shown).forEach(body => show(body, [0, 0, 0, 0]));
+    show(everything.filter(surface => surface.look == "solid"), 0);
+    gl.enable(gl.BLEND);
+    gl.depthMask(false);
+    show(everything.filter(surface => surface.look == "faded"), 1);
+    const drawn = $("signs").checked ? signs : [];
+    gl.uniform4fv(uniform.cut, [0, 0, 0, 1e31]);
+    gl.depthFunc(gl.GREATER);
+    show(drawn, 2);  // what is within bodies shines through
+    gl.depthFunc(gl.LESS);
+    gl.disable(gl.BLEND);
+    gl.depthMask(true);
+    show(drawn, 0);
     const colour = facts.colours[state.colour], share = span ? (state.time - first) / span : 0;
-    const force = facts.forces.length ? `   force ${number(forceAt(state.time))} N` : "";
-    $("time").textContent = `t = ${(state.time * facts.factor).toFixed(facts.digits)} ${facts.unit}${force}`;
+    const now = curves.length ? `   force ${force(forceAt(state.time))} N` : "";
+    $("time").textContent = `t = ${(state.time * facts.factor).toFixed(facts.digits)} ${facts.unit}${now}`;
+    const slow = state.playing && slowAt(state.time);
+    $("slowed").textContent = slow ? `slow motion, ${told(speedAt(state.time))}` : "";
     $("ends").children[0].textContent = "0";
     $("ends").children[1].textContent = (state.end < 0.999 ? "\u2265 " : "") + number(state.end * colour.largest);
     $("quantity").textContent = `${colour.name} [${colour.unit}]`;
@@ -262,20 +315,38 @@
     svg.append(element);
     return element;
   };
-  const largestForce = facts.forces.reduce((most, { values }) => Math.max(most, ...values), 0);
-  facts.forces.forEach(({ values }, k) => line("polyline", {
-    points: values.map((f, i) =>
-      `${(1000 * i / (values.length - 1)).toFixed(1)},${(54 - 50 * f / (largestForce || 1)).toFixed(1)}`).join(" "),
-    fill: "none", stroke: ["var(--accent)", "#c25b12", "#3b8a3b", "#8a3b86"][k % 4], "stroke-width": 1.6,
-  }));
-  const mark = line("line", { y1: 0, y2: 58, stroke: "var(--fore)" });
-  document.querySelector("#track span").textContent =
-    facts.forces.length ? `contact force, largest ${number(largestForce)} N` : "";
+  const HEIGHT = 58, across = time => 1000 * (span ? (time - first) / span : 0);
+  const largest = values => values.reduce((most, value) => Math.max(most, value), 0);
+  const largestForce = largest(curves.map(({ f }) => largest(f)));
+  const up = f => HEIGHT - 4 - (HEIGHT - 12) * f / (largestForce || 1);
+  facts.slow.forEach(([start, end]) => line("rect", { x: across(start), width: Math.max(2, across(end) - across(start)),
+    y: 0, height: HEIGHT, fill: "var(--accent)", opacity: 0.18, stroke: "none" }));
+  curves.forEach(({ name, t, f }, k) => {
+    const stroke = ["var(--accent)", "#d0691f", "#3f9a4a", "#a050a8"][k % 4];
+    line("polyline", { points: [...t].map((time, i) => `${across(time).toFixed(2)},${up(f[i]).toFixed(1)}`).join(" "),
+      fill: "none", stroke, "stroke-width": 1.6, "stroke-dasharray": ["", "6 3", "2 3"][Math.floor(k / 4) % 3] });
+    const entry = document.createElement("span"), swatch = document.createElement("i");
+    swatch.style.background = stroke;
+    entry.append(swatch, `${name}: largest ${force(largest(f))} N`);
+    $("curves").append(entry);
+  });
+  if (largestForce) {  // where the curve is highest, on the side that has room
+    const { t, f } = curves.find(({ f }) => largest(f) == largestForce), at = across(t[f.indexOf(largestForce)]);
+    $("peak").textContent = `${force(largestForce)} N`;
+    const [end, share] = at < 800 ? ["left", at / 10] : ["right", 100 - at / 10];
+    $("peak").style[end] = `calc(${share}% + 5px)`;
+  }
+  const shortTime = time => `${+(time * facts.factor).toPrecision(4)} ${facts.unit}`;
+  [$("from").textContent, $("until").textContent] = [shortTime(first), shortTime(times[last])];
+  $("slowly").hidden = !facts.slow.length;
+  $("signed").hidden = !signs.length;
+  $("signs").onchange = () => { state.stale = true; };
+  const mark = line("line", { y1: 0, y2: HEIGHT, stroke: "var(--fore)", "stroke-width": 1 });
 
   // ---- Controls -------------------------------------------------------------------------------------------------------
   document.querySelector("#said b").textContent = facts.title;
   facts.speeds.forEach(speed => {
-    const option = new Option(`1 s = ${number(speed * facts.factor)} ${facts.unit}`, speed);
+    const option = new Option(told(speed), speed);
     option.selected = speed == state.speed;
     $("speed").append(option);
   });
@@ -302,7 +373,7 @@
   $("speed").onchange = event => { state.speed = +event.target.value; };
   $("colour").onchange = event => {
     state.colour = +event.target.value;
-    state.end = facts.colours[state.colour].end;
+    state.end = state.spot === null ? facts.colours[state.colour].end : 1;
     showSettings();
   };
   $("end").oninput = event => { state.end = 10 ** event.target.value; showSettings(); };
@@ -313,29 +384,82 @@
   };
   $("play").onclick = () => play(!state.playing);
   $("slider").oninput = event => setTime(first + span * event.target.value / 1000);
-  [...bodies, ...surfaces.filter(surface => surface.name)].forEach(body => {
-    const label = document.createElement("label"), box = document.createElement("input");
-    box.type = "checkbox";
-    box.checked = true;
-    box.onchange = () => { body.shown = box.checked; state.stale = true; };
-    label.append(box, body.name);
+  // Boxes have three states: a body is solid, faded, so that one looks through it, or hidden.
+  const NEXT = { solid: "faded", faded: "hidden", hidden: "solid" };
+  const named = [...bodies, ...surfaces.filter(surface => surface.name)];
+  named.forEach(body => {
+    const label = document.createElement("label");
+    body.box = document.createElement("input");
+    body.box.type = "checkbox";
+    body.box.onchange = () => setLook(body, NEXT[body.look]);
+    label.append(body.box, body.name);
+    label.title = "solid, see-through or hidden";
     $("bodies").append(label);
   });
-  const views = [["all", () => home()]];
-  facts.spots.forEach((spot, i) => {
-    const name = facts.spots.length > 1 ? `contact ${i + 1}` : "contact";
-    views.push([name, () => ({ ...camera, centre: [...spot], distance: 0.25 * facts.size })]);
-    if (i == 0) views.push(["close", () => ({ ...camera, centre: [...spot], distance: 0.06 * facts.size })]);
-  });
-  const quarter = Math.PI / 2;
-  for (const [name, azimuth, elevation] of [["front", -quarter, 0], ["side", 0, 0], ["top", -quarter, quarter]])
-    views.push([name, () => ({ ...camera, azimuth, elevation })]);
-  for (const [name, of] of views) {
-    const button = document.createElement("button");
-    button.textContent = name;
-    button.onclick = () => { camera = of(); state.stale = true; };
-    $("views").append(button);
+  function setLook(body, look) {
+    body.look = look;
+    if (body.box) {
+      body.box.checked = look != "hidden";
+      body.box.indeterminate = look == "faded";
+      body.box.setAttribute("aria-label", `${body.name}: ${look}`);
+    }
+    state.stale = true;
   }
+  const asAtFirst = () => looks.forEach((look, surface) => setLook(surface, look));
+  asAtFirst();
+  const quarter = Math.PI / 2;
+  function whole(azimuth, elevation) {
+    asAtFirst();
+    camera = { ...home(), azimuth, elevation };
+    state.spot = null;
+    [state.scale, state.end] = [facts.scale, facts.colours[state.colour].end];
+    showSettings();
+  }
+  /** Sides of a contact, 0 slave and 1 master, whose bodies are shown. */
+  const sidesOf = spot => spot.bodies.map((body, side) => body < 0 ? -1 : side).filter(side => side >= 0);
+  /** Looks at the side of a body that a contact presses, at its peak, with all else faded; then at the other's. */
+  function lookAt(spot, i) {
+    const sides = sidesOf(spot), turn = state.spot == i ? (state.turn + 1) % (sides.length || 1) : 0;
+    const side = sides[turn] ?? 0, body = bodies[spot.bodies[side]];
+    [state.spot, state.turn] = [i, turn];
+    everything.forEach(surface => setLook(surface, surface == body || !body ? "solid" : "faded"));
+    const out = spot.push.map(v => side ? v : -v);  // from the body, where the other one is
+    const [, , back] = axes(), along = dot(back, out), flat = back.map((v, k) => v - along * out[k]);
+    const aside = Math.hypot(...flat) > 0.05 ? unit(flat) : unit(cross(out, [0.3, 0.9, 0.3]));
+    const eye = out.map((v, k) => 0.8 * v + 0.6 * aside[k]);
+    camera = { centre: [...spot.place], azimuth: Math.atan2(eye[1], eye[0]),
+      elevation: Math.asin(Math.max(-1, Math.min(1, eye[2]))),
+      distance: Math.max(0.02 * facts.size, Math.min(0.6 * facts.size, 22 * spot.reach)) };
+    [state.scale, state.end] = [1, 1];  // colours to the largest value, which is here
+    showSettings();
+    if (!state.playing) setTime(spot.time);
+  }
+  const button = (name, title, pressed) => {
+    const element = document.createElement("button");
+    Object.assign(element, { textContent: name, title, onclick: pressed });
+    $("views").append(element);
+  };
+  button("all", "everything, from the first view", () => whole(...facts.view));
+  if (facts.spots.length > 4) {
+    const choice = document.createElement("select");
+    choice.setAttribute("aria-label", "contact to look at");
+    choice.append(new Option("contact ...", ""), ...facts.spots.map((spot, i) => new Option(spot.name, i)));
+    choice.onchange = () => { lookAt(facts.spots[choice.value], +choice.value); choice.value = ""; };
+    $("views").append(choice);
+  } else facts.spots.forEach((spot, i) => button(spot.name,
+    "where it presses, at its peak" + (sidesOf(spot).length > 1 ? "; once more: the other body" : ""),
+    () => lookAt(spot, i)));
+  for (const [name, azimuth, elevation] of [["front", -quarter, 0], ["side", 0, 0], ["top", -quarter, quarter]])
+    button(name, `everything, from ${name == "front" ? "the front" : `the ${name}`}`, () => whole(azimuth, elevation));
+  /** A plane that cuts off what is before it; it faces the viewer when it is chosen, and is dragged by the slider. */
+  $("cut").onchange = event => {
+    const axis = ["x", "y", "z"].indexOf(event.target.value);
+    state.cut = axis < 0 ? null : { axis, side: axes()[2][axis] < 0 ? -1 : 1, at: 0 };
+    $("place").style.visibility = state.cut ? "visible" : "hidden";
+    if (state.cut) Object.assign($("place"), { min: -facts.half[axis], max: facts.half[axis], value: 0 });
+    state.stale = true;
+  };
+  $("place").oninput = event => { state.cut.at = +event.target.value; state.stale = true; };
 
   // ---- Pointer and keys -------------------------------------------------------------------------------------------------
   const fingers = new Map();
@@ -373,17 +497,22 @@
     camera.distance *= Math.exp(0.0012 * event.deltaY);
     state.stale = true;
   }, { passive: false });
+  function pixel(surface, vertex) {
+    const width = canvas.clientWidth, height = canvas.clientHeight, p = surface.places.slice(3 * vertex);
+    return project(p[0], p[1], p[2], lensAndView(width, height), width, height);
+  }
   /** The vertex nearest to the pointer, of those the one in front. */
   function nearest(px, py) {
     const width = canvas.clientWidth, height = canvas.clientHeight, matrices = lensAndView(width, height);
     let best = null;
-    for (const body of bodies.filter(body => body.shown)) {
+    for (const body of [...bodies.filter(body => body.look == "solid"), ...($("signs").checked ? signs : [])]) {
       for (let v = 0; v < body.nodes.length; v++) {
         const [x, y, depth] = project(body.places[3 * v], body.places[3 * v + 1], body.places[3 * v + 2], matrices,
           width, height);
         const away = Math.hypot(x - px, y - py);
         if (away > 14 || depth < 0) continue;
-        const cost = depth / camera.distance + 0.004 * away;
+        const shines = signs.includes(body) && away < 6;  // through bodies
+        const cost = depth / camera.distance + 0.004 * away - (shines ? 10 : 0);
         if (!best || cost < best.cost) best = { cost, body, vertex: v, x, y };
       }
     }
@@ -395,24 +524,28 @@
     tip.style.display = found ? "block" : "none";
     if (!found) return;
     const colour = facts.colours[state.colour];
-    tip.textContent = `${found.body.name}: ${number(found.body.levels[found.vertex] * colour.largest)} ${colour.unit}`;
+    const value = `: ${number(found.body.levels[found.vertex] * colour.largest)} ${colour.unit}`;
+    tip.textContent = found.body.name + (bodies.includes(found.body) ? value : "");
     tip.style.left = `${Math.min(found.x + 12, frame.width - tip.offsetWidth - 4)}px`;
     tip.style.top = `${Math.max(4, found.y - 30)}px`;
   }
   addEventListener("keydown", event => {
     if (["INPUT", "SELECT"].includes(event.target.tagName) && event.key != " ") return;
     if (event.key == " " && event.target.tagName != "BUTTON") { event.preventDefault(); play(!state.playing); }
-    else if (event.key == "ArrowRight") setTime(state.time + span / last);
-    else if (event.key == "ArrowLeft") setTime(state.time - span / last);
+    else if (event.key == "ArrowRight") setTime(times.find(time => time > state.time) ?? times[last]);
+    else if (event.key == "ArrowLeft") setTime(times.findLast(time => time < state.time) ?? first);
     else if (event.key == "+" || event.key == "-") { camera.distance *= event.key == "+" ? 0.85 : 1.18; state.stale = true; }
   });
+  matchMedia("(prefers-color-scheme: dark)").onchange = () => { state.stale = true; };
   new ResizeObserver(() => { state.stale = true; }).observe(canvas);
 
   // ---- Time goes on -------------------------------------------------------------------------------------------------------
   let before = 0;
   function loop(now) {
     if (state.playing) {
-      const next = state.time + (before ? state.speed * (now - before) / 1000 : 0);
+      let next = state.time + (before ? speedAt(state.time) * (now - before) / 1000 : 0);
+      const begun = facts.slow.find(([start]) => start > state.time && start < next);
+      if (begun && $("slow").checked) next = begun[0];  // not beyond an impact that is to be played slowly
       setTime(next > times[last] ? first : next);
       before = now;
     }
@@ -422,10 +555,9 @@
   showSettings();
   draw();
   requestAnimationFrame(loop);
-  window.scene = { bodies, surfaces, times, state, set(time) { setTime(time); draw(); }, project(body, vertex) {
-    const width = canvas.clientWidth, height = canvas.clientHeight, p = bodies[body].places.slice(3 * vertex);
-    return project(p[0], p[1], p[2], lensAndView(width, height), width, height);
-  } };
+  window.scene = { bodies, surfaces, signs, times, state, set(time) { setTime(time); draw(); },
+    eye: () => axes()[2].map((v, k) => camera.centre[k] + camera.distance * v), pixel,
+    project: (body, vertex) => pixel(bodies[body], vertex) };
   window.ready = true;
 })().catch(error => {
   document.getElementById("note").textContent = `The moving bodies failed: ${error}`;

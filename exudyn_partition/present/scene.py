@@ -10,7 +10,6 @@ from __future__ import annotations
 import base64
 import gzip
 import html
-import itertools
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -28,6 +27,7 @@ from ..support.foreign import JSON
 from ..support.optional import require
 from ..support.progress import Progress, shown
 from .body_fields import Shown
+from .frame_times import slow_spans, time_digits
 from .graphics import RigidShape, validate_scale
 from .motion import LABELS, BodyMotion, Colour, Motion, motion_of
 
@@ -36,11 +36,15 @@ _TOLERANCE = 5e-3  # largest error of a node's place, relative to the largest de
 _ROUNDED = 2e-4  # step of a shape's entries, likewise: rounded numbers are packed smaller
 _CREASE = np.cos(np.radians(35))  # beyond this angle neighbours have normals of their own: an edge is seen
 _LEVELS = 255  # of colours: square roots, since contacts have many times the stress of a wave
-_CURVE = 1000  # points of the curve of forces
-_DIGITS = 5  # of these
+_CURVE = 1200  # parts of the curve of forces, of each the least and the largest value: no screen is much wider
 _STEEL = ("#dde3e8", "magma_r", 0.16, 0.86)  # of unstressed bodies, and the part of the map for the others
 _COLOURS = 256
 _SPEEDS = (60, 20, 8, 3, 1)  # seconds in which the run is played
+_SPEED = 2  # which of these is the first choice
+_MORE = 200  # most frames at impacts, beside those that are equally spaced
+_SLOW, _ALL_SLOW = 1.5, 20.0  # seconds in which an impact is played at least, and all of them at most
+_VIEW = (-1.05, 0.42)  # azimuth and elevation of the first view [rad]
+_IN_MILLISECONDS = 2.0  # shorter runs are told in milliseconds [s]
 _HEIGHT = 560  # of the page in a notebook's cell [pixels]
 _TYPES = {"f4": np.float32, "i2": np.int16, "u4": np.uint32, "u1": np.uint8}
 
@@ -105,13 +109,39 @@ def scene_of(
     if progress is not None:
         validate_callable("progress", progress, "a function of the share done, 0 to 1")
     with shown(progress, "moving bodies") as report:
-        motion = motion_of(result, bodies, colours=colours, frames=frames, with_peak=True, progress=report)
+        motion = motion_of(result, bodies, colours=colours, frames=frames, more=_MORE, progress=report).rounded()
     middle = np.mean(motion.bounds, axis=0)
     blob = _Blob()
     facts = _facts(motion, title, motion.visible_scale if scale is None else scale)
-    facts["bodies"] = [_packed(body, middle, motion, blob) for body in motion.bodies]
-    facts["rigid"] = [_packed_shape(shape, middle, blob) for shape in motion.rigid]
-    facts["spots"] = [(spot - middle).tolist() for spot in motion.spots]
+    azimuth, elevation = _VIEW
+    flat = np.cos(elevation)
+    towards = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+    faded = motion.look_through(int(np.searchsorted(motion.t, motion.peak).clip(0, len(motion.t) - 1)), towards)
+    facts["bodies"] = [
+        {**_packed(body, middle, motion, blob), "faded": look}
+        for body, look in zip(motion.bodies, faded[0], strict=True)
+    ]
+    facts["rigid"] = [
+        {**_packed_shape(shape, middle, blob), "faded": look}
+        for shape, look in zip(motion.rigid, faded[1], strict=True)
+    ]
+    facts["signs"] = [{**_packed_shape(sign, middle, blob), "colour": sign.rgb} for sign in motion.signs]
+    seen = (motion.force_t >= motion.t[0]) & (motion.force_t <= motion.t[-1])
+    facts["forces"] = [
+        {"name": name, "curve": blob.put(force_curve(motion.force_t[seen], own[seen]), "f4")}
+        for name, own in motion.forces.items()
+    ]
+    facts["spots"] = [
+        {
+            "name": spot.name,
+            "place": (spot.place - middle).tolist(),
+            "reach": spot.reach,
+            "push": spot.push.tolist(),
+            "time": spot.time,
+            "bodies": spot.bodies,
+        }
+        for spot in motion.spots
+    ]
     jinja2 = require("jinja2")
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=jinja2.StrictUndefined
@@ -150,7 +180,7 @@ class _Blob:
 def _facts(motion: Motion, title: str, scale: float) -> JSON:
     """What the page needs beside arrays."""
     span = float(motion.t[-1] - motion.t[0]) or 1.0  # s; a page of one instant does not play
-    unit, factor = ("ms", 1e3) if span < 0.2 else ("s", 1.0)
+    unit, factor = ("ms", 1e3) if span < _IN_MILLISECONDS else ("s", 1.0)
     colours = []
     for name in motion.bodies[0].colours:
         label, of, many = LABELS[name]
@@ -158,37 +188,42 @@ def _facts(motion: Motion, title: str, scale: float) -> JSON:
         colours.append(
             {"name": label, "unit": of, "largest": many * largest, "end": min(1.0, motion.end_of(name) / largest)}
         )
+    least = _SLOW / _SPEEDS[_SPEED] * span
+    slow = slow_spans(motion.force_t, motion.forces.values(), least)
     return {
         "title": title,
         "t": motion.t.tolist(),
         "unit": unit,
         "factor": factor,
-        "digits": int(max(0, 3 - np.floor(np.log10(span * factor)))),
+        "digits": time_digits(motion.t, factor),
         "start": motion.peak,
         "size": motion.size,
+        "half": (0.51 * np.subtract(*motion.bounds[::-1])).tolist(),
+        "view": _VIEW,
         "scale": scale,
         "largestScale": max(10.0, 100 * scale),
         "speeds": [span / seconds for seconds in _SPEEDS],
-        "speed": span / _SPEEDS[2],
+        "speed": span / _SPEEDS[_SPEED],
+        "slow": slow,
+        "slowSeconds": min(_SLOW, _ALL_SLOW / max(1, len(slow))),
         "colours": colours,
         "levels": _LEVELS,
         "map": _map(),
-        "forces": [{"name": name, "values": force_curve(motion.force_t, own)} for name, own in motion.forces.items()],
     }
 
 
-def force_curve(t: Array, force: Array) -> list[float]:
-    """A curve of few points, equally spaced: least and largest value in each interval, so that no peak is missed."""
-    edges = np.linspace(t[0], t[-1], _CURVE // 2 + 1)
-    every = np.union1d(t, edges)
-    values, starts = np.interp(every, t, force), np.searchsorted(every, edges)
-    points: list[float] = []
-    for first, last in itertools.pairwise(starts):
-        part = values[first : last + 1]
-        points += (
-            part[sorted((int(part.argmin()), int(part.argmax())))].tolist() if len(part) else [float(force[0])] * 2
-        )
-    return [float(f"{value:.{_DIGITS}g}") for value in points]
+def force_curve(t: Array, force: Array) -> Array:
+    """Samples of a curve, (k, 2): times [s] and values, of each part the least and the largest, the first and the last.
+
+    Parts are as wide as pixels, so that a drawing of these is that of all samples.
+    """
+    if not len(t):
+        return np.zeros((0, 2))
+    edges = np.searchsorted(t, np.linspace(t[0], t[-1], _CURVE + 1)[1:-1])
+    parts = np.split(np.arange(len(t)), edges)
+    ends = [part[[force[part].argmin(), force[part].argmax()]] for part in parts if len(part)]
+    kept = np.unique(np.concatenate([[0, len(t) - 1], *ends]))
+    return np.column_stack([t[kept], force[kept]])
 
 
 def colour_map() -> object:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from oracles import MARBLE_RADIUS
 from PIL import Image
 
 import exudyn_partition as ep
@@ -43,6 +44,31 @@ def test_frames_show_the_motion_and_the_force(run, tmp_path):
     assert marks[0] > 50
     assert 300 < marks[-1] < 390
     assert abs(pictures[1][:250] - pictures[0][:250]).max() > 50
+
+
+def test_texts_stand_on_a_box_before_bodies(run, tmp_path):
+    """Seen from near, a dark ball is behind the text, whose letters are black on a light box."""
+    path = run.film(tmp_path / "near.png", frames=[40e-6], size=(500, 400), view="contact", scale=1.0)
+    corner = np.asarray(Image.open(path).convert("L"), dtype=int)[:16, 2:60]
+    assert corner.min() < 60
+    assert np.percentile(corner, 70) > 180
+
+
+def test_a_long_run_shows_its_impact(marble, mbs, tmp_path):
+    """Of an impact that lasts less than the time between equal pictures, a film has more than one."""
+    ball = ep.CreatePartitionBody(
+        mbs, marble, referencePosition=[0, 0, MARBLE_RADIUS + 2e-6], initialVelocity=[0, 0, -0.5]
+    )
+    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="south")
+    mbs.Assemble()
+    long = ep.solve_dynamic(mbs, end_time=6e-3, method="implicit", adaptive=True)
+    long.film(tmp_path / "long.png", frames=24, size=(240, 240), colour="contact_pressure", view="contact")
+    pictures = [np.asarray(Image.open(path), dtype=int) for path in sorted(tmp_path.glob("long_*.png"))]
+    assert 30 <= len(pictures) <= 40
+    long.film(tmp_path / "even.png", frames=np.linspace(0, 6e-3, 24), size=(240, 240))
+    assert len([*tmp_path.glob("even_*.png")]) == 24
+    closed = long.t[contact.force(long) > 0]
+    assert np.ptp(closed[closed < closed[0] + 1e-3]) < 6e-3 / 24
 
 
 def test_kinds_of_films(run, tmp_path):

@@ -42,7 +42,10 @@ def test_what_stands_beside_the_bodies(spinning):
     np.testing.assert_array_equal(motion.forces["ball on block"], contact.force(result))
     assert motion.peak == result.t[contact.force(result).argmax()]
     (spot,) = motion.spots
-    np.testing.assert_allclose(spot, TOP, atol=0.3e-3)
+    np.testing.assert_allclose(spot.place, TOP, atol=0.3e-3)
+    assert (spot.name, spot.bodies, spot.time) == ("ball on block", [0, 1], motion.peak)
+    assert spot.push[2] > 0.99  # the ball, which is the slave, is pushed upwards
+    assert 0 < spot.reach < 1.5e-3
     low, high = motion.bounds
     assert high[2] == pytest.approx(TOP[2] + 0.02, abs=1e-4)
     assert motion.size == pytest.approx(np.linalg.norm(high - low))

@@ -152,6 +152,19 @@ def test_a_phone_shows_the_page_without_scrolling_aside(impact, tmp_path, opened
     assert faults == []
 
 
+def test_a_dark_theme_is_dark_and_figures_stay_on_white(impact, tmp_path, opened):
+    mbs, *_ = impact
+    result = ep.solve_dynamic(mbs, end_time=4e-6, step=0.2e-6)
+    page, _ = opened(result.report(tmp_path / "run.html"), ready="true")
+    page.emulate_media(color_scheme="dark")
+    colour = (
+        "([name, key]) => getComputedStyle(document.querySelector(name))[key].match(/[0-9]+/g).slice(0, 3).map(Number)"
+    )
+    assert max(page.evaluate(colour, ["body", "backgroundColor"])) < 60
+    assert min(page.evaluate(colour, ["body", "color"])) > 200
+    assert page.evaluate(colour, [".zoom", "backgroundColor"]) == [255, 255, 255]
+
+
 def test_a_run_that_ended_early_says_so(impact, tmp_path):
     mbs, *_ = impact
     mbs.SetPreStepUserFunction(lambda mbs, t: t < 10e-6)
