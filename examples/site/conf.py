@@ -7,6 +7,7 @@ from pathlib import Path
 from docutils import nodes
 from latex2mathml.converter import convert
 from numpydoc.xref import DEFAULT_LINKS
+from sphinx.ext import autosummary
 
 import exudyn_partition
 
@@ -34,6 +35,7 @@ numpydoc_xref_aliases = {name: name for name in DEFAULT_LINKS}  # which lead to 
 numpydoc_xref_aliases |= {
     name: f"exudyn_partition.{name}" for name in exudyn_partition.__all__ if name[0].isupper() and not name.isupper()
 }
+autosummary.WELL_KNOWN_ABBREVIATIONS += ("eq.",)  # summaries of the reference do not end at it
 linkcheck_timeout, linkcheck_retries = 20, 2  # seconds; of `-b linkcheck`, which asks the pages that ours link to
 
 

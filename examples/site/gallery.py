@@ -1,6 +1,6 @@
 """Pages of the gallery: figures and output of each example at full size, moving bodies, and source.
 
-Results at full size are those that `python validation/gallery.py` has kept. The build itself runs the examples with
+Results at full size are those that `python -m validation.gallery` has kept. The build itself runs the examples with
 `--quick`, for the moving bodies. `python -m sphinx -D run_examples=0 ...` runs none: its pages lack these.
 """
 
