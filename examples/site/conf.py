@@ -29,6 +29,15 @@ nb_merge_streams = True
 templates_path = ["templates"]
 autodoc_typehints = "none"  # docstrings have the types, with shapes and units
 numpydoc_show_class_members = False
+if tags.has("linked"):  # noqa: F821, Sphinx has it; `-t linked` asks these sites, and their names become links
+    extensions.append("sphinx.ext.intersphinx")
+    intersphinx_mapping = {
+        "python": ("https://docs.python.org/3/", None),
+        "numpy": ("https://numpy.org/doc/stable/", None),
+        "scipy": ("https://docs.scipy.org/doc/scipy/", None),
+        "matplotlib": ("https://matplotlib.org/stable/", None),
+        "pandas": ("https://pandas.pydata.org/docs/", None),
+    }
 numpydoc_xref_param_type = True  # types of parameters lead to their pages
 numpydoc_xref_ignore = "all"  # but those that follow
 numpydoc_xref_aliases = {name: name for name in DEFAULT_LINKS}  # which lead to other sites
@@ -42,7 +51,7 @@ linkcheck_timeout, linkcheck_retries = 20, 2  # seconds; of `-b linkcheck`, whic
 def links_as_on_the_site(app, relative_path, parent_docname, content):
     """In included pages: link to pages of the site, and take away links to files that it does not hold."""
     text = re.sub(r"\]\(examples/site/([\w-]+\.md)", r"](\1", content[0])
-    text = re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|#|[\w-]+\.md)[^)]+\)", r"\1", text)
+    text = re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|#|[a-z_-]+\.md)[^)]+\)", r"\1", text)
     content[0] = text.replace("](#limits)", "](limits.md)")
 
 
