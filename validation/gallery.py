@@ -69,8 +69,8 @@ def keep_figures(name, folder):
 
 def costs(known):
     """Sentence on the processor time of whole examples, for README."""
-    times = [f"{name} {known[name]['processor_s']:.0f} s" for name in COSTS]
-    return f"Whole programs take, with mesh and reduction: {', '.join(times)}. The last three are mechanisms.\n"
+    times = ", ".join(f"{name} {known[name]['processor_s']:.0f} s" for name in COSTS)
+    return f"Whole programs take, of a processor, with mesh and reduction: {times}.\nThe last three are mechanisms.\n"
 
 
 def main(argv=None):
