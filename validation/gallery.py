@@ -1,10 +1,10 @@
 """Results of all examples at full size, for the site's gallery: figures, what each prints, its time and its memory.
 
-    python validation/gallery.py [NAME ...]
+    python -m validation.gallery [NAME ...]
 
 Runs each example of `examples/` in a process of its own, one after the other, which takes half an hour. It writes
-gallery.json beside this file, and the figures, curves with fewer colours, into `examples/site/full/`. The site's build
-reads both, and runs the examples with `--quick` alone.
+gallery.json beside this file, the figures, curves with fewer colours, into `examples/site/full/`, and what some of them
+cost into README. The site's build reads the first two, and runs the examples with `--quick` alone.
 """
 
 import argparse
@@ -22,12 +22,14 @@ from pathlib import Path
 import PIL.Image
 
 import exudyn_partition as ep
+from validation.tables import README, write_between
 
 HERE = Path(__file__).resolve().parent
 EXAMPLES = HERE.parent / "examples"
 NAMES = re.findall(r"^\d+\. \[`(\w+)\.py`\]", (EXAMPLES / "README.md").read_text(encoding="utf-8"), re.M)
 RESULTS, FIGURES = HERE / "gallery.json", EXAMPLES / "site" / "full"
 WIDTH, COLOURS = 1000, 128  # of a figure in the gallery: its pixels, and the colours of its palette
+COSTS = ("two_spheres", "rod_on_plate", "crank_slider", "gear_pair", "cam_follower")  # impacts, then mechanisms
 
 
 def full_size(name, folder):
@@ -65,6 +67,12 @@ def keep_figures(name, folder):
     return [f"{name}-{path.stem}.png" for path in found]
 
 
+def costs(known):
+    """Sentence on the processor time of whole examples, for README."""
+    times = ", ".join(f"{name} {known[name]['processor_s']:.0f} s" for name in COSTS)
+    return f"Whole programs take, of a processor, with mesh and reduction: {times}.\nThe last three are mechanisms.\n"
+
+
 def main(argv=None):
     """Run the examples that are named, by default all; returns what gallery.json holds."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -87,6 +95,7 @@ def main(argv=None):
         known = {name: known[name] for name in NAMES if name in known}
         RESULTS.write_text(json.dumps(known, indent=1) + "\n")
         print(f"{name}: {run['seconds']:.0f} s", flush=True)
+    write_between(README, "gallery.py, costs", costs(known))
     return known
 
 

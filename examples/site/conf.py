@@ -7,6 +7,7 @@ from pathlib import Path
 from docutils import nodes
 from latex2mathml.converter import convert
 from numpydoc.xref import DEFAULT_LINKS
+from sphinx.ext import autosummary
 
 import exudyn_partition
 
@@ -28,19 +29,29 @@ nb_merge_streams = True
 templates_path = ["templates"]
 autodoc_typehints = "none"  # docstrings have the types, with shapes and units
 numpydoc_show_class_members = False
+if tags.has("linked"):  # noqa: F821, Sphinx has it; `-t linked` asks these sites, and their names become links
+    extensions.append("sphinx.ext.intersphinx")
+    intersphinx_mapping = {
+        "python": ("https://docs.python.org/3/", None),
+        "numpy": ("https://numpy.org/doc/stable/", None),
+        "scipy": ("https://docs.scipy.org/doc/scipy/", None),
+        "matplotlib": ("https://matplotlib.org/stable/", None),
+        "pandas": ("https://pandas.pydata.org/docs/", None),
+    }
 numpydoc_xref_param_type = True  # types of parameters lead to their pages
 numpydoc_xref_ignore = "all"  # but those that follow
 numpydoc_xref_aliases = {name: name for name in DEFAULT_LINKS}  # which lead to other sites
 numpydoc_xref_aliases |= {
     name: f"exudyn_partition.{name}" for name in exudyn_partition.__all__ if name[0].isupper() and not name.isupper()
 }
+autosummary.WELL_KNOWN_ABBREVIATIONS += ("eq.",)  # summaries of the reference do not end at it
 linkcheck_timeout, linkcheck_retries = 20, 2  # seconds; of `-b linkcheck`, which asks the pages that ours link to
 
 
 def links_as_on_the_site(app, relative_path, parent_docname, content):
     """In included pages: link to pages of the site, and take away links to files that it does not hold."""
     text = re.sub(r"\]\(examples/site/([\w-]+\.md)", r"](\1", content[0])
-    text = re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|#|[\w-]+\.md)[^)]+\)", r"\1", text)
+    text = re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|#|[a-z_-]+\.md)[^)]+\)", r"\1", text)
     content[0] = text.replace("](#limits)", "](limits.md)")
 
 

@@ -1,6 +1,6 @@
 """Pages of the gallery: figures and output of each example at full size, moving bodies, and source.
 
-Results at full size are those that `python validation/gallery.py` has kept. The build itself runs the examples with
+Results at full size are those that `python -m validation.gallery` has kept. The build itself runs the examples with
 `--quick`, for the moving bodies. `python -m sphinx -D run_examples=0 ...` runs none: its pages lack these.
 """
 
@@ -35,8 +35,9 @@ GROUPS = {
         "gear_pair",
         "ball_bearing",
     ),
-    "Accuracy and studies": ("choose_accuracy", "parameter_study", "restitution_map"),
+    "Accuracy and studies": ("choose_accuracy", "parameter_study", "restitution_map", "quiet_pin", "gym_arm"),
 }
+EXTRAS = {"gym_arm": "learning"}  # that an example needs
 FULL = json.loads((EXAMPLES.parent / "validation" / "gallery.json").read_text(encoding="utf-8"))
 SCENES = "moving"  # folder of the pages with moving bodies, in the site
 
@@ -132,8 +133,9 @@ def page(name):
 def full_size(name):
     """What an example needed, drew and printed at full size, as parts of its page."""
     full = FULL[name]
+    with_extra = f' and `pip install ".[{EXTRAS[name]}]"`' if name in EXTRAS else " alone"
     needed = (
-        f"`python examples/{name}.py` needs the [base installation](../start.md) alone. With version "
+        f"`python examples/{name}.py` needs the [base installation](../start.md){with_extra}. With version "
         f"{full['version']} ({full['date']}) it took {taken(name)}, drew and printed:"
     )
     figures = [f"```{{image}} ../full/{figure}\n:alt: {figure}\n```" for figure in full["figures"]]

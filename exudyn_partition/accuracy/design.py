@@ -26,6 +26,7 @@ from ..support.checks import (
 )
 from ..support.foreign import Shape
 from ..support.progress import Progress, shown
+from ..support.spelling import spelled
 from ..support.warn import warn
 from .contact_place import contact_place
 from .correction import LEFT
@@ -40,6 +41,7 @@ _FASTEST = 1e4  # m/s
 Body = tuple[Shape | str | Path, Material]
 
 
+@spelled
 def design_impact(
     first: Body,
     second: Body | RigidSurface,

@@ -18,6 +18,7 @@ from ..support.arrays import Array, Vector
 from ..support.checks import validate_flag
 from ..support.foreign import MainSystem, NodeIndex, ObjectIndex
 from ..support.optional import require
+from ..support.spelling import spelled
 from .body_plan import ORIGIN, BodyPlan, Drawing, plan_body
 from .held_damping import add_damping_sensor
 from .model import registry
@@ -27,6 +28,7 @@ from .unchanged import made
 from .user_functions import RIGID, Functions, coupling_functions, inertia_functions, stiffening_functions
 
 
+@spelled
 def CreatePartitionBody(
     mbs: MainSystem,
     body: ReducedBody,

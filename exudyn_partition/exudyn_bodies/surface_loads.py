@@ -32,6 +32,7 @@ from ..support.foreign import (
     UserFunction,
 )
 from ..support.optional import require
+from ..support.spelling import spelled
 from .model import BodyItem, registered
 
 _ASIDE = 1e-6  # distance of an interface's point from the mean of its face, by the body's size, that is round-off
@@ -75,6 +76,7 @@ class LoadedBody(BodyItem, Protocol):
     kinematics: FloatingKinematics | InertialKinematics
 
 
+@spelled
 def CreateDistributedLoad(
     mbs: MainSystem,
     body: LoadedBody,

@@ -26,6 +26,7 @@ from ..support.foreign import NGSolveMesh, Shape, ShapeAssembly, ShapeSurface
 from ..support.machine import alone
 from ..support.optional import require
 from ..support.progress import pulsing
+from ..support.spelling import spelled
 from ..support.warn import warn
 from .mesh_size import Refine, check_memory_of_mesh, check_sizes
 from .step_files import ENDINGS, check_readable, kind_of, solids_said
@@ -61,6 +62,7 @@ _SOME = 5_000  # elements, from which NGSolve's threads pay, if nothing else run
 ONE_AT_A_TIME = threading.RLock()
 
 
+@spelled
 def generate_mesh(shape: Shape, *, maxh: float, refine: Iterable[Refine] = (), grading: float = GRADING) -> NGSolveMesh:
     """Mesh an OCC shape with tetrahedra.
 

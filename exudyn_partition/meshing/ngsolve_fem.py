@@ -27,6 +27,7 @@ from ..support.foreign import NGSolve, NGSolveMesh, NGSolveObject, Shape
 from ..support.machine import alone
 from ..support.optional import require
 from ..support.progress import pulsing
+from ..support.spelling import spelled
 from ..support.warn import warn
 from .file_bodies import FileBodies, check_apart
 from .file_mesh import CellRegions
@@ -57,6 +58,7 @@ _THREADS_FROM = 5_000  # nodes; fewer are assembled before NGSolve's threads hav
 _VOLUME_MISSED = 0.05  # allowed relative difference in volume of a mesh and its shape
 
 
+@spelled
 def fe_model(
     source: Shape | NGSolveMesh | StepAssembly | FileBodies | str | Path,
     material: Material | Mapping[str, Material] | None = None,
@@ -157,6 +159,7 @@ def fe_model(
     return fem
 
 
+@spelled
 def fe_models(
     assembly: StepAssembly | FileBodies,
     materials: Mapping[str, Material | Mapping[str, Material] | None],

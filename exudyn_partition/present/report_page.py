@@ -159,7 +159,10 @@ def _contact(number: int, contact: PartitionContact, result: Result) -> dict[str
         "name": name,
         "rows": rows,
         "impacts": [
-            (i.start, i.end, i.peak, i.mean_force, i.impulse, _known(i.speed_before), _known(i.speed_after))
+            (
+                *(i.start, i.end, i.peak, i.mean_force, i.impulse),
+                *map(_known, (i.speed_before, i.speed_after, i.restitution)),
+            )
             for i in impacts[:_MOST_IMPACTS]
         ],
         "more": max(0, len(impacts) - _MOST_IMPACTS),

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import TypeVar
 
 import numpy as np
 
 from ..errors import InputError
+from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..support.arrays import Array
@@ -15,19 +17,22 @@ from ..support.optional import require
 
 _AXES = ("x", "y", "z")
 
+Item = TypeVar("Item", PartitionBody, PartitionContact)
+
 
 def dataframe(result: Result) -> DataFrame:
     """See `Result.to_dataframe`."""
     columns: dict[str, Array] = {}
-    for name, (unit, values) in _of_contacts(result).items():
-        for contact, history in values.items():
-            columns |= _columns(f"{contact}: {name}", unit, history)
-    for name, (unit, values) in _of_bodies(result).items():
-        for body, history in values.items():
-            columns |= _columns(f"{body}: {name}", unit, history)
+    units = {"t [s]": "s"}
+    for found in (_of_contacts(result), _of_bodies(result)):
+        for name, (unit, values) in found.items():
+            for item, history in values.items():
+                added = _columns(f"{item}: {name}", unit, history)
+                columns |= added
+                units |= dict.fromkeys(added, unit)
     pandas = require("pandas")
     table = pandas.DataFrame(columns, index=pandas.Index(result.t, name="t [s]"))
-    table.attrs |= _facts(result)
+    table.attrs |= _facts(result) | {"units": units}
     return table
 
 
@@ -59,7 +64,11 @@ def _of_contacts(result: Result) -> dict[str, tuple[str, dict[str, Array]]]:
     known = {contact.name or f"contact {i}": contact for i, contact in enumerate(result.contacts)}
     found = {
         "force": ("N", {name: contact.force(result) for name, contact in known.items()}),
+        "force on slave": ("N", _each(known, lambda contact: contact.force_on_slave(result))),
         "gap": ("m", _each(known, lambda contact: contact.gap(result))),
+        "closed rows": ("1", _each(known, lambda contact: contact.closed_rows(result))),
+        "contact area": ("m2", _each(known, lambda contact: contact.area(result))),
+        "largest pressure": ("Pa", _each(known, lambda contact: contact.pressure(result).max(axis=1).toarray()[:, 0])),
         "contact energy": ("J", _each(known, lambda contact: contact.energy(result))),
     }
     rubbing = {name: contact for name, contact in known.items() if contact.friction}
@@ -77,14 +86,24 @@ def _of_bodies(result: Result) -> dict[str, tuple[str, dict[str, Array]]]:
     """See `_of_contacts`."""
     known = {item.name or f"body {i}": item for i, item in enumerate(result.bodies)}
     found = {
+        "place of centre": ("m", _each(known, lambda item: _motion(item, result)[0])),
+        "rotation vector": ("rad", _each(known, lambda item: _motion(item, result)[1])),
+        "velocity of centre": ("m/s", _each(known, lambda item: item.momentum(result) / item.body.total_mass)),
         "momentum": ("N s", {name: item.momentum(result) for name, item in known.items()}),
         "energy": ("J", {name: item.energy(result) for name, item in known.items()}),
     }
     return {name: entry for name, entry in found.items() if entry[1]}
 
 
-def _each(known: Mapping[str, PartitionContact], value: Callable[[PartitionContact], Array]) -> dict[str, Array]:
-    """Values of those contacts that know them: not all do, of runs that were read from files."""
+def _motion(item: PartitionBody, result: Result) -> tuple[Array, Array]:
+    """Place of the centre of mass, (n, 3) [m], and rotation vector from the axes of the mesh, (n, 3) [rad]."""
+    q = item.coordinates(result)
+    motion = item.rigid_motion(q)
+    return item.kinematics.frame(np.zeros(q.shape[1]))[0] + motion[:, :3], motion[:, 3:]
+
+
+def _each(known: Mapping[str, Item], value: Callable[[Item], Array]) -> dict[str, Array]:
+    """Values of those items that know them: not all do, of runs that were read from files."""
     found = {}
     for name, item in known.items():
         try:

@@ -26,6 +26,7 @@ from ..plasticity.dilatation import with_free_zones
 from ..support.cache import cached
 from ..support.checks import validate_callable, validate_choice, validate_flag, validate_positive, validate_type
 from ..support.progress import Progress, shown
+from ..support.spelling import spelled
 from ..support.warn import warn
 from . import basis as bases
 from .basis import BasisName, ReducedBasis
@@ -52,6 +53,7 @@ BASES: dict[BasisName, Callable[[FEModel, Partition, float, Progress | None], Re
 }
 
 
+@spelled
 def reduce(
     fem: FEModel,
     partition: Partition,
@@ -181,6 +183,7 @@ def reduce(
     return body
 
 
+@spelled
 def reduce_pair(
     slave: tuple[FEModel, Partition],
     master: tuple[FEModel, Partition],

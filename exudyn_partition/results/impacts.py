@@ -58,6 +58,16 @@ class SubImpact:
         """Impulse over the time from start to end [N]; zero if it is no time."""
         return self.impulse / (self.end - self.start) if self.end > self.start else 0.0
 
+    @property
+    def restitution(self) -> float | None:
+        """Newton's coefficient of restitution e, separation over approach; None if these are not known.
+
+        It is None too without an approach, as where another contact pushes a body on.
+        """
+        if self.speed_before is None or self.speed_after is None or self.speed_before <= 0:
+            return None
+        return self.speed_after / self.speed_before
+
 
 @dataclass(frozen=True)
 class Ringing:

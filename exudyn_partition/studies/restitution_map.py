@@ -31,6 +31,7 @@ from ..support.checks import (
 )
 from ..support.files import replacing, writable
 from ..support.progress import Progress, shown
+from ..support.spelling import spelled
 from ..support.warn import warn
 from .free_impact import QUANTITIES, free_impact
 from .impact_setup import Pair, Point, approach, default_duration, sideways, validate_pair
@@ -42,6 +43,7 @@ _PARTS = 4  # tasks a worker, at least: so that none waits long for the last one
 _FORMAT = 1
 
 
+@spelled
 def restitution_map(
     bodies: Pair | Callable[[float], Pair],
     *,

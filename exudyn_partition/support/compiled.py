@@ -16,7 +16,9 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import TypeVar
+from typing import Any, TypeVar
+
+from .progress import say
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -91,7 +93,25 @@ def external(module: str, name: str, n_arguments: int) -> Callable[..., None]:
     return found
 
 
+@cache
+def _tell_of_compiling() -> None:
+    """Let the first loop that numba compiles in this process be told; code that is read from disk is not compiled."""
+    events, ours = importlib.import_module("numba.core.event"), __name__.partition(".")[0]
+    told = False
+
+    def on_start(listener: object, event: Any) -> None:
+        nonlocal told
+        module = getattr(event.data["dispatcher"].py_func, "__module__", None) or ""
+        if not told and module.partition(".")[0] == ours:
+            told = True
+            say(f"{ours}: numba compiles inner loops, which may take a minute; later runs find them on disk")
+
+    listener = type("Listener", (events.Listener,), {"on_start": on_start, "on_end": lambda listener, event: None})
+    events.register("numba:compile", listener())
+
+
 def _compiled(function: F, **options: object) -> F:
+    _tell_of_compiling()
     njit = importlib.import_module("numba").njit
     try:
         result: F = njit(cache=True, **options)(function)

@@ -89,6 +89,15 @@ def pulsing(title: str) -> Iterator[None]:
         _stop(bar)
 
 
+def say(text: str) -> None:
+    """Write a line to the terminal, above a bar; where stderr is no terminal, to the log at level INFO."""
+    console = require("rich.console").Console(stderr=True)
+    if console.is_terminal:
+        console.print(_plain(text))
+    else:
+        _LOG.info("%s", text)
+
+
 def _plain(title: str) -> str:
     """Text that rich shows as it is: brackets are its markup."""
     return str(require("rich.markup").escape(title))

@@ -212,6 +212,32 @@ def test_restitution(tmp_path, capsys):
         assert one["vibration_share"] > 0
 
 
+def test_quiet_pin(tmp_path, capsys):
+    """With the weight of rigid theory the pin has hardly an impulse; the bending hammer wants less weight."""
+    result = run_quick("quiet_pin", tmp_path, capsys)
+    lightest, _, rigid = (abs(value) for value in result["impulse_on_pin_Ns"].values())
+    assert rigid < 0.25 * lightest
+    assert 0.01 < result["weight_kg"] < result["rigid_weight_kg"]
+    assert result["force_on_pin_N"]["best"] < 0.5 * result["force_on_pin_N"]["most"]
+    _, by_speed = result["relative_sensitivity"]["nose"]
+    assert by_speed == pytest.approx(6 / 5, rel=0.05)  # Hertz: as the speed to the 6/5
+
+
+def test_gym_arm(tmp_path, capsys):
+    """The blow has the force that was asked for; a rigid arm needs a smaller torque for it."""
+    pytest.importorskip("gymnasium")
+    result = run_quick("gym_arm", tmp_path, capsys)
+    assert abs(result["error"]["force"]) < 0.1
+    assert 1.0 < result["torque_Nm"] / result["rigid_torque_Nm"] < 2.0
+
+
+def test_the_arm_is_an_environment_of_gymnasium():
+    """By the checker that gymnasium brings."""
+    env_checker = pytest.importorskip("gymnasium.utils.env_checker")
+    model = importlib.import_module("models.gym_arm")
+    env_checker.check_env(model.HittingArm(*model.arm(quick=True)), skip_render_check=True)
+
+
 def test_restitution_map(tmp_path, capsys):
     """Against beam theory, and the rigid model with the law against the flexible bar between the map's points."""
     result = run_quick("restitution_map", tmp_path, capsys)

@@ -1,6 +1,7 @@
 """The README and what is published with it: it is short, its links lead somewhere, commands parse."""
 
 import importlib
+import json
 import re
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 
 import exudyn_partition as ep
 from exudyn_partition import cli
+from validation import gallery
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text()
@@ -17,7 +19,7 @@ def test_it_starts_with_two_shell_blocks_that_name_what_exists():
     blocks = re.findall(r"^```(\w*)\n(.*?)^```", README, re.M | re.S)
     assert [language for language, _ in blocks[:2]] == ["sh", "sh"]
     assert sum(language == "sh" for language, _ in blocks) == 2
-    assert "python examples/rod_on_plate.py" in blocks[0][1]
+    assert "python examples/two_spheres.py --quick" in blocks[0][1]
     assert blocks[1][1].strip().splitlines()[-1] == "python -m pytest"
 
 
@@ -25,6 +27,11 @@ def test_it_is_short_and_has_one_program():
     """The site's test runs the program, for pages of the site go on from it."""
     assert len(README.replace("|", " ").split()) < 1050
     assert len(re.findall(r"^```python\n", README, re.M)) == 1
+
+
+def test_what_whole_programs_cost_is_what_the_gallery_measured():
+    known = json.loads((ROOT / "validation" / "gallery.json").read_text())
+    assert gallery.costs(known) in README
 
 
 @pytest.mark.parametrize("page", ["README.md", "examples/README.md"])

@@ -2,6 +2,7 @@
 
 import re
 import runpy
+import subprocess
 from pathlib import Path
 
 import exudyn as exu
@@ -71,13 +72,43 @@ def test_issue_forms_are_complete():
         assert all(field["attributes"]["label"] for field in form["body"])
 
 
-@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "PULL_REQUEST_TEMPLATE.md"])
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "PULL_REQUEST_TEMPLATE.md", "SECURITY.md"])
 def test_files_that_the_pages_name_exist(page):
     names = re.findall(r"`([\w./-]+/[\w./-]+|\w+\.(?:py|md|cff|yml))`", (GITHUB / page).read_text())
     assert names
     known = {path.name for path in ROOT.rglob("*") if ".venv" not in path.parts}
     for name in names:
         assert (ROOT / name).exists() or name in known, name
+
+
+def test_the_recipe_for_conda_needs_what_the_project_needs():
+    recipe = yaml.safe_load((GITHUB / "conda" / "recipe.yaml").read_text())
+    assert recipe["context"]["version"] == ep.__version__
+    block = re.search(r"^dependencies = \[\n(.*?)^\]", PROJECT, re.M | re.S)[1]
+    needed = {f"{name} {version}" for name, version in re.findall(r'^  "([\w-]+)(>=[\d.]+)"', block, re.M)}
+    assert len(needed) == 10
+    found = {one.replace("matplotlib-base", "matplotlib") for one in recipe["requirements"]["run"]}
+    assert found == needed | {f"python >={re.search(r'^requires-python = .>=(.+).$', PROJECT, re.M)[1]}"}
+
+
+def test_the_paper_cites_what_its_list_has_and_numbers_that_were_measured():
+    text, sources = ((GITHUB / "paper" / name).read_text() for name in ("paper.md", "paper.bib"))
+    assert set(re.findall(r"@(\w+)", text)) == set(re.findall(r"^@\w+\{(\w+),", sources, re.M))
+    (row,) = re.findall(r"^\| rod on plate \| (.+) \|$", (ROOT / "README.md").read_text(), re.M)
+    dofs, kept, error, offline, online, full = row.split(" | ")[:6]
+    for number in (f"{int(dofs):,}".replace(",", " "), kept, error.replace("%", " %"), offline, online, full):
+        assert number in text, number
+
+
+def test_the_patch_for_exudyn_applies_and_its_example_runs(tmp_path):
+    """The pendulum comes with the speed of a rigid one."""
+    patch = ROOT / "examples" / "for_exudyn" / "partition_body_impact.patch"
+    subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
+    subprocess.run(["git", "apply", str(patch)], cwd=tmp_path, check=True)
+    (example,) = tmp_path.rglob("*.py")
+    names = runpy.run_path(str(example))
+    assert names["impact"].speed_before == pytest.approx(names["rigidSpeed"], rel=1e-3)
+    assert names["impact"].peak > 0
 
 
 def test_the_formulation_in_the_guide_works(bodies):

@@ -83,9 +83,10 @@ def test_the_page_holds_the_run_s_own_numbers(impact, tmp_path):
     assert cells.row("exudyn") == [ep.versions()["exudyn"]]
     for said in (*striker.left_out, *contact.left_out):
         assert said in html.unescape(page)
-    (listed,) = (row for row in cells.rows if len(row) == 7 and re.fullmatch(r"[\d.e-]+", row[0]))
+    (listed,) = (row for row in cells.rows if len(row) == 8 and re.fullmatch(r"[\d.e-]+", row[0]))
     (impact_,) = contact.impacts(result)
     numbers = [impact_.peak, impact_.mean_force, impact_.impulse, impact_.speed_before, impact_.speed_after]
+    numbers.append(impact_.restitution)
     assert [*map(float, listed[2:])] == pytest.approx(numbers, rel=1e-5)
 
 

@@ -39,3 +39,11 @@ def test_the_mean_force_times_the_duration_is_the_impulse():
     impact = SubImpact(start=0.25, end=0.75, impulse=3.0, peak=20.0)
     assert impact.mean_force == 6.0
     assert SubImpact(start=0.25, end=0.25, impulse=0.0, peak=20.0).mean_force == 0.0
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "e"),
+    [(2.0, 1.5, 0.75), (None, 1.5, None), (2.0, None, None), (-0.1, 1.0, None), (0.0, 1.0, None)],
+)
+def test_restitution_is_separation_over_approach(before, after, e):
+    assert SubImpact(0.0, 1.0, 1.0, 2.0, speed_before=before, speed_after=after).restitution == e

@@ -1,7 +1,10 @@
 """Inner loops are compiled if numba is there, and done by NumPy if not."""
 
 import os
+import subprocess
+import sys
 
+import pytest
 from oracles import without_numba
 
 from exudyn_partition.support import compiled
@@ -21,6 +24,29 @@ def test_loops_are_compiled_where_they_cannot_be_kept():
     twice = compiled.compiled(scope["twice"])
     assert twice(2.0) == 4.0
     assert len(twice.signatures) == 1
+
+
+PROGRAM = """
+import logging
+import numpy as np
+from exudyn_partition.algebra import product_kernels
+logging.basicConfig(level=logging.INFO, format="%(message)s")
+product_kernels.add(1.0, np.ones(3), np.ones(3))
+product_kernels.add_to_three(1.0, 1.0, 1.0, *np.ones((4, 3)))
+"""
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_compiling_is_told_once_on_the_terminal_or_in_the_log(tmp_path, terminal):
+    """Not again by a process that finds the code on disk."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "TTY_COMPATIBLE": str(int(terminal))}
+    said = []
+    for _ in range(2):
+        command = [sys.executable, "-c", PROGRAM]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        said.append(" ".join(done.stderr.split()).count("numba compiles inner loops"))
+        assert not done.stdout
+    assert said == [1, 0]
 
 
 def test_compiled_code_older_than_any_module_is_deleted(tmp_path):

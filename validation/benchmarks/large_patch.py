@@ -24,7 +24,7 @@ from validation.tables import write_between
 
 LIMITS = {"memory_GB": 4.0, "file_MB": 200.0, "ratio": 3.0}  # of the largest patch; ratio to the small one
 RIM = 0.675e-3  # elements on the rim [m]
-PAGE = Path(__file__).parents[2] / "examples" / "site" / "contact.md"
+PAGE = Path(__file__).parents[2] / "examples" / "site" / "wandering-contact.md"
 
 
 def partitions(fem):

@@ -294,7 +294,7 @@ def write_table(found):
         f"Beside full FE models with a row at each node, impulse and peak force are off by {plates}."
     )
     tables.write_between(
-        scenes.ROOT / "examples" / "site" / "contact.md", "contact/sharp_edges.py", "\n".join(lines) + "\n"
+        scenes.ROOT / "examples" / "site" / "sharp-edges.md", "contact/sharp_edges.py", "\n".join(lines) + "\n"
     )
 
 

@@ -178,9 +178,9 @@ def beams():
     pin, end = crank_slider(mbs)
     area, n = WIDTH * HEIGHT, 24
     cable = items.ObjectANCFCable2D(
-        physicsMassPerLength=ep.ALUMINIUM.rho * area,
-        physicsBendingStiffness=EI,
-        physicsAxialStiffness=ep.ALUMINIUM.E * area,
+        massPerLength=ep.ALUMINIUM.rho * area,
+        bendingStiffness=EI,
+        axialStiffness=ep.ALUMINIUM.E * area,
     )
     nodes = GenerateBeamElementsAlongLine(mbs, [CRANK, 0, 0], [CRANK + LENGTH, 0, 0], n, cable)["nodes"]
     for marker, node in ((pin, nodes[0]), (end, nodes[-1])):
