@@ -257,6 +257,26 @@ def test_rows_near_a_rigid_plane_have_the_force_of_all_rows(rim):
     assert 1 < sum(pressed) < len(pressed)
 
 
+def test_rows_that_close_before_they_are_chosen_again_are_present(rim):
+    """However the disc moves: along both axes it comes further than each coordinate may change."""
+    side, normal = floating(rim, (0, 1e-6, 0)), np.array([1, 1, 0]) / 2**0.5
+    plane = RigidPlane(np.array([0, R, 0]) - R * normal, normal)
+    every, closed = Everywhere(side, plane), 0
+    for angle in np.linspace(0, 0.5, 11):
+        near = WanderingRigidGaps(side, plane).fresh()
+        first = turned(rim, angle, np.zeros(3))
+        near.at(turned(rim, angle, [0, R, 0]))
+        near.at(first)
+        chosen = near.row_nodes
+        q = turned(rim, angle, -0.99 * wandering.SOON * near.size * np.array([1, 1, 0]))
+        near.at(q)
+        np.testing.assert_array_equal(near.row_nodes, chosen)  # they were not chosen again
+        due = every.row_nodes[every.at(q) < 0]
+        assert np.isin(due, chosen).all()
+        closed += np.count_nonzero(every.at(first)[np.isin(every.row_nodes, due)] > wandering.SOON * near.size)
+    assert closed
+
+
 def test_a_carrier_that_turns_with_the_body_brings_no_row_nearer(rim):
     """Rows that are left out come nearer by the speed relative to what carries the plane, which is none."""
     spin, axis, side = np.array([0, 300.0, 0]), np.array([5e-3, 0, 2e-3]), floating(rim, (0, 1e-4, 0))
