@@ -250,8 +250,9 @@ def test_rows_near_a_rigid_plane_have_the_force_of_all_rows(rim):
         gap, *_ = near.closing(q, 0.0 * q, 0.0 * q)
         gaps, left_out = every.gaps.at(q), ~np.isin(every.gaps.row_nodes, near.gaps.row_nodes)
         assert left_out.any()
-        assert gap[-1] <= gaps[left_out].min()
+        assert 0 < gap[-1] <= gaps[left_out].min()
         assert gap.min() <= gaps.min() + 1e-12
+        assert near.gaps.at(q).min() == pytest.approx(gaps.min(), abs=1e-12)  # the nearest row is there at any height
         fresh = near.for_run()
         np.testing.assert_allclose(fresh.force(q), expected, rtol=0, atol=1e-6 * max(abs(expected).max(), 1.0))
     assert 1 < sum(pressed) < len(pressed)
