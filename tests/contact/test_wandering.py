@@ -323,6 +323,23 @@ def test_rows_within_reach_are_present(rim, face, flat_body, round_body, kind, c
     assert seen > 100
 
 
+@pytest.mark.parametrize("compiled", [True, False])
+def test_rows_that_a_bulging_surface_may_close_are_present(rim, face, compiled):
+    """Those whose gaps are below a quarter of the depth, wherever the disc is pressed while it slides and rolls."""
+    side, other, seen = floating(rim, (0, 1e-6, 0)), np.zeros(face.n_dofs), 0
+    gaps, every = (WanderingGaps(side, inertial(face)).fresh() for _ in range(2))
+    with contextlib.nullcontext() if compiled else without_numba():
+        for i in range(20):
+            x = 0.1 * gaps.size * i - 0.3 * R
+            q = np.r_[turned(rim, x / R, [x, -0.3e-3, 0]), other]
+            gaps.at(q)
+            found = every.widen(q)
+            due = (found < -0.25 * found.min()) & (found > 0.01 * gaps.size)
+            assert np.isin(every.row_nodes[due], gaps.row_nodes).all()
+            seen += np.count_nonzero(due)
+    assert seen > 20
+
+
 def test_wrong_starts_have_named_errors(rim, face, disc, mbs):
     with pytest.raises(PenetrationError, match="referencePosition"):
         WanderingGaps(inertial(rim, (0, -1e-4, 0)), inertial(face))
