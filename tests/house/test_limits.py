@@ -92,6 +92,8 @@ CROSSED = {
         ],
         "That is estimated": ["simulation/reviews/test_dents.py::test_what_a_sensor_misses_is_told"],
         "A load alone": ["simulation/reviews/test_dents.py::test_what_a_sensor_misses_is_told"],
+        "Forces between two elastic bodies lack": [],
+        "So rows that roll over facets": [],
         "Without `damping=`, a run": [
             "simulation/reviews/test_review.py::test_vibration_that_lasts_without_damping_is_told"
         ],
