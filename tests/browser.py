@@ -3,6 +3,7 @@
 import shutil
 
 import pytest
+from oracles import LONGEST
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 SOFTWARE = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]
@@ -34,7 +35,8 @@ def opened(browser):
         local = ("file:", "data:", "blob:", "about:")
         page.on("request", lambda request: None if request.url.startswith(local) else faults.append(request.url))
         page.goto(path.as_uri())
-        page.wait_for_function(ready, timeout=60_000)
+        page.set_default_timeout(1000 * LONGEST)
+        page.wait_for_function(ready)
         return page, faults
 
     yield open_page

@@ -37,6 +37,7 @@ PLACE = np.array([0.1, -0.2, 0.3])  # anywhere [m]
 TURNED = Rotation.from_rotvec([0.5, -1.0, 0.7]).as_matrix()
 SPIN = np.array([100.0, 200.0, 200.0])  # 300 in all [rad/s]
 HINGE = [1, 1, 1, 1, 0, 1]  # axes of a joint that is free about y
+LONGEST = 3600  # s: what takes longer hangs, also where other processes take most of the machine
 KINDS = {4: "tetra", 10: "tetra10", 8: "hexahedron"}  # meshio's names, by the number of nodes
 
 

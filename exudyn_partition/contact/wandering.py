@@ -29,7 +29,7 @@ from .stages import Anchor, PresentRows, Stage
 
 WINDOW = 1.0  # of a facet's size: motion after which the parts are found again
 _THREE = np.arange(3)
-_SOON = 0.15  # of a facet's size: rows with smaller gaps are chosen, and after this motion chosen again
+SOON = 0.15  # of a facet's size: rows with smaller gaps are chosen, and after this motion chosen again
 
 
 class WanderingGaps(PatchGaps):
@@ -138,7 +138,7 @@ class WanderingRigidGaps(RigidGaps):
         self._whole, self._witnesses = self.slave, spread(self.slave.surface.points)
         self._three = self.slave.kinematics.some(self._witnesses)
         gap = self._projected(self.slave.surface.points - self.centre, self.carrier_pose)[0]
-        return self._rows_of(np.flatnonzero(gap <= gap.min() + _SOON * self.size))
+        return self._rows_of(np.flatnonzero(gap <= gap.min() + SOON * self.size))
 
     def _direction(self, node: int) -> Array:
         direction: Array = self.slave.surface.normals_at(np.array([[node]]), np.ones((1, 1)))[0]
@@ -190,7 +190,7 @@ class WanderingRigidGaps(RigidGaps):
     def _choose(self, at: Anchor) -> None:
         """Choose the rows that may close until the patch has moved by `_reach`, and the nearest rows."""
         gap = self._projected(self._whole.place(at.q), at.pose)[0]
-        least, soon = float(gap.min()) - self.reach, _SOON * self.size
+        least, soon = float(gap.min()) - self.reach, SOON * self.size
         self._reach = max(soon, 0.25 * (least - 2 * soon))
         nodes = np.flatnonzero(gap < self.reach + max(2 * soon, least + soon))
         facets = np.flatnonzero(np.isin(self._whole.surface.facets, nodes).any(axis=1))

@@ -9,7 +9,7 @@ import sys
 import netgen.occ as occ
 import numpy as np
 import pytest
-from oracles import without_numba
+from oracles import LONGEST, without_numba
 
 import exudyn_partition as ep
 from exudyn_partition.cli import commands, doctor, main
@@ -126,7 +126,7 @@ def test_an_estimate_without_end_is_valid_json(capsys):
 def test_the_doctor_finds_an_installation_that_works():
     """In a process of its own, as `python -m`: stdout holds JSON and nothing that Exudyn prints."""
     command = [sys.executable, "-m", "exudyn_partition", "doctor", "--json"]
-    found = json.loads(subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout)
+    found = json.loads(subprocess.run(command, capture_output=True, text=True, check=True, timeout=LONGEST).stdout)
     assert found["self_test"]["passed"]
     assert abs(found["self_test"]["errors"]["momentum"]) < 1e-9
     assert found["versions"]["exudyn"] == ep.versions()["exudyn"]
@@ -269,6 +269,6 @@ def test_nobody_reads_what_is_printed():
     material = "210e9,0.3,7800"
     command = [sys.executable, "-m", "exudyn_partition", "estimate", "--first", "1", "0.01", material, "--speed", "1"]
     with open("/dev/full", "w") as full:  # noqa: PTH123
-        run = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=120)
+        run = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=LONGEST)
     assert run.returncode == 1
     assert run.stderr == "error: the result could not be printed: No space left on device\n"

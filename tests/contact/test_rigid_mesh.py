@@ -190,6 +190,16 @@ def test_how_much_of_a_sheet_is_left_before_a_row():
         np.testing.assert_allclose(left, 0.1 - depth if depth > 0.05 else np.inf, atol=1e-12)
 
 
+def test_the_side_beside_an_edge_is_no_back():
+    """A body enters a block near its edge and looks aside: the face that is nearest and looks its way is the side."""
+    block = ep.RigidMesh.of(occ.Box((-1, -1, -1), (1, 1, 0)), maxh=2)
+    x, outward = np.array([[0.99, 0.1, -0.05]]), np.array([[0.6, 0, -0.8]])
+    gap, normals, left = block.entered(x, outward, *block.project(x))
+    np.testing.assert_allclose(gap, -0.05, atol=1e-12)
+    np.testing.assert_allclose(normals, [[0, 0, 1]], atol=1e-12)
+    assert np.isinf(left).all()
+
+
 def test_a_body_has_come_through_the_sheet_that_it_is_in():
     """There are sheets before it and behind it, all in one mesh."""
     sheets = [ep.RigidMesh.of(occ.Box((-1, -1, z - 0.1), (1, 1, z)), maxh=2) for z in (-1.0, 0.0, 2.0)]

@@ -249,11 +249,32 @@ def test_rows_near_a_rigid_plane_have_the_force_of_all_rows(rim):
         gap, *_ = near.closing(q, 0.0 * q, 0.0 * q)
         gaps, left_out = every.gaps.at(q), ~np.isin(every.gaps.row_nodes, near.gaps.row_nodes)
         assert left_out.any()
-        assert gap[-1] <= gaps[left_out].min()
+        assert 0 < gap[-1] <= gaps[left_out].min()
         assert gap.min() <= gaps.min() + 1e-12
+        assert near.gaps.at(q).min() == pytest.approx(gaps.min(), abs=1e-12)  # the nearest row is there at any height
         fresh = near.for_run()
         np.testing.assert_allclose(fresh.at(q).generalised, expected, rtol=0, atol=1e-6 * max(abs(expected).max(), 1.0))
     assert 1 < sum(pressed) < len(pressed)
+
+
+def test_rows_that_close_before_they_are_chosen_again_are_present(rim):
+    """However the disc moves: along both axes it comes further than each coordinate may change."""
+    side, normal = floating(rim, (0, 1e-6, 0)), np.array([1, 1, 0]) / 2**0.5
+    plane = RigidPlane(np.array([0, R, 0]) - R * normal, normal)
+    every, closed = Everywhere(side, plane), 0
+    for angle in np.linspace(0, 0.5, 11):
+        near = WanderingRigidGaps(side, plane).fresh()
+        first = turned(rim, angle, np.zeros(3))
+        near.at(turned(rim, angle, [0, R, 0]))
+        near.at(first)
+        chosen = near.row_nodes
+        q = turned(rim, angle, -0.99 * wandering.SOON * near.size * np.array([1, 1, 0]))
+        near.at(q)
+        np.testing.assert_array_equal(near.row_nodes, chosen)  # they were not chosen again
+        due = every.row_nodes[every.at(q) < 0]
+        assert np.isin(due, chosen).all()
+        closed += np.count_nonzero(every.at(first)[np.isin(every.row_nodes, due)] > wandering.SOON * near.size)
+    assert closed
 
 
 def test_a_carrier_that_turns_with_the_body_brings_no_row_nearer(rim):
@@ -299,6 +320,23 @@ def test_rows_within_reach_are_present(rim, face, flat_body, round_body, kind, c
             np.testing.assert_allclose(found, right[run.row_nodes], rtol=0, atol=1e-3 * gaps.size)
             seen += len(due)
     assert seen > 100
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_rows_that_a_bulging_surface_may_close_are_present(rim, face, compiled):
+    """Those whose gaps are below a quarter of the depth, wherever the disc is pressed while it slides and rolls."""
+    side, other, seen = floating(rim, (0, 1e-6, 0)), np.zeros(face.n_dofs), 0
+    gaps, every = (WanderingGaps(side, inertial(face)).fresh() for _ in range(2))
+    with contextlib.nullcontext() if compiled else without_numba():
+        for i in range(20):
+            x = 0.1 * gaps.size * i - 0.3 * R
+            q = np.r_[turned(rim, x / R, [x, -0.3e-3, 0]), other]
+            gaps.at(q)
+            found = every.widen(q)
+            due = (found < -0.25 * found.min()) & (found > 0.01 * gaps.size)
+            assert np.isin(every.row_nodes[due], gaps.row_nodes).all()
+            seen += np.count_nonzero(due)
+    assert seen > 20
 
 
 def test_wrong_starts_have_named_errors(rim, face, disc, mbs):

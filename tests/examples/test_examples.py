@@ -11,6 +11,7 @@ import matplotlib.image
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from oracles import LONGEST
 
 import exudyn_partition as ep
 from validation.experiments import tilted_bar
@@ -46,7 +47,7 @@ def test_rod_on_plate_as_a_script(tmp_path):
     """In a process of its own, as the README calls it."""
     command = [sys.executable, str(EXAMPLES / "rod_on_plate.py"), "--quick", "--end-time", "0.34e-3"]
     command += ["--out", str(tmp_path)]
-    printed = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
+    printed = subprocess.run(command, capture_output=True, text=True, check=True, timeout=LONGEST).stdout
     result = check_files("rod_on_plate", tmp_path, printed)
     assert result["error"]["force"] < 0.01
     assert result["error"]["velocity_p1"] < 0.01
@@ -183,7 +184,7 @@ def test_the_tutorial_runs_from_first_to_last_cell(tmp_path, monkeypatch):
     else:
         resources = {"metadata": {"path": str(tmp_path)}}
         read = nbformat.read(EXAMPLES / "tutorial.ipynb", as_version=4)
-        nbclient.NotebookClient(read, timeout=300, resources=resources).execute()
+        nbclient.NotebookClient(read, timeout=LONGEST, resources=resources).execute()
 
 
 def test_the_list_of_examples_is_complete():

@@ -147,7 +147,7 @@ def test_a_phone_shows_the_page_without_scrolling_aside(impact, tmp_path, opened
     mbs, *_ = impact
     result = ep.solve_dynamic(mbs, end_time=40e-6, step=0.2e-6)
     page, faults = opened(result.report(tmp_path / "run.html"), width=390, height=780, ready="true")
-    page.frames[1].wait_for_function("window.ready === true", timeout=60_000)
+    page.frames[1].wait_for_function("window.ready === true")
     assert page.evaluate("document.documentElement.scrollWidth") == 390
     assert page.locator("details").count() == page.locator("details:not([open])").count() > 0
     assert faults == []

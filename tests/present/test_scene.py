@@ -220,7 +220,7 @@ def test_a_browser_plays_the_page(opened, run, tmp_path):
     before = page.locator("canvas").screenshot()
     page.evaluate("scene.set(scene.times[0])")
     page.click("#play")
-    page.wait_for_function("scene.state.time > scene.times[1]", timeout=30_000)
+    page.wait_for_function("scene.state.time > scene.times[1]")
     page.click("#play")
     assert page.locator("canvas").screenshot() != before
     still = page.locator("canvas").screenshot()

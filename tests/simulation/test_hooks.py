@@ -8,7 +8,7 @@ import exudyn as exu
 import exudyn.itemInterface as items
 import numpy as np
 import pytest
-from oracles import ctrl_c_after
+from oracles import LONGEST, ctrl_c_after
 
 import exudyn_partition as ep
 from exudyn_partition.errors import (
@@ -200,7 +200,7 @@ except ep.errors.RunError:
 
 def test_a_run_prints_what_its_user_prints_and_errors_alone():
     """Each first run of a process had a line on VelocityVerlet, which no user can act on."""
-    run = subprocess.run([sys.executable, "-c", PRINTS], capture_output=True, text=True, check=True, timeout=120)
+    run = subprocess.run([sys.executable, "-c", PRINTS], capture_output=True, text=True, check=True, timeout=LONGEST)
     printed = [line for line in run.stdout.splitlines() if line]
     assert printed[:2] == ["the user's", "by Exudyn"]
     assert printed[-1] == "and after True"

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ModelLi
 AS_BEFORE = {"velocity_tolerance": 1e-12}  # steps in contact do not grow
 
 
-def standing(body, *, height=0.0, pulse=None, weight=WEIGHT, spring=1e7, **options):
+def standing(body, *, height=0.0, pulse=None, weight=WEIGHT, spring=1e7, velocity=(0.0, 0.0, 0.0), **options):
     """A ball under a weight and on springs above a plane; `pulse`, (begin, end, force), acts along the normal."""
     mbs = exu.SystemContainer().AddSystem()
     ball = ep.CreatePartitionBody(
@@ -24,12 +24,13 @@ def standing(body, *, height=0.0, pulse=None, weight=WEIGHT, spring=1e7, **optio
         body,
         name="ball",
         referencePosition=[0, 0, height],
+        initialVelocity=velocity,
         gravity=[0, 0, -weight / body.total_mass],
         damping=options.pop("damping", 0.1),
         frame=options.pop("frame", "inertial"),
     )
     contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), **options)
-    if ball.frame == "inertial" and spring:
+    if ball.frame == "inertial" and spring is not None:
         add_springs(mbs, ball, spring)
     if pulse is not None:
         up = body.mass @ body.rigid[:, 2] / body.total_mass
@@ -164,3 +165,15 @@ def test_what_rings_for_long_is_logged_with_its_frequency_and_energy(round_body,
     ep.solve_static(mbs, update_initial=True)
     run(mbs, 0.6e-3)
     assert not [record for record in caplog.records if "rings at" in record.getMessage()]
+
+
+def test_a_body_that_slides_steadily_does_not_ring_by_that(round_body, caplog):
+    """It swings on its contact with a twentieth of the speed with which it slides, without friction."""
+    caplog.set_level("INFO", logger="exudyn_partition")
+    springs = np.diag([1.0, 3e6, 3e6, 300.0, 300.0, 300.0])  # hardly any along the slide [N/m, N m]
+    mbs, *_ = standing(round_body, spring=springs, velocity=(1.0, 0.0, -0.05), damping=None)
+    ep.solve_static(mbs, update_initial=True)
+    run(mbs, 0.6e-3, velocity_tolerance=1e-5)
+    (said,) = (record.getMessage() for record in caplog.records if "rings at" in record.getMessage())
+    share = float(re.search(r"with (\S+) of the largest energy", said)[1])
+    assert 0.5 * 0.05**2 < share < 2 * 0.05**2

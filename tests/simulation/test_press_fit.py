@@ -1,5 +1,6 @@
 """Overlaps that are meant: Lame's pressure, pull-off by friction, clamped columns, preloaded runs, refusals."""
 
+import contextlib
 import math
 
 import exudyn as exu
@@ -223,6 +224,19 @@ def test_surfaces_that_do_not_lie_on_each_other_need_a_drawn_overlap(mbs, bodies
     item = ep.CreatePartitionBody(mbs, bodies[0], name="ball")
     with pytest.raises(InputError, match=r"expected surfaces that lie on each other.*'placed'"):
         ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), interference=1e-6)
+
+
+@pytest.mark.parametrize(("share", "lies_on_it"), [(0.5, True), (2.0, False)])
+def test_gaps_may_differ_by_what_facets_explain(mbs, column, share, lies_on_it):
+    """A flat face on a plane that is tilted: facets explain 1e-4 of their size, as where patches touch."""
+    item = ep.CreatePartitionBody(mbs, column, frame="floating")
+    face = column.surface(np.zeros(3), 0)
+    x = face.points[:, 0]
+    slope = share * 1e-4 * face.facet_size / abs(x - np.median(x)).max()
+    plane = ep.RigidPlane(normal=(slope, 0, 1))
+    refused = pytest.raises(InputError, match="expected surfaces that lie on each other")
+    with contextlib.nullcontext() if lies_on_it else refused:
+        ep.CreatePartitionContact(mbs, item, plane, slavePatch="bottom", interference=OVERLAP, rows="node-to-segment")
 
 
 def test_multipliers_have_no_statics_to_press_with(mbs):

@@ -9,6 +9,7 @@ import subprocess
 import sys
 
 import pytest
+from oracles import LONGEST
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError, OutputError
@@ -180,7 +181,7 @@ def test_what_killed_processes_left_is_deleted_and_what_others_write_is_not(tmp_
         with replacing(tmp_path / "other"):
             pass
         assert len(names(tmp_path)) == 4
-        writers[1].communicate("", timeout=30)
+        writers[1].communicate("", timeout=LONGEST)
     finally:
         for writer in writers:
             writer.kill()

@@ -28,6 +28,7 @@ from .reviewed_run import Finding, Review, ReviewedRun
 from .ringing import ringing
 from .spin import missing_growth, spin
 from .steps import long_steps, missing_steps, turns, unstable_steps
+from .through_walls import through_walls
 from .yielding import coarse_zones, first_yield, flow_at_border, large_plastic_strain, near_zones
 
 _log = logging.getLogger(__name__)
@@ -48,8 +49,8 @@ WITHOUT_SAMPLES: tuple[Review, ...] = (stopped, missing_steps, unstable_steps)
 OF_SAMPLES: tuple[Review, ...] = (
     rotation, missing_growth, axial_forces, spin, slopes, strain, bending, undamped_vibration,
     patch_edges, overlap, depth, sinking, crossing_edges, short_impacts, few_rows, directions, missed, passing,
-    undamped_layers, flow_at_border, coarse_zones, large_plastic_strain, ringing, rare_samples, first_yield, near_zones,
-    open_statics, missing_dents, open_joints, balance, long_steps, lasting_ringing, turns,
+    through_walls, undamped_layers, flow_at_border, coarse_zones, large_plastic_strain, ringing, rare_samples,
+    first_yield, near_zones, open_statics, missing_dents, open_joints, balance, long_steps, lasting_ringing, turns,
 )  # fmt: skip
 
 
