@@ -56,7 +56,7 @@ def _passed(run: ReviewedRun, history: ContactHistory, wall: int) -> Iterator[Fi
     def places(side: int, nodes: Array, samples: Array | slice) -> Array:
         """Places of nodes of a side's patch at some samples, (m, k, 3) [m], where a rigid surface is at rest."""
         item, surface = contact.sides[side][0], surfaces[side]
-        x = item.kinematics.at(surface.nodes[nodes]).place(run.of(item).q[samples])
+        x = item.kinematics.at(surface.nodes[nodes]).place(run.body(item).q[samples])
         return x if contact.carrier is None else (x - poses[0][samples, None]) @ poses[1][samples]
 
     three = [places(side, witnesses_of(surface), slice(None)) for side, surface in enumerate(surfaces)]
@@ -73,7 +73,7 @@ def _passed(run: ReviewedRun, history: ContactHistory, wall: int) -> Iterator[Fi
         (before, meets), (after, looks) = (
             (gap, np.einsum("kd,kd->k", normal, own)) for (gap, normal), own in zip(found, normals, strict=True)
         )
-        held, still = history.force[both] != 0 if comer else history.rows[both].toarray() != 0
+        held, still = history.force[both] != 0 if comer else history.rows.matrix(both).toarray() != 0
         jumped = (meets < -_LOOKS) & (before >= 0) & (after >= 0) & (before + after <= ways[k])
         passed = (looks > _LOOKS) & ~still & (held | jumped)
         if passed.any():
