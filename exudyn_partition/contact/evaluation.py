@@ -127,9 +127,9 @@ class Evaluation(RowForces):
         """Return the same answer with displacements of viscous sides by other contacts, now and in the last step."""
         return self._with(_across=across, _across_before=before)
 
-    def from_state(self, state: ContactState) -> Evaluation:
-        """Return the same answer with another state at the start of the step."""
-        return self._with(state=state)
+    def in_step(self, state: ContactState, since: float) -> Evaluation:
+        """Return the same answer in a step that begins at a time [s] from a state."""
+        return self._with(state=state, since=since)
 
     def with_zones(self, yielded: ZonesAnswer) -> Evaluation:
         """Return the same answer with what plastic zones do."""

@@ -322,7 +322,7 @@ class PatchContact:
         if not isinstance(self.zones, NodalZones):
             return none
         yielded = self.zones.at(self.state.zones, self.gaps.split(q))
-        self.evaluation = self.evaluation.with_zones(yielded)
+        self.evaluation = self.evaluation.in_step(self.state, self.since).with_zones(yielded)
         return yielded.generalised(none)
 
     def generalised(self) -> Array:
@@ -449,7 +449,7 @@ class PatchContact:
     def remember(self, memory: RowMemory) -> None:
         """Take what is remembered of forces that are found ahead of steps."""
         self.state = replace(self.state, memory=memory)
-        self.evaluation = self.evaluation.from_state(self.state)
+        self.evaluation = self.evaluation.in_step(self.state, self.since)
 
     # Results.
 
