@@ -58,7 +58,7 @@ class PatchContact:
     law : Law
     zones : YieldingPatches or NodalZones or None
         Plastic zones beneath the patches.
-    yielded : ZonesAnswer or None
+    plastic : ZonesAnswer or None
         What the zones do in the last answer.
     secant : Secant or None
         Where zones flow in implicit and static steps, a guess for the next step of Newton's method.
@@ -135,7 +135,7 @@ class PatchContact:
         self._n_nodes = len(self.gaps.slave.surface.points)
         memory = RowMemory.none(self._n_nodes, 4 if self.rows.d == 3 else 1)
         zones = () if self.zones is None else self.zones.start
-        self.yielded = None if self.zones is None else self.zones.last(zones)
+        self.plastic = None if self.zones is None else self.zones.last(zones)
         self.secant = None if self.zones is None else self.zones.secant
         self.state = ContactState(self.gaps.accepted, memory, ViscousMemory(), zones)
         self._begun: ContactState | None = None  # state at the start of the run, until the first answer
@@ -243,8 +243,8 @@ class PatchContact:
         self._answered = True
         if not isinstance(self.zones, NodalZones):
             return self._zero
-        self.yielded = self.zones.at(self.state.zones, self.gaps.split(motion.q))
-        return self.yielded.generalised(self._zero)
+        self.plastic = self.zones.at(self.state.zones, self.gaps.split(motion.q))
+        return self.plastic.generalised(self._zero)
 
     def force(self, q: Array, motion: Motion | None = None) -> Array:
         """Generalised contact force, (n,), at the coordinates q, (n,), of slave and master."""
@@ -277,7 +277,7 @@ class PatchContact:
 
         more = np.zeros((len(gap), self.rows.d)) if pushed is None else pushed
         parts = self.gaps.coordinates
-        self.yielded = self.zones.solve(self.state.zones, parts, self.rows, respond, more, self.yielded)
+        self.plastic = self.zones.solve(self.state.zones, parts, self.rows, respond, more, self.plastic)
         self.h = self.h - more[:, 0]  # what others have pushed is no gap: its energy is stored here
 
     def _begin_answer(self) -> None:
@@ -340,9 +340,9 @@ class PatchContact:
     def generalised(self) -> Array:
         """Generalised forces, (n,), from the present forces on rows, and from zones."""
         force = self.rows.generalised(self.forces) if self.index.size else self._zero
-        if self.yielded is None:
+        if self.plastic is None:
             return force
-        force = self.yielded.generalised(force)
+        force = self.plastic.generalised(force)
         if self.secant is not None:
             self.secant = self.secant.then(self.gaps.q, force)
         return force
@@ -386,7 +386,7 @@ class PatchContact:
 
     def corrected(self, of_rows: Array) -> Array:
         """Stiffness, (n, n), from that of the rows, (n, n): where zones flow, it explains Newton's last step."""
-        if self.secant is None or self.yielded is None or not self.yielded.flowing:
+        if self.secant is None or self.plastic is None or not self.plastic.flowing:
             return of_rows
         return self.secant.corrected(of_rows)
 
@@ -445,7 +445,7 @@ class PatchContact:
             own = self._crept(self.yielding).stored
         else:
             own = self.law.stored(self.h, self.forces) if self.index.size and not self.ahead else 0.0
-        return own if self.yielded is None else own + self.yielded.stored
+        return own if self.plastic is None else own + self.plastic.stored
 
     @property
     def shares(self) -> tuple[float, ...]:
@@ -512,7 +512,7 @@ class PatchContact:
         self.h = self.gaps.begin(state.gaps) + state.opening
         if isinstance(self.rows, TangentialRows):
             self.rows.hold()
-        self.yielded = None if self.zones is None else self.zones.last(state.zones)
+        self.plastic = None if self.zones is None else self.zones.last(state.zones)
         self.state, self.since, self.opening = state, t, state.opening
         nodes, memory = self.gaps.row_nodes, state.memory
         closed = np.flatnonzero(memory.forces[nodes, 0])
@@ -539,7 +539,7 @@ class PatchContact:
             memory = self.memory.with_forces(self._at_nodes())
         else:
             memory = self._slid_memory(end - self.since)
-        zones = () if self.yielded is None else self.yielded.after
+        zones = () if self.plastic is None else self.plastic.after
         return ContactState(
             self.gaps.after(),
             memory,
@@ -560,8 +560,9 @@ class PatchContact:
             closed = self.index.size > 0
             if self._answered and (self.remembers or self.told or self.damped):
                 self.state = self.after(start)
-                if self.yielded is not None:
-                    self.yielded.check()
+                if self.zones is not None and self.plastic is not None:
+                    self.plastic.check()
+                    self.plastic = self.zones.last(self.state.zones)
                 gaps = self.state.gaps
             else:
                 gaps = self.gaps.after()
@@ -574,7 +575,7 @@ class PatchContact:
     def retry(self) -> None:
         """Begin the step again, from the state that was accepted last."""
         self.gaps.retry()
-        self.yielded = None if self.zones is None else self.zones.last(self.state.zones)
+        self.plastic = None if self.zones is None else self.zones.last(self.state.zones)
 
     def take_step(self, end: float) -> None:
         """Take the time [s] at which forces are evaluated next: viscous flexibilities depend on the step up to it.

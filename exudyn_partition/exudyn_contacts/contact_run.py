@@ -195,8 +195,8 @@ class ContactRun:
         looped = None if self._group is None else self._group.looped
         if looped is not None:  # without friction and plastic zones
             return float(looped.stored[self._place])
-        yielded = self._mechanics.yielded
-        taken = self._dissipated() + self._damping_work(self._at) + (0.0 if yielded is None else yielded.work)
+        plastic = self._mechanics.plastic
+        taken = self._dissipated() + self._damping_work(self._at) + (0.0 if plastic is None else plastic.work)
         return self._mechanics.stored() + taken
 
     @property
@@ -245,8 +245,8 @@ class ContactRun:
     @property
     def plastic_ends(self) -> dict[int, PlasticState]:
         """Present state of each plastic zone; keys are the numbers of the sides."""
-        yielded = self.mechanics.yielded
-        return {} if yielded is None else yielded.present
+        plastic = self.mechanics.plastic
+        return {} if plastic is None else plastic.present
 
     def histories(self, zones: Mapping[int, PlasticZone]) -> dict[int, StrainHistory]:
         """Return `plastic_strains`. The same method of a run from a file needs these zones."""
@@ -389,9 +389,9 @@ class ContactRun:
         closed = mechanics.index
         if mechanics.damped:
             self._stored[t], self.viscous_works[t] = mechanics.stored(), self._damping_work(t)
-        if mechanics.yielded is not None:
-            mechanics.yielded.check()
-            for side, plastic in mechanics.yielded.present.items():
+        if mechanics.plastic is not None:
+            mechanics.plastic.check()
+            for side, plastic in mechanics.plastic.present.items():
                 self.plastic_strains[side].keep(t, plastic)
         if self.forward is not None and t != self.goes_on_at:  # that time was checked before, and a check moves pairs
             self._check_step(t)
@@ -451,9 +451,9 @@ class ContactRun:
 
     def plastic_values(self) -> list[float]:
         """Values of the sensor `sPlastic`, see `PartitionContact`."""
-        yielded = self.mechanics.yielded
-        assert yielded is not None
-        return [self.mechanics.stored(), yielded.work, yielded.largest_strain, float(yielded.flowing)]
+        plastic = self.mechanics.plastic
+        assert plastic is not None
+        return [self.mechanics.stored(), plastic.work, plastic.largest_strain, float(plastic.flowing)]
 
     def _check_step(self, t: float) -> None:
         """Raise an error if multipliers were not applied in the run."""
