@@ -92,7 +92,7 @@ class Evaluation(RowForces):
         Places of the rows for which the law found the forces; None if all are open.
     yielding : Yielding, optional
         How viscous flexibilities yield in this step.
-    yielded : ZonesAnswer, optional
+    plastic : ZonesAnswer, optional
         What plastic zones do in it.
     opening : float
         How much of an overlap that is meant is still open [m].
@@ -114,13 +114,13 @@ class Evaluation(RowForces):
         *,
         places: Places | None = None,
         yielding: Yielding | None = None,
-        yielded: ZonesAnswer | None = None,
+        plastic: ZonesAnswer | None = None,
         opening: float = 0.0,
         begun: bool = False,
     ) -> None:
         super().__init__(parts.rows, forces)
         self.parts, self.state, self.since, self.h, self.least_gap = parts, state, since, h, least_gap
-        self._places, self._yielding, self.yielded = places, yielding, yielded
+        self._places, self._yielding, self.plastic = places, yielding, plastic
         self.opening, self.begun = opening, begun
 
     def pushed_by(self, across: list[Array], before: list[Array] | None) -> Evaluation:
@@ -131,9 +131,9 @@ class Evaluation(RowForces):
         """Return the same answer in a step that begins at a time [s] from a state."""
         return self._with(state=state, since=since)
 
-    def with_zones(self, yielded: ZonesAnswer) -> Evaluation:
+    def with_zones(self, plastic: ZonesAnswer) -> Evaluation:
         """Return the same answer with what plastic zones do."""
-        return self._with(yielded=yielded)
+        return self._with(plastic=plastic)
 
     def _with(self, **changes: Any) -> Evaluation:
         result = copy.copy(self)
@@ -153,12 +153,12 @@ class Evaluation(RowForces):
     @property
     def pushes(self) -> bool:
         """Whether rows are closed, or zones may push."""
-        return self.index.size > 0 or self.yielded is not None
+        return self.index.size > 0 or self.plastic is not None
 
     @cached_property
     def generalised(self) -> Array:
         """Generalised forces, (n,), by rows and zones."""
-        return self.by_rows if self.yielded is None else self.yielded.generalised(self.by_rows)
+        return self.by_rows if self.plastic is None else self.plastic.generalised(self.by_rows)
 
     def edge_reached(self) -> Array | None:
         """Place of a row with which contact leaves its patch, (3,) [m]; None if there is none. Pulling rows do not."""
@@ -242,7 +242,7 @@ class Evaluation(RowForces):
             rows = self._creep.stored
         elif self.index.size and not self.parts.law.ahead:
             rows = self.forces.energy(self.h)
-        return rows if self.yielded is None else rows + self.yielded.stored
+        return rows if self.plastic is None else rows + self.plastic.stored
 
     @property
     def viscous_work(self) -> float:
@@ -316,7 +316,7 @@ class Evaluation(RowForces):
             self.rows.gaps.after(),
             self._memory_after(end - self.since),
             self.creep_after,
-            () if self.yielded is None else self.yielded.after,
+            () if self.plastic is None else self.plastic.after,
             self.opening,
             power=self.forces.power,
             dissipated=self.law_work(end),

@@ -128,9 +128,9 @@ class PatchContact:
         """Evaluation with which a run begins that goes on from no other."""
         n = len(self.gaps.row_nodes)
         forces = Forces(np.zeros((n, self.rows.d)), np.empty(0, dtype=np.int64))
-        yielded = None if self.zones is None else self.zones.last(self.state.zones)
+        plastic = None if self.zones is None else self.zones.last(self.state.zones)
         return Evaluation(
-            self.parts, self.state, self.since, forces, np.zeros(n), least_gap, yielded=yielded, begun=True
+            self.parts, self.state, self.since, forces, np.zeros(n), least_gap, plastic=plastic, begun=True
         )
 
     @property
@@ -218,7 +218,7 @@ class PatchContact:
         lasting = self._begin_answer()
         if lasting is not None:
             pushed = lasting if pushed is None else pushed + lasting
-        zones, earlier = self.zones, self.evaluation.yielded
+        zones, earlier = self.zones, self.evaluation.plastic
         if not isinstance(zones, YieldingPatches):
             return self._answer(gap, gap, pushed, motion)
         others = np.zeros((len(gap), self.rows.d)) if pushed is None else pushed
@@ -227,8 +227,8 @@ class PatchContact:
             # What others have pushed is no gap: its energy is stored there.
             return self._answer(gap + (moved - others)[:, 0], gap, moved, motion).on_rows
 
-        yielded = zones.solve(self.state.zones, self.gaps.coordinates, self.rows, respond, others, earlier)
-        self.evaluation = self.evaluation.with_zones(yielded)
+        plastic = zones.solve(self.state.zones, self.gaps.coordinates, self.rows, respond, others, earlier)
+        self.evaluation = self.evaluation.with_zones(plastic)
         return self.evaluation
 
     def _begin_answer(self) -> Array | None:
@@ -300,7 +300,7 @@ class PatchContact:
             least_gap,
             places=places,
             yielding=self._yielding,
-            yielded=self.evaluation.yielded,
+            plastic=self.evaluation.plastic,
             opening=self.opening,
         )
         return self.evaluation
@@ -321,9 +321,9 @@ class PatchContact:
         none = np.zeros(self.gaps.n)
         if not isinstance(self.zones, NodalZones):
             return none
-        yielded = self.zones.at(self.state.zones, self.gaps.split(q))
-        self.evaluation = self.evaluation.in_step(self.state, self.since).with_zones(yielded)
-        return yielded.generalised(none)
+        plastic = self.zones.at(self.state.zones, self.gaps.split(q))
+        self.evaluation = self.evaluation.in_step(self.state, self.since).with_zones(plastic)
+        return plastic.generalised(none)
 
     def generalised(self) -> Array:
         """Generalised forces of the last answer, (n,), from which Newton's method learns where zones flow."""
@@ -334,8 +334,8 @@ class PatchContact:
 
     def corrected(self, of_rows: Array) -> Array:
         """Stiffness, (n, n), from that of the rows, (n, n): where zones flow, it explains Newton's last step."""
-        yielded = self.evaluation.yielded
-        if self.secant is None or yielded is None or not yielded.flowing:
+        plastic = self.evaluation.plastic
+        if self.secant is None or plastic is None or not plastic.flowing:
             return of_rows
         return self.secant.corrected(of_rows)
 
@@ -395,9 +395,9 @@ class PatchContact:
             at_rest = [forces.on_rows] * len(self.gaps.sides)
             creep = ViscousMemory().after(rows, forces.on_rows, at_rest, self._n_nodes, state.creep.dissipated)
             self.state = replace(state, creep=creep)
-        yielded = None if self.zones is None else self.zones.last(state.zones)
+        plastic = None if self.zones is None else self.zones.last(state.zones)
         begun = Evaluation(self.parts, state, t, forces, gap, state.least_gap, opening=state.opening, begun=True)
-        self.evaluation = begun if yielded is None else begun.with_zones(yielded)
+        self.evaluation = begun if plastic is None else begun.with_zones(plastic)
 
     @property
     def _answered(self) -> bool:
@@ -416,8 +416,9 @@ class PatchContact:
             evaluation, answered = self.evaluation, self._answered
             if answered and (self.remembers or self.told or self.damped):
                 self.state = evaluation.after(start)
-                if evaluation.yielded is not None:
-                    evaluation.yielded.check()
+                if self.zones is not None and evaluation.plastic is not None:
+                    evaluation.plastic.check()
+                    self.evaluation = evaluation.with_zones(self.zones.last(self.state.zones))
                 gaps = self.state.gaps
             else:
                 gaps = self.gaps.after()

@@ -191,8 +191,8 @@ class ContactRun:
         if group is not None and (stored := group.stored) is not None:  # without friction and plastic zones
             return float(stored[self._place])
         answer = self.evaluation
-        yielded = 0.0 if answer.yielded is None else answer.yielded.work
-        return answer.stored + self._dissipated() + self._damping_work(self._at) + yielded
+        plastic = 0.0 if answer.plastic is None else answer.plastic.work
+        return answer.stored + self._dissipated() + self._damping_work(self._at) + plastic
 
     @property
     def group(self) -> GroupRun:
@@ -247,8 +247,8 @@ class ContactRun:
     @property
     def plastic_ends(self) -> dict[int, PlasticState]:
         """Present state of each plastic zone; keys are the numbers of the sides."""
-        yielded = self.evaluation.yielded
-        return {} if yielded is None else yielded.present
+        plastic = self.evaluation.plastic
+        return {} if plastic is None else plastic.present
 
     def histories(self, zones: Mapping[int, PlasticZone]) -> dict[int, StrainHistory]:
         """Return `plastic_strains`. The same method of a run from a file needs these zones."""
@@ -393,10 +393,10 @@ class ContactRun:
         closed = answer.index
         if mechanics.damped:
             self._stored[t], self.viscous_works[t] = answer.stored, self._damping_work(t)
-        if answer.yielded is not None:
-            answer.yielded.check()
-            for side, plastic in answer.yielded.present.items():
-                self.plastic_strains[side].keep(t, plastic)
+        if answer.plastic is not None:
+            answer.plastic.check()
+            for side, state in answer.plastic.present.items():
+                self.plastic_strains[side].keep(t, state)
         if self.forward is not None and t != self.goes_on_at:  # that time was checked before, and a check moves pairs
             self._check_step(t)
             self.forward.check(self.of(q()))
@@ -454,14 +454,17 @@ class ContactRun:
     @property
     def iterations(self) -> int:
         """Iterations of the set of closed rows so far; `MultiplierStep` counts those of explicit multipliers."""
-        return self.mechanics.iterations if self.impulses is None else self.impulses.iterations
+        if self.impulses is not None:
+            return self.impulses.iterations
+        self.group.evaluation(self._place)  # which has those of compiled loops
+        return self.mechanics.iterations
 
     def plastic_values(self) -> list[float]:
         """Values of the sensor `sPlastic`, see `PartitionContact`."""
         answer = self.evaluation
-        yielded = answer.yielded
-        assert yielded is not None
-        return [answer.stored, yielded.work, yielded.largest_strain, float(yielded.flowing)]
+        plastic = answer.plastic
+        assert plastic is not None
+        return [answer.stored, plastic.work, plastic.largest_strain, float(plastic.flowing)]
 
     def _check_step(self, t: float) -> None:
         """Raise an error if multipliers were not applied in the run."""

@@ -33,7 +33,6 @@ class NodalZone:
 
     def __init__(self, motion: ZoneMotion) -> None:
         self.motion = motion
-        self._pushing: tuple[PlasticState, Array] | None = None  # kept to save time
         plastic = motion.start
         own = motion.zone.own_energy(plastic)
         self.start = NodalState(plastic, np.zeros_like(plastic.strain), self._generalised(plastic), own)
@@ -42,18 +41,16 @@ class NodalZone:
         """State after a step that ends at coordinates q, (n,), of the body, by radial return from the state before."""
         zone, rows = self.motion.zone, self.motion.kinematics.rows
         total = zone.strains(np.asarray(rows @ q[len(q) - rows.shape[1] :]))
-        plastic, work = zone.flow.answer(total, state.plastic), state.work
+        plastic, generalised, work = zone.flow.answer(total, state.plastic), state.generalised, state.work
         if plastic is not state.plastic:
+            generalised = self._generalised(plastic)
             work += zone.work((state.plastic, state.total), (plastic, total))
         stored = zone.own_energy(plastic) - float(np.vdot(zone.stress_volumes(plastic.strain), total))
-        return NodalState(plastic, total, self._generalised(plastic), stored, work)
+        return NodalState(plastic, total, generalised, stored, work)
 
     def _generalised(self, plastic: PlasticState) -> Array:
         """Forces on the last coordinates of the body, (n,) [N], by plastic strain."""
-        if self._pushing is None or self._pushing[0] is not plastic:
-            p = self.motion.zone.pseudo_forces(plastic.strain)
-            self._pushing = plastic, np.asarray(self.motion.kinematics.rows.T @ p)
-        return self._pushing[1]
+        return np.asarray(self.motion.kinematics.rows.T @ self.motion.zone.pseudo_forces(plastic.strain))
 
 
 class NodalZones(Zones):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import math
-import operator
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -256,17 +255,16 @@ class YieldingPatches(Zones):
         pushed : (nr, d) array
             Displacement of the rows due to other contacts.
         earlier : ZonesAnswer, optional
-            An answer for other coordinates. If it is one of the same step, the iteration begins with its guesses, which
-            saves time. They change the answer by less than a step leaves to the next one.
+            An answer for other coordinates in the same step. The iteration begins with its guesses, which saves time.
+            They change the answer by no more than a step leaves to the next one.
 
         Raises
         ------
         ComplementarityError
             In explicit steps, if flow does not settle. Otherwise `ZonesAnswer.check` raises it.
         """
-        guesses: Sequence[ZoneGuess | None] = [None] * len(states)
-        if earlier is not None and earlier.guesses and all(map(operator.is_, earlier.before, states)):
-            guesses = earlier.guesses
+        known = () if earlier is None else earlier.guesses
+        guesses: Sequence[ZoneGuess | None] = known or [None] * len(states)
         each_zone = zip(self.zones, states, guesses, strict=True)
         steps = [zone.step(state, parts[side], guess) for (side, zone), state, guess in each_zone]
         on_patches = self._on_patches(steps, rows, respond, pushed)

@@ -243,9 +243,8 @@ class ZoneStep:
     def elastic(self, force: Array) -> ZoneState:
         """State after the step if no point flows, with forces on the patch, (r,) [N]."""
         state, (chosen, change) = self.state, self.guess
-        nothing = change.none()
-        goes_on = state.goes_on and nothing is change
-        return ZoneState(state.plastic, state.applied, nothing, self.q, force, state.work, chosen, goes_on)
+        goes_on = state.goes_on and not change.change.any()
+        return ZoneState(state.plastic, state.applied, change.none(), self.q, force, state.work, chosen, goes_on)
 
     def begins_to_flow(self, force: Array) -> ZoneStep | None:
         """Return the step with the points active that flow with forces on the patch, (r,) [N]; None if none do."""
@@ -312,23 +311,25 @@ class ZoneStep:
             moved += active.spread(push.answered)
         applied = Applied(p, left, moved, self.moved_patch(push), last.generalised + active.generalised(led_to), 0.0)
         change, excess = applied.beyond(last), zone.excess(plastic, self.q, force, moved)
-        chosen = self._grown(excess)
-        if chosen is not self.guess.active:
-            return replace(self, guess=ZoneGuess(chosen, change))
+        more = self._grown(excess)
+        if more is not None:
+            return replace(self, guess=ZoneGuess(more, change))
         before = self._beginning[1]
         flow = int(np.count_nonzero(found.equivalent > before.equivalent))
         goes_on = flow > 0 and len(active.points) <= _SPARE * (flow + _FEW)
         work = state.work + active.part.work((before, active.strain(state)), (found, strain))
         if state.excess is not None and goes_on:  # points that will flow if stress grows as it has
-            chosen = self._grown(2 * excess - state.excess)
-        now = zone.with_energy(applied, plastic), change, self.q, force, work, chosen, goes_on
-        return ZoneState(plastic, *now, strain if chosen is self.guess.active else None, excess)
+            more = self._grown(2 * excess - state.excess)
+        now = zone.with_energy(applied, plastic), change, self.q, force, work
+        if more is None:
+            return ZoneState(plastic, *now, self.guess.active, goes_on, strain, excess)
+        return ZoneState(plastic, *now, more, goes_on, excess=excess)
 
-    def _grown(self, excess: Array) -> Array:
-        """The active points, (g,) bool, and others that flow, and those near them; the same array if there are none."""
+    def _grown(self, excess: Array) -> Array | None:
+        """The active points, (g,) bool, and others that flow, and those near them; None if there are no others."""
         chosen = self.guess.active
         excess = np.where(chosen, -np.inf, excess)
         if excess.max() <= 0:
-            return chosen
+            return None
         flow = int(np.count_nonzero(excess > 0)) + int(np.count_nonzero(chosen)) // 2
         return np.asarray(chosen | self.zone.near(excess, flow))
