@@ -149,8 +149,8 @@ class ModelRun:
         self.idle = not self._steppers
         self._served = {self._served_by(stepper): stepper for stepper in self._steppers}
         for served in () if state is None else state.steppers:
-            if (served.joined, served.numbers) in self._served:
-                self._served[served.joined, served.numbers].begin(served, t)
+            if (key := (served.joints is not None, served.numbers)) in self._served:
+                self._served[key].begin(served, t)
         dofs = mbs.systemData.GetObjectLTGODE2(contacts[0]["oContact"]) if contacts else []
         self.dofs, self._total = np.array(dofs, dtype=int), np.zeros(mbs.systemData.ODE2Size())
         self.of_object = as_slice(self.dofs)
@@ -225,7 +225,7 @@ class ModelRun:
                 closed = bool(mechanics.gaps.overlap) and end.has_steps and end.ended_in(initial)  # by load steps
                 if counts or mechanics.remembers or closed:
                     opening, moves = mechanics.opening, end.method != "static"
-                    mechanics.begin(last.for_other_run(counts=counts, moves=moves, sticks=not mechanics.ahead), t)
+                    run.begin_contact(last.for_other_run(counts=counts, moves=moves, sticks=not mechanics.ahead), t)
                     mechanics.opening = min(opening, last.contact.opening) if closed else opening
                     found = found or end
                     break

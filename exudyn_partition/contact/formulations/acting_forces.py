@@ -1,0 +1,117 @@
+"""Forces of multipliers on the rows of a contact, and what follows from them at the rows' present places."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from ...algebra.coulomb import Coulomb
+from ...algebra.friction import OPEN, SLIP
+from ...support.arrays import Array
+from ..law import Forces
+from ..memory import RowMemory, on_rows
+from ..normal_rows import NormalRows
+from ..tangential import TangentialRows
+
+_NONE = np.empty(0, dtype=np.int64)
+
+
+class ActingForces:
+    """Forces on the present rows of a contact.
+
+    Parameters
+    ----------
+    rows : NormalRows or TangentialRows
+    forces : Forces
+    """
+
+    def __init__(self, rows: NormalRows | TangentialRows, forces: Forces) -> None:
+        self.rows, self.forces = rows, forces
+        self.on_rows, self.index = forces.on_rows, forces.closed
+
+    @property
+    def lam(self) -> Array:
+        """Normal forces, (nr,) [N]."""
+        value: Array = self.on_rows[:, 0]
+        return value
+
+    @property
+    def status(self) -> Array:
+        """Whether each row is open, sticks or slips, (nr,) int8; closed rows without friction slip."""
+        if self.forces.state is not None:
+            return self.forces.state
+        status = np.full(len(self.on_rows), OPEN, dtype=np.int8)
+        status[self.index] = SLIP
+        return status
+
+    @cached_property
+    def traction(self) -> Array:
+        """Tangential forces in space, (nr, 3) [N]; zero without friction."""
+        return self.rows.tractions(self.on_rows)
+
+    @property
+    def generalised(self) -> Array:
+        """Generalised forces, (n,)."""
+        return self.rows.generalised(self.on_rows) if self.index.size else np.zeros(self.rows.gaps.n)
+
+    def resultant(self) -> Array:
+        """Force on the slave, (3,) [N]."""
+        along = self.rows.gaps.resultant(self.lam)
+        return along if self.rows.d == 1 else along + self.traction.sum(axis=0)
+
+    def on_carrier(self, point: Array) -> Array:
+        """Force on the body that carries the rigid surface, and moment about a point in space, (6,) [N, N m]."""
+        moment = self.rows.moment(self.on_rows, point) if self.index.size else np.zeros(3)
+        return -np.concatenate([self.resultant(), moment])
+
+    def impulse(self, step: float) -> Array:
+        """Impulses in a step [s], (7,) [N s]: of normal forces, sum and vector on the slave, and of tangential forces.
+
+        The vector on the slave includes tangential forces.
+        """
+        impulse = np.zeros(7)
+        if self.index.size:
+            impulse[0], impulse[1:4] = self.lam.sum(), self.resultant()
+            if self.rows.d > 1:
+                impulse[4:] = self.traction.sum(axis=0)
+            impulse *= step
+        return impulse
+
+    def memory_after(self, memory: RowMemory, slips: Array, speeds: Array, taken: float) -> RowMemory:
+        """What rows remember after a step with these forces; `memory` is of its start, for the rest see `RowMemory`.
+
+        `slips` and `speeds` are of no use without friction.
+        """
+        rows = self.rows
+        if isinstance(rows, TangentialRows):
+            return memory.after(rows, self.lam, self.traction, self.status, slips, speeds, taken)
+        by_nodes = np.zeros((len(memory.path), 1))
+        by_nodes[rows.gaps.row_nodes] = self.on_rows
+        return memory.with_forces(by_nodes)
+
+
+def no_forces(d: int, n: int) -> Forces:
+    """Forces on n open rows in d directions."""
+    return Forces(np.zeros((n, d)), _NONE)
+
+
+def no_memory(rows: NormalRows | TangentialRows) -> RowMemory:
+    """What rows remember at the start of a run."""
+    return RowMemory.none(len(rows.gaps.slave.surface.points), 4 if rows.d > 1 else 1)
+
+
+def remembered(rows: NormalRows | TangentialRows, memory: RowMemory) -> Array:
+    """Remembered forces on the present rows, (nr, d) [N]."""
+    if isinstance(rows, TangentialRows):
+        return on_rows(rows, memory.forces)
+    value: Array = memory.forces[rows.gaps.row_nodes]
+    return value
+
+
+def known_before(rows: NormalRows | TangentialRows, friction: Coulomb | None, memory: RowMemory) -> tuple[Array, Array]:
+    """What friction in a step depends on: remembered forces, (nr, 3) [N], and coefficients, (nr,); else zeros."""
+    nodes = rows.gaps.row_nodes
+    if friction is None:
+        return np.zeros((len(nodes), 3)), np.zeros(len(nodes))
+    return remembered(rows, memory), memory.coefficients(friction, nodes)
