@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..contact.formulations.explicit_multipliers import AllRows, ForwardAnswer, ForwardIncrement, Start
+from ..contact.formulations.explicit_multipliers import AllRows, ByJoints, ForwardAnswer, ForwardIncrement, Start
 from ..errors import RunError
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import start_of_step
@@ -38,15 +38,14 @@ class RowsAndJoints(NamedTuple):
         Accelerations of the rows due to unit multipliers of joints.
     yields : (n, d nr) array
         Multipliers of joints that answer unit forces on the rows.
-    by_joints : (d nr, d nr) array
-        Accelerations of the rows due to unit forces on them, through the joints.
+    by_joints : ByJoints
     """
 
     rows: AllRows
     push: Array
     across: Array
     yields: Array
-    by_joints: Array
+    by_joints: ByJoints
 
 
 class Closing(NamedTuple):
@@ -299,11 +298,11 @@ class MultiplierStep:
     def _coupled_rows(self, joints: Joints) -> RowsAndJoints:
         """How the present rows and joints move each other; the same object as long as neither changes."""
         rows, known = self._forward.all_rows(), self._coupled
-        if known is None or known.rows is not rows or known.push is not joints.push:
+        if known is None or known.rows != rows or known.push is not joints.push:
             both = zip(rows.G, self._shared, strict=True)
             across = np.vstack([G[:, own] @ joints.push[others] for G, (own, others) in both])
             yields = -joints.solve(across.T)
-            known = self._coupled = RowsAndJoints(rows, joints.push, across, yields, across @ yields)
+            known = self._coupled = RowsAndJoints(rows, joints.push, across, yields, ByJoints(across @ yields))
         return known
 
     @staticmethod

@@ -331,7 +331,7 @@ class ContactRun:
             self._mechanics.open_rows()
             return np.zeros(len(self.dofs))
         answer = self._multipliers = impulses.evaluate(last, motion)
-        if answer is not last:
+        if answer != last:
             self._mechanics.take(answer.forces)
             self._mechanics.least_gap = answer.least_gap
         return answer.force
@@ -378,7 +378,7 @@ class ContactRun:
         mechanics.take(answer.forces)
         mechanics.least_gap = answer.least_gap
         if mechanics.friction is not None:
-            mechanics.remember(answer.memory)
+            mechanics.remember(answer.known)
             _ = mechanics.traction  # found at the places to which the forces belong, before a check moves the pairs
         self._stepped_to = end
 
@@ -465,7 +465,10 @@ class ContactRun:
 
     def _dissipated(self) -> float:
         """Energy that friction has taken since the start of the run [J]."""
-        return self.mechanics.dissipated() if self._multipliers is None else self._multipliers.memory.dissipated
+        last = self._multipliers
+        if last is None:
+            return self.mechanics.dissipated()
+        return last.known.dissipated if isinstance(last, ForwardAnswer) else last.memory.dissipated
 
     def _damping_work(self, t: float) -> float:
         """Energy that viscous flexibilities and the law itself have taken until t [J]."""

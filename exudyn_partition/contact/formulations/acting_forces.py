@@ -72,7 +72,7 @@ class ActingForces:
         """
         impulse = np.zeros(7)
         if self.index.size:
-            impulse[0], impulse[1:4] = self.lam.sum(), self.resultant()
+            impulse[0], impulse[1:4] = self.on_rows[:, 0].sum(), self.resultant()
             if self.rows.d > 1:
                 impulse[4:] = self.traction.sum(axis=0)
             impulse *= step
@@ -86,9 +86,14 @@ class ActingForces:
         rows = self.rows
         if isinstance(rows, TangentialRows):
             return memory.after(rows, self.lam, self.traction, self.status, slips, speeds, taken)
-        by_nodes = np.zeros((len(memory.path), 1))
-        by_nodes[rows.gaps.row_nodes] = self.on_rows
-        return memory.with_forces(by_nodes)
+        return with_forces(memory, rows.gaps.row_nodes, self.on_rows)
+
+
+def with_forces(memory: RowMemory, nodes: Array, on_rows: Array) -> RowMemory:
+    """What rows without friction remember, with other forces, (nr, 1) [N], on rows of some nodes, (nr,)."""
+    by_nodes = np.zeros((len(memory.path), 1))
+    by_nodes[nodes] = on_rows
+    return memory.with_forces(by_nodes)
 
 
 def no_forces(d: int, n: int) -> Forces:

@@ -5,7 +5,6 @@ Theory: examples/site/theory.md, "Explicit steps".
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -25,13 +24,13 @@ from ..law import Forces, Law, Places, RowDirections
 from ..memory import RowMemory
 from ..patch_contact import PatchContact
 from ..tangential import TangentialRows
-from .acting_forces import ActingForces, known_before, no_forces, no_memory
+from .acting_forces import ActingForces, known_before, no_forces, no_memory, remembered, with_forces
 
 _CLOSED = 1e-3  # of a facet's size: accuracy of closed gaps where points cross edges between facets
 _SOONER = 10  # the error of frozen pairs fades so many times faster than it grew, once pairs are followed
 _SOONEST = 20  # steps at least, in which it fades
 
-_NO_FRICTION = np.empty(0)
+_NO_FRICTION, _NO_IMPULSE = np.empty(0), np.zeros(7)
 # Of a contact's bodies at the start of a step: coordinates, velocities, and accelerations without contact, (n,) each.
 Start: TypeAlias = tuple[Array, Array, Array]
 
@@ -81,8 +80,10 @@ class ForwardState:
         Its factor in a step.
     frozen_steps : int
         Steps for which the pairs have been frozen.
-    impulses : three (7,) arrays
-        Impulses [N s]: so far, in the last step, and still to be added, see `ActingForces.impulse`.
+    impulse, last_impulse : (7,) arrays
+        Impulses so far, and in the last step [N s], see `ActingForces.impulse`.
+    pending : float
+        Share of the last one that is still to be added to those so far.
     pose : (12,) array or None
         Where the carrier of a rigid surface was at the last prediction.
     """
@@ -90,19 +91,17 @@ class ForwardState:
     jump: Array
     fading: float
     frozen_steps: int
-    impulses: tuple[Array, Array, Array] = (np.zeros(7),) * 3
+    impulse: Array
+    last_impulse: Array
+    pending: float = 0.0
     pose: Array | None = None
-
-    def counted(self, impulse: Array, share: float) -> tuple[Array, Array, Array]:
-        """`impulses` after the next step, whose impulse is `impulse`, (7,); velocities include a share of it so far."""
-        before, _, rest = self.impulses
-        return before + (rest + share * impulse), impulse, (1 - share) * impulse
 
     def expecting(self) -> ForwardState:
         """Return the state with half of the last step's impulse counted again, until that of the next step is known."""
-        before, last, _ = self.impulses
-        impulses = before + 0.5 * last, last, -0.5 * last
-        return ForwardState(self.jump, self.fading, self.frozen_steps, impulses, self.pose)
+        impulse = self.impulse + 0.5 * self.last_impulse
+        return ForwardState(
+            self.jump, self.fading, self.frozen_steps, impulse, self.last_impulse, self.pending - 0.5, self.pose
+        )
 
 
 class Promise(NamedTuple):
@@ -154,12 +153,17 @@ class Prediction(NamedTuple):
     frozen_steps: int
     pose: Array | None
 
-    def state(self, impulses: tuple[Array, Array, Array]) -> ForwardState:
-        """State after the step; `impulses` are those of `ForwardState`."""
-        return ForwardState(self.jump, self.fading, self.frozen_steps, impulses, self.pose)
+    def state_after(self, last: ForwardState, impulse: Array, share: float) -> ForwardState:
+        """State after the step.
+
+        `last` is the state before it, and `impulse`, (7,), that of the step; velocities include a share of it so far.
+        """
+        total = last.impulse + (last.pending * last.last_impulse + share * impulse)
+        return ForwardState(self.jump, self.fading, self.frozen_steps, total, impulse, 1 - share, self.pose)
 
 
-class RowResponse(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class RowResponse:
     """How forces move the present rows of a contact.
 
     Parameters
@@ -198,35 +202,44 @@ class ForwardAnswer(NamedTuple):
     Parameters
     ----------
     forces : Forces
-        On the present rows; on none before the first step.
+        On the present rows.
+    nodes : (nr,) int array
+        Their nodes of the slave's patch.
     gap : (nr,) array
         Gaps at the end of the step [m].
     least_gap : float
         Smallest gap that rows would have then without forces [m].
     state : ForwardState
         For the next step.
-    memory : RowMemory
-        What rows remember then.
+    known : RowMemory
+        What rows remember then. Without friction, these are forces alone, and `memory` has them.
     promise : Promise or None
         What the next step checks; None if all rows are open.
     """
 
     forces: Forces
+    nodes: Array
     gap: Array
     least_gap: float
     state: ForwardState
-    memory: RowMemory
+    known: RowMemory
     promise: Promise | None = None
+
+    @property
+    def memory(self) -> RowMemory:
+        """What rows remember after the step."""
+        on_rows, known = self.forces.on_rows, self.known
+        return known if on_rows.shape[1] > 1 else with_forces(known, self.nodes, on_rows)
 
     @property
     def impulse(self) -> Array:
         """Impulses so far, (7,) [N s], see `ForwardState`."""
-        return self.state.impulses[0]
+        return self.state.impulse
 
     def expecting(self) -> ForwardAnswer:
         """See `ForwardState.expecting`."""
         state = self.state.expecting()
-        return ForwardAnswer(self.forces, self.gap, self.least_gap, state, self.memory, self.promise)
+        return ForwardAnswer(self.forces, self.nodes, self.gap, self.least_gap, state, self.known, self.promise)
 
 
 class ForwardRows:
@@ -260,8 +273,11 @@ class ForwardRows:
         """Begin from a state, and from what rows remember then; by default, those of a new run."""
         memory = no_memory(self.rows) if memory is None else memory
         if state is None:
-            state = ForwardState(np.zeros(len(memory.path)), 1.0, 0)
-        return ForwardAnswer(no_forces(self.rows.d, 0), np.empty(0), np.inf, state, memory)
+            state = ForwardState(np.zeros(len(memory.path)), 1.0, 0, _NO_IMPULSE, _NO_IMPULSE)
+        nodes = self.gaps.row_nodes
+        status, on_rows = memory.status[nodes], remembered(self.rows, memory)
+        forces = Forces(on_rows, np.flatnonzero(status), status if self.rows.d > 1 else None)
+        return ForwardAnswer(forces, nodes, np.full(len(nodes), np.inf), np.inf, state, memory)
 
     def response(self) -> RowResponse:
         """How forces move the present rows; the same object as long as the rows stay frozen."""
@@ -314,13 +330,12 @@ class ForwardRows:
 
     def open(self, last: ForwardAnswer, prediction: Prediction, share: float) -> ForwardAnswer:
         """Leave all rows open in the coming step, see `act`."""
-        n, state, memory = len(prediction.places), prediction.state(last.state.impulses), last.memory
+        n, known = len(prediction.places), last.known
         forces, gap = no_forces(self.rows.d, n), prediction.places[:, 0]
-        if memory.closed:
-            memory = ActingForces(self.rows, forces).memory_after(memory, np.zeros((n, 2)), np.zeros(n), 0.0)
-        if last.promise is not None:
-            state = prediction.state(state.counted(np.zeros(7), share))
-        return ForwardAnswer(forces, gap, prediction.least_gap, state, memory)
+        if self.rows.d > 1 and known.closed:
+            known = ActingForces(self.rows, forces).memory_after(known, np.zeros((n, 2)), np.zeros(n), 0.0)
+        state = prediction.state_after(last.state, _NO_IMPULSE, share)
+        return ForwardAnswer(forces, self.gaps.row_nodes, gap, prediction.least_gap, state, known)
 
     def act(
         self,
@@ -347,17 +362,17 @@ class ForwardRows:
         """
         forces, places = solution
         acting, step = ActingForces(self.rows, forces), prediction.step
-        slips, speeds, taken = places[:, 1:], _NO_FRICTION, 0.0
+        known, nodes = last.known, self.gaps.row_nodes
         if self.rows.d > 1:
-            speeds = np.linalg.norm(slips, axis=1) / step
+            slips, taken = places[:, 1:], 0.0
             if forces.closed.size:
                 way = step**2 * np.asarray(response.G @ prediction.q_tt).reshape(places.shape)[:, 1:]
                 before = prediction.places[:, 1:] - way
                 taken = -0.5 * float(np.sum(forces.on_rows[:, 1:] * (before + slips)))
-        memory = acting.memory_after(last.memory, slips, speeds, taken)
-        state = prediction.state(last.state.counted(acting.impulse(step), share))
+            known = acting.memory_after(known, slips, np.linalg.norm(slips, axis=1) / step, taken)
+        state = prediction.state_after(last.state, acting.impulse(step), share)
         promise = Promise(prediction.end, prediction.places[:, 0], places[:, 0], response.normals, scale)
-        return ForwardAnswer(forces, places[:, 0], prediction.least_gap, state, memory, promise)
+        return ForwardAnswer(forces, nodes, places[:, 0], prediction.least_gap, state, known, promise)
 
     def _check_last_step(self, promise: Promise, q: Array) -> None:
         """Raise unless the last step moved the gaps as central differences with its multipliers do.
@@ -413,7 +428,8 @@ class Predictions(NamedTuple):
         return value
 
 
-class AllRows(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class AllRows:
     """How forces move the present rows of several contacts.
 
     Parameters
@@ -437,6 +453,13 @@ class AllRows(NamedTuple):
     def split(self, forces: Array) -> list[Array]:
         """Split forces, (nr, d), into those of the contacts, (d nr,) each."""
         return [forces.ravel()[part] for part in self.slices]
+
+
+@dataclass(frozen=True, eq=False)
+class ByJoints:
+    """Accelerations of rows that unit forces on rows cause through joint reactions, (d nr, d nr)."""
+
+    F: Array
 
 
 class ForwardIncrement:
@@ -468,7 +491,7 @@ class ForwardIncrement:
         self.d = max((part.rows.d for part in rows), default=1)
         self._all: AllRows | None = None
         self._problem: RowProblem | None = None
-        self._posed: tuple[AllRows, Array | None, float] | None = None  # what the problem belongs to
+        self._posed: tuple[AllRows, ByJoints | None, float] | None = None  # what the problem belongs to
         self._links = []
         laws = [part.law for part in rows]
         if len(laws) > 1 and (len({type(law) for law in laws}) > 1 or any(vars(law) for law in laws)):
@@ -538,7 +561,7 @@ class ForwardIncrement:
     def all_rows(self) -> AllRows:
         """How forces move the present rows; the same object as long as the rows stay frozen."""
         responses = [rows.response() for rows in self.rows]
-        if self._all is not None and all(map(operator.is_, responses, self._all.responses)):
+        if self._all is not None and responses == self._all.responses:
             return self._all
         each = zip(self.rows, responses, strict=True)
         G, push, blocks = zip(*(self._expanded(rows.rows.d, response) for rows, response in each), strict=True)
@@ -565,7 +588,7 @@ class ForwardIncrement:
         rows: AllRows,
         places: Array,
         step: float,
-        by_joints: Array | None = None,
+        by_joints: ByJoints | None = None,
     ) -> Solution:
         """Forces on all rows, and where the rows are then.
 
@@ -578,16 +601,15 @@ class ForwardIncrement:
             Of the rows at the end of the step without contact forces [m], see `predict`.
         step : float
             [s]
-        by_joints : (d nr, d nr) array, optional
-            Accelerations of rows that unit forces on rows cause through joint reactions.
+        by_joints : ByJoints, optional
         """
         forces, mu = np.zeros((len(places), 3)), np.zeros(len(places))
         if self.d > 1:
             each = zip(self.rows, last, strict=True)
-            known = [known_before(part.rows, part.friction, answer.memory) for part, answer in each]
+            known = [known_before(part.rows, part.friction, answer.known) for part, answer in each]
             forces, mu = (np.concatenate(values) for values in zip(*known, strict=True))
         posed = self._posed
-        if posed is None or posed[0] is not rows or posed[1] is not by_joints or posed[2] != step:
+        if posed != (rows, by_joints, step):
             status = [answer.memory.status[part.gaps.row_nodes] for part, answer in zip(self.rows, last, strict=True)]
             self._pose(rows, by_joints, step, np.concatenate(status), forces)
         assert self._problem is not None
@@ -595,12 +617,12 @@ class ForwardIncrement:
         answer = self.rows[0].law.answer(at)
         return Solution(answer, places + self._problem.moved_by(answer.on_rows))
 
-    def _pose(self, rows: AllRows, by_joints: Array | None, step: float, status: Array, forces: Array) -> None:
+    def _pose(self, rows: AllRows, by_joints: ByJoints | None, step: float, status: Array, forces: Array) -> None:
         """Pose the problem of these rows, with guesses of their status, (nr,), and forces, (nr, 3)."""
-        F = step**2 * (rows.F if by_joints is None else rows.F + by_joints)
+        F = step**2 * (rows.F if by_joints is None else rows.F + by_joints.F)
         if self._problem is None:
             self._problem = RowProblem(self.d, F)
-        if self._posed is None or self._posed[0] is not rows:
+        if self._posed is None or self._posed[0] != rows:
             self._problem.replace(F, status, forces)
         else:
             self._problem.exchange(F)

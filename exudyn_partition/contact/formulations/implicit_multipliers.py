@@ -6,7 +6,7 @@ Theory: examples/site/theory.md, "Implicit steps".
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -79,7 +79,8 @@ class Line(NamedTuple):
     rows: Rows
 
 
-class StepFlexibility(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class StepFlexibility:
     """Displacements of the present rows due to unit forces on them in a step.
 
     Parameters
@@ -231,7 +232,7 @@ class StepImpulses:
         self._flexibilities: dict[tuple[float, GeneralizedAlpha], list[Array]] = {}
         self._sides_have: tuple[float, GeneralizedAlpha] | None = None  # step and weights of their flexibility
         self._problem: RowProblem | None = None
-        self._base: Array | None = None  # `StepFlexibility.base` of the problem
+        self._posed: StepFlexibility | None = None  # of the problem
 
     @property
     def iterations(self) -> int:
@@ -435,15 +436,14 @@ class StepImpulses:
 
     def _problem_with(self, flexibility: StepFlexibility, last: ImpulseAnswer) -> RowProblem:
         """The problem of the present rows. It goes on from its last answer as long as it has the same rows."""
-        F, problem = flexibility.F, self._problem
-        if problem is None:
-            problem, self._base = RowProblem(self.rows.d, F), None
-        if self._base is not flexibility.base or not (problem.F is F or flexibility.learned):
-            known, _ = known_before(self.rows, self._friction, last.iterate.memory)
-            problem.replace(F, last.memory.status[self.gaps.row_nodes], known)
-        elif problem.F is not F:
-            problem.exchange(F)
-        self._problem, self._base = problem, flexibility.base
+        problem, posed = self._problem or RowProblem(self.rows.d, flexibility.F), self._posed
+        if posed != flexibility:
+            if posed is not None and posed.base is flexibility.base and flexibility.learned:
+                problem.exchange(flexibility.F)
+            else:
+                known, _ = known_before(self.rows, self._friction, last.iterate.memory)
+                problem.replace(flexibility.F, last.memory.status[self.gaps.row_nodes], known)
+        self._problem, self._posed = problem, flexibility
         return problem
 
 
@@ -468,7 +468,7 @@ def _corrected(flexibility: StepFlexibility, change: Array, moved: Array, larges
         return flexibility
     more = max(work / expected_work, 1.0)  # rows that move more than F predicts would open and close for ever
     learned = np.outer(moved, moved) / work - more * np.outer(expected, expected) / expected_work
-    return flexibility._replace(F=more * flexibility.F + learned, learned=True)
+    return replace(flexibility, F=more * flexibility.F + learned, learned=True)
 
 
 def _in_step(side: Side, step: float, weights: GeneralizedAlpha) -> Array:
