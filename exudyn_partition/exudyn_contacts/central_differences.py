@@ -298,7 +298,7 @@ class MultiplierStep:
     def _coupled_rows(self, joints: Joints) -> RowsAndJoints:
         """How the present rows and joints move each other; the same object as long as neither changes."""
         rows, known = self._forward.all_rows(), self._coupled
-        if known is None or known.rows != rows or known.push is not joints.push:
+        if known is None or known.rows != rows or not np.array_equal(known.push, joints.push):
             both = zip(rows.G, self._shared, strict=True)
             across = np.vstack([G[:, own] @ joints.push[others] for G, (own, others) in both])
             yields = -joints.solve(across.T)

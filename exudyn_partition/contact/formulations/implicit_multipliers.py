@@ -438,7 +438,7 @@ class StepImpulses:
         """The problem of the present rows. It goes on from its last answer as long as it has the same rows."""
         problem, posed = self._problem or RowProblem(self.rows.d, flexibility.F), self._posed
         if posed != flexibility:
-            if posed is not None and posed.base is flexibility.base and flexibility.learned:
+            if flexibility.learned and posed is not None and posed.F.shape == flexibility.F.shape:
                 problem.exchange(flexibility.F)
             else:
                 known, _ = known_before(self.rows, self._friction, last.iterate.memory)
