@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ..algebra.coulomb import Coulomb, coefficients
-from ..algebra.friction import SLIP
+from ..algebra.friction import OPEN, SLIP, STICK
 from ..support.arrays import Array
 from .tangential import TangentialRows
 
@@ -49,6 +49,14 @@ class RowMemory:
     def closed(self) -> bool:
         """Whether any row was closed."""
         return bool(self.forces[:, 0].any())
+
+    @cached_property
+    def status(self) -> Array:
+        """Whether each row was open, stuck or slipped, (np,) int8; closed rows without friction slip."""
+        frictional = self.forces.shape[1] > 1
+        status = np.where(self.slipped, np.int8(SLIP), np.int8(STICK if frictional else SLIP))
+        status[self.forces[:, 0] == 0.0] = OPEN
+        return status
 
     def after(
         self,

@@ -24,6 +24,7 @@ from .memory import RowMemory, on_rows
 from .normal_rows import NormalRows
 from .plasticity.nodal_zones import NodalZones
 from .plasticity.yielding_patches import YieldingPatches, Zones
+from .row_forces import no_forces, no_memory
 from .state import ContactState
 from .tangential import TangentialRows
 from .viscosity import ViscousMemory, Yielding, shares
@@ -113,7 +114,7 @@ class PatchContact:
 
     def _reset(self) -> None:
         self._n_nodes = len(self.gaps.slave.surface.points)
-        memory = RowMemory.none(self._n_nodes, 4 if self.rows.d == 3 else 1)
+        memory = no_memory(self.rows)
         zones = () if self.zones is None else self.zones.start
         self.state = ContactState(self.gaps.accepted, memory, ViscousMemory(), zones)
         self.secant = None if self.zones is None else self.zones.secant
@@ -127,7 +128,7 @@ class PatchContact:
     def _at_start(self, least_gap: float) -> Evaluation:
         """Evaluation with which a run begins that goes on from no other."""
         n = len(self.gaps.row_nodes)
-        forces = Forces(np.zeros((n, self.rows.d)), np.empty(0, dtype=np.int64))
+        forces = no_forces(self.rows.d, n)
         plastic = None if self.zones is None else self.zones.last(self.state.zones)
         return Evaluation(
             self.parts, self.state, self.since, forces, np.zeros(n), least_gap, plastic=plastic, begun=True
@@ -313,7 +314,7 @@ class PatchContact:
         """No forces on the present rows; the same object as long as all rows stay open."""
         last, n = self.evaluation.forces, len(self.gaps.row_nodes)
         if last.closed.size or len(last.on_rows) != n:
-            return Forces(np.zeros((n, self.rows.d)), np.empty(0, dtype=np.int64))
+            return no_forces(self.rows.d, n)
         return last
 
     def zone_forces(self, q: Array) -> Array:

@@ -6,12 +6,15 @@ from functools import cached_property
 
 import numpy as np
 
+from ..algebra.coulomb import Coulomb
 from ..algebra.friction import OPEN, SLIP
 from ..support.arrays import Array
 from .law import Forces
-from .memory import RowMemory, by_nodes
+from .memory import RowMemory, by_nodes, on_rows
 from .normal_rows import NormalRows
 from .tangential import TangentialRows
+
+_NONE = np.empty(0, dtype=np.int64)
 
 
 class RowForces:
@@ -111,7 +114,7 @@ class RowForces:
         rows = self._there()
         if isinstance(rows, TangentialRows):
             return memory.after(rows, self.lam, self.traction, self.status, slips, speeds, taken)
-        return memory.with_forces(self.at_nodes(len(memory.path)))
+        return with_forces(memory, rows.gaps.row_nodes, self.on_rows)
 
     def at_nodes(self, n: int) -> Array:
         """Forces stored for the n nodes of the slave's patch, as in `RowMemory`."""
@@ -121,3 +124,36 @@ class RowForces:
         forces = np.zeros((n, 1))
         forces[rows.gaps.row_nodes] = self.on_rows
         return forces
+
+
+def with_forces(memory: RowMemory, nodes: Array, on_rows: Array) -> RowMemory:
+    """What rows without friction remember, with other forces, (nr, 1) [N], on rows of some nodes, (nr,)."""
+    by_nodes = np.zeros((len(memory.path), 1))
+    by_nodes[nodes] = on_rows
+    return memory.with_forces(by_nodes)
+
+
+def no_forces(d: int, n: int) -> Forces:
+    """Forces on n open rows in d directions."""
+    return Forces(np.zeros((n, d)), _NONE)
+
+
+def no_memory(rows: NormalRows | TangentialRows) -> RowMemory:
+    """What rows remember at the start of a run."""
+    return RowMemory.none(len(rows.gaps.slave.surface.points), 4 if rows.d > 1 else 1)
+
+
+def remembered(rows: NormalRows | TangentialRows, memory: RowMemory) -> Array:
+    """Remembered forces on the present rows, (nr, d) [N]."""
+    if isinstance(rows, TangentialRows):
+        return on_rows(rows, memory.forces)
+    value: Array = memory.forces[rows.gaps.row_nodes]
+    return value
+
+
+def known_before(rows: NormalRows | TangentialRows, friction: Coulomb | None, memory: RowMemory) -> tuple[Array, Array]:
+    """What friction in a step depends on: remembered forces, (nr, 3) [N], and coefficients, (nr,); else zeros."""
+    nodes = rows.gaps.row_nodes
+    if friction is None:
+        return np.zeros((len(nodes), 3)), np.zeros(len(nodes))
+    return remembered(rows, memory), memory.coefficients(friction, nodes)

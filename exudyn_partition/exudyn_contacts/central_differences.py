@@ -6,22 +6,67 @@ Theory: examples/site/theory.md, "Joints in explicit steps".
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from ..contact.formulations.explicit_multipliers import ForwardIncrement, State
+from ..contact.formulations.explicit_multipliers import AllRows, ByJoints, ForwardAnswer, ForwardIncrement, Start
 from ..errors import RunError
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import start_of_step
 from ..support.arrays import Array
 from ..support.foreign import MainSystem
 from .contact_run import ContactRun
-from .run_state import StepperState
+from .run_state import JointState, StepperState
 
 _ITERATIONS = 20
 _SETTLED = 1e-8  # relative last change of the joints' accelerations at which the iteration ends
 _OPEN, _ROUND_OFF = 1e-2, 1e-12  # how far joints may be open: share of a row's way in a step; share of places, or rad
 _OVER = 1e-6  # share of a step: a run that has less time left is at its end
+
+
+class RowsAndJoints(NamedTuple):
+    """How the rows of contacts and joints move each other.
+
+    Parameters
+    ----------
+    rows : AllRows
+    push : (k, n) array
+        Of the joints, see `Joints`.
+    across : (d nr, n) array
+        Accelerations of the rows due to unit multipliers of joints.
+    yields : (n, d nr) array
+        Multipliers of joints that answer unit forces on the rows.
+    by_joints : ByJoints
+    """
+
+    rows: AllRows
+    push: Array
+    across: Array
+    yields: Array
+    by_joints: ByJoints
+
+
+class Closing(NamedTuple):
+    """Multipliers of contacts and joints in the coming step.
+
+    Parameters
+    ----------
+    increments : list of (n,) arrays
+        Accelerations by each contact; none if no gap closes.
+    contacts : list of ForwardAnswer
+    reaction, answer : (n,) arrays
+        Multipliers of the joints, and their part that answers those of contacts.
+    by_joints : (k,) array
+        Accelerations by the joints.
+    """
+
+    increments: list[Array]
+    contacts: list[ForwardAnswer]
+    reaction: Array
+    answer: Array
+    by_joints: Array
 
 
 class MultiplierStep:
@@ -51,43 +96,25 @@ class MultiplierStep:
 
     def __init__(self, contacts: Sequence[ContactRun], joints: Joints | None = None) -> None:
         self.contacts, self.joints = contacts, joints
-        self._jointed = joints is not None
-        self._stepped_to: float | None = None
-        self._step = self._last_step = 0.0
-        self._corrected_to = -np.inf  # end of the last step after which velocities were corrected
-        self._looked_from: float | None = None  # start of the step whose multipliers `look_ahead` has applied
-        self._pushes: list[tuple[Array, Array]] = []  # coordinates, and accelerations by contacts in the last step
-        self._predicted: list[tuple[Array, Array]] = []  # those in the present velocities that must be removed again
         self._dofs = [contact.dofs for contact in contacts]
         self._forward = ForwardIncrement([contact.forward for contact in contacts if contact.forward], self._dofs)
+        self._shared: list[Sequence[Array]] = []
+        none = None
         if joints is not None:
-            self._carried, self._usual = np.zeros(joints.n), 0.0
-            self._carried_before = self._carried  # at the start of the last step
-            # Multipliers of joints that answer those of contacts: in the last step, and in the step before it.
-            self._answer = self._answered = np.zeros(joints.n)
             self._shared = [np.intersect1d(dofs, joints.dofs, return_indices=True)[1:] for dofs in self._dofs]
-            self._across: Array | None = None
+            none = JointState.none(joints.n)
+        self._state = StepperState((), False, 0.0, (), none)
+        self._before = self._state  # at the start of the last step
+        self._t: float | None = None  # end of the last step whose multipliers were applied
+        self._coupled: RowsAndJoints | None = None
 
     def begin(self, state: StepperState, t: float) -> None:
         """Begin at time t [s] from the state at the end of a run."""
-        self._stepped_to, self._looked_from = t, t if state.looked else None
-        self._step, self._last_step = state.step, state.last_step
-        dofs = [*self._dofs[: len(state.pushes)], *([] if self.joints is None else [self.joints.dofs])]
-        self._pushes = list(zip(self._dofs, state.pushes, strict=False))
-        self._predicted = list(zip(dofs, state.predicted, strict=True)) if state.predicted else []
-        if self.joints is not None:
-            self._carried = self._carried_before = state.carried
-            self._answer, self._answered, self._usual = state.answer, state.answered, state.usual
+        self._t, self._state, self._before = t, state, state
 
     def state(self, numbers: tuple[int, ...]) -> StepperState:
         """State at the end of the last step. `numbers` are those of the contacts."""
-        none = np.empty(0)
-        joints = (none, none, none, 0.0)
-        if self._jointed:
-            joints = self._carried, self._answer, self._answered, self._usual
-        pushes, predicted = (tuple(a for _, a in some) for some in (self._pushes, self._predicted))
-        looked = self._looked_from is not None and self._looked_from == self._stepped_to
-        return StepperState(self._jointed, numbers, looked, self._step, self._last_step, pushes, predicted, *joints)
+        return replace(self._state, numbers=numbers)
 
     def step_back(self, t: float) -> bool:
         """Return to the start of a step, t [s]; whether that can be done.
@@ -95,12 +122,10 @@ class MultiplierStep:
         Multipliers of contacts alone were applied at the end of the step before, and those of joints alone leave
         nothing behind. But those of contacts with joints, and of a first step, are counted when they are applied.
         """
-        if self._stepped_to is None or self._stepped_to <= t:
+        if self._t is None or self._t <= t:
             return True
-        self._stepped_to = t
-        if self._corrected_to > t:
-            self._carried = self._carried_before
-        return self._looked_from == t or not self.contacts
+        self._t, self._state = t, self._before
+        return self._state.looked or not self.contacts
 
     @property
     def iterations(self) -> int:
@@ -109,128 +134,176 @@ class MultiplierStep:
 
     def before_step(self, mbs: MainSystem, t: float) -> None:
         """Apply multipliers ahead of the step that ends at t, once."""
-        if t == self._stepped_to:
+        if t == self._t:
             return
-        start = start_of_step(mbs)
-        if start != self._looked_from:
-            self._step = t - start
-            self._apply(mbs)
-            for contact in self.contacts:
-                contact.count_impulse(t, self._step)
-        self._stepped_to = t
+        start, self._before = start_of_step(mbs), self._state
+        state = self._state
+        if state.looked and start == self._t:
+            self._state = StepperState(state.numbers, False, state.step, state.pushes, state.joints)
+        else:
+            self._apply(mbs, t - start, t)
+        self._t = t
 
     def look_ahead(self, mbs: MainSystem, t: float) -> None:
         """Apply the multipliers of the step that begins at t, once, at the end of the step before."""
-        if self.joints is not None or t != self._stepped_to or t == self._looked_from:
+        if self.joints is not None or t != self._t or self._state.looked:
             return
+        step = self._state.step
         if (solver := mbs.sys.get("dynamicSolver")) is not None:
-            it = solver.it
-            self._step, left = it.currentStepSize, it.endTime - t
-            if _OVER * self._step < left < self._step:
-                self._step = left  # Exudyn's last step ends with the run
-        self._apply(mbs)
-        for contact in self.contacts:
-            contact.count_impulse(t + self._step, self._step, half=True)
-        self._looked_from = t
+            step, left = solver.it.currentStepSize, solver.it.endTime - t
+            if _OVER * step < left < step:
+                step = left  # Exudyn's last step ends with the run
+        self._apply(mbs, step, t + step, looked=True)
 
-    def _apply(self, mbs: MainSystem) -> None:
-        """Apply multipliers of the coming step."""
-        data, step = mbs.systemData, self._step
-        q = data.GetODE2Coordinates(copy=False)
+    def _apply(self, mbs: MainSystem, step: float, end: float, *, looked: bool = False) -> None:
+        """Apply multipliers of the coming step, which ends at a time [s]; with `looked`, that step has not begun."""
+        data, numbers = mbs.systemData, self._state.numbers
         q_t, q_tt = data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
-        for dofs, acceleration in self._predicted:
-            _push(q_t, q_tt, dofs, -acceleration, self._last_step)
-        states = [(q[dofs], q_t[dofs], q_tt[dofs]) for dofs in self._dofs]
-        increments: list[Array] = []
+        coordinates, jointed = (data.GetODE2Coordinates(copy=False), q_t, q_tt), None
         if self.joints is None:
-            increments = self._forward.increment(states, step)
-        elif self.joints.constant and not self.contacts:
-            self.joints.update()
-            coming = 1.0, step, 0.5 * step**2
-            reaction, _ = self.joints.hold(self.joints.rest(), coming, -1 / step**2, step, (q, q_t, q_tt))
-            self._mean = 0.5 * self._carried + reaction
+            starts, last = self._starts(coordinates), self._accepted()
+            increments, answers = self._forward.increment(last, starts, step, 0.5 if looked else 1.0)
         else:
-            own = self.joints.dofs
-            mid = q_t[own] + 0.5 * step * q_tt[own]
-            increments, reaction, acceleration = self._close(self._forward, self.joints, states, q[own], mid)
-            self._mean = 0.5 * self._carried + reaction
-            _push(q_t, q_tt, own, acceleration, step)
-        self._pushes = list(zip(self._dofs, increments, strict=False))  # none if nothing closes
-        for dofs, increment in self._pushes:
+            jointed, increments, answers = self._apply_joints(self.joints, coordinates, step)
+        for dofs, increment in zip(self._dofs, increments, strict=False):  # none if nothing closes
             _push(q_t, q_tt, dofs, increment, step)
+        for contact, answer in zip(self.contacts, answers, strict=True):
+            contact.apply_ahead(answer, end)
+        self._state = StepperState(numbers, looked, step, tuple(increments), jointed)
+
+    def _starts(self, coordinates: Start) -> list[Start]:
+        """Coordinates of each contact, velocities and accelerations, from those of the model."""
+        q, q_t, q_tt = coordinates
+        return [(q[dofs], q_t[dofs], q_tt[dofs]) for dofs in self._dofs]
+
+    def _accepted(self) -> list[ForwardAnswer]:
+        """Multipliers of the contacts in the step that has ended."""
+        return [contact.accept_ahead() for contact in self.contacts]
+
+    def _apply_joints(
+        self, joints: Joints, coordinates: Start, step: float
+    ) -> tuple[JointState, list[Array], list[ForwardAnswer]]:
+        """Apply multipliers of joints in the coming step [s]; return their state, and what contacts answer then."""
+        (q, q_t, q_tt), known = coordinates, self._joint_state
+        for dofs, acceleration in self._repeated(joints):
+            _push(q_t, q_tt, dofs, -acceleration, known.step)
+        if joints.constant and not self.contacts:
+            joints.update()
+            coming = 1.0, step, 0.5 * step**2
+            reaction, _ = joints.hold(joints.rest(), coming, -1 / step**2, step, coordinates)
+            return known.applied(reaction, known.answer), [], []
+        own = joints.dofs
+        mid = q_t[own] + 0.5 * step * q_tt[own]
+        starts, last = self._starts(coordinates), self._accepted()
+        closing = self._close(joints, last, starts, q[own], mid, step)
+        _push(q_t, q_tt, own, closing.by_joints, step)
+        return known.applied(closing.reaction, closing.answer), closing.increments, closing.contacts
+
+    @property
+    def _joint_state(self) -> JointState:
+        state = self._state.joints
+        assert state is not None
+        return state
+
+    def _repeated(self, joints: Joints) -> list[tuple[Array, Array]]:
+        """Coordinates, and accelerations on them that velocities include twice."""
+        predicted, pushes = self._joint_state.predicted, self._state.pushes
+        return list(zip([*self._dofs[: len(pushes)], joints.dofs], predicted, strict=True)) if predicted else []
 
     def after_step(self, mbs: MainSystem, t: float) -> None:
         """Make velocities and accelerations obey the joints, and give Exudyn their reactions."""
-        if self.joints is None or t != self._stepped_to:  # also called before the first step
+        if self.joints is None or t != self._t:  # also called before the first step
             return
-        joints, data = self.joints, mbs.systemData
-        self._carried_before, self._corrected_to = self._carried, t
+        joints, data, state, known = self.joints, mbs.systemData, self._state, self._joint_state
         joints.update()
         q_t, q_tt = data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
-        drift, now = joints.drift(self._step), (q_t, q_t, q_tt)
-        self._carried, acceleration = joints.hold(drift, (0.0, 1.0, 0.0), -2 / self._step, self._step, now)
-        if not joints.linear:
-            self._usual = abs(acceleration).max()
+        drift, now = joints.drift(state.step), (q_t, q_t, q_tt)
+        carried, acceleration = joints.hold(drift, (0.0, 1.0, 0.0), -2 / state.step, state.step, now)
+        usual = known.usual if joints.linear else abs(acceleration).max()
+        predicted: tuple[Array, ...] = ()
         if self.contacts:
             # Until the next step's multipliers are known, contacts push as in the last step, and joints answer.
-            self._predicted, self._last_step = [*self._pushes, (joints.dofs, joints.push @ self._answer)], self._step
-        for dofs, acceleration in self._predicted:
-            _push(q_t, q_tt, dofs, acceleration, self._step)
+            predicted = *state.pushes, joints.push @ known.answer
+        data.SetAECoordinates(-(known.mean + 0.5 * (carried + known.answer - known.answered)))
+        jointed = JointState(state.step, predicted, known.mean, carried, known.answer, known.answer, usual)
+        self._state = StepperState(state.numbers, state.looked, state.step, state.pushes, jointed)
+        for dofs, acceleration in self._repeated(joints):
+            _push(q_t, q_tt, dofs, acceleration, state.step)
         for contact in self.contacts:
-            contact.predict_impulse()
-        data.SetAECoordinates(-(self._mean + 0.5 * (self._carried + self._answer - self._answered)))
-        self._answered = self._answer
+            contact.expect_impulse()
 
     def _close(
-        self, forward: ForwardIncrement, joints: Joints, states: list[State], start: Array, mid: Array
-    ) -> tuple[list[Array], Array, Array]:
-        """Accelerations by each contact, multipliers of the joints, (n,), and accelerations by the joints, (k,).
+        self,
+        joints: Joints,
+        contacts: list[ForwardAnswer],
+        starts: list[Start],
+        start: Array,
+        mid: Array,
+        step: float,
+    ) -> Closing:
+        """Multipliers of the coming step [s].
 
         Contact multipliers lambda change the multipliers of the joints by yields lambda. Multipliers of joints
         accelerate the rows by `across`. So the flexibility of the rows is F + across yields.
 
         Parameters
         ----------
-        states : list of three arrays
-            States of the contacts, as `ForwardIncrement.predict` takes them.
+        contacts : list of ForwardAnswer
+            Multipliers of the contacts in the step before.
+        starts : list of three arrays
+            See `ForwardIncrement.increment`.
         start, mid : (k,) arrays
             Coordinates of the joints, and their velocities at mid-step without multipliers.
         """
-        step, near = self._step, False
-        changed = joints.update()
+        forward, coupled, ahead = self._forward, None, None
+        joints.update()
         if forward.rows:
-            h = forward.predict(states, step)
+            ahead = forward.predict(contacts, starts, step)
             # No joint closes gaps as wide as a facet within a step, and for them moving rows is not worth the time.
-            near = not forward.nearest(h) >= min(rows.contact.gaps.size for rows in forward.rows)
-        if near and (forward.take_rows() or changed or self._across is None):
-            pushes = [G[:, own] @ joints.push[others] for G, (own, others) in zip(forward.G, self._shared, strict=True)]
-            across = self._across = np.vstack(pushes)
-            self._yields = -joints.solve(across.T)
-            forward.yield_joints(across @ self._yields)
-        acceleration, held, lam, last, by_joints = np.zeros(len(start)), np.zeros(joints.n), np.zeros(0), np.inf, mid
-        self._answer = np.zeros(joints.n)
+            if not ahead.nearest >= min(rows.gaps.size for rows in forward.rows):
+                coupled = self._coupled_rows(joints)
+        acceleration, held, last, by_joints, solution = np.zeros(len(start)), np.zeros(joints.n), np.inf, mid, None
+        answer = np.zeros(joints.n)
         for _ in range(_ITERATIONS):
             before = acceleration
             g = joints.residual(start, step * (mid + step * acceleration))
             reaction = joints.solve(held - g / step**2)
-            if near:
-                lam = forward.solve(h + step**2 * (self._across @ reaction).reshape(h.shape))
-                self._answer = self._yields @ lam.ravel()
-                reaction = reaction + self._answer
+            if coupled is not None and ahead is not None:
+                h = ahead.places + step**2 * (coupled.across @ reaction).reshape(ahead.places.shape)
+                solution = forward.solve(contacts, coupled.rows, h, step, coupled.by_joints)
+                answer = coupled.yields @ solution.forces.on_rows.ravel()
+                reaction = reaction + answer
             by_joints = joints.push @ reaction
             if joints.linear:
                 break
             acceleration = by_joints.copy()
-            if lam.any():
-                for push, (own, others), on_rows in zip(forward.push, self._shared, forward.split(lam), strict=True):
+            if coupled is not None and solution is not None and solution.forces.on_rows.any():
+                parts = coupled.rows.split(solution.forces.on_rows)
+                for push, (own, others), on_rows in zip(coupled.rows.push, self._shared, parts, strict=True):
                     acceleration[others] += (push @ on_rows)[own]
             change = abs(acceleration - before).max()
-            if change <= _SETTLED * max(self._usual, abs(acceleration).max()) or change > 0.5 * last:
+            if change <= _SETTLED * max(self._joint_state.usual, abs(acceleration).max()) or change > 0.5 * last:
                 break
             last, held = change, joints.C @ acceleration
         if not joints.linear:
             self._check_closed(joints, g, start, step * mid, step**2 * acceleration)
-        return forward.accelerations(lam) if lam.any() else forward.open(), reaction, by_joints
+        increments: list[Array] = []
+        answers: list[ForwardAnswer] = []
+        if coupled is not None and ahead is not None and solution is not None and solution.forces.on_rows.any():
+            increments, answers = forward.act(contacts, ahead, coupled.rows, solution)
+        elif ahead is not None:
+            increments, answers = forward.open(contacts, ahead)
+        return Closing(increments, answers, reaction, answer, by_joints)
+
+    def _coupled_rows(self, joints: Joints) -> RowsAndJoints:
+        """How the present rows and joints move each other; the same object as long as neither changes."""
+        rows, known = self._forward.all_rows(), self._coupled
+        if known is None or known.rows != rows or not np.array_equal(known.push, joints.push):
+            both = zip(rows.G, self._shared, strict=True)
+            across = np.vstack([G[:, own] @ joints.push[others] for G, (own, others) in both])
+            yields = -joints.solve(across.T)
+            known = self._coupled = RowsAndJoints(rows, joints.push, across, yields, ByJoints(across @ yields))
+        return known
 
     @staticmethod
     def _check_closed(joints: Joints, g: Array, start: Array, way: Array, held: Array) -> None:

@@ -13,11 +13,12 @@ import numpy as np
 
 from ..algebra.friction import SLIP, STICK
 from ..contact.evaluation import Evaluation
-from ..contact.formulations.explicit_multipliers import ForwardRows, ForwardState
+from ..contact.formulations.explicit_multipliers import ForwardAnswer, ForwardRows, ForwardState
 from ..contact.formulations.formulation import Method, Together
-from ..contact.formulations.implicit_multipliers import ImpulseState, StepImpulses
+from ..contact.formulations.implicit_multipliers import ImpulseAnswer, ImpulseState, StepImpulses
 from ..contact.frozen import FrozenContacts
 from ..contact.patch_contact import PatchContact
+from ..contact.state import ContactState
 from ..errors import RunError
 from ..exudyn_bodies.model import SolverMotion, start_of_step
 from ..plasticity.flow import PlasticState
@@ -151,9 +152,8 @@ class ContactRun:
             {} if mechanics.zones is None else {i: StrainHistory(z.zone) for i, z in mechanics.zones.motions}
         )
         self.edge: tuple[float, Array] | None = None
-        # Impulses: sum and vector of normal forces, vector of tangential forces.
-        # The first array holds those so far, the second those of the last step, the third those still to be added.
-        self._impulse, self._last, self._rest = np.zeros(7), np.zeros(7), np.zeros(7)
+        self._multipliers: ForwardAnswer | ImpulseAnswer | None = None  # their last answer
+        self._begin_multipliers(None)
         self._stepped_to = t
         self._start, self._at = -np.inf, t
         self.force: Array | None = None
@@ -267,29 +267,33 @@ class ContactRun:
 
     def begin(self, state: MemberState, t: float) -> None:
         """Begin at time t [s] from the state at the end of a run, as if both runs were one."""
-        mechanics = self.mechanics
-        mechanics.begin(state.contact, t)
-        if self.forward is not None and isinstance(state.multipliers, ForwardState):
-            self.forward.begin(state.multipliers)
-        if self.impulses is not None and isinstance(state.multipliers, ImpulseState):
-            self.impulses.begin(state.multipliers)
-            self.force = state.multipliers.mean.force[: len(self.dofs)]
+        self.begin_contact(state.contact, t)
+        self._begin_multipliers(state.multipliers)
+        if isinstance(self._multipliers, ImpulseAnswer):
+            self.force = self._multipliers.force
         elif self.acts_within:
-            self.force = mechanics.evaluation.generalised
-        self._impulse, self._last, self._rest = state.impulses.copy()
+            self.force = self.mechanics.generalised()
         self._at = self._stepped_to = self.goes_on_at = t
+
+    def begin_contact(self, state: ContactState, t: float) -> None:
+        """Begin at time t [s] from the state of a contact alone; its multipliers are those of a new run."""
+        self.mechanics.begin(state, t)
+        self._begin_multipliers(None)
+
+    def _begin_multipliers(self, state: ForwardState | ImpulseState | None) -> None:
+        memory = self.mechanics.state.memory
+        if self.forward is not None:
+            self._multipliers = self.forward.begin(state if isinstance(state, ForwardState) else None, memory)
+        elif self.impulses is not None:
+            self._multipliers = self.impulses.begin(state if isinstance(state, ImpulseState) else None, memory)
 
     def state(self, number: int) -> MemberState:
         """State at the end of the last step. `number` is that of the contact."""
         self.group.evaluation(self._place)  # which compiled loops may have found
-        contact = self.mechanics.at_end(self._at)
-        multipliers: ForwardState | ImpulseState | None = None
-        if self.impulses is not None:
-            multipliers, memory = self.impulses.after()
-            contact = replace(contact, memory=memory)
-        elif self.forward is not None:
-            multipliers = self.forward.state
-        return MemberState(number, contact, multipliers, np.array([self._impulse, self._last, self._rest]))
+        contact, multipliers = self.mechanics.at_end(self._at), self._multipliers
+        if multipliers is None:
+            return MemberState(number, contact, None)
+        return MemberState(number, replace(contact, memory=multipliers.memory), multipliers.state)
 
     def begun(self, t: float) -> bool:
         """Whether forces were found in the step that begins at time t [s]."""
@@ -312,7 +316,7 @@ class ContactRun:
         """Find the force of this contact alone at the model's coordinates q, (nq,), and time t [s]."""
         self.follow(start_of_step(mbs), t)
         if self.impulses is not None:
-            self.force = self.impulses.evaluate(SolverMotion(mbs, self.of))
+            self.force = self._mean_force(self.impulses, SolverMotion(mbs, self.of))
         else:
             self._find_force(mbs, q)
 
@@ -325,6 +329,18 @@ class ContactRun:
             mechanics.at(self.of(q), SolverMotion(mbs, self.of))
             self.force = mechanics.generalised()
 
+    def _mean_force(self, impulses: StepImpulses, motion: SolverMotion) -> Array:
+        """Generalised force of multipliers that are means over an implicit step, (n,)."""
+        mechanics, last = self.mechanics, self._multipliers
+        assert isinstance(last, ImpulseAnswer)
+        if motion.step <= 0.0:  # contact does not act on the accelerations with which a run begins
+            mechanics.opened(np.zeros(len(mechanics.gaps.row_nodes)), mechanics.evaluation.least_gap)
+            return np.zeros(len(self.dofs))
+        answer = self._multipliers = impulses.evaluate(last, motion)
+        if answer != last:
+            mechanics.answered(answer.forces, answer.gap, answer.least_gap)
+        return answer.force
+
     def add_force(self, total: Array) -> None:
         """Add `force` to generalised forces on the model's coordinates, (nq,)."""
         assert self.force is not None
@@ -333,39 +349,50 @@ class ContactRun:
 
     def follow(self, start: float, t: float) -> None:
         """Begin the step from `start` to t [s], or begin it again."""
-        if start != self._start:
-            (self.impulses or self.mechanics).accept(start)
+        if self.impulses is not None:
+            self._follow_means(self.impulses, start, t)
+        elif start != self._start:
+            self.mechanics.accept(start)
         elif t != self._at:
-            (self.impulses or self.mechanics).retry()
+            self.mechanics.retry()
         self.mechanics.ends_at(t)
         self._start, self._at = start, t
 
-    def count_impulse(self, t: float, step: float, *, half: bool = False) -> None:
-        """Count the impulse of multipliers in the step that ends at t [s].
+    def _follow_means(self, impulses: StepImpulses, start: float, t: float) -> None:
+        """Begin the step from `start` to t [s] of an implicit run with multipliers, or begin it again."""
+        mechanics, last = self.mechanics, self._multipliers
+        assert isinstance(last, ImpulseAnswer)
+        if start != self._start:
+            mechanics.remember(last.memory)
+            mechanics.gaps.accept(mechanics.gaps.after())
+            self._multipliers = impulses.accept(last)
+        elif t != self._at:
+            mechanics.gaps.retry()
+            self._multipliers = impulses.retry(last)
 
-        They act at the start of the step. Velocities at the start include all of their impulse, or `half` of it.
-        """
-        answer, share = self.evaluation, 0.5 if half else 1.0
-        self._last = last = np.zeros(7)
-        if answer.index.size:
-            last[0], last[1:4] = answer.lam.sum(), answer.resultant()
-            if self.mechanics.friction is not None:
-                last[4:] = answer.traction.sum(axis=0)
-            last *= step
-        self._impulse += self._rest + share * self._last
-        self._rest = (1 - share) * self._last
-        self._stepped_to = t
+    def accept_ahead(self) -> ForwardAnswer:
+        """Accept the explicit step that has ended, and return the multipliers of it."""
+        gaps, last = self.mechanics.gaps, self._multipliers
+        assert isinstance(last, ForwardAnswer)
+        gaps.accept(gaps.after())
+        return last
 
-    def predict_impulse(self) -> None:
-        """Count half of the last step's impulse again, until that of the next step is known."""
-        self._impulse += 0.5 * self._last
-        self._rest = -0.5 * self._last
+    def apply_ahead(self, answer: ForwardAnswer, end: float) -> None:
+        """Take the multipliers of the explicit step that ends at a time [s]."""
+        self._multipliers, mechanics = answer, self.mechanics
+        mechanics.answered(answer.forces, answer.gap, answer.least_gap)
+        if mechanics.friction is not None:
+            mechanics.remember(answer.known)
+        self._stepped_to = end
+
+    def expect_impulse(self) -> None:
+        """See `ForwardState.expecting`."""
+        assert isinstance(self._multipliers, ForwardAnswer)
+        self._multipliers = self._multipliers.expecting()
 
     def _impulses(self) -> Array | None:
         """Impulses of multipliers so far, (7,) [N s]; None for other forces. Multipliers jump between steps."""
-        if self.impulses is not None:
-            return self.impulses.impulse
-        return None if self.forward is None else self._impulse
+        return None if self._multipliers is None else self._multipliers.impulse
 
     def force_values(self) -> list[float]:
         """Values of the sensor `sForce` in the state that was evaluated last."""
@@ -399,7 +426,8 @@ class ContactRun:
                 self.plastic_strains[side].keep(t, state)
         if self.forward is not None and t != self.goes_on_at:  # that time was checked before, and a check moves pairs
             self._check_step(t)
-            self.forward.check(self.of(q()))
+            assert isinstance(self._multipliers, ForwardAnswer)
+            self.forward.check(self._multipliers, self.of(q()))
         if closed.size:
             if closed is not self._closed:  # the same array as long as no row opens or closes
                 self._closed, self._closed_nodes = closed, answer.row_nodes[closed]
@@ -438,9 +466,10 @@ class ContactRun:
 
     def _dissipated(self) -> float:
         """Energy that friction has taken since the start of the run [J]."""
-        if self.impulses is not None:
-            return self.impulses.dissipated()
-        return self.mechanics.state.memory.dissipated if self.mechanics.ahead else self.evaluation.dissipated
+        last = self._multipliers
+        if last is None:
+            return self.evaluation.dissipated
+        return last.known.dissipated if isinstance(last, ForwardAnswer) else last.memory.dissipated
 
     def _damping_work(self, t: float) -> float:
         """Energy that viscous flexibilities and the law itself have taken until t [J]."""
@@ -449,7 +478,8 @@ class ContactRun:
 
     def on_carrier(self, point: Array) -> Array:
         """Force on the body that carries the rigid surface, and its moment about a point in space, (6,) [N, N m]."""
-        return self.evaluation.on_carrier(point) if self.impulses is None else self.impulses.on_carrier(point)
+        last = self._multipliers
+        return last.carrier_force(point) if isinstance(last, ImpulseAnswer) else self.evaluation.on_carrier(point)
 
     @property
     def iterations(self) -> int:

@@ -199,7 +199,7 @@ class ModelRun:
                 closed = bool(mechanics.gaps.overlap) and end.has_steps and end.ended_in(initial)  # by load steps
                 if counts or mechanics.remembers or closed:
                     opening, moves = mechanics.opening, end.method != "static"
-                    mechanics.begin(last.for_other_run(counts=counts, moves=moves, sticks=not mechanics.ahead), t)
+                    run.begin_contact(last.for_other_run(counts=counts, moves=moves, sticks=not mechanics.ahead), t)
                     mechanics.opening = min(opening, last.contact.opening) if closed else opening
                     found = found or end
                     break

@@ -73,8 +73,8 @@ class RunMembers:
             for stepper in _steppers(groups, runs, joints)
         }
         for served in () if state is None else state.steppers:
-            if (served.joined, served.numbers) in steppers:
-                steppers[served.joined, served.numbers].begin(served, t)
+            if (key := (served.joints is not None, served.numbers)) in steppers:
+                steppers[key].begin(served, t)
         return cls([*contacts], runs, groups, steppers, floating)
 
 

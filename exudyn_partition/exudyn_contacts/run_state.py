@@ -31,15 +31,11 @@ class MemberState:
         Of its sensor `sForce`, by which it is known in the model.
     contact : ContactState
     multipliers : ForwardState or ImpulseState or None
-    impulses : (3, 7) array
-        Impulses of multipliers [N s]: so far, in the last step, and still to be added. Each row is the sum and the
-        vector of normal forces, and the vector of tangential forces.
     """
 
     number: int
     contact: ContactState
     multipliers: ForwardState | ImpulseState | None
-    impulses: Array
 
     def for_other_run(self, *, counts: bool, moves: bool, sticks: bool) -> ContactState:
         """Return the contact's state for a run that has another method, or another time.
@@ -62,43 +58,71 @@ class MemberState:
 
 
 @dataclass(frozen=True, eq=False)
-class StepperState:
-    """State of `MultiplierStep`.
+class JointState:
+    """Multipliers of joints in explicit steps.
 
     Parameters
     ----------
-    joined : bool
-        Whether it closes joints.
-    numbers : tuple of int
-        Of its contacts, see `MemberState`.
-    looked : bool
-        Whether velocities include the multipliers of the coming step.
-    step, last_step : float
-        Length of the coming step, if these are found, and of the last one [s].
-    pushes, predicted : tuple of (n,) arrays
-        Accelerations by contacts in the last step, and those in the velocities that must be removed again.
-    carried, answer, answered : (m,) arrays
-        Multipliers of joints, see `MultiplierStep`.
+    step : float
+        Length of the last step [s].
+    predicted : tuple of arrays
+        Accelerations by contacts and joints that the velocities include twice, until the next multipliers are known.
+    mean, carried : (m,) arrays
+        Multipliers: means over the last step, and those at its end.
+    answer, answered : (m,) arrays
+        Part of them that answers multipliers of contacts: in the last step, and in the step before it.
     usual : float
         Largest acceleration by joints in the last step.
     """
 
-    joined: bool
-    numbers: tuple[int, ...]
-    looked: bool
     step: float
-    last_step: float
-    pushes: tuple[Array, ...]
     predicted: tuple[Array, ...]
+    mean: Array
     carried: Array
     answer: Array
     answered: Array
     usual: float
 
+    @classmethod
+    def none(cls, m: int) -> JointState:
+        """Before the first step, for m multipliers."""
+        none = np.zeros(m)
+        return cls(0.0, (), none, none, none, none, 0.0)
+
+    def applied(self, reaction: Array, answer: Array) -> JointState:
+        """After multipliers, (m,), were applied ahead of a step; `answer` is their part that answers contacts."""
+        mean = 0.5 * self.carried + reaction
+        return JointState(self.step, self.predicted, mean, self.carried, answer, self.answered, self.usual)
+
+
+@dataclass(frozen=True, eq=False)
+class StepperState:
+    """State of `MultiplierStep`.
+
+    Parameters
+    ----------
+    numbers : tuple of int
+        Of its contacts, see `MemberState`.
+    looked : bool
+        Whether velocities include the multipliers of the coming step.
+    step : float
+        Length of the step whose multipliers were applied last [s].
+    pushes : tuple of (n,) arrays
+        Accelerations by contacts in that step; none if no gap closes.
+    joints : JointState or None
+        None if it closes no joints.
+    """
+
+    numbers: tuple[int, ...]
+    looked: bool
+    step: float
+    pushes: tuple[Array, ...]
+    joints: JointState | None
+
     @property
     def served(self) -> tuple[int, ...]:
         """Key of what it serves."""
-        return int(self.joined), *self.numbers
+        return int(self.joints is not None), *self.numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +179,6 @@ class RunState:
 
 # Classes of which a state consists, for files.
 STATES = (
-    *(RunState, MemberState, StepperState, ContactState, GapState, Anchor, RowMemory, ViscousMemory),
+    *(RunState, MemberState, StepperState, JointState, ContactState, GapState, Anchor, RowMemory, ViscousMemory),
     *(ZoneState, Applied, Change, NodalState, ForwardState, ImpulseState, StepMean),
 )

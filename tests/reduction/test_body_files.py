@@ -58,7 +58,8 @@ def test_loaded_bodies_meet_with_the_same_force(pair, tmp_path):
         if striker.basis.name == "free":
             q_t = np.r_[striker.rigid @ down, np.zeros(target.n_dofs)]
             rows = ForwardRows(multipliers(gaps))
-            return ForwardIncrement([rows], [np.arange(len(q))]).increment([(q, q_t, np.zeros(len(q)))], 1e-8)[0]
+            together = ForwardIncrement([rows], [np.arange(len(q))])
+            return together.increment([rows.begin()], [(q, q_t, np.zeros(len(q)))], 1e-8)[0][0]
         return compliant(gaps).at(q).generalised
 
     expected = answer(*pair)

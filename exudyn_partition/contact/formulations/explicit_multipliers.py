@@ -8,28 +8,31 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
 from ...algebra.complementarity import regularised
-from ...algebra.friction import SLIP
 from ...algebra.products import dense
 from ...algebra.row_problem import RowProblem
 from ...errors import RunError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array, consecutive
 from ..law import Forces, Law, Places, RowDirections
+from ..memory import RowMemory
 from ..patch_contact import PatchContact
+from ..row_forces import RowForces, known_before, no_forces, no_memory, remembered, with_forces
 from ..tangential import TangentialRows
 
 _CLOSED = 1e-3  # of a facet's size: accuracy of closed gaps where points cross edges between facets
 _SOONER = 10  # the error of frozen pairs fades so many times faster than it grew, once pairs are followed
 _SOONEST = 20  # steps at least, in which it fades
 
-_NO_FRICTION = np.empty(0)
-State = tuple[Array, Array, Array]  # coordinates, velocities, and accelerations without contact, (n,) each
+_NO_FRICTION, _NO_IMPULSE = np.empty(0), np.zeros(7)
+# Of a contact's bodies at the start of a step: coordinates, velocities, and accelerations without contact, (n,) each.
+Start: TypeAlias = tuple[Array, Array, Array]
 
 
 class Multipliers(Law):
@@ -77,6 +80,10 @@ class ForwardState:
         Its factor in a step.
     frozen_steps : int
         Steps for which the pairs have been frozen.
+    impulse, last_impulse : (7,) arrays
+        Impulses so far, and in the last step [N s], see `RowForces.impulse`.
+    pending : float
+        Share of the last one that is still to be added to those so far.
     pose : (12,) array or None
         Where the carrier of a rigid surface was at the last prediction.
     """
@@ -84,7 +91,155 @@ class ForwardState:
     jump: Array
     fading: float
     frozen_steps: int
+    impulse: Array
+    last_impulse: Array
+    pending: float = 0.0
     pose: Array | None = None
+
+    def expecting(self) -> ForwardState:
+        """Return the state with half of the last step's impulse counted again, until that of the next step is known."""
+        impulse = self.impulse + 0.5 * self.last_impulse
+        return ForwardState(
+            self.jump, self.fading, self.frozen_steps, impulse, self.last_impulse, self.pending - 0.5, self.pose
+        )
+
+
+class Promise(NamedTuple):
+    """Where the gaps will be at the end of a step that central differences make with these multipliers.
+
+    Parameters
+    ----------
+    free_end : (n,) array
+        Coordinates to which the step leads without contact forces.
+    free_gap, gap : (nr,) arrays
+        Gaps there, and at the end of the step [m].
+    G : (nr, n) array or csr matrix
+        Normal directions of the rows.
+    scale : float
+        Largest change of a place that one multiplier causes [m].
+    """
+
+    free_end: Array
+    free_gap: Array
+    gap: Array
+    G: Rows
+    scale: float
+
+
+class Prediction(NamedTuple):
+    """Where the rows of a contact would be at the end of the coming step without contact forces.
+
+    Parameters
+    ----------
+    places : (nr, d) array
+        Gaps, and sliding in the step [m].
+    least_gap : float
+        [m]
+    end, q_tt : (n,) arrays
+        Coordinates at the end of the step, and accelerations in it.
+    step : float
+        [s]
+    jump, fading, frozen_steps, pose
+        After the step, see `ForwardState`.
+    """
+
+    places: Array
+    least_gap: float
+    end: Array
+    q_tt: Array
+    step: float
+    jump: Array
+    fading: float
+    frozen_steps: int
+    pose: Array | None
+
+    def state_after(self, last: ForwardState, impulse: Array, share: float) -> ForwardState:
+        """State after the step.
+
+        `last` is the state before it, and `impulse`, (7,), that of the step; velocities include a share of it so far.
+        """
+        total = last.impulse + (last.pending * last.last_impulse + share * impulse)
+        return ForwardState(self.jump, self.fading, self.frozen_steps, total, impulse, 1 - share, self.pose)
+
+
+@dataclass(frozen=True, eq=False)
+class RowResponse:
+    """How forces move the present rows of a contact.
+
+    Parameters
+    ----------
+    G, push : (d nr, n), (n, d nr) arrays or csr matrices
+        Present rows, and the accelerations M^-1 G' that unit forces on them cause.
+    F : (d nr, d nr) array
+        G M^-1 G', with a small addition on the diagonal, because rows may be redundant.
+    normals : (nr, n) array or csr matrix
+        Normal directions in G.
+    """
+
+    G: Rows
+    push: Rows
+    F: Array
+    normals: Rows
+
+
+class Solution(NamedTuple):
+    """Multipliers, and where they let the rows be.
+
+    Parameters
+    ----------
+    forces : Forces
+    places : (nr, d) array
+        Gaps at the end of the step, and sliding along the tangents in it [m].
+    """
+
+    forces: Forces
+    places: Array
+
+
+class ForwardAnswer(NamedTuple):
+    """Multipliers of a contact in an explicit step.
+
+    Parameters
+    ----------
+    forces : Forces
+        On the present rows.
+    nodes : (nr,) int array
+        Their nodes of the slave's patch.
+    gap : (nr,) array
+        Gaps at the end of the step [m].
+    least_gap : float
+        Smallest gap that rows would have then without forces [m].
+    state : ForwardState
+        For the next step.
+    known : RowMemory
+        What rows remember then. Without friction, these are forces alone, and `memory` has them.
+    promise : Promise or None
+        What the next step checks; None if all rows are open.
+    """
+
+    forces: Forces
+    nodes: Array
+    gap: Array
+    least_gap: float
+    state: ForwardState
+    known: RowMemory
+    promise: Promise | None = None
+
+    @property
+    def memory(self) -> RowMemory:
+        """What rows remember after the step."""
+        on_rows, known = self.forces.on_rows, self.known
+        return known if on_rows.shape[1] > 1 else with_forces(known, self.nodes, on_rows)
+
+    @property
+    def impulse(self) -> Array:
+        """Impulses so far, (7,) [N s], see `ForwardState`."""
+        return self.state.impulse
+
+    def expecting(self) -> ForwardAnswer:
+        """See `ForwardState.expecting`."""
+        state = self.state.expecting()
+        return ForwardAnswer(self.forces, self.nodes, self.gap, self.least_gap, state, self.known, self.promise)
 
 
 class ForwardRows:
@@ -98,163 +253,213 @@ class ForwardRows:
     nodes with mass lose when they touch and stick at once. The coefficient of friction, and the places of a carried
     rigid surface, follow from the step before.
 
+    What a step leads to is a function of the answer in the step before. All that this object keeps saves time.
+
     Parameters
     ----------
     contact : PatchContact
 
     Attributes
     ----------
-    G, push : (d nr, n), (n, d nr) arrays or csr matrices
-        Present rows, and the accelerations M^-1 G' that unit forces on them cause.
-    F : (d nr, d nr) array
-        G M^-1 G', with a small addition on the diagonal, because rows may be redundant.
+    law : Law
+    friction : Coulomb or None
     """
 
     def __init__(self, contact: PatchContact) -> None:
-        self.contact, self.rows = contact, contact.rows
-        n = len(contact.gaps.slave.surface.points)
-        self._expected: Array | None = None
-        self._held: object = None
-        self._jump, self._fading = np.zeros(n), 1.0  # remaining jump at the slave's nodes [m], its factor in a step
-        self._frozen_steps = 0
-        none = np.empty(0, dtype=np.int64)
-        self._open = none, Forces(np.empty((0, self.rows.d)), none)  # no closed rows
-        self._last = self._open  # nodes of the rows in the last step, and the forces on them
-        self._pose: Array | None = None
-        self.take()
+        self.rows, self.gaps, self.law, self.friction = contact.rows, contact.gaps, contact.law, contact.friction
+        self._response: tuple[object, RowResponse] | None = None  # `Gaps.held`, and the response of these rows
 
-    @property
-    def state(self) -> ForwardState:
-        """What is remembered after the multipliers of the coming step were found."""
-        return ForwardState(self._jump.copy(), self._fading, self._frozen_steps, self._pose)
+    def begin(self, state: ForwardState | None = None, memory: RowMemory | None = None) -> ForwardAnswer:
+        """Begin from a state, and from what rows remember then; by default, those of a new run."""
+        memory = no_memory(self.rows) if memory is None else memory
+        if state is None:
+            state = ForwardState(np.zeros(len(memory.path)), 1.0, 0, _NO_IMPULSE, _NO_IMPULSE)
+        nodes = self.gaps.row_nodes
+        status, on_rows = memory.status[nodes], remembered(self.rows, memory)
+        forces = Forces(on_rows, np.flatnonzero(status), status if self.rows.d > 1 else None)
+        return ForwardAnswer(forces, nodes, np.full(len(nodes), np.inf), np.inf, state, memory)
 
-    def begin(self, state: ForwardState) -> None:
-        """Begin from a state; the contact has begun from its own."""
-        self._jump[:], self._fading = state.jump, state.fading
-        self._frozen_steps, self._pose = state.frozen_steps, state.pose
+    def response(self) -> RowResponse:
+        """How forces move the present rows; the same object as long as the rows stay frozen."""
+        known, gaps = self._response, self.gaps
+        if known is None or not gaps.holds(known[0]):
+            G = self.rows.jacobian(np.arange(len(gaps.row_nodes)))
+            push = gaps.accelerations(G)
+            F = regularised(dense(G @ push))  # between flat patches, there may be more rows than coordinates
+            known = self._response = gaps.held, RowResponse(G, push, F, G[:: self.rows.d])
+        return known[1]
 
-    def take(self) -> bool:
-        """Compute G, `push` and F of the present rows; return whether the rows have changed."""
-        gaps = self.contact.gaps
-        if gaps.holds(self._held):
-            return False
-        self.G = self.rows.jacobian(np.arange(len(gaps.row_nodes)))
-        self.push = gaps.accelerations(self.G)
-        self.F = regularised(dense(self.G @ self.push))  # between flat patches, there may be more rows than coordinates
-        self._held = gaps.held
-        return True
-
-    @property
-    def guess(self) -> tuple[Array, Array]:
-        """Status of the present rows in the last step, (nr,), and the forces then, (nr, 3) [N]."""
-        (nodes, (_, closed, state, *_)), status = self._last, np.zeros(len(self._jump), dtype=np.int8)
-        status[nodes[closed]] = SLIP if state is None else state[closed]
-        return status[self.contact.gaps.row_nodes], self.contact.last
-
-    def predict(self, state: State, step: float) -> Array:
-        """Places, (nr, d) [m], at the end of the coming step [s] without contact forces: gaps, and sliding in the step.
+    def predict(self, last: ForwardAnswer, start: Start, step: float) -> Prediction:
+        """Where rows would be at the end of the coming step [s] without contact forces; `last` is of the step before.
 
         The sliding of rows that are far away is not computed.
         """
-        q, q_t, q_tt = state
-        gaps, rows = self.contact.gaps, self.rows
-        gap = self._gaps(q, gaps.moved(q, step * q_t + 0.5 * step**2 * q_tt))
-        self._step, self._q_tt = step, q_tt
+        (q, q_t, q_tt), gaps, rows, pose = start, self.gaps, self.rows, last.state.pose
+        if last.promise is not None:
+            self._check_last_step(last.promise, q)
+        end = gaps.moved(q, step * q_t + 0.5 * step**2 * q_tt)
+        gap, jump, fading, frozen_steps = self._gaps(last.state, q, end)
+        least = gap.min(initial=np.inf)
         if not isinstance(rows, TangentialRows):
-            return gap[:, None]
-        pose, way = gaps.evaluated_pose, np.zeros((len(gap), rows.d - 1))
-        if self._least < gaps.size:
-            rows.hold_at(q, pose if self._pose is None else self._pose)
+            return Prediction(gap[:, None], least, end, q_tt, step, jump, fading, frozen_steps, pose)
+        now, way = gaps.evaluated_pose, np.zeros((len(gap), rows.d - 1))
+        if least < gaps.size:
+            rows.hold_at(q, now if pose is None else pose)
             way = rows.way()
-        self._pose, self._free = pose, way
-        return np.column_stack([gap, way])
+        places = np.column_stack([gap, way])
+        return Prediction(places, least, end, q_tt, step, jump, fading, frozen_steps, now)
 
-    def _gaps(self, q: Array, to: Array) -> Array:
-        """Gaps, (nr,) [m], at the coordinates `to`, (n,), to which q, (n,), leads without contact forces."""
-        self.contact.gaps.accept(self.contact.gaps.after())
-        gaps, frozen, nodes = self.contact.gaps, self.contact.gaps.linear, self.contact.gaps.row_nodes
-        self._check_last_step(q)  # it may find that the pairs have slid too far
-        gap = gaps.at(to)
-        self._jump *= self._fading
-        self._frozen_steps += 1
+    def _gaps(self, state: ForwardState, q: Array, end: Array) -> tuple[Array, Array, float, int]:
+        """Gaps, (nr,) [m], at the coordinates `end`, (n,), to which q, (n,), leads without contact forces.
+
+        The rest are `jump`, `fading` and `frozen_steps` after the step, see `ForwardState`.
+        """
+        gaps, frozen, nodes = self.gaps, self.gaps.linear, self.gaps.row_nodes
+        gap = gaps.at(end)
+        jump, fading, frozen_steps = state.fading * state.jump, state.fading, state.frozen_steps + 1
         if gaps.moving:
             if frozen is not None:
-                start, before = gaps.of_present(q), np.zeros(len(self._jump))
-                before[gaps.row_nodes] = np.maximum(start, 0.0)  # a new row may be closed already
+                present, before = gaps.of_present(q), np.zeros(len(jump))
+                before[gaps.row_nodes] = np.maximum(present, 0.0)  # a new row may be closed already
                 before[nodes] = frozen.start + frozen.H @ q
-                self._jump[gaps.row_nodes] += start - before[gaps.row_nodes]
-                gap = gaps.at(to)
-                self._fading = 1 - 1 / max(self._frozen_steps / _SOONER, _SOONEST)
-            self._frozen_steps = 0
-        gap = gap - self._jump[gaps.row_nodes]
-        self._expected, self._predicted = None, (to, gap)
-        self._least = gap.min(initial=np.inf)
-        return gap
+                jump[gaps.row_nodes] += present - before[gaps.row_nodes]
+                gap = gaps.at(end)
+                fading = 1 - 1 / max(frozen_steps / _SOONER, _SOONEST)
+            frozen_steps = 0
+        return gap - jump[gaps.row_nodes], jump, fading, frozen_steps
 
-    def open(self) -> None:
-        """Leave all rows open in the coming step."""
-        closed = self.contact.evaluation.index.size > 0
-        answer = self.contact.opened(self._predicted[1], self._least)
-        self._last = self._open
-        if closed and self.rows.d > 1:
-            n = len(answer.on_rows)
-            self.contact.remember(answer.memory_after(self.contact.state.memory, np.zeros((n, 2)), np.zeros(n), 0.0))
+    def open(self, last: ForwardAnswer, prediction: Prediction, share: float) -> ForwardAnswer:
+        """Leave all rows open in the coming step, see `act`."""
+        n, known = len(prediction.places), last.known
+        forces, gap = no_forces(self.rows.d, n), prediction.places[:, 0]
+        if self.rows.d > 1 and known.closed:
+            known = RowForces(self.rows, forces).memory_after(known, np.zeros((n, 2)), np.zeros(n), 0.0)
+        state = prediction.state_after(last.state, _NO_IMPULSE, share)
+        return ForwardAnswer(forces, self.gaps.row_nodes, gap, prediction.least_gap, state, known)
 
-    def act(self, forces: Forces, places: Array, scale: float) -> None:
+    def act(
+        self,
+        last: ForwardAnswer,
+        prediction: Prediction,
+        response: RowResponse,
+        solution: Solution,
+        scale: float,
+        share: float,
+    ) -> ForwardAnswer:
         """Apply forces to the rows in the coming step.
 
         Parameters
         ----------
-        forces : Forces
-        places : (nr, d) array
-            Gaps at the end of the step, and sliding along the tangents in it [m].
+        last : ForwardAnswer
+            In the step before.
+        prediction : Prediction
+        response : RowResponse
+        solution : Solution
         scale : float
             Largest change of a place that one multiplier causes [m].
+        share : float
+            Share of the impulse that velocities at the start of the step include.
         """
-        contact = self.contact
-        answer = contact.answered(forces, places[:, 0], self._least)
-        self._last = contact.gaps.row_nodes, forces
-        self._expected, self._scale = places[:, 0], scale
+        forces, places = solution
+        acting, step = RowForces(self.rows, forces), prediction.step
+        known, nodes = last.known, self.gaps.row_nodes
         if self.rows.d > 1:
             slips, taken = places[:, 1:], 0.0
-            if answer.index.size:
-                before = self._free - self._step**2 * np.asarray(self.G @ self._q_tt).reshape(-1, 3)[:, 1:]
+            if forces.closed.size:
+                way = step**2 * np.asarray(response.G @ prediction.q_tt).reshape(places.shape)[:, 1:]
+                before = prediction.places[:, 1:] - way
                 taken = -0.5 * float(np.sum(forces.on_rows[:, 1:] * (before + slips)))
-            contact.remember(
-                answer.memory_after(self.contact.state.memory, slips, np.linalg.norm(slips, axis=1) / self._step, taken)
-            )
+            known = acting.memory_after(known, slips, np.linalg.norm(slips, axis=1) / step, taken)
+        state = prediction.state_after(last.state, acting.impulse(step), share)
+        promise = Promise(prediction.end, prediction.places[:, 0], places[:, 0], response.normals, scale)
+        return ForwardAnswer(forces, nodes, places[:, 0], prediction.least_gap, state, known, promise)
 
-    def _check_last_step(self, q: Array) -> None:
-        """Raise unless the last step moved the gaps as central differences with these multipliers do.
+    def _check_last_step(self, promise: Promise, q: Array) -> None:
+        """Raise unless the last step moved the gaps as central differences with its multipliers do.
 
         The check uses the pairs of that step, because points that cross an edge between facets have other gaps.
         """
-        if self._expected is None:
-            return
-        start, free = self._predicted
-        gap = free + self.G[:: self.rows.d] @ self.contact.gaps.way(start, q)
+        gap = promise.free_gap + promise.G @ self.gaps.way(promise.free_end, q)
         round_off = 1e-12 * (abs(q).max() + abs(gap).max())
-        if abs(gap - self._expected).max() > 1e-3 * self._scale + round_off:
+        if abs(gap - promise.gap).max() > 1e-3 * promise.scale + round_off:
             raise RunError(
                 "the last step did not close the gaps as predicted: contact with formulation 'lagrange' needs Exudyn's "
                 "explicit solver VelocityVerlet with a constant step (solve_dynamic(..., method='explicit')), or its "
                 "solver generalized-alpha (method='implicit')"
             )
 
-    def check(self, q: Array) -> None:
+    def check(self, answer: ForwardAnswer, q: Array) -> None:
         """Raise if a gap at coordinates q, (n,), is far below zero."""
-        gaps = self.contact.gaps
+        gaps, state, promise = self.gaps, answer.state, answer.promise
         gap = gaps.of_present(q)
-        faded = (1 / self._fading - 1) * abs(self._jump).max(initial=0.0)  # in the step that ended here
-        gap = gap - self._jump[gaps.row_nodes]
-        if self._expected is not None and len(self._expected) == len(gap):
-            gap = gap - np.minimum(self._expected, 0.0)  # the depth that a user's own law allows
+        faded = (1 / state.fading - 1) * abs(state.jump).max(initial=0.0)  # in the step that ended here
+        gap = gap - state.jump[gaps.row_nodes]
+        if promise is not None and len(promise.gap) == len(gap):
+            gap = gap - np.minimum(promise.gap, 0.0)  # the depth that a user's own law allows
         deepest = gap.min(initial=0.0)
         if deepest < -_CLOSED * gaps.size - faded:
             raise RunError(
                 f"a gap is {deepest:.3g} m after a step whose multipliers should have closed it: in the step, points "
                 "slid over edges between facets, where normals jump. Take a shorter step or a finer mesh of the master"
             )
+
+
+class Predictions(NamedTuple):
+    """Predictions of several contacts in one step.
+
+    Parameters
+    ----------
+    parts : list of Prediction
+        Of each contact.
+    places : (nr, d) array
+        Places of the rows of all contacts [m].
+    step : float
+        [s]
+    """
+
+    parts: list[Prediction]
+    places: Array
+    step: float
+
+    @property
+    def nearest(self) -> float:
+        """Smallest gap [m]; infinite without rows."""
+        value: float = self.places[:, 0].min(initial=np.inf)
+        return value
+
+
+@dataclass(frozen=True, eq=False)
+class AllRows:
+    """How forces move the present rows of several contacts.
+
+    Parameters
+    ----------
+    responses : list of RowResponse
+        Of each contact.
+    G, push : lists of (d nr, n) and (n, d nr) arrays or csr matrices
+        Rows of each contact in the problem, and the accelerations that unit forces on them cause.
+    F : (d nr, d nr) array
+        Accelerations of all rows due to unit forces on them.
+    slices : list of slice
+        Places of each contact's rows in F.
+    """
+
+    responses: list[RowResponse]
+    G: Sequence[Rows]
+    push: Sequence[Rows]
+    F: Array
+    slices: list[slice]
+
+    def split(self, forces: Array) -> list[Array]:
+        """Split forces, (nr, d), into those of the contacts, (d nr,) each."""
+        return [forces.ravel()[part] for part in self.slices]
+
+
+@dataclass(frozen=True, eq=False)
+class ByJoints:
+    """Accelerations of rows that unit forces on rows cause through joint reactions, (d nr, d nr)."""
+
+    F: Array
 
 
 class ForwardIncrement:
@@ -274,8 +479,6 @@ class ForwardIncrement:
     ----------
     d : int
         Directions of each row in the problem.
-    G, push : lists of (d nr, n) and (n, d nr) arrays or csr matrices
-        Rows of each contact in the problem, and the accelerations that unit forces on them cause.
 
     Raises
     ------
@@ -283,16 +486,14 @@ class ForwardIncrement:
         If contacts with different laws are to be solved together.
     """
 
-    G: Sequence[Rows]
-    push: Sequence[Rows]
-
     def __init__(self, rows: Sequence[ForwardRows], dofs: Sequence[Array]) -> None:
         self.rows = rows
-        self.d = max((one.rows.d for one in rows), default=1)
+        self.d = max((part.rows.d for part in rows), default=1)
+        self._all: AllRows | None = None
         self._problem: RowProblem | None = None
-        self._by_joints: Array | None = None
+        self._posed: tuple[AllRows, ByJoints | None, float] | None = None  # what the problem belongs to
         self._links = []
-        laws = [one.contact.law for one in rows]
+        laws = [part.law for part in rows]
         if len(laws) > 1 and (len({type(law) for law in laws}) > 1 or any(vars(law) for law in laws)):
             names = ", ".join(sorted({type(law).__name__ for law in laws}))
             raise RunError(
@@ -310,27 +511,39 @@ class ForwardIncrement:
         """Iterations of the set of closed rows so far."""
         return 0 if self._problem is None else self._problem.iterations
 
-    def increment(self, states: Sequence[State], step: float) -> list[Array]:
-        """Accelerations, (n,) for each contact, due to the forces that prevent penetration; empty if no gap closes.
+    def increment(
+        self, last: Sequence[ForwardAnswer], starts: Sequence[Start], step: float, share: float = 1.0
+    ) -> tuple[list[Array], list[ForwardAnswer]]:
+        """Forces that prevent penetration in the coming step.
 
         Parameters
         ----------
-        states : list of three (n,) arrays
+        last : sequence of ForwardAnswer
+            Of each contact in the step before.
+        starts : sequence of three (n,) arrays
             For each contact: coordinates of its bodies, their velocities, and their accelerations without contact.
         step : float
             Length of the step [s].
-        """
-        h = self.predict(states, step)
-        if self.nearest(h) >= 0.0:
-            return self.open()
-        self.take_rows()
-        return self.accelerations(self.solve(h))
+        share : float, optional
+            Share of the impulse that velocities at the start of the step include.
 
-    def predict(self, states: Sequence[State], step: float) -> Array:
-        """Places of the rows of all contacts at the end of the step without contact forces, (nr, d) [m]."""
-        self._step = step
-        found = [self._in_all(one.predict(state, step)) for one, state in zip(self.rows, states, strict=True)]
-        return found[0] if len(found) == 1 else np.vstack(found)
+        Returns
+        -------
+        list of (n,) arrays, list of ForwardAnswer
+            Accelerations by each contact, none if no gap closes, and its answer.
+        """
+        ahead = self.predict(last, starts, step)
+        if ahead.nearest >= 0.0:
+            return self.open(last, ahead, share)
+        rows = self.all_rows()
+        return self.act(last, ahead, rows, self.solve(last, rows, ahead.places, step), share)
+
+    def predict(self, last: Sequence[ForwardAnswer], starts: Sequence[Start], step: float) -> Predictions:
+        """Where the rows of all contacts would be at the end of the step without contact forces."""
+        each = zip(self.rows, last, starts, strict=True)
+        parts = [rows.predict(answer, start, step) for rows, answer, start in each]
+        places = [self._in_all(part.places) for part in parts]
+        return Predictions(parts, places[0] if len(places) == 1 else np.vstack(places), step)
 
     def _in_all(self, places: Array) -> Array:
         """Values along the directions of rows, (nr, ...), with zeros along tangents that a contact does not have."""
@@ -338,91 +551,104 @@ class ForwardIncrement:
             return places
         return np.hstack([places, np.zeros((len(places), self.d - 1))])
 
-    @staticmethod
-    def nearest(h: Array) -> float:
-        """Smallest gap in the places h, (nr, d); infinite without rows."""
-        value: float = h[:, 0].min(initial=np.inf)
-        return value
+    def open(
+        self, last: Sequence[ForwardAnswer], ahead: Predictions, share: float = 1.0
+    ) -> tuple[list[Array], list[ForwardAnswer]]:
+        """Leave all rows open in the coming step, see `increment`."""
+        each = zip(self.rows, last, ahead.parts, strict=True)
+        return [], [rows.open(answer, part, share) for rows, answer, part in each]
 
-    def open(self) -> list[Array]:
-        """Leave all rows open in the coming step; returns no accelerations."""
-        for one in self.rows:
-            one.open()
-        return []
-
-    def take_rows(self) -> bool:
-        """Compute how forces move the present rows; return whether the rows have changed."""
-        changed = [one.take() for one in self.rows]
-        if self._problem is not None and not any(changed):
-            return False
-        self.G, self.push, blocks = zip(*map(self._expanded, self.rows), strict=True)
-        self._slices = consecutive([len(F) for F in blocks])
-        self._F = scipy.linalg.block_diag(*blocks)
+    def all_rows(self) -> AllRows:
+        """How forces move the present rows; the same object as long as the rows stay frozen."""
+        responses = [rows.response() for rows in self.rows]
+        if self._all is not None and responses == self._all.responses:
+            return self._all
+        each = zip(self.rows, responses, strict=True)
+        G, push, blocks = zip(*(self._expanded(rows.rows.d, response) for rows, response in each), strict=True)
+        slices, F = consecutive([len(block) for block in blocks]), scipy.linalg.block_diag(*blocks)
         for i, j, own, others in self._links:
-            block = self.G[i][:, own] @ self.push[j][others]
-            rows, columns = self._slices[i], self._slices[j]
-            self._F[rows, columns] = dense(block)
-            self._F[columns, rows] = self._F[rows, columns].T
-        guesses = [one.guess for one in self.rows]
-        status, forces = (np.concatenate(part) for part in zip(*guesses, strict=True))
-        F = self._step**2 * self._F
+            block = dense(G[i][:, own] @ push[j][others])
+            F[slices[i], slices[j]], F[slices[j], slices[i]] = block, block.T
+        self._all = AllRows(responses, G, push, F, slices)
+        return self._all
+
+    def _expanded(self, d: int, response: RowResponse) -> tuple[Rows, Rows, Array]:
+        """G, M^-1 G' and F of a contact's rows, which have d directions, in all directions of the problem."""
+        if d == self.d:
+            return response.G, response.push, response.F
+        n = len(response.F)
+        F = np.eye(self.d * n) * response.F.diagonal().mean()
+        F[:: self.d, :: self.d] = response.F
+        expand = sp.csr_matrix((np.ones(n), (self.d * np.arange(n), np.arange(n))), shape=(self.d * n, n))
+        return expand @ response.G, response.push @ expand.T, F
+
+    def solve(
+        self,
+        last: Sequence[ForwardAnswer],
+        rows: AllRows,
+        places: Array,
+        step: float,
+        by_joints: ByJoints | None = None,
+    ) -> Solution:
+        """Forces on all rows, and where the rows are then.
+
+        Parameters
+        ----------
+        last : sequence of ForwardAnswer
+            Of each contact in the step before. What rows remember of it is the guess.
+        rows : AllRows
+        places : (nr, d) array
+            Of the rows at the end of the step without contact forces [m], see `predict`.
+        step : float
+            [s]
+        by_joints : ByJoints, optional
+        """
+        forces, mu = np.zeros((len(places), 3)), np.zeros(len(places))
+        if self.d > 1:
+            each = zip(self.rows, last, strict=True)
+            known = [known_before(part.rows, part.friction, answer.known) for part, answer in each]
+            forces, mu = (np.concatenate(values) for values in zip(*known, strict=True))
+        posed = self._posed
+        if posed != (rows, by_joints, step):
+            status = [answer.memory.status[part.gaps.row_nodes] for part, answer in zip(self.rows, last, strict=True)]
+            self._pose(rows, by_joints, step, np.concatenate(status), forces)
+        assert self._problem is not None
+        at = Places(places[:, 0], places[:, 1:], forces, mu, problem=self._problem)
+        answer = self.rows[0].law.answer(at)
+        return Solution(answer, places + self._problem.moved_by(answer.on_rows))
+
+    def _pose(self, rows: AllRows, by_joints: ByJoints | None, step: float, status: Array, forces: Array) -> None:
+        """Pose the problem of these rows, with guesses of their status, (nr,), and forces, (nr, 3)."""
+        F = step**2 * (rows.F if by_joints is None else rows.F + by_joints.F)
         if self._problem is None:
             self._problem = RowProblem(self.d, F)
-        self._problem.replace(F, status, forces)
-        self._by_joints, self._solved_step = None, self._step
-        return True
+        if self._posed is None or self._posed[0] != rows:
+            self._problem.replace(F, status, forces)
+        else:
+            self._problem.exchange(F)
+        self._posed = rows, by_joints, step
 
-    def _expanded(self, one: ForwardRows) -> tuple[Rows, Rows, Array]:
-        """G, M^-1 G' and F of a contact's rows in all directions of the problem."""
-        if one.rows.d == self.d:
-            return one.G, one.push, one.F
-        n = len(one.F)
-        F = np.eye(self.d * n) * one.F.diagonal().mean()
-        F[:: self.d, :: self.d] = one.F
-        expand = sp.csr_matrix((np.ones(n), (self.d * np.arange(n), np.arange(n))), shape=(self.d * n, n))
-        return expand @ one.G, one.push @ expand.T, F
-
-    def yield_joints(self, by_joints: Array) -> None:
-        """Add the accelerations of rows, (d nr, d nr), that unit forces on rows cause through joint reactions."""
-        self._by_joints = by_joints
-        self._exchange()
-
-    def _exchange(self) -> None:
-        assert self._problem is not None
-        F = self._F if self._by_joints is None else self._F + self._by_joints
-        self._problem.exchange(self._step**2 * F)
-        self._solved_step = self._step
-
-    def solve(self, h: Array) -> Array:
-        """Return the forces, (nr, d) [N], for the places h, (nr, d) [m], see `predict`."""
-        if self._step != self._solved_step:
-            self._exchange()
-        assert self._problem is not None
-        contacts, n = [one.contact for one in self.rows], len(h)
-        last, mu = np.zeros((n, 3)), np.zeros(n)
-        if self.d > 1:
-            last = np.concatenate([contact.last for contact in contacts])
-            mu = np.concatenate([contact.coefficients for contact in contacts])
-        places = Places(h[:, 0], h[:, 1:], last, mu, problem=self._problem)
-        self._answer = contacts[0].law.answer(places)
-        self._reached = h + self._problem.moved_by(self._answer.on_rows)
-        return self._answer.on_rows
-
-    def split(self, forces: Array) -> list[Array]:
-        """Split forces, (nr, d), into those of the contacts, (d nr,) each."""
-        return [forces.ravel()[own] for own in self._slices]
-
-    def accelerations(self, forces: Array) -> list[Array]:
-        """Apply forces, (nr, d) [N], in the coming step; return the accelerations they cause, (n,) for each contact."""
-        each = self.split(forces)
-        scale = self._step**2 * (self._F.diagonal() * forces.ravel()).max()
+    def act(
+        self,
+        last: Sequence[ForwardAnswer],
+        ahead: Predictions,
+        rows: AllRows,
+        solution: Solution,
+        share: float = 1.0,
+    ) -> tuple[list[Array], list[ForwardAnswer]]:
+        """Apply forces in the coming step, see `increment`."""
+        forces, places = solution
+        each, scale = rows.split(forces.on_rows), ahead.step**2 * (rows.F.diagonal() * forces.on_rows.ravel()).max()
+        accelerations = [push @ lam for push, lam in zip(rows.push, each, strict=True)]
         if len(self.rows) == 1:
-            self.rows[0].act(self._answer, self._reached, scale)
-            return [self.push[0] @ each[0]]
-        for one, own, reached, lam in zip(self.rows, self._slices, self.split(self._reached), each, strict=True):
-            d, start, stop = one.rows.d, own.start // self.d, own.stop // self.d
-            of_rows, places = (np.ascontiguousarray(x.reshape(-1, self.d)[:, :d]) for x in (lam, reached))
-            closed = self._answer.closed[slice(*np.searchsorted(self._answer.closed, (start, stop)))] - start
-            state = None if d == 1 or self._answer.state is None else self._answer.state[start:stop]
-            one.act(Forces(of_rows, closed, state), places, scale)
-        return [push @ lam for push, lam in zip(self.push, each, strict=True)]
+            answer = self.rows[0].act(last[0], ahead.parts[0], rows.responses[0], solution, scale, share)
+            return accelerations, [answer]
+        answers = []
+        for i, (part, own) in enumerate(zip(self.rows, rows.slices, strict=True)):
+            d, start, stop = part.rows.d, own.start // self.d, own.stop // self.d
+            of_rows, ends = (np.ascontiguousarray(x[start:stop, :d]) for x in (forces.on_rows, places))
+            closed = forces.closed[slice(*np.searchsorted(forces.closed, (start, stop)))] - start
+            state = None if d == 1 or forces.state is None else forces.state[start:stop]
+            found = Solution(Forces(of_rows, closed, state), ends)
+            answers.append(part.act(last[i], ahead.parts[i], rows.responses[i], found, scale, share))
+        return accelerations, answers

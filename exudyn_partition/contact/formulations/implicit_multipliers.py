@@ -6,7 +6,8 @@ Theory: examples/site/theory.md, "Implicit steps".
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,10 +21,11 @@ from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
 from ..law import Forces, Motion, Places
-from ..memory import RowMemory, on_rows
+from ..memory import RowMemory
 from ..patch_contact import PatchContact
+from ..row_forces import RowForces, known_before, no_forces, no_memory, remembered
 from ..side import Side
-from ..step_mean import TRAPEZOIDAL, GeneralizedAlpha, StepMean
+from ..step_mean import GeneralizedAlpha, StepMean
 from ..tangential import TangentialRows
 
 _AHEAD = 0.5  # of a step: time by which gaps are predicted
@@ -37,27 +39,151 @@ _STEPS_KEPT = 8  # step sizes whose flexibility is kept, for adaptive steps
 
 @dataclass(frozen=True, eq=False)
 class ImpulseState:
-    """What multipliers of implicit steps remember of the last accepted step.
+    """What multipliers of implicit steps remember of the last accepted step, besides `RowMemory`.
 
     Parameters
     ----------
     mean : StepMean
         Of generalised forces, with a carrier also of its force and moment.
-    given : (np, k) array
-        Forces on the rows, stored for the slave's nodes as in `RowMemory` [N].
     rates : (np, 3) array
         Slip rates in the axes of the tangents [m/s]; NaN where they are not known.
     impulse : (7,) array
-        Impulses so far, see `StepImpulses.impulse`.
+        Impulses so far [N s]: of normal forces, sum and vector on the slave, and of tangential forces.
     end : tuple of (n,) array
         Coordinates, and velocities; empty before the first step.
     """
 
     mean: StepMean
-    given: Array
     rates: Array
     impulse: Array
     end: tuple[Array, ...] = ()
+
+
+class Line(NamedTuple):
+    """Gaps as linear functions of the coordinates.
+
+    Gaps found again in each iteration could alternate between facets whose normals differ.
+
+    Parameters
+    ----------
+    place : (n,) array
+        Coordinates about which gaps are linearised.
+    gap : (nr,) array
+        Gaps there [m].
+    rows : (nr, n) array or csr matrix
+        Derivative of the gaps.
+    """
+
+    place: Array
+    gap: Array
+    rows: Rows
+
+
+@dataclass(frozen=True, eq=False)
+class StepFlexibility:
+    """Displacements of the present rows due to unit forces on them in a step.
+
+    Parameters
+    ----------
+    F : (d nr, d nr) array
+        [m/N]
+    base : (d nr, d nr) array
+        Flexibility of the rows from which F was made; F belongs to this very array.
+    step : float
+        [s]
+    weights : GeneralizedAlpha
+    learned : bool
+        Whether F was corrected from observed motion.
+    """
+
+    F: Array
+    base: Array
+    step: float
+    weights: GeneralizedAlpha
+    learned: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """How far Newton's iteration has come in a try of a step: the guess from which it goes on.
+
+    Parameters
+    ----------
+    start : ImpulseState
+        At the start of the step.
+    memory : RowMemory
+        What rows remembered then.
+    flexibility : StepFlexibility or None
+        It lasts longer than a step, because joints and carriers change it alike in many steps.
+    cautious : bool
+        Whether pairs must not be found again within the step.
+    settled : bool
+        Whether they were found again.
+    evaluations : int
+        How many there were.
+    first : array or None
+        State of the solver at the first evaluation.
+    line : Line or None
+    before : ((nr, d), (nr, d) arrays) or None
+        Residual and forces at the evaluation before, see `StepImpulses`.
+    evaluated : (float, array) or None
+        Step, and state of the solver at the last evaluation.
+    """
+
+    start: ImpulseState
+    memory: RowMemory
+    flexibility: StepFlexibility | None
+    cautious: bool
+    settled: bool = False
+    evaluations: int = 0
+    first: Array | None = None
+    line: Line | None = None
+    before: tuple[Array, Array] | None = None
+    evaluated: tuple[float, Array] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ImpulseAnswer:
+    """Multipliers of a contact at the end of an implicit step.
+
+    Parameters
+    ----------
+    forces : Forces
+        On the present rows; on none before the first evaluation of a step.
+    gap : (nr,) array
+        Predicted gaps [m].
+    least_gap : float
+        The smallest of them [m].
+    force : (n,) array
+        Generalised force at the end of the step.
+    on_carrier : (6,) array
+        Then, force on the body that carries a rigid surface, and moment about the origin [N, N m]; empty without one.
+    state : ImpulseState
+        If the step ends so.
+    memory : RowMemory
+        What rows remember then. Its forces and status are a guess for the next evaluation.
+    iterate : Iterate
+        The rest of this guess.
+    """
+
+    forces: Forces
+    gap: Array
+    least_gap: float
+    force: Array
+    on_carrier: Array
+    state: ImpulseState
+    memory: RowMemory
+    iterate: Iterate
+
+    @property
+    def impulse(self) -> Array:
+        """Impulses so far, see `ImpulseState`."""
+        return self.state.impulse
+
+    def carrier_force(self, point: Array) -> Array:
+        """Force on the body that carries the rigid surface, and moment about a point, (6,), at the end of the step."""
+        force, moment = self.on_carrier[:3], self.on_carrier[3:]
+        return np.concatenate([force, moment - np.cross(point, force)])
 
 
 class StepImpulses:
@@ -92,132 +218,158 @@ class StepImpulses:
     the tangential energy that nodes lose when they touch and stick at once. Where a row turns back within a step, that
     work may be negative, because the force opposes only the later rate. Then the dissipation is zero.
 
-    The contact's `least_gap` is the smallest predicted gap.
+    An evaluation is a function of the last answer and of the motion. All that this object keeps saves time.
 
     Parameters
     ----------
     contact : PatchContact
     """
 
-    _given: Array
-    state: ImpulseState
-
     def __init__(self, contact: PatchContact) -> None:
-        self.contact, self.rows, self.gaps = contact, contact.rows, contact.gaps
+        self.rows, self.gaps = contact.rows, contact.gaps
+        self._law, self._friction = contact.law, contact.friction
         self._tangential = self.rows if isinstance(self.rows, TangentialRows) else None
-        n = len(self.gaps.slave.surface.points)
-        self._at: tuple[float, Array] | None = None  # step and state of the last evaluation
-        self._first: Array | None = None  # state at the first evaluation in this attempt of the step
-        self._line: tuple[Array, Array, Rows] | None = None  # see `_linear`
-        self._evaluations, self._settled = 0, False  # evaluations in this attempt; whether pairs were found again
-        self._cautious = False  # whether pairs must not be found again
-        self._end: tuple[Array, Array] | None = None  # coordinates and velocities at the last evaluation
-        self._weights: GeneralizedAlpha | None = None  # of the last evaluation
-        self._before: tuple[Array, Array] | None = None  # w and forces at the evaluation before, in Newton's iteration
-        mean = StepMean.none(self.gaps.n + (6 if self.gaps.carried else 0))
-        self._pushed = self._applied = mean.force
         self._flexibilities: dict[tuple[float, GeneralizedAlpha], list[Array]] = {}
-        self._flexible: tuple[float, GeneralizedAlpha] | None = None  # step and weights that F belongs to
-        self._base: Array | None = None  # F before its corrections
-        self._learned = False
-        self._given = np.zeros((n, 4 if self._tangential else 1))  # forces at the last evaluation, at the slave's nodes
-        self.state = ImpulseState(mean, self._given.copy(), np.full((n, 3), np.nan), np.zeros(7))
-        self._open = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int8)
-        self._last = self._open  # nodes of the rows in the last answer, and whether they were open, stuck or slipped
+        self._sides_have: tuple[float, GeneralizedAlpha] | None = None  # step and weights of their flexibility
         self._problem: RowProblem | None = None
-        self._rates: Array | None = None
-
-    @property
-    def impulse(self) -> Array:
-        """Impulses so far, (7,) [N s]: of normal forces, sum and vector on the slave, and of tangential forces."""
-        return self.state.impulse + self._impulse_in_step()
-
-    def _impulse_in_step(self) -> Array:
-        answer = self.contact.evaluation
-        if self._at is None or not answer.index.size:
-            return np.zeros(7)
-        along = answer.traction.sum(axis=0)
-        return self._at[0] * np.concatenate([[answer.lam.sum()], answer.resultant(), along])
+        self._posed: StepFlexibility | None = None  # of the problem
 
     @property
     def iterations(self) -> int:
         """Iterations of the set of closed rows so far."""
         return 0 if self._problem is None else self._problem.iterations
 
-    def evaluate(self, motion: Motion) -> Array:
-        """Generalised contact force at the end of the step, (n,)."""
-        return self.respond(motion.q, motion.q_t, motion.step, motion.weights)
+    # State.
 
-    def respond(self, q: Array, q_t: Array, step: float, weights: GeneralizedAlpha = TRAPEZOIDAL) -> Array:
-        """Generalised contact force at the end of the step, (n,).
+    def begin(
+        self,
+        state: ImpulseState | None = None,
+        memory: RowMemory | None = None,
+        flexibility: StepFlexibility | None = None,
+        *,
+        cautious: bool = False,
+    ) -> ImpulseAnswer:
+        """Begin a step from a state, and from what rows remember then; by default, those of a new run.
 
-        Parameters
-        ----------
-        q, q_t : (n,) arrays
-            Coordinates of slave and master at the end of the step, and their velocities.
-        step : float
-            Length of the step [s]; zero while the solver computes initial accelerations, on which contact does not act.
-        weights : GeneralizedAlpha, optional
-            Coefficients of the solver.
+        `flexibility` is a guess from an earlier step. `cautious` is whether pairs must not be found again in this one.
+        """
+        gaps, memory = self.gaps, no_memory(self.rows) if memory is None else memory
+        if state is None:
+            mean = StepMean.none(gaps.n + (6 if gaps.carried else 0))
+            state = ImpulseState(mean, np.full((len(memory.path), 3), np.nan), np.zeros(7))
+        force, iterate = state.mean.force, Iterate(state, memory, flexibility, cautious)
+        none = no_forces(self.rows.d, 0)
+        return ImpulseAnswer(none, np.empty(0), np.inf, force[: gaps.n], force[gaps.n :], state, memory, iterate)
+
+    def accept(self, answer: ImpulseAnswer) -> ImpulseAnswer:
+        """Begin the next step: the last one ended with this answer."""
+        return self.begin(answer.state, answer.memory, answer.iterate.flexibility)
+
+    def retry(self, answer: ImpulseAnswer) -> ImpulseAnswer:
+        """Begin the step again, from the state that was accepted last."""
+        iterate = answer.iterate
+        return self.begin(iterate.start, iterate.memory, iterate.flexibility, cautious=True)
+
+    # Evaluation.
+
+    def evaluate(self, last: ImpulseAnswer, motion: Motion) -> ImpulseAnswer:
+        """Answer at the end of a step that is longer than zero; `last` is the last answer in this try of it.
 
         Raises
         ------
         ComplementarityError
             If gaps are not finite.
         """
-        if step <= 0.0:
-            self.contact.opened(np.zeros(len(self.gaps.row_nodes)), self.contact.evaluation.least_gap)
-            return np.zeros(self.gaps.n)
-        state = np.concatenate([q, q_t, self.gaps.carrier_pose, self.gaps.carrier_motion])
-        if self._at is None or self._at[0] != step or not np.array_equal(self._at[1], state):
-            self._at, self._weights = (step, state), weights
-            self._find(q, q_t, step, weights)
-            self._end = q, q_t
-            self._pushed = self._pushes()
-            self._applied = self.state.mean.applied(weights, self._pushed)
-        return self._applied[: self.gaps.n]
+        q, q_t, step, gaps = motion.q, motion.q_t, motion.step, self.gaps
+        state = np.concatenate([q, q_t, gaps.carrier_pose, gaps.carrier_motion])
+        known = last.iterate.evaluated
+        if known is not None and known[0] == step and np.array_equal(known[1], state):
+            return last
+        return self._evaluate(last, (q, q_t), step, motion.weights, state)
 
-    def _find(self, q: Array, q_t: Array, step: float, weights: GeneralizedAlpha) -> None:
-        """Find the forces on the present rows."""
+    def _evaluate(
+        self, last: ImpulseAnswer, end: tuple[Array, Array], step: float, weights: GeneralizedAlpha, state: Array
+    ) -> ImpulseAnswer:
+        (q, q_t), gaps, guess = end, self.gaps, last.iterate
         # True in the first evaluation, or if the solver begins again: it then predicts q without accelerations.
-        assert self._at is not None
-        state = self._at[1]
-        predicted = self._first is None or (self._given.any() and np.array_equal(state, self._first))
-        if predicted:
-            self._first, self._before = state, None
-        ahead = self.gaps.moved(q, _AHEAD * step * q_t)
-        self._evaluations = 1 if predicted else self._evaluations + 1
-        if predicted and self._settled:
-            self._line, self._cautious = None, True  # Newton's iteration has begun again
-        if self._line is None:
-            self._line = self._linear(self._ahead(ahead, step))
-        again = self._evaluations == _AGAIN and self.gaps.moving and not self._cautious
+        predicted = guess.first is None or (last.memory.closed and np.array_equal(state, guess.first))
+        first, before = (state, None) if predicted else (guess.first, guess.before)
+        evaluations = 1 if predicted else guess.evaluations + 1
+        line, cautious, settled = guess.line, guess.cautious, guess.settled
+        if predicted and settled:
+            line, cautious = None, True  # Newton's iteration has begun again
+        ahead = gaps.moved(q, _AHEAD * step * q_t)
+        if line is None:
+            line = self._linear(self._ahead(guess.start, ahead, step))
+        again = evaluations == _AGAIN and gaps.moving and not cautious
         if again:
-            self._line, self._before, self._settled = self._linear(ahead), None, True
-        h = self._gaps_at(ahead, step)
-        self._gap, self._least = h, h.min(initial=np.inf)
-        least = self._least
+            line, before, settled = self._linear(ahead), None, True
+        h = self._gaps_at(line, ahead, step)
+        least = h.min(initial=np.inf)
         if math.isnan(least):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
-        last = self._last_answer()
-        if least >= 0.0 and not last.any():
-            self._before = None
-            self._fly(q_t)
-            return
-        problem = self._take_rows(step, weights)
-        by_q_t = step * weights.by_q_t(step)
-        w = self._moves(by_q_t / (1 + _AHEAD * by_q_t) * h, step, q_t)
-        if not predicted and not again:  # else the last forces acted along other rows, or did not act
-            self._learn(problem, w, last)
-            self._before = w, last
-        self._answer(problem, w, last)
+        flexibility, acted, rates = guess.flexibility, remembered(self.rows, last.memory), None
+        if least >= 0.0 and not acted.any():
+            before, forces = None, no_forces(self.rows.d, len(h))
+            if self._tangential is not None and least < gaps.size:  # rows that may touch soon
+                rates = self._tangential.rates(q_t)[:, 1:]
+        else:
+            flexibility = self._flexibility(flexibility, step, weights, forgets=evaluations == 1)
+            by_q_t = step * weights.by_q_t(step)
+            w = (by_q_t / (1 + _AHEAD * by_q_t) * h)[:, None]
+            if self._tangential is not None:
+                rates = self._tangential.rates(q_t)[:, 1:]
+                w = np.hstack([w, step * rates])
+            if not predicted and not again:  # else the last forces acted along other rows, or did not act
+                if before is not None:
+                    flexibility = _corrected(flexibility, acted - before[1], w - before[0], abs(acted).max())
+                before = w, acted
+            forces = self._forces(flexibility, last, w, acted)
+        iterate = Iterate(
+            guess.start,
+            guess.memory,
+            flexibility,
+            cautious,
+            settled=settled,
+            evaluations=evaluations,
+            first=first,
+            line=line,
+            before=before,
+            evaluated=(step, state),
+        )
+        acting = RowForces(self.rows, forces)
+        push, start = acting.by_rows, guess.start
+        if gaps.carried:
+            push = np.concatenate([push, acting.on_carrier(np.zeros(3))])
+        applied, mean = start.mean.applied(weights, push), start.mean.after(weights, push)
+        memory, known = self._slid(acting, iterate, rates)
+        state_after = ImpulseState(mean, known, start.impulse + acting.impulse(step), end)
+        return ImpulseAnswer(forces, h, least, applied[: gaps.n], applied[gaps.n :], state_after, memory, iterate)
 
-    def _gaps_at(self, ahead: Array, step: float) -> Array:
+    def _slid(self, acting: RowForces, iterate: Iterate, rates: Array | None) -> tuple[RowMemory, Array]:
+        """What rows remember if the step ends now, and `ImpulseState.rates`.
+
+        `rates`, (nr, 2) [m/s], are slip rates at the end of the step, if they are known.
+        """
+        n, start, rows = len(acting.on_rows), iterate.start, self._tangential
+        if rows is None:
+            return acting.memory_after(iterate.memory, np.empty(0), np.empty(0), 0.0), start.rates
+        known, nodes = np.full_like(start.rates, np.nan), self.gaps.row_nodes
+        if rates is None:
+            return acting.memory_after(iterate.memory, np.zeros((n, 2)), np.zeros(n), 0.0), known
+        assert iterate.evaluated is not None
+        then = start.rates[nodes]
+        known_then = rows.along(then @ rows.axes.T)
+        before = np.where(np.isnan(then[:, :1]), rates, known_then)  # some rows are new in this step
+        way = 0.5 * iterate.evaluated[0] * (before + rates)
+        taken = float(np.maximum(-np.sum(way * acting.on_rows[:, 1:], axis=1), 0.0).sum())
+        known[nodes] = rows.in_space(rates) @ rows.axes
+        return acting.memory_after(iterate.memory, way, np.linalg.norm(rates, axis=1), taken), known
+
+    def _gaps_at(self, line: Line, ahead: Array, step: float) -> Array:
         """Gaps, (nr,), at coordinates `ahead`, (n,), and at the predicted place of the surface's carrier."""
-        assert self._line is not None
-        place, gap, rows = self._line
         gaps = self.gaps
-        h: Array = gap + rows @ gaps.way(place, ahead)
+        h: Array = line.gap + line.rows @ gaps.way(line.place, ahead)
         if gaps.carried:
             now, then = gaps.carrier_pose, gaps.evaluated_pose
             turn = Rotation.from_matrix(now[3:].reshape(3, 3) @ then[3:].reshape(3, 3).T).as_rotvec()
@@ -225,59 +377,33 @@ class StepImpulses:
             h = h + gaps.carrier_rows(np.arange(len(h))) @ way
         return h
 
-    def _ahead(self, ahead: Array, step: float) -> Array:
+    def _ahead(self, start: ImpulseState, ahead: Array, step: float) -> Array:
         """Coordinates, (n,), after predicted rigid motion with the present deformation; in a first step, `ahead`.
 
         Predicted deformations would amplify vibrations that the steps do not resolve.
         """
-        if not self.state.end:
+        if not start.end:
             return ahead
-        q, q_t = self.state.end
+        q, q_t = start.end
         return self.gaps.moved(q, (1 + _AHEAD) * step * self.gaps.rigid_part(q_t))
 
-    def _linear(self, place: Array) -> tuple[Array, Array, Rows]:
-        """Place, (n,), gaps there, (nr,), and their derivative, (nr, n), about which gaps are linearised in this step.
-
-        Gaps found again in each iteration could alternate between facets whose normals differ.
-        """
+    def _linear(self, place: Array) -> Line:
+        """Gaps linearised about coordinates, (n,)."""
         gap = self.gaps.at(place)
-        return place, gap, self.gaps.jacobian(np.arange(len(gap)))
+        return Line(place, gap, self.gaps.jacobian(np.arange(len(gap))))
 
-    def _last_answer(self) -> Array:
-        """Forces on the present rows at the last evaluation, (nr, d) [N]."""
-        if self._tangential is not None:
-            return on_rows(self._tangential, self._given)
-        value: Array = self._given[self.gaps.row_nodes]
-        return value
-
-    def _fly(self, q_t: Array) -> None:
-        """Leave all rows open; with friction, record the slip rates of rows that may touch soon."""
-        self.contact.opened(self._gap, self._least)
-        self._last = self._open
-        if self._tangential is not None:
-            near = self._least < self.gaps.size
-            self._rates = self._tangential.rates(q_t)[:, 1:] if near else None
-
-    def _moves(self, gap: Array, step: float, q_t: Array) -> Array:
-        """Residual w of the rows' conditions, (nr, d) [m]: scaled gaps, and slip rates times the step."""
-        if self._tangential is None:
-            return gap[:, None]
-        self._rates = self._tangential.rates(q_t)[:, 1:]
-        return np.column_stack([gap, step * self._rates])
-
-    def _answer(self, problem: RowProblem, w: Array, last: Array) -> None:
-        """Find the forces from w and from the forces for which w was computed, (nr, d) each."""
-        contact, h = self.contact, w - problem.moved_by(last)
-        places = Places(h[:, 0], h[:, 1:], contact.last, contact.coefficients, problem=problem)
-        forces = contact.law.answer(places)
-        if self._same(problem, forces.on_rows, last):
-            closed, state = last[:, 0] > 0.0, forces.state
-            if state is not None:
-                state = np.where(closed, np.maximum(state, STICK), OPEN).astype(np.int8)
-            forces = Forces(last, np.flatnonzero(closed), state)
-        answer = contact.answered(forces, self._gap, self._least)
-        self._last = self.gaps.row_nodes, answer.status
-        self._given = answer.at_nodes(len(self._given))
+    def _forces(self, flexibility: StepFlexibility, last: ImpulseAnswer, w: Array, acted: Array) -> Forces:
+        """Forces that follow from w, and from the forces that acted when w was found, (nr, d) each."""
+        problem = self._problem_with(flexibility, last)
+        h = w - problem.moved_by(acted)
+        known, mu = known_before(self.rows, self._friction, last.iterate.memory)
+        answer = self._law.answer(Places(h[:, 0], h[:, 1:], known, mu, problem=problem))
+        if not self._same(problem, answer.on_rows, acted):
+            return answer
+        closed, state = acted[:, 0] > 0.0, answer.state
+        if state is not None:
+            state = np.where(closed, np.maximum(state, STICK), OPEN).astype(np.int8)
+        return Forces(acted, np.flatnonzero(closed), state)
 
     def _same(self, problem: RowProblem, forces: Array, last: Array) -> bool:
         """Whether the change of forces would move rows by no more than the rounding of places."""
@@ -285,123 +411,64 @@ class StepImpulses:
         moved = problem.moved_by(forces - last)
         return bool(abs(moved).max() <= _ROUNDINGS * np.finfo(float).eps * extent)
 
-    def _learn(self, problem: RowProblem, w: Array, last: Array) -> None:
-        """Correct F where rows have moved otherwise, by the formula of Broyden, Fletcher, Goldfarb and Shanno."""
-        if self._before is None:
-            return
-        F = problem.F
-        change, moved = (last - self._before[1]).ravel(), (w - self._before[0]).ravel()
-        if abs(change).max() <= _FINE * abs(last).max():
-            return  # the residual of Newton's iteration may be larger
-        expected = F @ change
-        work, expected_work = change @ moved, change @ expected
-        astray = np.linalg.norm(moved - expected) > _ASTRAY * np.linalg.norm(expected)
-        if astray and work > _CURVATURE * expected_work:
-            more = max(work / expected_work, 1.0)  # rows that move more than F predicts would open and close for ever
-            learned = np.outer(moved, moved) / work - more * np.outer(expected, expected) / expected_work
-            problem.exchange(more * F + learned)
-            self._learned = True
+    # Flexibility.
 
-    def _pushes(self) -> Array:
-        """Generalised forces, (n,), from present forces on rows; with a carrier, also its force and moment, (6,)."""
-        answer = self.contact.evaluation
-        if not self.gaps.carried:
-            return answer.generalised
-        return np.concatenate([answer.generalised, answer.on_carrier(np.zeros(3))])
+    def _flexibility(
+        self, last: StepFlexibility | None, step: float, weights: GeneralizedAlpha, *, forgets: bool
+    ) -> StepFlexibility:
+        """F of the present rows, if the rows or the step have changed; else the last one.
 
-    def on_carrier(self, point: Array) -> Array:
-        """Force on the body that carries the rigid surface, and moment about a point, (6,), at the end of the step."""
-        force, moment = self._applied[-6:-3], self._applied[-3:]
-        return np.concatenate([force, moment - np.cross(point, force)])
-
-    # State.
-
-    def begin(self, state: ImpulseState) -> None:
-        """Begin from a state; the contact has begun from its own."""
-        self.state, self._applied = state, state.mean.force
-        self._try()
-
-    def after(self) -> tuple[ImpulseState, RowMemory]:
-        """State after a step that ends with the last answer, and what rows remember then."""
-        state, contact = self.state, self.contact
-        if self._at is None:
-            return state, contact.state.memory
-        rates, memory, mean = state.rates, contact.state.memory.with_forces(self._given.copy()), state.mean
-        if (rows := self._tangential) is not None:
-            now, nodes = self._rates, self.gaps.row_nodes
-            length = np.zeros(len(nodes)) if now is None else np.linalg.norm(now, axis=1)
-            memory = contact.evaluation.memory_after(contact.state.memory, self._way(), length, self._taken_in_step())
-            rates = np.full_like(rates, np.nan)
-            if now is not None:
-                rates[nodes] = rows.in_space(now) @ rows.axes
-        if self._weights is not None:
-            mean = mean.after(self._weights, self._pushed)
-        return ImpulseState(mean, self._given.copy(), rates, self.impulse, self._end or ()), memory
-
-    def accept(self, start: float) -> None:
-        """Begin a step at time `start` [s]. The step before ended there, with the last answer."""
-        self.state, memory = self.after()
-        self.contact.remember(memory)
-        self.gaps.accept(self.gaps.after())
-        self._try()
-        self._cautious = False
-
-    def retry(self) -> None:
-        """Begin the step again, from the state that was accepted last."""
-        self.gaps.retry()
-        self._try()
-
-    def _try(self) -> None:
-        """Begin a try of a step."""
-        self._given = self.state.given.copy()
-        self._at = self._first = self._before = self._line = self._rates = self._end = self._weights = None
-        self._settled, self._cautious = False, True
-
-    def _way(self) -> Array:
-        """How far the present rows have slid in the step, (nr, 2) [m]."""
-        rows = self._tangential
-        if rows is None or self._rates is None or self._at is None:
-            return np.zeros((len(self.gaps.row_nodes), 2))
-        then = self.state.rates[self.gaps.row_nodes]
-        before = rows.along(then @ rows.axes.T)
-        before = np.where(np.isnan(then[:, :1]), self._rates, before)  # rows that are new in this step
-        return 0.5 * self._at[0] * (before + self._rates)
-
-    def _taken_in_step(self) -> float:
-        """Energy that friction dissipates in the present step [J]."""
-        if self._tangential is None or not self.contact.evaluation.index.size:
-            return 0.0
-        return float(np.maximum(-np.sum(self._way() * self.contact.evaluation.on_rows[:, 1:], axis=1), 0.0).sum())
-
-    def dissipated(self) -> float:
-        """Energy that friction has dissipated since the start of the run [J]."""
-        return self.contact.state.memory.dissipated + self._taken_in_step()
-
-    def _take_rows(self, step: float, weights: GeneralizedAlpha) -> RowProblem:
-        """Compute F of the present rows, if the rows or the step have changed."""
+        `forgets` is whether rows that move lose what was learned: it belongs to other pairs.
+        """
         gaps, now = self.gaps, (step, weights)
-        if now != self._flexible:
+        if now != self._sides_have:
             if now not in self._flexibilities:
                 if len(self._flexibilities) == _STEPS_KEPT:
                     self._flexibilities.clear()
                 self._flexibilities[now] = [_in_step(side, *now) for side in gaps.sides]
             gaps.take_flexibility(self._flexibilities[now])
+            self._sides_have = now
         base = self.rows.flexibility(np.arange(len(gaps.row_nodes)))
-        forget = self._learned and gaps.moving and self._evaluations == 1  # corrections from other pairs
-        if self._problem is None or base is not self._base or now != self._flexible or forget:
-            self._base, self._flexible, self._learned = base, now, False
-            F = regularised(step * weights.by_q_t(step) * weights.share * base)
-            if self._problem is None:
-                self._problem = RowProblem(self.rows.d, F)
-            self._problem.replace(F, self._guess(), self.contact.last)
-        return self._problem
+        if last is not None and base is last.base and now == (last.step, last.weights):
+            if not (forgets and last.learned and gaps.moving):
+                return last
+        return StepFlexibility(regularised(step * weights.by_q_t(step) * weights.share * base), base, step, weights)
 
-    def _guess(self) -> Array:
-        """Whether the present rows were open, stuck or slipped in the last answer, (nr,) int8."""
-        (nodes, state), at_nodes = self._last, np.full(len(self._given), OPEN, dtype=np.int8)
-        at_nodes[nodes] = state
-        value: Array = at_nodes[self.gaps.row_nodes]
-        return value
+    def _problem_with(self, flexibility: StepFlexibility, last: ImpulseAnswer) -> RowProblem:
+        """The problem of the present rows. It goes on from its last answer as long as it has the same rows."""
+        problem, posed = self._problem or RowProblem(self.rows.d, flexibility.F), self._posed
+        if posed != flexibility:
+            if flexibility.learned and posed is not None and posed.F.shape == flexibility.F.shape:
+                problem.exchange(flexibility.F)
+            else:
+                known, _ = known_before(self.rows, self._friction, last.iterate.memory)
+                problem.replace(flexibility.F, last.memory.status[self.gaps.row_nodes], known)
+        self._problem, self._posed = problem, flexibility
+        return problem
+
+
+def _corrected(flexibility: StepFlexibility, change: Array, moved: Array, largest: float) -> StepFlexibility:
+    """F corrected where rows have moved otherwise, by the formula of Broyden, Fletcher, Goldfarb and Shanno.
+
+    Parameters
+    ----------
+    flexibility : StepFlexibility
+    change, moved : (nr, d) arrays
+        Change of the forces [N], and how far the rows have moved by it [m].
+    largest : float
+        Largest force [N].
+    """
+    change, moved = change.ravel(), moved.ravel()
+    if abs(change).max() <= _FINE * largest:
+        return flexibility  # the residual of Newton's iteration may be larger
+    expected = flexibility.F @ change
+    work, expected_work = change @ moved, change @ expected
+    astray = np.linalg.norm(moved - expected) > _ASTRAY * np.linalg.norm(expected)
+    if not (astray and work > _CURVATURE * expected_work):
+        return flexibility
+    more = max(work / expected_work, 1.0)  # rows that move more than F predicts would open and close for ever
+    learned = np.outer(moved, moved) / work - more * np.outer(expected, expected) / expected_work
+    return replace(flexibility, F=more * flexibility.F + learned, learned=True)
 
 
 def _in_step(side: Side, step: float, weights: GeneralizedAlpha) -> Array:

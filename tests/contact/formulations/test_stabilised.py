@@ -216,6 +216,11 @@ def gaps(nodal):
     return PatchGaps(*sides, "node-to-segment")
 
 
+def motion(q, q_t, step):
+    """Motion at the end of a step of the trapezoidal rule."""
+    return SimpleNamespace(q=q, q_t=q_t, step=step, weights=TRAPEZOIDAL)
+
+
 @pytest.mark.parametrize("friction", [None, 0.3])
 def test_the_second_iteration_of_newtons_method_is_the_last(gaps, nodal, friction):
     """Wherever the first one starts, the forces are those of all rows and coordinates of the step at once."""
@@ -234,21 +239,24 @@ def test_the_second_iteration_of_newtons_method_is_the_last(gaps, nodal, frictio
         way = factors.solve(force)
         return start + way, start_t + TRAPEZOIDAL.by_q_t(step) * way
 
-    forces = [impulses.respond(*state(np.random.default_rng(0).standard_normal(n)), step).copy()]
+    answer = impulses.evaluate(impulses.begin(), motion(*state(np.random.default_rng(0).standard_normal(n)), step))
+    forces = [answer.force]
     for _ in range(3):
-        forces.append(impulses.respond(*state(forces[-1]), step).copy())
-    assert law.evaluation.index.size > 3
+        answer = impulses.evaluate(answer, motion(*state(forces[-1]), step))
+        forces.append(answer.force)
+    index, on_rows = answer.forces.closed, answer.forces.on_rows
+    assert index.size > 3
     assert relative(forces[1], forces[2]) < 1e-7
     q, q_t = state(forces[-1])
     gap = gaps.at(gaps.moved(q, 0.5 * step * q_t))
-    assert abs(gap[law.evaluation.index]).max() < 1e-9 * 1e-6
+    assert abs(gap[index]).max() < 1e-9 * 1e-6
     assert gap.min() > -1e-15
-    assert law.evaluation.lam.min() >= 0
+    assert on_rows[:, 0].min() >= 0
     if friction is not None:
         rates = law.rows.rates(q_t)[:, 1:]
-        assert abs(rates[law.evaluation.status == STICK]).max(initial=0.0) < 1e-9
-        slips = law.evaluation.status == SLIP
-        along, normal = law.evaluation.on_rows[slips, 1:], law.evaluation.lam[slips]
+        assert abs(rates[answer.forces.state == STICK]).max(initial=0.0) < 1e-9
+        slips = answer.forces.state == SLIP
+        along, normal = on_rows[slips, 1:], on_rows[slips, 0]
         np.testing.assert_allclose(np.linalg.norm(along, axis=1), friction * normal, rtol=1e-6)
         np.testing.assert_allclose(
             (along * rates[slips]).sum(axis=1), -friction * normal * np.linalg.norm(rates[slips], axis=1)
@@ -263,11 +271,12 @@ def test_rows_that_move_otherwise_than_free_bodies_are_learned(nodal, gaps, shar
     M, K = (sp.block_diag([getattr(body, name) for body in nodal], format="csc") for name in ("mass", "stiffness"))
     factors = sp.linalg.splu(sp.csc_matrix(TRAPEZOIDAL.by_q_tt(step) * M + K))
     rigid = np.concatenate([nodal[0].rigid[:, 2], np.zeros(nodal[1].n_dofs)])
-    force, sums = np.zeros(gaps.n), []
+    answer, sums = impulses.begin(), []
     for _ in range(15):
-        way = share * factors.solve(force)
-        force = impulses.respond(-8e-6 * rigid + way, -2.0 * rigid + TRAPEZOIDAL.by_q_t(step) * way, step).copy()
-        sums.append(law.evaluation.lam.sum())
+        way = share * factors.solve(answer.force)
+        at_end = motion(-8e-6 * rigid + way, -2.0 * rigid + TRAPEZOIDAL.by_q_t(step) * way, step)
+        answer = impulses.evaluate(answer, at_end)
+        sums.append(answer.forces.on_rows[:, 0].sum())
     assert sums[-1] > 0
     assert abs(sums[-1] - sums[-2]) < 1e-8 * sums[-1]
 
@@ -337,20 +346,22 @@ def flat_rows():
 def test_redundant_rows_have_a_unique_total_force():
     """As test_contact's of explicit steps: 0.3 m/s towards the ground, which the plate of 2 kg touches."""
     law = multipliers(flat_rows())
-    force = StepImpulses(law).respond(np.zeros(2), np.array([-0.3, 0.0]), 1e-3)
+    impulses = StepImpulses(law)
+    answer = impulses.evaluate(impulses.begin(), motion(np.zeros(2), np.array([-0.3, 0.0]), 1e-3))
+    total = answer.forces.on_rows[:, 0].sum()
     # With p, v = -0.3 + s p / m and g = s^2 p / 2 m; then g + s v / 2 = 0. The trapezoidal rule halves a first force.
-    assert law.evaluation.lam.sum() == pytest.approx(0.15 * 2.0 / 1e-3, rel=1e-8)
-    assert force[0] == pytest.approx(2 * law.evaluation.lam.sum(), rel=1e-8)
+    assert total == pytest.approx(0.15 * 2.0 / 1e-3, rel=1e-8)
+    assert answer.force[0] == pytest.approx(2 * total, rel=1e-8)
 
 
 def test_steady_forces_bend_nothing():
     """A plate that stands still after it was pressed keeps the force that it had."""
     law = multipliers(flat_rows())
     impulses, sums = StepImpulses(law), []
-    for start, height in enumerate((-1e-6, 0.0, 0.0)):
-        impulses.accept(float(start))
-        impulses.respond(np.array([height, 0.0]), np.zeros(2), 1e-3)
-        sums.append(law.evaluation.lam.sum())
+    answer = impulses.begin()
+    for height in (-1e-6, 0.0, 0.0):
+        answer = impulses.evaluate(impulses.accept(answer), motion(np.array([height, 0.0]), np.zeros(2), 1e-3))
+        sums.append(answer.forces.on_rows[:, 0].sum())
     assert sums[0] > 0
     np.testing.assert_allclose(sums, sums[0], rtol=1e-9)
 
@@ -379,11 +390,11 @@ def test_each_step_has_its_own_flexibility(nodal):
     laws = [multipliers(PatchGaps(*sides)) for _ in range(2)]
     impulses, other = map(StepImpulses, laws)
     q = np.concatenate([-1e-6 * nodal[0].rigid[:, 2], np.zeros(nodal[1].n_dofs)])
-    impulses.respond(q, np.zeros_like(q), 0.2e-6)
-    everything = np.arange(len(laws[0].gaps.row_nodes))
+    answer = impulses.evaluate(impulses.begin(), motion(q, np.zeros_like(q), 0.2e-6))
+    everything = np.arange(len(laws[0].rows.gaps.row_nodes))
     first = laws[0].rows.flexibility(everything).copy()
-    impulses.respond(q, np.zeros_like(q), 0.4e-6)
-    other.respond(q, np.zeros_like(q), 0.4e-6)
+    impulses.evaluate(answer, motion(q, np.zeros_like(q), 0.4e-6))
+    other.evaluate(other.begin(), motion(q, np.zeros_like(q), 0.4e-6))
     now, expected = (law.rows.flexibility(everything) for law in laws)
     np.testing.assert_allclose(now, expected, rtol=1e-12)
     assert relative(first, expected) > 0.3
