@@ -129,7 +129,7 @@ class Evaluation(RowForces):
 
     def in_step(self, state: ContactState, since: float) -> Evaluation:
         """Return the same answer in a step that begins at a time [s] from a state."""
-        return self._with(state=state, since=since)
+        return self._with(state=state, since=since, begun=False)
 
     def with_zones(self, plastic: ZonesAnswer) -> Evaluation:
         """Return the same answer with what plastic zones do."""

@@ -17,6 +17,7 @@ from ..contact.formulations.explicit_multipliers import ForwardAnswer, ForwardRo
 from ..contact.formulations.formulation import Method, Together
 from ..contact.formulations.implicit_multipliers import ImpulseAnswer, ImpulseState, StepImpulses
 from ..contact.frozen import FrozenContacts
+from ..contact.law import Forces
 from ..contact.patch_contact import PatchContact
 from ..contact.state import ContactState
 from ..errors import RunError
@@ -141,7 +142,7 @@ class ContactRun:
         self._place = 0  # in the group
         self.joined = self.goes_on = False
         self.areas = mechanics.node_areas
-        self._open_index: Array | None = None
+        self._open: Forces | None = None
         self._open_values: list[float] = []  # values of `sFriction` while all rows are open, without plastic zones
         self._samples: list[tuple[float, Array, Array]] = []
         self._stored: dict[float, float] = {}
@@ -452,7 +453,7 @@ class ContactRun:
     def friction_values(self) -> list[float]:
         """Values of the sensor `sFriction`, see `PartitionContact`."""
         mechanics, answer = self.mechanics, self.evaluation
-        if answer.index is self._open_index:  # the same array as long as all rows stay open
+        if answer.forces is self._open:  # the same object as long as all rows stay open
             return self._open_values
         if answer.index.size:
             stuck, slipping = (float(np.count_nonzero(answer.status == kind)) for kind in (STICK, SLIP))
@@ -461,7 +462,7 @@ class ContactRun:
             values = [0.0, 0.0, 0.0, 0.0, 0.0, self._dissipated(), answer.stored]
             # What zones and viscous flexibilities store changes as bodies swing.
             if self._impulses() is None and mechanics.zones is None and not mechanics.state.creep.elastic:
-                self._open_index, self._open_values = answer.index, values
+                self._open, self._open_values = answer.forces, values
         return values if (impulse := self._impulses()) is None else values + impulse[4:].tolist()
 
     def _dissipated(self) -> float:

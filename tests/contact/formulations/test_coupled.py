@@ -80,7 +80,6 @@ class Spring(Runaway):
         self.index = np.flatnonzero(self.lam)
         return self
 
-    @property
     def generalised(self):
         return self.lam
 
@@ -142,7 +141,6 @@ class Listener(Runaway):
         self.pushed = pushed
         return self
 
-    @property
     def generalised(self):
         return self.lam
 
