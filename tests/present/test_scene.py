@@ -62,10 +62,10 @@ def test_the_page_holds_the_motion(run, tmp_path):
                 np.testing.assert_allclose(read_back, values, atol=2 * most / 255)
 
 
-@pytest.fixture
-def bounces(marble, mbs):
-    """A marble between two floors hits each, in 6 ms; an impact lasts a fiftieth of that. Returns contacts and run."""
-    way = 1e-3
+@pytest.fixture(scope="module")
+def bounces(marble):
+    """A marble between two floors hits each, in 6 ms; an impact lasts a fiftieth of that. Model, contacts and run."""
+    mbs, way = exu.SystemContainer().AddSystem(), 1e-3
     ball = ep.CreatePartitionBody(
         mbs, marble, name="marble", referencePosition=[0, 0, MARBLE_RADIUS + 2e-6], initialVelocity=[0, 0, -0.5]
     )
@@ -73,12 +73,12 @@ def bounces(marble, mbs):
     top = ep.RigidPlane((0, 0, 2 * MARBLE_RADIUS + way), (0, 0, -1))
     roof = ep.CreatePartitionContact(mbs, ball, top, slavePatch="north", name="roof")
     mbs.Assemble()
-    return floor, roof, ep.solve_dynamic(mbs, end_time=6e-3, method="implicit", adaptive=True)
+    return mbs, floor, roof, ep.solve_dynamic(mbs, end_time=6e-3, method="implicit", adaptive=True)
 
 
 def test_what_the_page_tells_of_short_impacts_is_of_all_samples(bounces):
     """Frames, curves, pressures and colours have the peak of each impact, however few frames are asked for."""
-    *contacts, run = bounces
+    _, *contacts, run = bounces
     page = run.scene(frames=7).page
     facts, array = read(page)
     total = sum(contact.force(run) for contact in contacts)
@@ -134,7 +134,7 @@ def test_impacts_are_played_slowly(opened, bounces, tmp_path):
 
 
 def test_the_force_that_is_told_is_that_of_the_sample(opened, bounces, tmp_path):
-    *contacts, run = bounces
+    _, *contacts, run = bounces
     page, _ = opened(run.scene(tmp_path / "run.html").path)
     total = sum(contact.force(run) for contact in contacts)
     told = re.search(r"force (\S+) N", page.locator("#time").text_content())[1]
