@@ -33,6 +33,7 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
+from ..support.spelling import spelled
 from ..support.warn import warn
 from .contact_work import ContactWork
 from .continuation import RunEnd, accelerated, keep_end, last_end, origin_of, started_from, unless_refused
@@ -57,6 +58,7 @@ _MANY_STEPS = 200_000  # number of steps of an adaptive run in free flight that 
 _SHORTEST = 1e-6  # share of the step in contact; Exudyn makes no shorter steps
 
 
+@spelled
 def solve_dynamic(
     mbs: MainSystem,
     *,

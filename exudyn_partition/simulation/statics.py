@@ -29,6 +29,7 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
+from ..support.spelling import spelled
 from .continuation import keep_end, unless_refused
 from .hooks import begun, cause, divided, held, kept_apart, quiet, residual, slips_opposed, watched
 from .joint_checks import check_start
@@ -69,6 +70,7 @@ _PRESSED = (
 )
 
 
+@spelled
 def solve_static(
     mbs: MainSystem,
     *,
@@ -151,6 +153,7 @@ def _static_start(settings: SimulationSettings) -> float:
     return 0.0 if settings is None else settings.staticSolver.loadStepStart
 
 
+@spelled
 def settle(
     mbs: MainSystem,
     bodies: Sequence[PartitionBody] | None = None,
