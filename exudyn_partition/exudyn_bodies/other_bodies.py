@@ -86,6 +86,21 @@ class OtherBody:
     def _between(self, times: Array, values: Array) -> Array:
         return np.column_stack([np.interp(times, self.t, along) for along in values.T])
 
+    def velocity_within(self, start: float, end: float, point: Array, *, late: bool) -> Array | None:
+        """Velocity of its point that is at `point` in space, (3,) [m/s], by two of its places between two times [s].
+
+        These are the last two, or the first two; None if there are not as many. The error is that of a difference over
+        the time between them, a step in a run of up to a thousand steps.
+        """
+        low, high = np.searchsorted(self.t, start), np.searchsorted(self.t, end, side="right")
+        if high - low < 2:
+            return None
+        pair = slice(high - 2, high) if late else slice(low, low + 2)
+        near = high - 1 if late else low
+        moved = self.place[pair] + self.turn[pair] @ (self.turn[near].T @ (point - self.place[near]))
+        velocity: Array = (moved[1] - moved[0]) / (self.t[pair][1] - self.t[pair][0])
+        return velocity
+
 
 def surface_motion(carrier: Carrier | None, bodies: Iterable[OtherBody], times: Array) -> tuple[Array, Array] | None:
     """Place, (m, 3) [m], and axes, (m, 3, 3), of a rigid surface at times, (m,) [s]; None if they are not known.

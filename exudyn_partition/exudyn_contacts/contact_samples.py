@@ -13,6 +13,7 @@ from ..contact.formulations.formulation import Together
 from ..contact.patch_contact import PatchContact
 from ..exudyn_bodies.carriers import Carrier
 from ..exudyn_bodies.model import Samples
+from ..exudyn_bodies.other_bodies import OtherBody
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..frames.floating import FloatingKinematics
 from ..results.history import at_times
@@ -29,6 +30,10 @@ class RunSamples(Samples, Protocol):
     @property
     def runs(self) -> Sequence[ContactRun | KeptRun]:
         """Data of the run that each contact kept; empty if nothing was kept."""
+
+    @property
+    def others(self) -> tuple[OtherBody, ...]:
+        """Motion of Exudyn's own bodies that have a shape, or carry the rigid surface of a contact."""
 
     def kept(self, contact: Any) -> ContactRun | KeptRun:
         """Data of the run that a contact kept."""

@@ -17,6 +17,7 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..support.checks import validate_text
 from ..support.foreign import MainSystem, ObjectIndex, SensorIndex
 from ..support.optional import require
+from ..support.spelling import spelled
 from ..surfaces.points import RowKind
 from .contact_object import add_to_object
 from .contact_plan import ContactPlan, Passes, facing_pairs, plan_contact
@@ -59,6 +60,7 @@ def CreatePartitionContact(
     interference: float | Literal["placed"] | None = ...,
     name: str = ...,
 ) -> list[PartitionContact]: ...
+@spelled
 def CreatePartitionContact(
     mbs: MainSystem,
     slave: PartitionBody | Sequence[PartitionBody],

@@ -434,8 +434,9 @@ class PartitionContact(Item[Any]):
         vibration and distance from the centre of mass count alike in both frames. `speed_before` is the speed at
         `start`, positive if the bodies approach. `speed_after` is the speed at `end`, positive if they separate. Their
         ratio is Newton's coefficient of restitution, with friction too. It does not include the energy that friction
-        takes from sliding: see `dissipated_energy` and the momenta of the bodies. A speed is None if the run begins or
-        ends in this contact, if a body touches itself, or if a body of another kind carries the rigid surface.
+        takes from sliding: see `dissipated_energy` and the momenta of the bodies. A body of another kind that carries
+        the rigid surface has the speed of its own point there, from two of the places that the run kept of it. A speed
+        is None if the run begins or ends in this contact, if a body touches itself, or if no such places are known.
 
         Parameters
         ----------
@@ -480,7 +481,7 @@ class PartitionContact(Item[Any]):
         t, (first, last) = result.t, span
         around = slice(max(first - 1, 0), last + 2)
         impulse = np.trapezoid(self._normal_force(result)[around], t[around], axis=0)
-        if self.mechanics.gaps.carried or self.slave == self.master or not (size := np.linalg.norm(impulse)):
+        if self.slave == self.master or not (size := np.linalg.norm(impulse)):
             return None, None
         normal = impulse / size
         peak = first + int(force[first : last + 1].argmax())
@@ -494,8 +495,33 @@ class PartitionContact(Item[Any]):
                 speeds.append(float(item.kinematics.mean_velocity(q, q_t, centre) @ normal))
             return speeds[0] - sum(speeds[1:])
 
-        before = -at_border(t, force == 0, separation, times[0], -1) if first > 0 else None
-        return before, at_border(t, force == 0, separation, times[1], 1) if last < len(t) - 1 else None
+        before = at_border(t, force == 0, separation, times[0], -1) if first > 0 else None
+        after = at_border(t, force == 0, separation, times[1], 1) if last < len(t) - 1 else None
+        own_before, own_after = self._carrier_speeds(result, force, span, centre, normal)
+        approach = None if before is None or own_before is None else own_before - before
+        return approach, None if after is None or own_after is None else after - own_after
+
+    def _carrier_speeds(
+        self, result: RunSamples, force: Array, span: tuple[int, int], centre: Array, normal: Array
+    ) -> tuple[float | None, float | None]:
+        """Speeds along `normal` of the rigid surface's point at `centre`, before and after a contact [m/s].
+
+        They are zero if nothing carries it, and None where the run kept fewer than two places of the carrier between
+        this contact and the next one.
+        """
+        if self.carrier is None:
+            return 0.0, 0.0
+        number, t = int(self.carrier.body), result.t
+        body = next((other for other in result.others if other.number == number), None)
+        if body is None:
+            return None, None
+        closed = np.flatnonzero(force)
+        earlier, later = closed[closed < span[0]], closed[closed > span[1]]
+        begin = t[earlier[-1] + 1] if earlier.size else -np.inf
+        end = t[later[0] - 1] if later.size else np.inf
+        before = body.velocity_within(begin, t[span[0] - 1], centre, late=True) if span[0] else None
+        after = body.velocity_within(t[min(span[1] + 1, len(t) - 1)], end, centre, late=False)
+        return None if before is None else float(before @ normal), None if after is None else float(after @ normal)
 
     def _normal_force(self, result: RunSamples) -> Array:
         """Resultant of the normal forces on the slave, (n, 3) [N]."""

@@ -19,6 +19,7 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
+from ..support.spelling import spelled
 from .adaptive_options import AdaptiveOptions
 from .continuation import RunEnd, keep_end, last_end, set_accelerations, start_from, undo_if_refused
 from .hooks import Watch, begin_run, cause, control_steps, hear_of_verlet, unsettled, watch_steps
@@ -32,6 +33,7 @@ _log = logging.getLogger(__name__)
 _ROUNDING = 1e-3  # share of a step: rounding error of the time after very many steps
 
 
+@spelled
 def solve_dynamic(
     mbs: MainSystem,
     *,

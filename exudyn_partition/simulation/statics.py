@@ -30,6 +30,7 @@ from ..support.interrupt import interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
+from ..support.spelling import spelled
 from .continuation import keep_end, undo_if_refused
 from .hooks import (
     begin_run,
@@ -80,6 +81,7 @@ _PRESSED = (
 )
 
 
+@spelled
 def solve_static(
     mbs: MainSystem,
     *,
@@ -162,6 +164,7 @@ def _static_start(settings: SimulationSettings) -> float:
     return 0.0 if settings is None else settings.staticSolver.loadStepStart
 
 
+@spelled
 def settle(
     mbs: MainSystem,
     bodies: Sequence[PartitionBody] | None = None,

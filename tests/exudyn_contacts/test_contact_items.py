@@ -8,6 +8,7 @@ import netgen.occ as occ
 import numpy as np
 import pytest
 from exudyn.itemInterface import NodeRigidBodyRotVecLG, ObjectRigidBody
+from exudyn.utilities import InertiaSphere
 from oracles import MARBLE_RADIUS as R
 from oracles import SPHERE_RADIUS, TOP
 from scipy.integrate import solve_ivp
@@ -114,12 +115,52 @@ def test_a_rigid_body_carries_the_surface(mbs, marble):
     node = mbs.AddNode(NodeRigidBodyRotVecLG(referenceCoordinates=[0, 0, -R, 0, 0, 0]))
     J = 0.4 * m * R**2
     carrier = mbs.AddObject(ObjectRigidBody(nodeNumber=node, mass=m, inertia=[J, J, J, 0, 0, 0]))
-    item, _ = drop(mbs, marble, ep.RigidSphere((0, 0, 0), R), masterBody=carrier, velocity=(0.1, 0, -0.5))
+    item, contact = drop(mbs, marble, ep.RigidSphere((0, 0, 0), R), masterBody=carrier, velocity=(0.1, 0, -0.5))
     result = ep.solve_dynamic(mbs, end_time=60e-6, step=0.1e-6)
     velocity = mbs.GetObjectOutputBody(carrier, exu.OutputVariableType.Velocity, localPosition=[0, 0, 0])
     momentum = item.momentum(result)
     np.testing.assert_allclose(momentum[-1] + m * np.array(velocity), momentum[0], atol=1e-12 * m)
     assert velocity[2] == pytest.approx(-0.5, rel=5e-3)
+    (impact,) = contact.impacts(result)
+    assert impact.speed_before == pytest.approx(0.5, rel=1e-3)
+    assert impact.speed_after == pytest.approx(item.momentum(result)[-1, 2] / m - velocity[2], rel=1e-3)
+
+
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_a_carrier_has_its_part_in_approach_and_separation(mbs, marble, method):
+    """The marble flies at a body of twice its mass, which comes to meet it; both leave as fast as they came."""
+    m, come, meet = marble.total_mass, 0.4, 0.2
+    carrier = mbs.CreateRigidBody(
+        inertia=InertiaSphere(2 * m, R),
+        nodeType=exu.NodeType.RotationRotationVector,
+        referencePosition=[0, 0, -R],
+        initialVelocity=[0, 0, meet],
+    )
+    start = {"position": (0, 0, R + 2e-6), "velocity": (0, 0, -come)}
+    item, contact = drop(mbs, marble, ep.RigidSphere((0, 0, 0), R), masterBody=carrier, **start)
+    result = ep.solve_dynamic(mbs, end_time=80e-6, step=0.1e-6, method=method)
+    (impact,) = contact.impacts(result)
+    assert impact.speed_before == pytest.approx(come + meet, rel=1e-6)
+    velocity = mbs.GetObjectOutputBody(carrier, exu.OutputVariableType.Velocity, localPosition=[0, 0, 0])
+    assert impact.speed_after == pytest.approx(item.momentum(result)[-1, 2] / m - velocity[2], rel=1e-5)
+    assert impact.restitution == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_carrier_that_turns_has_the_speed_of_the_point_that_is_hit(mbs, marble):
+    """A heavy lever, whose plane meets the marble at rest at its reach; away from the axis, by the rate of turning."""
+    reach, rate = 0.02, 30.0
+    lever = mbs.CreateRigidBody(
+        inertia=InertiaSphere(1e3, 1.0),
+        nodeType=exu.NodeType.RotationRotationVector,
+        referencePosition=[-reach, 0, -R],
+        initialAngularVelocity=[0, -rate, 0],
+    )
+    plane = ep.RigidPlane((0, 0, R))
+    _, contact = drop(mbs, marble, plane, masterBody=lever, position=(0, 0, R + 6e-6), velocity=(0, 0, 0))
+    result = ep.solve_dynamic(mbs, end_time=80e-6, step=0.1e-6)
+    (impact,) = contact.impacts(result)
+    assert impact.speed_before == pytest.approx(rate * reach, rel=1e-3)
+    assert impact.restitution == pytest.approx(1.0, abs=0.01)
 
 
 def chain_of_hertz(mass, speed, end_time):
