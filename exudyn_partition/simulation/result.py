@@ -401,7 +401,7 @@ class Result:
         end : float, optional
             Value at the upper end of the colours [m/s, m, Pa]. Default: a value that 99.5 % of the area stay below.
         frames : int or (m,) array
-            Number of frames, or their times [s], see `at`.
+            Number of frames, or their times [s], see `at`. From 24 on, each impact gets up to half as many more.
         period : float
             Time between frames in the film [s], 0.01 to 600.
         scale : float, optional
@@ -459,7 +459,7 @@ class Result:
             Some of "speed", "deformation", "von_mises", "contact_pressure", for a choice on the page. Default: all that
             are available.
         frames : int or (m,) array
-            Number of frames, beside one at the largest force, or their times [s], see `at`.
+            Number of equally spaced frames, beside a dozen for each impact, or the times of all frames [s], see `at`.
         scale : float, optional
             First factor on the deformation; the page can change it. Default: the power of ten that makes the
             deformation visible.
