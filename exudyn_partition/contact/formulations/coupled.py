@@ -341,7 +341,7 @@ class CoupledContacts(Coupled):
 
     def _fields_of(self, j: int, rows: Array) -> Array:
         """Displacements of some rows in the fields, (na, m); the same array for the same rows."""
-        fields, known, made = self._fields.fields(j), self._some.get(j), self._between.made()[j]
+        fields, known, made = self._fields.fields(j), self._some.get(j), self._between.versions()[j]
         if known is None or known[0] != made or not _equal(known[1], rows):
             known = self._some[j] = made, rows, _of(fields, rows)
         return known[2]
@@ -370,17 +370,21 @@ class SharedPatches(CoupledContacts):
     def _begin(self) -> None:
         Coupled._begin(self)
         self._whole: Complementarity | None = None
-        self._made: list[int] = []  # of the rows in the problem, see `FlexibilityBetween.made`
+        self._versions: list[int] = []  # of the rows in the problem, see `FlexibilityBetween.versions`
         self._own: dict[int, Array] = {}  # their flexibility, by contact
         self._pushing: dict[int, dict[int, tuple[Array, Array]]] = {}
 
     def _solve(self, near: dict[int, Array], gaps: list[Array]) -> dict[int, Array]:
         """See `CoupledContacts._solve`."""
         near = {j: near[j] for j in sorted(near)}  # contacts enter in any order
-        own, made = {j: self._laws[j].problem.F for j in near}, self._between.made()
+        own, made = {j: self._laws[j].problem.F for j in near}, self._between.versions()
         at = dict(zip(near, consecutive(list(map(len, near.values()))), strict=True))
-        if made != self._made or own.keys() != self._own.keys() or any(own[j] is not F for j, F in self._own.items()):
-            self._made, self._own = [*made], own
+        if (
+            made != self._versions
+            or own.keys() != self._own.keys()
+            or any(own[j] is not F for j, F in self._own.items())
+        ):
+            self._versions, self._own = [*made], own
             F = flexibility_between(self._between, at, near)
             for j, part in at.items():
                 F[part, part] = own[j]
@@ -413,7 +417,7 @@ def flexibility_between(between: Between, at: Mapping[int, slice], directions: M
     F = np.zeros((max((part.stop for part in at.values()), default=0),) * 2)
     for j, k in between.pairs:
         if j in at and k in at:
-            F[at[j], at[k]] = between.of(j, directions[j], k, directions[k])
+            F[at[j], at[k]] = between.flexibility(j, directions[j], k, directions[k])
     return F
 
 

@@ -39,7 +39,7 @@ class CoupledFriction(Coupled):
             contact.told = True
         self._parts = [_Part(contact) for contact in self.contacts]
         self._problem: BlockFriction | None = None  # of the rows that can close
-        self._made: list[int] = []  # how often the rows between contacts were found for the problem
+        self._versions: list[int] = []  # how often the rows between contacts were found for the problem
         self._pushing: dict[int, Any] = {}  # what the last forces on each contact push others with
 
     def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
@@ -112,9 +112,9 @@ class CoupledFriction(Coupled):
             Of all these rows [m].
         """
         forces = np.concatenate([f[rows] for f, rows in zip(last, near, strict=True)])
-        own, made = [part.flexibility() for part in self._parts], self._between.made()
-        if self._problem is None or self._made != made or any(other for _, other in own):
-            self._made = [*made]
+        own, made = [part.flexibility() for part in self._parts], self._between.versions()
+        if self._problem is None or self._versions != made or any(other for _, other in own):
+            self._versions = [*made]
             F = self._flexibility(near, [F for F, _ in own])
             if self._problem is None:
                 self._problem = BlockFriction(F)
@@ -180,7 +180,7 @@ class SharedFriction(CoupledFriction):
         for part, block in zip(at, own, strict=True):
             F[part, part] = block
         for j, k in self._between.pairs:
-            between = self._between.of(j, some[j], k, some[k])
+            between = self._between.flexibility(j, some[j], k, some[k])
             F[at[j], at[k]] = self._parts[j].spread(self._parts[k].spread(between.T).T)
         _soften_redundant(F, [(at[j], at[k]) for j, k in self._between.pairs])
         return BlockFlexibility([F], {}, [np.zeros((len(F), 0))], np.zeros((0, 0)))
