@@ -306,13 +306,13 @@ class Gaps:
         return self.stage.rows.sides
 
     @property
-    def held(self) -> object:
+    def frozen_stage(self) -> object:
         """The stage while rows are frozen, else None."""
         return None if self.moving else self.stage
 
-    def holds(self, held: object) -> bool:
-        """Whether rows are frozen, and have stayed frozen since `held` was this object."""
-        return not self.moving and self.stage == held
+    def frozen_since(self, stage: object) -> bool:
+        """Whether rows are frozen, and have stayed frozen since `stage` was this object."""
+        return not self.moving and self.stage == stage
 
     @property
     def evaluated_pose(self) -> Array:
@@ -332,7 +332,7 @@ class Gaps:
     @property
     def constant_rows(self) -> object:
         """An object that stays the same as long as `side_rows` does; None if they may change in every evaluation."""
-        return self.held
+        return self.frozen_stage
 
     @property
     def linear(self) -> LinearGaps | None:
@@ -558,11 +558,11 @@ class Gaps:
         It changes slowly with the places of the points on their facets. So it is kept while the points move little. For
         the same rows, the same array is returned.
         """
-        return self._row_flexibility().of(index)
+        return self._row_flexibility().between(index)
 
     def regularised_flexibility(self, index: Array) -> Array:
         """`flexibility`, regularised as in `problem`; for the same rows, it is the same array too."""
-        return self._row_flexibility().regularised_of(index)
+        return self._row_flexibility().regularised_between(index)
 
     def _row_flexibility(self) -> RowFlexibility:
         return self.at_anchor("flexibility", self.anchored(SAME), self._of_all_rows)
@@ -702,7 +702,7 @@ class RowFlexibility:
     Attributes
     ----------
     regularised : (na, na) array or None
-        Last return value of `regularised_of`.
+        Last return value of `regularised_between`.
     """
 
     def __init__(self, F: Array) -> None:
@@ -710,16 +710,16 @@ class RowFlexibility:
         self._some: Array = F[:0, :0]
         self.regularised: Array | None = None
 
-    def of(self, index: Array) -> Array:
+    def between(self, index: Array) -> Array:
         """Flexibility between some rows, (na, na); the same array for the same rows."""
         if not np.array_equal(index, self._index):
             self._index, self.regularised = index, None
             self._some = self._F.take(index, axis=0).take(index, axis=1)
         return self._some
 
-    def regularised_of(self, index: Array) -> Array:
+    def regularised_between(self, index: Array) -> Array:
         """Regularised flexibility between some rows, (na, na); the same array for the same rows."""
-        some = self.of(index)
+        some = self.between(index)
         if self.regularised is None:
             self.regularised = regularised(some)
         return self.regularised

@@ -57,7 +57,7 @@ class NormalCompliance(Law):
     """
 
     residual = True
-    _held: object = None  # the frozen rows that `problem` belongs to
+    _frozen_stage: object = None  # the frozen rows that `problem` belongs to
     _everything: Array  # their numbers
     _near: Array | None = None  # rows that could close at the last answer
     problem: Complementarity
@@ -65,16 +65,16 @@ class NormalCompliance(Law):
     def __init__(self, gaps: Gaps) -> None:
         self.gaps = gaps
         self._closed_nodes = np.empty(0, dtype=np.int64)  # of the slave, at the last answer with rows that moved
-        self._take_held()
+        self._set_up_problem()
 
     def fresh(self, rows: RowDirections) -> NormalCompliance:
         """See `Law`."""
         return NormalCompliance(rows.gaps)
 
-    def _take_held(self) -> None:
+    def _set_up_problem(self) -> None:
         """Set up the problem for the rows that are frozen now."""
         self._everything = np.arange(len(self.gaps.row_nodes))
-        self._held, self.problem = self.gaps.held, self.gaps.problem()
+        self._frozen_stage, self.problem = self.gaps.frozen_stage, self.gaps.problem()
 
     def answer(self, at: Places) -> Forces:
         """See `Law`."""
@@ -91,7 +91,7 @@ class NormalCompliance(Law):
         `least` is the smallest gap. If rows are frozen, all of them enter.
         """
         if not self.gaps.moving:
-            self.hold()
+            self.renew_problem()
             return self._everything
         near = self._near = loops.rows_below(h, -BULGE * least, self._near)
         F = self.gaps.regularised_flexibility(near)
@@ -99,15 +99,15 @@ class NormalCompliance(Law):
             closed = np.zeros(len(self.gaps.slave.surface.points), dtype=bool)
             closed[self._closed_nodes] = True
             self.problem.replace(F, closed[self.gaps.row_nodes[near]])
-            self._held = None  # the problem of the frozen rows is lost
+            self._frozen_stage = None  # the problem of the frozen rows is lost
         return near
 
-    def hold(self) -> None:
+    def renew_problem(self) -> None:
         """Set up the problem of rows that became frozen after the last answer."""
-        if not self.gaps.holds(self._held):
-            self._take_held()
+        if not self.gaps.frozen_since(self._frozen_stage):
+            self._set_up_problem()
 
-    def found(self, h: Array, near: Array, lam: Array, iterations: int) -> Forces:
+    def forces_on_all(self, h: Array, near: Array, lam: Array, iterations: int) -> Forces:
         """Forces on all rows, from forces lam on the rows `near`, (k,) [N], that were found elsewhere."""
         self.problem.take(lam > 0.0)
         return self._on_rows(h, near, lam, iterations)
@@ -184,10 +184,14 @@ class FrictionalCompliance(Law):
         made = problem.iterations
         found = problem.solve(h, at.mu[near])
         closing.remember(problem.state)
-        forces = self.found(closing, found, problem.moved_by(found), h, problem.state, problem.iterations - made)
+        forces = self.forces_on_all(
+            closing, found, problem.moved_by(found), h, problem.state, problem.iterations - made
+        )
         return forces._replace(stiffness=problem.tangent())
 
-    def found(self, closing: ClosingRows, lam: Array, moved: Array, h: Array, state: Array, iterations: int) -> Forces:
+    def forces_on_all(
+        self, closing: ClosingRows, lam: Array, moved: Array, h: Array, state: Array, iterations: int
+    ) -> Forces:
         """Forces on all rows.
 
         Parameters

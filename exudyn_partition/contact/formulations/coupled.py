@@ -260,7 +260,7 @@ class CoupledContacts(Coupled):
             return None
         if last is None or not last.has_pairs_of(gaps):
             for law in self._laws:
-                law.hold()
+                law.renew_problem()
             fields = [self._fields.fields(j) for j in range(len(gaps))]
             blocks = self._joint.flat([law.problem.F for law in self._laws], fields)
             last = FrozenContacts(gaps, dofs, blocks)
@@ -295,7 +295,7 @@ class CoupledContacts(Coupled):
             contact.iterations += iterations
             contact.opened(gap, least)
         else:
-            contact.answered(self._laws[j].found(moved, near, lam, iterations), gap, least)
+            contact.answered(self._laws[j].forces_on_all(moved, near, lam, iterations), gap, least)
 
     def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
         """See `Coupled`."""

@@ -276,14 +276,14 @@ class _Part:
         least : float
             Least of them with the displacements that other contacts cause [m].
         lam, moved, h, state, iterations
-            See `FrictionalCompliance.found`.
+            See `FrictionalCompliance.forces_on_all`.
         """
         contact, closing = self.contact, self.closing
         closing.remember(state)
         if not state.any():
             contact.opened(gap, least)
         elif contact.friction is not None:
-            contact.answered(self._law.found(closing, lam, moved, h, state, iterations), gap, least, self.at)
+            contact.answered(self._law.forces_on_all(closing, lam, moved, h, state, iterations), gap, least, self.at)
         else:
             forces = np.zeros((len(gap), 1))
             forces[closing.index] = lam[:, :1]

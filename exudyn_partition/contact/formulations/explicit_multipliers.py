@@ -267,7 +267,7 @@ class ForwardRows:
 
     def __init__(self, contact: PatchContact) -> None:
         self.rows, self.gaps, self.law, self.friction = contact.rows, contact.gaps, contact.law, contact.friction
-        self._response: tuple[object, RowResponse] | None = None  # `Gaps.held`, and the response of these rows
+        self._response: tuple[object, RowResponse] | None = None  # `Gaps.frozen_stage`, and the response of these rows
 
     def begin(self, state: ForwardState | None = None, memory: RowMemory | None = None) -> ForwardAnswer:
         """Begin from a state, and from what rows remember then; by default, those of a new run."""
@@ -282,11 +282,11 @@ class ForwardRows:
     def response(self) -> RowResponse:
         """How forces move the present rows; the same object as long as the rows stay frozen."""
         known, gaps = self._response, self.gaps
-        if known is None or not gaps.holds(known[0]):
+        if known is None or not gaps.frozen_since(known[0]):
             G = self.rows.jacobian(np.arange(len(gaps.row_nodes)))
             push = gaps.accelerations(G)
             F = regularised(dense(G @ push))  # between flat patches, there may be more rows than coordinates
-            known = self._response = gaps.held, RowResponse(G, push, F, G[:: self.rows.d])
+            known = self._response = gaps.frozen_stage, RowResponse(G, push, F, G[:: self.rows.d])
         return known[1]
 
     def predict(self, last: ForwardAnswer, start: Start, step: float) -> Prediction:
