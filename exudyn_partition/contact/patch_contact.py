@@ -237,8 +237,8 @@ class PatchContact:
 
         Sliding counts from the present places if no step has begun.
         """
-        if isinstance(self.rows, TangentialRows) and not self.rows.held:
-            self.rows.hold()
+        if isinstance(self.rows, TangentialRows) and not self.rows.has_places:
+            self.rows.record_places()
         if self.parts.betas is None:
             return None
         if self._yielding is None or not self._yielding.holds(self.state.creep):
@@ -381,7 +381,7 @@ class PatchContact:
         gap = self.gaps.begin(state.gaps) + state.opening
         rows = self.rows
         if isinstance(rows, TangentialRows):
-            rows.hold()
+            rows.record_places()
         self.state, self.since, self.opening = state, t, state.opening
         nodes, memory = self.gaps.row_nodes, state.memory
         closed = np.flatnonzero(memory.forces[nodes, 0])
@@ -426,7 +426,7 @@ class PatchContact:
             if not self.ahead:
                 self.gaps.accept(gaps)
             if isinstance(self.rows, TangentialRows) and answered and not self.ahead:
-                self.rows.hold(soon=evaluation.index.size > 0)
+                self.rows.record_places(soon=evaluation.index.size > 0)
         self.since = start
 
     def retry(self) -> None:

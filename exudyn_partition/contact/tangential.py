@@ -33,8 +33,8 @@ _STEEP = 0.9  # cosine between a row's normal and the axis of its tangents, abov
 class TangentialRows:
     """The present rows of a contact with their tangents.
 
-    Sliding counts from the places that `hold` recorded. The offset between slave and master turns with the master, so
-    that a common motion of both is no sliding. Forces on the master act at the slave's points.
+    Sliding counts from the places that `record_places` recorded. The offset between slave and master turns with the
+    master, so that a common motion of both is no sliding. Forces on the master act at the slave's points.
 
     Parameters
     ----------
@@ -58,13 +58,13 @@ class TangentialRows:
         self._axis = int(abs(gaps.approach).argmin())
         self._places: list[Array] | None = None
         self._places_of: object = None
-        self.release()
+        self.forget_places()
 
     def fresh(self, gaps: Gaps) -> TangentialRows:
         """Return the tangents of these rows for another run; `gaps` are the same gaps in their start state."""
         result = copy.copy(self)
         result.gaps = gaps
-        result.release()
+        result.forget_places()
         return result
 
     d = 3
@@ -81,24 +81,24 @@ class TangentialRows:
         """Moment on the slave about a point in space, (3,) [N m], from forces along the rows, (nr, 3) [N]."""
         return self.gaps.moment_of(self.at_points(forces), point)
 
-    def release(self) -> None:
-        """Forget the places that `hold` recorded: nothing has slid."""
+    def forget_places(self) -> None:
+        """Forget the places that `record_places` recorded: nothing has slid."""
         self._from: Array | None = None  # coordinates
 
-    def hold(self, *, soon: bool = True) -> None:
+    def record_places(self, *, soon: bool = True) -> None:
         """Count sliding from the present places; unless sliding is needed `soon`, compute them when it is needed."""
         gaps = self.gaps
         self._from, self._pose = gaps.q, gaps.evaluated_pose
         self._places = gaps.places_now() if soon and gaps.moving else None
         self._places_of = gaps.near_sides
 
-    def hold_at(self, q: Array, pose: Array) -> None:
+    def record_places_at(self, q: Array, pose: Array) -> None:
         """Count sliding from the places at coordinates q, (n,), with the rigid surface's carrier at a pose, (12,)."""
         self._from, self._pose, self._places = q, pose, None
 
     @property
-    def held(self) -> bool:
-        """Whether `hold` has recorded places."""
+    def has_places(self) -> bool:
+        """Whether `record_places` has recorded any."""
         return self._from is not None
 
     @property
@@ -138,7 +138,7 @@ class TangentialRows:
         return loops.along(self.tangents, vectors)
 
     def way(self) -> Array:
-        """How far the rows have slid along their tangents since `hold`, (nr, 2) [m]."""
+        """How far the rows have slid along their tangents since `record_places`, (nr, 2) [m]."""
         gaps = self.gaps
         if self._from is None:
             return np.zeros((len(gaps.row_nodes), 2))

@@ -304,7 +304,7 @@ class ForwardRows:
             return Prediction(gap[:, None], least, end, q_tt, step, jump, fading, frozen_steps, pose)
         now, way = gaps.evaluated_pose, np.zeros((len(gap), rows.d - 1))
         if least < gaps.size:
-            rows.hold_at(q, now if pose is None else pose)
+            rows.record_places_at(q, now if pose is None else pose)
             way = rows.way()
         places = np.column_stack([gap, way])
         return Prediction(places, least, end, q_tt, step, jump, fading, frozen_steps, now)
