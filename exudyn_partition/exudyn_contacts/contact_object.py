@@ -67,7 +67,7 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
         if not (run.over and run.ended_in(mbs.systemData.GetODE2Coordinates(copy=False))):
             run.settled_force(mbs, t)
         contacts, given_up = run.contacts, run.unsettled is not None
-        stuck = [contact for contact in contacts if given_up or _sticks(mbs, run.of(contact))]
+        stuck = [contact for contact in contacts if given_up or _sticks(mbs, run.contact_run(contact))]
         blocks = [*_of_stuck(run, stuck, fODE2), *_of_groups(mbs, run, contacts, stuck, fODE2)]
         blocks += _of_damping(mbs, run, contacts, fODE2_t)
         if run.over:
@@ -123,7 +123,7 @@ def _of_stuck(model: ModelRun, stuck: Sequence[ModelContact], by_q: float) -> It
     Without the stiffness between them, a load on one would seem to open others of its bodies by a little.
     """
     for group in {id(contact.group): contact.group for contact in stuck}.values():
-        together, runs = model.of(group[0]).group.together, [model.of(contact) for contact in group]
+        together, runs = model.contact_run(group[0]).group.together, [model.contact_run(contact) for contact in group]
         places = [place for place, contact in enumerate(group) if contact in stuck]
         if together is None:
             blocks = {(j, j): runs[j].mechanics.closed_stiffness() for j in places}
@@ -161,7 +161,7 @@ def _of_groups(
     Those that are `stuck` are left out.
     """
     for group in {id(contact.group): contact.group for contact in contacts}.values():
-        runs = [model.of(contact) for contact in group]
+        runs = [model.contact_run(contact) for contact in group]
         acting = [place for place, contact in enumerate(group) if contact not in stuck]
         closed = {
             place: _closed_rows(mbs, runs[place], group[place])
@@ -182,7 +182,7 @@ def _of_groups(
 def _of_damping(mbs: MainSystem, model: ModelRun, contacts: Sequence[ModelContact], by_q_t: float) -> Iterator[Block]:
     """Damping of contacts whose laws depend on rates, on the coordinates of bodies and carrier."""
     for contact in contacts if by_q_t else ():  # zero in statics
-        run = model.of(contact)
+        run = model.contact_run(contact)
         if run.mechanics.law.elastic or (C := run.evaluation.damping()) is None:
             continue
         H, dofs = _closed_rows(mbs, run, contact)
@@ -191,7 +191,9 @@ def _of_damping(mbs: MainSystem, model: ModelRun, contacts: Sequence[ModelContac
 
 def _warn_of_slips(model: ModelRun, contacts: Sequence[ModelContact]) -> None:
     """Warn that rows slip, so that the stiffness that is asked for after a run is not symmetric."""
-    answers = {contact.name: model.of(contact).evaluation for contact in contacts if contact.mechanics.friction}
+    answers = {
+        contact.name: model.contact_run(contact).evaluation for contact in contacts if contact.mechanics.friction
+    }
     slip = [name for name, answer in answers.items() if (answer.status == SLIP).any()]
     if slip:
         warn(
@@ -205,7 +207,7 @@ def _warn_of_slips(model: ModelRun, contacts: Sequence[ModelContact]) -> None:
 def _of_slips(mbs: MainSystem, model: ModelRun, contacts: Sequence[ModelContact], by_q: float) -> Iterator[Block]:
     """Stiffness along slips, see `SlipSecants`."""
     for contact in contacts:
-        run = model.of(contact)
+        run = model.contact_run(contact)
         if run.mechanics.friction is not None and run.evaluation.index.size:
             H, dofs = _closed_rows(mbs, run, contact)
             yield by_q * run.evaluation.slip_secants(H), dofs, dofs

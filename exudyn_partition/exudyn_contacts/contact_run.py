@@ -255,9 +255,9 @@ class ContactRun:
         """Return `plastic_strains`. The same method of a run from a file needs these zones."""
         return self.plastic_strains
 
-    def of(self, coordinates: Array) -> Array:
+    def coordinates_in(self, q: Array) -> Array:
         """Coordinates of slave and master, (n,), out of the model's."""
-        return np.concatenate([coordinates[s] for s in self._slices])
+        return np.concatenate([q[s] for s in self._slices])
 
     def join(self, group: GroupRun, place: int) -> None:
         """Let the group find the forces; `place` is this contact's place in it.
@@ -317,7 +317,7 @@ class ContactRun:
         """Find the force of this contact alone at the model's coordinates q, (nq,), and time t [s]."""
         self.follow(start_of_step(mbs), t)
         if self.impulses is not None:
-            self.force = self._mean_force(self.impulses, SolverMotion(mbs, self.of))
+            self.force = self._mean_force(self.impulses, SolverMotion(mbs, self.coordinates_in))
         else:
             self._find_force(mbs, q)
 
@@ -325,9 +325,9 @@ class ContactRun:
         """Find the force within the step, which multipliers ahead of it do not have."""
         mechanics = self.mechanics
         if mechanics.ahead:
-            self.force = mechanics.zone_forces(self.of(q))
+            self.force = mechanics.zone_forces(self.coordinates_in(q))
         else:
-            mechanics.at(self.of(q), SolverMotion(mbs, self.of))
+            mechanics.at(self.coordinates_in(q), SolverMotion(mbs, self.coordinates_in))
             self.force = mechanics.generalised()
 
     def _mean_force(self, impulses: StepImpulses, motion: SolverMotion) -> Array:
@@ -428,7 +428,7 @@ class ContactRun:
         if self.forward is not None and t != self.goes_on_at:  # that time was checked before, and a check moves pairs
             self._check_step(t)
             assert isinstance(self._multipliers, ForwardAnswer)
-            self.forward.check(self._multipliers, self.of(q()))
+            self.forward.check(self._multipliers, self.coordinates_in(q()))
         if closed.size:
             if closed is not self._closed:  # the same array as long as no row opens or closes
                 self._closed, self._closed_nodes = closed, answer.row_nodes[closed]
@@ -584,7 +584,7 @@ class GroupRun:
 
     def _find_together(self, q: Array) -> None:
         assert self.together is not None
-        forces = self.together.forces_at(q, lambda: [member.of(q) for member in self.members])
+        forces = self.together.forces_at(q, lambda: [member.coordinates_in(q) for member in self.members])
         for member, force in zip(self.members, forces, strict=True):
             member.force = force
 
@@ -626,7 +626,7 @@ class GroupRun:
         if self._looped is not None and self._looped is not self._told and self._frozen is not None:
             assert self.together is not None
             self._told = self._looped
-            coordinates = [member.of(self._looped[1]) for member in self.members]
+            coordinates = [member.coordinates_in(self._looped[1]) for member in self.members]
             if not self.together.answer_as(self._frozen, coordinates):
                 self._looped = None
         return self.members[place].mechanics.evaluation

@@ -204,7 +204,7 @@ def _add_force_sensor(mbs: MainSystem, runs: Runs, contact: PartitionContact, *,
     items = require("exudyn.itemInterface")
 
     def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
-        return runs.sample(mbs, t).of(contact).force_values()
+        return runs.sample(mbs, t).contact_run(contact).force_values()
 
     if first:
         sensor = items.SensorUserFunction(name=contact.name, sensorUserFunction=sample, storeInternal=True)
@@ -224,7 +224,7 @@ def _add_sensor(
     mbs: MainSystem, runs: Runs, contact: PartitionContact, values: Callable[[ContactRun], list[float]]
 ) -> SensorIndex:
     def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
-        return values(runs.now(mbs).of(contact))
+        return values(runs.now(mbs).contact_run(contact))
 
     items = require("exudyn.itemInterface")
     return mbs.AddSensor(items.SensorUserFunction(sensorUserFunction=sample, storeInternal=True))

@@ -138,7 +138,7 @@ class ModelRun:
         t, q = self.ended
         whole = not self.broken and abs(self.evaluated_at - t) <= _ROUND_OFF * abs(t)
         with _unstable_energies():
-            contacts = tuple(self.of(contact).state(number_of(contact)) for contact in self.contacts if whole)
+            contacts = tuple(self.contact_run(contact).state(number_of(contact)) for contact in self.contacts if whole)
         steppers = tuple(stepper.state(numbers) for (_, numbers), stepper in self._members.steppers.items() if whole)
         return RunState(
             self.method, t, self.evaluated_at, q, self.has_steps, self.broken, contacts, steppers, self._turning
@@ -160,7 +160,7 @@ class ModelRun:
         """Searches of the pairs of all points so far."""
         return sum(run.mechanics.searches for run in self._members.runs)
 
-    def of(self, contact: ModelContact) -> ContactRun:
+    def contact_run(self, contact: ModelContact) -> ContactRun:
         """State of a contact.
 
         Raises
@@ -189,11 +189,11 @@ class ModelRun:
         """
         found = None
         for contact in self.contacts:
-            run = self.of(contact)
+            run = self.contact_run(contact)
             mechanics = run.mechanics
             for end in earlier:
                 last = end.find(number_of(contact))
-                if last is None or not np.array_equal(run.of(end.q), run.of(initial)):
+                if last is None or not np.array_equal(run.coordinates_in(end.q), run.coordinates_in(initial)):
                     continue
                 counts = end.ended_in(initial) and (goes_on or (end.has_steps and end.ended_when(t)))
                 closed = bool(mechanics.gaps.overlap) and end.has_steps and end.ended_in(initial)  # by load steps
@@ -329,7 +329,7 @@ class ModelRun:
             self.others.keep(mbs, t, start_of_step=True)
         found: dict[int, list[float]] = {}
         for contact in self.contacts:
-            run = self.of(contact)
+            run = self.contact_run(contact)
             found[int(contact["sForce"])] = run.force_values()
             if "sFriction" in contact:
                 found[int(contact["sFriction"])] = run.friction_values()
@@ -479,7 +479,7 @@ class Runs:
             present.run.release()
         run = ModelRun(mbs, contacts, t, method, joints, keep, same, solver)
         for contact in contacts:
-            run.of(contact).goes_on = goes_on
+            run.contact_run(contact).goes_on = goes_on
         resumed = same or run.resume(initial, earlier, t, goes_on=present.given is not None)
         # Later runs from the same initial state go on from the same run, also if its contacts remember nothing.
         origin = next((end for end in earlier if end.has_steps and end.ended_in(initial)), resumed)
@@ -548,7 +548,7 @@ class Runs:
     def at_work(self, contact: ModelContact) -> ContactRun:
         """State of a contact in the present run."""
         assert self._present.run is not None
-        return self._present.run.of(contact)
+        return self._present.run.contact_run(contact)
 
     def before_step(self, mbs: MainSystem, t: float) -> None:
         """Apply multipliers of contacts ahead of the step that ends at t. With joints, `solve_dynamic` does it."""

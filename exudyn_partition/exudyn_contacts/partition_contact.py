@@ -123,7 +123,7 @@ class PartitionContact(Item[Any]):
         runs = runs_of(mbs)
 
         def moment(mbs: MainSystem, t: float, *unused: object) -> list[float]:
-            return [*map(float, runs.now(mbs).of(self).evaluation.moment(place))]
+            return [*map(float, runs.now(mbs).contact_run(self).evaluation.moment(place))]
 
         items = require("exudyn.itemInterface")
         self["sMoment"] = mbs.AddSensor(items.SensorUserFunction(sensorUserFunction=moment, storeInternal=True))
