@@ -29,7 +29,7 @@ Block = tuple[Rows, Array, Array]  # a part of a matrix, (k, l), and its rows, (
 
 
 def add_to_object(
-    mbs: MainSystem, contact: PartitionContact, others: Sequence[PartitionContact], runs: Runs
+    mbs: MainSystem, contact: PartitionContact, earlier: Sequence[PartitionContact], runs: Runs
 ) -> ObjectIndex:
     """Add a new contact to the model's one object of contacts; returns the object's number.
 
@@ -39,11 +39,11 @@ def add_to_object(
     """
     runs.add_contact()
     nodes = {int(node): node for node in contact.nodes + _carrying_nodes(contact)}
-    if not others:
+    if not earlier:
         return _add_object(mbs, [*nodes.values()], runs)
-    number: ObjectIndex = others[0]["oContact"]
-    known = {int(node): node for node in mbs.GetObjectParameter(number, "nodeNumbers")}
-    mbs.SetObjectParameter(number, "nodeNumbers", [*(known | nodes).values()])
+    number: ObjectIndex = earlier[0]["oContact"]
+    present = {int(node): node for node in mbs.GetObjectParameter(number, "nodeNumbers")}
+    mbs.SetObjectParameter(number, "nodeNumbers", [*(present | nodes).values()])
     return number
 
 
@@ -97,23 +97,23 @@ def called_if_needed(mbs: MainSystem, run: ModelRun) -> Iterator[None]:
         yield
         return
     number, name = contacts[0]["oContact"], "forceUserFunction"
-    own = user_function(mbs.GetObjectParameter(number, name))
+    function = user_function(mbs.GetObjectParameter(number, name))
     mbs.SetObjectParameter(number, name, 0)
     try:
         yield
     finally:
-        mbs.SetObjectParameter(number, name, own)
+        mbs.SetObjectParameter(number, name, function)
 
 
 def _assembled(blocks: Sequence[Block], dofs: Array) -> tuple[Array, Array, Array]:
     """Rows, columns and values of the sum of blocks on some coordinates; `dofs`, (n,), are their numbers."""
     place = np.zeros(dofs.max() + 1, dtype=np.int64)
     place[dofs] = np.arange(len(dofs))
-    found = [(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0))]
+    entries = [(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0))]
     for K, of_rows, of_columns in blocks:
         rows, columns, values = terms(K)
-        found.append((place[of_rows[rows]], place[of_columns[columns]], values))
-    rows, columns, values = map(np.concatenate, zip(*found, strict=True))
+        entries.append((place[of_rows[rows]], place[of_columns[columns]], values))
+    rows, columns, values = map(np.concatenate, zip(*entries, strict=True))
     return rows, columns, values
 
 
@@ -174,8 +174,8 @@ def _of_groups(
                 yield by_q * mechanics.corrected(np.zeros((len(dofs),) * 2)), dofs, dofs
         for (j, k), K in runs[0].group.stiffness({j: H for j, (H, _) in closed.items()}).items():
             if j == k:
-                own = np.s_[: len(runs[j].dofs)]
-                K[own, own] = runs[j].mechanics.corrected(K[own, own])
+                of_bodies = np.s_[: len(runs[j].dofs)]
+                K[of_bodies, of_bodies] = runs[j].mechanics.corrected(K[of_bodies, of_bodies])
             yield by_q * K, closed[j][1], closed[k][1]
 
 

@@ -41,12 +41,12 @@ def stored_energy(contact: ModelContact, result: RunSamples) -> Array:
     if contact.together is None:
         mechanics = contact.mechanics.for_run("explicit")
         return np.array([mechanics.at(q).stored for (q,) in _coordinates(contact, result)])
-    found = _ENERGIES.setdefault(result, {})  # energies of all contacts of the group, which are found together
-    if id(contact.group) not in found:
-        found[id(contact.group)] = np.array(
+    energies = _ENERGIES.setdefault(result, {})  # energies of all contacts of the group, which are found together
+    if id(contact.group) not in energies:
+        energies[id(contact.group)] = np.array(
             [[mechanics.evaluation.stored for mechanics in parts] for parts in _evaluated(contact, result)]
         )
-    return found[id(contact.group)][:, _place_in_group(contact)].copy()
+    return energies[id(contact.group)][:, _place_in_group(contact)].copy()
 
 
 def viscous_work(contact: ModelContact, result: RunSamples) -> Array:
@@ -79,8 +79,8 @@ def _kept_on_nodes(contact: ModelContact, result: RunSamples) -> list[Array]:
     forces = [np.zeros((len(result.t), len(side.surface.points), 3)) for side in mechanics.gaps.sides]
     for i, nodes, lam, tangential, _ in kept_rows(contact, result):
         with turned.at_sample(i):
-            found = mechanics.forces_on_nodes(q[i], nodes, lam, tangential)
-        for on_side, now in zip(forces, found, strict=True):
+            on_sides = mechanics.forces_on_nodes(q[i], nodes, lam, tangential)
+        for on_side, now in zip(forces, on_sides, strict=True):
             on_side[i] = now
     return forces
 

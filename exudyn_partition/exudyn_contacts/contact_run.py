@@ -136,7 +136,7 @@ class ContactRun:
         self.impulses = StepImpulses(mechanics) if mechanics.ahead and method == "implicit" else None
         self.dofs = np.concatenate([np.r_[s] for s in slices])
         self._slices = joined_slices(slices)  # fewer slices are quicker
-        self._own = consecutive([s.stop - s.start for s in self._slices])
+        self._parts = consecutive([s.stop - s.start for s in self._slices])
         self._group_of: Callable[[], GroupRun | None] = lambda: None
         self._looped = LoopedSamples()
         self._place = 0  # in the group
@@ -345,8 +345,8 @@ class ContactRun:
     def add_force(self, total: Array) -> None:
         """Add `force` to generalised forces on the model's coordinates, (nq,)."""
         assert self.force is not None
-        for place, own in zip(self._slices, self._own, strict=True):
-            total[place] += self.force[own]
+        for place, part in zip(self._slices, self._parts, strict=True):
+            total[place] += self.force[part]
 
     def follow(self, start: float, t: float) -> None:
         """Begin the step from `start` to t [s], or begin it again."""
@@ -397,8 +397,8 @@ class ContactRun:
 
     def force_values(self) -> list[float]:
         """Values of the sensor `sForce` in the state that was evaluated last."""
-        if (known := self._values) is not None:
-            looped: list[float] = known.tolist()
+        if (by_loops := self._values) is not None:
+            looped: list[float] = by_loops.tolist()
             return looped
         answer = self.evaluation
         if answer.index.size:
@@ -531,8 +531,8 @@ class GroupRun:
         self.members, self.together = [*members], together
         self._within = [member for member in members if member.acts_within]
         self._remembering = [member for member in members if member.remembers]
-        known = all(member.force is not None for member in self._within)
-        self._known_at = members[0].goes_on_at if known else None  # time of a state that is evaluated already
+        all_found = all(member.force is not None for member in self._within)
+        self._known_at = members[0].goes_on_at if all_found else None  # time of a state that is evaluated already
         self._find_whether_pushes()
         self._dofs = [member.dofs for member in members]
         self._frozen: FrozenContacts | None = None
@@ -571,16 +571,16 @@ class GroupRun:
         """Return to the start of a step, t [s], at the model's coordinates q, (nq,); whether all members can."""
         self._known_at = None
         if self.together is None:
-            found = [member.step_back(mbs, t, q) for member in self._within]
+            returned = [member.step_back(mbs, t, q) for member in self._within]
         elif not self._remembering:
-            found = []
+            returned = []
             self.evaluate(mbs, t, q)
         else:
-            found = [member.impulses is None or not member.begun(t) for member in self._remembering]
+            returned = [member.impulses is None or not member.begun(t) for member in self._remembering]
             if any(member.begun(t) for member in self._remembering):
                 self._find_together(q)
         self._find_whether_pushes()
-        return all(found)
+        return all(returned)
 
     def _find_together(self, q: Array) -> None:
         assert self.together is not None

@@ -187,7 +187,7 @@ class ModelRun:
         `initial`, (nq,), are the model's initial coordinates. Return the first end from which a contact goes on. The
         energies that contacts have taken go on too if the user said so by `goes_on`, or if that run ended at time t.
         """
-        found = None
+        first_end = None
         for contact in self.contacts:
             run = self.contact_run(contact)
             mechanics = run.mechanics
@@ -201,9 +201,9 @@ class ModelRun:
                     opening, moves = mechanics.opening, end.method != "static"
                     run.begin_contact(last.for_other_run(counts=counts, moves=moves, sticks=not mechanics.ahead), t)
                     mechanics.opening = min(opening, last.contact.opening) if closed else opening
-                    found = found or end
+                    first_end = first_end or end
                     break
-        return found
+        return first_end
 
     @property
     def has_steps(self) -> bool:
@@ -327,17 +327,17 @@ class ModelRun:
         self.keep(t, lambda: q)
         if self.others:
             self.others.keep(mbs, t, start_of_step=True)
-        found: dict[int, list[float]] = {}
+        values: dict[int, list[float]] = {}
         for contact in self.contacts:
             run = self.contact_run(contact)
-            found[int(contact["sForce"])] = run.force_values()
+            values[int(contact["sForce"])] = run.force_values()
             if "sFriction" in contact:
-                found[int(contact["sFriction"])] = run.friction_values()
+                values[int(contact["sFriction"])] = run.friction_values()
             if "sPlastic" in contact:
-                found[int(contact["sPlastic"])] = run.plastic_values()
+                values[int(contact["sPlastic"])] = run.plastic_values()
             if contact.moment_about is not None:
-                found[int(contact["sMoment"])] = run.evaluation.moment(contact.moment_about).tolist()
-        return found
+                values[int(contact["sMoment"])] = run.evaluation.moment(contact.moment_about).tolist()
+        return values
 
     def before_step(self, mbs: MainSystem, t: float, *, joined: bool) -> None:
         """Apply multipliers ahead of the explicit step that ends at t.
