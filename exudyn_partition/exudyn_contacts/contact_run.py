@@ -383,7 +383,7 @@ class ContactRun:
         self._multipliers, mechanics = answer, self.mechanics
         mechanics.answered(answer.forces, answer.gap, answer.least_gap)
         if mechanics.friction is not None:
-            mechanics.remember(answer.known)
+            mechanics.remember(answer.slip_memory)
         self._stepped_to = end
 
     def expect_impulse(self) -> None:
@@ -470,7 +470,7 @@ class ContactRun:
         last = self._multipliers
         if last is None:
             return self.evaluation.dissipated
-        return last.known.dissipated if isinstance(last, ForwardAnswer) else last.memory.dissipated
+        return last.slip_memory.dissipated if isinstance(last, ForwardAnswer) else last.memory.dissipated
 
     def _damping_work(self, t: float) -> float:
         """Energy that viscous flexibilities and the law itself have taken until t [J]."""

@@ -81,9 +81,9 @@ class NormalCompliance(Law):
         h = at.gap
         least = smallest(h)
         near = self.near(h, least)
-        made = self.problem.iterations
+        iterations_before = self.problem.iterations
         lam = self.problem.solve(h if len(near) == len(h) else h[near], least)
-        return self._on_rows(h, near, lam, self.problem.iterations - made)
+        return self._on_rows(h, near, lam, self.problem.iterations - iterations_before)
 
     def near(self, h: Array, least: float) -> Array:
         """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.
@@ -171,21 +171,21 @@ class FrictionalCompliance(Law):
         """See `Law`."""
         closing, last = self.closing, at.last
         near = closing.choose(at.gap, last)
-        F, other = closing.flexibility()
+        F, is_new = closing.flexibility()
         if self.problem is None:
             self.problem = FrictionProblem(F)
-        elif other:
+        elif is_new:
             self.problem.replace(F, closing.states, last[near])
         problem, before = self.problem, closing.before(at.since, last)
         if before is not None:  # a new step: guess that forces change as they did
             problem.extrapolate(before)
         h = np.empty((len(near), 3))
         h[:, 0], h[:, 1:] = at.gap[near], at.way[near] - problem.moved_by(last[near])[:, 1:]
-        made = problem.iterations
-        found = problem.solve(h, at.mu[near])
+        iterations_before = problem.iterations
+        lam = problem.solve(h, at.mu[near])
         closing.remember(problem.state)
         forces = self.forces_on_all(
-            closing, found, problem.moved_by(found), h, problem.state, problem.iterations - made
+            closing, lam, problem.moved_by(lam), h, problem.state, problem.iterations - iterations_before
         )
         return forces._replace(stiffness=problem.tangent())
 
@@ -268,10 +268,10 @@ class ClosingRows:
     def flexibility(self) -> tuple[Array, bool]:
         """Regularised flexibility of the rows, (d k, d k) [m/N], and whether it is another than last time."""
         F = self.rows.flexibility(self.index)
-        other = F is not self._F
-        if other:
+        is_new = F is not self._F
+        if is_new:
             self._F, self._regularised = F, regularised(F)
-        return self._regularised, other
+        return self._regularised, is_new
 
     @property
     def states(self) -> Array:
