@@ -229,8 +229,8 @@ class Gaps:
 
     def dented(self, sides: Sequence[Side], q: Array, dents: Sequence[Array] | None) -> list[Array]:
         """Places of all nodes of some sides, (np, 3) for each [m], from `centre`, at coordinates q, with dents."""
-        own: Sequence[Array | None] = dents or [None] * len(sides)
-        return [side.dented(part, dent) for side, part, dent in zip(sides, self.split(q), own, strict=True)]
+        of_sides: Sequence[Array | None] = dents or [None] * len(sides)
+        return [side.dented(part, dent) for side, part, dent in zip(sides, self.split(q), of_sides, strict=True)]
 
     def of_present(self, q: Array) -> Array:
         """Gaps of the present rows at coordinates q, (n,); unlike `at`, this keeps the rows: (nr,) [m]."""
@@ -381,7 +381,7 @@ class Gaps:
 
     def take_flexibility(self, flexibility: Sequence[Array | None]) -> None:
         """Give the sides' patches other residual flexibilities, (d np, d np) each [m/N]."""
-        self.sides = tuple(replace(side, flexibility=own) for side, own in zip(self.sides, flexibility, strict=True))
+        self.sides = tuple(replace(side, flexibility=F) for side, F in zip(self.sides, flexibility, strict=True))
         self._loaded, self._start, self.stage = {}, self._start.on(self.sides), self.stage.on(self.sides)
 
     @property
@@ -441,8 +441,8 @@ class Gaps:
         """Accelerations of the coordinates, (n, nr), due to unit forces on rows, (nr, n); csr if the rows are csr."""
         slices = consecutive([side.n for side in self.sides])
         parts = [
-            side.kinematics.accelerations(q, rows[:, own].T)
-            for side, q, own in zip(self.sides, self.split(self._q), slices, strict=True)
+            side.kinematics.accelerations(q, rows[:, columns].T)
+            for side, q, columns in zip(self.sides, self.split(self._q), slices, strict=True)
         ]
         return sp.vstack(parts, format="csr") if sp.issparse(rows) else np.vstack([*map(dense, parts)])
 
@@ -502,9 +502,9 @@ class Gaps:
         """Derivative of a stage's gaps with respect to the coordinates, (na, n), at q, (n,), for fixed pairs."""
         mean, parts = stage.rows.points.mean, []
         mean = mean if index is None else mean[index]
-        for (nodes, weights), side, own in zip(stage.shares, stage.rows.sides, self.split(q), strict=True):
+        for (nodes, weights), side, side_q in zip(stage.shares, stage.rows.sides, self.split(q), strict=True):
             G = directed_matrix(nodes, weights, stage.normals, len(side.surface.points))
-            parts.append(side.on_coordinates(own, mean @ G))
+            parts.append(side.on_coordinates(side_q, mean @ G))
         return joined(parts)
 
     def carrier_rows(self, index: Array) -> Array:
@@ -513,8 +513,8 @@ class Gaps:
 
     def nodal_forces(self, lam: Array) -> list[Array]:
         """Forces on the nodes of the patches, (np, 3) for each side [N], from forces on the present rows, (nr,) [N]."""
-        found = self.stage.nodal_forces(lam)
-        return self.on_nodes(self._pushes(lam)) if found is None else found
+        by_stage = self.stage.nodal_forces(lam)
+        return self.on_nodes(self._pushes(lam)) if by_stage is None else by_stage
 
     def _pushes(self, lam: Array) -> Array:
         """Forces on the slave at the present points, (p, 3) [N], from forces on the present rows, (nr,) [N]."""
@@ -533,9 +533,9 @@ class Gaps:
 
     def generalised(self, lam: Array) -> Array:
         """Generalised forces, (n,), from forces on the present rows, (nr,) [N]."""
-        found = self.stage.generalised(lam)
-        if found is not None:
-            return found
+        by_stage = self.stage.generalised(lam)
+        if by_stage is not None:
+            return by_stage
         parts = zip(self.near_sides, self.split(self._q), self.nodal_forces(lam), strict=True)
         return np.concatenate([side.generalised(q, on_nodes) for side, q, on_nodes in parts])
 
@@ -609,8 +609,8 @@ class Gaps:
 
     def _stage_of_anchor(self, anchor: Anchor) -> Stage:
         """The present rows with their pairs and normals at an anchor."""
-        known, rows, stage = self._anchored
-        if stage is None or (known, rows) != (anchor, self.stage.rows):
+        last_anchor, rows, stage = self._anchored
+        if stage is None or (last_anchor, rows) != (anchor, self.stage.rows):
             stage = self._stage_anchored(anchor)
             self._anchored = anchor, self.stage.rows, stage
         return stage
@@ -674,19 +674,19 @@ class Gaps:
     def loaded_nodes(self, place: int) -> LoadedNodes:
         """One side's nodes that carry the present rows, and perhaps nodes that carried earlier rows."""
         side, nodes = self.sides[place], self.shares[place][0]
-        known = self._loaded.get(place)
-        if known is None or not known.carry(nodes):
-            known = self._loaded[place] = LoadedNodes.of(side, nodes)
-        return known
+        loaded = self._loaded.get(place)
+        if loaded is None or not loaded.carry(nodes):
+            loaded = self._loaded[place] = LoadedNodes.of(side, nodes)
+        return loaded
 
     def side_rows(self, side: int) -> Rows:
         """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
         nodes, weights = self.shares[side]
-        own, n = self.sides[side], len(self.sides[side].surface.points)
-        if own.normal_only:
+        loaded_side, n = self.sides[side], len(self.sides[side].surface.points)
+        if loaded_side.normal_only:
             rows = point_matrix(nodes, weights if side else -weights, n)  # contact pushes towards the inside
         else:
-            along = own.kinematics.in_frame(self.split(self._q)[side], self.normals)
+            along = loaded_side.kinematics.in_frame(self.split(self._q)[side], self.normals)
             rows = directed_matrix(nodes, weights, along, n)
         return self.points.mean @ rows
 

@@ -203,7 +203,7 @@ class RigidGaps(Gaps):
         """See `RigidMesh.entered`; all in space, but `outward`, which belongs to the slave as it was placed."""
         assert isinstance(self.surface, RigidMesh)
         place, axes = (pose[:3], pose[3:].reshape(3, 3)) if len(pose) else (np.zeros(3), np.eye(3))
-        placed, now = (self.slave.kinematics.frame(at)[1] for at in (np.zeros(self.n), q))
+        placed, now = (self.slave.kinematics.frame(coordinates)[1] for coordinates in (np.zeros(self.n), q))
         turned = outward @ placed @ now.T @ axes
         gap, normals, left = self.surface.entered((x - place) @ axes, turned, gap, normals @ axes)
         return gap, normals @ axes.T, left
@@ -278,8 +278,8 @@ class RigidGaps(Gaps):
     def _at(self, q: Array, pose: Array) -> Array:
         """Gaps at coordinates q, (n,), with the carrier of the surface at a pose."""
         rows = self.stage.rows
-        found, gap = self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
-        self._take(found, q)
+        stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
+        self._take(stage, q)
         return gap
 
     def _go_to(self, state: GapState) -> Array:
@@ -291,9 +291,11 @@ class RigidGaps(Gaps):
         (nodes,) = self.dented([self.whole], q, dents)
         gap, normals = self._seen.project(x := np.vstack([nodes, self._all.at(nodes)]))
         if isinstance(self.surface, RigidMesh) and gap.min() < 0.0:
-            own, every = self.whole.surface, np.arange(len(nodes))[:, None]
-            at = (every, np.ones(every.shape)), (self._all.nodes, self._all.weights)
-            gap = self._entered(x, np.vstack([own.normals_at(*one) for one in at]), q, NOTHING, gap, normals)[0]
+            patch, every = self.whole.surface, np.arange(len(nodes))[:, None]
+            carriers = (every, np.ones(every.shape)), (self._all.nodes, self._all.weights)
+            gap = self._entered(
+                x, np.vstack([patch.normals_at(*carrier) for carrier in carriers]), q, NOTHING, gap, normals
+            )[0]
         return float(gap.min())
 
     @property

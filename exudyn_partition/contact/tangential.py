@@ -124,9 +124,9 @@ class TangentialRows:
         normals, axes = self.gaps.normal, self.axes
         tangents, cosines = loops.tangents_of(normals, axes[:, self._axis])
         if cosines.max(initial=0.0) > _STEEP and not self.gaps.stage.of_anchor:
-            others = [loops.tangents_of(normals, axis) for axis in axes.T]
-            axis = int(np.argmin([cosines.max() for _, cosines in others]))
-            return axis, others[axis][0]
+            by_axis = [loops.tangents_of(normals, axis) for axis in axes.T]
+            axis = int(np.argmin([cosines.max() for _, cosines in by_axis]))
+            return axis, by_axis[axis][0]
         return self._axis, tangents
 
     def in_space(self, along: Array) -> Array:
@@ -202,8 +202,8 @@ class TangentialRows:
         nodes, weights = self.gaps.shares[place]
         n_rows, (used, column) = len(self.gaps.row_nodes), self._used(place)
         cells = column[nodes[point]] + len(used) * row[:, None]
-        found = np.bincount(cells.ravel(), (share[:, None] * weights[point]).ravel(), minlength=n_rows * len(used))
-        return used, found.reshape(n_rows, len(used))[index]
+        sums = np.bincount(cells.ravel(), (share[:, None] * weights[point]).ravel(), minlength=n_rows * len(used))
+        return used, sums.reshape(n_rows, len(used))[index]
 
     def _used(self, place: int) -> tuple[Array, Array]:
         """Nodes of one side's patch in the present rows, (k,), and each node's number among them, (np,)."""
@@ -254,8 +254,8 @@ class TangentialRows:
     def _part(self, place: int, index: Array) -> Array:
         """Contribution of one side to the flexibility of some rows, (3 na, 3 na) [m/N]."""
         loaded, rows = self._some_side_rows(place, index)
-        own, yielding = loaded.directed_flexibility(rows), self.gaps.yielding
-        return own if yielding is None else yielding[place] * own
+        F, yielding = loaded.directed_flexibility(rows), self.gaps.yielding
+        return F if yielding is None else yielding[place] * F
 
     def side_flexibility(self, place: int) -> Array:
         """See `Gaps.side_flexibility`; in three directions, (3 nr, 3 nr) [m/N]."""
@@ -270,8 +270,8 @@ class TangentialRows:
     def across(self, index: Array | None = None) -> Array:
         """See `Gaps.across`; of some rows, by default of all, in three directions, (3 na, 3 na) [m/N]."""
         index = np.arange(len(self.gaps.row_nodes)) if index is None else index
-        (loaded, rows), (others, pushed) = (self._some_side_rows(place, index) for place in (0, 1))
-        between = np.asarray(self.gaps.between)[np.ix_(node_dofs(loaded.nodes), node_dofs(others.nodes))]
+        (loaded, rows), (loaded_master, pushed) = (self._some_side_rows(place, index) for place in (0, 1))
+        between = np.asarray(self.gaps.between)[np.ix_(node_dofs(loaded.nodes), node_dofs(loaded_master.nodes))]
         return np.asarray(rows @ between @ pushed.T)
 
     def carrier_rows(self, index: Array) -> Array:
@@ -309,12 +309,12 @@ class TangentialRows:
         apart = at_points(nodes[active], weights[active], x)
         apart += at_points(master_nodes[active], master_weights[active], x_m)
         followed = self.gaps.near_sides[1].active
-        held = np.arange(len(x_m)) if followed is None else followed
-        arms = x_m[held] - x_m[held].mean(axis=0)
+        turned = np.arange(len(x_m)) if followed is None else followed
+        arms = x_m[turned] - x_m[turned].mean(axis=0)
         inertia = np.eye(3) * (arms**2).sum() - arms.T @ arms
         turn = np.linalg.solve(inertia, -total_moment(apart, forces))
         couple = np.zeros_like(x_m)
-        couple[held] = cross(np.tile(turn, (len(arms), 1)), arms)
+        couple[turned] = cross(np.tile(turn, (len(arms), 1)), arms)
         return couple
 
     def generalised(self, lam: Array) -> Array:
