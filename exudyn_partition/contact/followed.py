@@ -177,7 +177,7 @@ class Followed(Stage):
 
     def __init__(self, rows: FollowedRows, normals: Array, here: Array, shares: Shares | None = None) -> None:
         self.rows, self.normals, self.here, self.pairing = rows, normals, here, None
-        self._made, self._shares, self._alone = {}, shares, shares is None
+        self._values, self._shares, self._alone = {}, shares, shares is None
 
     @property
     def shares(self) -> Shares:  # type: ignore[override]

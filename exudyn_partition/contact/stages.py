@@ -196,7 +196,7 @@ class Stage:
 
     def __init__(self, rows: PresentRows, normals: Array, shares: Shares, pairing: Pairing | None = None) -> None:
         self.rows, self.normals, self.shares, self.pairing = rows, normals, shares, pairing
-        self._made: dict[Hashable, Any] = {}
+        self._values: dict[Hashable, Any] = {}
 
     @property
     def normal(self) -> Array:
@@ -206,13 +206,13 @@ class Stage:
     def on(self, sides: tuple[Side, ...]) -> Stage:
         """Return the same stage for sides with other flexibilities."""
         result = copy.copy(self)
-        result.rows, result.pairing, result._made = self.rows.on(sides), None, {}
+        result.rows, result.pairing, result._values = self.rows.on(sides), None, {}
         return result
 
     def yielding(self) -> Stage:
         """Return the same stage when other shares of the sides' flexibilities yield."""
         result = copy.copy(self)
-        result.rows, result.pairing, result._made = self.rows.yielding(), None, {}
+        result.rows, result.pairing, result._values = self.rows.yielding(), None, {}
         return result
 
     def again(self) -> Stage:
@@ -220,14 +220,14 @@ class Stage:
         if not self.moving:
             return self
         result = copy.copy(self)
-        result.rows, result._made = self.rows.again(), {}
+        result.rows, result._values = self.rows.again(), {}
         return result
 
     def once(self, what: Hashable, make: Callable[[], T]) -> T:
         """Value that follows from this stage alone; it is computed when it is needed first."""
-        if what not in self._made:
-            self._made[what] = make()
-        value: T = self._made[what]
+        if what not in self._values:
+            self._values[what] = make()
+        value: T = self._values[what]
         return value
 
     def nodal_forces(self, lam: Array) -> list[Array] | None:
