@@ -86,7 +86,7 @@ class FrozenContacts:
         """Start the next solution from these active rows, (nr,) bool."""
         self._blocks.active[:], self._blocks.n_closed[:] = active, -1
 
-    def take_iterations(self) -> Array:
+    def pop_iterations(self) -> Array:
         """Iterations of the active rows of each contact since the last call, (n,)."""
         iterations = self._blocks.iterations.copy()
         self._blocks.iterations[:] = 0

@@ -203,14 +203,14 @@ class Gaps:
         A contact that has never moved then answers as the one whose state it is.
         """
         self.reset()
-        self._take_rows(state)
+        self._restore_rows(state)
         self.anchor, self.accepted = state.anchor, state
-        return self._go_to(state)
+        return self._go_to_state(state)
 
-    def _take_rows(self, state: GapState) -> None:
+    def _restore_rows(self, state: GapState) -> None:
         """Take the rows of a state, after `reset`."""
 
-    def _go_to(self, state: GapState) -> Array:
+    def _go_to_state(self, state: GapState) -> Array:
         """Gaps at the coordinates of a state, (nr,) [m]."""
         return self.at(state.q)
 
@@ -236,7 +236,7 @@ class Gaps:
         """Gaps of the present rows at coordinates q, (n,); unlike `at`, this keeps the rows: (nr,) [m]."""
         return self.at(q)
 
-    def _take(self, stage: Stage, q: Array) -> None:
+    def _go_to_stage(self, stage: Stage, q: Array) -> None:
         """Go to a stage at coordinates q, (n,)."""
         self.stage, self._q, self._places = stage, q, stage.places
 
@@ -379,7 +379,7 @@ class Gaps:
         both = zip(self.sides, nodes, strict=True)
         return tuple(side.following(some) if side.spares(some) > MANY else side for side, some in both)
 
-    def take_flexibility(self, flexibility: Sequence[Array | None]) -> None:
+    def exchange_flexibility(self, flexibility: Sequence[Array | None]) -> None:
         """Give the sides' patches other residual flexibilities, (d np, d np) each [m/N]."""
         self.sides = tuple(replace(side, flexibility=F) for side, F in zip(self.sides, flexibility, strict=True))
         self._loaded, self._start, self.stage = {}, self._start.on(self.sides), self.stage.on(self.sides)
@@ -579,7 +579,7 @@ class Gaps:
         if anchor == _FROZEN:
             return make()
         now = self.present
-        self._take(self._stage_of_anchor(anchor), anchor.q)
+        self._go_to_stage(self._stage_of_anchor(anchor), anchor.q)
         try:
             return make()
         finally:

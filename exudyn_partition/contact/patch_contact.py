@@ -241,7 +241,7 @@ class PatchContact:
             self.rows.record_places()
         if self.parts.betas is None:
             return None
-        if self._yielding is None or not self._yielding.holds(self.state.creep):
+        if self._yielding is None or not self._yielding.is_current(self.state.creep):
             self._yielding = Yielding(self.rows, self.state.creep)
         return self._yielding.lasting(self.last)
 

@@ -80,7 +80,7 @@ class PatchGaps(Gaps):
 
     def _go_to_start(self) -> None:
         """See `Gaps`."""
-        self._take(self._start, self._start_q)
+        self._go_to_stage(self._start, self._start_q)
         self._froze_at = None if self._start.moving else self._start_q
         self._stage_frozen: Frozen | None = None if self._froze_at is None else cast("Frozen", self._start)
 
@@ -119,7 +119,7 @@ class PatchGaps(Gaps):
         if self.moving and self.accepted.frozen is not None:  # they began to slide in a step that is given up
             self._freeze_at(self.accepted.frozen)
 
-    def _take_rows(self, state: GapState) -> None:
+    def _restore_rows(self, state: GapState) -> None:
         """See `Gaps`."""
         if state.frozen is not None:
             self._freeze_at(state.frozen)
@@ -212,7 +212,7 @@ class PatchGaps(Gaps):
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         stage, gap = self.stage.advance(self, q)
-        self._take(stage, q)
+        self._go_to_stage(stage, q)
         return gap
 
     def of_present(self, q: Array) -> Array:
@@ -222,7 +222,7 @@ class PatchGaps(Gaps):
         kept = self.stage.keep_rows(self, q)
         if kept is None:
             return self.at(q)
-        self._take(kept[0], q)
+        self._go_to_stage(kept[0], q)
         return kept[1]
 
     @property
@@ -244,14 +244,14 @@ class PatchGaps(Gaps):
             return super().closing(q, q_t, q_tt)
         few = self.stage
         stage, gap = few.with_more_rows(self, q)
-        self._take(stage, q)
+        self._go_to_stage(stage, q)
         x_s, x_m = self.places(q)
         beyond = (NEAR - 2 * SEARCHED) * self.size if len(gap) else self._distance(x_s, x_m)
         velocities, accelerations = (self._of_nodes(q, rates) for rates in (q_t, q_tt))
         mean = velocities[1].mean(axis=0)
         speed = sum(np.linalg.norm(v - mean, axis=1).max() for v in velocities)
         rates, changes = self._of_rows(velocities), self._of_rows(accelerations)
-        self._take(few, q)  # which keep what changes slowly, such as their flexibility
+        self._go_to_stage(few, q)  # which keep what changes slowly, such as their flexibility
         return np.append(gap, beyond), np.append(rates, -speed), np.append(changes, 0.0)
 
     def widen(self, q: Array) -> Array:
@@ -259,7 +259,7 @@ class PatchGaps(Gaps):
         gap = self.at(q)
         if self.moving:
             stage, gap = self.stage.with_more_rows(self, q)
-            self._take(stage, q)
+            self._go_to_stage(stage, q)
         return gap
 
     def _of_nodes(self, q: Array, rates: Array) -> list[Array]:

@@ -187,7 +187,7 @@ class RigidGaps(Gaps):
         linear = linear and not slave.surface.wanders
         self._start_q, self._loaded = np.zeros(self.n), {}
         self._start, gap = self._stage_at(self._rows_at_start(), [slave.surface.points - slave.centre], self._start_q)
-        self._take(self._start, self._start_q)
+        self._go_to_stage(self._start, self._start_q)
         self.pressed, self.clearance = pressed, float(gap.min())
         self._check_start(gap)
         if linear:
@@ -271,7 +271,7 @@ class RigidGaps(Gaps):
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         stage = self.stage
         if isinstance(stage, Frozen):  # rows on a plane stay the same at any sliding
-            self._take(stage, q)
+            self._go_to_stage(stage, q)
             return stage.gap(q)
         return self._at(q, self.carrier_pose)
 
@@ -279,10 +279,10 @@ class RigidGaps(Gaps):
         """Gaps at coordinates q, (n,), with the carrier of the surface at a pose."""
         rows = self.stage.rows
         stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
-        self._take(stage, q)
+        self._go_to_stage(stage, q)
         return gap
 
-    def _go_to(self, state: GapState) -> Array:
+    def _go_to_state(self, state: GapState) -> Array:
         """See `Gaps`; the carrier may not be there yet."""
         return self._at(state.q, state.pose) if len(state.pose) else self.at(state.q)
 

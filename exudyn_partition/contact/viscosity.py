@@ -154,7 +154,7 @@ class Yielding:
         self._moved_before: list[Array] | None = None
         self._lasting: Array | None = None
 
-    def holds(self, memory: ViscousMemory) -> bool:
+    def is_current(self, memory: ViscousMemory) -> bool:
         """Whether this is still so: neither the memory, nor the rows, nor the step have changed."""
         return memory == self._memory and self.rows.gaps.stage == self._stage
 

@@ -161,7 +161,7 @@ class WanderingRigidGaps(RigidGaps):
         super().retry()
         self._choose_as(self.accepted)
 
-    def _take_rows(self, state: GapState) -> None:
+    def _restore_rows(self, state: GapState) -> None:
         """See `Gaps`."""
         self._choose_as(state)
 

@@ -109,7 +109,7 @@ class NormalCompliance(Law):
 
     def forces_on_all(self, h: Array, near: Array, lam: Array, iterations: int) -> Forces:
         """Forces on all rows, from forces lam on the rows `near`, (k,) [N], that were found elsewhere."""
-        self.problem.take(lam > 0.0)
+        self.problem.set_active(lam > 0.0)
         return self._on_rows(h, near, lam, iterations)
 
     def _on_rows(self, h: Array, near: Array, lam: Array, iterations: int) -> Forces:

@@ -286,7 +286,7 @@ class CoupledContacts(Coupled):
             return False
         starts = frozen.starts[1:-1]
         lam, moved = np.split(frozen.lam.copy(), starts), np.split(frozen.pushed.copy(), starts)
-        for j, (law, iterations) in enumerate(zip(self._laws, frozen.take_iterations(), strict=True)):
+        for j, (law, iterations) in enumerate(zip(self._laws, frozen.pop_iterations(), strict=True)):
             near = law.near(moved[j], moved[j].min()) if lam[j].any() else None
             self._give(j, self.contacts[j].gaps.at(coordinates[j]), moved[j], near, lam[j], int(iterations))
         return True

@@ -426,7 +426,7 @@ class StepImpulses:
                 if len(self._flexibilities) == _STEPS_KEPT:
                     self._flexibilities.clear()
                 self._flexibilities[now] = [_in_step(side, *now) for side in gaps.sides]
-            gaps.take_flexibility(self._flexibilities[now])
+            gaps.exchange_flexibility(self._flexibilities[now])
             self._sides_have = now
         base = self.rows.flexibility(np.arange(len(gaps.row_nodes)))
         if last is not None and base is last.base and now == (last.step, last.weights):

@@ -114,7 +114,7 @@ class ActivePoints:
         self._rows = motion.kinematics.rows[self.dofs]
         self._strain: tuple[ZoneState, Array] | None = None
 
-    def holds(self, chosen: Array) -> bool:
+    def are_chosen(self, chosen: Array) -> bool:
         """Whether these are the points that are `chosen`, (g,) bool."""
         return chosen is self._chosen or np.array_equal(chosen, self._chosen)
 
@@ -144,7 +144,7 @@ class ActivePoints:
 
     def strain(self, state: ZoneState) -> Array:
         """Deviatoric strains of the points, (k, 6), in a state; those of the last one that was asked for are kept."""
-        if state.strain is not None and self.holds(state.active):
+        if state.strain is not None and self.are_chosen(state.active):
             return state.strain
         if self._strain is None or self._strain[0] is not state:
             moved = self.moved(state.q, state.applied.moved) + self.by_patch(state.by_patch)

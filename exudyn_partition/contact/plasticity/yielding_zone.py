@@ -171,7 +171,7 @@ class YieldingZone:
 
     def active(self, chosen: Array) -> ActivePoints:
         """Active points, of which the last ones are kept; `chosen` is (g,) bool."""
-        if self._active is None or not self._active.holds(chosen):
+        if self._active is None or not self._active.are_chosen(chosen):
             self._active = ActivePoints(self.motion, chosen, self._zone_flexibility, self._of_patch)
         return self._active
 

@@ -303,7 +303,7 @@ class FlatRows(SimpleNamespace):
     def accept(self, state):
         self.accepted = state
 
-    def take_flexibility(self, flexibility):
+    def exchange_flexibility(self, flexibility):
         """Its own is that of `mass` and `step`."""
 
     def at(self, q):
