@@ -273,9 +273,9 @@ class RigidGaps(Gaps):
         if isinstance(stage, Frozen):  # rows on a plane stay the same at any sliding
             self._go_to_stage(stage, q)
             return stage.gap(q)
-        return self._at(q, self.carrier_pose)
+        return self._gaps_at(q, self.carrier_pose)
 
-    def _at(self, q: Array, pose: Array) -> Array:
+    def _gaps_at(self, q: Array, pose: Array) -> Array:
         """Gaps at coordinates q, (n,), with the carrier of the surface at a pose."""
         rows = self.stage.rows
         stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
@@ -284,7 +284,7 @@ class RigidGaps(Gaps):
 
     def _go_to_state(self, state: GapState) -> Array:
         """See `Gaps`; the carrier may not be there yet."""
-        return self._at(state.q, state.pose) if len(state.pose) else self.at(state.q)
+        return self._gaps_at(state.q, state.pose) if len(state.pose) else self.at(state.q)
 
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; only for a surface that is fixed in space."""

@@ -156,7 +156,7 @@ class ContactRun:
         self._multipliers: ForwardAnswer | ImpulseAnswer | None = None  # their last answer
         self._begin_multipliers(None)
         self._stepped_to = t
-        self._start, self._at = -np.inf, t
+        self._start, self._evaluated_at = -np.inf, t
         self.force: Array | None = None
         self.goes_on_at: float | None = None
         self._closed = self._closed_nodes = np.empty(0, dtype=np.int64)
@@ -193,7 +193,7 @@ class ContactRun:
             return float(stored[self._place])
         answer = self.evaluation
         plastic = 0.0 if answer.plastic is None else answer.plastic.work
-        return answer.stored + self._dissipated() + self._damping_work(self._at) + plastic
+        return answer.stored + self._dissipated() + self._damping_work(self._evaluated_at) + plastic
 
     @property
     def group(self) -> GroupRun:
@@ -274,7 +274,7 @@ class ContactRun:
             self.force = self._multipliers.force
         elif self.acts_within:
             self.force = self.mechanics.generalised()
-        self._at = self._stepped_to = self.goes_on_at = t
+        self._evaluated_at = self._stepped_to = self.goes_on_at = t
 
     def begin_contact(self, state: ContactState, t: float) -> None:
         """Begin at time t [s] from the state of a contact alone; its multipliers are those of a new run."""
@@ -291,7 +291,7 @@ class ContactRun:
     def state(self, number: int) -> MemberState:
         """State at the end of the last step. `number` is that of the contact."""
         self.group.evaluation(self._place)  # which compiled loops may have found
-        contact, multipliers = self.mechanics.at_end(self._at), self._multipliers
+        contact, multipliers = self.mechanics.at_end(self._evaluated_at), self._multipliers
         if multipliers is None:
             return MemberState(number, contact, None)
         return MemberState(number, replace(contact, memory=multipliers.memory), multipliers.state)
@@ -308,7 +308,7 @@ class ContactRun:
             return True
         if self.impulses is not None:  # they are means of the whole step
             return False
-        self._at, mechanics = t, self.mechanics
+        self._evaluated_at, mechanics = t, self.mechanics
         mechanics.retry()
         self._find_force(mbs, q)
         return True
@@ -354,10 +354,10 @@ class ContactRun:
             self._follow_means(self.impulses, start, t)
         elif start != self._start:
             self.mechanics.accept(start)
-        elif t != self._at:
+        elif t != self._evaluated_at:
             self.mechanics.retry()
         self.mechanics.ends_at(t)
-        self._start, self._at = start, t
+        self._start, self._evaluated_at = start, t
 
     def _follow_means(self, impulses: StepImpulses, start: float, t: float) -> None:
         """Begin the step from `start` to t [s] of an implicit run with multipliers, or begin it again."""
@@ -367,7 +367,7 @@ class ContactRun:
             mechanics.remember(last.memory)
             mechanics.gaps.accept(mechanics.gaps.after())
             self._multipliers = impulses.accept(last)
-        elif t != self._at:
+        elif t != self._evaluated_at:
             mechanics.gaps.retry()
             self._multipliers = impulses.retry(last)
 

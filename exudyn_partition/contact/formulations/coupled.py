@@ -50,7 +50,7 @@ class Coupled:
 
     def __init__(self, contacts: Sequence[PatchContact], links: Callable[[], Sequence[Link]]) -> None:
         self.contacts, self._links = [*contacts], links
-        self._at: Array | None = None
+        self._answered_state: Array | None = None
 
     @cached_property
     def _exchange(self) -> Exchange:
@@ -80,7 +80,7 @@ class Coupled:
         """Return the same object for the contacts of a run; the flexibility between patches is shared."""
         self._prepare()
         result = copy.copy(self)
-        result.contacts, result._at = [*contacts], None
+        result.contacts, result._answered_state = [*contacts], None
         result._begin()
         return result
 
@@ -110,12 +110,15 @@ class Coupled:
         if self._viscous:
             more += [np.array(contact.gaps.yielding_shares) for contact in self.contacts]
         whole_state = np.concatenate([state, since, *more]) if since or more else state
-        if self._at is None or not _equal(whole_state, self._at):
+        if self._answered_state is None or not _equal(whole_state, self._answered_state):
             gaps = [contact.gap_at(q) for contact, q in zip(self.contacts, coordinates(), strict=True)]
             self._find(gaps)
             if self._viscous:
                 self._creep()
-            self._at, self._forces = whole_state.copy(), [contact.generalised() for contact in self.contacts]
+            self._answered_state, self._forces = (
+                whole_state.copy(),
+                [contact.generalised() for contact in self.contacts],
+            )
         return self._forces
 
     def _lasting(self, last: Sequence[Array]) -> list[Array]:
@@ -280,7 +283,7 @@ class CoupledContacts(Coupled):
 
     def answer_as(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
         """See `Coupled`."""
-        self._at = None
+        self._answered_state = None
         if not frozen.has_pairs_of([contact.gaps for contact in self.contacts]):
             self.forces(coordinates)
             return False
