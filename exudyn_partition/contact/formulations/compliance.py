@@ -76,9 +76,9 @@ class NormalCompliance(Law):
         self._everything = np.arange(len(self.gaps.row_nodes))
         self._frozen_stage, self.problem = self.gaps.frozen_stage, self.gaps.problem()
 
-    def answer(self, at: Places) -> Forces:
+    def answer(self, places: Places) -> Forces:
         """See `Law`."""
-        h = at.gap
+        h = places.gap
         least = smallest(h)
         near = self.near(h, least)
         iterations_before = self.problem.iterations
@@ -167,22 +167,22 @@ class FrictionalCompliance(Law):
         """See `Law`."""
         return FrictionalCompliance(rows)
 
-    def answer(self, at: Places) -> Forces:
+    def answer(self, places: Places) -> Forces:
         """See `Law`."""
-        closing, last = self.closing, at.last
-        near = closing.choose(at.gap, last)
+        closing, last = self.closing, places.last
+        near = closing.choose(places.gap, last)
         F, is_new = closing.flexibility()
         if self.problem is None:
             self.problem = FrictionProblem(F)
         elif is_new:
             self.problem.replace(F, closing.states, last[near])
-        problem, before = self.problem, closing.before(at.since, last)
+        problem, before = self.problem, closing.before(places.since, last)
         if before is not None:  # a new step: guess that forces change as they did
             problem.extrapolate(before)
         h = np.empty((len(near), 3))
-        h[:, 0], h[:, 1:] = at.gap[near], at.way[near] - problem.moved_by(last[near])[:, 1:]
+        h[:, 0], h[:, 1:] = places.gap[near], places.way[near] - problem.moved_by(last[near])[:, 1:]
         iterations_before = problem.iterations
-        lam = problem.solve(h, at.mu[near])
+        lam = problem.solve(h, places.mu[near])
         closing.remember(problem.state)
         forces = self.forces_on_all(
             closing, lam, problem.moved_by(lam), h, problem.state, problem.iterations - iterations_before

@@ -55,13 +55,13 @@ class Multipliers(Law):
     compliant = False
     ahead = True
 
-    def answer(self, at: Places) -> Forces:
+    def answer(self, places: Places) -> Forces:
         """See `Law`."""
-        if at.problem.d == 1:
-            forces = at.problem.solve(at.gap[:, None], _NO_FRICTION)
+        if places.problem.d == 1:
+            forces = places.problem.solve(places.gap[:, None], _NO_FRICTION)
         else:
-            forces = at.problem.solve(np.column_stack([at.gap, at.way]), at.mu)
-        return Forces(forces, at.problem.index, at.problem.state)
+            forces = places.problem.solve(np.column_stack([places.gap, places.way]), places.mu)
+        return Forces(forces, places.problem.index, places.problem.state)
 
     def fresh(self, rows: RowDirections) -> Multipliers:
         """See `Law`."""

@@ -53,25 +53,25 @@ class PenaltyLayer(Law):
         value: Array = self.rows.gaps.area
         return value
 
-    def answer(self, at: Places) -> Forces:
+    def answer(self, places: Places) -> Forces:
         """See `Law`."""
-        lam = np.where(at.gap < 0.0, -self.layer * self._area * at.gap, 0.0)
+        lam = np.where(places.gap < 0.0, -self.layer * self._area * places.gap, 0.0)
         closed = np.flatnonzero(lam)
         row_stiffness = self._row_stiffness(closed)
         if self.rows.d == 1:
             return Forces(lam[:, None], closed, stiffness=lambda: sp.diags(row_stiffness[:, 0]))
         shear = _SHEAR * self.layer * self._area
-        trial = at.last[:, 1:] - shear[:, None] * at.way
-        length, bound = np.linalg.norm(trial, axis=1), at.mu * lam
+        trial = places.last[:, 1:] - shear[:, None] * places.way
+        length, bound = np.linalg.norm(trial, axis=1), places.mu * lam
         slipping = length > bound
         share = np.divide(bound, length, out=np.ones(len(lam)), where=slipping)
         tangential = share[:, None] * trial
-        slips = at.way + _yields(tangential - at.last[:, 1:], shear)
-        stored = -0.5 * float(lam.dot(at.gap)) + 0.5 * float(np.sum(tangential * _yields(tangential, shear)))
+        slips = places.way + _yields(tangential - places.last[:, 1:], shear)
+        stored = -0.5 * float(lam.dot(places.gap)) + 0.5 * float(np.sum(tangential * _yields(tangential, shear)))
 
         def stiffness() -> sp.spmatrix:
             along = (trial / np.maximum(length, 1e-300)[:, None])[closed]
-            return _of_slipping(row_stiffness, slipping[closed], along, at.mu[closed], share[closed])
+            return _of_slipping(row_stiffness, slipping[closed], along, places.mu[closed], share[closed])
 
         state = np.where(lam > 0, np.where(slipping, SLIP, STICK), OPEN).astype(np.int8)
         forces = np.column_stack([lam, tangential])
