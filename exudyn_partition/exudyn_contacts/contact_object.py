@@ -87,7 +87,7 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
 
 
 @contextlib.contextmanager
-def called_if_needed(mbs: MainSystem, run: ModelRun) -> Iterator[None]:
+def skip_needless_calls(mbs: MainSystem, run: ModelRun) -> Iterator[None]:
     """Keep Exudyn from calling the object in a run whose contacts all act ahead of steps.
 
     A call takes long, because Exudyn passes all coordinates.

@@ -319,8 +319,8 @@ def _between(
     bodies: Sequence[PartitionBody], sides: Sequence[BodyPatch], placed: Sequence[Side], rows: RowKind, pressed: bool
 ) -> Gaps:
     """Gaps between two patches."""
-    (slave, patch), (master, other_patch) = sides
-    between = slave.body.flexibility(patch, other_patch) if slave == master else None
+    (slave, patch), (master, master_patch) = sides
+    between = slave.body.flexibility(patch, master_patch) if slave == master else None
     kind = WanderingGaps if any(side.surface.wanders for side in placed) else PatchGaps
     try:
         return kind(placed[0], placed[1], rows, between, pressed=pressed)

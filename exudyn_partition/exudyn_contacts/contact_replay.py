@@ -78,7 +78,7 @@ def _kept_on_nodes(contact: ModelContact, result: RunSamples) -> list[Array]:
     q, turned = np.hstack([item.coordinates(result) for item, _ in contact.sides]), Turned(contact.sides, result)
     forces = [np.zeros((len(result.t), len(side.surface.points), 3)) for side in mechanics.gaps.sides]
     for i, nodes, lam, tangential, _ in kept_rows(contact, result):
-        with turned.at_sample(i):
+        with turned.turn_to(i):
             on_sides = mechanics.forces_on_nodes(q[i], nodes, lam, tangential)
         for on_side, now in zip(forces, on_sides, strict=True):
             on_side[i] = now
@@ -107,7 +107,7 @@ def _coordinates(contact: ModelContact, result: RunSamples) -> Iterator[Sequence
     turned = Turned([side for c in group for side in c.sides], result)
     histories = [np.hstack([item.coordinates(result) for item, _ in c.sides]) for c in group]
     for i in range(len(result.t)):
-        with turned.at_sample(i):
+        with turned.turn_to(i):
             yield [q[i] for q in histories]
 
 

@@ -97,8 +97,8 @@ class Turned:
         ]
 
     @contextmanager
-    def at_sample(self, sample: int) -> Iterator[None]:
-        """Within this context, bodies have the growth of their rotation at a sample, by its number."""
+    def turn_to(self, sample: int) -> Iterator[None]:
+        """Give bodies the growth of their rotation at a sample, by its number, within the block."""
         for kinematics, q_t in self._turning:
             kinematics.turn(q_t[sample])
         try:

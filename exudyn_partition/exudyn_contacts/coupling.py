@@ -90,9 +90,9 @@ class _Links:
                 if item.body.basis.flexibility is not None:
                     of_body.setdefault(item, []).append((j, s, item, patch))
         return [
-            (j, s, k, r, item.body.flexibility(patch, other_patch))
+            (j, s, k, r, item.body.flexibility(patch, neighbour_patch))
             for sides in of_body.values()
             for j, s, item, patch in sides
-            for k, r, _, other_patch in sides
+            for k, r, _, neighbour_patch in sides
             if j != k
         ]

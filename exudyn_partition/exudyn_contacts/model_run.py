@@ -435,7 +435,7 @@ class Runs:
     def sample(self, mbs: MainSystem, t: float) -> ModelRun:
         """The run whose sensors are read at time t; all contacts keep their data of that time.
 
-        Exudyn's first act in a run is to read the sensors. The run begins here, unless `run_within` has begun it. The
+        Exudyn's first act in a run is to read the sensors. The run begins here, unless `open_run` has begun it. The
         sensor of the first contact calls this method. The values that other sensors read are those of the last
         evaluation. They are written again in two cases: if multipliers are applied ahead of steps, and at the start,
         because Exudyn has then reset them to their initial values.
@@ -488,7 +488,7 @@ class Runs:
         return run
 
     @contextlib.contextmanager
-    def run_within(self, mbs: MainSystem, t: float, method: Method, joints: Joints | None = None) -> Iterator[ModelRun]:
+    def open_run(self, mbs: MainSystem, t: float, method: Method, joints: Joints | None = None) -> Iterator[ModelRun]:
         """Begin a run at time t [s]. The solver that Exudyn makes within the block belongs to this run.
 
         Parameters
@@ -514,7 +514,7 @@ class Runs:
         """A static run at the initial state that makes no step; after it, the run before is the present one again."""
         before, t = self._present, mbs.systemData.GetTime(require("exudyn").ConfigurationType.Initial)
         try:
-            with self.run_within(mbs, float(t), "static") as run:
+            with self.open_run(mbs, float(t), "static") as run:
                 yield run
         finally:
             self._present = before

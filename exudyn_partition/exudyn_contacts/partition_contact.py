@@ -254,7 +254,7 @@ class PartitionContact(Item[Any]):
         q, turned = np.hstack([item.coordinates(result) for item, _ in self.sides]), Turned(self.sides, result)
 
         def gap(sample: int) -> float:
-            with turned.at_sample(sample):
+            with turned.turn_to(sample):
                 return gaps.surface_gap(q[sample], dents(sample))
 
         return functools.cache(gap)
@@ -499,9 +499,9 @@ class PartitionContact(Item[Any]):
 
         before = at_border(t, force == 0, separation, times[0], -1) if first > 0 else None
         after = at_border(t, force == 0, separation, times[1], 1) if last < len(t) - 1 else None
-        own_before, own_after = self._carrier_speeds(result, force, span, centre, normal)
-        approach = None if before is None or own_before is None else own_before - before
-        return approach, None if after is None or own_after is None else after - own_after
+        carrier_before, carrier_after = self._carrier_speeds(result, force, span, centre, normal)
+        approach = None if before is None or carrier_before is None else carrier_before - before
+        return approach, None if after is None or carrier_after is None else after - carrier_after
 
     def _carrier_speeds(
         self, result: RunSamples, force: Array, span: tuple[int, int], centre: Array, normal: Array
