@@ -213,7 +213,7 @@ class BlockComplementarity:
                 return self._whole(problems, h, fields)
             for key, some in wrong.items():
                 if some.any():
-                    problems[key].take(problems[key].active ^ some)
+                    problems[key].set_active(problems[key].active ^ some)
         raise ComplementarityError(f"no active set of {rows} contact rows settled; the rows are nearly redundant")
 
     def _whole(
@@ -229,7 +229,7 @@ class BlockComplementarity:
         ends = np.cumsum([len(h[key]) for key in problems])[:-1]
         lam = dict(zip(problems, np.split(forces, ends), strict=True))
         for key, active in zip(problems, np.split(whole.active, ends), strict=True):
-            problems[key].take(active)
+            problems[key].set_active(active)
         self._find_amplitudes(problems, h, fields)
         self.pushed = {key: h[key] + fields[key] @ self.amplitudes[key] for key in problems}
         return lam

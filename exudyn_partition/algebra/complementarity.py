@@ -87,7 +87,7 @@ class Complementarity:
         self.F = F
         self._set(active)
 
-    def take(self, active: Array) -> None:
+    def set_active(self, active: Array) -> None:
         """Take an active set, (nc,) bool, that was found elsewhere."""
         if not np.array_equal(active, self.active):
             self._set(active)

@@ -45,13 +45,13 @@ class Between(Protocol):
     def pairs(self) -> list[tuple[int, int]]:
         """Numbers of the contacts that move each other."""
 
-    def made(self) -> list[int]:
+    def versions(self) -> list[int]:
         """How often the data of each contact's rows were found, after a look whether they have moved since."""
 
-    def of(self, j: int, rows: Array, k: int, others: Array) -> Array:
+    def flexibility(self, j: int, rows: Array, k: int, pushing_rows: Array) -> Array:
         """Motion of some rows of contact j due to unit forces on some rows of contact k, (na, nb) [m/N].
 
-        Of contacts with friction, `rows` and `others` are numbers of directions, see `tangential`.
+        Of contacts with friction, `rows` and `pushing_rows` are numbers of directions, see `tangential`.
         """
 
     def pushing(self, k: int, rows: Array, forces: Array) -> Any:
@@ -85,42 +85,42 @@ class FlexibilityBetween(Between):
     def __init__(self, rows: Sequence[HasRows], links: Sequence[Link]) -> None:
         self._contacts = rows
         self._links: dict[tuple[int, int], list[tuple[int, int, Array]]] = {}
-        for j, side, k, other, between in links:
-            self._links.setdefault((j, k), []).append((side, other, between))
+        for j, side, k, pushing_side, between in links:
+            self._links.setdefault((j, k), []).append((side, pushing_side, between))
         self._kept: dict[tuple[int, int], tuple[Standing, Array, Array]] = {}
         self._sides = {(j, side) for j, side, *_ in links}
-        self._made = [0] * len(rows)
+        self._versions = [0] * len(rows)
 
-    def made(self) -> list[int]:
+    def versions(self) -> list[int]:
         """See `Between`."""
         for j, side in self._sides:
             self._rows(j, side)
-        return self._made
+        return self._versions
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
         """See `Between`."""
         return [*self._links]
 
-    def of(self, j: int, rows: Array, k: int, others: Array) -> Array:
+    def flexibility(self, j: int, rows: Array, k: int, pushing_rows: Array) -> Array:
         """See `Between`."""
-        result = np.zeros((len(rows), len(others)))
-        for side, other, between in self._links.get((j, k), []):
-            (left, used), (right, pushing) = self._rows(j, side), self._rows(k, other)
-            result += self._yields(j, side) * (left[rows] @ between[np.ix_(used, pushing)] @ right[others].T)
+        result = np.zeros((len(rows), len(pushing_rows)))
+        for side, pushing_side, between in self._links.get((j, k), []):
+            (left, used), (right, pushing) = self._rows(j, side), self._rows(k, pushing_side)
+            result += self._yields(j, side) * (left[rows] @ between[np.ix_(used, pushing)] @ right[pushing_rows].T)
         return result
 
     def pushing(self, k: int, rows: Array, forces: Array) -> dict[int, tuple[Array, Array]]:
         """See `Between`; of each side, numbers of the patch's coordinates, and forces on these."""
-        found = {side: self._rows(k, side) for at, side in self._sides if at == k}
-        return {side: (used, forces @ own[rows]) for side, (own, used) in found.items()}
+        on_coordinates = {side: self._rows(k, side) for contact, side in self._sides if contact == k}
+        return {side: (used, forces @ of_rows[rows]) for side, (of_rows, used) in on_coordinates.items()}
 
     def moved(self, j: int, pushing: Mapping[int, dict[int, tuple[Array, Array]]]) -> Array:
         """See `Between`."""
         result = np.zeros(self._contacts[j].d * len(self._contacts[j].gaps.row_nodes))
         for k, of_sides in pushing.items():
-            for side, other, between in self._links.get((j, k), []):
-                (left, used), (loaded, forces) = self._rows(j, side), of_sides[other]
+            for side, pushing_side, between in self._links.get((j, k), []):
+                (left, used), (loaded, forces) = self._rows(j, side), of_sides[pushing_side]
                 result += self._yields(j, side) * (left @ (between[np.ix_(used, loaded)] @ forces))
         return result
 
@@ -130,11 +130,11 @@ class FlexibilityBetween(Between):
 
     def across(self, forces: Sequence[Sequence[Array]]) -> list[list[Array]]:
         """See `Between`."""
-        result = [[np.zeros_like(own) for own in sides] for sides in forces]
+        result = [[np.zeros_like(on_rows) for on_rows in sides] for sides in forces]
         for (j, k), links in self._links.items():
-            for side, other, between in links:
-                (left, used), (right, pushing) = self._rows(j, side), self._rows(k, other)
-                moved = left @ (between[np.ix_(used, pushing)] @ (forces[k][other].ravel() @ right))
+            for side, pushing_side, between in links:
+                (left, used), (right, pushing) = self._rows(j, side), self._rows(k, pushing_side)
+                moved = left @ (between[np.ix_(used, pushing)] @ (forces[k][pushing_side].ravel() @ right))
                 result[j][side] += moved.reshape(result[j][side].shape)
         return result
 
@@ -148,10 +148,10 @@ class FlexibilityBetween(Between):
         contact, kept = self._contacts[j], self._kept.get((j, side))
         standing = contact.standing()
         if kept is None or standing != kept[0]:
-            found = contact.gaps.found_at(standing.anchor, lambda: sp.csr_matrix(contact.side_rows(side)))
-            used = np.unique(found.indices)
-            kept = self._kept[j, side] = standing, found[:, used].toarray(), used
-            self._made[j] += 1
+            matrix = contact.gaps.found_at(standing.anchor, lambda: sp.csr_matrix(contact.side_rows(side)))
+            used = np.unique(matrix.indices)
+            kept = self._kept[j, side] = standing, matrix[:, used].toarray(), used
+            self._versions[j] += 1
         return kept[1:]
 
 
@@ -182,30 +182,34 @@ class Exchange:
             blocks.setdefault((j, side), []).append(between)
         once: dict[tuple[object, ...], Array] = {}
         on_patches: dict[tuple[int, int], Array] = {}
-        for patch, found in blocks.items():
-            key = tuple(map(_identity, found))
+        for patch, blocks_of_patch in blocks.items():
+            key = tuple(map(_identity, blocks_of_patch))
             if key not in once:
-                once[key] = shared_fields(found)
+                once[key] = shared_fields(blocks_of_patch)
             on_patches[patch] = once[key]
         places, ends = dict[tuple[int, int], int](), dict[int, int]()
-        for (j, side), own in on_patches.items():
+        for (j, side), patch_fields in on_patches.items():
             places[j, side] = ends.get(j, 0)
-            ends[j] = places[j, side] + own.shape[1]
+            ends[j] = places[j, side] + patch_fields.shape[1]
         size = max(ends.values(), default=0)
         fields: dict[int, list[tuple[int, Array]]] = {}
-        for (j, side), own in on_patches.items():
-            wide = np.zeros((len(own), size))
-            wide[:, places[j, side] : places[j, side] + own.shape[1]] = own
+        for (j, side), patch_fields in on_patches.items():
+            wide = np.zeros((len(patch_fields), size))
+            wide[:, places[j, side] : places[j, side] + patch_fields.shape[1]] = patch_fields
             fields.setdefault(j, []).append((side, wide))
         core: dict[tuple[int, int], Array] = {}
         products: dict[tuple[object, ...], Array] = {}
-        for j, side, k, other_side, between in links:
-            own, other = on_patches[j, side], on_patches[k, other_side]
-            both = (_identity(between), id(own), id(other))
+        for j, side, k, pushing_side, between in links:
+            patch_fields, pushing_fields = on_patches[j, side], on_patches[k, pushing_side]
+            both = (_identity(between), id(patch_fields), id(pushing_fields))
             if both not in products:
-                products[both] = own.T @ between @ other
-            block, row, column = core.setdefault((j, k), np.zeros((size, size))), places[j, side], places[k, other_side]
-            block[row : row + own.shape[1], column : column + other.shape[1]] += products[both]
+                products[both] = patch_fields.T @ between @ pushing_fields
+            block, row, column = (
+                core.setdefault((j, k), np.zeros((size, size))),
+                places[j, side],
+                places[k, pushing_side],
+            )
+            block[row : row + patch_fields.shape[1], column : column + pushing_fields.shape[1]] += products[both]
         neighbours: dict[int, list[int]] = {}
         for j, k in core:
             neighbours.setdefault(j, []).append(k)
@@ -243,13 +247,13 @@ class RowFields(Between):
     def __init__(self, rows: Sequence[HasRows], exchange: Exchange) -> None:
         self._contacts, self._exchange = rows, exchange
         self._kept: dict[int, tuple[Standing, Array, Array]] = {}
-        self._made = [0] * len(rows)
+        self._versions = [0] * len(rows)
         self._shares: list[tuple[float, ...] | None] = [None] * len(rows)
         self._core: Mapping[tuple[int, int], Array] = exchange.core
 
-    def made(self) -> list[int]:
+    def versions(self) -> list[int]:
         """See `Between`."""
-        return self._made
+        return self._versions
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
@@ -261,20 +265,20 @@ class RowFields(Between):
         """`Exchange.core` by what yields of the bodies within the present step."""
         shares = [rows.gaps.yielding for rows in self._contacts]
         if shares != self._shares:
-            self._shares, self._core = shares, self._exchange.yielding([own or (1.0, 1.0) for own in shares])
+            self._shares, self._core = shares, self._exchange.yielding([yielding or (1.0, 1.0) for yielding in shares])
         return self._core
 
     def fields(self, j: int) -> Array:
         """Displacements of the rows of contact j, (d nr, m)."""
-        return self._found(j)[1]
+        return self._on_rows(j)[1]
 
     def normal(self, j: int) -> Array:
         """Changes of the gaps of the rows of contact j, (nr, m)."""
-        return self._found(j)[2]
+        return self._on_rows(j)[2]
 
-    def of(self, j: int, rows: Array, k: int, others: Array) -> Array:
+    def flexibility(self, j: int, rows: Array, k: int, pushing_rows: Array) -> Array:
         """See `Between`."""
-        return np.asarray(self.fields(j)[rows] @ self.core[j, k] @ self.fields(k)[others].T)
+        return np.asarray(self.fields(j)[rows] @ self.core[j, k] @ self.fields(k)[pushing_rows].T)
 
     def pushing(self, k: int, rows: Array, forces: Array) -> Array:
         """See `Between`; forces on its fields, (m,)."""
@@ -297,25 +301,26 @@ class RowFields(Between):
         """See `Between`."""
         exchange, pushing = self._exchange, []
         for k, sides in enumerate(forces):
-            own = [f.ravel() @ self.fields(k) * exchange.of_side(k, side) for side, f in enumerate(sides)]
-            pushing.append(sum(own, np.zeros(1)))
+            on_fields = [f.ravel() @ self.fields(k) * exchange.of_side(k, side) for side, f in enumerate(sides)]
+            pushing.append(sum(on_fields, np.zeros(1)))
         result = []
         for j, sides in enumerate(forces):
             near = exchange.neighbours.get(j, [])
             c = sum((exchange.core[j, k] @ pushing[k] for k in near), np.zeros(1))
             moved = [
-                self.fields(j) @ (c * exchange.of_side(j, side)) if near else 0 * own for side, own in enumerate(sides)
+                self.fields(j) @ (c * exchange.of_side(j, side)) if near else 0 * on_rows
+                for side, on_rows in enumerate(sides)
             ]
-            result.append([np.reshape(one, own.shape) for one, own in zip(moved, sides, strict=True)])
+            result.append([np.reshape(motion, on_rows.shape) for motion, on_rows in zip(moved, sides, strict=True)])
         return result
 
-    def _found(self, j: int) -> tuple[Standing, Array, Array]:
+    def _on_rows(self, j: int) -> tuple[Standing, Array, Array]:
         rows, kept = self._contacts[j], self._kept.get(j)
         standing = rows.standing()
         if kept is None or standing != kept[0]:
-            found = rows.gaps.found_at(standing.anchor, lambda: self._in_fields(j))
-            kept = self._kept[j] = standing, found, np.ascontiguousarray(found[:: rows.d])
-            self._made[j] += 1
+            fields = rows.gaps.found_at(standing.anchor, lambda: self._in_fields(j))
+            kept = self._kept[j] = standing, fields, np.ascontiguousarray(fields[:: rows.d])
+            self._versions[j] += 1
         return kept
 
     def _in_fields(self, j: int) -> Array:

@@ -177,7 +177,7 @@ class Followed(Stage):
 
     def __init__(self, rows: FollowedRows, normals: Array, here: Array, shares: Shares | None = None) -> None:
         self.rows, self.normals, self.here, self.pairing = rows, normals, here, None
-        self._made, self._shares, self._alone = {}, shares, shares is None
+        self._values, self._shares, self._alone = {}, shares, shares is None
 
     @property
     def shares(self) -> Shares:  # type: ignore[override]
@@ -195,16 +195,16 @@ class Followed(Stage):
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.advance`; rows are chosen again when others may close."""
         search = self.rows.search
-        found = self._follow(pair, q, search.reach, pair.places_of(self.rows.sides, q))
-        if found is None:
+        followed = self._follow(pair, q, search.reach, pair.places_of(self.rows.sides, q))
+        if followed is None:
             return pair.search(q)
-        stage, gap, enough = found
+        stage, gap, enough = followed
         return (stage, gap) if enough else search.choose(pair, pair.places(q), stage.here)
 
     def keep_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array] | None:
         """See `Stage.keep_rows`; the points may move any distance."""
-        found = self._follow(pair, q, math.inf, pair.places_of(pair.sides, q))
-        return None if found is None else found[:2]
+        followed = self._follow(pair, q, math.inf, pair.places_of(pair.sides, q))
+        return None if followed is None else followed[:2]
 
     def with_more_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.with_more_rows`; this stage can advance after it, with what is known of its rows."""
@@ -237,14 +237,14 @@ class Followed(Stage):
         """Do the same as `_follow` in one compiled call."""
         rows, bounds = self.rows, (BULGE, NEAR * pair.size, pair.reach)
         how = reach, FOLLOWED, STEPS, pair.size, *bounds
-        here, normals, of_points, lost, gap, least, others = loops.followed_gaps(rows.compiled, places, how)
+        here, normals, of_points, lost, gap, least, more_close = loops.followed_gaps(rows.compiled, places, how)
         if not len(normals):
             return None
         if len(lost):
             x_s, x_m = pair.places(q)
             rows.search.pairs.search(rows.points, rows.index, lost, x_s, x_m, normals, of_points)
-            gap, least, others = loops.row_gaps(rows.compiled, of_points, here, *bounds)
-        return None if math.isnan(least) else (self._next(normals, here, places), gap, not others)
+            gap, least, more_close = loops.row_gaps(rows.compiled, of_points, here, *bounds)
+        return None if math.isnan(least) else (self._next(normals, here, places), gap, not more_close)
 
     def _next(self, normals: Array, here: Array, places: list[Array]) -> Followed:
         result = Followed(self.rows, normals, here)

@@ -51,17 +51,17 @@ class FrozenContacts:
     kept: Array | None = None
 
     def __init__(self, gaps: Sequence[Gaps], dofs: Sequence[Array], blocks: FlatBlocks) -> None:
-        frozen = [each.linear for each in gaps if each.linear is not None]
+        frozen = [contact_gaps.linear for contact_gaps in gaps if contact_gaps.linear is not None]
         assert len(frozen) == len(gaps)
-        rows, self._blocks = FlatRows.of(frozen, [each.normal for each in gaps], dofs), blocks
+        rows, self._blocks = FlatRows.of(frozen, [contact_gaps.normal for contact_gaps in gaps], dofs), blocks
         self.pushes = True
-        self._stages = [each.stage for each in gaps]
+        self._stages = [contact_gaps.stage for contact_gaps in gaps]
         self.starts, self.lam, self.pushed = blocks.starts, blocks.lam, blocks.pushed
         self.h, self.force = np.empty(len(self.lam)), np.empty(0)
         self.values, self.stored = np.empty((len(gaps), 6)), np.empty(len(gaps))
         self._flat = loops.flat_contacts(rows, blocks, self.h, self.values, self.stored)
-        self.row_nodes = np.concatenate([each.row_nodes for each in gaps])
-        self.leaves_at = np.concatenate([each.leaves_at for each in gaps])
+        self.row_nodes = np.concatenate([contact_gaps.row_nodes for contact_gaps in gaps])
+        self.leaves_at = np.concatenate([contact_gaps.leaves_at for contact_gaps in gaps])
 
     def evaluate(self, q: Array) -> bool:
         """Find forces at the model's coordinates q, (nq,), and the values of sensors.
@@ -80,14 +80,14 @@ class FrozenContacts:
 
     def has_pairs_of(self, gaps: Sequence[Gaps]) -> bool:
         """Whether these gaps of the contacts still have their first pairs."""
-        return [each.stage for each in gaps] == self._stages
+        return [contact_gaps.stage for contact_gaps in gaps] == self._stages
 
     def guess(self, active: Array) -> None:
         """Start the next solution from these active rows, (nr,) bool."""
         self._blocks.active[:], self._blocks.n_closed[:] = active, -1
 
-    def take_iterations(self) -> Array:
+    def pop_iterations(self) -> Array:
         """Iterations of the active rows of each contact since the last call, (n,)."""
-        found = self._blocks.iterations.copy()
+        iterations = self._blocks.iterations.copy()
         self._blocks.iterations[:] = 0
-        return found
+        return iterations

@@ -203,14 +203,14 @@ class Gaps:
         A contact that has never moved then answers as the one whose state it is.
         """
         self.reset()
-        self._take_rows(state)
+        self._restore_rows(state)
         self.anchor, self.accepted = state.anchor, state
-        return self._go_to(state)
+        return self._go_to_state(state)
 
-    def _take_rows(self, state: GapState) -> None:
+    def _restore_rows(self, state: GapState) -> None:
         """Take the rows of a state, after `reset`."""
 
-    def _go_to(self, state: GapState) -> Array:
+    def _go_to_state(self, state: GapState) -> Array:
         """Gaps at the coordinates of a state, (nr,) [m]."""
         return self.at(state.q)
 
@@ -229,14 +229,14 @@ class Gaps:
 
     def dented(self, sides: Sequence[Side], q: Array, dents: Sequence[Array] | None) -> list[Array]:
         """Places of all nodes of some sides, (np, 3) for each [m], from `centre`, at coordinates q, with dents."""
-        own: Sequence[Array | None] = dents or [None] * len(sides)
-        return [side.dented(part, dent) for side, part, dent in zip(sides, self.split(q), own, strict=True)]
+        of_sides: Sequence[Array | None] = dents or [None] * len(sides)
+        return [side.dented(part, dent) for side, part, dent in zip(sides, self.split(q), of_sides, strict=True)]
 
     def of_present(self, q: Array) -> Array:
         """Gaps of the present rows at coordinates q, (n,); unlike `at`, this keeps the rows: (nr,) [m]."""
         return self.at(q)
 
-    def _take(self, stage: Stage, q: Array) -> None:
+    def _go_to_stage(self, stage: Stage, q: Array) -> None:
         """Go to a stage at coordinates q, (n,)."""
         self.stage, self._q, self._places = stage, q, stage.places
 
@@ -306,13 +306,13 @@ class Gaps:
         return self.stage.rows.sides
 
     @property
-    def held(self) -> object:
+    def frozen_stage(self) -> object:
         """The stage while rows are frozen, else None."""
         return None if self.moving else self.stage
 
-    def holds(self, held: object) -> bool:
-        """Whether rows are frozen, and have stayed frozen since `held` was this object."""
-        return not self.moving and self.stage == held
+    def frozen_since(self, stage: object) -> bool:
+        """Whether rows are frozen, and have stayed frozen since `stage` was this object."""
+        return not self.moving and self.stage == stage
 
     @property
     def evaluated_pose(self) -> Array:
@@ -332,7 +332,7 @@ class Gaps:
     @property
     def constant_rows(self) -> object:
         """An object that stays the same as long as `side_rows` does; None if they may change in every evaluation."""
-        return self.held
+        return self.frozen_stage
 
     @property
     def linear(self) -> LinearGaps | None:
@@ -379,9 +379,9 @@ class Gaps:
         both = zip(self.sides, nodes, strict=True)
         return tuple(side.following(some) if side.spares(some) > MANY else side for side, some in both)
 
-    def take_flexibility(self, flexibility: Sequence[Array | None]) -> None:
+    def exchange_flexibility(self, flexibility: Sequence[Array | None]) -> None:
         """Give the sides' patches other residual flexibilities, (d np, d np) each [m/N]."""
-        self.sides = tuple(replace(side, flexibility=own) for side, own in zip(self.sides, flexibility, strict=True))
+        self.sides = tuple(replace(side, flexibility=F) for side, F in zip(self.sides, flexibility, strict=True))
         self._loaded, self._start, self.stage = {}, self._start.on(self.sides), self.stage.on(self.sides)
 
     @property
@@ -441,8 +441,8 @@ class Gaps:
         """Accelerations of the coordinates, (n, nr), due to unit forces on rows, (nr, n); csr if the rows are csr."""
         slices = consecutive([side.n for side in self.sides])
         parts = [
-            side.kinematics.accelerations(q, rows[:, own].T)
-            for side, q, own in zip(self.sides, self.split(self._q), slices, strict=True)
+            side.kinematics.accelerations(q, rows[:, columns].T)
+            for side, q, columns in zip(self.sides, self.split(self._q), slices, strict=True)
         ]
         return sp.vstack(parts, format="csr") if sp.issparse(rows) else np.vstack([*map(dense, parts)])
 
@@ -502,9 +502,9 @@ class Gaps:
         """Derivative of a stage's gaps with respect to the coordinates, (na, n), at q, (n,), for fixed pairs."""
         mean, parts = stage.rows.points.mean, []
         mean = mean if index is None else mean[index]
-        for (nodes, weights), side, own in zip(stage.shares, stage.rows.sides, self.split(q), strict=True):
+        for (nodes, weights), side, side_q in zip(stage.shares, stage.rows.sides, self.split(q), strict=True):
             G = directed_matrix(nodes, weights, stage.normals, len(side.surface.points))
-            parts.append(side.on_coordinates(own, mean @ G))
+            parts.append(side.on_coordinates(side_q, mean @ G))
         return joined(parts)
 
     def carrier_rows(self, index: Array) -> Array:
@@ -513,8 +513,8 @@ class Gaps:
 
     def nodal_forces(self, lam: Array) -> list[Array]:
         """Forces on the nodes of the patches, (np, 3) for each side [N], from forces on the present rows, (nr,) [N]."""
-        found = self.stage.nodal_forces(lam)
-        return self.on_nodes(self._pushes(lam)) if found is None else found
+        by_stage = self.stage.nodal_forces(lam)
+        return self.on_nodes(self._pushes(lam)) if by_stage is None else by_stage
 
     def _pushes(self, lam: Array) -> Array:
         """Forces on the slave at the present points, (p, 3) [N], from forces on the present rows, (nr,) [N]."""
@@ -533,9 +533,9 @@ class Gaps:
 
     def generalised(self, lam: Array) -> Array:
         """Generalised forces, (n,), from forces on the present rows, (nr,) [N]."""
-        found = self.stage.generalised(lam)
-        if found is not None:
-            return found
+        by_stage = self.stage.generalised(lam)
+        if by_stage is not None:
+            return by_stage
         parts = zip(self.near_sides, self.split(self._q), self.nodal_forces(lam), strict=True)
         return np.concatenate([side.generalised(q, on_nodes) for side, q, on_nodes in parts])
 
@@ -558,11 +558,11 @@ class Gaps:
         It changes slowly with the places of the points on their facets. So it is kept while the points move little. For
         the same rows, the same array is returned.
         """
-        return self._row_flexibility().of(index)
+        return self._row_flexibility().between(index)
 
     def regularised_flexibility(self, index: Array) -> Array:
         """`flexibility`, regularised as in `problem`; for the same rows, it is the same array too."""
-        return self._row_flexibility().regularised_of(index)
+        return self._row_flexibility().regularised_between(index)
 
     def _row_flexibility(self) -> RowFlexibility:
         return self.at_anchor("flexibility", self.anchored(SAME), self._of_all_rows)
@@ -579,7 +579,7 @@ class Gaps:
         if anchor == _FROZEN:
             return make()
         now = self.present
-        self._take(self._stage_of_anchor(anchor), anchor.q)
+        self._go_to_stage(self._stage_of_anchor(anchor), anchor.q)
         try:
             return make()
         finally:
@@ -609,8 +609,8 @@ class Gaps:
 
     def _stage_of_anchor(self, anchor: Anchor) -> Stage:
         """The present rows with their pairs and normals at an anchor."""
-        known, rows, stage = self._anchored
-        if stage is None or (known, rows) != (anchor, self.stage.rows):
+        last_anchor, rows, stage = self._anchored
+        if stage is None or (last_anchor, rows) != (anchor, self.stage.rows):
             stage = self._stage_anchored(anchor)
             self._anchored = anchor, self.stage.rows, stage
         return stage
@@ -674,19 +674,19 @@ class Gaps:
     def loaded_nodes(self, place: int) -> LoadedNodes:
         """One side's nodes that carry the present rows, and perhaps nodes that carried earlier rows."""
         side, nodes = self.sides[place], self.shares[place][0]
-        known = self._loaded.get(place)
-        if known is None or not known.carry(nodes):
-            known = self._loaded[place] = LoadedNodes.of(side, nodes)
-        return known
+        loaded = self._loaded.get(place)
+        if loaded is None or not loaded.carry(nodes):
+            loaded = self._loaded[place] = LoadedNodes.of(side, nodes)
+        return loaded
 
     def side_rows(self, side: int) -> Rows:
         """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
         nodes, weights = self.shares[side]
-        own, n = self.sides[side], len(self.sides[side].surface.points)
-        if own.normal_only:
+        loaded_side, n = self.sides[side], len(self.sides[side].surface.points)
+        if loaded_side.normal_only:
             rows = point_matrix(nodes, weights if side else -weights, n)  # contact pushes towards the inside
         else:
-            along = own.kinematics.in_frame(self.split(self._q)[side], self.normals)
+            along = loaded_side.kinematics.in_frame(self.split(self._q)[side], self.normals)
             rows = directed_matrix(nodes, weights, along, n)
         return self.points.mean @ rows
 
@@ -702,7 +702,7 @@ class RowFlexibility:
     Attributes
     ----------
     regularised : (na, na) array or None
-        Last return value of `regularised_of`.
+        Last return value of `regularised_between`.
     """
 
     def __init__(self, F: Array) -> None:
@@ -710,16 +710,16 @@ class RowFlexibility:
         self._some: Array = F[:0, :0]
         self.regularised: Array | None = None
 
-    def of(self, index: Array) -> Array:
+    def between(self, index: Array) -> Array:
         """Flexibility between some rows, (na, na); the same array for the same rows."""
         if not np.array_equal(index, self._index):
             self._index, self.regularised = index, None
             self._some = self._F.take(index, axis=0).take(index, axis=1)
         return self._some
 
-    def regularised_of(self, index: Array) -> Array:
+    def regularised_between(self, index: Array) -> Array:
         """Regularised flexibility between some rows, (na, na); the same array for the same rows."""
-        some = self.of(index)
+        some = self.between(index)
         if self.regularised is None:
             self.regularised = regularised(some)
         return self.regularised

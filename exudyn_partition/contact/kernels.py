@@ -47,13 +47,13 @@ def followed_gaps(
 @compiled
 def same_rows(h: Array, limit: float, index: Array) -> bool:
     """Whether `index` has exactly the rows with h below a limit, in ascending order."""
-    found = 0
+    count = 0
     for row in range(len(h)):
         if h[row] < limit:
-            if found == len(index) or index[found] != row:
+            if count == len(index) or index[count] != row:
                 return False
-            found += 1
-    return found == len(index)
+            count += 1
+    return count == len(index)
 
 
 @compiled
@@ -172,39 +172,39 @@ def tangents_of(normals: Array, axis: Array) -> tuple[Array, Array]:
 def coordinates_of(rows: FlatRows, j: int, q: Array) -> Array:
     """Coordinates of contact j, (n,)."""
     dofs = rows.dofs[rows.places[j] : rows.places[j + 1]]
-    own = np.empty(len(dofs))
+    q_j = np.empty(len(dofs))
     for k in range(len(dofs)):
-        own[k] = q[dofs[k]]
-    return own
+        q_j[k] = q[dofs[k]]
+    return q_j
 
 
 @inlined
-def slid(rows: FlatRows, j: int, own: Array) -> float:
+def slid(rows: FlatRows, j: int, q_j: Array) -> float:
     """How far pairs of contact j have slid at its coordinates [m]; NaN if these are not finite."""
-    n, first, end = len(own), rows.drift_starts[j], rows.drift_starts[j + 1]
+    n, first, end = len(q_j), rows.drift_starts[j], rows.drift_starts[j + 1]
     drift, most = rows.numbers[rows.drift[j] :][: (end - first) * n].reshape(end - first, n), 0.0
     for i in range(end - first):
         total = -rows.drift_start[first + i]
         for k in range(n):
-            total += drift[i, k] * own[k]
+            total += drift[i, k] * q_j[k]
         if not abs(total) <= most:
             most = abs(total)
     return most
 
 
 @inlined
-def gaps_of_contact(rows: FlatRows, j: int, own: Array, gap: Array) -> None:
+def gaps_of_contact(rows: FlatRows, j: int, q_j: Array, gap: Array) -> None:
     """Set the gaps of contact j, (nr,), at its coordinates."""
-    n = len(own)
+    n = len(q_j)
     H = rows.numbers[rows.H[j] :][: n * len(gap)].reshape(n, len(gap))
     gap[:] = rows.start[rows.starts[j] : rows.starts[j + 1]]
     most = n - n % 4
     for k in range(0, most, 4):
-        a, b, c, d = own[k], own[k + 1], own[k + 2], own[k + 3]
+        a, b, c, d = q_j[k], q_j[k + 1], q_j[k + 2], q_j[k + 3]
         for i in range(len(gap)):
             gap[i] += a * H[k, i] + b * H[k + 1, i] + c * H[k + 2, i] + d * H[k + 3, i]
     for k in range(most, n):
-        way = own[k]
+        way = q_j[k]
         for i in range(len(gap)):
             gap[i] += way * H[k, i]
 
@@ -213,10 +213,10 @@ def gaps_of_contact(rows: FlatRows, j: int, own: Array, gap: Array) -> None:
 def gaps_of_frozen(rows: FlatRows, q: Array, h: Array) -> bool:
     """Set h to the gaps at coordinates q; return whether all pairs stay frozen, see `frozen.FrozenContacts`."""
     for j in range(len(rows.reach)):
-        own = coordinates_of(rows, j, q)
-        if not slid(rows, j, own) <= rows.reach[j]:
+        q_j = coordinates_of(rows, j, q)
+        if not slid(rows, j, q_j) <= rows.reach[j]:
             return False
-        gaps_of_contact(rows, j, own, h[rows.starts[j] : rows.starts[j + 1]])
+        gaps_of_contact(rows, j, q_j, h[rows.starts[j] : rows.starts[j + 1]])
     return True
 
 
@@ -227,26 +227,26 @@ def forces_of_frozen(
     """Set generalised forces, and values of sensors, see `frozen.FrozenContacts`; return how many contacts push."""
     force[:], values[:], stored[:], pushing = 0.0, 0.0, 0.0, 0
     for j in range(len(values)):
-        dofs, start, own_values = rows.dofs[rows.places[j] : rows.places[j + 1]], rows.starts[j], values[j]
+        dofs, start, values_j = rows.dofs[rows.places[j] : rows.places[j + 1]], rows.starts[j], values[j]
         n, nr, least = len(dofs), rows.starts[j + 1] - start, np.inf
         H = rows.numbers[rows.H[j] :][: n * nr].reshape(n, nr)
         normals = rows.numbers[rows.normals[j] :][: 3 * nr].reshape(nr, 3)
-        own = np.zeros(n)
+        force_j = np.zeros(n)
         for i in range(nr):
             least, push = min(least, pushed[start + i]), lam[start + i]
             if push != 0.0:
                 for k in range(n):
-                    own[k] += push * H[k, i]
-                own_values[0] += push
-                own_values[1] += 1.0
+                    force_j[k] += push * H[k, i]
+                values_j[0] += push
+                values_j[1] += 1.0
                 for k in range(3):
-                    own_values[2 + k] += push * normals[i, k]
+                    values_j[2 + k] += push * normals[i, k]
                 stored[j] -= 0.5 * push * h[start + i]
-        own_values[5] = least
-        if own_values[1] > 0.0:
+        values_j[5] = least
+        if values_j[1] > 0.0:
             pushing += 1
             for k in range(n):
-                force[dofs[k]] += own[k]
+                force[dofs[k]] += force_j[k]
     return pushing
 
 

@@ -178,7 +178,7 @@ class Law:
     ahead = False
     elastic = True
 
-    def answer(self, at: Places) -> Forces:
+    def answer(self, places: Places) -> Forces:
         """Return the forces on the rows. It is called only if a gap is below `reach`.
 
         A law that acts ahead of steps may get the rows of several contacts at once. These contacts share bodies; in a

@@ -73,8 +73,8 @@ class FlatRows(NamedTuple):
     @classmethod
     def of(cls, frozen: Sequence[LinearGaps], normals: Sequence[Array], dofs: Sequence[Array]) -> FlatRows:
         """Put the rows of contacts one after the other."""
-        numbers, at = pooled([*(g.H.T for g in frozen), *(g.drift for g in frozen), *normals])
-        H, drift, normal = at.reshape(3, -1)
+        numbers, begins = pooled([*(g.H.T for g in frozen), *(g.drift for g in frozen), *normals])
+        H, drift, normal = begins.reshape(3, -1)
         return cls(
             _starts([g.start for g in frozen]),
             _starts(dofs),

@@ -38,8 +38,8 @@ def pushes(points: ContactPoints, lam: Array, normals: Array) -> Array:
     """Forces at points, (p, 3) [N], from forces on the rows, (nr,) [N], along the normals of their points, (p, 3)."""
     if compiled := kernels("contact"):
         mean = points.mean
-        found: Array = compiled.pushes(mean.indptr, mean.indices, mean.data, lam, normals)
-        return found
+        forces: Array = compiled.pushes(mean.indptr, mean.indices, mean.data, lam, normals)
+        return forces
     return points.spread(lam)[:, None] * normals
 
 
@@ -119,8 +119,8 @@ def at_points(points: ContactPoints, lam: Array, tangents: Array, normals: Array
     """
     if compiled := kernels("contact"):
         mean = points.mean
-        found: Array = compiled.at_points(mean.indptr, mean.indices, mean.data, lam, tangents, normals)
-        return found
+        forces: Array = compiled.at_points(mean.indptr, mean.indices, mean.data, lam, tangents, normals)
+        return forces
     pushed = points.spread(np.hstack([lam[:, :1], in_space(tangents, lam[:, 1:])]))
     return np.asarray(pushed[:, :1] * normals + pushed[:, 1:])
 
@@ -136,12 +136,12 @@ def tangents_of(normals: Array, axis: Array) -> tuple[Array, Array]:
     return np.stack([first, cross(normal, first)], axis=1), abs(normal @ axis)
 
 
-def rows_below(h: Array, limit: float, known: Array | None) -> Array:
-    """Numbers of the rows with gaps h, (nr,), below a limit [m], ascending; `known` itself if it has the same."""
-    if known is not None and (compiled := kernels("contact")):
-        return known if compiled.same_rows(h, limit, known) else np.flatnonzero(h < limit)
-    found = np.flatnonzero(h < limit)
-    return known if known is not None and np.array_equal(found, known) else found
+def rows_below(h: Array, limit: float, last: Array | None) -> Array:
+    """Numbers of the rows with gaps h, (nr,), below a limit [m], ascending; `last` itself if it has the same."""
+    if last is not None and (compiled := kernels("contact")):
+        return last if compiled.same_rows(h, limit, last) else np.flatnonzero(h < limit)
+    below = np.flatnonzero(h < limit)
+    return last if last is not None and np.array_equal(below, last) else below
 
 
 # Several steps in one call, only if `at_once()`.
@@ -149,20 +149,20 @@ def rows_below(h: Array, limit: float, known: Array | None) -> Array:
 
 def followed_gaps(rows: Followed, places: Sequence[Array], how: tuple[float, ...]) -> _Gaps:
     """Follow points and find the gaps of their rows; see `surfaces.moving_kernels.follow_rows`."""
-    found: _Gaps = _compiled().followed_gaps(*places, rows, *how)
-    return found
+    gaps: _Gaps = _compiled().followed_gaps(*places, rows, *how)
+    return gaps
 
 
 def row_gaps(rows: Followed, of_points: Array, here: Array, *bounds: float) -> tuple[Array, float, bool]:
     """Gaps of rows from those of their points, the least gap [m], and whether other rows may close."""
-    found: tuple[Array, float, bool] = _compiled().row_gaps(rows, of_points, here, *bounds)
-    return found
+    gaps: tuple[Array, float, bool] = _compiled().row_gaps(rows, of_points, here, *bounds)
+    return gaps
 
 
 def flat_contacts(rows: FlatRows, blocks: FlatBlocks, h: Array, values: Array, stored: Array) -> FlatContacts:
     """Contacts with frozen pairs, and room for their results, see `evaluate_frozen`."""
-    found: FlatContacts = _compiled().flat_contacts(rows, blocks, h, values, stored)
-    return found
+    contacts: FlatContacts = _compiled().flat_contacts(rows, blocks, h, values, stored)
+    return contacts
 
 
 def evaluate_frozen(contacts: FlatContacts, q: Array, force: Array) -> int:

@@ -105,15 +105,15 @@ def by_nodes(rows: TangentialRows, lam: Array, traction: Array, n: int) -> Array
 
     These are normal forces lam, (nr,), and tangential forces in space, (nr, 3) [N].
     """
-    found, of_rows = np.zeros((n, 4)), np.empty((len(lam), 4))
+    stored, of_rows = np.zeros((n, 4)), np.empty((len(lam), 4))
     of_rows[:, 0], of_rows[:, 1:] = lam, traction @ rows.axes
-    found[rows.gaps.row_nodes] = of_rows
-    return found
+    stored[rows.gaps.row_nodes] = of_rows
+    return stored
 
 
 def on_rows(rows: TangentialRows, remembered: Array) -> Array:
     """Forces on the present rows, (nr, 3) [N], from those stored for the slave's nodes, (np, 4) [N]."""
-    found = remembered[rows.gaps.row_nodes]
-    forces = np.empty((len(found), 3))
-    forces[:, 0], forces[:, 1:] = found[:, 0], rows.along(found[:, 1:] @ rows.axes.T)
+    stored = remembered[rows.gaps.row_nodes]
+    forces = np.empty((len(stored), 3))
+    forces[:, 0], forces[:, 1:] = stored[:, 0], rows.along(stored[:, 1:] @ rows.axes.T)
     return forces

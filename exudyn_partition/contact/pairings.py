@@ -73,16 +73,16 @@ class Pairing:
         key = (kind, itself, pressed, *_attitude(slave), weakref.ref(master.kinematics.body), *_attitude(master))
         points = np.vstack([slave.surface.points, master.surface.points])
         places, rounding = points - master.surface.points[0], _ROUNDING * abs(points).max()
-        for i, (known, pairing) in enumerate(kept):
-            if known == key and abs(pairing.places - places).max() <= rounding:
+        for i, (kept_key, pairing) in enumerate(kept):
+            if kept_key == key and abs(pairing.places - places).max() <= rounding:
                 kept.append(kept.pop(i))
                 return pairing
-        kept.append((key, cls._found(slave, master, kind, places, pressed)))
+        kept.append((key, cls._paired(slave, master, kind, places, pressed)))
         del kept[:-_MOST]
         return kept[-1][1]
 
     @classmethod
-    def _found(cls, slave: Side, master: Side, kind: RowKind, places: Array, pressed: bool) -> Pairing:
+    def _paired(cls, slave: Side, master: Side, kind: RowKind, places: Array, pressed: bool) -> Pairing:
         points, pose = contact_points(slave.surface, kind), np.zeros(slave.n + master.n)
         if slave.surface.wanders or master.surface.wanders:
             return cls(points, pair_wandering(slave.surface, master.surface, kind, pressed=pressed), pose, places)
@@ -121,9 +121,9 @@ def _facing_pose(sides: tuple[Side, Side]) -> Array:
     """Coordinates, (n,), at which a side that can turn faces the other; zero if no side can turn."""
     parts = [np.zeros(side.n) for side in sides]
     radii = [float(np.linalg.norm(np.ptp(side.surface.points, axis=0))) for side in sides]
-    for i, (side, other) in enumerate((sides, sides[::-1])):
+    for i, (side, counterpart) in enumerate((sides, sides[::-1])):
         if not side.kinematics.linear:
-            surface = other.surface
+            surface = counterpart.surface
             parts[i] = side.turned_to(surface.points.mean(axis=0), surface.direction, sum(radii))
             break
     return np.concatenate(parts)

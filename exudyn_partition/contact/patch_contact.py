@@ -222,13 +222,13 @@ class PatchContact:
         zones, earlier = self.zones, self.evaluation.plastic
         if not isinstance(zones, YieldingPatches):
             return self._answer(gap, gap, pushed, motion)
-        others = np.zeros((len(gap), self.rows.d)) if pushed is None else pushed
+        by_others = np.zeros((len(gap), self.rows.d)) if pushed is None else pushed
 
         def respond(moved: Array) -> Array:
             # What others have pushed is no gap: its energy is stored there.
-            return self._answer(gap + (moved - others)[:, 0], gap, moved, motion).on_rows
+            return self._answer(gap + (moved - by_others)[:, 0], gap, moved, motion).on_rows
 
-        plastic = zones.solve(self.state.zones, self.gaps.coordinates, self.rows, respond, others, earlier)
+        plastic = zones.solve(self.state.zones, self.gaps.coordinates, self.rows, respond, by_others, earlier)
         self.evaluation = self.evaluation.with_zones(plastic)
         return self.evaluation
 
@@ -237,22 +237,25 @@ class PatchContact:
 
         Sliding counts from the present places if no step has begun.
         """
-        if isinstance(self.rows, TangentialRows) and not self.rows.held:
-            self.rows.hold()
+        if isinstance(self.rows, TangentialRows) and not self.rows.has_places:
+            self.rows.record_places()
         if self.parts.betas is None:
             return None
-        if self._yielding is None or not self._yielding.holds(self.state.creep):
+        if self._yielding is None or not self._yielding.is_current(self.state.creep):
             self._yielding = Yielding(self.rows, self.state.creep)
         return self._yielding.lasting(self.last)
 
-    def _answer(self, own: Array, gap: Array, pushed: Array | None, motion: Motion | None) -> Evaluation:
-        """Answer to gaps, (nr,) [m], and displacements of the rows, (nr, d) [m]; `own` are the gaps in `Evaluation`."""
+    def _answer(self, evaluated_gap: Array, gap: Array, pushed: Array | None, motion: Motion | None) -> Evaluation:
+        """Answer to gaps, (nr,) [m], and displacements of the rows, (nr, d) [m].
+
+        `evaluated_gap` are the gaps in `Evaluation`.
+        """
         h = gap if pushed is None else gap + pushed[:, 0]
         least = smallest(h)
         if math.isnan(least):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
         if least >= self.reach:
-            return self.answered(self._all_open(), own, least)
+            return self.answered(self._all_open(), evaluated_gap, least)
         places = self._places(h, pushed, motion)
         forces = self.law.answer(places)
         if np.shape(forces.on_rows) != (len(h), self.rows.d):
@@ -262,7 +265,7 @@ class PatchContact:
             )
         if forces.power and self.law.elastic:
             raise InputError(f"law {type(self.law).__name__}: it takes energy, which only laws with elastic = False do")
-        return self.answered(forces, own, least, places)
+        return self.answered(forces, evaluated_gap, least, places)
 
     def places(self, gap: Array) -> Places:
         """Places of the present rows with gaps, (nr,) [m], for which others find the forces, see `answered`."""
@@ -270,8 +273,8 @@ class PatchContact:
         return self._places(gap if lasting is None else gap + lasting[:, 0], lasting, None)
 
     def _places(self, gap: Array, pushed: Array | None, motion: Motion | None) -> Places:
-        known = gap, self._way(pushed), self.last, self.coefficients
-        return Places(*known, motion=motion, since=self.since, find_rates=self._find_rates)
+        values = gap, self._way(pushed), self.last, self.coefficients
+        return Places(*values, motion=motion, since=self.since, find_rates=self._find_rates)
 
     def _way(self, pushed: Array | None) -> Array:
         """How far rows have slid along their tangents since the last accepted step, (nr, 2) [m]."""
@@ -381,7 +384,7 @@ class PatchContact:
         gap = self.gaps.begin(state.gaps) + state.opening
         rows = self.rows
         if isinstance(rows, TangentialRows):
-            rows.hold()
+            rows.record_places()
         self.state, self.since, self.opening = state, t, state.opening
         nodes, memory = self.gaps.row_nodes, state.memory
         closed = np.flatnonzero(memory.forces[nodes, 0])
@@ -426,7 +429,7 @@ class PatchContact:
             if not self.ahead:
                 self.gaps.accept(gaps)
             if isinstance(self.rows, TangentialRows) and answered and not self.ahead:
-                self.rows.hold(soon=evaluation.index.size > 0)
+                self.rows.record_places(soon=evaluation.index.size > 0)
         self.since = start
 
     def retry(self) -> None:
@@ -485,10 +488,10 @@ class PatchContact:
         self.gaps.at(q)
         remembered = np.zeros((self._n_nodes, 4))
         remembered[nodes, 0], remembered[nodes, 1:] = lam, traction
-        found = remembered[self.gaps.row_nodes]
-        forces = found[:, :1]
+        of_rows = remembered[self.gaps.row_nodes]
+        forces = of_rows[:, :1]
         if isinstance(self.rows, TangentialRows):
-            forces = np.column_stack([found[:, 0], self.rows.along(np.ascontiguousarray(found[:, 1:]))])
+            forces = np.column_stack([of_rows[:, 0], self.rows.along(np.ascontiguousarray(of_rows[:, 1:]))])
         return self.rows.nodal_forces(forces)
 
 

@@ -80,7 +80,7 @@ class PatchGaps(Gaps):
 
     def _go_to_start(self) -> None:
         """See `Gaps`."""
-        self._take(self._start, self._start_q)
+        self._go_to_stage(self._start, self._start_q)
         self._froze_at = None if self._start.moving else self._start_q
         self._stage_frozen: Frozen | None = None if self._froze_at is None else cast("Frozen", self._start)
 
@@ -119,7 +119,7 @@ class PatchGaps(Gaps):
         if self.moving and self.accepted.frozen is not None:  # they began to slide in a step that is given up
             self._freeze_at(self.accepted.frozen)
 
-    def _take_rows(self, state: GapState) -> None:
+    def _restore_rows(self, state: GapState) -> None:
         """See `Gaps`."""
         if state.frozen is not None:
             self._freeze_at(state.frozen)
@@ -184,9 +184,9 @@ class PatchGaps(Gaps):
         rows = self.stage.rows
         x_s, x_m = self.places(anchor.q)
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
-        found = self._projection(rows.points, slave, master)
-        shares = (rows.points.nodes, rows.points.weights), (master.facets[found.facet], -found.weights)
-        stage = Stage(rows, found.normal, shares)
+        projection = self._projection(rows.points, slave, master)
+        shares = (rows.points.nodes, rows.points.weights), (master.facets[projection.facet], -projection.weights)
+        stage = Stage(rows, projection.normal, shares)
         stage.here, stage.places, stage.of_anchor = seen_from([x_s, x_m], self.witnesses), [x_s, x_m], True
         return stage
 
@@ -212,18 +212,18 @@ class PatchGaps(Gaps):
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         stage, gap = self.stage.advance(self, q)
-        self._take(stage, q)
+        self._go_to_stage(stage, q)
         return gap
 
     def of_present(self, q: Array) -> Array:
         """See `Gaps.of_present`."""
         if isinstance(self.stage, Frozen):
             return self.stage.gap(q)
-        found = self.stage.keep_rows(self, q)
-        if found is None:
+        kept = self.stage.keep_rows(self, q)
+        if kept is None:
             return self.at(q)
-        self._take(found[0], q)
-        return found[1]
+        self._go_to_stage(kept[0], q)
+        return kept[1]
 
     @property
     def longest_reach(self) -> float:
@@ -233,9 +233,9 @@ class PatchGaps(Gaps):
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`."""
         x_s, x_m = self.dented(self.sides, q, dents)
-        found = closest_points(np.vstack([x_s, self._all.at(x_s)]), x_m[self.sides[1].surface.facets])
+        projection = closest_points(np.vstack([x_s, self._all.at(x_s)]), x_m[self.sides[1].surface.facets])
         direction = replace(self.slave.surface, points=x_s).normal_here
-        return float(found.gap[facing(found, direction, self.size)].min(initial=np.inf))
+        return float(projection.gap[facing(projection, direction, self.size)].min(initial=np.inf))
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """See `Gaps.closing`; the last entry bounds all points without rows, by their least gap and largest speed."""
@@ -244,14 +244,14 @@ class PatchGaps(Gaps):
             return super().closing(q, q_t, q_tt)
         few = self.stage
         stage, gap = few.with_more_rows(self, q)
-        self._take(stage, q)
+        self._go_to_stage(stage, q)
         x_s, x_m = self.places(q)
         beyond = (NEAR - 2 * SEARCHED) * self.size if len(gap) else self._distance(x_s, x_m)
         velocities, accelerations = (self._of_nodes(q, rates) for rates in (q_t, q_tt))
         mean = velocities[1].mean(axis=0)
         speed = sum(np.linalg.norm(v - mean, axis=1).max() for v in velocities)
         rates, changes = self._of_rows(velocities), self._of_rows(accelerations)
-        self._take(few, q)  # which keep what changes slowly, such as their flexibility
+        self._go_to_stage(few, q)  # which keep what changes slowly, such as their flexibility
         return np.append(gap, beyond), np.append(rates, -speed), np.append(changes, 0.0)
 
     def widen(self, q: Array) -> Array:
@@ -259,7 +259,7 @@ class PatchGaps(Gaps):
         gap = self.at(q)
         if self.moving:
             stage, gap = self.stage.with_more_rows(self, q)
-            self._take(stage, q)
+            self._go_to_stage(stage, q)
         return gap
 
     def _of_nodes(self, q: Array, rates: Array) -> list[Array]:
@@ -282,10 +282,10 @@ class PatchGaps(Gaps):
     def project(self, x_s: Array, x_m: Array) -> tuple[ContactRows, float]:
         """Rows of all points that face the master, and the least gap [m]."""
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
-        found = self._projection(self._all, slave, master)
-        paired = facing(found, slave.normal_here, self.size)
-        least = found.gap[paired].min(initial=np.hypot(found.gap, found.offset).min())
-        return rows_of(self._all, found, paired, slave, master, self.approach), float(least)
+        projection = self._projection(self._all, slave, master)
+        paired = facing(projection, slave.normal_here, self.size)
+        least = projection.gap[paired].min(initial=np.hypot(projection.gap, projection.offset).min())
+        return rows_of(self._all, projection, paired, slave, master, self.approach), float(least)
 
     def _projection(self, points: ContactPoints, slave: Surface, master: Surface) -> Projection:
         """Closest points of some points of the slave on the master."""
@@ -309,13 +309,13 @@ class PatchGaps(Gaps):
     def sides_with(self, points: ContactPoints, facets: Array) -> tuple[Side, ...]:
         """The sides with the nodes of these points, and the master's nodes around facets, (p,) int array."""
         slave, master = (side.surface for side in self.sides)
-        near = np.zeros(len(master.points), dtype=bool)
-        near[master.facets[facets]] = True
-        near[master.facets[near[master.facets].any(axis=1)]] = True
-        near[self.witnesses[1]] = True
-        own = np.zeros(len(slave.points), dtype=bool)
-        own[points.nodes] = own[self.witnesses[0]] = True
-        return self.with_nodes([np.flatnonzero(own), np.flatnonzero(near)])
+        of_master = np.zeros(len(master.points), dtype=bool)
+        of_master[master.facets[facets]] = True
+        of_master[master.facets[of_master[master.facets].any(axis=1)]] = True
+        of_master[self.witnesses[1]] = True
+        of_slave = np.zeros(len(slave.points), dtype=bool)
+        of_slave[points.nodes] = of_slave[self.witnesses[0]] = True
+        return self.with_nodes([np.flatnonzero(of_slave), np.flatnonzero(of_master)])
 
 
 def _has_hardly_slid(here: Array, stood: Array, size: float) -> bool:

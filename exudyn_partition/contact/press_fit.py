@@ -38,7 +38,7 @@ def fitted(gaps: Gaps, overlap: float) -> Side:
     points, normals, gap = gaps.placed_rows()
     side, size, middle = gaps.slave, gaps.size, float(np.median(gap))
     uneven = float(abs(gap - middle).max())
-    by_facets = PENETRATION_TOLERANCE * size + sum(_sagitta(each.surface) for each in gaps.sides)
+    by_facets = PENETRATION_TOLERANCE * size + sum(_sagitta(any_side.surface) for any_side in gaps.sides)
     if middle < -overlap - by_facets:
         raise PenetrationError(
             f"interference: the patches overlap by {-middle:.4g} m as they are placed, more than the {overlap:.4g} m "

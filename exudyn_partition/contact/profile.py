@@ -86,8 +86,8 @@ class RigidProfile:
         if area < 0:
             curve = curve[::-1].copy()
         axis, first = _axes(self.axis, self.first)
-        made = {"curve": curve, "point": validate_vector("point", self.point), "axis": axis, "first": first}
-        for name, value in made.items():
+        checked = {"curve": curve, "point": validate_vector("point", self.point), "axis": axis, "first": first}
+        for name, value in checked.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -112,12 +112,12 @@ class RigidProfile:
 
     def project(self, x: Array) -> tuple[Array, Array]:
         """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3)."""
-        at = (x - self.point) @ self.plane
+        in_plane = (x - self.point) @ self.plane
         starts, tree = self._starts
-        s = starts[nearest_places(tree, at)[:, 0]]
+        s = starts[nearest_places(tree, in_plane)[:, 0]]
         for _ in range(_STEPS):
             place, tangent, bend = self._along(s)
-            squared, miss = np.einsum("kd,kd->k", tangent, tangent), at - place
+            squared, miss = np.einsum("kd,kd->k", tangent, tangent), in_plane - place
             bent = squared - np.einsum("kd,kd->k", miss, bend)
             step = np.einsum("kd,kd->k", tangent, miss) / np.where(bent > _CONVEX * squared, bent, squared)
             s = s + step
@@ -126,7 +126,7 @@ class RigidProfile:
         place, tangent, _ = self._along(s)
         normal = np.column_stack([tangent[:, 1], -tangent[:, 0]])
         normal /= np.sqrt(np.einsum("kd,kd->k", normal, normal))[:, None]
-        return np.einsum("kd,kd->k", at - place, normal), normal @ self.plane.T
+        return np.einsum("kd,kd->k", in_plane - place, normal), normal @ self.plane.T
 
     def _along(self, s: Array) -> tuple[Array, Array, Array]:
         """Places on the curve, (k, 2), and their first and second derivatives; faster than the spline itself."""

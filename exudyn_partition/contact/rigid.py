@@ -187,7 +187,7 @@ class RigidGaps(Gaps):
         linear = linear and not slave.surface.wanders
         self._start_q, self._loaded = np.zeros(self.n), {}
         self._start, gap = self._stage_at(self._rows_at_start(), [slave.surface.points - slave.centre], self._start_q)
-        self._take(self._start, self._start_q)
+        self._go_to_stage(self._start, self._start_q)
         self.pressed, self.clearance = pressed, float(gap.min())
         self._check_start(gap)
         if linear:
@@ -203,7 +203,7 @@ class RigidGaps(Gaps):
         """See `RigidMesh.entered`; all in space, but `outward`, which belongs to the slave as it was placed."""
         assert isinstance(self.surface, RigidMesh)
         place, axes = (pose[:3], pose[3:].reshape(3, 3)) if len(pose) else (np.zeros(3), np.eye(3))
-        placed, now = (self.slave.kinematics.frame(at)[1] for at in (np.zeros(self.n), q))
+        placed, now = (self.slave.kinematics.frame(coordinates)[1] for coordinates in (np.zeros(self.n), q))
         turned = outward @ placed @ now.T @ axes
         gap, normals, left = self.surface.entered((x - place) @ axes, turned, gap, normals @ axes)
         return gap, normals @ axes.T, left
@@ -271,29 +271,31 @@ class RigidGaps(Gaps):
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         stage = self.stage
         if isinstance(stage, Frozen):  # rows on a plane stay the same at any sliding
-            self._take(stage, q)
+            self._go_to_stage(stage, q)
             return stage.gap(q)
-        return self._at(q, self.carrier_pose)
+        return self._gaps_at(q, self.carrier_pose)
 
-    def _at(self, q: Array, pose: Array) -> Array:
+    def _gaps_at(self, q: Array, pose: Array) -> Array:
         """Gaps at coordinates q, (n,), with the carrier of the surface at a pose."""
         rows = self.stage.rows
-        found, gap = self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
-        self._take(found, q)
+        stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
+        self._go_to_stage(stage, q)
         return gap
 
-    def _go_to(self, state: GapState) -> Array:
+    def _go_to_state(self, state: GapState) -> Array:
         """See `Gaps`; the carrier may not be there yet."""
-        return self._at(state.q, state.pose) if len(state.pose) else self.at(state.q)
+        return self._gaps_at(state.q, state.pose) if len(state.pose) else self.at(state.q)
 
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; only for a surface that is fixed in space."""
         (nodes,) = self.dented([self.whole], q, dents)
         gap, normals = self._seen.project(x := np.vstack([nodes, self._all.at(nodes)]))
         if isinstance(self.surface, RigidMesh) and gap.min() < 0.0:
-            own, every = self.whole.surface, np.arange(len(nodes))[:, None]
-            at = (every, np.ones(every.shape)), (self._all.nodes, self._all.weights)
-            gap = self._entered(x, np.vstack([own.normals_at(*one) for one in at]), q, NOTHING, gap, normals)[0]
+            patch, every = self.whole.surface, np.arange(len(nodes))[:, None]
+            carriers = (every, np.ones(every.shape)), (self._all.nodes, self._all.weights)
+            gap = self._entered(
+                x, np.vstack([patch.normals_at(*carrier) for carrier in carriers]), q, NOTHING, gap, normals
+            )[0]
         return float(gap.min())
 
     @property

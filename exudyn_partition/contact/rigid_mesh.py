@@ -172,9 +172,9 @@ class RigidMesh:
         number = number.reshape(-1)
         at_edge = np.zeros((number.max() + 1, 3))
         np.add.at(at_edge, number, np.repeat(face, 3, axis=0))
-        found = np.concatenate([face[:, None], at_corner[triangles], at_edge[number].reshape(-1, 3, 3)], axis=1)
-        length = np.linalg.norm(found, axis=2)[:, :, None]
-        return np.where(length > _ON, found / np.maximum(length, _ON), face[:, None])
+        normals = np.concatenate([face[:, None], at_corner[triangles], at_edge[number].reshape(-1, 3, 3)], axis=1)
+        length = np.linalg.norm(normals, axis=2)[:, :, None]
+        return np.where(length > _ON, normals / np.maximum(length, _ON), face[:, None])
 
     def project(self, x: Array) -> tuple[Array, Array]:
         """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3)."""
@@ -246,7 +246,7 @@ class RigidMesh:
         points, triangles = [], []
         for radius, group, tree in self._classes:
             near = tree.query_ball_point(x, (1 + _ON) * (bound + radius))
-            points.append(np.repeat(np.arange(len(x)), [len(one) for one in near]))
+            points.append(np.repeat(np.arange(len(x)), [len(numbers) for numbers in near]))
             triangles.append(group[np.fromiter(chain.from_iterable(near), dtype=np.int64, count=len(points[-1]))])
         point, triangle = np.concatenate(points), np.concatenate(triangles)
         place, feature = _on_triangles(x[point], self._corners[triangle])

@@ -151,7 +151,9 @@ def remembered(rows: NormalRows | TangentialRows, memory: RowMemory) -> Array:
     return value
 
 
-def known_before(rows: NormalRows | TangentialRows, friction: Coulomb | None, memory: RowMemory) -> tuple[Array, Array]:
+def friction_before(
+    rows: NormalRows | TangentialRows, friction: Coulomb | None, memory: RowMemory
+) -> tuple[Array, Array]:
     """What friction in a step depends on: remembered forces, (nr, 3) [N], and coefficients, (nr,); else zeros."""
     nodes = rows.gaps.row_nodes
     if friction is None:

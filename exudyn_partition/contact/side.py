@@ -85,10 +85,10 @@ class Side:
         """
         body: ReducedBody = kinematics.body
         surface = body.surface(np.zeros(3), patch)
-        own = kinematics.at(body.partition.patches[patch].nodes)
+        of_patch = kinematics.at(body.partition.patches[patch].nodes)
         flexibility = None if body.basis.flexibility is None else body.flexibility(patch)
         beta = 0.0 if flexibility is None else beta
-        side = cls(surface, own, flexibility, ZoneMotion.of(kinematics, patch, state), beta=beta)
+        side = cls(surface, of_patch, flexibility, ZoneMotion.of(kinematics, patch, state), beta=beta)
         start = np.zeros(body.n_dofs)
         return replace(side, surface=side._placed(start, surface.direction))
 
@@ -113,8 +113,8 @@ class Side:
 
         Nodes keep their numbers. Its methods take time in proportion to the number of followed nodes.
         """
-        own = self.surface.facets[facets]
-        return replace(self, surface=replace(self.surface, facets=own)).following(np.union1d(own, nodes))
+        followed = self.surface.facets[facets]
+        return replace(self, surface=replace(self.surface, facets=followed)).following(np.union1d(followed, nodes))
 
     def spares(self, nodes: Array) -> int:
         """Measure of the work that is saved if only some nodes, (k,), are followed.
@@ -144,14 +144,14 @@ class Side:
 
         They are in the body's axes. They are zero where the nodes of the plastic zone are coordinates themselves.
         """
-        found = np.zeros(self.surface.points.shape)
+        displacements = np.zeros(self.surface.points.shape)
         if self.zone is None or self.zone.flexibility is None:
-            return found
+            return displacements
         moved = self.zone.zone.pseudo_forces(strain) @ self.zone.flexibility.of_patch
         if self.normal_only:
             return np.outer(moved, self.kinematics.frame(np.zeros(self.n))[1].T @ self.surface.direction)
-        found[:] = moved.reshape(-1, 3)
-        return found
+        displacements[:] = moved.reshape(-1, 3)
+        return displacements
 
     def dented(self, q: Array, dent: Array | None) -> Array:
         """Places of the patch's nodes, (np, 3) [m], from `place`, plus the displacements of `dent`, if any."""

@@ -74,9 +74,9 @@ class Anchor:
     q: Array
     pose: Array
 
-    def equals(self, other: Anchor) -> bool:
+    def equals(self, anchor: Anchor) -> bool:
         """Whether the other anchor has the same place."""
-        return self == other or (np.array_equal(self.q, other.q) and np.array_equal(self.pose, other.pose))
+        return self == anchor or (np.array_equal(self.q, anchor.q) and np.array_equal(self.pose, anchor.pose))
 
 
 class PresentRows:
@@ -112,20 +112,20 @@ class PresentRows:
         index : int array, optional
             Rows to which the value belongs.
         """
-        known = self._at_anchors.get(what)
-        same_rows = known is not None and len(index) == len(known[2]) and (not len(index) or (index == known[2]).all())
-        if known is None or not same_rows or not known[0].equals(anchor):
-            known = self._at_anchors[what] = anchor, make(), index
-        elif known[0] != anchor:
-            known = self._at_anchors[what] = anchor, known[1], index
-        value: T = known[1]
+        kept = self._at_anchors.get(what)
+        same_rows = kept is not None and len(index) == len(kept[2]) and (not len(index) or (index == kept[2]).all())
+        if kept is None or not same_rows or not kept[0].equals(anchor):
+            kept = self._at_anchors[what] = anchor, make(), index
+        elif kept[0] != anchor:
+            kept = self._at_anchors[what] = anchor, kept[1], index
+        value: T = kept[1]
         return value
 
     def on(self, sides: tuple[Side, ...]) -> Self:
         """Return the same rows for sides with other flexibilities."""
         flexible = zip(self.sides, sides, strict=True)
         result = copy.copy(self)
-        result.sides = tuple(replace(own, flexibility=side.flexibility) for own, side in flexible)
+        result.sides = tuple(replace(before, flexibility=side.flexibility) for before, side in flexible)
         result._at_anchors = {}
         return result
 
@@ -133,7 +133,7 @@ class PresentRows:
         """Return the same rows when other shares of flexibilities yield; what belongs to a side stays."""
         result = copy.copy(self)
         result._at_anchors = {
-            what: known for what, known in self._at_anchors.items() if isinstance(what, tuple) and OF_SIDE in what
+            what: kept for what, kept in self._at_anchors.items() if isinstance(what, tuple) and OF_SIDE in what
         }
         return result
 
@@ -196,7 +196,7 @@ class Stage:
 
     def __init__(self, rows: PresentRows, normals: Array, shares: Shares, pairing: Pairing | None = None) -> None:
         self.rows, self.normals, self.shares, self.pairing = rows, normals, shares, pairing
-        self._made: dict[Hashable, Any] = {}
+        self._values: dict[Hashable, Any] = {}
 
     @property
     def normal(self) -> Array:
@@ -206,13 +206,13 @@ class Stage:
     def on(self, sides: tuple[Side, ...]) -> Stage:
         """Return the same stage for sides with other flexibilities."""
         result = copy.copy(self)
-        result.rows, result.pairing, result._made = self.rows.on(sides), None, {}
+        result.rows, result.pairing, result._values = self.rows.on(sides), None, {}
         return result
 
     def yielding(self) -> Stage:
         """Return the same stage when other shares of the sides' flexibilities yield."""
         result = copy.copy(self)
-        result.rows, result.pairing, result._made = self.rows.yielding(), None, {}
+        result.rows, result.pairing, result._values = self.rows.yielding(), None, {}
         return result
 
     def again(self) -> Stage:
@@ -220,14 +220,14 @@ class Stage:
         if not self.moving:
             return self
         result = copy.copy(self)
-        result.rows, result._made = self.rows.again(), {}
+        result.rows, result._values = self.rows.again(), {}
         return result
 
     def once(self, what: Hashable, make: Callable[[], T]) -> T:
         """Value that follows from this stage alone; it is computed when it is needed first."""
-        if what not in self._made:
-            self._made[what] = make()
-        value: T = self._made[what]
+        if what not in self._values:
+            self._values[what] = make()
+        value: T = self._values[what]
         return value
 
     def nodal_forces(self, lam: Array) -> list[Array] | None:

@@ -33,8 +33,8 @@ _STEEP = 0.9  # cosine between a row's normal and the axis of its tangents, abov
 class TangentialRows:
     """The present rows of a contact with their tangents.
 
-    Sliding counts from the places that `hold` recorded. The offset between slave and master turns with the master, so
-    that a common motion of both is no sliding. Forces on the master act at the slave's points.
+    Sliding counts from the places that `record_places` recorded. The offset between slave and master turns with the
+    master, so that a common motion of both is no sliding. Forces on the master act at the slave's points.
 
     Parameters
     ----------
@@ -58,13 +58,13 @@ class TangentialRows:
         self._axis = int(abs(gaps.approach).argmin())
         self._places: list[Array] | None = None
         self._places_of: object = None
-        self.release()
+        self.forget_places()
 
     def fresh(self, gaps: Gaps) -> TangentialRows:
         """Return the tangents of these rows for another run; `gaps` are the same gaps in their start state."""
         result = copy.copy(self)
         result.gaps = gaps
-        result.release()
+        result.forget_places()
         return result
 
     d = 3
@@ -81,24 +81,24 @@ class TangentialRows:
         """Moment on the slave about a point in space, (3,) [N m], from forces along the rows, (nr, 3) [N]."""
         return self.gaps.moment_of(self.at_points(forces), point)
 
-    def release(self) -> None:
-        """Forget the places that `hold` recorded: nothing has slid."""
+    def forget_places(self) -> None:
+        """Forget the places that `record_places` recorded: nothing has slid."""
         self._from: Array | None = None  # coordinates
 
-    def hold(self, *, soon: bool = True) -> None:
+    def record_places(self, *, soon: bool = True) -> None:
         """Count sliding from the present places; unless sliding is needed `soon`, compute them when it is needed."""
         gaps = self.gaps
         self._from, self._pose = gaps.q, gaps.evaluated_pose
         self._places = gaps.places_now() if soon and gaps.moving else None
         self._places_of = gaps.near_sides
 
-    def hold_at(self, q: Array, pose: Array) -> None:
+    def record_places_at(self, q: Array, pose: Array) -> None:
         """Count sliding from the places at coordinates q, (n,), with the rigid surface's carrier at a pose, (12,)."""
         self._from, self._pose, self._places = q, pose, None
 
     @property
-    def held(self) -> bool:
-        """Whether `hold` has recorded places."""
+    def has_places(self) -> bool:
+        """Whether `record_places` has recorded any."""
         return self._from is not None
 
     @property
@@ -124,9 +124,9 @@ class TangentialRows:
         normals, axes = self.gaps.normal, self.axes
         tangents, cosines = loops.tangents_of(normals, axes[:, self._axis])
         if cosines.max(initial=0.0) > _STEEP and not self.gaps.stage.of_anchor:
-            others = [loops.tangents_of(normals, axis) for axis in axes.T]
-            axis = int(np.argmin([cosines.max() for _, cosines in others]))
-            return axis, others[axis][0]
+            by_axis = [loops.tangents_of(normals, axis) for axis in axes.T]
+            axis = int(np.argmin([cosines.max() for _, cosines in by_axis]))
+            return axis, by_axis[axis][0]
         return self._axis, tangents
 
     def in_space(self, along: Array) -> Array:
@@ -138,7 +138,7 @@ class TangentialRows:
         return loops.along(self.tangents, vectors)
 
     def way(self) -> Array:
-        """How far the rows have slid along their tangents since `hold`, (nr, 2) [m]."""
+        """How far the rows have slid along their tangents since `record_places`, (nr, 2) [m]."""
         gaps = self.gaps
         if self._from is None:
             return np.zeros((len(gaps.row_nodes), 2))
@@ -202,8 +202,8 @@ class TangentialRows:
         nodes, weights = self.gaps.shares[place]
         n_rows, (used, column) = len(self.gaps.row_nodes), self._used(place)
         cells = column[nodes[point]] + len(used) * row[:, None]
-        found = np.bincount(cells.ravel(), (share[:, None] * weights[point]).ravel(), minlength=n_rows * len(used))
-        return used, found.reshape(n_rows, len(used))[index]
+        sums = np.bincount(cells.ravel(), (share[:, None] * weights[point]).ravel(), minlength=n_rows * len(used))
+        return used, sums.reshape(n_rows, len(used))[index]
 
     def _used(self, place: int) -> tuple[Array, Array]:
         """Nodes of one side's patch in the present rows, (k,), and each node's number among them, (np,)."""
@@ -254,8 +254,8 @@ class TangentialRows:
     def _part(self, place: int, index: Array) -> Array:
         """Contribution of one side to the flexibility of some rows, (3 na, 3 na) [m/N]."""
         loaded, rows = self._some_side_rows(place, index)
-        own, yielding = loaded.directed_flexibility(rows), self.gaps.yielding
-        return own if yielding is None else yielding[place] * own
+        F, yielding = loaded.directed_flexibility(rows), self.gaps.yielding
+        return F if yielding is None else yielding[place] * F
 
     def side_flexibility(self, place: int) -> Array:
         """See `Gaps.side_flexibility`; in three directions, (3 nr, 3 nr) [m/N]."""
@@ -270,8 +270,8 @@ class TangentialRows:
     def across(self, index: Array | None = None) -> Array:
         """See `Gaps.across`; of some rows, by default of all, in three directions, (3 na, 3 na) [m/N]."""
         index = np.arange(len(self.gaps.row_nodes)) if index is None else index
-        (loaded, rows), (others, pushed) = (self._some_side_rows(place, index) for place in (0, 1))
-        between = np.asarray(self.gaps.between)[np.ix_(node_dofs(loaded.nodes), node_dofs(others.nodes))]
+        (loaded, rows), (loaded_master, pushed) = (self._some_side_rows(place, index) for place in (0, 1))
+        between = np.asarray(self.gaps.between)[np.ix_(node_dofs(loaded.nodes), node_dofs(loaded_master.nodes))]
         return np.asarray(rows @ between @ pushed.T)
 
     def carrier_rows(self, index: Array) -> Array:
@@ -309,12 +309,12 @@ class TangentialRows:
         apart = at_points(nodes[active], weights[active], x)
         apart += at_points(master_nodes[active], master_weights[active], x_m)
         followed = self.gaps.near_sides[1].active
-        held = np.arange(len(x_m)) if followed is None else followed
-        arms = x_m[held] - x_m[held].mean(axis=0)
+        turned = np.arange(len(x_m)) if followed is None else followed
+        arms = x_m[turned] - x_m[turned].mean(axis=0)
         inertia = np.eye(3) * (arms**2).sum() - arms.T @ arms
         turn = np.linalg.solve(inertia, -total_moment(apart, forces))
         couple = np.zeros_like(x_m)
-        couple[held] = cross(np.tile(turn, (len(arms), 1)), arms)
+        couple[turned] = cross(np.tile(turn, (len(arms), 1)), arms)
         return couple
 
     def generalised(self, lam: Array) -> Array:

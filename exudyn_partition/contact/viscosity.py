@@ -60,12 +60,12 @@ class ViscousMemory:
         taken : float
             Energy that was dissipated in the step [J].
         """
-        most = max(float(abs(own).max(initial=0.0)) for own in elastic)
+        most = max(float(abs(on_side).max(initial=0.0)) for on_side in elastic)
         largest, dissipated = max(most, self.largest), self.dissipated + taken
         if most <= _NOTHING * largest:
             return ViscousMemory(largest=largest, dissipated=dissipated)
-        kept = tuple(_kept(rows, own, n) for own in elastic)
-        excess = tuple(_kept(rows, lam - own, n) for own in elastic)
+        kept = tuple(_kept(rows, on_side, n) for on_side in elastic)
+        excess = tuple(_kept(rows, lam - on_side, n) for on_side in elastic)
         return ViscousMemory(kept, excess, largest, dissipated)
 
 
@@ -73,9 +73,9 @@ def _kept(rows: Rows, forces: Array, n: int) -> Array:
     """Forces on the present rows, (nr, d) [N], stored for the n nodes of the slave's patch, (n, k)."""
     if isinstance(rows, TangentialRows):
         return by_nodes(rows, forces[:, 0], rows.tractions(forces), n)
-    found = np.zeros((n, 1))
-    found[rows.gaps.row_nodes] = forces
-    return found
+    at_nodes = np.zeros((n, 1))
+    at_nodes[rows.gaps.row_nodes] = forces
+    return at_nodes
 
 
 def _present(rows: Rows, kept: Array) -> Array:
@@ -100,18 +100,18 @@ def moved(rows: Rows, forces: Sequence[Array]) -> list[Array]:
     `forces` are those on the rows, as each side carries them, (nr, d) each [N]. A body that touches itself moves one
     side by the forces on the other, too.
     """
-    gaps, found = rows.gaps, []
-    for place, (side, own) in enumerate(zip(gaps.sides, forces, strict=True)):
-        some = rows.directions(np.flatnonzero(own.any(axis=1)))  # few rows of many carry forces
+    gaps, displacements = rows.gaps, []
+    for place, (side, on_side) in enumerate(zip(gaps.sides, forces, strict=True)):
+        some = rows.directions(np.flatnonzero(on_side.any(axis=1)))  # few rows of many carry forces
         if side.flexibility is None or not len(some):
-            found.append(np.zeros_like(own))
+            displacements.append(np.zeros_like(on_side))
         else:
-            found.append((own.ravel()[some] @ rows.side_flexibility(place)[some]).reshape(own.shape))
+            displacements.append((on_side.ravel()[some] @ rows.side_flexibility(place)[some]).reshape(on_side.shape))
     if gaps.between is not None:
         across = rows.across()
-        found[0] += (across @ forces[1].ravel()).reshape(found[0].shape)
-        found[1] += (forces[0].ravel() @ across).reshape(found[1].shape)
-    return found
+        displacements[0] += (across @ forces[1].ravel()).reshape(displacements[0].shape)
+        displacements[1] += (forces[0].ravel() @ across).reshape(displacements[1].shape)
+    return displacements
 
 
 class Creep(NamedTuple):
@@ -154,13 +154,13 @@ class Yielding:
         self._moved_before: list[Array] | None = None
         self._lasting: Array | None = None
 
-    def holds(self, memory: ViscousMemory) -> bool:
+    def is_current(self, memory: ViscousMemory) -> bool:
         """Whether this is still so: neither the memory, nor the rows, nor the step have changed."""
         return memory == self._memory and self.rows.gaps.stage == self._stage
 
     def _on_rows(self, kept: Sequence[Array]) -> list[Array]:
         if kept:
-            return [_present(self.rows, own) for own in kept]
+            return [_present(self.rows, on_side) for on_side in kept]
         none = np.zeros((len(self.rows.gaps.row_nodes), self.rows.d))
         return [none] * len(self.rows.gaps.sides)
 
@@ -178,7 +178,7 @@ class Yielding:
         if self._lasting is None and self._memory.elastic:
             moved_before = since = self._moved_before = moved(self.rows, self.before)
             if self.rows.d > 1:
-                since = moved(self.rows, [last - own for own in self.before])
+                since = moved(self.rows, [last - on_side for on_side in self.before])
             self._lasting = lasting(self.shares, moved_before, since)
         return self._lasting
 
@@ -196,22 +196,22 @@ class Yielding:
         elastic, late = self.elastic(lam), self._on_rows(self._memory.excess)
         before = moved(self.rows, self.before) if self._moved_before is None else self._moved_before
         stored = taken = 0.0
-        for side, (own, now) in enumerate(zip(elastic, moved(self.rows, elastic), strict=True)):
+        for side, (on_side, now) in enumerate(zip(elastic, moved(self.rows, elastic), strict=True)):
             way = now - before[side]
             if across is not None:
                 now = now + across[side]
                 way = way + across[side]
             if across_before is not None:
                 way = way - across_before[side]
-            stored += 0.5 * float(np.vdot(own, now))
-            taken += 0.5 * float(np.vdot(lam - own + late[side], way))
+            stored += 0.5 * float(np.vdot(on_side, now))
+            taken += 0.5 * float(np.vdot(lam - on_side + late[side], way))
         return Creep(elastic, stored, taken)
 
 
 def lasting(shares: Sequence[float], by_elastic: Sequence[Array], since: Sequence[Array]) -> Array:
     """See `Yielding.lasting`, which gives displacements by the elastic forces, and by what `last` exceeds these [m]."""
     total = np.zeros_like(by_elastic[0])
-    for share, own, more in zip(shares, by_elastic, since, strict=True):
-        total[:, 0] += (1.0 - share) * own[:, 0]
+    for share, elastic, more in zip(shares, by_elastic, since, strict=True):
+        total[:, 0] += (1.0 - share) * elastic[:, 0]
         total[:, 1:] += share * more[:, 1:]
     return total

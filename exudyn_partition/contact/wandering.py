@@ -120,9 +120,9 @@ class WanderingGaps(PatchGaps):
         nodes = near.nodes[:, None]
         carriers = (points.nodes, points.weights), (nodes, np.ones(nodes.shape))
         places = np.vstack([points.at(slave.points), slave.points[near.nodes]])
-        found = closest_points(places, master.points[master.facets])
+        projection = closest_points(places, master.points[master.facets])
         normals = np.vstack([slave.normals_at(*carrier) for carrier in carriers])
-        return float(found.gap[facing_locally(found, normals, self.size)].min(initial=np.inf))
+        return float(projection.gap[facing_locally(projection, normals, self.size)].min(initial=np.inf))
 
     def _distance(self, x_s: Array, x_m: Array) -> float:
         return self._near_parts(self._q).least if self._apart_by_far else self.project(x_s, x_m)[1]
@@ -161,7 +161,7 @@ class WanderingRigidGaps(RigidGaps):
         super().retry()
         self._choose_as(self.accepted)
 
-    def _take_rows(self, state: GapState) -> None:
+    def _restore_rows(self, state: GapState) -> None:
         """See `Gaps`."""
         self._choose_as(state)
 
@@ -187,9 +187,9 @@ class WanderingRigidGaps(RigidGaps):
         x = self._three.place(q)
         return x if not len(pose) else (x - pose[:3]) @ pose[3:].reshape(3, 3)
 
-    def _choose(self, at: Anchor) -> None:
+    def _choose(self, anchor: Anchor) -> None:
         """Choose the rows that may close until the patch has moved by `_reach`, and the nearest rows."""
-        gap = self._projected(self._whole.place(at.q), at.pose)[0]
+        gap = self._projected(self._whole.place(anchor.q), anchor.pose)[0]
         least, soon = float(gap.min()) - self.reach, SOON * self.size
         self._reach = max(soon, 0.25 * (least - 2 * soon))
         nodes = np.flatnonzero(gap < self.reach + max(2 * soon, least + soon))
@@ -197,7 +197,7 @@ class WanderingRigidGaps(RigidGaps):
         self.sides, self._loaded = (self._whole.part(facets, self._witnesses),), {}
         self.stage = Stage(self._rows_of(nodes), self.stage.normals, self.stage.shares)  # `at` finds these two
         self._beyond = self.reach + max(least, 2 * soon) - self._reach
-        self._chosen, self._chosen_at = at, self._here(at.q, at.pose)
+        self._chosen, self._chosen_at = anchor, self._here(anchor.q, anchor.pose)
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """See `Gaps.closing`; the last entry bounds all points without rows, by their least gap and largest speed."""

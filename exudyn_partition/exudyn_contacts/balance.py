@@ -72,7 +72,7 @@ def taken_by(
     bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact], result: RunResult
 ) -> dict[str, Array]:
     """Energy taken from bodies and contacts so far, (n,) [J], by the name of the cause; empty if nothing took any."""
-    each = {
+    works_by_cause = {
         DAMPING: [
             *(body.dissipated_energy(result) for body in bodies),
             *(viscous_work(contact, result) for contact in contacts),
@@ -80,7 +80,7 @@ def taken_by(
         FRICTION: [contact.friction.work(result) for contact in contacts],
         FLOW: [contact.plastic.work(result) for contact in contacts],
     }
-    return {what: np.sum(works, axis=0) for what, works in each.items() if np.any(works)}
+    return {what: np.sum(works, axis=0) for what, works in works_by_cause.items() if np.any(works)}
 
 
 def taken(result: RunResult) -> dict[str, Array]:
@@ -92,13 +92,13 @@ def taken_by_steps(result: RunResult) -> dict[str, Array]:
     """Energy that implicit steps with damping took from the bodies. It is known only if each step has a sample."""
     if result.newmark is None or not result.newmark.damps or not has_all_steps(result):
         return {}
-    found = []
+    works = []
     for item in result.bodies:
         q = item.coordinates(result)
         if not item.kinematics.linear:  # angular velocities are no rates of rotation vectors
             q = np.concatenate([q[:, :3], np.full((len(q), 3), np.nan), q[:, RIGID:]], axis=1)
-        found.append(result.newmark.taken(result.t, q, item.coordinates_t(result), item.kinematics.mass))
-    return {STEPS: np.sum(found, axis=0)}
+        works.append(result.newmark.taken(result.t, q, item.coordinates_t(result), item.kinematics.mass))
+    return {STEPS: np.sum(works, axis=0)}
 
 
 def has_all_steps(result: RunResult) -> bool:
@@ -110,12 +110,12 @@ def given(result: RunResult) -> dict[str, Array]:
     """Work of gravity, and of each joint, spring and load if the model has a sensor of their work; (n,) [J]."""
     if result.item_work is not None and result.method != "static":
         return result.item_work.work(result)
-    found = {}
+    works = {}
     for i, item in enumerate(result.bodies):
         if item.weight is not None:
             q = item.coordinates(result)
-            found[f"gravity on {item.name or f'body {i}'}"] = (q - q[0]) @ item.weight
-    return found
+            works[f"gravity on {item.name or f'body {i}'}"] = (q - q[0]) @ item.weight
+    return works
 
 
 def doubt(result: RunResult) -> Array:

@@ -184,20 +184,20 @@ class MultiplierStep:
         self, joints: Joints, coordinates: Start, step: float
     ) -> tuple[JointState, list[Array], list[ForwardAnswer]]:
         """Apply multipliers of joints in the coming step [s]; return their state, and what contacts answer then."""
-        (q, q_t, q_tt), known = coordinates, self._joint_state
+        (q, q_t, q_tt), joint_state = coordinates, self._joint_state
         for dofs, acceleration in self._repeated(joints):
-            _push(q_t, q_tt, dofs, -acceleration, known.step)
+            _push(q_t, q_tt, dofs, -acceleration, joint_state.step)
         if joints.constant and not self.contacts:
             joints.update()
             coming = 1.0, step, 0.5 * step**2
             reaction, _ = joints.hold(joints.rest(), coming, -1 / step**2, step, coordinates)
-            return known.applied(reaction, known.answer), [], []
-        own = joints.dofs
-        mid = q_t[own] + 0.5 * step * q_tt[own]
+            return joint_state.applied(reaction, joint_state.answer), [], []
+        joint_dofs = joints.dofs
+        mid = q_t[joint_dofs] + 0.5 * step * q_tt[joint_dofs]
         starts, last = self._starts(coordinates), self._accepted()
-        closing = self._close(joints, last, starts, q[own], mid, step)
-        _push(q_t, q_tt, own, closing.by_joints, step)
-        return known.applied(closing.reaction, closing.answer), closing.increments, closing.contacts
+        closing = self._close(joints, last, starts, q[joint_dofs], mid, step)
+        _push(q_t, q_tt, joint_dofs, closing.by_joints, step)
+        return joint_state.applied(closing.reaction, closing.answer), closing.increments, closing.contacts
 
     @property
     def _joint_state(self) -> JointState:
@@ -214,18 +214,20 @@ class MultiplierStep:
         """Make velocities and accelerations obey the joints, and give Exudyn their reactions."""
         if self.joints is None or t != self._t:  # also called before the first step
             return
-        joints, data, state, known = self.joints, mbs.systemData, self._state, self._joint_state
+        joints, data, state, joint_state = self.joints, mbs.systemData, self._state, self._joint_state
         joints.update()
         q_t, q_tt = data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
         drift, now = joints.drift(state.step), (q_t, q_t, q_tt)
         carried, acceleration = joints.hold(drift, (0.0, 1.0, 0.0), -2 / state.step, state.step, now)
-        usual = known.usual if joints.linear else abs(acceleration).max()
+        usual = joint_state.usual if joints.linear else abs(acceleration).max()
         predicted: tuple[Array, ...] = ()
         if self.contacts:
             # Until the next step's multipliers are known, contacts push as in the last step, and joints answer.
-            predicted = *state.pushes, joints.push @ known.answer
-        data.SetAECoordinates(-(known.mean + 0.5 * (carried + known.answer - known.answered)))
-        jointed = JointState(state.step, predicted, known.mean, carried, known.answer, known.answer, usual)
+            predicted = *state.pushes, joints.push @ joint_state.answer
+        data.SetAECoordinates(-(joint_state.mean + 0.5 * (carried + joint_state.answer - joint_state.answered)))
+        jointed = JointState(
+            state.step, predicted, joint_state.mean, carried, joint_state.answer, joint_state.answer, usual
+        )
         self._state = StepperState(state.numbers, state.looked, state.step, state.pushes, jointed)
         for dofs, acceleration in self._repeated(joints):
             _push(q_t, q_tt, dofs, acceleration, state.step)
@@ -262,12 +264,18 @@ class MultiplierStep:
             # No joint closes gaps as wide as a facet within a step, and for them moving rows is not worth the time.
             if not ahead.nearest >= min(rows.gaps.size for rows in forward.rows):
                 coupled = self._coupled_rows(joints)
-        acceleration, held, last, by_joints, solution = np.zeros(len(start)), np.zeros(joints.n), np.inf, mid, None
+        acceleration, gap_accelerations, last, by_joints, solution = (
+            np.zeros(len(start)),
+            np.zeros(joints.n),
+            np.inf,
+            mid,
+            None,
+        )
         answer = np.zeros(joints.n)
         for _ in range(_ITERATIONS):
             before = acceleration
             g = joints.residual(start, step * (mid + step * acceleration))
-            reaction = joints.solve(held - g / step**2)
+            reaction = joints.solve(gap_accelerations - g / step**2)
             if coupled is not None and ahead is not None:
                 h = ahead.places + step**2 * (coupled.across @ reaction).reshape(ahead.places.shape)
                 solution = forward.solve(contacts, coupled.rows, h, step, coupled.by_joints)
@@ -279,12 +287,12 @@ class MultiplierStep:
             acceleration = by_joints.copy()
             if coupled is not None and solution is not None and solution.forces.on_rows.any():
                 parts = coupled.rows.split(solution.forces.on_rows)
-                for push, (own, others), on_rows in zip(coupled.rows.push, self._shared, parts, strict=True):
-                    acceleration[others] += (push @ on_rows)[own]
+                for push, (of_contact, of_joints), on_rows in zip(coupled.rows.push, self._shared, parts, strict=True):
+                    acceleration[of_joints] += (push @ on_rows)[of_contact]
             change = abs(acceleration - before).max()
             if change <= _SETTLED * max(self._joint_state.usual, abs(acceleration).max()) or change > 0.5 * last:
                 break
-            last, held = change, joints.C @ acceleration
+            last, gap_accelerations = change, joints.C @ acceleration
         if not joints.linear:
             self._check_closed(joints, g, start, step * mid, step**2 * acceleration)
         increments: list[Array] = []
@@ -297,23 +305,23 @@ class MultiplierStep:
 
     def _coupled_rows(self, joints: Joints) -> RowsAndJoints:
         """How the present rows and joints move each other; the same object as long as neither changes."""
-        rows, known = self._forward.all_rows(), self._coupled
-        if known is None or known.rows != rows or not np.array_equal(known.push, joints.push):
+        rows, coupled = self._forward.all_rows(), self._coupled
+        if coupled is None or coupled.rows != rows or not np.array_equal(coupled.push, joints.push):
             both = zip(rows.G, self._shared, strict=True)
-            across = np.vstack([G[:, own] @ joints.push[others] for G, (own, others) in both])
+            across = np.vstack([G[:, of_contact] @ joints.push[of_joints] for G, (of_contact, of_joints) in both])
             yields = -joints.solve(across.T)
-            known = self._coupled = RowsAndJoints(rows, joints.push, across, yields, ByJoints(across @ yields))
-        return known
+            coupled = self._coupled = RowsAndJoints(rows, joints.push, across, yields, ByJoints(across @ yields))
+        return coupled
 
     @staticmethod
-    def _check_closed(joints: Joints, g: Array, start: Array, way: Array, held: Array) -> None:
+    def _check_closed(joints: Joints, g: Array, start: Array, way: Array, added: Array) -> None:
         """Raise an error if the iteration leaves joints open.
 
         Parameters
         ----------
         g : (n,) array
             Gaps of the joints before the last change of the iteration [m or rad].
-        start, way, held : (k,) arrays
+        start, way, added : (k,) arrays
             Coordinates, their change in the step without multipliers, and the change that multipliers add.
         """
         used, round_off = joints.scale > 0, _ROUND_OFF * joints.reach
@@ -321,7 +329,7 @@ class MultiplierStep:
             return
         allowed = _OPEN * (abs(joints.C) @ abs(way)) + round_off
         if not (abs(g) <= allowed)[used].all():
-            g = joints.residual(start, way + held)
+            g = joints.residual(start, way + added)
         if not (abs(g) <= allowed)[used].all():  # also true of gaps that are not finite
             raise RunError(
                 f"joints: Newton's iteration leaves them open by {abs(g[used]).max():.3g} m or rad. Check that they "

@@ -29,7 +29,7 @@ Block = tuple[Rows, Array, Array]  # a part of a matrix, (k, l), and its rows, (
 
 
 def add_to_object(
-    mbs: MainSystem, contact: PartitionContact, others: Sequence[PartitionContact], runs: Runs
+    mbs: MainSystem, contact: PartitionContact, earlier: Sequence[PartitionContact], runs: Runs
 ) -> ObjectIndex:
     """Add a new contact to the model's one object of contacts; returns the object's number.
 
@@ -39,11 +39,11 @@ def add_to_object(
     """
     runs.add_contact()
     nodes = {int(node): node for node in contact.nodes + _carrying_nodes(contact)}
-    if not others:
+    if not earlier:
         return _add_object(mbs, [*nodes.values()], runs)
-    number: ObjectIndex = others[0]["oContact"]
-    known = {int(node): node for node in mbs.GetObjectParameter(number, "nodeNumbers")}
-    mbs.SetObjectParameter(number, "nodeNumbers", [*(known | nodes).values()])
+    number: ObjectIndex = earlier[0]["oContact"]
+    present = {int(node): node for node in mbs.GetObjectParameter(number, "nodeNumbers")}
+    mbs.SetObjectParameter(number, "nodeNumbers", [*(present | nodes).values()])
     return number
 
 
@@ -67,7 +67,7 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
         if not (run.over and run.ended_in(mbs.systemData.GetODE2Coordinates(copy=False))):
             run.settled_force(mbs, t)
         contacts, given_up = run.contacts, run.unsettled is not None
-        stuck = [contact for contact in contacts if given_up or _sticks(mbs, run.of(contact))]
+        stuck = [contact for contact in contacts if given_up or _sticks(mbs, run.contact_run(contact))]
         blocks = [*_of_stuck(run, stuck, fODE2), *_of_groups(mbs, run, contacts, stuck, fODE2)]
         blocks += _of_damping(mbs, run, contacts, fODE2_t)
         if run.over:
@@ -87,7 +87,7 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
 
 
 @contextlib.contextmanager
-def called_if_needed(mbs: MainSystem, run: ModelRun) -> Iterator[None]:
+def skip_needless_calls(mbs: MainSystem, run: ModelRun) -> Iterator[None]:
     """Keep Exudyn from calling the object in a run whose contacts all act ahead of steps.
 
     A call takes long, because Exudyn passes all coordinates.
@@ -97,23 +97,23 @@ def called_if_needed(mbs: MainSystem, run: ModelRun) -> Iterator[None]:
         yield
         return
     number, name = contacts[0]["oContact"], "forceUserFunction"
-    own = user_function(mbs.GetObjectParameter(number, name))
+    function = user_function(mbs.GetObjectParameter(number, name))
     mbs.SetObjectParameter(number, name, 0)
     try:
         yield
     finally:
-        mbs.SetObjectParameter(number, name, own)
+        mbs.SetObjectParameter(number, name, function)
 
 
 def _assembled(blocks: Sequence[Block], dofs: Array) -> tuple[Array, Array, Array]:
     """Rows, columns and values of the sum of blocks on some coordinates; `dofs`, (n,), are their numbers."""
     place = np.zeros(dofs.max() + 1, dtype=np.int64)
     place[dofs] = np.arange(len(dofs))
-    found = [(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0))]
+    entries = [(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0))]
     for K, of_rows, of_columns in blocks:
         rows, columns, values = terms(K)
-        found.append((place[of_rows[rows]], place[of_columns[columns]], values))
-    rows, columns, values = map(np.concatenate, zip(*found, strict=True))
+        entries.append((place[of_rows[rows]], place[of_columns[columns]], values))
+    rows, columns, values = map(np.concatenate, zip(*entries, strict=True))
     return rows, columns, values
 
 
@@ -123,7 +123,7 @@ def _of_stuck(model: ModelRun, stuck: Sequence[ModelContact], by_q: float) -> It
     Without the stiffness between them, a load on one would seem to open others of its bodies by a little.
     """
     for group in {id(contact.group): contact.group for contact in stuck}.values():
-        together, runs = model.of(group[0]).group.together, [model.of(contact) for contact in group]
+        together, runs = model.contact_run(group[0]).group.together, [model.contact_run(contact) for contact in group]
         places = [place for place, contact in enumerate(group) if contact in stuck]
         if together is None:
             blocks = {(j, j): runs[j].mechanics.closed_stiffness() for j in places}
@@ -161,7 +161,7 @@ def _of_groups(
     Those that are `stuck` are left out.
     """
     for group in {id(contact.group): contact.group for contact in contacts}.values():
-        runs = [model.of(contact) for contact in group]
+        runs = [model.contact_run(contact) for contact in group]
         acting = [place for place, contact in enumerate(group) if contact not in stuck]
         closed = {
             place: _closed_rows(mbs, runs[place], group[place])
@@ -174,15 +174,15 @@ def _of_groups(
                 yield by_q * mechanics.corrected(np.zeros((len(dofs),) * 2)), dofs, dofs
         for (j, k), K in runs[0].group.stiffness({j: H for j, (H, _) in closed.items()}).items():
             if j == k:
-                own = np.s_[: len(runs[j].dofs)]
-                K[own, own] = runs[j].mechanics.corrected(K[own, own])
+                of_bodies = np.s_[: len(runs[j].dofs)]
+                K[of_bodies, of_bodies] = runs[j].mechanics.corrected(K[of_bodies, of_bodies])
             yield by_q * K, closed[j][1], closed[k][1]
 
 
 def _of_damping(mbs: MainSystem, model: ModelRun, contacts: Sequence[ModelContact], by_q_t: float) -> Iterator[Block]:
     """Damping of contacts whose laws depend on rates, on the coordinates of bodies and carrier."""
     for contact in contacts if by_q_t else ():  # zero in statics
-        run = model.of(contact)
+        run = model.contact_run(contact)
         if run.mechanics.law.elastic or (C := run.evaluation.damping()) is None:
             continue
         H, dofs = _closed_rows(mbs, run, contact)
@@ -191,7 +191,9 @@ def _of_damping(mbs: MainSystem, model: ModelRun, contacts: Sequence[ModelContac
 
 def _warn_of_slips(model: ModelRun, contacts: Sequence[ModelContact]) -> None:
     """Warn that rows slip, so that the stiffness that is asked for after a run is not symmetric."""
-    answers = {contact.name: model.of(contact).evaluation for contact in contacts if contact.mechanics.friction}
+    answers = {
+        contact.name: model.contact_run(contact).evaluation for contact in contacts if contact.mechanics.friction
+    }
     slip = [name for name, answer in answers.items() if (answer.status == SLIP).any()]
     if slip:
         warn(
@@ -205,7 +207,7 @@ def _warn_of_slips(model: ModelRun, contacts: Sequence[ModelContact]) -> None:
 def _of_slips(mbs: MainSystem, model: ModelRun, contacts: Sequence[ModelContact], by_q: float) -> Iterator[Block]:
     """Stiffness along slips, see `SlipSecants`."""
     for contact in contacts:
-        run = model.of(contact)
+        run = model.contact_run(contact)
         if run.mechanics.friction is not None and run.evaluation.index.size:
             H, dofs = _closed_rows(mbs, run, contact)
             yield by_q * run.evaluation.slip_secants(H), dofs, dofs

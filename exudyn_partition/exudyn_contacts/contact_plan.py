@@ -104,7 +104,7 @@ def plan_contact(
     EmptyRegionError, PenetrationError, InputError, IndefiniteMatrixError
     """
     bodies = [*registered(mbs).bodies.values()]
-    first, other, rigid = _partners(bodies, slave, master)
+    first, second, rigid = _partners(bodies, slave, master)
     validate_new_name(mbs, name, ("Object", "Sensor"))
     chosen = formulation_of(formulation, stiffness)
     kind = validate_choice("rows", chosen.rows if rows is None else rows, ROW_KINDS)
@@ -117,9 +117,9 @@ def plan_contact(
         )
     _check_master(mbs, rigid, masterPatch, masterBody)
     given = [(first, number_of_patch(first.body.partition, slavePatch, "slavePatch"))]
-    if other is not None:
-        given.append((other, number_of_patch(other.body.partition, masterPatch, "masterPatch")))
-    if first == other:
+    if second is not None:
+        given.append((second, number_of_patch(second.body.partition, masterPatch, "masterPatch")))
+    if first == second:
         _check_itself(first, [patch for _, patch in given], chosen)
     ordered: Sequence[BodyPatch] = given
     if kind == "edges":
@@ -183,19 +183,19 @@ def _partners(
     bodies: Sequence[PartitionBody], slave: object, master: object
 ) -> tuple[PartitionBody, PartitionBody | None, RigidSurface | None]:
     """The slave, and the master as a body or as a rigid surface."""
-    other = master if isinstance(master, PartitionBody) else None
+    body = master if isinstance(master, PartitionBody) else None
     rigid = master if isinstance(master, _RIGID) else None
-    if other is None and rigid is None:
+    if body is None and rigid is None:
         raise InputError(
             "master: expected what CreatePartitionBody returns, or a RigidPlane, RigidSphere, RigidCylinder, "
             f"RigidProfile or RigidMesh, got {type(master).__name__}"
         )
     if not isinstance(slave, PartitionBody):
         raise InputError(f"slave: expected what CreatePartitionBody returns, got {type(slave).__name__}")
-    for role, item in (("slave", slave), ("master", other)):
+    for role, item in (("slave", slave), ("master", body)):
         if item is not None and item not in bodies:
             raise InputError(f"{role}: body {item.name!r} belongs to another model, or to this one before a Reset")
-    return slave, other, rigid
+    return slave, body, rigid
 
 
 def _check_master(mbs: MainSystem, rigid: RigidSurface | None, patch: object, body: ObjectIndex | None) -> None:
@@ -319,8 +319,8 @@ def _between(
     bodies: Sequence[PartitionBody], sides: Sequence[BodyPatch], placed: Sequence[Side], rows: RowKind, pressed: bool
 ) -> Gaps:
     """Gaps between two patches."""
-    (slave, patch), (master, other_patch) = sides
-    between = slave.body.flexibility(patch, other_patch) if slave == master else None
+    (slave, patch), (master, master_patch) = sides
+    between = slave.body.flexibility(patch, master_patch) if slave == master else None
     kind = WanderingGaps if any(side.surface.wanders for side in placed) else PatchGaps
     try:
         return kind(placed[0], placed[1], rows, between, pressed=pressed)

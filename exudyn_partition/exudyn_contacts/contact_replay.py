@@ -41,12 +41,12 @@ def stored_energy(contact: ModelContact, result: RunSamples) -> Array:
     if contact.together is None:
         mechanics = contact.mechanics.for_run("explicit")
         return np.array([mechanics.at(q).stored for (q,) in _coordinates(contact, result)])
-    found = _ENERGIES.setdefault(result, {})  # energies of all contacts of the group, which are found together
-    if id(contact.group) not in found:
-        found[id(contact.group)] = np.array(
+    energies = _ENERGIES.setdefault(result, {})  # energies of all contacts of the group, which are found together
+    if id(contact.group) not in energies:
+        energies[id(contact.group)] = np.array(
             [[mechanics.evaluation.stored for mechanics in parts] for parts in _evaluated(contact, result)]
         )
-    return found[id(contact.group)][:, _place_in_group(contact)].copy()
+    return energies[id(contact.group)][:, _place_in_group(contact)].copy()
 
 
 def viscous_work(contact: ModelContact, result: RunSamples) -> Array:
@@ -78,9 +78,9 @@ def _kept_on_nodes(contact: ModelContact, result: RunSamples) -> list[Array]:
     q, turned = np.hstack([item.coordinates(result) for item, _ in contact.sides]), Turned(contact.sides, result)
     forces = [np.zeros((len(result.t), len(side.surface.points), 3)) for side in mechanics.gaps.sides]
     for i, nodes, lam, tangential, _ in kept_rows(contact, result):
-        with turned.at_sample(i):
-            found = mechanics.forces_on_nodes(q[i], nodes, lam, tangential)
-        for on_side, now in zip(forces, found, strict=True):
+        with turned.turn_to(i):
+            on_sides = mechanics.forces_on_nodes(q[i], nodes, lam, tangential)
+        for on_side, now in zip(forces, on_sides, strict=True):
             on_side[i] = now
     return forces
 
@@ -107,7 +107,7 @@ def _coordinates(contact: ModelContact, result: RunSamples) -> Iterator[Sequence
     turned = Turned([side for c in group for side in c.sides], result)
     histories = [np.hstack([item.coordinates(result) for item, _ in c.sides]) for c in group]
     for i in range(len(result.t)):
-        with turned.at_sample(i):
+        with turned.turn_to(i):
             yield [q[i] for q in histories]
 
 

@@ -136,7 +136,7 @@ class ContactRun:
         self.impulses = StepImpulses(mechanics) if mechanics.ahead and method == "implicit" else None
         self.dofs = np.concatenate([np.r_[s] for s in slices])
         self._slices = joined_slices(slices)  # fewer slices are quicker
-        self._own = consecutive([s.stop - s.start for s in self._slices])
+        self._parts = consecutive([s.stop - s.start for s in self._slices])
         self._group_of: Callable[[], GroupRun | None] = lambda: None
         self._looped = LoopedSamples()
         self._place = 0  # in the group
@@ -156,7 +156,7 @@ class ContactRun:
         self._multipliers: ForwardAnswer | ImpulseAnswer | None = None  # their last answer
         self._begin_multipliers(None)
         self._stepped_to = t
-        self._start, self._at = -np.inf, t
+        self._start, self._evaluated_at = -np.inf, t
         self.force: Array | None = None
         self.goes_on_at: float | None = None
         self._closed = self._closed_nodes = np.empty(0, dtype=np.int64)
@@ -193,7 +193,7 @@ class ContactRun:
             return float(stored[self._place])
         answer = self.evaluation
         plastic = 0.0 if answer.plastic is None else answer.plastic.work
-        return answer.stored + self._dissipated() + self._damping_work(self._at) + plastic
+        return answer.stored + self._dissipated() + self._damping_work(self._evaluated_at) + plastic
 
     @property
     def group(self) -> GroupRun:
@@ -255,9 +255,9 @@ class ContactRun:
         """Return `plastic_strains`. The same method of a run from a file needs these zones."""
         return self.plastic_strains
 
-    def of(self, coordinates: Array) -> Array:
+    def coordinates_in(self, q: Array) -> Array:
         """Coordinates of slave and master, (n,), out of the model's."""
-        return np.concatenate([coordinates[s] for s in self._slices])
+        return np.concatenate([q[s] for s in self._slices])
 
     def join(self, group: GroupRun, place: int) -> None:
         """Let the group find the forces; `place` is this contact's place in it.
@@ -274,7 +274,7 @@ class ContactRun:
             self.force = self._multipliers.force
         elif self.acts_within:
             self.force = self.mechanics.generalised()
-        self._at = self._stepped_to = self.goes_on_at = t
+        self._evaluated_at = self._stepped_to = self.goes_on_at = t
 
     def begin_contact(self, state: ContactState, t: float) -> None:
         """Begin at time t [s] from the state of a contact alone; its multipliers are those of a new run."""
@@ -291,7 +291,7 @@ class ContactRun:
     def state(self, number: int) -> MemberState:
         """State at the end of the last step. `number` is that of the contact."""
         self.group.evaluation(self._place)  # which compiled loops may have found
-        contact, multipliers = self.mechanics.at_end(self._at), self._multipliers
+        contact, multipliers = self.mechanics.at_end(self._evaluated_at), self._multipliers
         if multipliers is None:
             return MemberState(number, contact, None)
         return MemberState(number, replace(contact, memory=multipliers.memory), multipliers.state)
@@ -308,7 +308,7 @@ class ContactRun:
             return True
         if self.impulses is not None:  # they are means of the whole step
             return False
-        self._at, mechanics = t, self.mechanics
+        self._evaluated_at, mechanics = t, self.mechanics
         mechanics.retry()
         self._find_force(mbs, q)
         return True
@@ -317,7 +317,7 @@ class ContactRun:
         """Find the force of this contact alone at the model's coordinates q, (nq,), and time t [s]."""
         self.follow(start_of_step(mbs), t)
         if self.impulses is not None:
-            self.force = self._mean_force(self.impulses, SolverMotion(mbs, self.of))
+            self.force = self._mean_force(self.impulses, SolverMotion(mbs, self.coordinates_in))
         else:
             self._find_force(mbs, q)
 
@@ -325,9 +325,9 @@ class ContactRun:
         """Find the force within the step, which multipliers ahead of it do not have."""
         mechanics = self.mechanics
         if mechanics.ahead:
-            self.force = mechanics.zone_forces(self.of(q))
+            self.force = mechanics.zone_forces(self.coordinates_in(q))
         else:
-            mechanics.at(self.of(q), SolverMotion(mbs, self.of))
+            mechanics.at(self.coordinates_in(q), SolverMotion(mbs, self.coordinates_in))
             self.force = mechanics.generalised()
 
     def _mean_force(self, impulses: StepImpulses, motion: SolverMotion) -> Array:
@@ -345,8 +345,8 @@ class ContactRun:
     def add_force(self, total: Array) -> None:
         """Add `force` to generalised forces on the model's coordinates, (nq,)."""
         assert self.force is not None
-        for place, own in zip(self._slices, self._own, strict=True):
-            total[place] += self.force[own]
+        for place, part in zip(self._slices, self._parts, strict=True):
+            total[place] += self.force[part]
 
     def follow(self, start: float, t: float) -> None:
         """Begin the step from `start` to t [s], or begin it again."""
@@ -354,10 +354,10 @@ class ContactRun:
             self._follow_means(self.impulses, start, t)
         elif start != self._start:
             self.mechanics.accept(start)
-        elif t != self._at:
+        elif t != self._evaluated_at:
             self.mechanics.retry()
         self.mechanics.ends_at(t)
-        self._start, self._at = start, t
+        self._start, self._evaluated_at = start, t
 
     def _follow_means(self, impulses: StepImpulses, start: float, t: float) -> None:
         """Begin the step from `start` to t [s] of an implicit run with multipliers, or begin it again."""
@@ -367,7 +367,7 @@ class ContactRun:
             mechanics.remember(last.memory)
             mechanics.gaps.accept(mechanics.gaps.after())
             self._multipliers = impulses.accept(last)
-        elif t != self._at:
+        elif t != self._evaluated_at:
             mechanics.gaps.retry()
             self._multipliers = impulses.retry(last)
 
@@ -383,7 +383,7 @@ class ContactRun:
         self._multipliers, mechanics = answer, self.mechanics
         mechanics.answered(answer.forces, answer.gap, answer.least_gap)
         if mechanics.friction is not None:
-            mechanics.remember(answer.known)
+            mechanics.remember(answer.slip_memory)
         self._stepped_to = end
 
     def expect_impulse(self) -> None:
@@ -397,8 +397,8 @@ class ContactRun:
 
     def force_values(self) -> list[float]:
         """Values of the sensor `sForce` in the state that was evaluated last."""
-        if (known := self._values) is not None:
-            looped: list[float] = known.tolist()
+        if (by_loops := self._values) is not None:
+            looped: list[float] = by_loops.tolist()
             return looped
         answer = self.evaluation
         if answer.index.size:
@@ -428,7 +428,7 @@ class ContactRun:
         if self.forward is not None and t != self.goes_on_at:  # that time was checked before, and a check moves pairs
             self._check_step(t)
             assert isinstance(self._multipliers, ForwardAnswer)
-            self.forward.check(self._multipliers, self.of(q()))
+            self.forward.check(self._multipliers, self.coordinates_in(q()))
         if closed.size:
             if closed is not self._closed:  # the same array as long as no row opens or closes
                 self._closed, self._closed_nodes = closed, answer.row_nodes[closed]
@@ -470,7 +470,7 @@ class ContactRun:
         last = self._multipliers
         if last is None:
             return self.evaluation.dissipated
-        return last.known.dissipated if isinstance(last, ForwardAnswer) else last.memory.dissipated
+        return last.slip_memory.dissipated if isinstance(last, ForwardAnswer) else last.memory.dissipated
 
     def _damping_work(self, t: float) -> float:
         """Energy that viscous flexibilities and the law itself have taken until t [J]."""
@@ -531,8 +531,8 @@ class GroupRun:
         self.members, self.together = [*members], together
         self._within = [member for member in members if member.acts_within]
         self._remembering = [member for member in members if member.remembers]
-        known = all(member.force is not None for member in self._within)
-        self._known_at = members[0].goes_on_at if known else None  # time of a state that is evaluated already
+        all_found = all(member.force is not None for member in self._within)
+        self._known_at = members[0].goes_on_at if all_found else None  # time of a state that is evaluated already
         self._find_whether_pushes()
         self._dofs = [member.dofs for member in members]
         self._frozen: FrozenContacts | None = None
@@ -571,20 +571,20 @@ class GroupRun:
         """Return to the start of a step, t [s], at the model's coordinates q, (nq,); whether all members can."""
         self._known_at = None
         if self.together is None:
-            found = [member.step_back(mbs, t, q) for member in self._within]
+            returned = [member.step_back(mbs, t, q) for member in self._within]
         elif not self._remembering:
-            found = []
+            returned = []
             self.evaluate(mbs, t, q)
         else:
-            found = [member.impulses is None or not member.begun(t) for member in self._remembering]
+            returned = [member.impulses is None or not member.begun(t) for member in self._remembering]
             if any(member.begun(t) for member in self._remembering):
                 self._find_together(q)
         self._find_whether_pushes()
-        return all(found)
+        return all(returned)
 
     def _find_together(self, q: Array) -> None:
         assert self.together is not None
-        forces = self.together.forces_at(q, lambda: [member.of(q) for member in self.members])
+        forces = self.together.forces_at(q, lambda: [member.coordinates_in(q) for member in self.members])
         for member, force in zip(self.members, forces, strict=True):
             member.force = force
 
@@ -626,7 +626,7 @@ class GroupRun:
         if self._looped is not None and self._looped is not self._told and self._frozen is not None:
             assert self.together is not None
             self._told = self._looped
-            coordinates = [member.of(self._looped[1]) for member in self.members]
+            coordinates = [member.coordinates_in(self._looped[1]) for member in self.members]
             if not self.together.answer_as(self._frozen, coordinates):
                 self._looped = None
         return self.members[place].mechanics.evaluation

@@ -97,8 +97,8 @@ class Turned:
         ]
 
     @contextmanager
-    def at_sample(self, sample: int) -> Iterator[None]:
-        """Within this context, bodies have the growth of their rotation at a sample, by its number."""
+    def turn_to(self, sample: int) -> Iterator[None]:
+        """Give bodies the growth of their rotation at a sample, by its number, within the block."""
         for kinematics, q_t in self._turning:
             kinematics.turn(q_t[sample])
         try:
@@ -125,9 +125,9 @@ def mean_forces(contact: ModelContact, result: RunSamples, sensor: str, forces: 
 def kept_rows(contact: ModelContact, result: RunSamples) -> list[tuple[int, Array, Array, Array, Array]]:
     """For each sample with closed rows: its number, nodes of the rows, normal and tangential forces, and states."""
     run, place = result.kept(contact), {t: i for i, t in enumerate(result.t)}
-    found = []
+    by_sample = []
     for t, nodes, lam in run.samples:
         if t in place:
             none = np.zeros((len(nodes), 3)), np.full(len(nodes), SLIP, dtype=np.int8)
-            found.append((place[t], nodes, lam, *run.tangential.get(t, none)))
-    return found
+            by_sample.append((place[t], nodes, lam, *run.tangential.get(t, none)))
+    return by_sample

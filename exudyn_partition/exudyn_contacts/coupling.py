@@ -9,7 +9,7 @@ from ..support.arrays import Array, consecutive
 from .partition_contact import PartitionContact
 
 
-def solve_together(contact: PartitionContact, others: list[PartitionContact]) -> None:
+def solve_together(contact: PartitionContact, contacts: list[PartitionContact]) -> None:
     """Join a new contact to those whose forces move its rows, and to those whose rows move by its forces.
 
     Raises
@@ -17,47 +17,47 @@ def solve_together(contact: PartitionContact, others: list[PartitionContact]) ->
     InputError
         If no formulation solves both together.
     """
-    group = coupled_with(contact, others)
+    group = coupled_with(contact, contacts)
     together = contact.formulation.together([member.mechanics for member in group], _Links(group))
     for member in group:
         member.group, member.together = group, together
 
 
-def coupled_with(contact: PartitionContact, others: list[PartitionContact]) -> list[PartitionContact]:
+def coupled_with(contact: PartitionContact, contacts: list[PartitionContact]) -> list[PartitionContact]:
     """Return the contact and all that it is solved together with, directly or through other contacts."""
     group = {contact: None}  # an ordered set
     bodies = {item for item, _ in contact.sides}
-    for other in others:
-        if not any(item in bodies for item, _ in other.sides):
+    for neighbour in contacts:
+        if not any(item in bodies for item, _ in neighbour.sides):
             continue
-        if _same_sides(contact, other):
+        if _same_sides(contact, neighbour):
             raise InputError(
-                f"slave, master: these two already have the contact {other.name!r} between the same patches"
+                f"slave, master: these two already have the contact {neighbour.name!r} between the same patches"
             )
         for place, (item, patch) in enumerate(contact.sides):
-            for other_place, (other_item, other_patch) in enumerate(other.sides):
-                if item != other_item or contact.compliant != other.compliant:
+            for neighbour_place, (neighbour_item, neighbour_patch) in enumerate(neighbour.sides):
+                if item != neighbour_item or contact.compliant != neighbour.compliant:
                     continue
                 shared = SharedBody(
                     item.body,
                     item.name,
-                    (patch, other_patch),
+                    (patch, neighbour_patch),
                     item.kinematics.mass,
-                    (_columns(contact)[place], _columns(other)[other_place]),
-                    other.name,
+                    (_columns(contact)[place], _columns(neighbour)[neighbour_place]),
+                    neighbour.name,
                 )
-                if contact.formulation.couples(contact.mechanics, other.mechanics, shared):
-                    group |= dict.fromkeys(other.group)
+                if contact.formulation.couples(contact.mechanics, neighbour.mechanics, shared):
+                    group |= dict.fromkeys(neighbour.group)
     return [*group]
 
 
-def _same_sides(contact: PartitionContact, other: PartitionContact) -> bool:
+def _same_sides(contact: PartitionContact, neighbour: PartitionContact) -> bool:
     """Whether two contacts are between the same patches, or of the same patch with the same rigid surface.
 
     The rows at the edges of the master are a second contact.
     """
-    sides, others = (({*each.sides}, each.rows == "edges") for each in (contact, other))
-    return sides == others and (len(contact.sides) > 1 or contact.master is other.master)
+    sides, neighbour_sides = (({*member.sides}, member.rows == "edges") for member in (contact, neighbour))
+    return sides == neighbour_sides and (len(contact.sides) > 1 or contact.master is neighbour.master)
 
 
 def _columns(contact: PartitionContact) -> list[slice]:
@@ -90,9 +90,9 @@ class _Links:
                 if item.body.basis.flexibility is not None:
                     of_body.setdefault(item, []).append((j, s, item, patch))
         return [
-            (j, s, k, r, item.body.flexibility(patch, other_patch))
+            (j, s, k, r, item.body.flexibility(patch, neighbour_patch))
             for sides in of_body.values()
             for j, s, item, patch in sides
-            for k, r, _, other_patch in sides
+            for k, r, _, neighbour_patch in sides
             if j != k
         ]

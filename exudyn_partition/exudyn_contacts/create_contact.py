@@ -147,15 +147,15 @@ def CreatePartitionContact(
             raise InputError("slavePatch, masterPatch, masterBody: of a sequence of bodies, all patches are looked at")
         if isinstance(rows, str) and rows == "edges":
             raise InputError("rows: 'edges' are made of two bodies at a time, beside their contact")
-        found = facing_pairs(mbs, slave, within)
+        pairs = facing_pairs(mbs, slave, within)
         validate_text("name", name)
         return [
             CreatePartitionContact(
-                mbs, body, other, formulation=formulation, rows=rows, passes=passes, slavePatch=patch,
-                masterPatch=other_patch, stiffness=stiffness, friction=friction, interference=interference,
+                mbs, body, partner, formulation=formulation, rows=rows, passes=passes, slavePatch=patch,
+                masterPatch=partner_patch, stiffness=stiffness, friction=friction, interference=interference,
                 name=name and f"{name} {i}",
             )
-            for i, ((body, patch), (other, other_patch)) in enumerate(found, 1)
+            for i, ((body, patch), (partner, partner_patch)) in enumerate(pairs, 1)
         ]  # fmt: skip
     if within is not None:
         raise InputError("within: only for a sequence of bodies, whose pairs are looked for")
@@ -204,7 +204,7 @@ def _add_force_sensor(mbs: MainSystem, runs: Runs, contact: PartitionContact, *,
     items = require("exudyn.itemInterface")
 
     def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
-        return runs.sample(mbs, t).of(contact).force_values()
+        return runs.sample(mbs, t).contact_run(contact).force_values()
 
     if first:
         sensor = items.SensorUserFunction(name=contact.name, sensorUserFunction=sample, storeInternal=True)
@@ -224,7 +224,7 @@ def _add_sensor(
     mbs: MainSystem, runs: Runs, contact: PartitionContact, values: Callable[[ContactRun], list[float]]
 ) -> SensorIndex:
     def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
-        return values(runs.now(mbs).of(contact))
+        return values(runs.now(mbs).contact_run(contact))
 
     items = require("exudyn.itemInterface")
     return mbs.AddSensor(items.SensorUserFunction(sensorUserFunction=sample, storeInternal=True))

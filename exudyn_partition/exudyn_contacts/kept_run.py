@@ -45,7 +45,7 @@ class KeptStrains:
     def of_history(cls, side: int, history: StrainHistory) -> KeptStrains:
         """Strains of a history."""
         times, kept = history.kept
-        points, strains = (np.concatenate([of[i] for of in kept] or [np.empty(0)]) for i in range(2))
+        points, strains = (np.concatenate([change[i] for change in kept] or [np.empty(0)]) for i in range(2))
         return cls(
             side,
             np.array(times, dtype=float),

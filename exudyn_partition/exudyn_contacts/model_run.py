@@ -138,7 +138,7 @@ class ModelRun:
         t, q = self.ended
         whole = not self.broken and abs(self.evaluated_at - t) <= _ROUND_OFF * abs(t)
         with _unstable_energies():
-            contacts = tuple(self.of(contact).state(number_of(contact)) for contact in self.contacts if whole)
+            contacts = tuple(self.contact_run(contact).state(number_of(contact)) for contact in self.contacts if whole)
         steppers = tuple(stepper.state(numbers) for (_, numbers), stepper in self._members.steppers.items() if whole)
         return RunState(
             self.method, t, self.evaluated_at, q, self.has_steps, self.broken, contacts, steppers, self._turning
@@ -160,7 +160,7 @@ class ModelRun:
         """Searches of the pairs of all points so far."""
         return sum(run.mechanics.searches for run in self._members.runs)
 
-    def of(self, contact: ModelContact) -> ContactRun:
+    def contact_run(self, contact: ModelContact) -> ContactRun:
         """State of a contact.
 
         Raises
@@ -187,13 +187,13 @@ class ModelRun:
         `initial`, (nq,), are the model's initial coordinates. Return the first end from which a contact goes on. The
         energies that contacts have taken go on too if the user said so by `goes_on`, or if that run ended at time t.
         """
-        found = None
+        first_end = None
         for contact in self.contacts:
-            run = self.of(contact)
+            run = self.contact_run(contact)
             mechanics = run.mechanics
             for end in earlier:
                 last = end.find(number_of(contact))
-                if last is None or not np.array_equal(run.of(end.q), run.of(initial)):
+                if last is None or not np.array_equal(run.coordinates_in(end.q), run.coordinates_in(initial)):
                     continue
                 counts = end.ended_in(initial) and (goes_on or (end.has_steps and end.ended_when(t)))
                 closed = bool(mechanics.gaps.overlap) and end.has_steps and end.ended_in(initial)  # by load steps
@@ -201,9 +201,9 @@ class ModelRun:
                     opening, moves = mechanics.opening, end.method != "static"
                     run.begin_contact(last.for_other_run(counts=counts, moves=moves, sticks=not mechanics.ahead), t)
                     mechanics.opening = min(opening, last.contact.opening) if closed else opening
-                    found = found or end
+                    first_end = first_end or end
                     break
-        return found
+        return first_end
 
     @property
     def has_steps(self) -> bool:
@@ -327,17 +327,17 @@ class ModelRun:
         self.keep(t, lambda: q)
         if self.others:
             self.others.keep(mbs, t, start_of_step=True)
-        found: dict[int, list[float]] = {}
+        values: dict[int, list[float]] = {}
         for contact in self.contacts:
-            run = self.of(contact)
-            found[int(contact["sForce"])] = run.force_values()
+            run = self.contact_run(contact)
+            values[int(contact["sForce"])] = run.force_values()
             if "sFriction" in contact:
-                found[int(contact["sFriction"])] = run.friction_values()
+                values[int(contact["sFriction"])] = run.friction_values()
             if "sPlastic" in contact:
-                found[int(contact["sPlastic"])] = run.plastic_values()
+                values[int(contact["sPlastic"])] = run.plastic_values()
             if contact.moment_about is not None:
-                found[int(contact["sMoment"])] = run.evaluation.moment(contact.moment_about).tolist()
-        return found
+                values[int(contact["sMoment"])] = run.evaluation.moment(contact.moment_about).tolist()
+        return values
 
     def before_step(self, mbs: MainSystem, t: float, *, joined: bool) -> None:
         """Apply multipliers ahead of the explicit step that ends at t.
@@ -435,7 +435,7 @@ class Runs:
     def sample(self, mbs: MainSystem, t: float) -> ModelRun:
         """The run whose sensors are read at time t; all contacts keep their data of that time.
 
-        Exudyn's first act in a run is to read the sensors. The run begins here, unless `run_within` has begun it. The
+        Exudyn's first act in a run is to read the sensors. The run begins here, unless `open_run` has begun it. The
         sensor of the first contact calls this method. The values that other sensors read are those of the last
         evaluation. They are written again in two cases: if multipliers are applied ahead of steps, and at the start,
         because Exudyn has then reset them to their initial values.
@@ -479,7 +479,7 @@ class Runs:
             present.run.release()
         run = ModelRun(mbs, contacts, t, method, joints, keep, same, solver)
         for contact in contacts:
-            run.of(contact).goes_on = goes_on
+            run.contact_run(contact).goes_on = goes_on
         resumed = same or run.resume(initial, earlier, t, goes_on=present.given is not None)
         # Later runs from the same initial state go on from the same run, also if its contacts remember nothing.
         origin = next((end for end in earlier if end.has_steps and end.ended_in(initial)), resumed)
@@ -488,7 +488,7 @@ class Runs:
         return run
 
     @contextlib.contextmanager
-    def run_within(self, mbs: MainSystem, t: float, method: Method, joints: Joints | None = None) -> Iterator[ModelRun]:
+    def open_run(self, mbs: MainSystem, t: float, method: Method, joints: Joints | None = None) -> Iterator[ModelRun]:
         """Begin a run at time t [s]. The solver that Exudyn makes within the block belongs to this run.
 
         Parameters
@@ -514,7 +514,7 @@ class Runs:
         """A static run at the initial state that makes no step; after it, the run before is the present one again."""
         before, t = self._present, mbs.systemData.GetTime(require("exudyn").ConfigurationType.Initial)
         try:
-            with self.run_within(mbs, float(t), "static") as run:
+            with self.open_run(mbs, float(t), "static") as run:
                 yield run
         finally:
             self._present = before
@@ -548,7 +548,7 @@ class Runs:
     def at_work(self, contact: ModelContact) -> ContactRun:
         """State of a contact in the present run."""
         assert self._present.run is not None
-        return self._present.run.of(contact)
+        return self._present.run.contact_run(contact)
 
     def before_step(self, mbs: MainSystem, t: float) -> None:
         """Apply multipliers of contacts ahead of the step that ends at t. With joints, `solve_dynamic` does it."""

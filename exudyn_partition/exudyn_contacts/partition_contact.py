@@ -98,8 +98,10 @@ class PartitionContact(Item[Any]):
     @property
     def beside(self) -> PartitionContact | None:
         """The contact of the same patches with rows="edges", or that beside which these are; None if there is none."""
-        found = (other for other in self.group if other.sides == self.sides[::-1] and other.rows != self.rows)
-        return next(found, None) if len(self.sides) > 1 else None
+        contacts = (
+            contact for contact in self.group if contact.sides == self.sides[::-1] and contact.rows != self.rows
+        )
+        return next(contacts, None) if len(self.sides) > 1 else None
 
     @property
     def nodes(self) -> list[NodeIndex]:
@@ -123,7 +125,7 @@ class PartitionContact(Item[Any]):
         runs = runs_of(mbs)
 
         def moment(mbs: MainSystem, t: float, *unused: object) -> list[float]:
-            return [*map(float, runs.now(mbs).of(self).evaluation.moment(place))]
+            return [*map(float, runs.now(mbs).contact_run(self).evaluation.moment(place))]
 
         items = require("exudyn.itemInterface")
         self["sMoment"] = mbs.AddSensor(items.SensorUserFunction(sensorUserFunction=moment, storeInternal=True))
@@ -224,11 +226,11 @@ class PartitionContact(Item[Any]):
         gap = result.sensor_of(self, self["sForce"])[:, 5].copy()
         if (surface := self._gap_of_surface(result)) is None:
             return gap
-        found = np.array([surface(sample) for sample in range(len(gap))])
-        known = np.isfinite(found)
+        of_surface = np.array([surface(sample) for sample in range(len(gap))])
+        is_known = np.isfinite(of_surface)
         if not self.compliant:  # in contact it is zero, up to the tolerance
-            known &= (gap != 0.0) | (found < -PENETRATION_TOLERANCE * self.mechanics.gaps.size)
-        return np.where(known, found, gap)
+            is_known &= (gap != 0.0) | (of_surface < -PENETRATION_TOLERANCE * self.mechanics.gaps.size)
+        return np.where(is_known, of_surface, gap)
 
     def depth(self, result: RunSamples) -> float:
         """Largest depth to which the surfaces lie within each other in the run [m]; zero if they do not. See `gap`.
@@ -252,7 +254,7 @@ class PartitionContact(Item[Any]):
         q, turned = np.hstack([item.coordinates(result) for item, _ in self.sides]), Turned(self.sides, result)
 
         def gap(sample: int) -> float:
-            with turned.at_sample(sample):
+            with turned.turn_to(sample):
                 return gaps.surface_gap(q[sample], dents(sample))
 
         return functools.cache(gap)
@@ -320,13 +322,13 @@ class PartitionContact(Item[Any]):
     @property
     def elastic_materials(self) -> list[Material | None]:
         """Materials of the sides; without a yield stress where the patch yields itself."""
-        found = []
+        materials = []
         for (item, patch), side in zip(self.sides, self.mechanics.gaps.sides, strict=False):
             material = item.body.partition.patches[patch].material or item.body.material
             if side.zone is not None and material is not None:
                 material = replace(material, yield_stress=None, hardening=None, kinematic_hardening=0.0)
-            found.append(material)
-        return found
+            materials.append(material)
+        return materials
 
     def edge_reached(self, result: RunSamples) -> tuple[float, Array] | None:
         """Time [s] and place, (3,) [m], at which the contact first reached the edge of its patch; None if it did not.
@@ -460,15 +462,15 @@ class PartitionContact(Item[Any]):
         for k, (first, last) in enumerate(spans):
             start = crossing(t, gap, first, spans[k - 1][1] if k else -1)
             times.append((start, crossing(t, gap, last, spans[k + 1][0] if k + 1 < len(spans) else len(t))))
-        found = []
+        sub_impacts = []
         for group in joined(times, merge):
             first, last = spans[group[0]][0], spans[group[-1]][1]
             around = slice(max(first - 1, 0), min(last + 2, len(t)))
             impulse, peak = float(np.trapezoid(force[around], t[around])), float(force[around].max())
             start, end = times[group[0]][0], times[group[-1]][1]
             speeds = self._speeds(result, force, (first, last), (start, end))
-            found.append(SubImpact(start, end, impulse, peak, len(group), *speeds))
-        return found
+            sub_impacts.append(SubImpact(start, end, impulse, peak, len(group), *speeds))
+        return sub_impacts
 
     def _speeds(
         self, result: RunSamples, force: Array, span: tuple[int, int], times: tuple[float, float]
@@ -497,9 +499,9 @@ class PartitionContact(Item[Any]):
 
         before = at_border(t, force == 0, separation, times[0], -1) if first > 0 else None
         after = at_border(t, force == 0, separation, times[1], 1) if last < len(t) - 1 else None
-        own_before, own_after = self._carrier_speeds(result, force, span, centre, normal)
-        approach = None if before is None or own_before is None else own_before - before
-        return approach, None if after is None or own_after is None else after - own_after
+        carrier_before, carrier_after = self._carrier_speeds(result, force, span, centre, normal)
+        approach = None if before is None or carrier_before is None else carrier_before - before
+        return approach, None if after is None or carrier_after is None else after - carrier_after
 
     def _carrier_speeds(
         self, result: RunSamples, force: Array, span: tuple[int, int], centre: Array, normal: Array
@@ -512,7 +514,7 @@ class PartitionContact(Item[Any]):
         if self.carrier is None:
             return 0.0, 0.0
         number, t = int(self.carrier.body), result.t
-        body = next((other for other in result.others if other.number == number), None)
+        body = next((candidate for candidate in result.others if candidate.number == number), None)
         if body is None:
             return None, None
         closed = np.flatnonzero(force)
@@ -616,5 +618,5 @@ def stress_by_rows(contact: PartitionContact, result: RunSamples, force: Array, 
 
 def partition_items(mbs: MainSystem) -> tuple[list[PartitionBody], list[PartitionContact]]:
     """Partition bodies and contacts that a model holds. `mbs.Reset()` removes earlier ones."""
-    held = registered(mbs)
-    return [*held.bodies.values()], [*held.contacts.values()]
+    items = registered(mbs)
+    return [*items.bodies.values()], [*items.contacts.values()]

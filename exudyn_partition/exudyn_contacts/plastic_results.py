@@ -86,12 +86,12 @@ class PlasticResults:
             If `result` is no result or is of another model, or nothing was kept of the run.
         """
         validate_result(result)
-        found: list[StrainHistory | None] = [None] * len(self._contact.sides)
+        of_sides: list[StrainHistory | None] = [None] * len(self._contact.sides)
         if self:
             kept = result.kept(self._contact).histories({side: zone.zone for side, zone in self.zones})
             for side, history in kept.items():
-                found[side] = history
-        return found
+                of_sides[side] = history
+        return of_sides
 
     def dents(self, result: RunSamples) -> dict[str, float]:
         """Depth of the dent in each patch that may yield, at the end of the run and at rest [m].
@@ -104,13 +104,13 @@ class PlasticResults:
         InputError
             See `states`.
         """
-        states, found = self.states(result), {}
+        states, depths = self.states(result), {}
         for side, motion in self.zones:
             name, (item, number) = SIDES[side], self._contact.sides[side]
             patch = item.body.partition.patches[number]
             moved = motion.at_rest(states[name])[np.isin(motion.zone.nodes, patch.nodes)]
-            found[name] = float(-(moved @ patch.direction).min(initial=0.0))
-        return found
+            depths[name] = float(-(moved @ patch.direction).min(initial=0.0))
+        return depths
 
     def flow_at_border(self, result: RunSamples) -> tuple[str, Array] | None:
         """Side and place, (3,) [m], where flow reached the edge of a plastic zone; None if it did not.
@@ -158,12 +158,12 @@ def dent_motion(contact: ModelContact, result: RunSamples) -> Callable[[int], li
     if not plastic:
         return lambda sample: None
     histories, sides = plastic.strain_histories(result), contact.mechanics.gaps.sides
-    known = [(side, kept, kept.numbers(result.t)) for side, kept in enumerate(histories) if kept is not None]
+    yielding = [(side, kept, kept.numbers(result.t)) for side, kept in enumerate(histories) if kept is not None]
 
     def dents(sample: int) -> list[Array]:
-        found = [np.zeros(side.surface.points.shape) for side in sides]
-        for side, kept, numbers in known:
-            found[side] = sides[side].dent(kept.strain(int(numbers[sample])))
-        return found
+        displacements = [np.zeros(side.surface.points.shape) for side in sides]
+        for side, kept, numbers in yielding:
+            displacements[side] = sides[side].dent(kept.strain(int(numbers[sample])))
+        return displacements
 
     return dents

@@ -142,9 +142,9 @@ class RunRecord:
         start = start_of_step(mbs)
         if start > self._start:
             self._start = start
-            self._take(mbs, start, recorded)
+            self._keep_step(mbs, start, recorded)
 
-    def _take(self, mbs: MainSystem, t: float, recorded: Recorded) -> None:
+    def _keep_step(self, mbs: MainSystem, t: float, recorded: Recorded) -> None:
         data, configuration = mbs.systemData, require("exudyn").ConfigurationType.StartOfStep
         both = data.GetODE2Coordinates(configuration), data.GetODE2Coordinates_t(configuration)
         self._times.append(t)

@@ -67,5 +67,5 @@ class ContactWork:
 
     def _now(self) -> _End:
         run = runs_of(self._mbs).now(self._mbs)
-        energy = sum(run.of(contact).energy for contact in self._contacts)
+        energy = sum(run.contact_run(contact).energy for contact in self._contacts)
         return _End(run.contact_force(), self._mbs.systemData.GetODE2Coordinates_t(), energy)

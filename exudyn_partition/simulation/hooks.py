@@ -17,7 +17,7 @@ from ..errors import PartitionError
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import coordinate_slices, registered, start_of_step, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.contact_object import called_if_needed
+from ..exudyn_contacts.contact_object import skip_needless_calls
 from ..exudyn_contacts.model_run import ModelRun, runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..exudyn_contacts.slip_secants import SlipSecants
@@ -179,7 +179,7 @@ def begin_run(mbs: MainSystem, t: float, method: Method) -> Iterator[None]:
     which is restored after the run.
     """
     exu, jointed = require("exudyn"), method == "explicit" and mbs.systemData.AEsize() > 0
-    with runs_of(mbs).run_within(mbs, t, method, Joints(mbs) if jointed else None) as run, called_if_needed(mbs, run):
+    with runs_of(mbs).open_run(mbs, t, method, Joints(mbs) if jointed else None) as run, skip_needless_calls(mbs, run):
         if run.idle:
             yield
             return

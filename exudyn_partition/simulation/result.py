@@ -627,7 +627,7 @@ def samples(mbs: MainSystem) -> Result:
         bodies=tuple(bodies),
         contacts=tuple(contacts),
         work=Work.counted(solver, run),
-        runs=() if run is None else tuple(run.of(contact) for contact in contacts),
+        runs=() if run is None else tuple(run.contact_run(contact) for contact in contacts),
         item_work=registered(mbs).work,
         newmark=None if solver is None else solver.newmark,
         others=() if run is None else run.others.motions(mbs),

@@ -57,7 +57,7 @@ def test_few_fields_and_all_nodes_move_rows_alike(chain):
         assert set(between.pairs) == F.keys() == {(0, 1), (1, 0), (1, 2), (2, 1)}
         some = [np.arange(0, each.d * NR, 2) for each in rows]
         for (j, k), block in F.items():
-            found = between.of(j, some[j], k, some[k])
+            found = between.flexibility(j, some[j], k, some[k])
             np.testing.assert_allclose(found, block[np.ix_(some[j], some[k])], atol=1e-9 * abs(block).max())
         pushing = {k: between.pushing(k, some[k], forces[k][some[k]]) for k in range(3)}
         for j in range(3):

@@ -74,7 +74,7 @@ def test_sides_with_a_flexibility_of_their_own_neither_take_nor_change_what_is_k
     slave, some = copy_of(round_body), np.arange(9)
     gaps, other = (PatchGaps(inertial(slave), inertial(flat_body)) for _ in range(2))
     kept, F = other.flexibility(some).copy(), other.problem().F.copy()
-    gaps.take_flexibility([2 * side.flexibility for side in gaps.sides])
+    gaps.exchange_flexibility([2 * side.flexibility for side in gaps.sides])
     np.testing.assert_allclose(gaps.flexibility(some), 2 * kept, rtol=1e-12)
     np.testing.assert_allclose(gaps.problem().F, 2 * F, rtol=1e-12)
     later = PatchGaps(inertial(slave), inertial(flat_body))

@@ -65,7 +65,7 @@ def test_rows_change_with_the_motion_of_the_carrier(round_body, surface):
     gaps = RigidGaps(side, surface, pose=pose, motion=lambda: (v, w))
     q, rows = moved(side, A @ [0, 0, 3e-6]), TangentialRows(gaps)
     every = np.arange(len(gaps.at(q)))
-    rows.hold()
+    rows.record_places()
     found = (rows.carrier_rows(every) @ np.r_[v, w]).reshape(-1, 3)
     np.testing.assert_allclose(found[:, 0], gaps.carrier_rows(every) @ np.r_[v, w], rtol=0, atol=1e-12)
     np.testing.assert_allclose(rows.rates(np.zeros(len(q))), found, rtol=0, atol=1e-12)

@@ -100,7 +100,7 @@ def test_other_flexibilities_hold_in_each_stage_and_after_a_reset(round_body, fl
     for each in (gaps, soft):
         each.at(q)
     before, _ = (each.flexibility(some) for each in (gaps, soft))
-    soft.take_flexibility([2 * side.flexibility for side in soft.sides])
+    soft.exchange_flexibility([2 * side.flexibility for side in soft.sides])
     assert soft.moving == slides
     np.testing.assert_allclose(soft.flexibility(some), 2 * before, rtol=1e-12)
     for each in (gaps, soft):

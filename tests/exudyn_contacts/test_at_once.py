@@ -222,7 +222,7 @@ def test_pairs_that_stop_to_slide_go_on_in_loops(marble):
         expected = np.zeros(len(q))
         for law in laws[0]:
             law.accept(float(step))
-        for run, force in zip(runs, alone.forces([run.of(q) for run in runs]), strict=True):
+        for run, force in zip(runs, alone.forces([run.coordinates_in(q) for run in runs]), strict=True):
             expected[run.dofs] += force
         np.testing.assert_allclose(
             force_of(group, q, float(step)), expected, rtol=1e-9, atol=1e-9 * abs(expected).max()
@@ -232,7 +232,9 @@ def test_pairs_that_stop_to_slide_go_on_in_loops(marble):
             assert (group.values is None) == (step == 100)
     assert all(law.gaps.searches for law in laws[0])
     # Somebody moves the pairs of a law: then the laws find the present state themselves.
-    laws[1][0].gaps.at(runs[0].of(np.concatenate([moved[0], moved[1] + marble.rigid[:, 0] * size, moved[2]])))
+    laws[1][0].gaps.at(
+        runs[0].coordinates_in(np.concatenate([moved[0], moved[1] + marble.rigid[:, 0] * size, moved[2]]))
+    )
     assert runs[0].mechanics.gaps.moving
     np.testing.assert_allclose(runs[0].evaluation.resultant(), laws[0][0].evaluation.resultant(), rtol=0.02, atol=0.02)
     assert group.values is None
@@ -246,7 +248,7 @@ def test_contacts_that_fly_tell_the_smallest_gap(marble):
         away = size * ((-0.01 if 100 <= step < 120 else 0.01) + 1e-5 * step)
         q = (marble.rigid[:, 2] * away * [[0], [1], [2]]).ravel()
         force, expected = force_of(group, q), np.zeros(len(q))
-        for run, own in zip(runs, alone.forces([run.of(q) for run in runs]), strict=True):
+        for run, own in zip(runs, alone.forces([run.coordinates_in(q) for run in runs]), strict=True):
             expected[run.dofs] += own
         np.testing.assert_allclose(force, expected, rtol=1e-9, atol=1e-9 * abs(expected).max())
         assert group.pushes == expected.any() == (100 <= step < 120)

@@ -217,7 +217,7 @@ def test_contacts_that_yield_share_no_patch():
         SimpleNamespace(elastic=zones is None, zones=zones, law=SimpleNamespace(elastic=True), formulation=Compliance())
         for zones in (None, object())
     )
-    shared = SimpleNamespace(patches=(1, 1), name="rail", other="first")
+    shared = SimpleNamespace(patches=(1, 1), name="rail", neighbour="first")
     for pair in ((elastic, yielding), (yielding, elastic)):
         with pytest.raises(InputError, match="'rail': its patch 1 already has the contact 'first'"):
             Compliance().couples(*pair, shared)

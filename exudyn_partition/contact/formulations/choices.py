@@ -52,11 +52,11 @@ class Compliance(Formulation):
         """See `Formulation`."""
         return compliance(rows)
 
-    def couples(self, contact: PatchContact, other: PatchContact, shared: SharedBody) -> bool:
+    def couples(self, contact: PatchContact, neighbour: PatchContact, shared: SharedBody) -> bool:
         """See `Formulation`; contacts may share a patch unless they yield."""
-        alike = isinstance(other.formulation, Compliance)
-        if not alike or _flows(contact) or _flows(other):
-            super().couples(contact, other, shared)
+        alike = isinstance(neighbour.formulation, Compliance)
+        if not alike or _flows(contact) or _flows(neighbour):
+            super().couples(contact, neighbour, shared)
         return alike and _coupling(shared) > _COUPLED
 
     def together(self, contacts: Sequence[PatchContact], links: Links) -> Coupled | None:
@@ -95,18 +95,21 @@ class Lagrange(Formulation):
         """See `Formulation`."""
         return Multipliers()
 
-    def couples(self, contact: PatchContact, other: PatchContact, shared: SharedBody) -> bool:
+    def couples(self, contact: PatchContact, neighbour: PatchContact, shared: SharedBody) -> bool:
         """See `Formulation`."""
-        if not isinstance(other.formulation, Lagrange):
+        if not isinstance(neighbour.formulation, Lagrange):
             return False
         if shared.patches[0] == shared.patches[1]:
-            if contact.zones is not None or other.zones is not None:  # both contacts would count the zone's forces
-                super().couples(contact, other, shared)
+            if contact.zones is not None or neighbour.zones is not None:  # both contacts would count the zone's forces
+                super().couples(contact, neighbour, shared)
             return True
         inverse_mass = sp.diags(1 / shared.mass)
-        both = zip((contact, other), shared.columns, strict=True)
-        G, others = (sp.csr_matrix(one.rows.jacobian(np.arange(len(one.gaps.row_nodes)))[:, own]) for one, own in both)
-        return bool(abs(G @ inverse_mass @ others.T).max() > _MOVED * abs(G @ inverse_mass @ G.T).max())
+        both = zip((contact, neighbour), shared.columns, strict=True)
+        G, neighbour_rows = (
+            sp.csr_matrix(member.rows.jacobian(np.arange(len(member.gaps.row_nodes)))[:, columns])
+            for member, columns in both
+        )
+        return bool(abs(G @ inverse_mass @ neighbour_rows.T).max() > _MOVED * abs(G @ inverse_mass @ G.T).max())
 
 
 class Penalty(Formulation):
@@ -174,19 +177,19 @@ def _names(bodies: Sequence[ReducedBody]) -> str:
 
 def _coupling(shared: SharedBody) -> float:
     """Residual flexibility between two patches of a body, relative to their own."""
-    body, (patch, other) = shared.body, shared.patches
+    body, (patch, neighbour) = shared.body, shared.patches
     if body.basis.flexibility is None:
         return 0.0
-    own, others = _size(body, patch, patch), _size(body, other, other)
-    return _size(body, patch, other) / math.sqrt(own * others)
+    size, neighbour_size = _size(body, patch, patch), _size(body, neighbour, neighbour)
+    return _size(body, patch, neighbour) / math.sqrt(size * neighbour_size)
 
 
-def _size(body: ReducedBody, patch: int, other: int) -> float:
+def _size(body: ReducedBody, patch: int, neighbour: int) -> float:
     """Largest singular value of the residual flexibility between two patches [m/N]; computed once for a body."""
-    known = _SIZES.setdefault(body, {})
-    if (patch, other) not in known:
-        known[patch, other] = float(np.linalg.norm(body.flexibility(patch, other), 2))
-    return known[patch, other]
+    sizes = _SIZES.setdefault(body, {})
+    if (patch, neighbour) not in sizes:
+        sizes[patch, neighbour] = float(np.linalg.norm(body.flexibility(patch, neighbour), 2))
+    return sizes[patch, neighbour]
 
 
 def _highest_frequency(body: ReducedBody) -> float:

@@ -57,7 +57,7 @@ class NormalCompliance(Law):
     """
 
     residual = True
-    _held: object = None  # the frozen rows that `problem` belongs to
+    _frozen_stage: object = None  # the frozen rows that `problem` belongs to
     _everything: Array  # their numbers
     _near: Array | None = None  # rows that could close at the last answer
     problem: Complementarity
@@ -65,25 +65,25 @@ class NormalCompliance(Law):
     def __init__(self, gaps: Gaps) -> None:
         self.gaps = gaps
         self._closed_nodes = np.empty(0, dtype=np.int64)  # of the slave, at the last answer with rows that moved
-        self._take_held()
+        self._set_up_problem()
 
     def fresh(self, rows: RowDirections) -> NormalCompliance:
         """See `Law`."""
         return NormalCompliance(rows.gaps)
 
-    def _take_held(self) -> None:
+    def _set_up_problem(self) -> None:
         """Set up the problem for the rows that are frozen now."""
         self._everything = np.arange(len(self.gaps.row_nodes))
-        self._held, self.problem = self.gaps.held, self.gaps.problem()
+        self._frozen_stage, self.problem = self.gaps.frozen_stage, self.gaps.problem()
 
-    def answer(self, at: Places) -> Forces:
+    def answer(self, places: Places) -> Forces:
         """See `Law`."""
-        h = at.gap
+        h = places.gap
         least = smallest(h)
         near = self.near(h, least)
-        made = self.problem.iterations
+        iterations_before = self.problem.iterations
         lam = self.problem.solve(h if len(near) == len(h) else h[near], least)
-        return self._on_rows(h, near, lam, self.problem.iterations - made)
+        return self._on_rows(h, near, lam, self.problem.iterations - iterations_before)
 
     def near(self, h: Array, least: float) -> Array:
         """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.
@@ -91,7 +91,7 @@ class NormalCompliance(Law):
         `least` is the smallest gap. If rows are frozen, all of them enter.
         """
         if not self.gaps.moving:
-            self.hold()
+            self.renew_problem()
             return self._everything
         near = self._near = loops.rows_below(h, -BULGE * least, self._near)
         F = self.gaps.regularised_flexibility(near)
@@ -99,17 +99,17 @@ class NormalCompliance(Law):
             closed = np.zeros(len(self.gaps.slave.surface.points), dtype=bool)
             closed[self._closed_nodes] = True
             self.problem.replace(F, closed[self.gaps.row_nodes[near]])
-            self._held = None  # the problem of the frozen rows is lost
+            self._frozen_stage = None  # the problem of the frozen rows is lost
         return near
 
-    def hold(self) -> None:
+    def renew_problem(self) -> None:
         """Set up the problem of rows that became frozen after the last answer."""
-        if not self.gaps.holds(self._held):
-            self._take_held()
+        if not self.gaps.frozen_since(self._frozen_stage):
+            self._set_up_problem()
 
-    def found(self, h: Array, near: Array, lam: Array, iterations: int) -> Forces:
+    def forces_on_all(self, h: Array, near: Array, lam: Array, iterations: int) -> Forces:
         """Forces on all rows, from forces lam on the rows `near`, (k,) [N], that were found elsewhere."""
-        self.problem.take(lam > 0.0)
+        self.problem.set_active(lam > 0.0)
         return self._on_rows(h, near, lam, iterations)
 
     def _on_rows(self, h: Array, near: Array, lam: Array, iterations: int) -> Forces:
@@ -167,27 +167,31 @@ class FrictionalCompliance(Law):
         """See `Law`."""
         return FrictionalCompliance(rows)
 
-    def answer(self, at: Places) -> Forces:
+    def answer(self, places: Places) -> Forces:
         """See `Law`."""
-        closing, last = self.closing, at.last
-        near = closing.choose(at.gap, last)
-        F, other = closing.flexibility()
+        closing, last = self.closing, places.last
+        near = closing.choose(places.gap, last)
+        F, is_new = closing.flexibility()
         if self.problem is None:
             self.problem = FrictionProblem(F)
-        elif other:
+        elif is_new:
             self.problem.replace(F, closing.states, last[near])
-        problem, before = self.problem, closing.before(at.since, last)
+        problem, before = self.problem, closing.before(places.since, last)
         if before is not None:  # a new step: guess that forces change as they did
             problem.extrapolate(before)
         h = np.empty((len(near), 3))
-        h[:, 0], h[:, 1:] = at.gap[near], at.way[near] - problem.moved_by(last[near])[:, 1:]
-        made = problem.iterations
-        found = problem.solve(h, at.mu[near])
+        h[:, 0], h[:, 1:] = places.gap[near], places.way[near] - problem.moved_by(last[near])[:, 1:]
+        iterations_before = problem.iterations
+        lam = problem.solve(h, places.mu[near])
         closing.remember(problem.state)
-        forces = self.found(closing, found, problem.moved_by(found), h, problem.state, problem.iterations - made)
+        forces = self.forces_on_all(
+            closing, lam, problem.moved_by(lam), h, problem.state, problem.iterations - iterations_before
+        )
         return forces._replace(stiffness=problem.tangent())
 
-    def found(self, closing: ClosingRows, lam: Array, moved: Array, h: Array, state: Array, iterations: int) -> Forces:
+    def forces_on_all(
+        self, closing: ClosingRows, lam: Array, moved: Array, h: Array, state: Array, iterations: int
+    ) -> Forces:
         """Forces on all rows.
 
         Parameters
@@ -264,10 +268,10 @@ class ClosingRows:
     def flexibility(self) -> tuple[Array, bool]:
         """Regularised flexibility of the rows, (d k, d k) [m/N], and whether it is another than last time."""
         F = self.rows.flexibility(self.index)
-        other = F is not self._F
-        if other:
+        is_new = F is not self._F
+        if is_new:
             self._F, self._regularised = F, regularised(F)
-        return self._regularised, other
+        return self._regularised, is_new
 
     @property
     def states(self) -> Array:

@@ -50,7 +50,7 @@ class Coupled:
 
     def __init__(self, contacts: Sequence[PatchContact], links: Callable[[], Sequence[Link]]) -> None:
         self.contacts, self._links = [*contacts], links
-        self._at: Array | None = None
+        self._answered_state: Array | None = None
 
     @cached_property
     def _exchange(self) -> Exchange:
@@ -80,7 +80,7 @@ class Coupled:
         """Return the same object for the contacts of a run; the flexibility between patches is shared."""
         self._prepare()
         result = copy.copy(self)
-        result.contacts, result._at = [*contacts], None
+        result.contacts, result._answered_state = [*contacts], None
         result._begin()
         return result
 
@@ -109,13 +109,16 @@ class Coupled:
         more += [np.atleast_1d(contact.opening) for contact in self._pressed]
         if self._viscous:
             more += [np.array(contact.gaps.yielding_shares) for contact in self.contacts]
-        at = np.concatenate([state, since, *more]) if since or more else state
-        if self._at is None or not _equal(at, self._at):
+        whole_state = np.concatenate([state, since, *more]) if since or more else state
+        if self._answered_state is None or not _equal(whole_state, self._answered_state):
             gaps = [contact.gap_at(q) for contact, q in zip(self.contacts, coordinates(), strict=True)]
             self._find(gaps)
             if self._viscous:
                 self._creep()
-            self._at, self._forces = at.copy(), [contact.generalised() for contact in self.contacts]
+            self._answered_state, self._forces = (
+                whole_state.copy(),
+                [contact.generalised() for contact in self.contacts],
+            )
         return self._forces
 
     def _lasting(self, last: Sequence[Array]) -> list[Array]:
@@ -127,13 +130,15 @@ class Coupled:
         if not any(contact.state.creep.elastic for contact in self.contacts):
             return []
         before = [contact.evaluation.carried_before(f) for contact, f in zip(self.contacts, last, strict=True)]
-        found = more = self._between.across(before)
+        by_elastic = more = self._between.across(before)
         if any(contact.rows.d > 1 for contact in self.contacts):
-            exceed = [[f[:, : own.shape[1]] - own for own in sides] for sides, f in zip(before, last, strict=True)]
+            exceed = [
+                [f[:, : elastic.shape[1]] - elastic for elastic in sides] for sides, f in zip(before, last, strict=True)
+            ]
             more = self._between.across(exceed)
-        self._moved_before = [*found]
-        both = zip(self.contacts, found, more, strict=True)
-        return [lasting(contact.gaps.yielding_shares, own, others) for contact, own, others in both]
+        self._moved_before = [*by_elastic]
+        both = zip(self.contacts, by_elastic, more, strict=True)
+        return [lasting(contact.gaps.yielding_shares, elastic, since) for contact, elastic, since in both]
 
     @property
     def _fields(self) -> RowFields:
@@ -144,8 +149,8 @@ class Coupled:
     def _creep(self) -> None:
         """Tell answers how the elastic forces on other contacts move their rows."""
         moved = self._between.across([contact.evaluation.carried() for contact in self.contacts])
-        for contact, own, before in zip(self.contacts, moved, self._moved_before, strict=True):
-            contact.evaluation = contact.evaluation.pushed_by(own, before)
+        for contact, now, before in zip(self.contacts, moved, self._moved_before, strict=True):
+            contact.evaluation = contact.evaluation.pushed_by(now, before)
 
     def _find(self, gaps: list[Array]) -> None:
         """Find the forces of all contacts at gaps of their rows, (nr,) [m] each."""
@@ -180,17 +185,17 @@ class Coupled:
             solved = np.linalg.solve(regularised(rows.flexibility(everything)), np.hstack([H, W]))
             result[j, j] = H.T @ solved[:, : H.shape[1]]
             ways[j], of_fields[j] = W.T @ solved[:, : H.shape[1]], W.T @ solved[:, H.shape[1] :]
-        own = dict(zip(places, consecutive([len(ways[j]) for j in places]), strict=True))
+        of_contact = dict(zip(places, consecutive([len(ways[j]) for j in places]), strict=True))
         n = sum(map(len, ways.values()))
         S, inner = np.zeros((n, n)), np.zeros((n, n))
         for (j, k), core in self._exchange.core.items():
-            if j in own and k in own:
-                S[own[j], own[k]] = core
+            if j in of_contact and k in of_contact:
+                S[of_contact[j], of_contact[k]] = core
         for j, flexible in of_fields.items():
-            inner[own[j], own[j]] = flexible
+            inner[of_contact[j], of_contact[j]] = flexible
         forces = np.linalg.solve(np.eye(n) + S @ inner, S)
         for j, k in itertools.product(places, places):
-            result[j, k] = result.get((j, k), 0.0) - ways[j].T @ forces[own[j], own[k]] @ ways[k]
+            result[j, k] = result.get((j, k), 0.0) - ways[j].T @ forces[of_contact[j], of_contact[k]] @ ways[k]
         return result
 
     def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
@@ -256,11 +261,15 @@ class CoupledContacts(Coupled):
     def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> FrozenContacts | None:
         """See `Coupled`."""
         gaps = [contact.gaps for contact in self.contacts]
-        if any(each.moving for each in gaps) or not loops.at_once() or any(each.opening for each in self._pressed):
+        if (
+            any(rows.moving for rows in gaps)
+            or not loops.at_once()
+            or any(contact.opening for contact in self._pressed)
+        ):
             return None
         if last is None or not last.has_pairs_of(gaps):
             for law in self._laws:
-                law.hold()
+                law.renew_problem()
             fields = [self._fields.fields(j) for j in range(len(gaps))]
             blocks = self._joint.flat([law.problem.F for law in self._laws], fields)
             last = FrozenContacts(gaps, dofs, blocks)
@@ -274,13 +283,13 @@ class CoupledContacts(Coupled):
 
     def answer_as(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
         """See `Coupled`."""
-        self._at = None
+        self._answered_state = None
         if not frozen.has_pairs_of([contact.gaps for contact in self.contacts]):
             self.forces(coordinates)
             return False
         starts = frozen.starts[1:-1]
         lam, moved = np.split(frozen.lam.copy(), starts), np.split(frozen.pushed.copy(), starts)
-        for j, (law, iterations) in enumerate(zip(self._laws, frozen.take_iterations(), strict=True)):
+        for j, (law, iterations) in enumerate(zip(self._laws, frozen.pop_iterations(), strict=True)):
             near = law.near(moved[j], moved[j].min()) if lam[j].any() else None
             self._give(j, self.contacts[j].gaps.at(coordinates[j]), moved[j], near, lam[j], int(iterations))
         return True
@@ -295,7 +304,7 @@ class CoupledContacts(Coupled):
             contact.iterations += iterations
             contact.opened(gap, least)
         else:
-            contact.answered(self._laws[j].found(moved, near, lam, iterations), gap, least)
+            contact.answered(self._laws[j].forces_on_all(moved, near, lam, iterations), gap, least)
 
     def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
         """See `Coupled`."""
@@ -306,8 +315,8 @@ class CoupledContacts(Coupled):
         """Flexibility of the closed rows of all contacts, (n, n) [m/N]."""
         index = {j: contact.evaluation.index for j, contact in enumerate(self.contacts)}
         F = flexibility_between(self._between, dict(enumerate(closed)), index)
-        for law, contact, own in zip(self._laws, self.contacts, closed, strict=True):
-            F[own, own] = law.active_flexibility() if contact.evaluation.index.size else 0.0
+        for law, contact, rows in zip(self._laws, self.contacts, closed, strict=True):
+            F[rows, rows] = law.active_flexibility() if contact.evaluation.index.size else 0.0
         return F
 
     def _find(self, gaps: list[Array]) -> None:
@@ -341,16 +350,16 @@ class CoupledContacts(Coupled):
 
     def _fields_of(self, j: int, rows: Array) -> Array:
         """Displacements of some rows in the fields, (na, m); the same array for the same rows."""
-        fields, known, made = self._fields.fields(j), self._some.get(j), self._between.made()[j]
-        if known is None or known[0] != made or not _equal(known[1], rows):
-            known = self._some[j] = made, rows, _of(fields, rows)
-        return known[2]
+        fields, last, version = self._fields.fields(j), self._some.get(j), self._between.versions()[j]
+        if last is None or last[0] != version or not _equal(last[1], rows):
+            last = self._some[j] = version, rows, _of(fields, rows)
+        return last[2]
 
     def _pushed_gap(self, j: int, gap: Array) -> Array:
         """Gaps of the j-th contact, (nr,) [m], with the displacements that the other contacts cause."""
-        known, c = self._joint.pushed.get(j), self._joint.amplitudes[j]
-        if known is not None and len(known) == len(gap):
-            return known
+        pushed, c = self._joint.pushed.get(j), self._joint.amplitudes[j]
+        if pushed is not None and len(pushed) == len(gap):
+            return pushed
         return np.asarray(gap + self._fields.fields(j) @ c) if c.any() else gap
 
 
@@ -370,50 +379,56 @@ class SharedPatches(CoupledContacts):
     def _begin(self) -> None:
         Coupled._begin(self)
         self._whole: Complementarity | None = None
-        self._made: list[int] = []  # of the rows in the problem, see `FlexibilityBetween.made`
-        self._own: dict[int, Array] = {}  # their flexibility, by contact
+        self._versions: list[int] = []  # of the rows in the problem, see `FlexibilityBetween.versions`
+        self._flexibilities: dict[int, Array] = {}  # their flexibility, by contact
         self._pushing: dict[int, dict[int, tuple[Array, Array]]] = {}
 
     def _solve(self, near: dict[int, Array], gaps: list[Array]) -> dict[int, Array]:
         """See `CoupledContacts._solve`."""
         near = {j: near[j] for j in sorted(near)}  # contacts enter in any order
-        own, made = {j: self._laws[j].problem.F for j in near}, self._between.made()
-        at = dict(zip(near, consecutive(list(map(len, near.values()))), strict=True))
-        if made != self._made or own.keys() != self._own.keys() or any(own[j] is not F for j, F in self._own.items()):
-            self._made, self._own = [*made], own
-            F = flexibility_between(self._between, at, near)
-            for j, part in at.items():
-                F[part, part] = own[j]
+        flexibilities, versions = {j: self._laws[j].problem.F for j in near}, self._between.versions()
+        places = dict(zip(near, consecutive(list(map(len, near.values()))), strict=True))
+        if (
+            versions != self._versions
+            or flexibilities.keys() != self._flexibilities.keys()
+            or any(flexibilities[j] is not F for j, F in self._flexibilities.items())
+        ):
+            self._versions, self._flexibilities = [*versions], flexibilities
+            F = flexibility_between(self._between, places, near)
+            for j, part in places.items():
+                F[part, part] = flexibilities[j]
             if self._whole is None:
                 self._whole = Complementarity(F)
             else:
                 self._whole.replace(F, np.concatenate([self._laws[j].problem.active for j in near]))
         assert self._whole is not None
         lam = self._whole.solve(np.concatenate([_of(gaps[j], rows) for j, rows in near.items()]))
-        found = {j: lam[part] for j, part in at.items()}
-        self._pushing = {j: self._between.pushing(j, near[j], forces) for j, forces in found.items() if forces.any()}
-        return found
+        by_contact = {j: lam[part] for j, part in places.items()}
+        self._pushing = {
+            j: self._between.pushing(j, near[j], forces) for j, forces in by_contact.items() if forces.any()
+        }
+        return by_contact
 
     def _pushed_gap(self, j: int, gap: Array) -> Array:
         """See `CoupledContacts._pushed_gap`."""
         return gap + self._between.closing(j, self._pushing) if len(gap) else gap
 
 
-def flexibility_between(between: Between, at: Mapping[int, slice], directions: Mapping[int, Array]) -> Array:
+def flexibility_between(between: Between, places: Mapping[int, slice], directions: Mapping[int, Array]) -> Array:
     """Flexibility between rows of contacts, (n, n) [m/N], with zero diagonal blocks.
 
     Parameters
     ----------
     between : Between
-    at : dict of int to slice
+    places : dict of int to slice
         Where the directions of each contact's rows are, one contact after the other.
     directions : dict of int to int array
         Their numbers among those of the contact.
     """
-    F = np.zeros((max((part.stop for part in at.values()), default=0),) * 2)
+    F = np.zeros((max((part.stop for part in places.values()), default=0),) * 2)
     for j, k in between.pairs:
-        if j in at and k in at:
-            F[at[j], at[k]] = between.of(j, directions[j], k, directions[k])
+        if j in places and k in places:
+            F[places[j], places[k]] = between.flexibility(j, directions[j], k, directions[k])
     return F
 
 

@@ -39,7 +39,7 @@ class CoupledFriction(Coupled):
             contact.told = True
         self._parts = [_Part(contact) for contact in self.contacts]
         self._problem: BlockFriction | None = None  # of the rows that can close
-        self._made: list[int] = []  # how often the rows between contacts were found for the problem
+        self._versions: list[int] = []  # how often the rows between contacts were found for the problem
         self._pushing: dict[int, Any] = {}  # what the last forces on each contact push others with
 
     def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
@@ -53,7 +53,9 @@ class CoupledFriction(Coupled):
             ways = np.zeros((rows[-1].stop, way.shape[1]))
             ways[rows[k]] = parts[k].spread(way)
             forces = problem.response(ways)
-            return np.concatenate([part.gathered(forces[own]) for part, own in zip(parts, rows, strict=True)])
+            return np.concatenate(
+                [part.gathered(forces[directions]) for part, directions in zip(parts, rows, strict=True)]
+            )
 
         return respond
 
@@ -62,21 +64,21 @@ class CoupledFriction(Coupled):
         if not math.isfinite(sum(gap.sum() for gap in gaps)):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
         for part, gap in zip(self._parts, gaps, strict=True):
-            part.at = part.contact.places(gap)
+            part.places = part.contact.places(gap)
         last = [part.last() for part in self._parts]
         for part, lasts in zip(self._parts, self._lasting(last), strict=False):
-            part.at.gap, part.at.way = part.at.gap + lasts[:, 0], part.at.way + lasts[:, 1:]
-        ways, placed, gaps = [part.way() for part in self._parts], gaps, [part.at.gap for part in self._parts]
+            part.places.gap, part.places.way = part.places.gap + lasts[:, 0], part.places.way + lasts[:, 1:]
+        ways, placed, gaps = [part.way() for part in self._parts], gaps, [part.places.gap for part in self._parts]
         pushed, more, self._iterations = self._pushed(gaps), False, 0
         for _ in range(_PASSES):
             for part, gap, before in zip(self._parts, pushed, last, strict=True):
                 part.closing.choose(gap, before, more=more)
             near = [part.closing.index for part in self._parts]
             h = self._set_up(near, last)
-            for own, rows, gap, way in zip(consecutive(list(map(len, near))), near, gaps, ways, strict=True):
-                h[own, 0] += gap[rows]
-                h[own, 1:] += way[rows]
-            found = self._solve(h)
+            for in_problem, rows, gap, way in zip(consecutive(list(map(len, near))), near, gaps, ways, strict=True):
+                h[in_problem, 0] += gap[rows]
+                h[in_problem, 1:] += way[rows]
+            forces = self._solve(h)
             pushed, more = self._pushed(gaps), True
             if not any(part.closing.misses(gap) for part, gap in zip(self._parts, pushed, strict=True)):
                 break
@@ -85,9 +87,9 @@ class CoupledFriction(Coupled):
                 f"the rows that close in {len(gaps)} contacts on common bodies did not settle in {_PASSES} passes"
             )
         assert self._problem is not None
-        moved, state = self._problem.moved_by(found), self._problem.state
+        moved, state = self._problem.moved_by(forces), self._problem.state
         ends = np.cumsum(list(map(len, near)))[:-1]
-        answers = zip(*(np.split(values, ends) for values in (found, moved, h, state)), strict=True)
+        answers = zip(*(np.split(values, ends) for values in (forces, moved, h, state)), strict=True)
         for part, gap, least, (lam, w, start, states) in zip(self._parts, placed, pushed, answers, strict=True):
             part.give(gap, least.min(initial=np.inf), lam, w, start, states, self._iterations)
 
@@ -112,24 +114,24 @@ class CoupledFriction(Coupled):
             Of all these rows [m].
         """
         forces = np.concatenate([f[rows] for f, rows in zip(last, near, strict=True)])
-        own, made = [part.flexibility() for part in self._parts], self._between.made()
-        if self._problem is None or self._made != made or any(other for _, other in own):
-            self._made = [*made]
-            F = self._flexibility(near, [F for F, _ in own])
+        flexibilities, versions = [part.flexibility() for part in self._parts], self._between.versions()
+        if self._problem is None or self._versions != versions or any(is_new for _, is_new in flexibilities):
+            self._versions = [*versions]
+            F = self._flexibility(near, [F for F, _ in flexibilities])
             if self._problem is None:
                 self._problem = BlockFriction(F)
             self._problem.replace_blocks(F, np.concatenate([part.closing.states for part in self._parts]), forces)
         since = max(self._since)
         before = [part.closing.before(since, f) for part, f in zip(self._parts, last, strict=True)]
-        known = [f for f in before if f is not None]
-        if known:  # a new step: guess that forces change as they did
-            self._problem.extrapolate(np.concatenate(known))
-        held = -self._problem.moved_by(forces)
-        held[:, 0] = 0.0
-        return held
+        earlier = [f for f in before if f is not None]
+        if earlier:  # a new step: guess that forces change as they did
+            self._problem.extrapolate(np.concatenate(earlier))
+        held_back = -self._problem.moved_by(forces)
+        held_back[:, 0] = 0.0
+        return held_back
 
-    def _flexibility(self, near: Sequence[Array], own: Sequence[Array]) -> BlockFlexibility:
-        """Flexibility of some rows, (k,) of each contact; `own` is that of each contact alone."""
+    def _flexibility(self, near: Sequence[Array], alone: Sequence[Array]) -> BlockFlexibility:
+        """Flexibility of some rows, (k,) of each contact; `alone` is that of each contact alone."""
         core, fields, between = self._fields.core, [], {}
         for j, (part, rows) in enumerate(zip(self._parts, near, strict=True)):
             fields.append(part.spread(self._fields.fields(j)[part.contact.rows.directions(rows)]))
@@ -141,28 +143,28 @@ class CoupledFriction(Coupled):
             reach[j][used] += np.einsum("ij,ij->i", amplitudes, amplitudes)
         kept = [
             np.flatnonzero(np.sqrt(r * np.einsum("ij,ij->j", W, W)) > _SMALL * np.linalg.norm(F))
-            for W, r, F in zip(fields, reach, own, strict=True)
+            for W, r, F in zip(fields, reach, alone, strict=True)
         ]
         parts = consecutive(list(map(len, kept)))
         few = np.zeros((parts[-1].stop,) * 2)
         for (j, k), S in core.items():
             few[parts[j], parts[k]] = S[np.ix_(kept[j], kept[k])]
-        return BlockFlexibility(own, between, [W[:, k] for W, k in zip(fields, kept, strict=True)], few)
+        return BlockFlexibility(alone, between, [W[:, k] for W, k in zip(fields, kept, strict=True)], few)
 
     def _solve(self, h: Array) -> Array:
         """Forces on the rows of the problem, (n, 3) [N]; keep what they push others with."""
         assert self._problem is not None
-        mu = np.concatenate([part.at.mu[part.closing.index] for part in self._parts])
-        made = self._problem.iterations
-        found = self._problem.solve(h, mu)
-        self._iterations += self._problem.iterations - made
-        at = consecutive([len(part.closing.index) for part in self._parts])
+        mu = np.concatenate([part.places.mu[part.closing.index] for part in self._parts])
+        iterations_before = self._problem.iterations
+        lam = self._problem.solve(h, mu)
+        self._iterations += self._problem.iterations - iterations_before
+        places = consecutive([len(part.closing.index) for part in self._parts])
         self._pushing = {}
-        for k, (part, own) in enumerate(zip(self._parts, at, strict=True)):
-            if found[own].any():
-                rows, forces = part.contact.rows, found[own, : part.contact.rows.d].ravel()
+        for k, (part, in_problem) in enumerate(zip(self._parts, places, strict=True)):
+            if lam[in_problem].any():
+                rows, forces = part.contact.rows, lam[in_problem, : part.contact.rows.d].ravel()
                 self._pushing[k] = self._between.pushing(k, rows.directions(part.closing.index), forces)
-        return found
+        return lam
 
 
 class SharedFriction(CoupledFriction):
@@ -174,15 +176,15 @@ class SharedFriction(CoupledFriction):
 
     _by_fields = False
 
-    def _flexibility(self, near: Sequence[Array], own: Sequence[Array]) -> BlockFlexibility:
-        at, both = consecutive([len(F) for F in own]), zip(self._parts, near, strict=True)
-        F, some = np.zeros((at[-1].stop,) * 2), [part.contact.rows.directions(rows) for part, rows in both]
-        for part, block in zip(at, own, strict=True):
+    def _flexibility(self, near: Sequence[Array], alone: Sequence[Array]) -> BlockFlexibility:
+        places, both = consecutive([len(F) for F in alone]), zip(self._parts, near, strict=True)
+        F, some = np.zeros((places[-1].stop,) * 2), [part.contact.rows.directions(rows) for part, rows in both]
+        for part, block in zip(places, alone, strict=True):
             F[part, part] = block
         for j, k in self._between.pairs:
-            between = self._between.of(j, some[j], k, some[k])
-            F[at[j], at[k]] = self._parts[j].spread(self._parts[k].spread(between.T).T)
-        _soften_redundant(F, [(at[j], at[k]) for j, k in self._between.pairs])
+            between = self._between.flexibility(j, some[j], k, some[k])
+            F[places[j], places[k]] = self._parts[j].spread(self._parts[k].spread(between.T).T)
+        _soften_redundant(F, [(places[j], places[k]) for j, k in self._between.pairs])
         return BlockFlexibility([F], {}, [np.zeros((len(F), 0))], np.zeros((0, 0)))
 
 
@@ -200,8 +202,8 @@ def _soften_redundant(F: Array, blocks: Sequence[tuple[slice, slice]]) -> None:
         Directions of two contacts that move each other.
     """
     size, soft = np.sqrt(F.diagonal()), np.zeros(len(F), dtype=bool)
-    for one, other in blocks:
-        soft[one] |= (abs(F[one, other]) > _ONE_PLACE * np.outer(size[one], size[other])).any(axis=1)
+    for first, second in blocks:
+        soft[first] |= (abs(F[first, second]) > _ONE_PLACE * np.outer(size[first], size[second])).any(axis=1)
     F.flat[:: len(F) + 1] *= 1.0 + _SOFTER * soft
 
 
@@ -216,11 +218,11 @@ class _Part:
 
     Attributes
     ----------
-    at : Places
+    places : Places
         Its present rows, without the displacements that other contacts cause.
     """
 
-    at: Places
+    places: Places
 
     def __init__(self, contact: PatchContact) -> None:
         self.contact, self.closing = contact, ClosingRows(contact.rows)
@@ -241,26 +243,26 @@ class _Part:
 
     def way(self) -> Array:
         """How far rows have slid since the last accepted step, (nr, 2) [m]."""
-        return self.at.way if self.contact.rows.d == 3 else np.zeros((len(self.at.gap), 2))
+        return self.places.way if self.contact.rows.d == 3 else np.zeros((len(self.places.gap), 2))
 
     def last(self) -> Array:
         """Forces on rows at the end of the last accepted step, (nr, 3) [N]."""
-        last = self.at.last
+        last = self.places.last
         if self.contact.rows.d == 1:
             last[:, :1] = self.contact.state.memory.forces[self.contact.gaps.row_nodes]
         return last
 
     def flexibility(self) -> tuple[Array, bool]:
         """Flexibility of the rows that can close, (3 k, 3 k) [m/N], and whether it is another than last time."""
-        F, other = self.closing.flexibility()
+        F, is_new = self.closing.flexibility()
         if len(F) and not self._checked:
             Complementarity(F)  # which checks it
             self._checked = True
         if self.contact.rows.d == 3:
-            return F, other
+            return F, is_new
         wide = np.diag(np.full(3 * len(F), F.diagonal().mean() if len(F) else 1.0))
         wide[::3, ::3] = F
-        return wide, other
+        return wide, is_new
 
     @property
     def _law(self) -> FrictionalCompliance:
@@ -276,14 +278,16 @@ class _Part:
         least : float
             Least of them with the displacements that other contacts cause [m].
         lam, moved, h, state, iterations
-            See `FrictionalCompliance.found`.
+            See `FrictionalCompliance.forces_on_all`.
         """
         contact, closing = self.contact, self.closing
         closing.remember(state)
         if not state.any():
             contact.opened(gap, least)
         elif contact.friction is not None:
-            contact.answered(self._law.found(closing, lam, moved, h, state, iterations), gap, least, self.at)
+            contact.answered(
+                self._law.forces_on_all(closing, lam, moved, h, state, iterations), gap, least, self.places
+            )
         else:
             forces = np.zeros((len(gap), 1))
             forces[closing.index] = lam[:, :1]

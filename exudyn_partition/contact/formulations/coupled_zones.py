@@ -34,9 +34,9 @@ class CoupledZones(Coupled):
 
     def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
         """See `Coupled`: d lambda = -D (dh + F_between d lambda)."""
-        own = {j: contact.rows.directions(contact.evaluation.index) for j, contact in enumerate(self.contacts)}
+        directions = {j: contact.rows.directions(contact.evaluation.index) for j, contact in enumerate(self.contacts)}
         D = scipy.linalg.block_diag(*(contact.evaluation.row_stiffness() for contact in self.contacts))
-        F = flexibility_between(self._between, dict(enumerate(closed)), own)
+        F = flexibility_between(self._between, dict(enumerate(closed)), directions)
         K = np.linalg.solve(np.eye(len(D)) + D @ F, D)
         return lambda k, way: K[:, closed[k]] @ way
 
@@ -80,10 +80,10 @@ class CoupledZones(Coupled):
 
         These are gaps, and with friction also tangential places since the last accepted step.
         """
-        contact, other = self.contacts[j], self.contacts[k]
-        pushed = self._moved(j, k, other.evaluation.on_rows).reshape(contact.evaluation.on_rows.shape)
+        contact, neighbour = self.contacts[j], self.contacts[k]
+        pushed = self._moved(j, k, neighbour.evaluation.on_rows).reshape(contact.evaluation.on_rows.shape)
         if contact.friction is not None:
-            pushed[:, 1:] -= self._moved(j, k, self._last_of(k)[:, : other.rows.d]).reshape(-1, 3)[:, 1:]
+            pushed[:, 1:] -= self._moved(j, k, self._last_of(k)[:, : neighbour.rows.d]).reshape(-1, 3)[:, 1:]
         return pushed
 
     def _last_of(self, k: int) -> Array:

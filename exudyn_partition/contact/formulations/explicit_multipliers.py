@@ -23,7 +23,7 @@ from ...support.arrays import Array, consecutive
 from ..law import Forces, Law, Places, RowDirections
 from ..memory import RowMemory
 from ..patch_contact import PatchContact
-from ..row_forces import RowForces, known_before, no_forces, no_memory, remembered, with_forces
+from ..row_forces import RowForces, friction_before, no_forces, no_memory, remembered, with_forces
 from ..tangential import TangentialRows
 
 _CLOSED = 1e-3  # of a facet's size: accuracy of closed gaps where points cross edges between facets
@@ -55,13 +55,13 @@ class Multipliers(Law):
     compliant = False
     ahead = True
 
-    def answer(self, at: Places) -> Forces:
+    def answer(self, places: Places) -> Forces:
         """See `Law`."""
-        if at.problem.d == 1:
-            forces = at.problem.solve(at.gap[:, None], _NO_FRICTION)
+        if places.problem.d == 1:
+            forces = places.problem.solve(places.gap[:, None], _NO_FRICTION)
         else:
-            forces = at.problem.solve(np.column_stack([at.gap, at.way]), at.mu)
-        return Forces(forces, at.problem.index, at.problem.state)
+            forces = places.problem.solve(np.column_stack([places.gap, places.way]), places.mu)
+        return Forces(forces, places.problem.index, places.problem.state)
 
     def fresh(self, rows: RowDirections) -> Multipliers:
         """See `Law`."""
@@ -211,7 +211,7 @@ class ForwardAnswer(NamedTuple):
         Smallest gap that rows would have then without forces [m].
     state : ForwardState
         For the next step.
-    known : RowMemory
+    slip_memory : RowMemory
         What rows remember then. Without friction, these are forces alone, and `memory` has them.
     promise : Promise or None
         What the next step checks; None if all rows are open.
@@ -222,14 +222,14 @@ class ForwardAnswer(NamedTuple):
     gap: Array
     least_gap: float
     state: ForwardState
-    known: RowMemory
+    slip_memory: RowMemory
     promise: Promise | None = None
 
     @property
     def memory(self) -> RowMemory:
         """What rows remember after the step."""
-        on_rows, known = self.forces.on_rows, self.known
-        return known if on_rows.shape[1] > 1 else with_forces(known, self.nodes, on_rows)
+        on_rows, slip_memory = self.forces.on_rows, self.slip_memory
+        return slip_memory if on_rows.shape[1] > 1 else with_forces(slip_memory, self.nodes, on_rows)
 
     @property
     def impulse(self) -> Array:
@@ -239,7 +239,7 @@ class ForwardAnswer(NamedTuple):
     def expecting(self) -> ForwardAnswer:
         """See `ForwardState.expecting`."""
         state = self.state.expecting()
-        return ForwardAnswer(self.forces, self.nodes, self.gap, self.least_gap, state, self.known, self.promise)
+        return ForwardAnswer(self.forces, self.nodes, self.gap, self.least_gap, state, self.slip_memory, self.promise)
 
 
 class ForwardRows:
@@ -267,7 +267,7 @@ class ForwardRows:
 
     def __init__(self, contact: PatchContact) -> None:
         self.rows, self.gaps, self.law, self.friction = contact.rows, contact.gaps, contact.law, contact.friction
-        self._response: tuple[object, RowResponse] | None = None  # `Gaps.held`, and the response of these rows
+        self._response: tuple[object, RowResponse] | None = None  # `Gaps.frozen_stage`, and the response of these rows
 
     def begin(self, state: ForwardState | None = None, memory: RowMemory | None = None) -> ForwardAnswer:
         """Begin from a state, and from what rows remember then; by default, those of a new run."""
@@ -281,13 +281,13 @@ class ForwardRows:
 
     def response(self) -> RowResponse:
         """How forces move the present rows; the same object as long as the rows stay frozen."""
-        known, gaps = self._response, self.gaps
-        if known is None or not gaps.holds(known[0]):
+        kept, gaps = self._response, self.gaps
+        if kept is None or not gaps.frozen_since(kept[0]):
             G = self.rows.jacobian(np.arange(len(gaps.row_nodes)))
             push = gaps.accelerations(G)
             F = regularised(dense(G @ push))  # between flat patches, there may be more rows than coordinates
-            known = self._response = gaps.held, RowResponse(G, push, F, G[:: self.rows.d])
-        return known[1]
+            kept = self._response = gaps.frozen_stage, RowResponse(G, push, F, G[:: self.rows.d])
+        return kept[1]
 
     def predict(self, last: ForwardAnswer, start: Start, step: float) -> Prediction:
         """Where rows would be at the end of the coming step [s] without contact forces; `last` is of the step before.
@@ -304,7 +304,7 @@ class ForwardRows:
             return Prediction(gap[:, None], least, end, q_tt, step, jump, fading, frozen_steps, pose)
         now, way = gaps.evaluated_pose, np.zeros((len(gap), rows.d - 1))
         if least < gaps.size:
-            rows.hold_at(q, now if pose is None else pose)
+            rows.record_places_at(q, now if pose is None else pose)
             way = rows.way()
         places = np.column_stack([gap, way])
         return Prediction(places, least, end, q_tt, step, jump, fading, frozen_steps, now)
@@ -330,12 +330,12 @@ class ForwardRows:
 
     def open(self, last: ForwardAnswer, prediction: Prediction, share: float) -> ForwardAnswer:
         """Leave all rows open in the coming step, see `act`."""
-        n, known = len(prediction.places), last.known
+        n, memory = len(prediction.places), last.slip_memory
         forces, gap = no_forces(self.rows.d, n), prediction.places[:, 0]
-        if self.rows.d > 1 and known.closed:
-            known = RowForces(self.rows, forces).memory_after(known, np.zeros((n, 2)), np.zeros(n), 0.0)
+        if self.rows.d > 1 and memory.closed:
+            memory = RowForces(self.rows, forces).memory_after(memory, np.zeros((n, 2)), np.zeros(n), 0.0)
         state = prediction.state_after(last.state, _NO_IMPULSE, share)
-        return ForwardAnswer(forces, self.gaps.row_nodes, gap, prediction.least_gap, state, known)
+        return ForwardAnswer(forces, self.gaps.row_nodes, gap, prediction.least_gap, state, memory)
 
     def act(
         self,
@@ -362,17 +362,17 @@ class ForwardRows:
         """
         forces, places = solution
         acting, step = RowForces(self.rows, forces), prediction.step
-        known, nodes = last.known, self.gaps.row_nodes
+        memory, nodes = last.slip_memory, self.gaps.row_nodes
         if self.rows.d > 1:
             slips, taken = places[:, 1:], 0.0
             if forces.closed.size:
                 way = step**2 * np.asarray(response.G @ prediction.q_tt).reshape(places.shape)[:, 1:]
                 before = prediction.places[:, 1:] - way
                 taken = -0.5 * float(np.sum(forces.on_rows[:, 1:] * (before + slips)))
-            known = acting.memory_after(known, slips, np.linalg.norm(slips, axis=1) / step, taken)
+            memory = acting.memory_after(memory, slips, np.linalg.norm(slips, axis=1) / step, taken)
         state = prediction.state_after(last.state, acting.impulse(step), share)
         promise = Promise(prediction.end, prediction.places[:, 0], places[:, 0], response.normals, scale)
-        return ForwardAnswer(forces, nodes, places[:, 0], prediction.least_gap, state, known, promise)
+        return ForwardAnswer(forces, nodes, places[:, 0], prediction.least_gap, state, memory, promise)
 
     def _check_last_step(self, promise: Promise, q: Array) -> None:
         """Raise unless the last step moved the gaps as central differences with its multipliers do.
@@ -502,9 +502,9 @@ class ForwardIncrement:
                 "formulation whose law has no attributes"
             )
         for i, j in combinations(range(len(rows)), 2):
-            _, own, others = np.intersect1d(dofs[i], dofs[j], return_indices=True)
-            if own.size:
-                self._links.append((i, j, own, others))
+            _, in_i, in_j = np.intersect1d(dofs[i], dofs[j], return_indices=True)
+            if in_i.size:
+                self._links.append((i, j, in_i, in_j))
 
     @property
     def iterations(self) -> int:
@@ -540,8 +540,8 @@ class ForwardIncrement:
 
     def predict(self, last: Sequence[ForwardAnswer], starts: Sequence[Start], step: float) -> Predictions:
         """Where the rows of all contacts would be at the end of the step without contact forces."""
-        each = zip(self.rows, last, starts, strict=True)
-        parts = [rows.predict(answer, start, step) for rows, answer, start in each]
+        by_contact = zip(self.rows, last, starts, strict=True)
+        parts = [rows.predict(answer, start, step) for rows, answer, start in by_contact]
         places = [self._in_all(part.places) for part in parts]
         return Predictions(parts, places[0] if len(places) == 1 else np.vstack(places), step)
 
@@ -555,19 +555,19 @@ class ForwardIncrement:
         self, last: Sequence[ForwardAnswer], ahead: Predictions, share: float = 1.0
     ) -> tuple[list[Array], list[ForwardAnswer]]:
         """Leave all rows open in the coming step, see `increment`."""
-        each = zip(self.rows, last, ahead.parts, strict=True)
-        return [], [rows.open(answer, part, share) for rows, answer, part in each]
+        by_contact = zip(self.rows, last, ahead.parts, strict=True)
+        return [], [rows.open(answer, part, share) for rows, answer, part in by_contact]
 
     def all_rows(self) -> AllRows:
         """How forces move the present rows; the same object as long as the rows stay frozen."""
         responses = [rows.response() for rows in self.rows]
         if self._all is not None and responses == self._all.responses:
             return self._all
-        each = zip(self.rows, responses, strict=True)
-        G, push, blocks = zip(*(self._expanded(rows.rows.d, response) for rows, response in each), strict=True)
+        by_contact = zip(self.rows, responses, strict=True)
+        G, push, blocks = zip(*(self._expanded(rows.rows.d, response) for rows, response in by_contact), strict=True)
         slices, F = consecutive([len(block) for block in blocks]), scipy.linalg.block_diag(*blocks)
-        for i, j, own, others in self._links:
-            block = dense(G[i][:, own] @ push[j][others])
+        for i, j, in_i, in_j in self._links:
+            block = dense(G[i][:, in_i] @ push[j][in_j])
             F[slices[i], slices[j]], F[slices[j], slices[i]] = block, block.T
         self._all = AllRows(responses, G, push, F, slices)
         return self._all
@@ -605,16 +605,16 @@ class ForwardIncrement:
         """
         forces, mu = np.zeros((len(places), 3)), np.zeros(len(places))
         if self.d > 1:
-            each = zip(self.rows, last, strict=True)
-            known = [known_before(part.rows, part.friction, answer.known) for part, answer in each]
-            forces, mu = (np.concatenate(values) for values in zip(*known, strict=True))
+            by_contact = zip(self.rows, last, strict=True)
+            before = [friction_before(part.rows, part.friction, answer.slip_memory) for part, answer in by_contact]
+            forces, mu = (np.concatenate(values) for values in zip(*before, strict=True))
         posed = self._posed
         if posed != (rows, by_joints, step):
             status = [answer.memory.status[part.gaps.row_nodes] for part, answer in zip(self.rows, last, strict=True)]
             self._pose(rows, by_joints, step, np.concatenate(status), forces)
         assert self._problem is not None
-        at = Places(places[:, 0], places[:, 1:], forces, mu, problem=self._problem)
-        answer = self.rows[0].law.answer(at)
+        row_places = Places(places[:, 0], places[:, 1:], forces, mu, problem=self._problem)
+        answer = self.rows[0].law.answer(row_places)
         return Solution(answer, places + self._problem.moved_by(answer.on_rows))
 
     def _pose(self, rows: AllRows, by_joints: ByJoints | None, step: float, status: Array, forces: Array) -> None:
@@ -638,17 +638,20 @@ class ForwardIncrement:
     ) -> tuple[list[Array], list[ForwardAnswer]]:
         """Apply forces in the coming step, see `increment`."""
         forces, places = solution
-        each, scale = rows.split(forces.on_rows), ahead.step**2 * (rows.F.diagonal() * forces.on_rows.ravel()).max()
-        accelerations = [push @ lam for push, lam in zip(rows.push, each, strict=True)]
+        by_contact, scale = (
+            rows.split(forces.on_rows),
+            ahead.step**2 * (rows.F.diagonal() * forces.on_rows.ravel()).max(),
+        )
+        accelerations = [push @ lam for push, lam in zip(rows.push, by_contact, strict=True)]
         if len(self.rows) == 1:
             answer = self.rows[0].act(last[0], ahead.parts[0], rows.responses[0], solution, scale, share)
             return accelerations, [answer]
         answers = []
-        for i, (part, own) in enumerate(zip(self.rows, rows.slices, strict=True)):
-            d, start, stop = part.rows.d, own.start // self.d, own.stop // self.d
+        for i, (part, span) in enumerate(zip(self.rows, rows.slices, strict=True)):
+            d, start, stop = part.rows.d, span.start // self.d, span.stop // self.d
             of_rows, ends = (np.ascontiguousarray(x[start:stop, :d]) for x in (forces.on_rows, places))
             closed = forces.closed[slice(*np.searchsorted(forces.closed, (start, stop)))] - start
             state = None if d == 1 or forces.state is None else forces.state[start:stop]
-            found = Solution(Forces(of_rows, closed, state), ends)
-            answers.append(part.act(last[i], ahead.parts[i], rows.responses[i], found, scale, share))
+            part_solution = Solution(Forces(of_rows, closed, state), ends)
+            answers.append(part.act(last[i], ahead.parts[i], rows.responses[i], part_solution, scale, share))
         return accelerations, answers

@@ -86,7 +86,7 @@ class SharedBody:
         Diagonal mass matrix of its coordinates.
     columns : (slice, slice)
         Place of its coordinates among those of each contact.
-    other : str
+    neighbour : str
         Name of the other contact.
     """
 
@@ -95,7 +95,7 @@ class SharedBody:
     patches: tuple[int, int]
     mass: Array
     columns: tuple[slice, slice]
-    other: str
+    neighbour: str
 
 
 class Links(Protocol):
@@ -162,7 +162,7 @@ class Formulation:
             )
         return YieldingPatches(zones, sizes)
 
-    def couples(self, contact: PatchContact, other: PatchContact, shared: SharedBody) -> bool:
+    def couples(self, contact: PatchContact, neighbour: PatchContact, shared: SharedBody) -> bool:
         """Whether forces of each contact on a body change the gaps of the other, so that both are solved together.
 
         Raises
@@ -172,8 +172,8 @@ class Formulation:
         """
         if shared.patches[0] == shared.patches[1]:
             raise InputError(
-                f"body {shared.name!r}: its patch {shared.patches[0]} already has the contact {shared.other!r}. Each "
-                "contact would use all of its residual flexibility. Make a patch for each contact "
+                f"body {shared.name!r}: its patch {shared.patches[0]} already has the contact {shared.neighbour!r}. "
+                "Each contact would use all of its residual flexibility. Make a patch for each contact "
                 "(Partition.ball(...) | Partition.ball(...)), or take formulation='compliance' without plastic zones, "
                 "or basis='free' with formulation='lagrange'"
             )

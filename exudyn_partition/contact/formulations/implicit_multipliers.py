@@ -23,7 +23,7 @@ from ...support.arrays import Array
 from ..law import Forces, Motion, Places
 from ..memory import RowMemory
 from ..patch_contact import PatchContact
-from ..row_forces import RowForces, known_before, no_forces, no_memory, remembered
+from ..row_forces import RowForces, friction_before, no_forces, no_memory, remembered
 from ..side import Side
 from ..step_mean import GeneralizedAlpha, StepMean
 from ..tangential import TangentialRows
@@ -282,8 +282,8 @@ class StepImpulses:
         """
         q, q_t, step, gaps = motion.q, motion.q_t, motion.step, self.gaps
         state = np.concatenate([q, q_t, gaps.carrier_pose, gaps.carrier_motion])
-        known = last.iterate.evaluated
-        if known is not None and known[0] == step and np.array_equal(known[1], state):
+        evaluated = last.iterate.evaluated
+        if evaluated is not None and evaluated[0] == step and np.array_equal(evaluated[1], state):
             return last
         return self._evaluate(last, (q, q_t), step, motion.weights, state)
 
@@ -342,8 +342,8 @@ class StepImpulses:
         if gaps.carried:
             push = np.concatenate([push, acting.on_carrier(np.zeros(3))])
         applied, mean = start.mean.applied(weights, push), start.mean.after(weights, push)
-        memory, known = self._slid(acting, iterate, rates)
-        state_after = ImpulseState(mean, known, start.impulse + acting.impulse(step), end)
+        memory, known_rates = self._slid(acting, iterate, rates)
+        state_after = ImpulseState(mean, known_rates, start.impulse + acting.impulse(step), end)
         return ImpulseAnswer(forces, h, least, applied[: gaps.n], applied[gaps.n :], state_after, memory, iterate)
 
     def _slid(self, acting: RowForces, iterate: Iterate, rates: Array | None) -> tuple[RowMemory, Array]:
@@ -354,17 +354,17 @@ class StepImpulses:
         n, start, rows = len(acting.on_rows), iterate.start, self._tangential
         if rows is None:
             return acting.memory_after(iterate.memory, np.empty(0), np.empty(0), 0.0), start.rates
-        known, nodes = np.full_like(start.rates, np.nan), self.gaps.row_nodes
+        known_rates, nodes = np.full_like(start.rates, np.nan), self.gaps.row_nodes
         if rates is None:
-            return acting.memory_after(iterate.memory, np.zeros((n, 2)), np.zeros(n), 0.0), known
+            return acting.memory_after(iterate.memory, np.zeros((n, 2)), np.zeros(n), 0.0), known_rates
         assert iterate.evaluated is not None
         then = start.rates[nodes]
         known_then = rows.along(then @ rows.axes.T)
         before = np.where(np.isnan(then[:, :1]), rates, known_then)  # some rows are new in this step
         way = 0.5 * iterate.evaluated[0] * (before + rates)
         taken = float(np.maximum(-np.sum(way * acting.on_rows[:, 1:], axis=1), 0.0).sum())
-        known[nodes] = rows.in_space(rates) @ rows.axes
-        return acting.memory_after(iterate.memory, way, np.linalg.norm(rates, axis=1), taken), known
+        known_rates[nodes] = rows.in_space(rates) @ rows.axes
+        return acting.memory_after(iterate.memory, way, np.linalg.norm(rates, axis=1), taken), known_rates
 
     def _gaps_at(self, line: Line, ahead: Array, step: float) -> Array:
         """Gaps, (nr,), at coordinates `ahead`, (n,), and at the predicted place of the surface's carrier."""
@@ -396,8 +396,8 @@ class StepImpulses:
         """Forces that follow from w, and from the forces that acted when w was found, (nr, d) each."""
         problem = self._problem_with(flexibility, last)
         h = w - problem.moved_by(acted)
-        known, mu = known_before(self.rows, self._friction, last.iterate.memory)
-        answer = self._law.answer(Places(h[:, 0], h[:, 1:], known, mu, problem=problem))
+        before, mu = friction_before(self.rows, self._friction, last.iterate.memory)
+        answer = self._law.answer(Places(h[:, 0], h[:, 1:], before, mu, problem=problem))
         if not self._same(problem, answer.on_rows, acted):
             return answer
         closed, state = acted[:, 0] > 0.0, answer.state
@@ -426,7 +426,7 @@ class StepImpulses:
                 if len(self._flexibilities) == _STEPS_KEPT:
                     self._flexibilities.clear()
                 self._flexibilities[now] = [_in_step(side, *now) for side in gaps.sides]
-            gaps.take_flexibility(self._flexibilities[now])
+            gaps.exchange_flexibility(self._flexibilities[now])
             self._sides_have = now
         base = self.rows.flexibility(np.arange(len(gaps.row_nodes)))
         if last is not None and base is last.base and now == (last.step, last.weights):
@@ -441,8 +441,8 @@ class StepImpulses:
             if flexibility.learned and posed is not None and posed.F.shape == flexibility.F.shape:
                 problem.exchange(flexibility.F)
             else:
-                known, _ = known_before(self.rows, self._friction, last.iterate.memory)
-                problem.replace(flexibility.F, last.memory.status[self.gaps.row_nodes], known)
+                before, _ = friction_before(self.rows, self._friction, last.iterate.memory)
+                problem.replace(flexibility.F, last.memory.status[self.gaps.row_nodes], before)
         self._problem, self._posed = problem, flexibility
         return problem
 

@@ -53,31 +53,31 @@ class PenaltyLayer(Law):
         value: Array = self.rows.gaps.area
         return value
 
-    def answer(self, at: Places) -> Forces:
+    def answer(self, places: Places) -> Forces:
         """See `Law`."""
-        lam = np.where(at.gap < 0.0, -self.layer * self._area * at.gap, 0.0)
+        lam = np.where(places.gap < 0.0, -self.layer * self._area * places.gap, 0.0)
         closed = np.flatnonzero(lam)
-        each = self._each(closed)
+        row_stiffness = self._row_stiffness(closed)
         if self.rows.d == 1:
-            return Forces(lam[:, None], closed, stiffness=lambda: sp.diags(each[:, 0]))
+            return Forces(lam[:, None], closed, stiffness=lambda: sp.diags(row_stiffness[:, 0]))
         shear = _SHEAR * self.layer * self._area
-        trial = at.last[:, 1:] - shear[:, None] * at.way
-        length, bound = np.linalg.norm(trial, axis=1), at.mu * lam
+        trial = places.last[:, 1:] - shear[:, None] * places.way
+        length, bound = np.linalg.norm(trial, axis=1), places.mu * lam
         slipping = length > bound
         share = np.divide(bound, length, out=np.ones(len(lam)), where=slipping)
         tangential = share[:, None] * trial
-        slips = at.way + _yields(tangential - at.last[:, 1:], shear)
-        stored = -0.5 * float(lam.dot(at.gap)) + 0.5 * float(np.sum(tangential * _yields(tangential, shear)))
+        slips = places.way + _yields(tangential - places.last[:, 1:], shear)
+        stored = -0.5 * float(lam.dot(places.gap)) + 0.5 * float(np.sum(tangential * _yields(tangential, shear)))
 
         def stiffness() -> sp.spmatrix:
             along = (trial / np.maximum(length, 1e-300)[:, None])[closed]
-            return _of_slipping(each, slipping[closed], along, at.mu[closed], share[closed])
+            return _of_slipping(row_stiffness, slipping[closed], along, places.mu[closed], share[closed])
 
         state = np.where(lam > 0, np.where(slipping, SLIP, STICK), OPEN).astype(np.int8)
         forces = np.column_stack([lam, tangential])
         return Forces(forces, closed, state, slips, stored=stored, stiffness=stiffness)
 
-    def _each(self, index: Array) -> Array:
+    def _row_stiffness(self, index: Array) -> Array:
         """Stiffness of some rows, (na, d) [N/m]: along the normal, and along both tangents while they stick."""
         value: Array = self.layer * self._area[index][:, None] * np.array([1.0, _SHEAR, _SHEAR])[: self.rows.d]
         return value
@@ -85,17 +85,17 @@ class PenaltyLayer(Law):
     def closed_stiffness(self, rows: RowDirections) -> Array:
         """See `Law`."""
         everything = np.arange(len(self._area))
-        return _springs(self._each(everything).ravel(), rows.jacobian(everything))
+        return _springs(self._row_stiffness(everything).ravel(), rows.jacobian(everything))
 
 
-def _of_slipping(each: Array, slips: Array, along: Array, mu: Array, share: Array) -> sp.spmatrix:
+def _of_slipping(stiffness: Array, slips: Array, along: Array, mu: Array, share: Array) -> sp.spmatrix:
     """Stiffness of closed rows with friction, (3 na, 3 na) [N/m].
 
     A force that slips turns with its trial force, and grows with the normal force.
 
     Parameters
     ----------
-    each : (na, 3) array
+    stiffness : (na, 3) array
         Stiffness while rows stick [N/m].
     slips : (na,) bool array
         Whether rows slip.
@@ -104,18 +104,18 @@ def _of_slipping(each: Array, slips: Array, along: Array, mu: Array, share: Arra
     mu, share : (na,) arrays
         Coefficients of friction, and what is left of the trial forces.
     """
-    n, blocks = len(each), np.zeros((len(each), 3, 3))
+    n, blocks = len(stiffness), np.zeros((len(stiffness), 3, 3))
     turning = np.eye(2) - slips[:, None, None] * (along[:, :, None] * along[:, None, :])
-    blocks[:, 0, 0] = each[:, 0]
-    blocks[:, 1:, 0] = (slips * each[:, 0] * mu)[:, None] * along
-    blocks[:, 1:, 1:] = (each[:, 1] * share)[:, None, None] * turning
+    blocks[:, 0, 0] = stiffness[:, 0]
+    blocks[:, 1:, 0] = (slips * stiffness[:, 0] * mu)[:, None] * along
+    blocks[:, 1:, 1:] = (stiffness[:, 1] * share)[:, None, None] * turning
     return sp.bsr_matrix((blocks, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n))
 
 
 def _yields(along: Array, shear: Array) -> Array:
     """Tangential deformation of a layer of stiffness `shear`, (nr,) [N/m], under forces, (nr, 2) [N]: (nr, 2) [m]."""
-    each = shear[:, None]
-    return np.divide(along, each, out=np.zeros(along.shape), where=each > 0)
+    stiffness = shear[:, None]
+    return np.divide(along, stiffness, out=np.zeros(along.shape), where=stiffness > 0)
 
 
 def _springs(k: Array, H: Rows) -> Array:

@@ -70,15 +70,15 @@ class FirstRows:
         """Displacements of these dofs, (m,) [m], by forces on them, (m,) [N]; what `spread` needs of these forces."""
         force = np.empty(len(forces), self._rows.dtype)
         force[self._first] = forces
-        found = force @ self._rows[:, : len(forces)]
-        return found[self._first], np.concatenate([force, found])
+        moved = force @ self._rows[:, : len(forces)]
+        return moved[self._first], np.concatenate([force, moved])
 
     def spread(self, answered: Array) -> Array:
         """Displacements of all dofs, (n,) [m], by the forces that were answered."""
         # A combination stays in double precision. Rounding may decide in which iteration a step settles. So a run that
         # goes on would differ from one run by what steps leave, not by rounding.
-        force, found = np.split(answered, 2)
-        return np.concatenate([found, force @ self._rows[:, len(force) :]])[self._place]
+        force, moved = np.split(answered, 2)
+        return np.concatenate([moved, force @ self._rows[:, len(force) :]])[self._place]
 
 
 class ActivePoints:
@@ -89,7 +89,7 @@ class ActivePoints:
     motion : ZoneMotion
     chosen : (g,) bool array
         The points.
-    own : OrderedRows or KeptFlexibility
+    flexibility : OrderedRows or KeptFlexibility
         Flexibility of the zone.
     of_patch : (r, 3 nz) array
         Displacements of the zone's nodes due to unit forces on the rows of the patch [m/N].
@@ -103,16 +103,18 @@ class ActivePoints:
         Displacements of their nodes, among those of the zone.
     """
 
-    def __init__(self, motion: ZoneMotion, chosen: Array, own: OrderedRows | KeptFlexibility, of_patch: Array) -> None:
+    def __init__(
+        self, motion: ZoneMotion, chosen: Array, flexibility: OrderedRows | KeptFlexibility, of_patch: Array
+    ) -> None:
         self._chosen = chosen
         self.points, self.part = np.flatnonzero(chosen), motion.zone.part(chosen)
         self.dofs = node_dofs(self.part.nodes)
-        self._own = own.at(self.dofs)
+        self._flexibility = flexibility.at(self.dofs)
         self._of_patch = of_patch.take(self.dofs, axis=1)  # by rows, as loops want them
         self._rows = motion.kinematics.rows[self.dofs]
         self._strain: tuple[ZoneState, Array] | None = None
 
-    def holds(self, chosen: Array) -> bool:
+    def are_chosen(self, chosen: Array) -> bool:
         """Whether these are the points that are `chosen`, (g,) bool."""
         return chosen is self._chosen or np.array_equal(chosen, self._chosen)
 
@@ -130,11 +132,11 @@ class ActivePoints:
 
     def answer(self, change: Array) -> tuple[Array, Array]:
         """Displacements of the nodes, (m,) [m], due to a change of the pseudo-forces, (m,) [N]; what `spread` needs."""
-        return self._own.answer(change)
+        return self._flexibility.answer(change)
 
     def spread(self, answered: Array) -> Array:
         """Displacements of all nodes of the zone, (3 nz,) [m], due to what `answer` was asked for."""
-        return self._own.spread(answered)
+        return self._flexibility.spread(answered)
 
     def generalised(self, change: Array) -> Array:
         """Forces on the last coordinates of the body, (n,), from a change of the pseudo-forces, (m,) [N]."""
@@ -142,7 +144,7 @@ class ActivePoints:
 
     def strain(self, state: ZoneState) -> Array:
         """Deviatoric strains of the points, (k, 6), in a state; those of the last one that was asked for are kept."""
-        if state.strain is not None and self.holds(state.active):
+        if state.strain is not None and self.are_chosen(state.active):
             return state.strain
         if self._strain is None or self._strain[0] is not state:
             moved = self.moved(state.q, state.applied.moved) + self.by_patch(state.by_patch)

@@ -34,8 +34,8 @@ class NodalZone:
     def __init__(self, motion: ZoneMotion) -> None:
         self.motion = motion
         plastic = motion.start
-        own = motion.zone.own_energy(plastic)
-        self.start = NodalState(plastic, np.zeros_like(plastic.strain), self._generalised(plastic), own)
+        energy = motion.zone.own_energy(plastic)
+        self.start = NodalState(plastic, np.zeros_like(plastic.strain), self._generalised(plastic), energy)
 
     def at(self, state: NodalState, q: Array) -> NodalState:
         """State after a step that ends at coordinates q, (n,), of the body, by radial return from the state before."""
@@ -94,5 +94,5 @@ class NodalZones(Zones):
         parts : sequence of (n,) arrays
             Coordinates of each side at its end.
         """
-        each = zip(self.zones, states, strict=True)
-        return self._answer(states, [zone.at(state, parts[side]) for (side, zone), state in each])
+        by_zone = zip(self.zones, states, strict=True)
+        return self._answer(states, [zone.at(state, parts[side]) for (side, zone), state in by_zone])

@@ -181,8 +181,8 @@ class Zones:
         """Answer of a step that ended in these states, from which a run begins."""
         return self._answer(states, states)
 
-    def _answer(self, before: Sequence[Any], after: Sequence[Any], *found: Any) -> ZonesAnswer:
-        return ZonesAnswer(self._sides, (*before,), (*after,), self._places, *found)
+    def _answer(self, before: Sequence[Any], after: Sequence[Any], *iteration: Any) -> ZonesAnswer:
+        return ZonesAnswer(self._sides, (*before,), (*after,), self._places, *iteration)
 
 
 class YieldingPatches(Zones):
@@ -263,17 +263,17 @@ class YieldingPatches(Zones):
         ComplementarityError
             In explicit steps, if flow does not settle. Otherwise `ZonesAnswer.check` raises it.
         """
-        known = () if earlier is None else earlier.guesses
-        guesses: Sequence[ZoneGuess | None] = known or [None] * len(states)
-        each_zone = zip(self.zones, states, guesses, strict=True)
-        steps = [zone.step(state, parts[side], guess) for (side, zone), state, guess in each_zone]
+        earlier_guesses = () if earlier is None else earlier.guesses
+        guesses: Sequence[ZoneGuess | None] = earlier_guesses or [None] * len(states)
+        begins = zip(self.zones, states, guesses, strict=True)
+        steps = [zone.step(state, parts[side], guess) for (side, zone), state, guess in begins]
         on_patches = self._on_patches(steps, rows, respond, pushed)
         if not all(state.goes_on for state in states):
             forces = on_patches([state.applied.moved_patch for state in states])
-            each = list(zip(steps, forces, strict=True))
-            flows = [step.begins_to_flow(force) for step, force in each]
+            by_zone = list(zip(steps, forces, strict=True))
+            flows = [step.begins_to_flow(force) for step, force in by_zone]
             if not any(flows):
-                return self._answer(states, [step.elastic(force) for step, force in each], _guesses(steps))
+                return self._answer(states, [step.elastic(force) for step, force in by_zone], _guesses(steps))
             steps = [flowing or step for step, flowing in zip(steps, flows, strict=True)]
         iterations = 0
         while True:
@@ -309,21 +309,21 @@ class YieldingPatches(Zones):
             parts = np.split(p, places)
             pushes.append([step.push(part if tried else None) for step, part in zip(steps, parts, strict=True)])
             flowed = _flow(steps, pushes[-1], on_patches)
-            found, size = _asked_for(steps, flowed)
-            change = float(np.linalg.norm(found - p))
+            asked, size = _asked_for(steps, flowed)
+            change = float(np.linalg.norm(asked - p))
             least, stalled = min(change, least), stalled + 1 if change >= least else 0
             # What an answer still lacks, by its change, if changes go on to decrease as the last one has.
             lacks = change / (before - change) if 2 * change < before else 1.0
             before, settled = change, (self._settled if tried >= _PATIENT else close) * size
             if lacks * change <= settled or (stalled >= _STALLED and change <= _ROUGH * size):
                 return _ends(steps, flowed), tried + 1, 0.0
-            p = anderson.guess(p, found)
+            p = anderson.guess(p, asked)
             if lacks * anderson.least <= settled:  # so the best combination of all guesses may do, without a product
                 last = list(pushes)[-len(anderson.shares) :]
                 mixed = [combined(of_zone, anderson.shares) for of_zone in zip(*last, strict=True)]
                 flowed = _flow(steps, mixed, on_patches)
-                found = np.concatenate([flow.asks_for for flow in flowed])
-                if lacks * np.linalg.norm(found - np.concatenate([push.change for push in mixed])) <= settled:
+                asked = np.concatenate([flow.asks_for for flow in flowed])
+                if lacks * np.linalg.norm(asked - np.concatenate([push.change for push in mixed])) <= settled:
                     return _ends(steps, flowed), tried + 1, 0.0
         return _ends(steps, flowed), _MOST, float(change / size)
 
@@ -354,10 +354,10 @@ class YieldingPatches(Zones):
         kept = self._side_rows.get(side)
         if kept is not None and stays is not None and kept[0] is stays:
             return kept[1]
-        found = rows.side_rows(side)
-        found = found if isinstance(found, np.ndarray) else found.toarray()
-        self._side_rows[side] = stays, found
-        return found
+        on_coordinates = rows.side_rows(side)
+        on_coordinates = on_coordinates if isinstance(on_coordinates, np.ndarray) else on_coordinates.toarray()
+        self._side_rows[side] = stays, on_coordinates
+        return on_coordinates
 
 
 def _flow(steps: Sequence[ZoneStep], pushes: Sequence[Push], on_patches: OnPatches) -> list[Flowed]:

@@ -139,11 +139,11 @@ class YieldingZone:
 
     def _use(self, kind: type) -> None:
         given, single = self.flexibility, np.dtype(kind) == np.float32
-        self._own: OrderedRows | KeptFlexibility
+        self._zone_flexibility: OrderedRows | KeptFlexibility
         if len(self.motion.zone.nodes) <= _MOST_DENSE:
-            self._own = OrderedRows(given, kind)
+            self._zone_flexibility = OrderedRows(given, kind)
         else:
-            self._own = given.single_own if single else given.own
+            self._zone_flexibility = given.single_own if single else given.own
         self._of_patch: Array = given.single_of_patch if single else np.ascontiguousarray(given.of_patch.T)
         self._active: ActivePoints | None = None
         self._range: _ElasticRange | None = None
@@ -166,13 +166,13 @@ class YieldingZone:
 
     def with_energy(self, applied: Applied, plastic: PlasticState) -> Applied:
         """Return what is applied with its energy, in a plastic state."""
-        own = self.motion.zone.own_energy(plastic)
-        return replace(applied, energy=own - float((0.5 * applied.p + applied.left) @ applied.moved))
+        energy = self.motion.zone.own_energy(plastic)
+        return replace(applied, energy=energy - float((0.5 * applied.p + applied.left) @ applied.moved))
 
     def active(self, chosen: Array) -> ActivePoints:
         """Active points, of which the last ones are kept; `chosen` is (g,) bool."""
-        if self._active is None or not self._active.holds(chosen):
-            self._active = ActivePoints(self.motion, chosen, self._own, self._of_patch)
+        if self._active is None or not self._active.are_chosen(chosen):
+            self._active = ActivePoints(self.motion, chosen, self._zone_flexibility, self._of_patch)
         return self._active
 
     def step(self, state: ZoneState, q: Array, guess: ZoneGuess | None = None) -> ZoneStep:
@@ -188,11 +188,11 @@ class YieldingZone:
 
         True is certain. False means that strains must be computed, see `excess`.
         """
-        known = self._range
-        if known is None or known.applied is not state.applied:
+        elastic_range = self._range
+        if elastic_range is None or elastic_range.applied is not state.applied:
             return False
-        change = abs(q - known.q) @ self._by_q + abs(force - known.force) @ self._by_force
-        return bool(known.distance >= change)
+        change = abs(q - elastic_range.q) @ self._by_q + abs(force - elastic_range.force) @ self._by_force
+        return bool(elastic_range.distance >= change)
 
     def excess(self, plastic: PlasticState, q: Array, force: Array, by_flow: Array) -> Array:
         """Von Mises stress beyond the flow stress, (g,) [Pa], where pseudo-forces have moved the nodes, (3 nz,) [m]."""
@@ -267,11 +267,11 @@ class ZoneStep:
 
         By default it is `first`, whose displacements are known.
         """
-        active, known = self._active, self.guess.change
+        active, guessed = self._active, self.guess.change
         if change is None:
             change = self.first
-            if np.count_nonzero(known.change) == np.count_nonzero(change):  # all are active
-                return Push(change, known.moved[active.dofs], known.moved_patch, 1.0, np.zeros(1))
+            if np.count_nonzero(guessed.change) == np.count_nonzero(change):  # all are active
+                return Push(change, guessed.moved[active.dofs], guessed.moved_patch, 1.0, np.zeros(1))
         moved, answered = active.answer(change)
         return Push(change, moved, active.at_patch(change), 0.0, answered)
 
@@ -301,8 +301,8 @@ class ZoneStep:
     def end(self, flowed: Flowed) -> ZoneState | ZoneStep:
         """State after the step. If other points flow, the same step with these points active, to be done again."""
         zone, active, state, last = self.zone, self._active, self.state, self.state.applied
-        push, force, found, strain, led_to, _ = flowed
-        plastic = state.plastic.changed(active.points, found)
+        push, force, at_points, strain, led_to, _ = flowed
+        plastic = state.plastic.changed(active.points, at_points)
         p, left = last.p.copy(), last.left.copy()
         p[active.dofs] += push.change
         left[active.dofs] += led_to - push.change
@@ -315,9 +315,9 @@ class ZoneStep:
         if more is not None:
             return replace(self, guess=ZoneGuess(more, change))
         before = self._beginning[1]
-        flow = int(np.count_nonzero(found.equivalent > before.equivalent))
+        flow = int(np.count_nonzero(at_points.equivalent > before.equivalent))
         goes_on = flow > 0 and len(active.points) <= _SPARE * (flow + _FEW)
-        work = state.work + active.part.work((before, active.strain(state)), (found, strain))
+        work = state.work + active.part.work((before, active.strain(state)), (at_points, strain))
         if state.excess is not None and goes_on:  # points that will flow if stress grows as it has
             more = self._grown(2 * excess - state.excess)
         now = zone.with_energy(applied, plastic), change, self.q, force, work

@@ -43,9 +43,11 @@ class ZoneMotion:
     def of(cls, kinematics: Kinematics, patch: int, state: PlasticState | None = None) -> ZoneMotion | None:
         """Zone of a patch of the body with these kinematics; None if nothing yields there."""
         body: ReducedBody = kinematics.body
-        plastic = [number for number, one in enumerate(body.partition.patches) if one.plastic is not None]
-        one = body.partition.patches[patch]
-        region, material = one.plastic, one.material or body.material
+        plastic = [
+            number for number, contact_patch in enumerate(body.partition.patches) if contact_patch.plastic is not None
+        ]
+        contact_patch = body.partition.patches[patch]
+        region, material = contact_patch.plastic, contact_patch.material or body.material
         nodal = region is not None and np.isin(region.nodes, body.basis.nodal).all()
         if region is None or material is None or not (body.basis.zones or nodal):
             return None
@@ -67,8 +69,8 @@ class ZoneMotion:
 def deformed_at_rest(body: ReducedBody, force: Array) -> Array:
     """Coordinates of a body at rest, (n_dofs,), deformed by balanced forces on the coordinates, (n_dofs,)."""
     if not len(body.basis.nodal):
-        elastic, found = body.basis.omega > 0, np.zeros(body.n_dofs)
-        found[elastic] = force[elastic] / body.basis.omega[elastic] ** 2
-        return found
+        elastic, q = body.basis.omega > 0, np.zeros(body.n_dofs)
+        q[elastic] = force[elastic] / body.basis.omega[elastic] ** 2
+        return q
     rigid = mass_normalised(body.rigid, body.mass)
     return FreeBodyFlexibility(body.stiffness, body.mass, rigid)(force[:, None])[:, 0]

@@ -66,10 +66,10 @@ class FlatRows:
         """It has no anchor."""
 
     def reset(self):
-        self.accepted, self.held = self.after(), self
+        self.accepted, self.frozen_stage = self.after(), self
 
-    def holds(self, held):
-        return held == self.held
+    def frozen_since(self, stage):
+        return stage == self.frozen_stage
 
     def at(self, q):
         return self.H @ q

@@ -38,8 +38,8 @@ class Undamped(HuntCrossley):
     def fresh(self, rows):
         return Undamped()
 
-    def answer(self, at):
-        depth = np.maximum(-at.gap, 0.0)
+    def answer(self, places):
+        depth = np.maximum(-places.gap, 0.0)
         lam, stored = K * depth**1.5, 0.4 * K * np.sum(depth**2.5)
         closed = np.flatnonzero(lam)
         slope = np.diag(1.5 * K * np.sqrt(depth[closed]))
@@ -131,9 +131,11 @@ def test_rates_are_those_of_gaps_and_ways(round_body, flat_body, friction):
         def fresh(self, rows):
             return self
 
-        def answer(self, at):
-            asked.append((at.gap, at.way, at.rates))
-            return Forces(np.zeros((len(at.gap), 1 + at.way.shape[1])), np.empty(0, int), slips=np.zeros_like(at.way))
+        def answer(self, places):
+            asked.append((places.gap, places.way, places.rates))
+            return Forces(
+                np.zeros((len(places.gap), 1 + places.way.shape[1])), np.empty(0, int), slips=np.zeros_like(places.way)
+            )
 
     contact, rng = PatchContact(PatchGaps(*sides), made_by(Asking), friction), np.random.default_rng(0)
     body = sides[0].kinematics.body
@@ -212,8 +214,8 @@ def test_an_elastic_law_takes_no_energy(round_body, flat_body):
     class Wrong(Undamped):
         elastic = True
 
-        def answer(self, at):
-            return Forces(*super().answer(at)[:4], power=1.0)
+        def answer(self, places):
+            return Forces(*super().answer(places)[:4], power=1.0)
 
     contact, q, _ = pressed(round_body, flat_body, made_by(Wrong))
     with pytest.raises(InputError, match="law Wrong: it takes energy, which only laws with elastic = False do"):

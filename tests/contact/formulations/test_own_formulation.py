@@ -118,8 +118,8 @@ class PerArea(page["Spring"]):
     def fresh(self, rows):
         return PerArea(rows)
 
-    def answer(self, at):
-        lam = 1e12 * self.rows.gaps.area * np.maximum(-at.gap, 0.0)
+    def answer(self, places):
+        lam = 1e12 * self.rows.gaps.area * np.maximum(-places.gap, 0.0)
         return Forces(lam[:, None], np.flatnonzero(lam))
 
 
@@ -151,9 +151,9 @@ class Dashpot(page["Spring"]):
     def fresh(self, rows):
         return Dashpot(rows)
 
-    def answer(self, at):
-        found = super().answer(at)
-        unchanged = 1.0 + 0.0 * float(at.motion.q_t @ at.motion.q_t)
+    def answer(self, places):
+        found = super().answer(places)
+        unchanged = 1.0 + 0.0 * float(places.motion.q_t @ places.motion.q_t)
         return Forces(unchanged * found.on_rows, found.closed)
 
 
@@ -190,8 +190,8 @@ def test_springs_on_nodes_with_mass_have_a_limit(pair_of, friction):
 
 def test_forces_of_another_shape_are_named(round_body, flat_body):
     class Flat(page["Spring"]):
-        def answer(self, at):
-            return super().answer(at)._replace(on_rows=at.gap)
+        def answer(self, places):
+            return super().answer(places)._replace(on_rows=places.gap)
 
     class Flats(Springs):
         def law(self, rows):
@@ -204,8 +204,8 @@ def test_forces_of_another_shape_are_named(round_body, flat_body):
 
 def test_an_answer_without_slips_is_named(round_body, flat_body):
     class Silent(page["Spring"]):
-        def answer(self, at):
-            return Forces(*super().answer(at)[:3])
+        def answer(self, places):
+            return Forces(*super().answer(places)[:3])
 
     class Silents(Springs):
         def law(self, rows):

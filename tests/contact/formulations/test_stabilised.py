@@ -290,7 +290,7 @@ class FlatRows(SimpleNamespace):
         return np.array([0.0, 0.0, lam.sum()])
 
     def reset(self):
-        self.held, self.accepted = self, self.after()
+        self.frozen_stage, self.accepted = self, self.after()
 
     def after(self):
         return GapState(np.zeros(2), np.empty(0))
@@ -303,7 +303,7 @@ class FlatRows(SimpleNamespace):
     def accept(self, state):
         self.accepted = state
 
-    def take_flexibility(self, flexibility):
+    def exchange_flexibility(self, flexibility):
         """Its own is that of `mass` and `step`."""
 
     def at(self, q):
