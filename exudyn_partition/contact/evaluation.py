@@ -120,7 +120,9 @@ class Evaluation(RowForces):
     ) -> None:
         super().__init__(parts.rows, forces)
         self.parts, self.state, self.since, self.h, self.least_gap = parts, state, since, h, least_gap
-        self._places, self._yielding, self.plastic = places, yielding, plastic
+        self._way = None if places is None else places.way
+        self._last = None if places is None else places.last
+        self._yielding, self.plastic = yielding, plastic
         self.opening, self.begun = opening, begun
 
     def pushed_by(self, across: list[Array], before: list[Array] | None) -> Evaluation:
@@ -219,10 +221,10 @@ class Evaluation(RowForces):
         """
         slipping = np.flatnonzero(self.status[self.index] == SLIP)
         K = np.zeros((H.shape[1],) * 2)
-        if self._places is None or len(slipping) <= _HELD * len(self.index):
+        if self._way is None or len(slipping) <= _HELD * len(self.index):
             return K
         rows = self.index[slipping]
-        forces, ways = self.on_rows[rows, 1:], np.hypot(*self._places.way[rows].T)
+        forces, ways = self.on_rows[rows, 1:], np.hypot(*self._way[rows].T)
         size = np.hypot(*forces.T)
         some = (size > 0.0) & (ways > 0.0)
         directions = forces[some] / size[some, None]
@@ -274,12 +276,12 @@ class Evaluation(RowForces):
         little.
         """
         slips = self.forces.slips
-        if slips is None or self._places is None:
+        if slips is None or self._last is None:
             raise RunError(
                 f"law {type(self.parts.law).__name__}: with friction, its answers need `slips`, how far the rows "
                 "have slipped since the last accepted step, see `contact.law.Forces`"
             )
-        return slips, -0.5 * float(np.vdot(slips, (self._places.last + self.on_rows)[:, 1:]))
+        return slips, -0.5 * float(np.vdot(slips, (self._last + self.on_rows)[:, 1:]))
 
     # Viscous flexibilities.
 

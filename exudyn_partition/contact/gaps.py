@@ -12,7 +12,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -72,7 +72,8 @@ class GapState:
     steps: int = 0
 
 
-class Present(NamedTuple):
+@dataclass(slots=True, eq=False)
+class Present:
     """Where the rows of a contact are.
 
     Parameters
@@ -81,12 +82,12 @@ class Present(NamedTuple):
     q : (n,) array
         Coordinates of all sides.
     places : list of (np, 3) arrays or None
-        Places of the nodes that are followed [m], if they are known.
+        Places of the nodes that are followed [m]; None until somebody asks.
     """
 
     stage: Stage
     q: Array
-    places: list[Array] | None
+    places: list[Array] | None = None
 
 
 class Gaps:
@@ -100,8 +101,8 @@ class Gaps:
         Number of coordinates of all sides.
     size : float
         Size of the facets, the scale of motion [m].
-    stage : Stage
-        The present rows, and quantities derived from them.
+    present : Present
+        Where the rows are now.
     approach : (3,) array
         Unit vector along which the slave approached at the start.
     faced : bool
@@ -130,7 +131,7 @@ class Gaps:
     sides: tuple[Side, ...]
     n: int
     size: float
-    stage: Stage
+    present: Present
     approach: Array
     faced: bool = True
     carried: bool = False
@@ -148,8 +149,6 @@ class Gaps:
     _start: Stage
     _loaded: dict[int, LoadedNodes]
     _start_q: Array
-    _q: Array
-    _places: list[Array] | None  # of the nodes that are followed at the last coordinates, once they are known
 
     @property
     def overlap(self) -> float:
@@ -172,7 +171,7 @@ class Gaps:
         """Go back to the start."""
         self.anchor = None
         self._go_to_start()
-        self.accepted = GapState(self._q, self.evaluated_pose)
+        self.accepted = GapState(self.present.q, self.evaluated_pose)
         self.accepted = self.after()
 
     def _go_to_start(self) -> None:
@@ -183,7 +182,7 @@ class Gaps:
 
     def after(self) -> GapState:
         """State after a step that ends in the last evaluation."""
-        return GapState(self._q, self.evaluated_pose, self.anchor, self._frozen_at())
+        return GapState(self.present.q, self.evaluated_pose, self.anchor, self._frozen_at())
 
     def _frozen_at(self) -> Array | None:
         """Coordinates at which the pairs were found that are frozen; None if pairs are followed."""
@@ -238,17 +237,16 @@ class Gaps:
 
     def _go_to_stage(self, stage: Stage, q: Array) -> None:
         """Go to a stage at coordinates q, (n,)."""
-        self.stage, self._q, self._places = stage, q, stage.places
+        self.present = Present(stage, q, stage.places)
 
     @property
-    def present(self) -> Present:
-        """Where the rows are now."""
-        return Present(self.stage, self._q, self._places)
+    def stage(self) -> Stage:
+        """The present rows, and quantities derived from them."""
+        return self.present.stage
 
-    def return_to(self, present: Present) -> None:
-        """Go back to where the rows were, if they are elsewhere now."""
-        if present.stage is not self.stage or present.q is not self._q:
-            self.stage, self._q, self._places = present
+    def _put_stage(self, stage: Stage) -> None:
+        """Go to another stage at the same coordinates."""
+        self.present = Present(stage, self.present.q, self.present.places)
 
     @property
     def moving(self) -> bool:
@@ -382,7 +380,8 @@ class Gaps:
     def exchange_flexibility(self, flexibility: Sequence[Array | None]) -> None:
         """Give the sides' patches other residual flexibilities, (d np, d np) each [m/N]."""
         self.sides = tuple(replace(side, flexibility=F) for side, F in zip(self.sides, flexibility, strict=True))
-        self._loaded, self._start, self.stage = {}, self._start.on(self.sides), self.stage.on(self.sides)
+        self._loaded, self._start = {}, self._start.on(self.sides)
+        self._put_stage(self.stage.on(self.sides))
 
     @property
     def longest_reach(self) -> float:
@@ -410,7 +409,8 @@ class Gaps:
         Times of steps are rounded. Shares that differ by no more are the same, so that the flexibility is kept.
         """
         if self.yielding is None or not np.allclose(shares, self.yielding, rtol=_ROUND_OFF, atol=0.0):
-            self.yielding, self.stage = shares, self.stage.yielding()
+            self.yielding = shares
+            self._put_stage(self.stage.yielding())
 
     @property
     def yielding_shares(self) -> tuple[float, ...]:
@@ -442,7 +442,7 @@ class Gaps:
         slices = consecutive([side.n for side in self.sides])
         parts = [
             side.kinematics.accelerations(q, rows[:, columns].T)
-            for side, q, columns in zip(self.sides, self.split(self._q), slices, strict=True)
+            for side, q, columns in zip(self.sides, self.split(self.present.q), slices, strict=True)
         ]
         return sp.vstack(parts, format="csr") if sp.issparse(rows) else np.vstack([*map(dense, parts)])
 
@@ -476,27 +476,27 @@ class Gaps:
     @property
     def q(self) -> Array:
         """Last coordinates, (n,)."""
-        return self._q
+        return self.present.q
 
     @property
     def coordinates(self) -> list[Array]:
         """Last coordinates of each side, (n_dofs,)."""
-        return self.split(self._q)
+        return self.split(self.present.q)
 
     def places_now(self) -> list[Array]:
         """Places of the nodes of `near_sides`, (np, 3) for each [m], at the last coordinates, from `centre`.
 
         Those of other nodes are NaN.
         """
-        if self._places is None:
-            self._places = self.places_of(self.near_sides, self._q)
-        return self._places
+        if self.present.places is None:
+            self.present.places = self.places_of(self.near_sides, self.present.q)
+        return self.present.places
 
     def jacobian(self, index: Array) -> Rows:
         """Derivative of the gaps of some present rows with respect to the coordinates, (na, n), for fixed pairs."""
         if isinstance(self.stage, Frozen):
             return self.stage.linear.H[index]
-        return self.rows_on_coordinates(self.stage, self._q, index)
+        return self.rows_on_coordinates(self.stage, self.present.q, index)
 
     def rows_on_coordinates(self, stage: Stage, q: Array, index: Array | None = None) -> Rows:
         """Derivative of a stage's gaps with respect to the coordinates, (na, n), at q, (n,), for fixed pairs."""
@@ -536,7 +536,7 @@ class Gaps:
         by_stage = self.stage.generalised(lam)
         if by_stage is not None:
             return by_stage
-        parts = zip(self.near_sides, self.split(self._q), self.nodal_forces(lam), strict=True)
+        parts = zip(self.near_sides, self.split(self.present.q), self.nodal_forces(lam), strict=True)
         return np.concatenate([side.generalised(q, on_nodes) for side, q, on_nodes in parts])
 
     def resultant(self, lam: Array) -> Array:
@@ -583,7 +583,7 @@ class Gaps:
         try:
             return make()
         finally:
-            self.return_to(now)
+            self.present = now
 
     def anchored(self, by: float) -> Anchor:
         """The anchor. If the sides have moved by more than `by` since, this is where they are now.
@@ -593,7 +593,7 @@ class Gaps:
         if not self.moving:
             return _FROZEN
         if self.anchor is None or not largest_change(self.stance(), self.stance_at(self.anchor)) <= by:
-            self.anchor = Anchor(self._q.copy(), self.evaluated_pose)
+            self.anchor = Anchor(self.present.q.copy(), self.evaluated_pose)
             _ = self.stage.shares  # which are those of the present places only now
             self._anchored = self.anchor, self.stage.rows, self.stage  # pairs that are followed need no projection anew
         return self.anchor
@@ -656,7 +656,7 @@ class Gaps:
         return F
 
     def _side_flexibility(self, place: int) -> Array:
-        q, loaded = self.split(self._q)[place], self.loaded_nodes(place)
+        q, loaded = self.split(self.present.q)[place], self.loaded_nodes(place)
         return loaded.flexibility(q, self.points, self.shares[place], self.normals)
 
     def _yielding_part(self, place: int) -> Array:
@@ -686,7 +686,7 @@ class Gaps:
         if loaded_side.normal_only:
             rows = point_matrix(nodes, weights if side else -weights, n)  # contact pushes towards the inside
         else:
-            along = loaded_side.kinematics.in_frame(self.split(self._q)[side], self.normals)
+            along = loaded_side.kinematics.in_frame(self.split(self.present.q)[side], self.normals)
             rows = directed_matrix(nodes, weights, along, n)
         return self.points.mean @ rows
 

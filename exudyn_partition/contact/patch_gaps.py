@@ -94,14 +94,14 @@ class PatchGaps(Gaps):
             steps += 1
             if steps >= _PATIENCE:
                 frozen, stood, steps = self._freezes_at(stood), self.stage.here, 0
-        return GapState(self._q, self.evaluated_pose, self.anchor, frozen, None, stood, steps)
+        return GapState(self.present.q, self.evaluated_pose, self.anchor, frozen, None, stood, steps)
 
     def _freezes_at(self, stood: Array | None) -> Array | None:
         """Present coordinates, if the patches touch and have hardly slid since `stood`: then pairs are frozen again."""
         if stood is None or not _has_hardly_slid(self.stage.here, stood, self.size):
             return None
         # Patches that are apart may meet with other pairs.
-        return self._q.copy() if self.at(self._q).min(initial=np.inf) < _HELD * self.size else None
+        return self.present.q.copy() if self.at(self.present.q).min(initial=np.inf) < _HELD * self.size else None
 
     def _frozen_at(self) -> Array | None:
         """See `Gaps`."""
@@ -131,7 +131,7 @@ class PatchGaps(Gaps):
         if self._stage_frozen is None or self._froze_at is None or not np.array_equal(q, self._froze_at):
             self._stage_frozen = self._freeze(self.project(*self.places(q))[0], q)
             self._froze_at = q
-        self.stage = self._stage_frozen
+        self._put_stage(self._stage_frozen)
 
     def placed_rows(self) -> tuple[ContactPoints, Array, Array]:
         """See `Gaps.placed_rows`."""
@@ -141,7 +141,7 @@ class PatchGaps(Gaps):
     def follow(self) -> None:
         """Follow the present rows from now on, even if they are frozen."""
         stage = self.stage
-        self.stage = Stage(stage.rows, stage.normals, stage.shares)
+        self._put_stage(Stage(stage.rows, stage.normals, stage.shares))
 
     # Frozen pairs.
 

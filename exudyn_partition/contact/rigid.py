@@ -195,7 +195,7 @@ class RigidGaps(Gaps):
             H = self.rows_on_coordinates(self._start, self._start_q)
             start = self._start.rows, self._start.normals, self._start.shares
             self._start = Frozen(*start, LinearGaps(H, gap, *no_drift, 0.0))
-        self.stage = self._start.again()
+        self._put_stage(self._start.again())
 
     def _entered(
         self, x: Array, outward: Array, q: Array, pose: Array, gap: Array, normals: Array
@@ -264,7 +264,7 @@ class RigidGaps(Gaps):
 
     def _go_to_start(self) -> None:
         """See `Gaps`."""
-        self.stage = self._start.again()
+        self._put_stage(self._start.again())
         self.at(self._start_q)  # sets the normals
 
     def at(self, q: Array) -> Array:
@@ -320,7 +320,7 @@ class RigidGaps(Gaps):
 
     def stance(self) -> Array:
         """See `Gaps.stance`."""
-        return np.zeros(1) if self.slave.normal_only else self.slave.kinematics.in_frame(self._q, self.normals)
+        return np.zeros(1) if self.slave.normal_only else self.slave.kinematics.in_frame(self.present.q, self.normals)
 
     def _stage_anchored(self, anchor: Anchor) -> Stage:
         """See `Gaps`."""

@@ -42,7 +42,7 @@ class RowForces:
 
     def _there(self) -> NormalRows | TangentialRows:
         """The rows, at the place of these forces."""
-        self.rows.gaps.return_to(self._present)
+        self.rows.gaps.present = self._present
         return self.rows
 
     @property

@@ -125,7 +125,7 @@ class WanderingGaps(PatchGaps):
         return float(projection.gap[facing_locally(projection, normals, self.size)].min(initial=np.inf))
 
     def _distance(self, x_s: Array, x_m: Array) -> float:
-        return self._near_parts(self._q).least if self._apart_by_far else self.project(x_s, x_m)[1]
+        return self._near_parts(self.present.q).least if self._apart_by_far else self.project(x_s, x_m)[1]
 
 
 class WanderingRigidGaps(RigidGaps):
@@ -195,7 +195,7 @@ class WanderingRigidGaps(RigidGaps):
         nodes = np.flatnonzero(gap < self.reach + max(2 * soon, least + soon))
         facets = np.flatnonzero(np.isin(self._whole.surface.facets, nodes).any(axis=1))
         self.sides, self._loaded = (self._whole.part(facets, self._witnesses),), {}
-        self.stage = Stage(self._rows_of(nodes), self.stage.normals, self.stage.shares)  # `at` finds these two
+        self._put_stage(Stage(self._rows_of(nodes), self.stage.normals, self.stage.shares))  # `at` finds these two
         self._beyond = self.reach + max(least, 2 * soon) - self._reach
         self._chosen, self._chosen_at = anchor, self._here(anchor.q, anchor.pose)
 

@@ -282,11 +282,13 @@ class ContactRun:
         self._begin_multipliers(None)
 
     def _begin_multipliers(self, state: ForwardState | ImpulseState | None) -> None:
-        memory = self.mechanics.state.memory
+        mechanics = self.mechanics
         if self.forward is not None:
-            self._multipliers = self.forward.begin(state if isinstance(state, ForwardState) else None, memory)
+            known = state if isinstance(state, ForwardState) else None
+            self._multipliers = self.forward.begin(known, mechanics.state.memory)
         elif self.impulses is not None:
-            self._multipliers = self.impulses.begin(state if isinstance(state, ImpulseState) else None, memory)
+            known_means = state if isinstance(state, ImpulseState) else None
+            self._multipliers = self.impulses.begin(known_means, mechanics.state.memory)
 
     def state(self, number: int) -> MemberState:
         """State at the end of the last step. `number` is that of the contact."""
@@ -327,7 +329,8 @@ class ContactRun:
         if mechanics.ahead:
             self.force = mechanics.zone_forces(self.coordinates_in(q))
         else:
-            mechanics.at(self.coordinates_in(q), SolverMotion(mbs, self.coordinates_in))
+            motion = None if mechanics.law.elastic else SolverMotion(mbs, self.coordinates_in)
+            mechanics.at(self.coordinates_in(q), motion)
             self.force = mechanics.generalised()
 
     def _mean_force(self, impulses: StepImpulses, motion: SolverMotion) -> Array:
@@ -537,7 +540,7 @@ class GroupRun:
         self._dofs = [member.dofs for member in members]
         self._frozen: FrozenContacts | None = None
         self._looped: tuple[float, Array] | None = None  # time and coordinates of the last answer, if loops found it
-        self._told: tuple[float, Array] | None = None  # the last of these for which members have evaluations
+        self._told = False  # whether members have evaluations of that answer
         readers = [(j, member.place) for j, member in enumerate(members) if member.place is not None]
         starts = np.reshape(readers, (-1, 2)).astype(int) * [N_VALUES, 1]
         self._from, self._to = np.add.outer(starts.T, np.arange(N_VALUES)).reshape(2, -1)  # places, from and to
@@ -604,7 +607,7 @@ class GroupRun:
         if self._looped is None:
             for member in self.members:
                 member.force = None
-        self._looped, self.pushes = (t, q.copy()), self._frozen.pushes
+        self._looped, self._told, self.pushes = (t, q.copy()), False, self._frozen.pushes
         return True
 
     def add_force(self, total: Array) -> None:
@@ -623,9 +626,9 @@ class GroupRun:
 
     def evaluation(self, place: int) -> Evaluation:
         """Last answer of the contact at a place of the group."""
-        if self._looped is not None and self._looped is not self._told and self._frozen is not None:
+        if self._looped is not None and not self._told and self._frozen is not None:
             assert self.together is not None
-            self._told = self._looped
+            self._told = True
             coordinates = [member.coordinates_in(self._looped[1]) for member in self.members]
             if not self.together.answer_as(self._frozen, coordinates):
                 self._looped = None

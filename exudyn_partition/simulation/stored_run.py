@@ -272,7 +272,7 @@ class _StoredZones:
         self._name = name
 
     @property
-    def zones(self) -> NoReturn:
+    def motions(self) -> NoReturn:
         """See `Zones`."""
         raise _needs_model(f"contact {self._name!r}", "zones")
 

@@ -181,7 +181,7 @@ class Closed:
     """The run of a contact that is closed with a constant force."""
 
     is_open, forward, normal_force = False, None, 1.0
-    mechanics = SimpleNamespace(stored=lambda: 0.0)
+    evaluation = SimpleNamespace(stored=0.0)
 
 
 def closed_control(motion):

@@ -56,9 +56,6 @@ class FlatRows:
 
     present = None
 
-    def return_to(self, present):
-        """The rows are never elsewhere."""
-
     def accept(self, state):
         self.accepted = state
 

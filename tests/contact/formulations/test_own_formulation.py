@@ -191,7 +191,7 @@ def test_springs_on_nodes_with_mass_have_a_limit(pair_of, friction):
 def test_forces_of_another_shape_are_named(round_body, flat_body):
     class Flat(page["Spring"]):
         def answer(self, places):
-            return super().answer(places)._replace(on_rows=places.gap)
+            return Forces(places.gap, super().answer(places).closed)
 
     class Flats(Springs):
         def law(self, rows):

@@ -297,9 +297,6 @@ class FlatRows(SimpleNamespace):
 
     present = None
 
-    def return_to(self, present):
-        """The rows are never elsewhere."""
-
     def accept(self, state):
         self.accepted = state
 
