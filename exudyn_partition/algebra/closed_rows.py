@@ -119,6 +119,15 @@ class ClosedRows:
         self._h, self._mu = self._inverse * h.ravel(), mu
         self.steps = 0
 
+    @property
+    def asked(self) -> tuple[Array, Array]:
+        """Gaps and slips, scaled to forces, (3 na,) [N], and coefficients, (na,), that were loaded last."""
+        return self._h, self._mu
+
+    def ask_again(self, asked: tuple[Array, Array]) -> None:
+        """Take gaps, slips and coefficients that the same rows had, see `asked`."""
+        self._h, self._mu = asked
+
     def moved(self, lam: Array) -> Array:
         """How far forces on the closed rows, (3 na,) [N], move all rows, (3 nr,) [m]."""
         value: Array = self._columns @ lam

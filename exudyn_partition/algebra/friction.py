@@ -263,11 +263,14 @@ class FrictionProblem:
 
     def tangent(self) -> Callable[[], Solved]:
         """Return what finds `derivative` at the present answer, also when another answer was found since."""
-        closed, lam = copy.copy(self._closed), self.lam[self.index].ravel()
+        F, inverse, index, lam, asked = self.F, self._inverse, self.index, self.lam, self._closed.asked
 
         def tangent() -> Solved:
-            closed.factorise(lam, wholly=True)
-            return Solved(closed.response, len(lam))
+            closed, forces = ClosedRows(F, inverse, index), lam[index].ravel()
+            closed.ask_again(asked)
+            closed.residual(forces)
+            closed.factorise(forces)
+            return Solved(closed.response, len(forces))
 
         return tangent
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..algebra.coulomb import Coulomb
 from ..algebra.friction import SLIP
-from ..algebra.products import dense
-from ..errors import RunError
+from ..algebra.products import Solved, dense
+from ..errors import InputError, RunError
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from .law import Forces, Law, Places, Slope
@@ -197,7 +197,13 @@ class Evaluation(RowForces):
                 f"{type(self.parts.law).__name__} answers without `stiffness`, which implicit and static runs need, "
                 "see `contact.law.Forces`"
             )
-        return self.forces.stiffness()
+        slope, n = self.forces.stiffness(), self.index.size * self.rows.d
+        if not isinstance(slope, Solved) and np.shape(slope) != (n, n):
+            raise InputError(
+                f"law {type(self.parts.law).__name__}: expected a stiffness of shape {(n, n)}, of the closed rows "
+                f"alone, got {np.shape(slope)}"
+            )
+        return slope
 
     def tangent(self) -> Array:
         """Contact stiffness -d force / d q, (n, n), of closed rows, for fixed pairs."""

@@ -32,7 +32,7 @@ class Forces(NamedTuple):
     on_rows : (nr, d) array
         Forces on the rows [N]: along the normal, and with friction also along both tangents.
     closed : (na,) int array
-        Rows that are closed, in ascending order.
+        Numbers of the rows that are closed, in ascending order. Forces on other rows do not count.
     state : (nr,) int8 array, optional
         With friction, whether each row is OPEN, sticks or slips: the constants of `algebra.friction`. Results and the
         coefficient in the next step need it.
@@ -42,7 +42,7 @@ class Forces(NamedTuple):
         Energy that the law itself takes per time, as by damping [W]; friction does not count. Only a law that is not
         `elastic` takes any.
     stored : float, optional
-        Energy that is stored [J]. Default: half of the normal forces times the depths.
+        Energy that is stored [J], zero where forces begin. Default: half of the normal forces times the depths.
     stiffness : callable, optional
         Returns minus the derivative of forces on closed rows with respect to their places, (d na, d na) [N/m]. Implicit
         and static runs need it. It may be `Solved`: as a rule the bodies have fewer coordinates than a large contact
@@ -142,6 +142,8 @@ class Places:
     def rates(self) -> Array:
         """Rates of gaps and tangential places, (nr, d) [m/s], computed when they are asked for first.
 
+        That of a gap is negative while surfaces approach.
+
         They are those of the bodies, and of what carries a rigid surface, for fixed pairs. Only laws with elastic =
         False have them. They are zero in static runs, and while a run chooses its step before it moves.
         """
@@ -153,7 +155,8 @@ class Places:
 class Law:
     """How forces on rows follow from where the rows are.
 
-    One object serves one contact in one run. It may keep data that save time, but answers follow from `Places` alone.
+    One object serves one contact in one run. It may keep data that save time, but answers follow from `Places` alone:
+    solvers ask several times in a step, also at places that are given up, and a run that goes on has a fresh law.
 
     Attributes
     ----------
@@ -164,7 +167,8 @@ class Law:
         Then forces are constant within the step. Otherwise they belong to the time at which they are found.
     elastic : bool
         Whether forces without friction follow from the coordinates alone and have a potential, so that they can be
-        found again after a run. A law that asks for rates, or takes energy, is not elastic.
+        found again after a run. A law that asks for rates, or takes energy, is not elastic. The default step of a run
+        resolves impacts of elastic laws that have no reach; for others, choose it.
     reach : float
         Gap at which forces begin [m]: above zero for surfaces that attract each other, or a soft layer. Only laws
         within steps have one. Rows within reach count as closed, also if they pull.

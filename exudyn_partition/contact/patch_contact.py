@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from typing import Self
 
 
+_ROUND_OFF = 1e-9  # of forces times gaps: energy below zero that is less is none
 _STICKING = 1e6  # coefficient of friction with which no row slips
 
 
@@ -375,7 +376,13 @@ class PatchContact:
         """Stored energy [J] and number of closed rows for gaps of the present rows, (nr,) [m], without friction."""
         n = len(gap)
         forces = self.law.answer(Places(gap, np.zeros((n, self.rows.d - 1)), np.zeros((n, 3)), np.zeros(n)))
-        return forces.energy(gap), len(forces.closed)
+        energy = forces.energy(gap)
+        if energy < -_ROUND_OFF * float(abs(forces.on_rows[:, 0]) @ abs(gap)):
+            raise InputError(
+                f"law {type(self.law).__name__}: expected a stored energy of zero where its forces begin, and more in "
+                f"contact, got {energy:.3g} J. A law that pulls has a `reach`, and stores energy below zero there"
+            )
+        return energy, len(forces.closed)
 
     # State.
 

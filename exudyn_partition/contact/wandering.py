@@ -135,6 +135,7 @@ class WanderingRigidGaps(RigidGaps):
     """
 
     def _rows_at_start(self) -> PresentRows:
+        """See `RigidGaps`. It also keeps the whole patch, and points that witness its motion."""
         self._whole, self._witnesses = self.slave, spread(self.slave.surface.points)
         self._three = self.slave.kinematics.some(self._witnesses)
         gap = self._projected(self.slave.surface.points - self.centre, self.carrier_pose)[0]

@@ -113,7 +113,7 @@ def plan_contact(
     if coulomb is not None and not chosen.friction:
         raise InputError(
             f"friction: formulation {type(chosen).__name__} has none; take formulation='compliance', 'lagrange' or "
-            "'penalty', or leave friction out"
+            "'penalty', or leave friction out. One of your own has friction = True if its law has"
         )
     _check_master(mbs, rigid, masterPatch, masterBody)
     given = [(first, number_of_patch(first.body.partition, slavePatch, "slavePatch"))]

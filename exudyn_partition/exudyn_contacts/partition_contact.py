@@ -195,7 +195,7 @@ class PartitionContact(Item[Any]):
         return result.sensor_of(self, self["sMoment"])
 
     def closed_rows(self, result: RunSamples) -> Array:
-        """Number of closed contact rows, (n,).
+        """Number of closed contact rows, (n,); those within the reach of a law that pulls count.
 
         Raises
         ------
@@ -283,10 +283,10 @@ class PartitionContact(Item[Any]):
         return sp.csr_matrix(self.row_forces(result) @ self.mechanics.node_pressures.T)
 
     def area(self, result: RunSamples) -> Array:
-        """Contact area, the sum of the closed rows' areas, (n,) [m2].
+        """Contact area, the sum of the areas of rows that press, (n,) [m2].
 
-        Rows that lie partly outside of the contact may be open. So part of the rim is missing if the pressure does not
-        fall to zero there, as in plastic flow.
+        Rows that pull do not count, unlike in `closed_rows`. Rows that lie partly outside of the contact may be open.
+        So part of the rim is missing if the pressure does not fall to zero there, as in plastic flow.
         """
         closed = self.row_forces(result)
         closed.data[:] = closed.data > 0

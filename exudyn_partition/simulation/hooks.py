@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
@@ -39,6 +40,7 @@ _BALANCED = 1e-6  # share of the first forces that may stay without balance
 _BALANCED_BY_FACETS = 1e-4  # the same of press fits: facets push bodies that nothing holds along their surfaces
 _FUNCTION = re.compile(r"\w+::\w*[uU]serFunction\b")  # name of a user function in a report of Exudyn
 _RETURNED = re.compile(r"Unable to cast Python instance of type <class '(?:\w+\.)*(\w+)'>")
+_LINE = re.compile(r"^At:\n +(.+)\((\d+)\): ", re.MULTILINE)  # where the error of a user function was raised
 _TERMINATED = "SolveDynamic terminated"  # Exudyn's only message if steps do not converge
 _SINGULAR = (
     "Its Jacobian is singular, perhaps because joints hold the same motion twice: let one of them go, as by a "
@@ -511,11 +513,17 @@ def cause(error: BaseException) -> str:
         return f"{function} returned a {returned[1]} of another kind or length than Exudyn takes there"
     if len(chain) > 1 or found:
         kind, text = (type(root).__name__, str(root)) if len(chain) > 1 else ("", _lines(report)[-1])
-        return f"{': '.join(filter(None, (kind, text)))}, in {function}"
+        return f"{': '.join(filter(None, (kind, text)))}, in {function}{_line_of(report)}"
     lines = _lines(report)
     said = next((line for line in lines if "Error: " in line), lines[0] if lines else type(error).__name__)
     said = " ".join(lines) if said.endswith(":") else said
     return f"{said} {_SINGULAR}" if "matrix is not factorized" in said else said
+
+
+def _line_of(report: str) -> str:
+    """Line that raised the error of a user function, in brackets; empty if the report of Exudyn does not tell."""
+    found = _LINE.search(report)
+    return f" ({Path(found[1]).name}, line {found[2]})" if found else ""
 
 
 def _lines(report: str) -> list[str]:

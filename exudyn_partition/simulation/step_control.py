@@ -325,7 +325,10 @@ class StepControl:
         return self._work.made / pace.errors.energy if self._work and pace.errors and self._work.made else 0.0
 
     def after_step(self, pace: Pacing, last: float) -> Pacing:
-        """Return the pace after a step of length `last` [s], with the next step, from the state at its end."""
+        """Return the pace after a step of length `last` [s], with the next step, from the state at its end.
+
+        Call it once for each step: the work of the contacts is counted meanwhile.
+        """
         if self._constant and last == pace.step:
             return pace
         was_open, is_open = pace.is_open, tuple(run.is_open for run in self._runs)

@@ -158,10 +158,16 @@ def formulation_of(choice: FormulationName | Formulation, stiffness: float | Non
     """
     if stiffness is not None and not (isinstance(choice, str) and choice == "penalty"):
         raise InputError(f"stiffness: formulation {choice!r} has none; give it only with formulation='penalty'")
-    if isinstance(choice, type):
+    if isinstance(choice, type) and issubclass(choice, Formulation):
         raise InputError(f"formulation: expected an object, got the class {choice.__name__}; call it")
     if isinstance(choice, Formulation):
         return choice
+    if not isinstance(choice, str):
+        raise InputError(
+            f"formulation: expected one of {', '.join(map(repr, NAMES))}, or an object whose class derives from "
+            f"Formulation and whose law(rows) returns a law, got "
+            f"{f'the class {choice.__name__}' if isinstance(choice, type) else type(choice).__name__}"
+        )
     name = validate_choice("formulation", choice, NAMES)
     return Penalty(stiffness) if name == "penalty" else Compliance() if name == "compliance" else Lagrange()
 

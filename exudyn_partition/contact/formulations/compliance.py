@@ -6,13 +6,14 @@ Theory: examples/site/theory.md, "Contact without a penalty".
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import scipy.linalg
 
 from ...algebra.complementarity import Complementarity, regularised
 from ...algebra.friction import OPEN, FrictionProblem
-from ...algebra.products import dense, smallest
+from ...algebra.products import Solved, dense, smallest
 from ...support.arrays import Array
 from .. import loops
 from ..followed import BULGE
@@ -184,13 +185,18 @@ class FrictionalCompliance(Law):
         iterations_before = problem.iterations
         lam = problem.solve(h, places.mu[near])
         closing.remember(problem.state)
-        forces = self.forces_on_all(
-            closing, lam, problem.moved_by(lam), h, problem.state, problem.iterations - iterations_before
-        )
-        return forces._replace(stiffness=problem.tangent())
+        iterations = problem.iterations - iterations_before
+        return self.forces_on_all(closing, lam, problem.moved_by(lam), h, problem.state, iterations, problem.tangent())
 
     def forces_on_all(
-        self, closing: ClosingRows, lam: Array, moved: Array, h: Array, state: Array, iterations: int
+        self,
+        closing: ClosingRows,
+        lam: Array,
+        moved: Array,
+        h: Array,
+        state: Array,
+        iterations: int,
+        stiffness: Callable[[], Solved] | None = None,
     ) -> Forces:
         """Forces on all rows.
 
@@ -204,14 +210,15 @@ class FrictionalCompliance(Law):
         h : (k, 3) array
             Their gaps and slips without forces [m].
         state : (k,) int8 array
-        iterations : int
+        iterations, stiffness
             See `Forces`.
         """
         stored = 0.5 * float(np.vdot(lam, moved))
         near, n = closing.index, len(self.rows.gaps.row_nodes)
         forces, states, slips = np.zeros((n, 3)), np.zeros(n, dtype=np.int8), np.zeros((n, 2))
         forces[near], states[near], slips[near] = lam, state, (h + moved)[:, 1:]
-        return Forces(forces, near[state != OPEN], states, slips, stored=stored, iterations=iterations)
+        closed = near[state != OPEN]
+        return Forces(forces, closed, states, slips, stored=stored, stiffness=stiffness, iterations=iterations)
 
     def closed_stiffness(self, rows: RowDirections) -> Array:
         """See `Law`."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ...contact.formulations.choices import Compliance
+from ...contact.formulations.choices import Compliance, Lagrange, Penalty
 from ...errors import InputError
 from ...exudyn_bodies.item_work import Others
 from ...exudyn_bodies.joints import Joints
@@ -219,12 +219,20 @@ def _by_steps_or_impacts(mbs: MainSystem, result: Result, *, lost: bool) -> str:
     remedies = ["shorter ones"]
     if result.method == "implicit" and _runs_explicitly(mbs):
         remedies.append("method='explicit'")
+    library, foreign = (Compliance, Lagrange, Penalty), ""
     others = [contact for contact in result.contacts if not isinstance(contact.formulation, Compliance)]
+    if own := {
+        type(contact.mechanics.law).__name__ for contact in others if not isinstance(contact.formulation, library)
+    }:
+        foreign = (
+            f", or of the law {' or '.join(sorted(own))}: check that its stored energy and its power belong to its "
+            "forces, and that it keeps nothing from earlier steps"
+        )
     if others:
         bases = [{item.body.basis.flexibility is not None for item, _ in contact.sides} for contact in others]
         basis = "" if all(True in flexible for flexible in bases) else "a basis with residual flexibility and "
         remedies.append(f"{basis}formulation='compliance'")
-    return f"It is {steps}. Take {', or '.join(remedies)}"
+    return f"It is {steps}{foreign}. Take {', or '.join(remedies)}"
 
 
 def _runs_explicitly(mbs: MainSystem) -> bool:

@@ -166,3 +166,29 @@ def test_the_tangent_is_the_slope_of_the_force(round_body, flat_body):
         way *= 1e-6 * REACH / abs(H @ way).max()
         slope = (contact.at(q + way).generalised - contact.at(q - way).generalised) / 2
         np.testing.assert_allclose(-tangent @ way, slope, rtol=0, atol=1e-3 * abs(slope).max())
+
+
+def test_energy_that_jumps_where_forces_begin_is_named(round_body, flat_body):
+    """The law pulls, but its reach was forgotten: its energy is not zero where surfaces touch."""
+
+    class Short(Attraction):
+        reach = 0.0
+
+        def fresh(self, rows):
+            return Short(rows)
+
+    class Shorts(Attractions):
+        def law(self, rows):
+            return Short(rows)
+
+    contact = PatchContact(PatchGaps(inertial(round_body), inertial(flat_body)), Shorts())
+    with pytest.raises(InputError, match="law Short: expected a stored energy of zero where its forces begin"):
+        contact.press(np.full(len(contact.gaps.row_nodes), -1e-9))
+
+
+def test_pressing_rows_are_the_area_and_all_rows_within_reach_are_closed(brick):
+    result, _, contact = pull_off(brick)
+    pulls = contact.force(result) < 0
+    assert pulls.sum() > 10
+    assert (contact.closed_rows(result)[pulls] > 0).all()
+    assert (contact.area(result)[pulls] == 0.0).all()

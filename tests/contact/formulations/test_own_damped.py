@@ -14,7 +14,7 @@ import exudyn_partition as ep
 from exudyn_partition.contact.law import Forces
 from exudyn_partition.contact.patch_contact import PatchContact
 from exudyn_partition.contact.patch_gaps import PatchGaps
-from exudyn_partition.errors import InputError
+from exudyn_partition.errors import InputError, ModelLimitWarning, StoppedRunWarning
 
 page = contributed("class HuntCrossley(Law)")
 HuntCrossleys, HuntCrossley, K, C = (page[name] for name in ("HuntCrossleys", "HuntCrossley", "K", "C"))
@@ -220,3 +220,45 @@ def test_an_elastic_law_takes_no_energy(round_body, flat_body):
     contact, q, _ = pressed(round_body, flat_body, made_by(Wrong))
     with pytest.raises(InputError, match="law Wrong: it takes energy, which only laws with elastic = False do"):
         contact.at(q)
+
+
+def test_a_stiffness_of_all_rows_is_named(round_body, flat_body):
+    class Wrong(HuntCrossley):
+        def answer(self, at):
+            n = len(at.gap)
+            return super().answer(at)._replace(stiffness=lambda: np.eye(n))
+
+    contact, q, q_t = pressed(round_body, flat_body, made_by(Wrong))
+    answer = contact.at(q, SimpleNamespace(q_t=q_t))
+    n, rows = len(answer.index), len(contact.gaps.row_nodes)
+    assert 0 < n < rows
+    said = rf"law Wrong: expected a stiffness of shape \({n}, {n}\), of the closed rows alone, got \({rows}, {rows}\)"
+    with pytest.raises(InputError, match=said):
+        answer.tangent()
+
+
+def test_a_loss_that_the_law_does_not_tell_names_the_law(marble):
+    class Silent(HuntCrossley):
+        def fresh(self, rows):
+            return Silent()
+
+        def answer(self, at):
+            return super().answer(at)._replace(power=0.0)
+
+    said = "or of the law Silent: check that its stored energy and its power belong to its forces"
+    with pytest.warns(ModelLimitWarning, match=said):
+        drop(marble, formulation=made_by(Silent))
+
+
+def test_an_error_in_a_law_is_told_with_its_line(marble):
+    class Wrong(HuntCrossley):
+        def fresh(self, rows):
+            return Wrong()
+
+        def answer(self, at):
+            return at.nothing
+
+    line = Wrong.answer.__code__.co_firstlineno + 1
+    with pytest.warns(StoppedRunWarning, match=rf"no attribute 'nothing'.* \(test_own_damped.py, line {line}\)"):
+        result, *_ = drop(marble, formulation=made_by(Wrong))
+    assert result.status == "unstable"

@@ -243,3 +243,6 @@ def test_what_is_no_formulation_is_refused(mbs, bodies):
     items = [ep.CreatePartitionBody(mbs, bodies[0], referencePosition=TOP), ep.CreatePartitionBody(mbs, bodies[1])]
     with pytest.raises(InputError, match="formulation: expected one of 'compliance', 'lagrange', 'penalty'"):
         ep.CreatePartitionContact(mbs, *items, formulation=object())
+    for law, called in ((PerArea, "the class PerArea"), (Dashpot.__new__(Dashpot), "Dashpot")):
+        with pytest.raises(InputError, match=rf"whose law\(rows\) returns a law, got {called}$"):
+            ep.CreatePartitionContact(mbs, *items, formulation=law)
