@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,6 +14,7 @@ from ..algebra.products import Solved, dense
 from ..errors import InputError, RunError
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
+from ..support.attributes import FoundOnce
 from .law import Forces, Law, Places, Slope
 from .memory import RowMemory
 from .normal_rows import NormalRows
@@ -138,10 +137,10 @@ class Evaluation(RowForces):
         return self._with(plastic=plastic)
 
     def _with(self, **changes: Any) -> Evaluation:
-        result = copy.copy(self)
+        result = object.__new__(Evaluation)
+        vars(result).update(vars(self), **changes)
         for derived in ("generalised", "stored", "_creep"):
             vars(result).pop(derived, None)
-        vars(result).update(changes)
         return result
 
     # Forces.
@@ -157,7 +156,7 @@ class Evaluation(RowForces):
         """Whether rows are closed, or zones may push."""
         return self.index.size > 0 or self.plastic is not None
 
-    @cached_property
+    @FoundOnce
     def generalised(self) -> Array:
         """Generalised forces, (n,), by rows and zones."""
         return self.by_rows if self.plastic is None else self.plastic.generalised(self.by_rows)
@@ -240,7 +239,7 @@ class Evaluation(RowForces):
 
     # Energy.
 
-    @cached_property
+    @FoundOnce
     def stored(self) -> float:
         """Energy that the contact stores [J]."""
         if self.begun:
@@ -274,7 +273,7 @@ class Evaluation(RowForces):
         within = not self.begun and self.parts.friction is not None and not self.parts.law.ahead
         return self.state.memory.dissipated + (self._sliding[1] if within and self.index.size else 0.0)
 
-    @cached_property
+    @FoundOnce
     def _sliding(self) -> tuple[Array, float]:
         """Slip of the rows since the last accepted step, (nr, 2) [m], and the energy that it dissipates [J].
 
@@ -291,7 +290,7 @@ class Evaluation(RowForces):
 
     # Viscous flexibilities.
 
-    @cached_property
+    @FoundOnce
     def _creep(self) -> Creep:
         """State of viscous flexibilities."""
         assert self._yielding is not None

@@ -103,6 +103,8 @@ class Gaps:
         Size of the facets, the scale of motion [m].
     present : Present
         Where the rows are now.
+    stage : Stage
+        That of `present`: the present rows, and quantities derived from them.
     approach : (3,) array
         Unit vector along which the slave approached at the start.
     faced : bool
@@ -132,6 +134,7 @@ class Gaps:
     n: int
     size: float
     present: Present
+    stage: Stage
     approach: Array
     faced: bool = True
     carried: bool = False
@@ -237,16 +240,15 @@ class Gaps:
 
     def _go_to_stage(self, stage: Stage, q: Array) -> None:
         """Go to a stage at coordinates q, (n,)."""
-        self.present = Present(stage, q, stage.places)
+        self.return_to(Present(stage, q, stage.places))
 
-    @property
-    def stage(self) -> Stage:
-        """The present rows, and quantities derived from them."""
-        return self.present.stage
+    def return_to(self, present: Present) -> None:
+        """Go to where the rows were."""
+        self.present, self.stage = present, present.stage
 
     def _put_stage(self, stage: Stage) -> None:
         """Go to another stage at the same coordinates."""
-        self.present = Present(stage, self.present.q, self.present.places)
+        self.return_to(Present(stage, self.present.q, self.present.places))
 
     @property
     def moving(self) -> bool:
@@ -583,7 +585,7 @@ class Gaps:
         try:
             return make()
         finally:
-            self.present = now
+            self.return_to(now)
 
     def anchored(self, by: float) -> Anchor:
         """The anchor. If the sides have moved by more than `by` since, this is where they are now.

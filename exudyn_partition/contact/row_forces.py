@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 
 import numpy as np
 
 from ..algebra.coulomb import Coulomb
 from ..algebra.friction import OPEN, SLIP
 from ..support.arrays import Array
+from ..support.attributes import FoundOnce
 from .law import Forces
 from .memory import RowMemory, by_nodes, on_rows
 from .normal_rows import NormalRows
@@ -42,7 +42,7 @@ class RowForces:
 
     def _there(self) -> NormalRows | TangentialRows:
         """The rows, at the place of these forces."""
-        self.rows.gaps.present = self._present
+        self.rows.gaps.return_to(self._present)
         return self.rows
 
     @property
@@ -51,7 +51,7 @@ class RowForces:
         value: Array = self.on_rows[:, 0]
         return value
 
-    @cached_property
+    @FoundOnce
     def status(self) -> Array:
         """Whether each row is open, sticks or slips, (nr,) int8; closed rows without friction slip."""
         if self.forces.state is not None:
@@ -60,7 +60,7 @@ class RowForces:
         status[self.index] = SLIP
         return status
 
-    @cached_property
+    @FoundOnce
     def traction(self) -> Array:
         """Tangential forces in space, (nr, 3) [N]; zero without friction."""
         return self._there().tractions(self.on_rows)
@@ -70,7 +70,7 @@ class RowForces:
         """Node of the slave's patch for each row, (nr,)."""
         return self._there().gaps.row_nodes
 
-    @cached_property
+    @FoundOnce
     def by_rows(self) -> Array:
         """Generalised forces, (n,), by the rows."""
         return self._there().generalised(self.on_rows) if self.index.size else np.zeros(self.rows.gaps.n)

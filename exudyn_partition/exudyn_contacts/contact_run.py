@@ -193,7 +193,7 @@ class ContactRun:
             return float(stored[self._place])
         answer = self.evaluation
         plastic = 0.0 if answer.plastic is None else answer.plastic.work
-        return answer.stored + self._dissipated() + self._damping_work(self._evaluated_at) + plastic
+        return answer.stored + self._dissipated(answer) + self._damping_work(answer, self._evaluated_at) + plastic
 
     @property
     def group(self) -> GroupRun:
@@ -423,7 +423,7 @@ class ContactRun:
         mechanics, answer = self.mechanics, self.evaluation
         closed = answer.index
         if mechanics.damped:
-            self._stored[t], self.viscous_works[t] = answer.stored, self._damping_work(t)
+            self._stored[t], self.viscous_works[t] = answer.stored, self._damping_work(answer, t)
         if answer.plastic is not None:
             answer.plastic.check()
             for side, state in answer.plastic.present.items():
@@ -460,24 +460,24 @@ class ContactRun:
             return self._open_values
         if answer.index.size:
             stuck, slipping = (float(np.count_nonzero(answer.status == kind)) for kind in (STICK, SLIP))
-            values = [*answer.traction.sum(axis=0).tolist(), stuck, slipping, self._dissipated(), answer.stored]
+            values = [*answer.traction.sum(axis=0).tolist(), stuck, slipping, self._dissipated(answer), answer.stored]
         else:
-            values = [0.0, 0.0, 0.0, 0.0, 0.0, self._dissipated(), answer.stored]
+            values = [0.0, 0.0, 0.0, 0.0, 0.0, self._dissipated(answer), answer.stored]
             # What zones and viscous flexibilities store changes as bodies swing.
             if self._impulses() is None and mechanics.zones is None and not mechanics.state.creep.elastic:
                 self._open, self._open_values = answer.forces, values
         return values if (impulse := self._impulses()) is None else values + impulse[4:].tolist()
 
-    def _dissipated(self) -> float:
-        """Energy that friction has taken since the start of the run [J]."""
+    def _dissipated(self, answer: Evaluation) -> float:
+        """Energy that friction has taken since the start of the run until the last answer [J]."""
         last = self._multipliers
         if last is None:
-            return self.evaluation.dissipated
+            return answer.dissipated
         return last.slip_memory.dissipated if isinstance(last, ForwardAnswer) else last.memory.dissipated
 
-    def _damping_work(self, t: float) -> float:
+    @staticmethod
+    def _damping_work(answer: Evaluation, t: float) -> float:
         """Energy that viscous flexibilities and the law itself have taken until t [J]."""
-        answer = self.evaluation
         return answer.viscous_work + answer.law_work(t)
 
     def on_carrier(self, point: Array) -> Array:
