@@ -163,17 +163,18 @@ class Evaluation(RowForces):
 
     def edge_reached(self) -> Array | None:
         """Place of a row with which contact leaves its patch, (3,) [m]; None if there is none. Pulling rows do not."""
-        law, gaps = self.parts.law, self._there().gaps
+        law, rows = self.parts.law, self._present.stage.rows
         closed = self.index[self.lam[self.index] > 0.0] if law.reach else self.index
         if not closed.size:
             return None
-        leaves_at = gaps.leaves_at[closed]
+        leaves_at = rows.leaves_at[closed]
         # Closed rows without a flexibility of their own have no depth that would tell how far contact reaches.
         reached = -self.h[closed] >= leaves_at if law.compliant else np.isfinite(leaves_at)
-        rows = closed[reached | (leaves_at == 0.0)]
-        if not len(rows):
+        leaving = closed[reached | (leaves_at == 0.0)]
+        if not len(leaving):
             return None
-        value: Array = gaps.centre + gaps.places_now()[0][gaps.row_nodes[rows[0]]]
+        gaps = self._there().gaps
+        value: Array = gaps.centre + gaps.places_now()[0][rows.row_nodes[leaving[0]]]
         return value
 
     # Stiffness.

@@ -71,10 +71,15 @@ class Search:
         Place of the slave relative to the master [m].
     reach : float
         Motion after which all points are searched again [m].
+
+    Attributes
+    ----------
+    projections : int
+        How often points were projected since: `pairs` belong to the last time.
     """
 
     def __init__(self, pair: Pair, every: ContactRows, x_s: Array, here: Array, reach: float) -> None:
-        self.every, self.here, self.reach = every, here, reach
+        self.every, self.here, self.reach, self.projections = every, here, reach, 0
         self.pairs = MovingPairs(pair.sides[1].surface, every.facet, every.local)
         # Places of the slave's nodes in the frame of its three witness nodes: rigid motion is found from them.
         origin, axes = triangle_frame(x_s[pair.witnesses[0]])
@@ -88,6 +93,7 @@ class Search:
         """
         (x_s, x_m), every, pairs = places, self.every, self.pairs
         pairs.rest()
+        self.projections += 1
         normal, gap = pairs.follow(every.points, np.arange(len(every.facet)), x_s, x_m)
         row_gap = every.points.average(gap)
         if near is None:
@@ -161,7 +167,8 @@ class Followed(Stage):
     """Rows at some coordinates, whose points are followed over the master's facets.
 
     Closest points are found from the last ones, which `Search.pairs` holds. So only the newest stage can advance, and
-    the one that was asked for more rows.
+    the one that was asked for more rows. Others know their pairs only if somebody has asked for them in time, see
+    `knows_pairs`.
 
     Parameters
     ----------
@@ -178,6 +185,17 @@ class Followed(Stage):
     def __init__(self, rows: FollowedRows, normals: Array, here: Array, shares: Shares | None = None) -> None:
         self.rows, self.normals, self.here, self.pairing = rows, normals, here, None
         self._values, self._shares, self._alone = {}, shares, shares is None
+        self._projection = rows.search.projections
+
+    @property
+    def _newest(self) -> bool:
+        """Whether `Search.pairs` belong to this stage."""
+        return self._alone and self._projection == self.rows.search.projections
+
+    @property
+    def knows_pairs(self) -> bool:
+        """Whether its pairs are known."""
+        return self._shares is not None or self._newest
 
     @property
     def shares(self) -> Shares:  # type: ignore[override]
@@ -190,7 +208,7 @@ class Followed(Stage):
     def nodal_forces(self, lam: Array) -> list[Array] | None:
         """See `Stage.nodal_forces`; one compiled call."""
         n_nodes = (len(side.surface.points) for side in self.rows.sides)
-        return self.rows.search.pairs.nodal_forces(lam, self.normals, *n_nodes) if self._alone else None
+        return self.rows.search.pairs.nodal_forces(lam, self.normals, *n_nodes) if self._newest else None
 
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.advance`; rows are chosen again when others may close."""
@@ -218,9 +236,10 @@ class Followed(Stage):
         None if the patches have moved by more than `reach` [m] since the search, or a point has come to a facet that is
         not followed. `places` are those of the nodes of both sides.
         """
+        rows, search = self.rows, self.rows.search
+        search.projections += 1
         if loops.at_once():
             return self._follow_at_once(pair, q, reach, places)
-        rows, search = self.rows, self.rows.search
         here = seen_from(places, pair.witnesses)
         if not largest_change(here, search.here) <= reach:
             return None

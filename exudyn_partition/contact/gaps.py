@@ -30,7 +30,7 @@ from ..surfaces.rows import directed_matrix, point_matrix
 from . import loops
 from .linear_gaps import LinearGaps
 from .side import LoadedNodes, Side
-from .stages import NOTHING, OF_SIDE, Anchor, Frozen, Shares, Stage, Standing, T
+from .stages import NOTHING, OF_SIDE, Anchor, Frozen, PresentRows, Shares, Stage, Standing, T
 
 if TYPE_CHECKING:
     from typing import Self
@@ -541,10 +541,6 @@ class Gaps:
         parts = zip(self.near_sides, self.split(self.present.q), self.nodal_forces(lam), strict=True)
         return np.concatenate([side.generalised(q, on_nodes) for side, q, on_nodes in parts])
 
-    def resultant(self, lam: Array) -> Array:
-        """Force on the slave, (3,) [N], from forces on the present rows, (nr,) [N]."""
-        return lam @ self.normal
-
     def moment(self, lam: Array, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m], from forces on the present rows, (nr,) [N]."""
         return self.moment_of(self._pushes(lam), point)
@@ -613,11 +609,12 @@ class Gaps:
         """The present rows with their pairs and normals at an anchor."""
         last_anchor, rows, stage = self._anchored
         if stage is None or (last_anchor, rows) != (anchor, self.stage.rows):
-            stage = self._stage_anchored(anchor)
+            stage = self._stage_anchored(anchor, self.stage.rows)
             self._anchored = anchor, self.stage.rows, stage
         return stage
 
-    def _stage_anchored(self, anchor: Anchor) -> Stage:
+    def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
+        """Stage of some rows with their pairs and normals at an anchor."""
         raise NotImplementedError
 
     def _of_all_rows(self) -> RowFlexibility:

@@ -25,8 +25,8 @@ from ..surfaces.projection import Projection
 from ..surfaces.rows import ContactRows, facing, rows_of
 from ..surfaces.surface import Surface, closest_points
 from ..surfaces.witnesses import seen_from, witnesses_of
-from .followed import NEAR, SEARCHED, Apart, Search
-from .gaps import Gaps, GapState
+from .followed import NEAR, SEARCHED, Apart, Followed, Search
+from .gaps import Gaps, GapState, Present
 from .linear_gaps import LinearGaps
 from .pairings import Pairing, drift_rows
 from .side import Side
@@ -77,6 +77,14 @@ class PatchGaps(Gaps):
         self.witnesses = [witnesses_of(side.surface) for side in self.sides]
         self._start = self._at_start()
         self.reset()
+
+    def return_to(self, present: Present) -> None:
+        """See `Gaps`. Where the pairs have gone on since, rows are projected anew."""
+        stage = present.stage
+        if isinstance(stage, Followed) and not stage.knows_pairs:
+            stage = self._stage_anchored(Anchor(present.q, NOTHING), stage.rows)
+            present = Present(stage, present.q, stage.places)
+        super().return_to(present)
 
     def _go_to_start(self) -> None:
         """See `Gaps`."""
@@ -179,9 +187,8 @@ class PatchGaps(Gaps):
         """See `Gaps`."""
         return seen_from(self.places_of(self.stage.rows.sides, anchor.q), self.witnesses) / self.size
 
-    def _stage_anchored(self, anchor: Anchor) -> Stage:
+    def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""
-        rows = self.stage.rows
         x_s, x_m = self.places(anchor.q)
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
         projection = self._projection(rows.points, slave, master)

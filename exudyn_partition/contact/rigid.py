@@ -322,9 +322,8 @@ class RigidGaps(Gaps):
         """See `Gaps.stance`."""
         return np.zeros(1) if self.slave.normal_only else self.slave.kinematics.in_frame(self.present.q, self.normals)
 
-    def _stage_anchored(self, anchor: Anchor) -> Stage:
+    def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""
-        rows = self.stage.rows
         stage = self._stage_at(rows, self.places_of(rows.sides, anchor.q), anchor.q, anchor.pose)[0]
         stage.of_anchor = True
         return stage

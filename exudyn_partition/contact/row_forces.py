@@ -67,7 +67,7 @@ class RowForces:
     @property
     def row_nodes(self) -> Array:
         """Node of the slave's patch for each row, (nr,)."""
-        return self._there().gaps.row_nodes
+        return self._present.stage.rows.row_nodes
 
     @FoundOnce
     def by_rows(self) -> Array:
@@ -76,7 +76,7 @@ class RowForces:
 
     def resultant(self) -> Array:
         """Force on the slave, (3,) [N]."""
-        along = self._there().gaps.resultant(self.lam)
+        along = self.lam @ self._present.stage.normal
         return along if self.rows.d == 1 else along + self.traction.sum(axis=0)
 
     def moment(self, point: Array) -> Array:

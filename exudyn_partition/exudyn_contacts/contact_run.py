@@ -422,6 +422,7 @@ class ContactRun:
         """Keep the data that results need of the state at t; `q` returns the model's coordinates at t."""
         mechanics, answer = self.mechanics, self.evaluation
         closed = answer.index
+        traction = answer.traction if mechanics.friction is not None and closed.size else None  # before pairs move
         if mechanics.damped:
             self._stored[t], self.viscous_works[t] = answer.stored, self._damping_work(answer, t)
         if answer.plastic is not None:
@@ -442,8 +443,8 @@ class ContactRun:
             self._samples.append((t, self._closed_nodes, lam))
             if mechanics.elastic:
                 self._stored[t] = answer.stored
-            if mechanics.friction is not None:
-                self.tangential[t] = answer.traction[closed], answer.status[closed]
+            if traction is not None:
+                self.tangential[t] = traction[closed], answer.status[closed]
             if mechanics.gaps.carried:
                 self.on_nodes[t] = answer.nodal_forces()
 

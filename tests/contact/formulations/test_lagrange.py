@@ -54,7 +54,10 @@ class FlatRows:
     def after(self):
         return GapState(np.zeros(2), np.empty(0))
 
-    present = None
+    present = SimpleNamespace(stage=SimpleNamespace(rows=None, normal=np.tile([0.0, 0.0, 1.0], (40, 1))))
+
+    def return_to(self, present):
+        """The rows are never elsewhere."""
 
     def accept(self, state):
         self.accepted = state
@@ -79,9 +82,6 @@ class FlatRows:
 
     def generalised(self, lam):
         return lam @ self.H
-
-    def resultant(self, lam):
-        return np.array([0.0, 0.0, lam.sum()])
 
     def accelerations(self, rows):
         return rows.T / np.array([[2.0], [0.5]])  # mass and inertia

@@ -286,16 +286,16 @@ class FlatRows(SimpleNamespace):
 
     carried, carrier_pose, carrier_motion = False, np.empty(0), np.empty(0)
 
-    def resultant(self, lam):
-        return np.array([0.0, 0.0, lam.sum()])
-
     def reset(self):
         self.frozen_stage, self.accepted = self, self.after()
 
     def after(self):
         return GapState(np.zeros(2), np.empty(0))
 
-    present = None
+    present = SimpleNamespace(stage=SimpleNamespace(rows=None, normal=np.tile([0.0, 0.0, 1.0], (40, 1))))
+
+    def return_to(self, present):
+        """The rows are never elsewhere."""
 
     def accept(self, state):
         self.accepted = state
