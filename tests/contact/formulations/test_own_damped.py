@@ -224,9 +224,9 @@ def test_an_elastic_law_takes_no_energy(round_body, flat_body):
 
 def test_a_stiffness_of_all_rows_is_named(round_body, flat_body):
     class Wrong(HuntCrossley):
-        def answer(self, at):
-            n = len(at.gap)
-            return super().answer(at)._replace(stiffness=lambda: np.eye(n))
+        def answer(self, places):
+            n = len(places.gap)
+            return Forces(*super().answer(places)[:6], stiffness=lambda: np.eye(n))
 
     contact, q, q_t = pressed(round_body, flat_body, made_by(Wrong))
     answer = contact.at(q, SimpleNamespace(q_t=q_t))
@@ -242,8 +242,9 @@ def test_a_loss_that_the_law_does_not_tell_names_the_law(marble):
         def fresh(self, rows):
             return Silent()
 
-        def answer(self, at):
-            return super().answer(at)._replace(power=0.0)
+        def answer(self, places):
+            whole = super().answer(places)
+            return Forces(whole.on_rows, whole.closed, stored=whole.stored)
 
     said = "or of the law Silent: check that its stored energy and its power belong to its forces"
     with pytest.warns(ModelLimitWarning, match=said):
@@ -255,8 +256,8 @@ def test_an_error_in_a_law_is_told_with_its_line(marble):
         def fresh(self, rows):
             return Wrong()
 
-        def answer(self, at):
-            return at.nothing
+        def answer(self, places):
+            return places.nothing
 
     line = Wrong.answer.__code__.co_firstlineno + 1
     with pytest.warns(StoppedRunWarning, match=rf"no attribute 'nothing'.* \(test_own_damped.py, line {line}\)"):
