@@ -40,8 +40,9 @@ _STICKING = 1e6  # coefficient of friction with which no row slips
 class PatchContact:
     """A contact in a run. With friction, rows have three directions instead of one.
 
-    Besides the present motion, forces depend on the state at the end of the last accepted step. Only `accept` changes
-    it. So a repeated step begins from the same state. All else is kept to save time, and may be lost.
+    Besides the present motion, forces depend on the state at the end of the last accepted step. `begin` and `accept`
+    change it, and `remember`, by which multipliers tell what rows remember of them. An answer does not. So a repeated
+    step begins from the same state. All else is kept to save time, and may be lost.
 
     Parameters
     ----------
