@@ -108,8 +108,9 @@ def test_the_programs_of_a_page_run_one_after_the_other(page, first_program, tmp
         if importlib.util.find_spec("stable_baselines3") is None:  # of which Exudyn asks the version alone
             monkeypatch.setitem(sys.modules, "stable_baselines3", SimpleNamespace(__version__="2.3.0"))
     names = dict(first_program) if "first program](" in PAGES[page] else {}
-    for program in programs(PAGES[page]):
-        exec(compile(program, f"{page}.md", "exec"), names)
+    with plt.rc_context():  # Exudyn's PlotSensor enlarges all fonts from then on
+        for program in programs(PAGES[page]):
+            exec(compile(program, f"{page}.md", "exec"), names)
     plt.close("all")
 
 
