@@ -83,11 +83,14 @@ class Present:
         Coordinates of all sides.
     places : list of (np, 3) arrays or None
         Places of the nodes that are followed [m]; None until somebody asks.
+    anchor : Anchor or None
+        Where the flexibility was found that the rows have here; None until somebody asks.
     """
 
     stage: Stage
     q: Array
-    places: list[Array] | None = None
+    places: list[Array] | None
+    anchor: Anchor | None
 
 
 class Gaps:
@@ -125,7 +128,7 @@ class Gaps:
     yielding : tuple of float or None
         Share of each side's flexibility that yields within the present step, see `viscosity`; None if all of it does.
     anchor : Anchor or None
-        Where the flexibility of the rows was found.
+        That of `present`.
     accepted : GapState
         State at the end of the last accepted step. Each try of a step begins from it.
     """
@@ -198,6 +201,7 @@ class Gaps:
     def retry(self) -> None:
         """Begin the step again, from the state that was accepted last."""
         self.anchor = self.accepted.anchor
+        self._put_stage(self.stage)
 
     def begin(self, state: GapState) -> Array:
         """Begin from a state, and return the gaps of its rows, (nr,) [m].
@@ -240,15 +244,15 @@ class Gaps:
 
     def _go_to_stage(self, stage: Stage, q: Array) -> None:
         """Go to a stage at coordinates q, (n,)."""
-        self.return_to(Present(stage, q, stage.places))
+        self.return_to(Present(stage, q, stage.places, self.anchor))
 
     def return_to(self, present: Present) -> None:
         """Go to where the rows were."""
-        self.present, self.stage = present, present.stage
+        self.present, self.stage, self.anchor = present, present.stage, present.anchor
 
     def _put_stage(self, stage: Stage) -> None:
         """Go to another stage at the same coordinates."""
-        self.return_to(Present(stage, self.present.q, self.present.places))
+        self.return_to(Present(stage, self.present.q, self.present.places, self.anchor))
 
     @property
     def moving(self) -> bool:
@@ -591,7 +595,7 @@ class Gaps:
         if not self.moving:
             return _FROZEN
         if self.anchor is None or not largest_change(self.stance(), self.stance_at(self.anchor)) <= by:
-            self.anchor = Anchor(self.present.q.copy(), self.evaluated_pose)
+            self.anchor = self.present.anchor = Anchor(self.present.q.copy(), self.evaluated_pose)
             _ = self.stage.shares  # which are those of the present places only now
             self._anchored = self.anchor, self.stage.rows, self.stage  # pairs that are followed need no projection anew
         return self.anchor

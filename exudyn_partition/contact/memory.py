@@ -10,6 +10,7 @@ import numpy as np
 from ..algebra.coulomb import Coulomb, coefficients
 from ..algebra.friction import OPEN, SLIP, STICK
 from ..support.arrays import Array
+from .normal_rows import NormalRows
 from .tangential import TangentialRows
 
 
@@ -111,9 +112,18 @@ def by_nodes(rows: TangentialRows, lam: Array, traction: Array, n: int) -> Array
     return stored
 
 
-def on_rows(rows: TangentialRows, remembered: Array) -> Array:
-    """Forces on the present rows, (nr, 3) [N], from those stored for the slave's nodes, (np, 4) [N]."""
-    stored = remembered[rows.gaps.row_nodes]
+def normal_by_nodes(nodes: Array, on_rows: Array, n: int) -> Array:
+    """Normal forces stored for n nodes, (n, 1) [N], from those on the rows of some nodes, (nr, 1) [N] and (nr,)."""
+    stored = np.zeros((n, 1))
+    stored[nodes] = on_rows
+    return stored
+
+
+def on_rows(rows: NormalRows | TangentialRows, remembered: Array) -> Array:
+    """Forces on the present rows, (nr, d) [N], from those stored for the slave's nodes, (np, 4) or (np, 1) [N]."""
+    stored: Array = remembered[rows.gaps.row_nodes]
+    if not isinstance(rows, TangentialRows):
+        return stored
     forces = np.empty((len(stored), 3))
     forces[:, 0], forces[:, 1:] = stored[:, 0], rows.along(stored[:, 1:] @ rows.axes.T)
     return forces

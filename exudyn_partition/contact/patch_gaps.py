@@ -83,7 +83,7 @@ class PatchGaps(Gaps):
         stage = present.stage
         if isinstance(stage, Followed) and not stage.knows_pairs:
             stage = self._stage_anchored(Anchor(present.q, NOTHING), stage.rows)
-            present = Present(stage, present.q, stage.places)
+            present = Present(stage, present.q, stage.places, present.anchor)
         super().return_to(present)
 
     def _go_to_start(self) -> None:

@@ -9,7 +9,7 @@ from ..algebra.friction import OPEN, SLIP
 from ..support.arrays import Array
 from ..support.attributes import FoundOnce
 from .law import Forces
-from .memory import RowMemory, by_nodes, on_rows
+from .memory import RowMemory, by_nodes, normal_by_nodes, on_rows
 from .normal_rows import NormalRows
 from .tangential import TangentialRows
 
@@ -120,16 +120,12 @@ class RowForces:
         rows = self._there()
         if isinstance(rows, TangentialRows):
             return by_nodes(rows, self.lam, self.traction, n)
-        forces = np.zeros((n, 1))
-        forces[rows.gaps.row_nodes] = self.on_rows
-        return forces
+        return normal_by_nodes(self.row_nodes, self.on_rows, n)
 
 
 def with_forces(memory: RowMemory, nodes: Array, on_rows: Array) -> RowMemory:
     """What rows without friction remember, with other forces, (nr, 1) [N], on rows of some nodes, (nr,)."""
-    by_nodes = np.zeros((len(memory.path), 1))
-    by_nodes[nodes] = on_rows
-    return memory.with_forces(by_nodes)
+    return memory.with_forces(normal_by_nodes(nodes, on_rows, len(memory.path)))
 
 
 def no_forces(d: int, n: int) -> Forces:
@@ -142,14 +138,6 @@ def no_memory(rows: NormalRows | TangentialRows) -> RowMemory:
     return RowMemory.none(len(rows.gaps.slave.surface.points), 4 if rows.d > 1 else 1)
 
 
-def remembered(rows: NormalRows | TangentialRows, memory: RowMemory) -> Array:
-    """Remembered forces on the present rows, (nr, d) [N]."""
-    if isinstance(rows, TangentialRows):
-        return on_rows(rows, memory.forces)
-    value: Array = memory.forces[rows.gaps.row_nodes]
-    return value
-
-
 def friction_before(
     rows: NormalRows | TangentialRows, friction: Coulomb | None, memory: RowMemory
 ) -> tuple[Array, Array]:
@@ -157,4 +145,4 @@ def friction_before(
     nodes = rows.gaps.row_nodes
     if friction is None:
         return np.zeros((len(nodes), 3)), np.zeros(len(nodes))
-    return remembered(rows, memory), memory.coefficients(friction, nodes)
+    return on_rows(rows, memory.forces), memory.coefficients(friction, nodes)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..support.arrays import Array
-from .memory import by_nodes, on_rows
+from .memory import by_nodes, normal_by_nodes, on_rows
 from .normal_rows import NormalRows
 from .tangential import TangentialRows
 
@@ -73,17 +73,7 @@ def _kept(rows: Rows, forces: Array, n: int) -> Array:
     """Forces on the present rows, (nr, d) [N], stored for the n nodes of the slave's patch, (n, k)."""
     if isinstance(rows, TangentialRows):
         return by_nodes(rows, forces[:, 0], rows.tractions(forces), n)
-    at_nodes = np.zeros((n, 1))
-    at_nodes[rows.gaps.row_nodes] = forces
-    return at_nodes
-
-
-def _present(rows: Rows, kept: Array) -> Array:
-    """Forces on the present rows, (nr, d) [N], from those stored for the slave's nodes, (np, k)."""
-    if isinstance(rows, TangentialRows):
-        return on_rows(rows, kept)
-    forces: Array = kept[rows.gaps.row_nodes]
-    return forces
+    return normal_by_nodes(rows.gaps.row_nodes, forces, n)
 
 
 def shares(times: Sequence[float], step: float) -> tuple[float, ...]:
@@ -160,7 +150,7 @@ class Yielding:
 
     def _on_rows(self, kept: Sequence[Array]) -> list[Array]:
         if kept:
-            return [_present(self.rows, on_side) for on_side in kept]
+            return [on_rows(self.rows, on_side) for on_side in kept]
         none = np.zeros((len(self.rows.gaps.row_nodes), self.rows.d))
         return [none] * len(self.rows.gaps.sides)
 

@@ -21,9 +21,9 @@ from ...errors import RunError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array, consecutive
 from ..law import Forces, Law, Places, RowDirections
-from ..memory import RowMemory
+from ..memory import RowMemory, on_rows
 from ..patch_contact import PatchContact
-from ..row_forces import RowForces, friction_before, no_forces, no_memory, remembered, with_forces
+from ..row_forces import RowForces, friction_before, no_forces, no_memory, with_forces
 from ..tangential import TangentialRows
 
 _CLOSED = 1e-3  # of a facet's size: accuracy of closed gaps where points cross edges between facets
@@ -228,8 +228,8 @@ class ForwardAnswer(NamedTuple):
     @property
     def memory(self) -> RowMemory:
         """What rows remember after the step."""
-        on_rows, slip_memory = self.forces.on_rows, self.slip_memory
-        return slip_memory if on_rows.shape[1] > 1 else with_forces(slip_memory, self.nodes, on_rows)
+        acting, slip_memory = self.forces.on_rows, self.slip_memory
+        return slip_memory if acting.shape[1] > 1 else with_forces(slip_memory, self.nodes, acting)
 
     @property
     def impulse(self) -> Array:
@@ -275,8 +275,8 @@ class ForwardRows:
         if state is None:
             state = ForwardState(np.zeros(len(memory.path)), 1.0, 0, _NO_IMPULSE, _NO_IMPULSE)
         nodes = self.gaps.row_nodes
-        status, on_rows = memory.status[nodes], remembered(self.rows, memory)
-        forces = Forces(on_rows, np.flatnonzero(status), status if self.rows.d > 1 else None)
+        status = memory.status[nodes]
+        forces = Forces(on_rows(self.rows, memory.forces), np.flatnonzero(status), status if self.rows.d > 1 else None)
         return ForwardAnswer(forces, nodes, np.full(len(nodes), np.inf), np.inf, state, memory)
 
     def response(self) -> RowResponse:

@@ -21,9 +21,9 @@ from ...errors import ComplementarityError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array
 from ..law import Forces, Motion, Places
-from ..memory import RowMemory
+from ..memory import RowMemory, on_rows
 from ..patch_contact import PatchContact
-from ..row_forces import RowForces, friction_before, no_forces, no_memory, remembered
+from ..row_forces import RowForces, friction_before, no_forces, no_memory
 from ..side import Side
 from ..step_mean import GeneralizedAlpha, StepMean
 from ..tangential import TangentialRows
@@ -308,7 +308,7 @@ class StepImpulses:
         least = h.min(initial=np.inf)
         if math.isnan(least):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
-        flexibility, acted, rates = guess.flexibility, remembered(self.rows, last.memory), None
+        flexibility, acted, rates = guess.flexibility, on_rows(self.rows, last.memory.forces), None
         if least >= 0.0 and not acted.any():
             before, forces = None, no_forces(self.rows.d, len(h))
             if self._tangential is not None and least < gaps.size:  # rows that may touch soon
