@@ -63,7 +63,8 @@ class ContactParts:
     @property
     def remembers(self) -> bool:
         """Whether forces within steps depend on those of earlier steps."""
-        return self.zones is not None or self.viscous or (self.friction is not None and not self.law.ahead)
+        by_law = self.law.memory > 0 or (self.friction is not None and not self.law.ahead)
+        return by_law or self.zones is not None or self.viscous
 
     @property
     def damped(self) -> bool:
@@ -266,7 +267,7 @@ class Evaluation(RowForces):
         step, taken = end - self.since, self.state.dissipated
         if self.begun or not math.isfinite(step):
             return taken
-        return taken + 0.5 * step * (self.state.power + self.forces.power)
+        return taken + self.forces.taken + 0.5 * step * (self.state.power + self.forces.power)
 
     @property
     def dissipated(self) -> float:
@@ -328,7 +329,17 @@ class Evaluation(RowForces):
             self.opening,
             power=self.forces.power,
             dissipated=self.law_work(end),
+            law=self._law_memory_after,
         )
+
+    @property
+    def _law_memory_after(self) -> Array:
+        """What the law remembers of the slave's nodes after this answer, (np, k)."""
+        if self.forces.memory is None:
+            return self.state.law
+        remembered = self.state.law.copy()
+        remembered[self.row_nodes] = self.forces.memory
+        return remembered
 
     def _memory_after(self, step: float) -> RowMemory:
         """What rows remember of this answer after a step [s]."""

@@ -41,6 +41,10 @@ class Forces(NamedTuple):
     power : float
         Energy that the law itself takes per time, as by damping [W]; friction does not count. Only a law that is not
         `elastic` takes any.
+    taken : float
+        Energy that it takes in this step, as by damage, besides that of `power` [J].
+    memory : (nr, k) array, optional
+        What rows remember if the step ends so, see `Law.memory`. Default: what they remembered before.
     stored : float, optional
         Energy that is stored [J], zero where forces begin. Default: half of the normal forces times the depths.
     stiffness : callable, optional
@@ -59,6 +63,8 @@ class Forces(NamedTuple):
     state: Array | None = None
     slips: Array | None = None
     power: float = 0.0
+    taken: float = 0.0
+    memory: Array | None = None
     stored: float | None = None
     stiffness: Callable[[], Slope] | None = None
     damping: Callable[[], Slope] | None = None
@@ -113,6 +119,8 @@ class Places:
         State of the solver. None for laws that act ahead of steps, and when forces are found again after a run.
     since : float
         Start of the present step [s].
+    memory : (nr, k) array, optional
+        What rows remember from the last accepted step, see `Law.memory`; None if the law has no memory.
     find_rates : callable, optional
         Finds `rates` for `motion`.
     """
@@ -127,16 +135,24 @@ class Places:
         problem: RowProblem | None = None,
         motion: Motion | None = None,
         since: float = 0.0,
+        memory: Array | None = None,
         find_rates: Callable[[Motion | None], Array] | None = None,
     ) -> None:
         self.gap, self.way, self.last, self.mu = gap, way, last, mu
         self.motion, self.since, self._problem, self._find_rates = motion, since, problem, find_rates
+        self._memory = memory
 
     @property
     def problem(self) -> RowProblem:
         """How forces move the rows in the coming step; only for laws that act ahead of steps."""
         assert self._problem is not None, "only laws with ahead = True have a problem"
         return self._problem
+
+    @property
+    def memory(self) -> Array:
+        """What rows remember from the last accepted step, (nr, k), zero at the start; only for laws with a `memory`."""
+        assert self._memory is not None, "only laws with memory > 0 remember"
+        return self._memory
 
     @cached_property
     def rates(self) -> Array:
@@ -156,7 +172,8 @@ class Law:
     """How forces on rows follow from where the rows are.
 
     One object serves one contact in one run. It may keep data that save time, but answers follow from `Places` alone:
-    solvers ask several times in a step, also at places that are given up, and a run that goes on has a fresh law.
+    solvers ask several times in a step, also at places that are given up, and a run that goes on has a fresh law. What
+    a row must remember is part of the answer, and comes back with the places of the next step.
 
     Attributes
     ----------
@@ -174,16 +191,20 @@ class Law:
         within steps have one. Rows within reach count as closed, also if they pull.
     residual : bool
         Whether rows yield through the residual flexibility of their bodies, which the bodies' damping may delay.
+    memory : int
+        How many values each row remembers from step to step, as its largest opening: `Places.memory` and
+        `Forces.memory`. A law with a memory acts within steps, and is not elastic.
     """
 
     compliant = True
+    memory = 0
     reach = 0.0
     residual = False
     ahead = False
     elastic = True
 
     def answer(self, places: Places) -> Forces:
-        """Return the forces on the rows. It is called only if a gap is below `reach`.
+        """Return the forces on the rows. It is called only if a gap is below `reach`, or if the law has a memory.
 
         A law that acts ahead of steps may get the rows of several contacts at once. These contacts share bodies; in a
         model with joints, they are all contacts with such a law. Such a law has no attributes of its own.

@@ -41,8 +41,8 @@ class PatchContact:
     """A contact in a run. With friction, rows have three directions instead of one.
 
     Besides the present motion, forces depend on the state at the end of the last accepted step. `begin` and `accept`
-    change it, and `remember`, by which multipliers tell what rows remember of them. An answer does not. So a repeated
-    step begins from the same state. All else is kept to save time, and may be lost.
+    change it; an answer does not. So a repeated step begins from the same state. All else is kept to save time, and may
+    be lost.
 
     Parameters
     ----------
@@ -79,9 +79,11 @@ class PatchContact:
         self.formulation = formulation
         rows = NormalRows(gaps) if friction is None else TangentialRows(gaps)
         law, betas = formulation.law(rows), tuple(side.beta for side in gaps.sides)
+        if law.ahead and (law.reach or law.memory):
+            raise InputError(f"law {type(law).__name__}: it acts ahead of steps, where no law has a reach or a memory")
+        if law.elastic and law.memory:
+            raise InputError(f"law {type(law).__name__}: it has a memory, which only laws with elastic = False have")
         if law.reach:
-            if law.ahead:
-                raise InputError(f"law {type(law).__name__}: it acts ahead of steps, where no law has a reach")
             gaps.begin_at(law.reach)
         self.parts = ContactParts(rows, law, friction, None, betas if law.residual and any(betas) else None)
         self.parts = replace(self.parts, zones=formulation.zones(self))
@@ -118,7 +120,8 @@ class PatchContact:
         self._n_nodes = len(self.gaps.slave.surface.points)
         memory = no_memory(self.rows)
         zones = () if self.zones is None else self.zones.start
-        self.state = ContactState(self.gaps.accepted, memory, ViscousMemory(), zones)
+        by_law = np.zeros((self._n_nodes, self.law.memory))
+        self.state = ContactState(self.gaps.accepted, memory, ViscousMemory(), zones, law=by_law)
         self.secant = None if self.zones is None else self.zones.secant
         self._yielding: Yielding | None = None  # in the present step, if a flexibility is viscous
         self.since, self.opening, self.iterations = -math.inf, 0.0, 0
@@ -256,18 +259,30 @@ class PatchContact:
         least = smallest(h)
         if math.isnan(least):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
-        if least >= self.reach:
+        if least >= self.reach and not self.law.memory:
             return self.answered(self._all_open(), evaluated_gap, least)
         places = self._places(h, pushed, motion)
         forces = self.law.answer(places)
-        if np.shape(forces.on_rows) != (len(h), self.rows.d):
-            raise InputError(
-                f"law {type(self.law).__name__}: expected forces of shape {(len(h), self.rows.d)}, rows by directions, "
-                f"got {np.shape(forces.on_rows)}"
-            )
-        if forces.power and self.law.elastic:
-            raise InputError(f"law {type(self.law).__name__}: it takes energy, which only laws with elastic = False do")
+        self._check(forces, len(h))
         return self.answered(forces, evaluated_gap, least, places)
+
+    def _check(self, forces: Forces, n: int) -> None:
+        """Raise InputError if a law's answer for n rows cannot be right."""
+        law, name = self.law, type(self.law).__name__
+        if not isinstance(forces, Forces):
+            raise InputError(f"law {name}: expected an answer of type contact.law.Forces, got {type(forces).__name__}")
+        if np.shape(forces.on_rows) != (n, self.rows.d):
+            raise InputError(
+                f"law {name}: expected forces of shape {(n, self.rows.d)}, rows by directions, got "
+                f"{np.shape(forces.on_rows)}"
+            )
+        if law.elastic and (forces.power or forces.taken):
+            raise InputError(f"law {name}: it takes energy, which only laws with elastic = False do")
+        if forces.memory is not None and np.shape(forces.memory) != (n, law.memory):
+            raise InputError(
+                f"law {name}: expected a memory of shape {(n, law.memory)}, rows by the values that `memory` of the "
+                f"law says, got {np.shape(forces.memory)}"
+            )
 
     def places(self, gap: Array) -> Places:
         """Places of the present rows with gaps, (nr,) [m], for which others find the forces, see `answered`."""
@@ -276,7 +291,8 @@ class PatchContact:
 
     def _places(self, gap: Array, pushed: Array | None, motion: Motion | None) -> Places:
         values = gap, self._way(pushed), self.last, self.coefficients
-        return Places(*values, motion=motion, since=self.since, find_rates=self._find_rates)
+        memory = self.state.law[self.gaps.row_nodes] if self.law.memory else None
+        return Places(*values, motion=motion, since=self.since, memory=memory, find_rates=self._find_rates)
 
     def _way(self, pushed: Array | None) -> Array:
         """How far rows have slid along their tangents since the last accepted step, (nr, 2) [m]."""
@@ -376,7 +392,8 @@ class PatchContact:
     def press(self, gap: Array) -> tuple[float, int]:
         """Stored energy [J] and number of closed rows for gaps of the present rows, (nr,) [m], without friction."""
         n = len(gap)
-        forces = self.law.answer(Places(gap, np.zeros((n, self.rows.d - 1)), np.zeros((n, 3)), np.zeros(n)))
+        still, memory = np.zeros((n, self.rows.d - 1)), np.zeros((n, self.law.memory))
+        forces = self.law.answer(Places(gap, still, np.zeros((n, 3)), np.zeros(n), memory=memory))
         energy = forces.energy(gap)
         if energy < -_ROUND_OFF * float(abs(forces.on_rows[:, 0]) @ abs(gap)):
             raise InputError(
@@ -422,8 +439,11 @@ class PatchContact:
         state = evaluation.after(end) if self._answered else replace(self.state, gaps=self.gaps.accepted)
         return replace(state, stored=evaluation.stored, least_gap=float(evaluation.least_gap))
 
-    def accept(self, start: float) -> None:
-        """Begin a step at time `start` [s]. The step before ended there, with the last answer."""
+    def accept(self, start: float, end: float | None = None) -> None:
+        """Begin a step at time `start` [s]. The step before ended there, with the last answer.
+
+        Viscous flexibilities need the time `end` at which the step ends [s].
+        """
         if start > self.since:
             evaluation, answered = self.evaluation, self._answered
             if answered and (self.remembers or self.told or self.damped):
@@ -439,30 +459,33 @@ class PatchContact:
             if isinstance(self.rows, TangentialRows) and answered and not self.ahead:
                 self.rows.record_places(soon=evaluation.index.size > 0)
         self.since = start
+        self._end_at(end)
 
-    def retry(self) -> None:
-        """Begin the step again, from the state that was accepted last."""
+    def accept_ahead(self, memory: RowMemory) -> None:
+        """Accept a step whose forces were multipliers, of which rows remember this."""
+        self.state = replace(self.state, memory=memory)
+        self.evaluation = self.evaluation.in_step(self.state, self.since)
+        self.gaps.accept(self.gaps.after())
+
+    def retry(self, end: float | None = None) -> None:
+        """Begin the step again, from the state that was accepted last; for `end` see `accept`."""
         self.gaps.retry()
         if self.zones is not None:
             self.evaluation = self.evaluation.with_zones(self.zones.last(self.state.zones))
+        self._end_at(end)
 
-    def ends_at(self, end: float) -> None:
-        """Let the present step end at a time [s], at which forces are evaluated next: viscous flexibilities need it.
+    def _end_at(self, end: float | None) -> None:
+        """Let flexibilities yield as they do in a step up to a time [s].
 
         Ahead of the first step nothing moves. If the contact is closed then, its flexibility is at rest.
         """
-        if self.parts.betas is None:
+        if self.parts.betas is None or end is None:
             return
         step, before = end - self.since, self.gaps.yielding
         creep = self.state.creep
         if step > 0.0 and self._answered and before is not None and min(before) == 1.0 and not creep.elastic:
             self.state = replace(self.state, creep=self.evaluation.creep_after)
         self.gaps.yield_by(shares(self.parts.betas, step))
-
-    def remember(self, memory: RowMemory) -> None:
-        """Take what is remembered of forces that are found ahead of steps."""
-        self.state = replace(self.state, memory=memory)
-        self.evaluation = self.evaluation.in_step(self.state, self.since)
 
     # Results.
 

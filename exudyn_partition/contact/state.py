@@ -7,10 +7,11 @@ Runs begin, repeat steps, go on, are saved and are loaded by it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..support.arrays import Array
 from .gaps import GapState
 from .memory import RowMemory
 from .plasticity.zone_state import NodalState, ZoneState
@@ -39,6 +40,8 @@ class ContactState:
         Energy that the law has taken so far [J].
     least_gap : float
         Smallest gap of the rows [m].
+    law : (np, k) array
+        What the law remembers of each of the slave's nodes, see `law.Law.memory`.
     """
 
     gaps: GapState
@@ -50,6 +53,7 @@ class ContactState:
     power: float = 0.0
     dissipated: float = 0.0
     least_gap: float = np.inf
+    law: Array = field(default_factory=lambda: np.empty((0, 0)))
 
     def at_rest(self) -> ContactState:
         """Return the state for a run after statics, which know no speeds."""

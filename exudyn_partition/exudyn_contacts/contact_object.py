@@ -123,15 +123,10 @@ def _of_stuck(model: ModelRun, stuck: Sequence[ModelContact], by_q: float) -> It
     Without the stiffness between them, a load on one would seem to open others of its bodies by a little.
     """
     for group in {id(contact.group): contact.group for contact in stuck}.values():
-        together, runs = model.contact_run(group[0]).group.together, [model.contact_run(contact) for contact in group]
+        runs = [model.contact_run(contact) for contact in group]
         places = [place for place, contact in enumerate(group) if contact in stuck]
-        if together is None:
-            blocks = {(j, j): runs[j].mechanics.closed_stiffness() for j in places}
-        else:
-            blocks = {**together.closed_stiffness(places)}
-        for (j, k), K in blocks.items():
-            if K is not None:
-                yield by_q * K, runs[j].dofs, runs[k].dofs
+        for (j, k), K in runs[0].group.closed_stiffness(places).items():
+            yield by_q * K, runs[j].dofs, runs[k].dofs
 
 
 def _sticks(mbs: MainSystem, run: ContactRun) -> bool:

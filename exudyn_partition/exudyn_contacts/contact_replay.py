@@ -28,7 +28,7 @@ def nodal_forces(contact: ModelContact, result: RunSamples) -> list[Array]:
         return _kept_on_nodes(contact, result)
     if not mechanics.elastic:
         raise InputError("nodal_forces: multipliers are not known from coordinates; row_forces has what was stored")
-    place = _place_in_group(contact)
+    place = contact.group.index(contact)
     forces = [parts[place].evaluation.nodal_forces() for parts in _evaluated(contact, result)]
     return [np.array(side) for side in zip(*forces, strict=True)]
 
@@ -38,15 +38,12 @@ def stored_energy(contact: ModelContact, result: RunSamples) -> Array:
     if result.runs:
         kept = result.kept(contact).stored
         return np.array([kept.get(t, 0.0) for t in result.t.tolist()])
-    if contact.together is None:
-        mechanics = contact.mechanics.for_run("explicit")
-        return np.array([mechanics.at(q).stored for (q,) in _coordinates(contact, result)])
     energies = _ENERGIES.setdefault(result, {})  # energies of all contacts of the group, which are found together
     if id(contact.group) not in energies:
         energies[id(contact.group)] = np.array(
             [[mechanics.evaluation.stored for mechanics in parts] for parts in _evaluated(contact, result)]
         )
-    return energies[id(contact.group)][:, _place_in_group(contact)].copy()
+    return energies[id(contact.group)][:, contact.group.index(contact)].copy()
 
 
 def viscous_work(contact: ModelContact, result: RunSamples) -> Array:
@@ -87,13 +84,10 @@ def _kept_on_nodes(contact: ModelContact, result: RunSamples) -> list[Array]:
 
 def _evaluated(contact: ModelContact, result: RunSamples) -> Iterator[Sequence[PatchContact]]:
     """Mechanics of the contacts that are solved together, at each time of `result`."""
-    parts = [member.mechanics.for_run("explicit") for member in _solved_together(contact)]
-    together = None if contact.together is None else contact.together.for_run(parts)
+    parts = [member.mechanics.for_run("explicit") for member in contact.group]
+    together = contact.together.for_run(parts)
     for coordinates in _coordinates(contact, result):
-        if together is None:
-            parts[0].at(coordinates[0])
-        else:
-            together.forces(coordinates)
+        together.forces(coordinates)
         yield parts
 
 
@@ -103,17 +97,8 @@ def _coordinates(contact: ModelContact, result: RunSamples) -> Iterator[Sequence
         raise InputError(
             "contact: its forces are not known after the run where a body of another kind carries the rigid surface"
         )
-    group = _solved_together(contact)
-    turned = Turned([side for c in group for side in c.sides], result)
-    histories = [np.hstack([item.coordinates(result) for item, _ in c.sides]) for c in group]
+    turned = Turned([side for member in contact.group for side in member.sides], result)
+    histories = [np.hstack([item.coordinates(result) for item, _ in member.sides]) for member in contact.group]
     for i in range(len(result.t)):
         with turned.turn_to(i):
             yield [q[i] for q in histories]
-
-
-def _solved_together(contact: ModelContact) -> Sequence[ModelContact]:
-    return [contact] if contact.together is None else contact.group
-
-
-def _place_in_group(contact: ModelContact) -> int:
-    return _solved_together(contact).index(contact)

@@ -20,7 +20,7 @@ from ..results.history import at_times
 from ..support.arrays import Array
 from ..support.checks import validate_result
 from ..support.foreign import MainSystem
-from .contact_run import ContactRun
+from .contact_record import ContactRecord
 from .kept_run import KeptRun
 
 
@@ -28,14 +28,14 @@ class RunSamples(Samples, Protocol):
     """Data of a run that a contact reads: samples of sensors, and the contacts' own data."""
 
     @property
-    def runs(self) -> Sequence[ContactRun | KeptRun]:
+    def runs(self) -> Sequence[ContactRecord | KeptRun]:
         """Data of the run that each contact kept; empty if nothing was kept."""
 
     @property
     def others(self) -> tuple[OtherBody, ...]:
         """Motion of Exudyn's own bodies that have a shape, or carry the rigid surface of a contact."""
 
-    def kept(self, contact: Any) -> ContactRun | KeptRun:
+    def kept(self, contact: Any) -> ContactRecord | KeptRun:
         """Data of the run that a contact kept."""
 
     def at(self, times: Array) -> RunSamples:
@@ -54,8 +54,8 @@ class ModelContact(Protocol):
         Slave, and master if that is a partition body too, each with the number of its patch.
     group : list of PartitionContact
         Contacts that are solved together in every run, the same list for all of them.
-    together : Together or None
-        Finds their forces, if there are several and forces are elastic; each run has its own.
+    together : Together
+        Finds their forces; each run has its own.
     moment_about : (3,) array or None
         Point of the moment sensor [m].
     carrier : Carrier or None
@@ -66,7 +66,7 @@ class ModelContact(Protocol):
     mechanics: PatchContact
     sides: tuple[tuple[PartitionBody, int], ...]
     group: list[Any]
-    together: Together | None
+    together: Together
     moment_about: Array | None
     carrier: Carrier | None
 

@@ -8,14 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.sparse as sp
 
-from ..contact.patch_contact import PatchContact
-from ..errors import InputError
 from ..plasticity.flow import PlasticState
 from ..plasticity.strain_history import StrainHistory
 from ..plasticity.zone import PlasticZone
 from ..support.arrays import Array
 from ..support.checks import read_only
-from .contact_run import ContactRun
+from .contact_record import ContactRecord
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +61,7 @@ class KeptStrains:
 
 @dataclass(frozen=True, eq=False)
 class KeptRun:
-    """Data of a run that a contact kept. Results read it as they read a `ContactRun`.
+    """Data of a run that a contact kept. Results read it as they read a `ContactRecord`.
 
     Parameters
     ----------
@@ -129,53 +127,48 @@ class KeptRun:
         read_only(*(value for value in vars(self).values() if isinstance(value, np.ndarray)))
 
     @classmethod
-    def of_run(cls, run: ContactRun | KeptRun) -> KeptRun:
+    def of_record(cls, record: ContactRecord | KeptRun) -> KeptRun:
         """Data that was kept of a run, at its end."""
-        if isinstance(run, KeptRun):
-            return run
-        samples, tangential = run.samples, run.tangential
+        if isinstance(record, KeptRun):
+            return record
+        samples, tangential = record.samples, record.tangential
         nodes, forces = (np.concatenate([np.empty(0), *(sample[i] for sample in samples)]) for i in (1, 2))
         along = [tangential[t] for t, *_ in samples if t in tangential]
         frictional = len(along) == len(samples) > 0
-        ends = run.plastic_ends
+        ends = record.plastic_ends
         return cls(
-            law_name=run.law_name,
-            goes_on=run.goes_on,
-            areas=np.array(run.areas),
-            pressures=sp.csr_matrix(run.mechanics.node_pressures),
+            law_name=record.law_name,
+            goes_on=record.goes_on,
+            areas=np.array(record.areas),
+            pressures=sp.csr_matrix(record.pressures),
             times=np.array([t for t, *_ in samples]),
             starts=_starts([len(some) for _, some, _ in samples]),
             nodes=nodes.astype(np.int64),
             forces=forces,
             tractions=np.concatenate([traction for traction, _ in along]) if frictional else None,
             states=np.concatenate([state for _, state in along]) if frictional else None,
-            stored_times=np.array([*run.stored], dtype=float),
-            stored_energies=np.array([*run.stored.values()], dtype=float),
-            viscous_times=np.array([*run.viscous_works], dtype=float),
-            viscous_energies=np.array([*run.viscous_works.values()], dtype=float),
-            edge_place=None if run.edge is None else np.r_[run.edge[0], run.edge[1]],
-            slip_path=run.slip_path,
+            stored_times=np.array([*record.stored], dtype=float),
+            stored_energies=np.array([*record.stored.values()], dtype=float),
+            viscous_times=np.array([*record.viscous_works], dtype=float),
+            viscous_energies=np.array([*record.viscous_works.values()], dtype=float),
+            edge_place=None if record.edge is None else np.r_[record.edge[0], record.edge[1]],
+            slip_path=record.slip_path,
             plastic_sides=tuple(ends),
             plastic_states=tuple(ends.values()),
-            strains=tuple(KeptStrains.of_history(side, history) for side, history in run.plastic_strains.items()),
-            on_nodes_times=np.array([*run.on_nodes], dtype=float),
-            forces_on_nodes=tuple(map(np.array, zip(*run.on_nodes.values(), strict=True))),
+            strains=tuple(KeptStrains.of_history(side, history) for side, history in record.plastic_strains.items()),
+            on_nodes_times=np.array([*record.on_nodes], dtype=float),
+            forces_on_nodes=tuple(map(np.array, zip(*record.on_nodes.values(), strict=True))),
         )
 
     @property
-    def mechanics(self) -> PatchContact:
-        """Raise an error: only a run in this process has the mechanics."""
-        raise InputError("result: the laws of contacts at the end of a run are not in files; repeat this run")
-
-    @property
     def samples(self) -> list[tuple[float, Array, Array]]:
-        """See `ContactRun.samples`."""
+        """See `ContactRecord.samples`."""
         spans = zip(self.times.tolist(), self.starts[:-1], self.starts[1:], strict=True)
         return [(t, self.nodes[start:end], self.forces[start:end]) for t, start, end in spans]
 
     @property
     def tangential(self) -> dict[float, tuple[Array, Array]]:
-        """See `ContactRun`."""
+        """See `ContactRecord`."""
         if self.tractions is None or self.states is None:
             return {}
         spans = zip(self.times.tolist(), self.starts[:-1], self.starts[1:], strict=True)
@@ -183,31 +176,31 @@ class KeptRun:
 
     @property
     def stored(self) -> dict[float, float]:
-        """See `ContactRun`."""
+        """See `ContactRecord`."""
         return dict(zip(self.stored_times.tolist(), self.stored_energies.tolist(), strict=True))
 
     @property
     def viscous_works(self) -> dict[float, float]:
-        """See `ContactRun`."""
+        """See `ContactRecord`."""
         return dict(zip(self.viscous_times.tolist(), self.viscous_energies.tolist(), strict=True))
 
     @property
     def on_nodes(self) -> dict[float, list[Array]]:
-        """See `ContactRun`."""
+        """See `ContactRecord`."""
         return {t: [side[i] for side in self.forces_on_nodes] for i, t in enumerate(self.on_nodes_times.tolist())}
 
     @property
     def edge(self) -> tuple[float, Array] | None:
-        """See `ContactRun`."""
+        """See `ContactRecord`."""
         return None if self.edge_place is None else (float(self.edge_place[0]), self.edge_place[1:])
 
     @property
     def plastic_ends(self) -> dict[int, PlasticState]:
-        """See `ContactRun`."""
+        """See `ContactRecord`."""
         return dict(zip(self.plastic_sides, self.plastic_states, strict=True))
 
     def histories(self, zones: Mapping[int, PlasticZone]) -> dict[int, StrainHistory]:
-        """See `ContactRun`."""
+        """See `ContactRecord`."""
         return {strains.side: strains.history(zones[strains.side]) for strains in self.strains}
 
 

@@ -479,7 +479,7 @@ class Runs:
             present.run.release()
         run = ModelRun(mbs, contacts, t, method, joints, keep, same, solver)
         for contact in contacts:
-            run.contact_run(contact).goes_on = goes_on
+            run.contact_run(contact).record.goes_on = goes_on
         resumed = same or run.resume(initial, earlier, t, goes_on=present.given is not None)
         # Later runs from the same initial state go on from the same run, also if its contacts remember nothing.
         origin = next((end for end in earlier if end.has_steps and end.ended_in(initial)), resumed)

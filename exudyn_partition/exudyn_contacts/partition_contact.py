@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..contact.formulations.formulation import Together
+from ..contact.formulations.separate import Separate
 from ..errors import InputError
 from ..exudyn_bodies.model import coordinate_slices, registered
 from ..exudyn_bodies.partition_body import PartitionBody
@@ -71,7 +72,7 @@ class PartitionContact(Item[Any]):
         The body of another kind that carries the rigid surface.
     group : list of PartitionContact
         Contacts that are solved together in every run, the same list for all of them.
-    together : Together or None
+    together : Together
         Finds their forces, if there are several and forces are elastic; each run has its own.
     moment_about : (3,) array or None
         Point of the moment sensor [m].
@@ -82,7 +83,7 @@ class PartitionContact(Item[Any]):
          "nodes", "side_names", "slave_facet_size", "slices", "together"}
     )  # fmt: skip
     group: list[Any]
-    together: Together | None
+    together: Together
     moment_about: Array | None
 
     def __init__(self, plan: ContactPlan) -> None:
@@ -92,7 +93,7 @@ class PartitionContact(Item[Any]):
         self.master = plan.sides[1][0] if plan.rigid is None else plan.rigid
         self.rows = plan.rows
         self.formulation, self.mechanics, self.carrier = plan.formulation, plan.mechanics, plan.carrier
-        self.group, self.together = [self], None
+        self.group, self.together = [self], Separate([self.mechanics])
         self.moment_about = None
 
     @property

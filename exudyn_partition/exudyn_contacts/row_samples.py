@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..support.arrays import Array
-from .contact_run import ContactRun
+from .contact_record import ContactRecord
 from .kept_run import KeptRun
 
 _NONE = np.empty(0, dtype=np.int64), np.empty(0)
@@ -31,7 +31,7 @@ class RowSamples:
     shape: tuple[int, int]
 
     @classmethod
-    def kept(cls, run: ContactRun | KeptRun, times: Array) -> RowSamples:
+    def kept(cls, run: ContactRecord | KeptRun, times: Array) -> RowSamples:
         """Rows that a run kept, at some of its times, (n,) [s], ascending."""
         numbers = {t: i for i, t in enumerate(times.tolist())}
         kept = {numbers[t]: (nodes, forces) for t, nodes, forces in run.samples if t in numbers}

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..contact.formulations.coupled import Coupled
 from ..contact.formulations.formulation import Method
 from ..exudyn_bodies.item_work import acts_on_constant_mass
 from ..exudyn_bodies.joints import Joints
@@ -15,8 +16,9 @@ from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array, as_slice
 from ..support.foreign import MainSystem
 from .central_differences import MultiplierStep
-from .contact_run import ContactRun, GroupRun
+from .contact_run import ContactRun
 from .contact_samples import ModelContact
+from .group_run import CoupledRun, GroupRun
 from .run_state import RunState
 
 Place = slice | Array  # of coordinates among the model's
@@ -124,10 +126,9 @@ def _groups(contacts: Sequence[ModelContact], runs: Sequence[ContactRun]) -> Ite
     """Contacts that are solved together, or each of the others alone."""
     run_of = {id(contact): run for contact, run in zip(contacts, runs, strict=True)}
     for group in {id(contact.group): contact.group for contact in contacts}.values():
-        members, together = [run_of[id(contact)] for contact in group], group[0].together
-        if together is not None:
-            together = together.for_run([member.mechanics for member in members])
-        yield GroupRun(members, together)
+        members = [run_of[id(contact)] for contact in group]
+        together = group[0].together.for_run([member.mechanics for member in members])
+        yield CoupledRun(members, together) if isinstance(together, Coupled) else GroupRun(members, together)
 
 
 def _steppers(groups: Sequence[GroupRun], runs: Sequence[ContactRun], joints: Joints | None) -> list[MultiplierStep]:

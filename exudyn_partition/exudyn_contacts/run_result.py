@@ -13,7 +13,7 @@ from ..results.history import History
 from ..results.newmark import Newmark
 from ..support.arrays import Array
 from ..support.foreign import SensorIndex
-from .contact_run import ContactRun
+from .contact_record import ContactRecord
 from .kept_run import KeptRun
 from .partition_contact import PartitionContact
 
@@ -66,7 +66,7 @@ class RunResult(Protocol):
         """Contacts of the model."""
 
     @property
-    def runs(self) -> Sequence[ContactRun | KeptRun]:
+    def runs(self) -> Sequence[ContactRecord | KeptRun]:
         """Data of the run that each contact kept; empty if nothing was kept."""
 
     @property
@@ -86,7 +86,7 @@ class RunResult(Protocol):
     def dampings_of(self, item: PartitionBody) -> tuple[tuple[float, Damping], ...]:
         """Damping of a body in the run, as joints held it, each with the time from which it acted [s]."""
 
-    def kept(self, contact: PartitionContact) -> ContactRun | KeptRun:
+    def kept(self, contact: PartitionContact) -> ContactRecord | KeptRun:
         """Data of the run that a contact kept."""
 
     def at(self, times: Sequence[float] | Array | int) -> RunResult:

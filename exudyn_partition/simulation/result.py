@@ -17,7 +17,7 @@ from ..exudyn_bodies.item_work import WorkSensor
 from ..exudyn_bodies.model import registered
 from ..exudyn_bodies.other_bodies import OtherBody
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.contact_run import ContactRun
+from ..exudyn_contacts.contact_record import ContactRecord
 from ..exudyn_contacts.kept_run import KeptRun
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
@@ -95,7 +95,7 @@ class Result:
         All contacts of the model.
     work : Work
         Counts of the solver and of the contacts.
-    runs : tuple of ContactRun
+    runs : tuple of ContactRecord or KeptRun
         Data of the run that each contact kept; `KeptRun` if the result was read from a file.
     seldom : set of int
         Sensors that Exudyn read less often than the result has times.
@@ -126,7 +126,7 @@ class Result:
     sensors: Mapping[int, Array] = field(repr=False)
     bodies: tuple[PartitionBody, ...] = field(default=(), repr=False)
     contacts: tuple[PartitionContact, ...] = field(default=(), repr=False)
-    runs: tuple[ContactRun | KeptRun, ...] = field(default=(), repr=False)
+    runs: tuple[ContactRecord | KeptRun, ...] = field(default=(), repr=False)
     work: Work = field(default_factory=Work, repr=False)
     seldom: frozenset[int] = field(default=frozenset(), repr=False)
     warnings: tuple[str, ...] | None = field(default=None, repr=False)
@@ -216,8 +216,8 @@ class Result:
         """
         return next((found for body, found in zip(self.bodies, self.dampings, strict=False) if body == item), ())
 
-    def kept(self, contact: PartitionContact) -> ContactRun | KeptRun:
-        """Return the data of the run that a contact kept beside its sensors: mechanics at the end, forces of rows.
+    def kept(self, contact: PartitionContact) -> ContactRecord | KeptRun:
+        """Return the data of the run that a contact kept beside its sensors: forces of rows, states, strains.
 
         Raises
         ------
@@ -279,7 +279,7 @@ class Result:
 
     def _stored(self) -> StoredRun:
         """Data of the result that files hold."""
-        kept: list[KeptRun | None] = [KeptRun.of_run(run) for run in self.runs]
+        kept: list[KeptRun | None] = [KeptRun.of_record(record) for record in self.runs]
         kept = kept or [None] * len(self.contacts)
         return StoredRun(
             t=self.t.copy(),
@@ -627,7 +627,7 @@ def samples(mbs: MainSystem) -> Result:
         bodies=tuple(bodies),
         contacts=tuple(contacts),
         work=Work.counted(solver, run),
-        runs=() if run is None else tuple(run.contact_run(contact) for contact in contacts),
+        runs=() if run is None else tuple(run.contact_run(contact).record for contact in contacts),
         item_work=registered(mbs).work,
         newmark=None if solver is None else solver.newmark,
         others=() if run is None else run.others.motions(mbs),

@@ -52,9 +52,8 @@ def test_forces_energy_and_work_are_those_of_fields_of_displacements(contact):
     work = rubbed = 0.0
     states = set()
     for step, way in STEPS:
-        law.accept(t)
+        law.accept(t, t + 1e-6 * step)
         t, q = t + 1e-6 * step, coordinates(law, way)
-        law.ends_at(t)
         law.at(q)
         share = [1e-6 * step / (1e-6 * step + beta) for beta in BETAS[: len(sides)]]
         whole = sum(share[s] * G[s] @ F[s] @ G[s].T for s in sides)
@@ -84,26 +83,23 @@ def test_forces_energy_and_work_are_those_of_fields_of_displacements(contact):
 def test_what_is_closed_ahead_of_the_first_step_is_at_rest(contact):
     """Exudyn asks for forces before it begins: nothing moves then, and nothing creeps in the first steps."""
     law, q = contact.for_run(), coordinates(contact, (0, 0, -9))
-    law.accept(0.0)
-    law.ends_at(0.0)
+    law.accept(0.0, 0.0)
     law.at(q)
     at_rest = law.evaluation.on_rows.copy()
     assert at_rest.any()
-    for t in (1e-6, 1.3e-6):
-        law.ends_at(t)
+    for start, end in ((0.0, 1e-6), (1e-6, 1.3e-6)):
+        law.accept(start, end)
         law.at(q)
         np.testing.assert_allclose(law.evaluation.on_rows, at_rest, atol=1e-6 * at_rest.max())
         assert law.evaluation.viscous_work < 1e-9 * law.evaluation.stored
-        law.accept(t)
 
 
 def test_nothing_is_left_after_a_long_time(contact):
     """Elastic forces fade by 1 / (1 + h / beta) in a step; then runs are as before the impact, but for the energy."""
     law, t = contact.for_run(), 0.0
     for way in [(0, 0, -3)] + 70 * [(0, 0, 50)]:
-        law.accept(t)
+        law.accept(t, t + 1e-6)
         t += 1e-6
-        law.ends_at(t)
         law.at(coordinates(law, way))
     law.accept(t)
     assert not law.state.creep.elastic

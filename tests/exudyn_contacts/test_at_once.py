@@ -10,7 +10,9 @@ import pytest
 from oracles import MARBLE_RADIUS as R
 
 import exudyn_partition as ep
-from exudyn_partition.exudyn_contacts.contact_run import ContactRun, GroupRun
+from exudyn_partition.exudyn_contacts.contact_run import ContactRun
+from exudyn_partition.exudyn_contacts.group_run import CoupledRun
+from exudyn_partition.exudyn_contacts.model_run import runs_of
 from exudyn_partition.support.compiled import compiles
 
 STEP, END = 0.1e-6, 15e-6
@@ -110,10 +112,11 @@ def test_forces_are_those_of_an_element_for_each_contact(marble, aside, plate, f
     other, laws = with_elements(marble, aside, plate, frame)
     run_by_exudyn(other)
     assert min(contact.force(result).max() for contact in contacts) > 10.0
-    moving = [run.mechanics.gaps.moving for run in result.runs]
+    runs = [runs_of(mbs).at_work(contact) for contact in contacts]
+    moving = [run.mechanics.gaps.moving for run in runs]
     assert moving == [any(aside) or frame == "floating"] * len(moving)
     assert_same_motion(mbs, other)
-    for run, law in zip(result.runs, (laws[0, 1], laws[1, 2], *([] if plate is None else [laws[0,]])), strict=True):
+    for run, law in zip(runs, (laws[0, 1], laws[1, 2], *([] if plate is None else [laws[0,]])), strict=True):
         np.testing.assert_array_equal(run.evaluation.index, law.evaluation.index)
         np.testing.assert_allclose(run.evaluation.resultant(), law.evaluation.resultant(), rtol=1e-9, atol=1e-9)
 
@@ -198,7 +201,7 @@ def grouped(marble):
     alone, together = (contacts[0].together.for_run(some) for some in laws)
     each = zip(laws[1], contacts, strict=True)
     runs = [ContactRun("", law, contact.slices(mbs), 0.0, "explicit") for law, contact in each]
-    return laws, alone, runs, GroupRun(runs, together), contacts[0].slave_facet_size
+    return laws, alone, runs, CoupledRun(runs, together), contacts[0].slave_facet_size
 
 
 def force_of(group, q, start=0.0):

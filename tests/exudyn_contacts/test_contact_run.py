@@ -4,25 +4,26 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from exudyn_partition.exudyn_contacts.contact_run import ContactRun, GroupRun
+from exudyn_partition.exudyn_contacts.contact_record import ContactRecord
+from exudyn_partition.exudyn_contacts.contact_run import ContactRun
+from exudyn_partition.exudyn_contacts.group_run import CoupledRun
 
 
 class Diary:
     """A contact that writes down which steps it is told of."""
 
-    node_areas, zones, remembers, ahead = np.ones(1), None, True, False
+    gaps = SimpleNamespace(node_areas=np.ones(1), node_pressures=None, carried=False)
+    zones, remembers, ahead, damped, elastic, law = None, True, False, False, True, None
+    state, evaluation = SimpleNamespace(memory=None), SimpleNamespace(plastic=None, pushes=True)
 
     def __init__(self):
         self.pages = []
 
-    def accept(self, start):
-        self.pages.append(("accept", start))
+    def accept(self, start, end):
+        self.pages.append(("accept", start, end))
 
-    def retry(self):
-        self.pages.append("retry")
-
-    def ends_at(self, end):
-        """It would need the time at which forces come next if it were viscous."""
+    def retry(self, end):
+        self.pages.append(("retry", end))
 
 
 def test_laws_that_remember_are_told_of_steps_once_and_of_those_that_are_repeated():
@@ -31,7 +32,8 @@ def test_laws_that_remember_are_told_of_steps_once_and_of_those_that_are_repeate
     run = ContactRun("contact", law, [slice(0, 1)], 0.0, "implicit")
     for start, end in [(0.0, 1.0), (0.0, 1.0), (0.0, 0.5), (0.0, 0.25), (0.25, 0.5), (0.25, 0.5), (0.5, 0.75)]:
         run.follow(start, end)
-    assert law.pages == [("accept", 0.0), "retry", "retry", ("accept", 0.25), ("accept", 0.5)]
+    first = ("accept", 0.0, 1.0), ("retry", 0.5), ("retry", 0.25)
+    assert law.pages == [*first, ("accept", 0.25, 0.5), ("accept", 0.5, 0.75)]
 
 
 def test_a_group_keeps_what_each_member_has_once_a_time_and_notes_its_edge():
@@ -42,30 +44,34 @@ def test_a_group_keeps_what_each_member_has_once_a_time_and_notes_its_edge():
         h=-np.ones(4), stored=np.array([0.1, 0.2]), values=np.zeros((2, 6)),
         pushes=True, force=np.ones(1), evaluate=lambda q: True, kept=None,
     )  # fmt: skip
-    noted = []
+    at_edge = SimpleNamespace(evaluation=SimpleNamespace(edge_reached=lambda: np.zeros(3)))
     members = [
         SimpleNamespace(
             dofs=np.zeros(1, int), place=None, join=lambda group, place: None, acts_within=True, remembers=False,
-            force=None, pushes=False, look_for_edge=lambda t, j=j: noted.append((j, t)),
+            force=None, pushes=False, mechanics=at_edge, record=ContactRecord(Diary()),
+            coordinates_in=lambda q: q,
         )
-        for j in range(2)
+        for _ in range(2)
     ]  # fmt: skip
-    group = GroupRun(members, SimpleNamespace(frozen=lambda dofs, last: loops))
+    group = CoupledRun(members, SimpleNamespace(frozen=lambda dofs, last: loops, answer_as=lambda *answer: True))
     for t, size in ((1.0, 7.0), (1.0, 1.0), (2.0, 4.0)):  # the first time is asked for again
         loops.lam, loops.stored[:] = size * np.array([0.0, 3.0, 2.0, 0.0]), [0.1 * size, 0.2 * size]
         group.evaluate(None, t, np.array([size]))
         group.keep(t, lambda: np.zeros(1))
-    assert noted == [(1, 1.0)]
-    kept = [(t, nodes.tolist(), lam.tolist()) for t, nodes, lam in group.kept.samples(1)]
+    first, second = (member.record for member in members)
+    assert first.edge is None
+    assert second.edge is not None
+    assert second.edge[0] == 1.0
+    kept = [(t, nodes.tolist(), lam.tolist()) for t, nodes, lam in second.samples]
     assert kept == [(1.0, [7], [2.0]), (2.0, [7], [8.0])]
-    assert [nodes.tolist() for _, nodes, _ in group.kept.samples(0)] == [[6], [6]]
-    assert group.kept.stored(1) == {1.0: 0.2, 2.0: 0.8}
+    assert [nodes.tolist() for _, nodes, _ in first.samples] == [[6], [6]]
+    assert second.stored == {1.0: 0.2, 2.0: 0.8}
 
 
 class Known(Diary):
     """A law whose force is known."""
 
-    remembers, ahead, evaluation = False, False, SimpleNamespace(pushes=True)
+    remembers = False
 
 
 def test_forces_of_a_body_that_touches_itself_add_up():
@@ -75,7 +81,7 @@ def test_forces_of_a_body_that_touches_itself_add_up():
         ContactRun("contact", Known(), [slice(n, n + 1) for n in dofs], 0.0, "explicit")
         for dofs in ([1, 2, 1, 2], [0, 2])
     ]
-    group = GroupRun(members, SimpleNamespace(frozen=lambda dofs, last: None, forces_at=lambda q, parts: forces))
+    group = CoupledRun(members, SimpleNamespace(frozen=lambda dofs, last: None, forces_at=lambda q, parts: forces))
     mbs = SimpleNamespace(systemData=SimpleNamespace(GetTime=lambda configuration: 0.0))
     group.evaluate(mbs, 0.0, np.zeros(4))
     total = np.zeros(4)

@@ -7,6 +7,7 @@ from exudyn.utilities import InertiaCuboid
 from oracles import MARBLE_RADIUS, SPHERE_RADIUS, energy_by_start
 
 import exudyn_partition as ep
+from exudyn_partition.contact.formulations.coupled import Coupled
 
 MU, SPEED, ALONG = 0.2, 0.3, 0.2
 END = 70e-6
@@ -131,7 +132,7 @@ def test_contacts_on_one_body_are_solved_together(mbs, marble_parts, kept):
         for wall, patch in zip(walls, ("south", "north"), strict=True)
     ]
     mbs.Assemble()
-    assert contacts[0].together is not None
+    assert isinstance(contacts[0].together, Coupled)
     result = ep.solve_dynamic(mbs, end_time=40e-6)
     assert all(contact.friction.tangential_force(result).any() for contact in contacts)
     total = item.energy(result) + sum(c.energy(result) + c.dissipated_energy(result) for c in contacts)

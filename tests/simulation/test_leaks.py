@@ -13,6 +13,7 @@ import pytest
 import exudyn_partition as ep
 from exudyn_partition.algebra.sparse.multifrontal import Factorisation
 from exudyn_partition.algebra.sparse.solver import solved_by
+from exudyn_partition.exudyn_contacts.model_run import runs_of
 
 BASES = "contact-adapted", "residual", "craig-bampton", "free"
 LEAKS = 2.0  # MB a reduction: a third of the factors of the block
@@ -117,7 +118,7 @@ def test_runs_that_go_on_leave_nothing_of_those_before(yielding, no_collector, m
     parts = []
     for i in range(6):
         result = ep.solve_dynamic(mbs, end_time=(12 + i) * 1e-6, step=0.25e-6, method=method, go_on=i > 0)
-        run = result.kept(contact)
+        run = runs_of(mbs).at_work(contact)
         kept = run, run.group, run.mechanics, run.mechanics.zones, run.mechanics.zones.zones[0][1]
         parts.append([weakref.ref(part) for part in kept])
         del run, kept

@@ -18,12 +18,13 @@ from ..gaps import Gaps
 from ..law import Law, RowDirections
 from ..patch_contact import PatchContact
 from .compliance import compliance
-from .coupled import Coupled, CoupledContacts, SharedPatches
+from .coupled import CoupledContacts, SharedPatches
 from .coupled_friction import CoupledFriction, SharedFriction
 from .coupled_zones import CoupledZones
 from .explicit_multipliers import Multipliers
-from .formulation import Formulation, Links, SharedBody
+from .formulation import Formulation, Links, SharedBody, Together
 from .penalty import PenaltyLayer, bed_stiffness, inertial_stiffness
+from .separate import Separate
 
 FormulationName = Literal["compliance", "lagrange", "penalty"]
 NAMES: tuple[FormulationName, ...] = get_args(FormulationName)
@@ -59,11 +60,11 @@ class Compliance(Formulation):
             super().couples(contact, neighbour, shared)
         return alike and _coupling(shared) > _COUPLED
 
-    def together(self, contacts: Sequence[PatchContact], links: Links) -> Coupled | None:
+    def together(self, contacts: Sequence[PatchContact], links: Links) -> Together:
         """See `Formulation`."""
         elastic = all(contact.elastic for contact in contacts)
         if len(contacts) == 1 and not (elastic and contacts[0].gaps.may_freeze):
-            return None
+            return Separate(contacts)
         flows = any(map(_flows, contacts))
         if not links.shared:
             return (CoupledContacts if elastic else CoupledZones if flows else CoupledFriction)(contacts, links)

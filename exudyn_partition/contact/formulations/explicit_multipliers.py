@@ -389,11 +389,12 @@ class ForwardRows:
             )
 
     def check(self, answer: ForwardAnswer, q: Array) -> None:
-        """Raise if a gap at coordinates q, (n,), is far below zero."""
-        gaps, state, promise = self.gaps, answer.state, answer.promise
+        """Raise if a gap at coordinates q, (n,), is far below zero. The rows stay where they are."""
+        gaps, state, promise, present = self.gaps, answer.state, answer.promise, self.gaps.present
         gap = gaps.of_present(q)
-        faded = (1 / state.fading - 1) * abs(state.jump).max(initial=0.0)  # in the step that ended here
         gap = gap - state.jump[gaps.row_nodes]
+        gaps.return_to(present)
+        faded = (1 / state.fading - 1) * abs(state.jump).max(initial=0.0)  # in the step that ended here
         if promise is not None and len(promise.gap) == len(gap):
             gap = gap - np.minimum(promise.gap, 0.0)  # the depth that a user's own law allows
         deepest = gap.min(initial=0.0)

@@ -5,7 +5,7 @@ A new formulation implements `Formulation` and a `law.Law`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, get_args
 
@@ -13,11 +13,11 @@ from ...errors import InputError
 from ...reduction.body import ReducedBody
 from ...support.arrays import Array
 from ...surfaces.points import RowKind
-from ..frozen import FrozenContacts
 from ..law import Law, RowDirections
 from ..patch_contact import PatchContact
 from ..plasticity.nodal_zones import NodalZones
 from ..plasticity.yielding_patches import YieldingPatches, Zones
+from .separate import Separate
 
 Integrator = Literal["explicit", "implicit"]
 INTEGRATORS: tuple[Integrator, ...] = get_args(Integrator)
@@ -25,10 +25,7 @@ Method = Literal[Integrator, "static"]
 
 
 class Together(Protocol):
-    """State of several contacts on common bodies, whose forces are computed together."""
-
-    def forces_at(self, state: Array, coordinates: Callable[[], Sequence[Array]]) -> list[Array]:
-        """Generalised forces of each contact, (n,), see `coupled.Coupled.forces_at`."""
+    """Contacts that belong together: `separate.Separate` ones find their forces alone, `coupled.Coupled` in common."""
 
     def forces(self, coordinates: Sequence[Array]) -> list[Array]:
         """Generalised forces of each contact, (n,), at its coordinates."""
@@ -64,12 +61,6 @@ class Together(Protocol):
 
     def for_run(self, contacts: Sequence[PatchContact]) -> Together:
         """Return the state at the start of a run with these contacts."""
-
-    def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> FrozenContacts | None:
-        """All contacts for compiled loops, or None, see `coupled.Coupled.frozen`."""
-
-    def answer_as(self, frozen: FrozenContacts, coordinates: Sequence[Array]) -> bool:
-        """Let the contacts answer as `frozen` did, see `coupled.Coupled.answer_as`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +170,6 @@ class Formulation:
             )
         return False
 
-    def together(self, contacts: Sequence[PatchContact], links: Links) -> Together | None:
-        """Return the object that solves several contacts together; None if each contact is solved alone."""
-        return None
+    def together(self, contacts: Sequence[PatchContact], links: Links) -> Together:
+        """Return the object that finds the forces of contacts; here each contact is solved alone."""
+        return Separate(contacts)

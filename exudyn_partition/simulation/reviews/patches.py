@@ -46,7 +46,7 @@ def directions(run: ReviewedRun) -> Iterator[Finding]:
     for history in run.contacts:
         contact, top = history.contact, int(history.force.argmax())
         force = history.force_on_slave[top]
-        if not force.any():
+        if history.force[top] <= 0.0 or not contact.mechanics.law.residual:  # it only pulls, or nothing yields so
             continue
         for side, ((item, number), name, sign) in enumerate(
             zip(contact.sides, contact.side_names, (-1, 1), strict=False)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...errors import ModelLimitWarning
 from ...exudyn_bodies.partition_body import PartitionBody
-from ...exudyn_contacts.contact_run import ContactRun
+from ...exudyn_contacts.contact_record import ContactRecord
 from ...exudyn_contacts.kept_run import KeptRun
 from ...exudyn_contacts.partition_contact import PartitionContact, stress_by_rows
 from ...exudyn_contacts.row_samples import RowSamples
@@ -137,7 +137,7 @@ class ContactHistory:
         self.contact, self._result = contact, result
 
     @cached_property
-    def kept(self) -> ContactRun | KeptRun:
+    def kept(self) -> ContactRecord | KeptRun:
         """Data that the contact kept of the run."""
         return self._result.kept(self.contact)
 

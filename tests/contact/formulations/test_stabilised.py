@@ -17,6 +17,7 @@ from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.side import Side
 from exudyn_partition.contact.step_mean import TRAPEZOIDAL
 from exudyn_partition.errors import ModelLimitWarning
+from exudyn_partition.exudyn_contacts.model_run import runs_of
 from exudyn_partition.frames.inertial import InertialKinematics
 
 END = 40e-6
@@ -189,7 +190,7 @@ def test_rest_on_a_plane(mbs, basis, damping):
     if damping:
         np.testing.assert_allclose(force[-50:], weight, rtol=1e-3)
         assert abs(item.momentum(result)[-50:, 2]).max() < 1e-3 * abs(item.momentum(result)[:, 2]).max()
-        law = result.kept(contact).mechanics
+        law = runs_of(mbs).at_work(contact).mechanics
         gaps = law.gaps.at(item.coordinates(result)[-1])
         assert abs(gaps[law.evaluation.index]).max() < 1e-4 * abs(height[-1])
 
@@ -373,7 +374,7 @@ def test_a_sliding_tip(nodal):
         contact = ep.CreatePartitionContact(mbs, tip, target, formulation="lagrange")
         mbs.Assemble()
         result = ep.solve_dynamic(mbs, end_time=1.5e-6, step=step, method=method, sample_period=5e-8)
-        assert result.kept(contact).mechanics.gaps.moving
+        assert runs_of(mbs).at_work(contact).mechanics.gaps.moving
         momentum = tip.momentum(result) + target.momentum(result)
         np.testing.assert_allclose(momentum - momentum[0], 0, atol=1e-9 * abs(momentum[0]).max())
         forces.append(np.interp(np.linspace(0, 1.5e-6, 16), result.t, contact.force(result)))

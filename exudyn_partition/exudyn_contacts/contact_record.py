@@ -1,0 +1,178 @@
+"""What results need of a contact in a run. It grows with each sample, and no force depends on it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..contact.evaluation import Evaluation
+from ..contact.memory import RowMemory
+from ..contact.patch_contact import PatchContact
+from ..contact.plasticity.yielding_patches import ZonesAnswer
+from ..plasticity.flow import PlasticState
+from ..plasticity.strain_history import StrainHistory
+from ..plasticity.zone import PlasticZone
+from ..support.arrays import Array
+from ..support.checks import read_only
+
+
+class LoopedSamples:
+    """What results need of samples that compiled loops have evaluated, of all contacts of a group."""
+
+    def __init__(self) -> None:
+        self._kept: list[tuple[float, Array, Sequence[int], Array, Array]] = []
+
+    def drop(self, t: float) -> None:
+        """Drop the last sample if it has this time [s]."""
+        if self._kept and self._kept[-1][0] == t:
+            self._kept.pop()
+
+    def add(self, t: float, nodes: Array, bounds: Sequence[int], lam: Array, stored: Array) -> None:
+        """Keep a sample.
+
+        Parameters
+        ----------
+        t : float
+            [s]
+        nodes, lam : (na,) arrays
+            Patch nodes of the closed rows, and the forces on them [N].
+        bounds : list of int
+            Places where the rows of each contact begin, and where the last ones end.
+        stored : (n,) array
+            Energy that each contact stores [J].
+        """
+        self._kept.append((t, nodes, bounds, lam, stored))
+
+    def samples(self, place: int) -> list[tuple[float, Array, Array]]:
+        """Samples of the contact at a place of the group, see `ContactRecord.samples`."""
+        return [
+            (t, nodes[start:end], lam[start:end])
+            for t, nodes, bounds, lam, _ in self._kept
+            if (start := bounds[place]) < (end := bounds[place + 1])
+        ]
+
+    def stored(self, place: int) -> dict[float, float]:
+        """Energy that this contact stored while it was closed [J]; keys are times [s]."""
+        return {t: float(stored[place]) for t, _, bounds, _, stored in self._kept if bounds[place] < bounds[place + 1]}
+
+
+class ContactRecord:
+    """Samples of a contact in a run.
+
+    Parameters
+    ----------
+    mechanics : PatchContact
+        The contact at the start of the run.
+
+    Attributes
+    ----------
+    law_name : str
+        Name of the law's class.
+    areas : (np,) array
+        Area of the row of each of the slave's patch nodes [m2].
+    pressures : (np, np) csr matrix
+        Matrix from forces of rows to pressures around these nodes [1/m2].
+    goes_on : bool
+        Whether the run begins where the last one ended.
+    tangential : dict of float to ((na, 3) array, (na,) int8 array)
+        With friction: tangential forces on the closed rows in space [N], and whether the rows stick or slip. Keys are
+        times [s].
+    on_nodes : dict of float to list of (np, 3) arrays
+        Where another body carries the rigid surface: forces on the nodes of the patch in space [N]. Keys are times [s].
+        The bodies' coordinates alone do not determine these forces.
+    viscous_works : dict of float to float
+        Energy that viscous flexibilities and a damped law have dissipated [J]; keys are times [s]. Empty without any.
+    plastic_strains : dict of int to StrainHistory
+        Plastic strain of each zone. Keys are the numbers of the sides.
+    edge : (float, (3,) array) or None
+        Time and place at which the contact first reached the edge of its patch [s, m].
+    """
+
+    def __init__(self, mechanics: PatchContact) -> None:
+        gaps, zones = mechanics.gaps, mechanics.zones
+        self.law_name, self.goes_on = type(mechanics.law).__name__, False
+        self.areas, self.pressures = gaps.node_areas, gaps.node_pressures
+        self.tangential: dict[float, tuple[Array, Array]] = {}
+        self.on_nodes: dict[float, list[Array]] = {}
+        self.viscous_works: dict[float, float] = {}
+        self.edge: tuple[float, Array] | None = None
+        self.plastic_strains = {} if zones is None else {side: StrainHistory(z.zone) for side, z in zones.motions}
+        self._carried, self._damped, self._elastic = gaps.carried, mechanics.damped, mechanics.elastic
+        self._samples: list[tuple[float, Array, Array]] = []
+        self._stored: dict[float, float] = {}
+        self._looped, self._place = LoopedSamples(), 0
+        self._closed = self._closed_nodes = np.empty(0, dtype=np.int64)
+        self._memory: RowMemory = mechanics.state.memory
+        self._plastic: ZonesAnswer | None = mechanics.evaluation.plastic
+
+    def share(self, looped: LoopedSamples, place: int) -> None:
+        """Share the samples of compiled loops with a group, in which the contact has this place."""
+        self._looped, self._place = looped, place
+
+    def keep(self, t: float, answer: Evaluation, memory: RowMemory, taken: float) -> None:
+        """Keep the sample at time t [s].
+
+        Parameters
+        ----------
+        t : float
+        answer : Evaluation
+            That of the contact at t.
+        memory : RowMemory
+            What its rows remember.
+        taken : float
+            Energy that viscous flexibilities and the law itself have dissipated until t [J].
+        """
+        self._memory, self._plastic = memory, answer.plastic
+        if self._damped:
+            self._stored[t], self.viscous_works[t] = answer.stored, taken
+        if answer.plastic is not None:
+            answer.plastic.check()
+            for side, state in answer.plastic.present.items():
+                self.plastic_strains[side].keep(t, state)
+        closed = answer.index
+        if not closed.size:
+            return
+        if closed is not self._closed:  # the same array as long as no row opens or closes
+            self._closed, self._closed_nodes = closed, answer.row_nodes[closed]
+        self.look_for_edge(t, answer)
+        if self._samples and self._samples[-1][0] == t:  # a second call for this time
+            self._samples.pop()
+        self._samples.append((t, self._closed_nodes, answer.lam.take(closed)))
+        if self._elastic:
+            self._stored[t] = answer.stored
+        if answer.parts.friction is not None:
+            self.tangential[t] = answer.traction[closed], answer.status[closed]
+        if self._carried:
+            self.on_nodes[t] = answer.nodal_forces()
+
+    def look_for_edge(self, t: float, answer: Evaluation) -> None:
+        """Record the time t [s] and the place at which a closed row first leaves its patch."""
+        if self.edge is None and (reached := answer.edge_reached()) is not None:
+            read_only(reached)  # results return it
+            self.edge = t, reached
+
+    @property
+    def samples(self) -> list[tuple[float, Array, Array]]:
+        """Times with closed rows [s], the slave's patch nodes of these rows, and the forces on them [N]."""
+        looped = self._looped.samples(self._place)
+        return sorted([*self._samples, *looped], key=lambda sample: sample[0]) if self._samples else looped
+
+    @property
+    def stored(self) -> dict[float, float]:
+        """Energy that an elastic contact stores while rows are closed [J]; keys are times [s]."""
+        return self._stored | self._looped.stored(self._place)
+
+    @property
+    def slip_path(self) -> Array:
+        """Length of the slip so far of the row of each of the slave's patch nodes, (np,) [m]."""
+        return np.array(self._memory.path)
+
+    @property
+    def plastic_ends(self) -> dict[int, PlasticState]:
+        """Last state of each plastic zone; keys are the numbers of the sides."""
+        return {} if self._plastic is None else self._plastic.present
+
+    def histories(self, zones: Mapping[int, PlasticZone]) -> dict[int, StrainHistory]:
+        """Return `plastic_strains`. The same method of a record from a file needs these zones."""
+        return self.plastic_strains

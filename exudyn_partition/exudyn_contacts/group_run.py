@@ -1,0 +1,246 @@
+"""Contacts of a run that belong together: each finds its own forces, or all find them in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from ..contact.evaluation import Evaluation
+from ..contact.formulations.coupled import Coupled
+from ..contact.formulations.formulation import Together
+from ..contact.frozen import FrozenContacts
+from ..exudyn_bodies.model import start_of_step
+from ..support.arrays import Array
+from ..support.foreign import MainSystem
+from .contact_record import LoopedSamples
+from .contact_run import N_VALUES, ContactRun
+
+
+class GroupRun:
+    """Contacts in a run of which each finds its forces within a step alone.
+
+    Multipliers ahead of steps may still be found together, see `central_differences`.
+
+    Parameters
+    ----------
+    members : sequence of ContactRun
+    together : Together
+        It knows the stiffness of the contacts.
+
+    Attributes
+    ----------
+    pushes : bool
+        Whether any force was not zero in the last evaluation.
+    """
+
+    def __init__(self, members: Sequence[ContactRun], together: Together) -> None:
+        self.members, self._together = [*members], together
+        self._within = [member for member in members if member.acts_within]
+        all_found = all(member.force is not None for member in self._within)
+        self._known_at = members[0].goes_on_at if all_found else None  # time of a state that is evaluated already
+        self.pushes = self._any_pushes()
+        for place, member in enumerate(members):
+            member.join(self, place)
+
+    @property
+    def acts_within(self) -> bool:
+        """Whether any contact has forces within a step; multipliers ahead of the step do not count."""
+        return bool(self._within)
+
+    def _any_pushes(self) -> bool:
+        return any([member.pushes for member in self._within])
+
+    def evaluate(self, mbs: MainSystem, t: float, q: Array) -> None:
+        """Find the forces of all members at the model's coordinates q, (nq,), and time t [s]."""
+        if t != self._known_at:
+            self._find(mbs, t, q)
+
+    def _find(self, mbs: MainSystem, t: float, q: Array) -> None:
+        """See `evaluate`."""
+        for member in self._within:
+            member.evaluate(mbs, t, q)
+        self.pushes = self._any_pushes()
+
+    def step_back(self, mbs: MainSystem, t: float, q: Array) -> bool:
+        """Return to the start of a step, t [s], at the model's coordinates q, (nq,); whether all members can."""
+        self._known_at = None
+        returned = [member.step_back(mbs, t, q) for member in self._within]
+        self.pushes = self._any_pushes()
+        return all(returned)
+
+    def add_force(self, total: Array) -> None:
+        """Add the generalised forces of all members to those on the model's coordinates, (nq,)."""
+        for member in self._within:
+            member.add_force(total)
+
+    def stiffness(self, rows: Mapping[int, Array]) -> dict[tuple[int, int], Array]:
+        """See `formulation.Together.stiffness`."""
+        return self._together.stiffness(rows)
+
+    def closed_stiffness(self, places: Sequence[int]) -> dict[tuple[int, int], Array]:
+        """See `formulation.Together.closed_stiffness`."""
+        return self._together.closed_stiffness(places)
+
+    def evaluation(self, place: int) -> Evaluation:
+        """Last answer of the contact at a place of the group."""
+        return self.members[place].mechanics.evaluation
+
+    def end(self) -> None:
+        """Drop the data that only the run needed."""
+
+    @property
+    def values(self) -> Array | None:
+        """Values of the sensors `sForce` of all members, (n, 6); None unless compiled loops have found them."""
+        return None
+
+    @property
+    def stored(self) -> Array | None:
+        """Energy that each member stores, (n,) [J]; None unless compiled loops have found it."""
+        return None
+
+    def publish(self, data: Array) -> None:
+        """Write these values to where the sensors read them, among the model's data coordinates."""
+        for member in self.members:
+            member.publish(data)
+
+    def keep(self, t: float, q: Callable[[], Array]) -> None:
+        """Keep the data that results need of the members' state at t; `q` returns the model's coordinates at t."""
+        for member in self.members:
+            member.keep(t, q)
+
+
+class CoupledRun(GroupRun):
+    """Contacts in a run whose forces are found together. One contact may be such a group of its own.
+
+    As long as the pairs of all contacts are frozen, compiled loops evaluate all contacts at once, with the values of
+    the sensors. Then evaluations of single contacts are made only when somebody asks for one. Otherwise contacts
+    answer themselves.
+
+    Parameters
+    ----------
+    members : sequence of ContactRun
+    coupled : Coupled
+        Finds their forces.
+    """
+
+    def __init__(self, members: Sequence[ContactRun], coupled: Coupled) -> None:
+        self._frozen: FrozenContacts | None = None
+        self._looped: tuple[float, Array] | None = None  # time and coordinates of the last answer, if loops found it
+        self._told = False  # whether members have evaluations of that answer
+        super().__init__(members, coupled)
+        self._coupled = coupled
+        self._remembering = [member for member in members if member.remembers]
+        self._dofs = [member.dofs for member in members]
+        readers = [(j, member.place) for j, member in enumerate(members) if member.place is not None]
+        starts = np.reshape(readers, (-1, 2)).astype(int) * [N_VALUES, 1]
+        self._from, self._to = np.add.outer(starts.T, np.arange(N_VALUES)).reshape(2, -1)  # places, from and to
+        self._samples = LoopedSamples()
+        self._at_edge = np.empty(0, dtype=np.int64)  # closed rows whose depth is watched, see `_look_for_edges`
+        for place, member in enumerate(members):
+            member.record.share(self._samples, place)
+
+    def _find(self, mbs: MainSystem, t: float, q: Array) -> None:
+        """See `evaluate`."""
+        if self._find_by_loops(t, q):
+            return
+        start = start_of_step(mbs)
+        for member in self._within:
+            member.follow(start, t)
+        self._find_together(q)
+
+    def step_back(self, mbs: MainSystem, t: float, q: Array) -> bool:
+        """See `GroupRun`."""
+        self._known_at = None
+        if not self._remembering:
+            self._find(mbs, t, q)
+        elif any([member.retry(t) for member in self._remembering]):
+            self._find_together(q)
+        return True
+
+    def _find_together(self, q: Array) -> None:
+        forces = self._coupled.forces_at(q, lambda: [member.coordinates_in(q) for member in self.members])
+        for member, force in zip(self.members, forces, strict=True):
+            member.force = force
+        self.pushes = self._any_pushes()
+
+    def _find_by_loops(self, t: float, q: Array) -> bool:
+        """Find the forces by compiled loops, if the group has them and all pairs are frozen; returns whether it did."""
+        if self._looped is not None and t == self._looped[0] and (q == self._looped[1]).all():
+            return True
+        if self._looped is None:
+            self._frozen = self._coupled.frozen(self._dofs, self._frozen)
+        if self._frozen is None or not self._frozen.evaluate(q):
+            self._looped = None
+            return False
+        if self._looped is None:
+            for member in self.members:
+                member.force = None
+        self._looped, self._told, self.pushes = (t, q.copy()), False, self._frozen.pushes
+        return True
+
+    def add_force(self, total: Array) -> None:
+        """See `GroupRun`."""
+        if self._looped is not None and self._frozen is not None:
+            total += self._frozen.force
+        else:
+            super().add_force(total)
+
+    def evaluation(self, place: int) -> Evaluation:
+        """See `GroupRun`."""
+        if self._looped is not None and not self._told and self._frozen is not None:
+            self._told = True
+            coordinates = [member.coordinates_in(self._looped[1]) for member in self.members]
+            if not self._coupled.answer_as(self._frozen, coordinates):
+                self._looped = None
+        return super().evaluation(place)
+
+    def end(self) -> None:
+        """Make evaluations of the last answer, and drop the data of compiled loops."""
+        self.evaluation(0)
+        self._looped = self._frozen = None
+
+    @property
+    def values(self) -> Array | None:
+        """See `GroupRun`."""
+        return None if self._looped is None or self._frozen is None else self._frozen.values
+
+    @property
+    def stored(self) -> Array | None:
+        """See `GroupRun`."""
+        return None if self._looped is None or self._frozen is None else self._frozen.stored
+
+    def publish(self, data: Array) -> None:
+        """See `GroupRun`."""
+        if (values := self.values) is not None:
+            data[self._to] = values.take(self._from)
+        else:
+            super().publish(data)
+
+    def keep(self, t: float, q: Callable[[], Array]) -> None:
+        """See `GroupRun`."""
+        frozen = self._frozen
+        self._samples.drop(t)  # a second call for this time
+        if self._looped is None or frozen is None:
+            super().keep(t, q)
+            return
+        if not self.pushes:
+            return
+        closed = np.flatnonzero(frozen.lam > 0.0)
+        if frozen.kept is None or not np.array_equal(closed, frozen.kept):
+            frozen.kept, self._nodes = closed, frozen.row_nodes[closed]
+            self._bounds = np.searchsorted(closed, frozen.starts).tolist()
+            self._at_edge = closed[np.isfinite(frozen.leaves_at[closed])]
+        if len(self._at_edge):
+            self._look_for_edges(t, frozen)
+        if len(closed):
+            self._samples.add(t, self._nodes, self._bounds, frozen.lam[closed], frozen.stored.copy())
+
+    def _look_for_edges(self, t: float, frozen: FrozenContacts) -> None:
+        """Let members whose closed rows leave their patch record it; then they look no more at the same rows."""
+        rows, deepest = self._at_edge, np.maximum(-frozen.h[self._at_edge], 0.0)
+        members = np.searchsorted(frozen.starts, rows, side="right") - 1
+        leaving = np.unique(members[deepest >= frozen.leaves_at[rows]])
+        for j in leaving:
+            self.members[j].record.look_for_edge(t, self.evaluation(j))
+        self._at_edge = rows[~np.isin(members, leaving)]
