@@ -8,7 +8,7 @@ appear and vanish as the patches move.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from ..surfaces.rows import ContactRows
 from ..surfaces.surface import Surface, closest_points
 from ..surfaces.witnesses import seen_from, spread
 from .followed import SEARCHED
-from .gaps import GapState
+from .gaps import GapState, Present
 from .patch_gaps import PatchGaps
 from .rigid import RigidGaps
 from .side import Side
@@ -128,11 +128,44 @@ class WanderingGaps(PatchGaps):
         return self._near_parts(self.present.q).least if self._apart_by_far else self.project(x_s, x_m)[1]
 
 
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """Rows that may close soon, and how long that holds.
+
+    Parameters
+    ----------
+    anchor : Anchor
+        Where the patch was when they were chosen.
+    here : (3, 3) array
+        Places of three nodes relative to the surface then [m].
+    reach : float
+        Motion of these places after which rows are chosen again [m].
+    beyond : float
+        Until then, points without rows have larger gaps [m].
+    side : Side
+        The part of the patch around the rows.
+    """
+
+    anchor: Anchor
+    here: Array
+    reach: float
+    beyond: float
+    side: Side
+
+
+class ChosenRows(PresentRows):
+    """Present rows with the choice by which they are present; None at the start."""
+
+    choice: Choice | None = None
+
+
 class WanderingRigidGaps(RigidGaps):
     """Gaps to a rigid surface of a patch over which contact wanders; see `RigidGaps`.
 
     Only rows that may close soon are present. They are chosen again when the patch has moved by a part of a facet.
     """
+
+    _choice: Choice | None = None  # that of the present rows
 
     def _rows_at_start(self) -> PresentRows:
         """See `RigidGaps`. It also keeps the whole patch, and points that witness its motion."""
@@ -145,17 +178,22 @@ class WanderingRigidGaps(RigidGaps):
         direction: Array = self.slave.surface.normals_at(np.array([[node]]), np.ones((1, 1)))[0]
         return direction
 
-    def _rows_of(self, nodes: Array) -> PresentRows:
-        return self._rows(self._all.of_rows(np.isin(self._all.row_nodes, nodes))[0])
+    def _rows_of(self, nodes: Array) -> ChosenRows:
+        rows = self._rows(self._all.of_rows(np.isin(self._all.row_nodes, nodes))[0])
+        return ChosenRows(rows.points, rows.leaves_at, rows.sides)
 
-    def _go_to_start(self) -> None:
+    def return_to(self, present: Present) -> None:
         """See `Gaps`."""
-        self._chosen: Anchor | None = None
-        super()._go_to_start()
+        super().return_to(present)
+        rows = present.stage.rows
+        choice = rows.choice if isinstance(rows, ChosenRows) else None
+        if choice != self._choice:
+            self._choice, self._loaded = choice, {}
+            self.sides = (self._whole if choice is None else choice.side,)
 
     def after(self) -> GapState:
         """See `Gaps`."""
-        return replace(super().after(), chosen=self._chosen)
+        return replace(super().after(), chosen=None if self._choice is None else self._choice.anchor)
 
     def retry(self) -> None:
         """See `Gaps`."""
@@ -168,18 +206,19 @@ class WanderingRigidGaps(RigidGaps):
 
     def _choose_as(self, state: GapState) -> None:
         """Choose the rows that were chosen in a state."""
-        if state.chosen is not None and state.chosen != self._chosen:
+        if state.chosen is not None and (self._choice is None or state.chosen != self._choice.anchor):
             self._choose(state.chosen)
 
     def at(self, q: Array) -> Array:
         """See `Gaps.at`."""
-        if self._chosen is None or abs(self._here(q, self.carrier_pose) - self._chosen_at).max() > self._reach:
+        choice = self._choice
+        if choice is None or abs(self._here(q, self.carrier_pose) - choice.here).max() > choice.reach:
             self._choose(Anchor(q.copy(), self.carrier_pose))
         return super().at(q)
 
     def of_present(self, q: Array) -> Array:
         """See `Gaps.of_present`."""
-        if self._chosen is None:
+        if self._choice is None:
             return self.at(q)
         return super().at(q)
 
@@ -189,16 +228,17 @@ class WanderingRigidGaps(RigidGaps):
         return x if not len(pose) else (x - pose[:3]) @ pose[3:].reshape(3, 3)
 
     def _choose(self, anchor: Anchor) -> None:
-        """Choose the rows that may close until the patch has moved by `_reach`, and the nearest rows."""
+        """Choose the rows that may close until the patch has moved by `Choice.reach`, and the nearest rows."""
         gap = self._projected(self._whole.place(anchor.q), anchor.pose)[0]
         least, soon = float(gap.min()) - self.reach, SOON * self.size
-        self._reach = max(soon, 0.25 * (least - 2 * soon))
+        reach = max(soon, 0.25 * (least - 2 * soon))
         nodes = np.flatnonzero(gap < self.reach + max(2 * soon, least + soon))
         facets = np.flatnonzero(np.isin(self._whole.surface.facets, nodes).any(axis=1))
-        self.sides, self._loaded = (self._whole.part(facets, self._witnesses),), {}
-        self._put_stage(Stage(self._rows_of(nodes), self.stage.normals, self.stage.shares))  # `at` finds these two
-        self._beyond = self.reach + max(least, 2 * soon) - self._reach
-        self._chosen, self._chosen_at = anchor, self._here(anchor.q, anchor.pose)
+        part = self._whole.part(facets, self._witnesses)
+        self.sides = (part,)
+        rows, beyond = self._rows_of(nodes), self.reach + max(least, 2 * soon) - reach
+        rows.choice = Choice(anchor, self._here(anchor.q, anchor.pose), reach, beyond, part)
+        self._put_stage(Stage(rows, self.stage.normals, self.stage.shares))  # `at` finds these two
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """See `Gaps.closing`; the last entry bounds all points without rows, by their least gap and largest speed."""
@@ -209,7 +249,8 @@ class WanderingRigidGaps(RigidGaps):
             moving, turning = self._motion()
             velocity = velocity - moving - np.cross(turning, kinematics.place(q) - self._pose()[0])
         speed = float(np.linalg.norm(velocity, axis=1).max())
-        return np.append(gap, self._beyond), np.append(rate, -speed), np.append(acceleration, 0.0)
+        beyond = np.inf if self._choice is None else self._choice.beyond
+        return np.append(gap, beyond), np.append(rate, -speed), np.append(acceleration, 0.0)
 
     @property
     def whole(self) -> Side:

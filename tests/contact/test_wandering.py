@@ -257,6 +257,26 @@ def test_rows_near_a_rigid_plane_have_the_force_of_all_rows(rim):
     assert 1 < sum(pressed) < len(pressed)
 
 
+def test_an_answer_that_is_asked_for_late_has_the_rows_of_its_own_place(rim):
+    """A disc has rolled on to other rows. Answers of before, and those of then, are as of fresh contacts."""
+    side, plane = floating(rim, (0, 1e-6, 0)), RigidPlane(normal=(0, 1, 0))
+    law = compliant(WanderingRigidGaps(side, plane))
+    here, there, between = (turned(rim, angle, [-R * angle, -DEEP, 0]) for angle in (0.0, 0.5, 0.02))
+    kept, fresh, other = law.for_run(), law.for_run(), law.for_run()
+    expected, answer = fresh.at(here), kept.at(here)
+    state = expected.after(1e-6)
+    kept.at(there)
+    assert not np.array_equal(kept.gaps.row_nodes, answer.row_nodes)
+    np.testing.assert_array_equal(answer.generalised, expected.generalised)
+    late = answer.after(1e-6)
+    np.testing.assert_array_equal(late.gaps.chosen.q, state.gaps.chosen.q)
+    for contact, begin in ((fresh, state), (other, late)):
+        contact.begin(begin, 1e-6)
+    near = {"rtol": 0, "atol": 1e-9 * abs(answer.lam).sum()}
+    np.testing.assert_allclose(other.at(between).generalised, fresh.at(between).generalised, **near)
+    np.testing.assert_allclose(kept.at(there).generalised, law.for_run().at(there).generalised, **near)
+
+
 def test_rows_that_close_before_they_are_chosen_again_are_present(rim):
     """However the disc moves: along both axes it comes further than each coordinate may change."""
     side, normal = floating(rim, (0, 1e-6, 0)), np.array([1, 1, 0]) / 2**0.5
