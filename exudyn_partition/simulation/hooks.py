@@ -6,6 +6,7 @@ import contextlib
 import functools
 import math
 import re
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +27,7 @@ from ..support.arrays import Array
 from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContainer, SimulationSettings, UserFunction
 from ..support.interrupt import Interrupt, interruptible
 from ..support.optional import require
-from ..support.progress import Progress
+from ..support.progress import LOOK, Progress
 from .step_control import Pace, Pacing, StepControl
 
 _RESIDUAL = 3e-18  # share of forces that move bodies by their size in a period of f_cut: 1e-8 N for some centimetres
@@ -219,12 +220,12 @@ def watch_steps(
     own_function = user_function(mbs.GetPreStepUserFunction())
     runs, kinds = runs_of(mbs), require("exudyn").ConfigurationType
     damping = registered(mbs).damping
-    next_report = start_time
+    next_report, next_look = start_time, time.perf_counter() + LOOK
 
     def before_step(mbs: MainSystem, t: float) -> bool:
-        nonlocal next_report, last_start
-        if t >= next_report:
-            next_report = t + (end_time - start_time) / 100
+        nonlocal next_report, next_look, last_start
+        if t >= next_report or time.perf_counter() >= next_look:
+            next_report, next_look = t + (end_time - start_time) / 100, time.perf_counter() + LOOK
             progress(min((t - start_time) / (end_time - start_time), 1.0))
         start, previous, stop = start_of_step(mbs), last_start, watch.interrupted
         if start > end_time - _OVER * step:

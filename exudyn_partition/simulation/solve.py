@@ -111,7 +111,8 @@ def solve_dynamic(
         steps are those of this call. For all else Exudyn's own defaults hold: they solve by dense matrices, and write a
         file with the solution. Default: sparse matrices, no file, and options of Newton's method that suit contacts.
     progress : callable, optional
-        Called with the share done, 0 to 1, a hundred times. Default: a bar on the terminal, if it takes long.
+        Called with the share done, 0 to 1: a hundred times, and each second where steps are slow. Default: a bar on the
+        terminal, or lines elsewhere, if it takes long; a run of more than some ten seconds says ahead how long.
 
     Returns
     -------

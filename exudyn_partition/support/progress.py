@@ -1,9 +1,10 @@
-"""Progress bars on the terminal; without a terminal, lines in the log at level INFO."""
+"""How far work has come, and how long it will take: bars on a terminal, lines elsewhere."""
 
 from __future__ import annotations
 
 import contextlib
 import logging
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -16,16 +17,20 @@ from .optional import require
 Progress = Callable[[float], None]  # takes the share done, 0 to 1
 
 _LOG = logging.getLogger(__name__)
-_PARTS = 10  # lines in the log of work that takes long
-
 LONG = 2.0  # work that takes longer shows a bar [s]
+LOOK = 1.0  # time between two looks at how fast work goes on [s]
+_WORTH_TELLING = 10.0  # whole time from which a line tells it ahead [s]
+_FIRST_LINE, _SELDOM = 10.0, 300.0  # where there is no bar: time of the first line, and longest between two [s]
 
 
 @contextlib.contextmanager
 def progress(title: str, *, after: float = 0.0) -> Iterator[Progress]:
     """Show a bar while something runs; yields the function to call with the share done, 0 to 1.
 
-    Where stderr is no terminal, each tenth is a line in the log of `exudyn_partition`, at level INFO.
+    If the whole will take more than some ten seconds, a line tells so after two seconds. Where stderr is no
+    terminal, as in notebooks, pipes and batch jobs, lines tell the share done and the time left: after ten seconds,
+    then ever less often, at least every five minutes. They go to the log of `exudyn_partition` if that takes level
+    INFO, or else to stderr.
 
     Parameters
     ----------
@@ -49,18 +54,16 @@ def progress(title: str, *, after: float = 0.0) -> Iterator[Progress]:
     if after < 0:
         raise InputError(f"after: expected a time of at least zero, got {after!r}")
     bar = terminal_bar()
-    task, begin, told = bar.add_task(_plain(title), total=1.0), time.perf_counter(), 0
+    task, begin, lines = bar.add_task(_plain(title), total=1.0), time.perf_counter(), _Lines(title, bar.disable)
 
     def report(share: float) -> None:
-        nonlocal told
         share = validate_number("share", share)
-        seconds, part = time.perf_counter() - begin, int(_PARTS * share)
+        seconds = time.perf_counter() - begin
         if not bar.live.is_started and seconds >= after:
             bar.start()
         bar.update(task, completed=share)
-        if bar.disable and part > told and seconds >= after:
-            told = part
-            _LOG.info("%s: %d %% after %.3g s", title, 100 * part // _PARTS, seconds)
+        if (line := lines.at(seconds, share)) is not None:
+            _tell(bar, line)
 
     try:
         if not after:
@@ -69,6 +72,40 @@ def progress(title: str, *, after: float = 0.0) -> Iterator[Progress]:
         bar.update(task, completed=1.0)
     finally:
         _stop(bar)
+
+
+class _Lines:
+    """Lines about work: one ahead if it takes long, and where there is no bar, some on the way.
+
+    The time left follows from the pace since the last look. The first look does not count, for loops may be compiled
+    before it.
+
+    Parameters
+    ----------
+    title : str
+    on_the_way : bool
+    """
+
+    def __init__(self, title: str, on_the_way: bool) -> None:
+        self._title, self._on_the_way = title, on_the_way
+        self._look, self._looks, self._announced, self._next = (0.0, 0.0), 0, False, _FIRST_LINE
+
+    def at(self, seconds: float, share: float) -> str | None:
+        """Line after some time [s], with this share done; None if there is nothing to tell."""
+        before, done = self._look
+        if seconds - before < LOOK or not done < share < 1.0:
+            return None
+        self._look, self._looks = (seconds, share), self._looks + 1
+        left = (1.0 - share) * (seconds - before) / (share - done)
+        if self._looks == 1:
+            return None
+        if not self._announced and seconds + left >= _WORTH_TELLING:
+            self._announced = True
+            return f"{self._title}: about {duration(seconds + left)} in all"
+        if self._on_the_way and seconds >= self._next:
+            self._next = min(2 * seconds, seconds + _SELDOM)
+            return f"{self._title}: {share:.0%} after {duration(seconds)}, about {duration(left)} left"
+        return None
 
 
 @contextlib.contextmanager
@@ -98,6 +135,24 @@ def say(text: str) -> None:
         _LOG.info("%s", text)
 
 
+def _tell(bar: ProgressBar, text: str) -> None:
+    """Write a line where the user looks: above the bar, into a log that takes it, or to stderr."""
+    if not bar.disable:
+        bar.console.print(_plain(text))
+    elif _LOG.isEnabledFor(logging.INFO):
+        _LOG.info("%s", text)
+    else:
+        print(text, file=sys.stderr, flush=True)
+
+
+def duration(seconds: float) -> str:
+    """Text of a time, to two digits, in the unit that suits it."""
+    for unit, size in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= 1.5 * size:
+            return f"{float(f'{seconds / size:.2g}'):g} {unit}"
+    return f"{float(f'{seconds:.2g}'):g} s"
+
+
 def _plain(title: str) -> str:
     """Text that rich shows as it is: brackets are its markup."""
     return str(require("rich.markup").escape(title))
@@ -107,7 +162,8 @@ def terminal_bar() -> ProgressBar:
     """A bar of rich on stderr, which shows nothing where stderr is no terminal."""
     rich = require("rich.progress")
     console = require("rich.console").Console(stderr=True)
-    columns = (rich.TextColumn("{task.description:<28}"), rich.BarColumn(), rich.TimeElapsedColumn())
+    times = rich.TimeElapsedColumn(), rich.TimeRemainingColumn()
+    columns = rich.TextColumn("{task.description:<28}"), rich.BarColumn(), *times
     return rich.Progress(*columns, console=console, disable=not console.is_terminal)
 
 

@@ -3,10 +3,12 @@
 import logging
 from types import SimpleNamespace
 
+import exudyn as exu
 import pytest
 from oracles import box
 
 import exudyn_partition as ep
+from exudyn_partition.simulation import hooks
 from exudyn_partition.support import progress
 
 
@@ -38,11 +40,76 @@ def test_what_takes_long_shows_that_it_runs(monkeypatch, long, expected):
     assert bar.calls == [("mesh", None), *expected]
 
 
-@pytest.mark.parametrize(("after", "lines"), [(0.0, ["30 %", "90 %"]), (60.0, [])])
-def test_without_a_terminal_each_tenth_is_a_line_in_the_log(caplog, after, lines):
-    with caplog.at_level(logging.INFO, "exudyn_partition"), ep.progress("a long study", after=after) as report:
-        for share in (0.05, 0.31, 0.39, 0.9, 0.95):
+class Clock:
+    """A clock that a test sets."""
+
+    def __init__(self, monkeypatch):
+        self.now = 0.0
+        monkeypatch.setattr(progress.time, "perf_counter", lambda: self.now)
+
+
+def told(monkeypatch, title, reports, **options):
+    """Report shares at times [s]."""
+    clock = Clock(monkeypatch)
+    with ep.progress(title, **options) as report:
+        for clock.now, share in reports:
             report(share)
-    assert [record.getMessage().split(" after")[0] for record in caplog.records] == [
-        f"a long study: {line}" for line in lines
+
+
+EVENLY = [(0.5 * k, 0.5 * k / 124) for k in range(240)]  # work of 124 s
+
+
+def test_work_that_takes_long_says_so_ahead_and_on_the_way(monkeypatch, capsys):
+    """Without a terminal, as in pipes and notebooks: lines on stderr, ever less often."""
+    told(monkeypatch, "a long study", EVENLY)
+    assert capsys.readouterr().err.splitlines() == [
+        "a long study: about 2.1 min in all",
+        "a long study: 8% after 10 s, about 1.9 min left",
+        "a long study: 16% after 20 s, about 1.7 min left",
+        "a long study: 32% after 40 s, about 84 s left",
+        "a long study: 65% after 80 s, about 44 s left",
     ]
+
+
+def test_a_log_that_takes_such_lines_has_them_instead(monkeypatch, capsys, caplog):
+    with caplog.at_level(logging.INFO, "exudyn_partition"):
+        told(monkeypatch, "a long study", EVENLY)
+    assert len(caplog.records) == 5
+    assert not capsys.readouterr().err
+
+
+def test_compiling_at_the_start_does_not_count(monkeypatch, capsys):
+    """Thirty seconds in which nothing happens, then all in three."""
+    told(monkeypatch, "steps", [(30.0, 0.01), *[(30.0 + k, 0.01 + 0.33 * k) for k in (1, 2)], (33.0, 1.0)])
+    assert capsys.readouterr().err.splitlines() == ["steps: about 33 s in all", "steps: 67% after 32 s, about 1 s left"]
+
+
+def test_short_work_says_nothing(monkeypatch, capsys):
+    told(monkeypatch, "steps", [(0.1 * k, k / 90) for k in range(91)])
+    assert not capsys.readouterr().err
+
+
+def test_a_run_that_is_slow_is_looked_at_each_second(monkeypatch, marble):
+    """Its first hundredth may take long: the share done is told before."""
+    clock, shares = Clock(monkeypatch), []
+    monkeypatch.setattr(hooks.time, "perf_counter", lambda: clock.now)
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, marble, initialVelocity=[0, 0, -0.1], referencePosition=[0, 0, 0.02])
+    ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), slavePatch="south")
+    mbs.Assemble()
+
+    def slow(mbs, t):
+        clock.now += 0.6
+        return True
+
+    mbs.SetPreStepUserFunction(slow)
+    ep.solve_dynamic(mbs, end_time=1e-4, step=1e-7, progress=shares.append)
+    assert 480 <= len(shares) <= 520
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.0, "0 s"), (8.26, "8.3 s"), (89.0, "89 s"), (90.1, "1.5 min"), (5300, "88 min"), (9e4, "25 h")],
+)
+def test_times_have_the_unit_that_suits_them(seconds, text):
+    assert progress.duration(seconds) == text
