@@ -278,7 +278,11 @@ class RigidGaps(Gaps):
     def _gaps_at(self, q: Array, pose: Array) -> Array:
         """Gaps at coordinates q, (n,), with the carrier of the surface at a pose."""
         rows = self.stage.rows
-        stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
+        return self._gaps_of(rows, self.places_of(rows.sides, q), q, pose)
+
+    def _gaps_of(self, rows: PresentRows, places: list[Array], q: Array, pose: Array) -> Array:
+        """Go to where some rows are with nodes at places, see `_stage_at`; return their gaps, (nr,) [m]."""
+        stage, gap = self._stage_at(rows, places, q, pose)
         self._go_to_stage(stage, q)
         return gap
 

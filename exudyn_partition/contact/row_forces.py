@@ -76,7 +76,13 @@ class RowForces:
 
     def resultant(self) -> Array:
         """Force on the slave, (3,) [N]."""
-        along = self.lam @ self._present.stage.normal
+        return self._resultant.copy()
+
+    @FoundOnce
+    def _resultant(self) -> Array:
+        if not self.index.size:
+            return np.zeros(3)
+        along: Array = self.lam @ self._present.stage.normal
         return along if self.rows.d == 1 else along + self.traction.sum(axis=0)
 
     def moment(self, point: Array) -> Array:

@@ -170,7 +170,6 @@ class WanderingRigidGaps(RigidGaps):
     def _rows_at_start(self) -> PresentRows:
         """See `RigidGaps`. It also keeps the whole patch, and points that witness its motion."""
         self._whole, self._witnesses = self.slave, spread(self.slave.surface.points)
-        self._three = self.slave.kinematics.some(self._witnesses)
         gap = self._projected(self.slave.surface.points - self.centre, self.carrier_pose)[0]
         return self._rows_of(np.flatnonzero(gap <= gap.min() + SOON * self.size))
 
@@ -211,10 +210,13 @@ class WanderingRigidGaps(RigidGaps):
 
     def at(self, q: Array) -> Array:
         """See `Gaps.at`."""
-        choice = self._choice
-        if choice is None or abs(self._here(q, self.carrier_pose) - choice.here).max() > choice.reach:
-            self._choose(Anchor(q.copy(), self.carrier_pose))
-        return super().at(q)
+        choice, pose, rows = self._choice, self.carrier_pose, self.stage.rows
+        if choice is not None:
+            places = self.places_of(rows.sides, q)
+            if abs(self._here(places[0], pose) - choice.here).max() <= choice.reach:
+                return self._gaps_of(rows, places, q, pose)
+        self._choose(Anchor(q.copy(), pose))
+        return self._gaps_at(q, pose)
 
     def of_present(self, q: Array) -> Array:
         """See `Gaps.of_present`."""
@@ -222,14 +224,18 @@ class WanderingRigidGaps(RigidGaps):
             return self.at(q)
         return super().at(q)
 
-    def _here(self, q: Array, pose: Array) -> Array:
-        """Places of three nodes relative to the surface, (3, 3) [m], at coordinates q, (n,), and its carrier's pose."""
-        x = self._three.place(q)
+    def _here(self, places: Array, pose: Array) -> Array:
+        """Places of three nodes relative to the surface, (3, 3) [m].
+
+        `places` are those of the patch's nodes, (np, 3), and `pose` is that of the surface's carrier.
+        """
+        x: Array = places[self._witnesses]
         return x if not len(pose) else (x - pose[:3]) @ pose[3:].reshape(3, 3)
 
     def _choose(self, anchor: Anchor) -> None:
         """Choose the rows that may close until the patch has moved by `Choice.reach`, and the nearest rows."""
-        gap = self._projected(self._whole.place(anchor.q), anchor.pose)[0]
+        places = self._whole.place(anchor.q)
+        gap = self._projected(places, anchor.pose)[0]
         least, soon = float(gap.min()) - self.reach, SOON * self.size
         reach = max(soon, 0.25 * (least - 2 * soon))
         nodes = np.flatnonzero(gap < self.reach + max(2 * soon, least + soon))
@@ -237,7 +243,7 @@ class WanderingRigidGaps(RigidGaps):
         part = self._whole.part(facets, self._witnesses)
         self.sides = (part,)
         rows, beyond = self._rows_of(nodes), self.reach + max(least, 2 * soon) - reach
-        rows.choice = Choice(anchor, self._here(anchor.q, anchor.pose), reach, beyond, part)
+        rows.choice = Choice(anchor, self._here(places, anchor.pose), reach, beyond, part)
         self._put_stage(Stage(rows, self.stage.normals, self.stage.shares))  # `at` finds these two
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:

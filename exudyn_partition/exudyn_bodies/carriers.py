@@ -22,8 +22,15 @@ _POINTS = "MassPoint"  # how types of bodies without axes begin; for all others 
 class OnCarrier(Protocol):
     """A contact with a rigid surface, as far as its carrier needs it."""
 
-    def on_carrier(self, point: Array) -> Array:
-        """Force on the body that carries the surface, and moment about a point in space, (6,) [N, N m]."""
+    @property
+    def acts_on_carrier(self) -> bool:
+        """Whether this force may not be zero."""
+
+    def force_on_carrier(self) -> Array:
+        """Force on the body that carries the surface, (3,) [N]."""
+
+    def moment_on_carrier(self, point: Array) -> Array:
+        """Its moment about a point in space, (3,) [N m]."""
 
 
 def weakly(mbs: MainSystem) -> Callable[[], MainSystem]:
@@ -65,12 +72,12 @@ def validate_carrier(name: str, mbs: MainSystem, body: object) -> None:
 
 def pose(mbs: MainSystem, body: ObjectIndex) -> Pose:
     """Return the present pose of an Exudyn body; before the model is assembled, its reference pose."""
-    exu = require("exudyn")
-    configuration, model = exu.ConfigurationType, weakly(mbs)
+    kinds, model = require("exudyn").ConfigurationType, weakly(mbs)
+    current, reference = kinds.Current, kinds.Reference
 
     def pose_now() -> tuple[Array, Array]:
         mbs = model()
-        return pose_in(mbs, body, configuration.Current if mbs.systemData.ODE2Size() else configuration.Reference)
+        return pose_in(mbs, body, current if mbs.systemData.ODE2Size() else reference)
 
     return pose_now
 
@@ -150,12 +157,15 @@ def load_carrier(mbs: MainSystem, contact_now: Callable[[], OnCarrier], body: Ob
     items, pose_now = require("exudyn.itemInterface"), pose(mbs, body)
     marker = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=[0.0, 0.0, 0.0]))
 
+    zero = [0.0, 0.0, 0.0]
+
     def force(mbs: MainSystem, t: float, load: object) -> list[float]:
-        return [*map(float, contact_now().on_carrier(pose_now()[0])[:3])]
+        contact = contact_now()
+        return [*map(float, contact.force_on_carrier())] if contact.acts_on_carrier else zero
 
     def torque(mbs: MainSystem, t: float, load: object) -> list[float]:
-        return [*map(float, contact_now().on_carrier(pose_now()[0])[3:])]
+        contact = contact_now()
+        return [*map(float, contact.moment_on_carrier(pose_now()[0]))] if contact.acts_on_carrier else zero
 
-    zero = [0.0, 0.0, 0.0]
     mbs.AddLoad(items.LoadForceVector(markerNumber=marker, loadVector=zero, loadVectorUserFunction=force))
     mbs.AddLoad(items.LoadTorqueVector(markerNumber=marker, loadVector=zero, loadVectorUserFunction=torque))

@@ -356,10 +356,20 @@ class ContactRun:
         """Energy that viscous flexibilities and the law itself have taken until t [J]."""
         return answer.viscous_work + answer.law_work(t)
 
-    def on_carrier(self, point: Array) -> Array:
-        """Force on the body that carries the rigid surface, and its moment about a point in space, (6,) [N, N m]."""
+    @property
+    def acts_on_carrier(self) -> bool:
+        """Whether `force_on_carrier` may not be zero."""
+        return isinstance(self._multipliers, ImpulseAnswer) or self.evaluation.index.size > 0
+
+    def force_on_carrier(self) -> Array:
+        """Force on the body that carries the rigid surface, (3,) [N]."""
         last = self._multipliers
-        return last.carrier_force(point) if isinstance(last, ImpulseAnswer) else self.evaluation.on_carrier(point)
+        return last.on_carrier[:3] if isinstance(last, ImpulseAnswer) else -self.evaluation.resultant()
+
+    def moment_on_carrier(self, point: Array) -> Array:
+        """Its moment about a point in space, (3,) [N m]."""
+        last = self._multipliers
+        return last.carrier_moment(point) if isinstance(last, ImpulseAnswer) else -self.evaluation.moment(point)
 
     @property
     def iterations(self) -> int:

@@ -180,10 +180,11 @@ class ImpulseAnswer:
         """Impulses so far, see `ImpulseState`."""
         return self.state.impulse
 
-    def carrier_force(self, point: Array) -> Array:
-        """Force on the body that carries the rigid surface, and moment about a point, (6,), at the end of the step."""
+    def carrier_moment(self, point: Array) -> Array:
+        """Moment on the body that carries the rigid surface about a point, (3,) [N m], at the end of the step."""
         force, moment = self.on_carrier[:3], self.on_carrier[3:]
-        return np.concatenate([force, moment - np.cross(point, force)])
+        about_point: Array = moment - np.cross(point, force)
+        return about_point
 
 
 class StepImpulses:
