@@ -218,6 +218,7 @@ def test_a_row_is_followed_before_it_closes_by_twice_the_error_of_those_that_are
     own = np.linalg.lstsq(nodes, motion.ravel(), rcond=None)[0]
     after = gaps.at(np.r_[pressed + own, still])
     assert after.min() == pytest.approx(least, abs=1e-10)
+    assert (gaps.row_nodes is first) is not chosen  # rows are chosen again only if that may be needed
     assert (left_out[nearest] in gaps.row_nodes) is chosen
     if chosen:
         (row,) = np.flatnonzero(gaps.row_nodes == left_out[nearest])
