@@ -312,6 +312,7 @@ CASES = {
                         figures=("contact_sharp_edges.png",)),
     "oblique": Case("contact/oblique.py", oblique),
     "bouncing": Case("contact/bouncing.py", bouncing),
+    "energy_floor": Case("contact/energy_floor.py", limits(("unexplained", "rigid", "layer")), quick=()),
     "bouncing_bar": Case("contact/bouncing_bar.py", bouncing_bar, figures=("contact_bouncing_bar.png",)),
     "ringing": Case("contact/ringing.py", ringing),
     "lasting": Case("contact/lasting.py", lasting),

@@ -54,7 +54,7 @@ class RigidPlane:
 
     def project(self, x: Array) -> tuple[Array, Array]:
         """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3)."""
-        return (x - self.point) @ self.normal, np.broadcast_to(self.normal, x.shape)
+        return (x - self.point) @ self.normal, np.tile(self.normal, (*x.shape[:-1], 1))
 
 
 @dataclass(frozen=True, eq=False)

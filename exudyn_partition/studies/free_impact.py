@@ -126,10 +126,9 @@ def _measured(
         return dict.fromkeys(QUANTITIES, math.nan) | {"contacts": 0.0, "over": 0.0}
     ends = result.at(result.t[[0, -1]])
     centre = _centre(contact, result.at(result.t[[int(force.argmax())]]), normal)
-    motions = [
-        item.kinematics.mean_velocity(item.coordinates(ends), item.coordinates_t(ends), centre) for item in items
-    ]
-    velocity = motions[0] - sum(motions[1:])  # of the first body at the contact, before and after, (2, 3)
+    # Bodies that spin carry other points of theirs through the centre later, whose velocities are others.
+    opened = min(int(np.searchsorted(result.t, impacts[-1].end)), len(result.t) - 1)
+    velocity = relative_velocity(items, result.at(result.t[[0, opened]]), centre)  # before and after, (2, 3)
     middles = [item.momentum(ends) / item.body.total_mass for item in items]
     middle = middles[0] - sum(middles[1:])
     tangential = velocity @ beside
@@ -151,9 +150,21 @@ def _measured(
         "peak_force": force.max(),
         "impulse": impulse,
         **_shares(items, contact, result, ends),
-        "over": _is_over(items, contact, ends, velocity[1], normal),
+        "over": is_over(items, contact, ends, normal),
     }
     return {key: float(found[key]) for key in QUANTITIES}
+
+
+def relative_velocity(items: list[PartitionBody], result: Result, point: Array) -> Array:
+    """Velocity of the first body at a point of space, (3,), against the second one or space, (n, 3) [m/s].
+
+    The bodies count as rigid ones with their momenta.
+    """
+    motions = [
+        item.kinematics.mean_velocity(item.coordinates(result), item.coordinates_t(result), point) for item in items
+    ]
+    velocity: Array = motions[0] - sum(motions[1:])
+    return velocity
 
 
 def speed_ratio(after: float, before: float, speed: float) -> float:
@@ -206,16 +217,29 @@ def vibration_energy(item: PartitionBody, result: Result) -> Array:
     return vibration
 
 
-def _is_over(items: list[PartitionBody], contact: PartitionContact, ends: Result, after: Array, normal: Array) -> bool:
-    """Whether no vibration can close the contact again, however its modes come together.
+def is_over(items: list[PartitionBody], contact: PartitionContact, result: Result, normal: Array) -> bool:
+    """Whether no vibration can close the contact again after a result, however its modes come together.
 
     A body with the strain and kinetic energy E of vibration moves a point that has the flexibility c by sqrt(2 E c) at
-    most. The gap of the bodies without vibration must be wider, and not shrink.
+    most. The gap of the bodies without vibration must be wider, and not shrink: bodies that spin may come back.
+
+    Parameters
+    ----------
+    items : list of PartitionBody
+        The first body, and the second one unless that is a rigid surface.
+    contact : PartitionContact
+    result : Result
+        Its last sample counts.
+    normal : (3,) array
+        Direction in which the first body flew at the second one.
     """
-    if after @ normal >= 0:
+    last = result.at(result.t[[-1]])
+    (slave, patch), *_ = contact.sides
+    places = slave.kinematics.at(slave.body.partition.patches[patch].nodes).place(slave.coordinates(last)[0])
+    foremost = places[int((places @ normal * (1.0 if slave == items[0] else -1.0)).argmax())]
+    if relative_velocity(items, last, foremost)[0] @ normal >= 0:
         return False
-    last = ends.at(ends.t[[1]])
-    gap, reach = float(contact.gap(last)[-1].min()), 0.0
+    gap, reach = float(contact.gap(last)[-1]), 0.0
     for item, patch in contact.sides:
         body, part = item.body, item.body.partition.patches[patch]
         row = part.direction @ (body.rows(part.nodes[:1]) @ np.eye(body.n_dofs))

@@ -48,11 +48,12 @@ class Moving(structref.StructRefProxy):
         Of the master, see `pairs.MovingPairs`.
     past, gone : (p,) bool arrays
         Of all points.
-    facet, local, step, last : (k,) int array, (k, 2) arrays, coordinate after coordinate in memory
+    facet, local, step, last : (k,) int array, (2, k) arrays
         Of the last projection: facets, coordinates before the last step of Newton's method, and this step; how far the
-        points have moved since the projection before.
+        points have moved since the projection before. Loops take their transposes, (k, 2): as such, those of a single
+        point would have another type than those of several, and all loops would be compiled again for it.
     x, some, frames, normal, weights, known, places : arrays
-        Room to work in: to make it anew each time would take longer.
+        Room to work in: to make it anew each time would take longer. Loops take transposes of `normal` and `weights`.
     """
 
     nodes: Array
@@ -107,9 +108,9 @@ def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size
     """
     index, facets, past, gone = m.index, m.facets, m.past, m.gone
     across, its_edge, turns, middles, table = m.across, m.its_edge, m.turns, m.middles, m.table
-    facet, local, step, last = m.facet, m.local, m.step, m.last
+    facet, local, step, last = m.facet, m.local.T, m.step.T, m.last.T
     k, cubic, quad = len(index), len(table) == 10, is_quad(facets)
-    x, some, known, places, frames, along = m.x, m.some, m.known, m.places, m.frames, m.normal
+    x, some, known, places, frames, along = m.x, m.some, m.known, m.places, m.frames, m.normal.T
     inside = frames[0]
     for i in range(k):
         local[i, 0] += step[i, 0] + last[i, 0]
@@ -309,8 +310,8 @@ def follow_rows(
 @compiled
 def weights(m: Moving) -> Array:
     """Shape functions at the closest points, (k, n)."""
-    weigh(m.local, m.step, m.table, m.weights)
-    return np.ascontiguousarray(m.weights)
+    weigh(m.local.T, m.step.T, m.table, m.weights.T)
+    return np.ascontiguousarray(m.weights.T)
 
 
 @inlined
@@ -327,14 +328,14 @@ def put(nodes: Array, row: int, shares: Array, point: int, x: float, y: float, z
 def forces_on_nodes(m: Moving, lam: Array, normals: Array, n_s: int, n_m: int) -> tuple[Array, Array]:
     """Forces on all nodes of both patches, (n, 3), of forces on the rows along their points' normals, (k, 3)."""
     nodes, shares, starts, columns, means = m.nodes, m.shares, m.starts, m.columns, m.means
-    facets, facet, weights = m.facets, m.facet, m.weights
+    facets, facet, weights = m.facets, m.facet, m.weights.T
     k, push = len(facet), m.frames[0]
     push[:] = 0.0
     for row in range(len(lam)):
         if lam[row] != 0.0:
             for i in range(starts[row], starts[row + 1]):
                 push[columns[i]] += means[i] * lam[row]
-    weigh(m.local, m.step, m.table, weights)
+    weigh(m.local.T, m.step.T, m.table, weights)
     of_slave, of_master = np.zeros((n_s, 3)), np.zeros((n_m, 3))
     for i in range(k):
         if push[i] != 0.0:

@@ -44,7 +44,8 @@ class MovingPairs:
     """
 
     def __init__(self, master: Surface, facet: Array, local: Array) -> None:
-        self.facets, self.size = master.facets, master.facet_size
+        # Loops are compiled again for arrays of another layout.
+        self.facets, self.size = np.ascontiguousarray(master.facets), master.facet_size
         self._neighbours = master.neighbours
         self._middles, self._turns = edge_middles(master.facets), master.turns
         self._facet, self._local, self._last = facet.copy(), local.copy(), np.zeros_like(local)
@@ -107,12 +108,13 @@ class MovingPairs:
         if self._points is not points:
             mean, k = points.mean, len(index)
             self._keep()
-            last, now = (np.asfortranarray(values.take(index, axis=0)) for values in (self._last, self._local))
-            self._here, self._motion, self._index = (self._facet.take(index), now, np.zeros_like(now)), last, index
-            rows = points.nodes, points.weights, index, mean.indptr, mean.indices, mean.data
-            state = self._past, self._gone, *self._here, last
+            last, now = (np.ascontiguousarray(values.take(index, axis=0).T) for values in (self._last, self._local))
+            facet, step = self._facet.take(index), np.zeros_like(now)
+            self._here, self._motion, self._index = (facet, now.T, step.T), last.T, index
+            rows = points.nodes, points.weights, np.ascontiguousarray(index), mean.indptr, mean.indices, mean.data
+            state = self._past, self._gone, facet, now, step, last
             room = np.empty((k, 3)), np.empty(k, dtype=np.int64), np.empty((9, k))
-            more = np.empty((k, 3), order="F"), np.empty((k, self.facets.shape[1]), order="F"), *self._room
+            more = np.empty((3, k)), np.empty((self.facets.shape[1], k)), *self._room
             self._moving = loops.moving(*rows, *self._of_master, *state, *room, *more)
             self._points = points
         return self._moving

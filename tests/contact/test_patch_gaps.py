@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from oracles import SPHERE_RADIUS, compliant, floating, inertial, moved, relative
 
+import exudyn_partition as ep
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.frames.floating import FloatingKinematics
 from exudyn_partition.surfaces.points import ROWS
@@ -181,6 +182,47 @@ def test_rows_that_are_not_followed_are_open(round_body, flat_body, kind, ball_i
         ]
         np.testing.assert_allclose(found[inner], [expected[node] for node in gaps.row_nodes[inner]], atol=2e-10)
     assert fewest < 0.5
+
+
+@pytest.fixture(scope="module")
+def free_nodes(ball, kept):
+    """The ball with coordinates for each node of its patch, which can then be put anywhere."""
+    return ep.reduce(*ball, basis="craig-bampton", f_cut=150e3, cache=kept)
+
+
+@pytest.mark.parametrize(("errors", "chosen"), [(1.9, True), (2.1, False)])
+@pytest.mark.parametrize("bulges", [1.0, -1.0])
+@pytest.mark.usefixtures("each_path")
+def test_a_row_is_followed_before_it_closes_by_twice_the_error_of_those_that_are(
+    free_nodes, flat_body, errors, chosen, bulges
+):
+    """Deformation is what rigid motion does not tell: here of one followed row, and of the nearest that is not."""
+    ball = inertial(free_nodes)
+    gaps = PatchGaps(ball, inertial(flat_body), "node-to-segment")
+    gaps.follow()
+    pressed = moved(ball, [0, 0, -4e-6])
+    still = np.zeros(flat_body.n_dofs)
+    found = gaps.at(np.r_[pressed, still])
+    first, least = gaps.row_nodes, found.min()
+    soon = -0.25 * least  # smaller gaps may close because the surface bulges
+    every = gaps.project(*gaps.places(np.r_[pressed, still]))[0]
+    left_out = {
+        gap: node for node, gap in zip(every.points.row_nodes, every.gap, strict=True) if node not in set(first)
+    }
+    nearest = min(left_out)
+    error = (nearest - soon) / errors
+    deformed, wrong, closing = first[found.argmax()], bulges * error, 1.05 * (soon - nearest)
+    motion = np.zeros((len(free_nodes.partition.patches[0].nodes), 3))
+    motion[[deformed, left_out[nearest]], 2] = wrong, (closing if chosen else 0.0)
+    nodes = free_nodes.rows(free_nodes.partition.patches[0].nodes)
+    own = np.linalg.lstsq(nodes, motion.ravel(), rcond=None)[0]
+    after = gaps.at(np.r_[pressed + own, still])
+    assert after.min() == pytest.approx(least, abs=1e-10)
+    assert (gaps.row_nodes is first) is not chosen  # rows are chosen again only if that may be needed
+    assert (left_out[nearest] in gaps.row_nodes) is chosen
+    if chosen:
+        (row,) = np.flatnonzero(gaps.row_nodes == left_out[nearest])
+        assert after[row] == pytest.approx(nearest + closing, abs=1e-9)
 
 
 def test_forces_are_the_same_wherever_both_bodies_are(round_body, flat_body):

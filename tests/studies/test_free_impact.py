@@ -2,12 +2,14 @@
 
 from types import SimpleNamespace
 
+import exudyn as exu
 import numpy as np
 import pytest
 
+import exudyn_partition as ep
 from exudyn_partition.frames.floating import FloatingKinematics
 from exudyn_partition.frames.inertial import InertialKinematics
-from exudyn_partition.studies.free_impact import free_impact, rigid_spin, speed_ratio, vibration_energy
+from exudyn_partition.studies.free_impact import free_impact, is_over, rigid_spin, speed_ratio, vibration_energy
 from exudyn_partition.studies.impact_setup import Point
 
 VELOCITY, SPIN = np.array([0.3, -0.2, 0.1]), np.array([10.0, -20.0, 30.0])
@@ -59,3 +61,62 @@ def test_the_impulse_along_the_surface_does_not_depend_on_which_body_is_named_fi
     for pair in ((round_body, flat_body), (flat_body, round_body)):
         found, _ = free_impact(pair, point, np.array([1.0, 0, 0]), 20e-6)
         assert found["impulse_ratio"] == pytest.approx(0.1, rel=0.02)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_restitution_does_not_depend_on_how_long_a_body_that_spins_is_watched(round_body):
+    """Nothing acts on the ball after the contact."""
+    point = Point(0.0, 0.5, np.radians(65.0), 0.2)
+    short, long = (
+        free_impact((round_body, ep.RigidPlane()), point, np.array([1.0, 0, 0]), lasts)[0] for lasts in (1e-4, 2e-3)
+    )
+    assert abs(short["spin"]) > 10
+    for name in ("restitution", "tangential_restitution"):
+        assert long[name] == pytest.approx(short[name], abs=1e-3)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_an_impact_is_watched_until_it_is_over(round_body):
+    """Also where the time that was asked for ends within the contact."""
+    pair, point = (round_body, ep.RigidPlane()), Point(0.0, 0.3, 0.0, 0.0)
+    whole, cut = (free_impact(pair, point, None, lasts)[0] for lasts in (1e-4, 2.5e-5))
+    assert whole["contact_time"] > 2.5e-5
+    assert whole["over"] == cut["over"] == 1
+    for name in ("restitution", "contact_time", "impulse"):
+        assert cut[name] == pytest.approx(whole[name], rel=1e-6)
+
+
+def is_over_in_flight(mbs, body, height, velocity, spin, deformation, rates):
+    """Whether the contact of a ball with a plane is over while the ball flies above it."""
+    state = {"frame": "floating", "initialVelocity": velocity, "initialAngularVelocity": spin}
+    ball = ep.CreatePartitionBody(mbs, body, referencePosition=[0, 0, height], **state)
+    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane())
+    mbs.Assemble()
+    data, initial = mbs.systemData, exu.ConfigurationType.Initial
+    data.SetODE2Coordinates(data.GetODE2Coordinates(initial) + np.r_[np.zeros(6), deformation], initial)
+    data.SetODE2Coordinates_t(data.GetODE2Coordinates_t(initial) + np.r_[np.zeros(6), rates], initial)
+    result = ep.solve_dynamic(mbs, end_time=1e-9, step=1e-9)
+    return is_over([ball], contact, result, np.array([0, 0, -1.0]))
+
+
+@pytest.mark.parametrize("spin", [[0, 0, 0], [0, 90.0, 0], [0, -90.0, 0], [90.0, 0, 0], [-90.0, 0, 0]])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_contact_is_over_only_if_the_bodies_part(mbs, round_body, sign, spin):
+    """Where they are nearest to each other: the border of the patch may do the opposite."""
+    still = np.zeros(round_body.n_dofs - 6)
+    assert is_over_in_flight(mbs, round_body, 1e-3, [0, 0, 0.03 * sign], spin, still, still) is (sign > 0)
+
+
+@pytest.mark.parametrize(
+    ("height", "over", "phase"),
+    [(0.9, False, "passes"), (0.9, False, "up"), (1.1, True, "passes"), (1.1, True, "up"), (1.1, True, "down")],
+)
+def test_a_contact_is_over_if_all_modes_together_do_not_reach_the_plane(mbs, round_body, height, over, phase):
+    """They vibrate so that their largest displacements, together, move the patch as far as their energy can."""
+    kinematics = FloatingKinematics(round_body, np.zeros(3), np.zeros(3), round_body.partition.patches[0].nodes[:1])
+    squares, modes = np.linalg.eigh(kinematics.elastic_stiffness)
+    reach, row = 1e-5, kinematics.rows[2] @ modes
+    largest = reach * row / squares / (row**2 / squares).sum()
+    deformation = modes @ largest * {"passes": 0, "up": 1, "down": -1}[phase]
+    rates = modes @ (largest * np.sqrt(squares)) * (phase == "passes")
+    assert is_over_in_flight(mbs, round_body, height * reach, [0, 0, 0.1], [0, 0, 0], deformation, rates) is over

@@ -33,10 +33,11 @@ def test_points_that_are_followed_over_facets_are_on_the_closest(round_body, fla
     x = np.c_[rng.uniform(-0.3e-3, 0.3e-3, (40, 2)), np.full(40, -5e-6)]
     found = closest_points(x, surface.points[facets])
     pairs, alone = MovingPairs(surface, found.facet, found.local), single_points(40)
+    places = surface.points.copy()  # as in runs: loops would be compiled again for arrays that are read-only
     start = pairs.facet.copy()
     for _ in range(50):
         x = x + np.array([4e-6, 2e-6, 0.0])
-        gap = pairs.follow(alone, np.arange(40), x, surface.points)[1]
+        gap = pairs.follow(alone, np.arange(40), x, places)[1]
         assert (gap < pairs.size).all()
         found = closest_points(x, surface.points[facets])
         np.testing.assert_allclose(gap, found.gap, rtol=1e-4)
@@ -53,9 +54,9 @@ def test_points_a_little_past_the_edge_have_the_same_carriers_when_searched_and_
     outwards = middle - centre
     x = middle + 0.3 * EDGE_TOLERANCE * surface.facet_size * outwards / np.linalg.norm(outwards, axis=1)[:, None]
     found = closest_points(x, surface.points[surface.facets])
-    pairs, alone = MovingPairs(surface, found.facet, found.local), single_points(len(x))
+    pairs, alone, places = MovingPairs(surface, found.facet, found.local), single_points(len(x)), surface.points.copy()
     for _ in range(3):  # the first time all are searched
-        gap = pairs.follow(alone, np.arange(len(x)), x, surface.points)[1]
+        gap = pairs.follow(alone, np.arange(len(x)), x, places)[1]
         nodes, weights = pairs.carriers
         on_patch = np.einsum("kn,kni->ki", weights, surface.points[nodes])
         np.testing.assert_allclose(on_patch, x, atol=1e-6 * surface.facet_size)
