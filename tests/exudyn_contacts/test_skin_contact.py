@@ -74,10 +74,10 @@ def each(bodies, make, **run):
     return found
 
 
-def assert_alike(found):
+def assert_alike(found, same=SAME):
     (force, *_), (dense, *_) = found
     assert force.max() > 1.0
-    np.testing.assert_allclose(force, dense, rtol=0, atol=SAME * dense.max())
+    np.testing.assert_allclose(force, dense, rtol=0, atol=same * dense.max())
 
 
 def one(mbs, body, **options):
@@ -216,15 +216,16 @@ def two_balls(mbs, body):
     on_top = body.points[body.partition.patches[1].nodes]
     on_top = on_top[on_top[:, 2] > SIZE[2] - 1e-6]
     beside = on_top[np.linalg.norm(on_top - ON_TOP, axis=1).argmin()]
-    radius, places = 20e-3, {"top": np.array(ON_TOP), "rest": beside}
-    above = {name: ep.RigidSphere(at + [0, 0, radius + 1e-6], radius) for name, at in places.items()}
+    radius, places = 20e-3, {"top": ON_TOP, "rest": beside}
+    above = {name: ep.RigidSphere([*at[:2], at[2] + radius + 1e-6], radius) for name, at in places.items()}
     return [item], [ep.CreatePartitionContact(mbs, item, ball, slavePatch=name) for name, ball in above.items()]
 
 
 def test_a_small_patch_beside_a_large_skin(lid):
+    """They push each other through the full flexibility between them."""
     found = each(lid(ep.STEEL), two_balls, end_time=30e-6, step=0.2e-6)
     assert found[0][0].max(axis=1).min() > 1.0
-    assert_alike(found)
+    assert_alike(found, same=1e-4)  # an array is replaced by few fields between patches, with an error of this size
 
 
 def test_a_large_skin_beside_a_plastic_zone_is_refused(lid):

@@ -310,7 +310,7 @@ def largest_value(flexibility: Flexibility) -> float:
     """Largest singular value of a flexibility, (m, j) [m/N]; of one on demand to six digits, by products alone."""
     if isinstance(flexibility, np.ndarray):
         return float(np.linalg.norm(flexibility, 2))
-    n, m = flexibility.shape
+    m = flexibility.shape[1]
     other = flexibility.T
     operator = scipy.sparse.linalg.LinearOperator((m, m), matvec=lambda x: other @ (flexibility @ x), dtype=float)
     found = scipy.sparse.linalg.eigsh(operator, k=1, v0=np.ones(m), tol=1e-6, return_eigenvectors=False)
