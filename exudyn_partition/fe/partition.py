@@ -389,9 +389,9 @@ class Partition:
             return cls.surface(fem, np.arange(len(fem.facets)), axes=axes, name=name)
         validate_type("beside", beside, Partition, "Partition.interface() or Partition.ball()")
         beside.check_mesh(fem, "beside")
-        taken = [part.nodes for part in (*beside.interfaces, *beside.patches)]
-        free = ~np.isin(fem.facets, np.concatenate([np.empty(0, dtype=np.int64), *taken])).any(axis=1)
-        if not free.any():
+        taken = [beside.patch_nodes, *(joint.nodes for joint in beside.interfaces)]
+        free = np.flatnonzero(~np.isin(fem.facets, np.concatenate(taken)).any(axis=1))
+        if not len(free):
             raise EmptyRegionError(
                 "beside: its interfaces and patches touch all faces, so that none is left for the skin. Take fewer or "
                 "smaller ones"
