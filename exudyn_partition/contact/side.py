@@ -209,12 +209,10 @@ class LoadedNodes:
     column : (np,) int array
         The number of each node of the patch among these nodes; -1 for others.
     nodes : (n,) int array
-    F : (d n, d n) array
-        Part of `side.flexibility` for these nodes [m/N].
     """
 
-    def __init__(self, side: Side, column: Array, nodes: Array, F: Array) -> None:
-        self.side, self.column, self.nodes, self.F = side, column, nodes, F
+    def __init__(self, side: Side, column: Array, nodes: Array) -> None:
+        self.side, self.column, self.nodes = side, column, nodes
 
     @classmethod
     def of(cls, side: Side, nodes: Array) -> LoadedNodes:
@@ -223,9 +221,15 @@ class LoadedNodes:
         column[nodes] = 0
         used = np.flatnonzero(column == 0)
         column[used] = np.arange(len(used))
-        dofs = used if side.normal_only else node_dofs(used)
-        assert side.flexibility is not None
-        return cls(side, column, used, side.flexibility[np.ix_(dofs, dofs)])
+        return cls(side, column, used)
+
+    @cached_property
+    def F(self) -> Array:
+        """Part of `side.flexibility` for these nodes, (d n, d n) [m/N]."""
+        dofs = self.nodes if self.side.normal_only else node_dofs(self.nodes)
+        assert self.side.flexibility is not None
+        part: Array = self.side.flexibility[np.ix_(dofs, dofs)]
+        return part
 
     def carry(self, nodes: Array) -> bool:
         """Whether the nodes of some points, (p, k) int array, are among these nodes."""

@@ -92,22 +92,25 @@ class HalfSolved:
         of_fronts = sum(number.nbytes + columns.nbytes for number, columns in self._columns.values())
         return of_fronts + self._products.nbytes
 
-    def between(self, some: Array) -> Array | None:
-        """Flexibility between some rows, (m,) int array, each once: (m, m); None if their columns take too much memory.
+    def between(self, rows: Array, others: Array) -> Array | None:
+        """Flexibility between some rows, (m,) int array, and others, (j,): (m, j); None if it takes too much memory.
 
         Any thread may ask.
         """
         with self._lock:
             self._time += 1
+            some = np.union1d(rows, others)
             new = some[self._number[some] < 0]
             if len(new) and not self._make_room(some, len(new)):
                 return None
             for first in range(0, len(new), BLOCK):
                 self._add(new[first : first + BLOCK])
-            at = self._number[some]
-            self._asked[at] = self._time
-            F: Array = self._products.take(at, axis=0).take(at, axis=1)
-            return F
+            self._asked[self._number[some]] = self._time
+            at, across = self._number[rows], self._number[others]
+            if len(at) > len(across):  # products are symmetric, and the first axis is taken from all of them
+                at, across = across, at
+            F: Array = self._products.take(at, axis=0).take(across, axis=1)
+            return F if len(F) == len(rows) else F.T
 
     def _make_room(self, some: Array, n_new: int) -> bool:
         """Drop the columns that were not asked for longest, until new ones have room; whether they have."""

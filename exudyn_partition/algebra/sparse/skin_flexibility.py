@@ -163,26 +163,18 @@ class SkinFlexibility:
 
     def between(self, some: Array) -> Array:
         """Flexibility between some rows, (m,) int array: (m, m) [m/N]."""
-        once, place = np.unique(some, return_inverse=True)
-        F = self.columns.between(once)
+        F = self.columns.between(some, some)
         if F is None:
-            F = self._solved(once, once)
+            F = self._solved(some, some)
             F = (F + F.T) / 2
-        if len(once) == len(some) and (place == np.arange(len(some))).all():
-            return F
-        repeated: Array = F.take(place, axis=0).take(place, axis=1)
-        return repeated
+        return F
 
     def block(self, rows: Array, columns: Array) -> Array:
         """Flexibility between rows, (m,) int array, and columns, (j,) int array: (m, j) [m/N]."""
         if len(rows) == len(columns) and (rows == columns).all():
             return self.between(rows)
-        F = self.columns.between(np.union1d(rows, columns))
-        if F is None:
-            return self._solved(rows, columns)
-        once = np.union1d(rows, columns)
-        found: Array = F.take(np.searchsorted(once, rows), axis=0).take(np.searchsorted(once, columns), axis=1)
-        return found
+        F = self.columns.between(rows, columns)
+        return self._solved(rows, columns) if F is None else F
 
     def _solved(self, rows: Array, columns: Array) -> Array:
         """The same by full solutions for the columns, a block at a time: nothing is kept."""
