@@ -9,6 +9,7 @@ from oracles import each_way
 
 from exudyn_partition.algebra.sparse import skin_flexibility
 from exudyn_partition.algebra.sparse.half_solved import HalfSolved
+from exudyn_partition.algebra.sparse.kept_fronts import KeptFronts
 from exudyn_partition.algebra.sparse.multifrontal import Analysis, Factorisation, Ordered
 from exudyn_partition.algebra.sparse.skin_flexibility import SkinFlexibility, StoredFactors, largest_value, works
 from exudyn_partition.errors import InputError, MemoryLimitError
@@ -114,6 +115,21 @@ def test_too_many_columns_are_solved_block_by_block(monkeypatch):
     assert_same(F.between(some), dense[np.ix_(some, some)], dense)
     assert_same(F[np.ix_(some, others)], dense[np.ix_(some, others)], dense)
     assert F.columns.nbytes < 1000
+
+
+def test_what_is_half_done_when_memory_runs_out_is_forgotten(monkeypatch):
+    F, dense = skin()
+    some, others = np.arange(30), np.arange(20, 60)
+    assert_same(F.between(some), dense[np.ix_(some, some)], dense)
+
+    def full(*_):
+        raise MemoryError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(KeptFronts, "push", full)
+        with pytest.raises(MemoryError):
+            F.between(others)
+    assert_same(F.between(others), dense[np.ix_(others, others)], dense)
 
 
 def test_symmetric_to_the_last_bit():

@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from ...support.arrays import Array
 from .kept_fronts import KeptFronts
 
+_ROOM, _MORE = 1.5, 512  # arrays have room for so many times what they hold; products, at most for so many more columns
 BLOCK = 96  # most right-hand sides that go through the fronts together
 
 
@@ -22,16 +23,16 @@ class _Grown:
 
     Parameters
     ----------
-    width : int
-        Entries of a row.
+    none : (0, ...) array
+        Of what kind the rows are.
     """
 
-    def __init__(self, width: int) -> None:
-        self._store, self._n = np.empty((8, width)), 0
+    def __init__(self, none: Array) -> None:
+        self._store, self._n = none, 0
 
     @property
     def rows(self) -> Array:
-        """The rows, (n, width)."""
+        """The rows, (n, ...)."""
         return self._store[: self._n]
 
     @property
@@ -40,10 +41,10 @@ class _Grown:
         return int(self._store.nbytes)
 
     def append(self, more: Array) -> None:
-        """Add rows, (m, width)."""
+        """Add rows, (m, ...)."""
         n = self._n + len(more)
         if n > len(self._store):
-            grown = np.empty((max(n, 2 * len(self._store)), self._store.shape[1]))
+            grown = np.empty((max(n, int(_ROOM * len(self._store))), *more.shape[1:]), more.dtype)
             grown[: self._n] = self.rows
             self._store = grown
         self._store[self._n : n] = more
@@ -51,8 +52,7 @@ class _Grown:
 
     def keep(self, chosen: Array) -> None:
         """Keep some rows, (n,) bool."""
-        kept = self.rows[chosen]
-        self._store, self._n = kept if len(kept) else np.empty((8, kept.shape[1])), len(kept)
+        self._store, self._n = self.rows[chosen], int(np.count_nonzero(chosen))
 
 
 class HalfSolved:
@@ -77,6 +77,7 @@ class HalfSolved:
         self._fronts, self._matrix, self._most = fronts, rows, most
         self._vectors, self._weighted = vectors, vectors @ weights
         self._lock, self._time = Lock(), 0
+        self._lengths = fronts.lengths(rows)
         self._forget()
 
     def _forget(self) -> None:
@@ -101,10 +102,14 @@ class HalfSolved:
             self._time += 1
             some = np.union1d(rows, others)
             new = some[self._number[some] < 0]
-            if len(new) and not self._make_room(some, len(new)):
-                return None
-            for first in range(0, len(new), BLOCK):
-                self._add(new[first : first + BLOCK])
+            try:
+                if len(new) and not self._make_room(some, new):
+                    return None
+                for first in range(0, len(new), BLOCK):
+                    self._add(new[first : first + BLOCK])
+            except BaseException:  # half of the work may be done, as when memory runs out
+                self._forget()
+                raise
             self._asked[self._number[some]] = self._time
             at, across = self._number[rows], self._number[others]
             if len(at) > len(across):  # products are symmetric, and the first axis is taken from all of them
@@ -112,37 +117,32 @@ class HalfSolved:
             F: Array = self._products.take(at, axis=0).take(across, axis=1)
             return F if len(F) == len(rows) else F.T
 
-    def _make_room(self, some: Array, n_new: int) -> bool:
+    def _make_room(self, some: Array, new: Array) -> bool:
         """Drop the columns that were not asked for longest, until new ones have room; whether they have."""
-        each = self._column_bytes
-        if _needed(len(some), each) > self._most:
+        if self._needed(some) > self._most:
             return False
-        if _needed(len(self._rows) + n_new, each) > self._most:
-            last = self._asked.copy()
-            last[self._number[some[self._number[some] >= 0]]] = self._time
-            order = np.argsort(-last, kind="stable")
-            count = len(order)
-            while count and _needed(count + n_new, each) > self._most / 2 and last[order[count - 1]] < self._time:
-                count -= 1
+        if self._needed(np.concatenate([self._rows, new])) > self._most:
+            wanted = np.isin(self._rows, some)
+            order = np.lexsort((-self._asked, ~wanted))  # what is wanted, then what was asked for last
+            count = np.count_nonzero(wanted)
+            while self._needed(np.concatenate([self._rows[order[: count + BLOCK]], new])) < self._most / 2:
+                count += BLOCK
             self._keep(np.sort(order[:count]))
         return True
 
-    @property
-    def _column_bytes(self) -> float:
-        """Memory of a column [bytes]; of the longest way to the root, as long as none is known."""
-        if len(self._rows):
-            return sum(columns.nbytes for _, columns in self._columns.values()) / len(self._rows)
-        return 8.0 * self._fronts.longest_way
+    def _needed(self, rows: Array) -> float:
+        """Most memory of the columns of some rows, (n,), and of the products between them [bytes]."""
+        return 8.0 * (_with_room(len(rows)) ** 2 + _ROOM * float(self._lengths[rows].sum()))
 
     def _keep(self, chosen: Array) -> None:
         """Keep some columns, by their numbers, ascending."""
         place = np.full(len(self._rows), -1)
         place[chosen] = np.arange(len(chosen))
         for front, (numbers, columns) in list(self._columns.items()):
-            moved = place[numbers.rows[:, 0].astype(np.int64)]
+            moved = place[numbers.rows]
             kept = moved >= 0
             numbers.keep(kept)
-            numbers.rows[:, 0] = moved[kept]
+            numbers.rows[:] = moved[kept]
             columns.keep(kept)
             if not kept.any():
                 del self._columns[front]
@@ -156,7 +156,7 @@ class HalfSolved:
         kept, loads = self._fronts, self._matrix[new].tocoo()
         before, n = len(self._rows), len(self._rows) + len(new)
         if n > len(self._products):
-            grown = np.zeros((max(n, 3 * len(self._products) // 2),) * 2)
+            grown = np.zeros((max(n, _with_room(len(self._products))),) * 2)
             grown[:before, :before] = self._products[:before, :before]
             self._products = grown
         F, fresh = self._products, slice(before, n)
@@ -170,13 +170,11 @@ class HalfSolved:
             place, own = kept.place(front), np.flatnonzero(of_front)
             y = np.ascontiguousarray(x[place][:, own].T)
             signed = y * kept.signs[place]
-            numbers, columns = self._columns.setdefault(front, (_Grown(1), _Grown(y.shape[1])))
-            held = numbers.rows[:, 0].astype(np.int64)
-            products = columns.rows @ signed.T
-            F[np.ix_(held, before + own)] += products
-            own_products = y @ signed.T
-            F[np.ix_(before + own, before + own)] += (own_products + own_products.T) / 2
-            numbers.append((before + own)[:, None])
+            numbers, columns = self._columns.setdefault(front, (_Grown(own[:0]), _Grown(y[:0])))
+            F[np.ix_(numbers.rows, before + own)] += columns.rows @ signed.T
+            products = y @ signed.T
+            F[np.ix_(before + own, before + own)] += (products + products.T) / 2
+            numbers.append(before + own)
             columns.append(y)
         self._rows = np.concatenate([self._rows, new])
         self._asked = np.concatenate([self._asked, np.full(len(new), self._time)])
@@ -187,9 +185,9 @@ class HalfSolved:
         F[fresh, :before] = F[:before, fresh].T
 
 
-def _needed(n: int, each: float) -> float:
-    """Memory of n columns and the products between them, with the room that they grow by [bytes]."""
-    return 8.0 * 1.5**2 * n**2 + each * n
+def _with_room(n: int) -> int:
+    """Order of an array for the products of n columns and of those that may follow."""
+    return min(int(_ROOM * n), n + _MORE)
 
 
 def energies(fronts: KeptFronts, loads: sp.csc_matrix) -> Array:

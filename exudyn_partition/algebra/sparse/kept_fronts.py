@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse as sp
 
 from ...errors import InputError
 from ...support.arrays import Array
@@ -146,14 +147,18 @@ class KeptFronts:
                 needed[front], front = True, int(parent[front])
         return needed
 
-    @cached_property
-    def longest_way(self) -> int:
-        """Most rows that fronts on one way to the root eliminate."""
-        _, parent = self._parents
-        way = np.diff(self.starts)
+    def lengths(self, rows: sp.csr_matrix) -> Array:
+        """Most rows and fronts that each of some sparse rows, (r, k), meets on its way to the root, (r,)."""
+        front_of, parent = self._parents
+        way = np.diff(self.starts) + 1
         for front in range(len(parent) - 1, -1, -1):
             way[front] += way[parent[front]] if parent[front] >= 0 else 0
-        return int(way.max(initial=0))
+        at = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr)), front_of[self.rows[rows.indices]]
+        begins = sp.csr_matrix((np.ones(rows.nnz), at), (rows.shape[0], len(way)))
+        begins.sum_duplicates()
+        begins.data[:] = 1.0
+        found: Array = begins @ way
+        return found
 
     def entries(self, fronts: Array) -> int:
         """Numbers that some fronts hold."""

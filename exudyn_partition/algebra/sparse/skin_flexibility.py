@@ -31,7 +31,7 @@ from .multifrontal import Factorisation, Ordered
 
 SMALL = 3000  # rows up to which an array is taken: 72 MB
 MOST_ROWS = 8000  # rows of which an array is made if somebody needs all: 512 MB
-KEPT_BYTES = 400_000_000  # most memory for half-solved columns, and the products between them
+KEPT_BYTES = 600_000_000  # most memory for half-solved columns, and the products between them
 _BLOCK = 96  # right-hand sides that are solved for together
 
 
