@@ -331,6 +331,8 @@ CASES = {
                 limits(("force", "ripple", "profile_force", "profile_ripple", "lift_off", "friction")),
                 figures=("wandering_cam.png",)),
     "gears": Case("wandering/gears.py", gears, figures=("wandering_gears.png",)),
+    "skin": Case("wandering/skin.py",
+                 limits(("force", "momentum", "energy", "reduce", "memory_GB", "file_MB", "again_s", "step"))),
     "large_patch": Case("benchmarks/large_patch.py", limits(("memory_GB", "file_MB", "ratio"))),
     "huge_body": Case("benchmarks/huge_body.py", limits(("memory_GB", "frequencies"))),
     "thin_patch": Case("benchmarks/thin_patch.py", limits(("ratio", "frequency", "mobility"))),

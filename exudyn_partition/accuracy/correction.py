@@ -208,7 +208,7 @@ class Finer:
         patch, own = body.partition.patches[number], patch_slice(body.partition, number)
         change = self.at_nodes(number)
         assert basis.flexibility is not None
-        flexibility, shapes = basis.flexibility.copy(), basis.shapes @ change.turn
+        flexibility, shapes = np.array(basis.flexibility), basis.shapes @ change.turn
         flexibility[own, own] += change.flexibility
         inertia = InertiaIntegrals.of(self.fem, shapes[:, 6:], basis.mass)
         # A shape moves in addition at the patch alone, which has no mass.

@@ -114,7 +114,7 @@ def impact_of(
     ):
         patch, own = body.partition.patches[i], patch_slice(body.partition, i)
         assert body.basis.flexibility is not None
-        flexibility, shapes = body.basis.flexibility[own, own], body.basis.shapes[node_dofs(patch.nodes)]
+        flexibility, shapes = np.asarray(body.basis.flexibility[own, own]), body.basis.shapes[node_dofs(patch.nodes)]
         moving.append(ImpactSide(on_patch, weight, shapes, flexibility, body.basis.omega))
         corners = patch.nodes[nodes[:, :3]]
         mean = rows.points.mean

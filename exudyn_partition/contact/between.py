@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.block_complementarity import shared_fields
+from ..algebra.sparse.skin_flexibility import Flexibility
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from .gaps import Gaps
@@ -19,7 +20,7 @@ from .stages import Standing
 _NONE = np.zeros(1, dtype=bool)
 
 # Numbers of a contact and its side, of another and its side, and the body's flexibility between the patches [m/N].
-Link = tuple[int, int, int, int, Array]
+Link = tuple[int, int, int, int, Flexibility]
 
 
 class HasRows(Protocol):
@@ -84,7 +85,7 @@ class FlexibilityBetween(Between):
 
     def __init__(self, rows: Sequence[HasRows], links: Sequence[Link]) -> None:
         self._contacts = rows
-        self._links: dict[tuple[int, int], list[tuple[int, int, Array]]] = {}
+        self._links: dict[tuple[int, int], list[tuple[int, int, Flexibility]]] = {}
         for j, side, k, pushing_side, between in links:
             self._links.setdefault((j, k), []).append((side, pushing_side, between))
         self._kept: dict[tuple[int, int], tuple[Standing, Array, Array]] = {}
@@ -179,6 +180,7 @@ class Exchange:
         """Find the fields of some links, see `CoupledContacts`. Equal patches of equal bodies are computed once."""
         blocks: dict[tuple[int, int], list[Array]] = {}
         for j, side, _, _, between in links:
+            assert isinstance(between, np.ndarray)  # of others few fields are not known, see `Links.on_demand`
             blocks.setdefault((j, side), []).append(between)
         once: dict[tuple[object, ...], Array] = {}
         on_patches: dict[tuple[int, int], Array] = {}
@@ -201,6 +203,7 @@ class Exchange:
         products: dict[tuple[object, ...], Array] = {}
         for j, side, k, pushing_side, between in links:
             patch_fields, pushing_fields = on_patches[j, side], on_patches[k, pushing_side]
+            assert isinstance(between, np.ndarray)
             both = (_identity(between), id(patch_fields), id(pushing_fields))
             if both not in products:
                 products[both] = patch_fields.T @ between @ pushing_fields

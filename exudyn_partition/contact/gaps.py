@@ -19,6 +19,7 @@ import scipy.sparse as sp
 
 from ..algebra.complementarity import Complementarity, regularised
 from ..algebra.products import dense, joined, largest_change
+from ..algebra.sparse.skin_flexibility import Flexibility
 from ..errors import InputError
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
@@ -117,7 +118,7 @@ class Gaps:
         Number of searches for the pairs of all points since the start of the run.
     carried : bool
         Whether an Exudyn body carries the rigid surface.
-    between : (d np, d np) array or None
+    between : (d np, d np) array, SkinBlock or None
         Residual flexibility between the patches of both sides [m/N], if they are patches of one body.
     clearance : float
         Smallest gap of the rows as the sides are placed [m].
@@ -141,7 +142,7 @@ class Gaps:
     approach: Array
     faced: bool = True
     carried: bool = False
-    between: Array | None = None
+    between: Flexibility | None = None
     clearance: float
     pressed: bool = False
     reach: float = 0.0
@@ -383,7 +384,7 @@ class Gaps:
         both = zip(self.sides, nodes, strict=True)
         return tuple(side.following(some) if side.spares(some) > MANY else side for side, some in both)
 
-    def exchange_flexibility(self, flexibility: Sequence[Array | None]) -> None:
+    def exchange_flexibility(self, flexibility: Sequence[Flexibility | None]) -> None:
         """Give the sides' patches other residual flexibilities, (d np, d np) each [m/N]."""
         self.sides = tuple(replace(side, flexibility=F) for side, F in zip(self.sides, flexibility, strict=True))
         self._loaded, self._start = {}, self._start.on(self.sides)
@@ -560,14 +561,51 @@ class Gaps:
         It changes slowly with the places of the points on their facets. So it is kept while the points move little. For
         the same rows, the same array is returned.
         """
-        return self._row_flexibility().between(index)
+        return self._row_flexibility(index).between(index)
 
     def regularised_flexibility(self, index: Array) -> Array:
         """`flexibility`, regularised as in `problem`; for the same rows, it is the same array too."""
-        return self._row_flexibility().regularised_between(index)
+        return self._row_flexibility(index).regularised_between(index)
 
-    def _row_flexibility(self) -> RowFlexibility:
+    def _row_flexibility(self, index: Array) -> RowFlexibility:
+        """Flexibility that knows these rows: of all present rows, or of these alone if it is found on demand."""
+        if self.on_demand:
+            return self.at_anchor("flexibility", self.anchored(SAME), lambda: self._of_some_rows(index), index)
         return self.at_anchor("flexibility", self.anchored(SAME), self._of_all_rows)
+
+    @property
+    def on_demand(self) -> bool:
+        """Whether a side's flexibility is found on demand: then only rows that may close ask for it."""
+        return any(side.on_demand for side in self.sides)
+
+    def _of_some_rows(self, index: Array) -> RowFlexibility:
+        F = np.zeros((len(index),) * 2)
+        for place, (side, share) in enumerate(zip(self.sides, self.yielding_shares, strict=True)):
+            if side.flexibility is not None:
+                F += share * self._part_of_rows(place, index)
+        if self.between is not None:
+            pushed, pushing = (self.side_rows(place)[index] for place in (0, 1))
+            across = through(pushed, self.between, pushing)
+            F += self.yielding_shares[0] * (across + across.T)
+        return RowFlexibility(F, index)
+
+    def _part_of_rows(self, place: int, index: Array) -> Array:
+        """Contribution of one side to the flexibility of some rows, (na, na) [m/N]; only their nodes are asked for."""
+        points, numbers = self.points.of_rows(index)
+        nodes, weights = (values[numbers] for values in self.shares[place])
+        loaded = LoadedNodes.of(self.sides[place], nodes)
+        return loaded.flexibility(self.coordinates[place], points, (nodes, weights), self.normals[numbers])
+
+    def work_of(self, forces: Array) -> float:
+        """Work of forces on all present rows, (nr,) [N], on their own answer, lam' F lam [m N]."""
+        if not self.on_demand:
+            return float(forces @ self.flexibility(np.arange(len(forces))) @ forces)
+        on_sides = [np.asarray(self.side_rows(place).T @ forces).ravel() for place in range(len(self.sides))]
+        parts = zip(on_sides, self.sides, self.yielding_shares, strict=True)
+        work = sum(share * (f @ (side.flexibility @ f)) for f, side, share in parts if side.flexibility is not None)
+        if self.between is not None:
+            work += 2 * self.yielding_shares[0] * (on_sides[0] @ (self.between @ on_sides[1]))
+        return float(work)
 
     def at_anchor(self, what: Hashable, anchor: Anchor, make: Callable[[], T], index: Array = NOTHING) -> T:
         """Return `found_at`, which is kept.
@@ -672,7 +710,8 @@ class Gaps:
 
     def across(self) -> Array:
         """Motion of the slave's rows by forces on the master's, (nr, nr) [m/N], of a body that touches itself."""
-        return np.asarray(self.side_rows(0) @ (self.side_rows(1) @ np.asarray(self.between).T).T)
+        assert self.between is not None
+        return through(self.side_rows(0), self.between, self.side_rows(1))
 
     def loaded_nodes(self, place: int) -> LoadedNodes:
         """One side's nodes that carry the present rows, and perhaps nodes that carried earlier rows."""
@@ -694,6 +733,15 @@ class Gaps:
         return self.points.mean @ rows
 
 
+def through(rows: Rows, flexibility: Flexibility, columns: Rows) -> Array:
+    """Motion of rows, (m, r), by forces on others, (j, c), through a flexibility between their nodes: (m, j) [m/N]."""
+    if isinstance(flexibility, np.ndarray):
+        return np.asarray(rows @ (columns @ flexibility.T).T)
+    rows, columns = sp.csr_matrix(rows), sp.csr_matrix(columns)
+    used, pushing = np.unique(rows.indices), np.unique(columns.indices)
+    return np.asarray(rows[:, used] @ (columns[:, pushing] @ flexibility[np.ix_(used, pushing)].T).T)
+
+
 class RowFlexibility:
     """Residual flexibility between rows, and between some of them.
 
@@ -701,6 +749,8 @@ class RowFlexibility:
     ----------
     F : (nr, nr) array
         [m/N]
+    index : (nr,) int array, optional
+        Numbers of these rows, if they are only some of the present rows: then only they may be asked for.
 
     Attributes
     ----------
@@ -708,9 +758,9 @@ class RowFlexibility:
         Last return value of `regularised_between`.
     """
 
-    def __init__(self, F: Array) -> None:
-        self._F, self._index = F, NOTHING
-        self._some: Array = F[:0, :0]
+    def __init__(self, F: Array, index: Array | None = None) -> None:
+        self._F, self._index = F, NOTHING if index is None else index
+        self._some: Array = F[:0, :0] if index is None else F
         self.regularised: Array | None = None
 
     def between(self, index: Array) -> Array:

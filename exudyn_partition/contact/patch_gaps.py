@@ -18,6 +18,7 @@ import numpy as np
 
 from ..algebra.complementarity import Complementarity
 from ..algebra.products import moved, weighted_rows
+from ..algebra.sparse.skin_flexibility import Flexibility
 from ..support.arrays import Array
 from ..surfaces.loops import at_points
 from ..surfaces.points import ContactPoints, RowKind
@@ -62,7 +63,7 @@ class PatchGaps(Gaps):
         slave: Side,
         master: Side,
         kind: RowKind = "integrated",
-        between: Array | None = None,
+        between: Flexibility | None = None,
         *,
         pressed: bool = False,
     ) -> None:

@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
 from ..algebra.products import congruence
+from ..algebra.sparse.skin_flexibility import Flexibility
 from ..fe.model import node_dofs
 from ..frames.kinematics import Kinematics, Rows
 from ..plasticity.flow import PlasticState
@@ -31,8 +32,9 @@ class Side:
         The patch at the start.
     kinematics : InertialKinematics or similar
         Kinematics of the patch's nodes.
-    flexibility : (d np, d np) array or None
+    flexibility : (d np, d np) array, SkinBlock or None
         Residual flexibility of the patch's nodes [m/N]: d = 1 along `surface.direction`, d = 3 along the body's axes.
+        That of a large skin is found on demand.
     zone : ZoneMotion or None
         Plastic zone beneath the patch.
     active : (k,) int array or None
@@ -45,7 +47,7 @@ class Side:
 
     surface: Surface
     kinematics: Kinematics
-    flexibility: Array | None = None
+    flexibility: Flexibility | None = None
     zone: ZoneMotion | None = None
     active: Array | None = None
     centre: Array = field(default_factory=lambda: np.zeros(3))
@@ -74,7 +76,12 @@ class Side:
     @property
     def normal_only(self) -> bool:
         """Whether the flexibility is that of nodes along the line of contact, for normals of any direction."""
-        return len(np.asarray(self.flexibility)) == len(self.surface.points)
+        return self.flexibility is not None and len(self.flexibility) == len(self.surface.points)
+
+    @property
+    def on_demand(self) -> bool:
+        """Whether its flexibility is found on demand, so that only rows that may close should ask for it."""
+        return self.flexibility is not None and not isinstance(self.flexibility, np.ndarray)
 
     @classmethod
     def of(cls, kinematics: Kinematics, patch: int = 0, state: PlasticState | None = None, beta: float = 0.0) -> Side:
@@ -202,12 +209,10 @@ class LoadedNodes:
     column : (np,) int array
         The number of each node of the patch among these nodes; -1 for others.
     nodes : (n,) int array
-    F : (d n, d n) array
-        Part of `side.flexibility` for these nodes [m/N].
     """
 
-    def __init__(self, side: Side, column: Array, nodes: Array, F: Array) -> None:
-        self.side, self.column, self.nodes, self.F = side, column, nodes, F
+    def __init__(self, side: Side, column: Array, nodes: Array) -> None:
+        self.side, self.column, self.nodes = side, column, nodes
 
     @classmethod
     def of(cls, side: Side, nodes: Array) -> LoadedNodes:
@@ -216,8 +221,15 @@ class LoadedNodes:
         column[nodes] = 0
         used = np.flatnonzero(column == 0)
         column[used] = np.arange(len(used))
-        dofs = used if side.normal_only else node_dofs(used)
-        return cls(side, column, used, np.asarray(side.flexibility)[np.ix_(dofs, dofs)])
+        return cls(side, column, used)
+
+    @cached_property
+    def F(self) -> Array:
+        """Part of `side.flexibility` for these nodes, (d n, d n) [m/N]."""
+        dofs = self.nodes if self.side.normal_only else node_dofs(self.nodes)
+        assert self.side.flexibility is not None
+        part: Array = self.side.flexibility[np.ix_(dofs, dofs)]
+        return part
 
     def carry(self, nodes: Array) -> bool:
         """Whether the nodes of some points, (p, k) int array, are among these nodes."""

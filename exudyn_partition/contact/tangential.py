@@ -211,20 +211,38 @@ class TangentialRows:
         present = np.bincount(nodes.ravel(), minlength=len(self.gaps.sides[place].surface.points)) > 0
         return np.flatnonzero(present), np.cumsum(present) - 1
 
-    def side_rows(self, place: int) -> Array:
-        """Present rows on the flexibility coordinates of one side's patch, (3 nr, 3 np)."""
+    def side_rows(self, place: int) -> Rows:
+        """Present rows on the flexibility coordinates of one side's patch, (3 nr, 3 np); csr for a large skin."""
         loaded, rows = self._some_side_rows(place, np.arange(len(self.gaps.row_nodes)))
+        if self.gaps.sides[place].on_demand:
+            return self._on_patch(loaded, rows)
         result = np.zeros((len(rows), 3 * len(loaded.column)))
         result[:, node_dofs(loaded.nodes)] = rows
         return result
 
+    @staticmethod
+    def _on_patch(loaded: LoadedNodes, rows: Array) -> sp.csr_matrix:
+        """Rows on the coordinates of loaded nodes, (m, 3 k), as rows on those of the patch, (m, 3 np)."""
+        some = sp.csr_matrix(rows)
+        columns = node_dofs(loaded.nodes)[some.indices]
+        return sp.csr_matrix((some.data, columns, some.indptr), shape=(len(rows), 3 * len(loaded.column)))
+
     def _some_side_rows(self, place: int, index: Array) -> tuple[LoadedNodes, Array]:
-        """Nodes of one side's patch, k of them, and some rows on their flexibility coordinates, (3 na, 3 k)."""
-        side, q, loaded = self.gaps.sides[place], self.gaps.coordinates[place], self.gaps.loaded_nodes(place)
+        """Nodes of one side's patch, k of them, and some rows on their flexibility coordinates, (3 na, 3 k).
+
+        Where flexibility is found on demand, they are the nodes of these rows alone; else of all present rows.
+        """
+        side, q, points = self.gaps.sides[place], self.gaps.coordinates[place], self.gaps.points
         in_body = side.kinematics.in_frame(q, self.tangents[index].reshape(-1, 3)).reshape(len(index), 2, 3)
-        (nodes, weights), normals = self.gaps.shares[place], side.kinematics.in_frame(q, self.gaps.normals)
-        carried = loaded.column[nodes], weights
-        return loaded, loops.directed_rows(self.gaps.points, index, *carried, normals, in_body, len(loaded.nodes))
+        (nodes, weights), normals = self.gaps.shares[place], self.gaps.normals
+        if side.on_demand:
+            points, numbers = points.of_rows(index)
+            nodes, weights, normals = nodes[numbers], weights[numbers], normals[numbers]
+            loaded, index = LoadedNodes.of(side, nodes), np.arange(len(index))
+        else:
+            loaded = self.gaps.loaded_nodes(place)
+        normals, carried = side.kinematics.in_frame(q, normals), (loaded.column[nodes], weights)
+        return loaded, loops.directed_rows(points, index, *carried, normals, in_body, len(loaded.nodes))
 
     def flexibility(self, index: Array | None = None) -> Array:
         """Residual flexibility between the directions of some present rows, (3 na, 3 na) [m/N]; by default of all.
@@ -271,7 +289,8 @@ class TangentialRows:
         """See `Gaps.across`; of some rows, by default of all, in three directions, (3 na, 3 na) [m/N]."""
         index = np.arange(len(self.gaps.row_nodes)) if index is None else index
         (loaded, rows), (loaded_master, pushed) = (self._some_side_rows(place, index) for place in (0, 1))
-        between = np.asarray(self.gaps.between)[np.ix_(node_dofs(loaded.nodes), node_dofs(loaded_master.nodes))]
+        assert self.gaps.between is not None
+        between = self.gaps.between[np.ix_(node_dofs(loaded.nodes), node_dofs(loaded_master.nodes))]
         return np.asarray(rows @ between @ pushed.T)
 
     def carrier_rows(self, index: Array) -> Array:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from ..algebra.sparse.skin_flexibility import Flexibility, SkinFlexibility
 from ..contact.formulations.formulation import SharedBody
 from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..support.arrays import Array, consecutive
+from ..support.arrays import consecutive
 from .partition_contact import PartitionContact
 
 
@@ -82,7 +83,13 @@ class _Links:
         sides = [side for contact in self._contacts for side in {*contact.sides}]
         return len(set(sides)) < len(sides)
 
-    def __call__(self) -> list[tuple[int, int, int, int, Array]]:
+    @property
+    def on_demand(self) -> bool:
+        """See `formulation.Links`."""
+        bodies = (item.body for contact in self._contacts for item, _ in contact.sides)
+        return any(isinstance(body.basis.flexibility, SkinFlexibility) for body in bodies)
+
+    def __call__(self) -> list[tuple[int, int, int, int, Flexibility]]:
         """Pairs of sides of which one pushes the other, and the flexibility between their patches."""
         of_body: dict[PartitionBody, list[tuple[int, int, PartitionBody, int]]] = {}
         for j, contact in enumerate(self._contacts):

@@ -300,8 +300,9 @@ class Partition:
         """Contact patch of whole faces, over which contact may wander: the rim of a cam, a gear's flanks, a guide.
 
         Contact rows act along the local normals, so that a patch may curve by any angle, even around the body. The
-        flexibility between all nodes is kept: `axes="normal"` with 5000 nodes are 200 MB, and `axes="xyz"` nine times
-        that. Load patterns all over it lead the basis (`loads.resultants`).
+        flexibility between all nodes is an array of up to 3000 rows, one a node, or three with `axes="xyz"`. That of
+        more rows is found on demand, see `SkinFlexibility`: memory then is about that of the body's factors. Load
+        patterns all over it lead the basis (`loads.resultants`).
 
         Sharp edges between its faces, and those at which a flat face ends, have contact rows of their own.
 
@@ -350,6 +351,52 @@ class Partition:
         ends = sharp_ends(fem, number)
         patch = Patch(facets, line, rim, axes, name=name, material=material, normals=normals, extent=size, ends=ends)
         return cls(patch.nodes, (patch,), (), fem.n_nodes, fem.fingerprint)
+
+    @classmethod
+    def skin(
+        cls, fem: FEModel, beside: Partition | None = None, *, axes: PatchAxes = "xyz", name: str = "skin"
+    ) -> Partition:
+        """Contact patch of all faces of a body, where nobody knows beforehand which of them will touch.
+
+        See `surface` for such patches.
+
+        Parameters
+        ----------
+        fem : FEModel
+        beside : Partition, optional
+            Interfaces, patches and loads that the body has, too. Faces that share a node with these interfaces and
+            patches are left to them.
+        axes : {"xyz", "normal"}
+            See `surface`; friction needs all three directions.
+        name : str
+            Of the patch.
+
+        Returns
+        -------
+        Partition
+            The skin, and what is beside it.
+
+        Raises
+        ------
+        EmptyRegionError
+            If interfaces and patches leave no face.
+        InputError
+            If `beside` is no partition, or one of another mesh.
+        """
+        validate_type("fem", fem, FEModel, "fe_model()")
+        validate_choice("axes", axes, AXES)
+        if beside is None:
+            return cls.surface(fem, np.arange(len(fem.facets)), axes=axes, name=name)
+        validate_type("beside", beside, Partition, "Partition.interface() or Partition.ball()")
+        beside.check_mesh(fem, "beside")
+        taken = [beside.patch_nodes, *(joint.nodes for joint in beside.interfaces)]
+        free = np.flatnonzero(~np.isin(fem.facets, np.concatenate(taken)).any(axis=1))
+        if not len(free):
+            raise EmptyRegionError(
+                "beside: its interfaces and patches touch all faces, so that none is left for the skin. Take fewer or "
+                "smaller ones"
+            )
+        return cls.surface(fem, free, axes=axes, name=name) | beside
 
     @overload
     @classmethod

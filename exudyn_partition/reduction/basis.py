@@ -21,6 +21,7 @@ import scipy.sparse as sp
 
 from ..algebra.krylov import RitzPairs, eigenmodes, improved, orthonormal_complement
 from ..algebra.sparse.flexibility import selection
+from ..algebra.sparse.skin_flexibility import SkinFlexibility, check_flexibility
 from ..algebra.sparse.solver import factorise
 from ..errors import FrequencyRangeError, InputError, UnitsWarning
 from ..fe.model import MASSES, FEModel, MassKind, node_dofs
@@ -63,8 +64,9 @@ class ReducedBasis:
         Nodes that keep their three displacements.
     mass : str
         "consistent" or "lumped".
-    flexibility : (r, r) array or None
-        Residual flexibility of the rows of `patch_rows`, patch after patch [m/N].
+    flexibility : (r, r) array, SkinFlexibility or None
+        Residual flexibility of the rows of `patch_rows`, patch after patch [m/N]. Of many rows over which contact
+        wanders it is found on demand.
     left_out : tuple of str
         What the basis leaves out, in sentences.
     shape_nodes : (k,) int array, optional
@@ -84,7 +86,7 @@ class ReducedBasis:
     rigid: Array
     nodal: Array
     mass: MassKind
-    flexibility: Array | None = None
+    flexibility: Array | SkinFlexibility | None = None
     left_out: tuple[str, ...] = field(default=())
     shape_nodes: Array | None = None
     zones: tuple[ZoneFlexibility, ...] = ()
@@ -113,8 +115,7 @@ class ReducedBasis:
         check_tuple("left_out", self.left_out, str)
         read_only(self.shapes, self.omega, self.rigid, self.nodal)
         if self.flexibility is not None:
-            check_floats("flexibility", self.flexibility, (len(self.flexibility),) * 2)
-            read_only(self.flexibility)
+            check_flexibility("flexibility", self.flexibility, len(self.flexibility))
         if self.growth is not None:
             check_floats("growth", self.growth, (n_dofs, 6))
             # Six digits are enough of a small displacement, and files stay small.
@@ -453,10 +454,12 @@ def _with_attachments(body: FreeBody, pairs: RitzPairs, static: Array) -> RitzPa
     return RitzPairs(vectors @ combination, np.sqrt(omega_squared))
 
 
-def residual_flexibility(body: FreeBody, pairs: RitzPairs, static: StaticAnswers) -> Array:
+def residual_flexibility(body: FreeBody, pairs: RitzPairs, static: StaticAnswers) -> Array | SkinFlexibility:
     """F = G F_e G' - sum_k (G phi_k)(G phi_k)' / w_k^2 of all rows of `patch_rows` (Rubin 1975)."""
     G = patch_rows(body.fem, body.partition) @ body.model.expand
     at_patch = G @ pairs.vectors
+    if isinstance(static.at_patches, SkinFlexibility):
+        return static.at_patches.plus(at_patch, -(pairs.omega**-2.0))
     F = static.at_patches - (at_patch / pairs.omega**2) @ at_patch.T
     flexibility: Array = (F + F.T) / 2
     return flexibility

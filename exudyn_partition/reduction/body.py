@@ -12,6 +12,7 @@ import scipy.sparse as sp
 
 from ..algebra.sparse.flexibility import KeptFlexibility
 from ..algebra.sparse.kept_fronts import KeptFronts
+from ..algebra.sparse.skin_flexibility import SkinBlock, SkinFlexibility, StoredFactors, check_flexibility
 from ..errors import InputError
 from ..fe.facets import nodal_area
 from ..fe.material import Material
@@ -130,7 +131,7 @@ class ReducedBody:
             raise InputError("mass: expected a positive mass of each coordinate")
         if self.basis.flexibility is not None:
             rows = patch_slice(self.partition, len(self.partition.patches)).start
-            check_floats("flexibility", self.basis.flexibility, (rows, rows))
+            check_flexibility("flexibility", self.basis.flexibility, rows)
         n_fields = n_shapes if len(nodal) else n_shapes - 6
         check_floats("inertia", self.inertia.cross, (3, n_fields, n_fields))
         for name, unit in (("total_mass", "kg"), ("f_cut", "Hz")):
@@ -428,10 +429,11 @@ class ReducedBody:
         own = _surface(self, number_of_patch(self.partition, patch, "patch"))
         return replace(own, points=own.points + place) if place.any() else own
 
-    def flexibility(self, patch: int | str = 0, other: int | str | None = None) -> Array:
+    def flexibility(self, patch: int | str = 0, other: int | str | None = None) -> Array | SkinBlock:
         """Residual flexibility of the rows of `patch`, (nr, nr) [m/N], or between those and the rows of `other`.
 
-        Both are numbers or names of patches.
+        Both are numbers or names of patches. That of a large skin is found on demand, see `SkinFlexibility`: it
+        multiplies as an array does, and `numpy.asarray` makes an array of what is not too large.
 
         Raises
         ------
@@ -443,7 +445,8 @@ class ReducedBody:
         partition, row = self.partition, number_of_patch(self.partition, patch, "patch")
         column = row if other is None else number_of_patch(partition, other, "other")
         rows, columns = (patch_slice(partition, number) for number in (row, column))
-        return self.basis.flexibility[rows, columns]
+        part: Array | SkinBlock = self.basis.flexibility[rows, columns]
+        return part
 
     def interface_rows(self, name: str) -> Array:
         """Rows of an interface, (6, n_dofs): its mean translation [m] and rotation [rad] by the coordinates.
@@ -533,7 +536,7 @@ class ReducedBody:
                 directions=directions,
                 area=nodal_area(self.points, patch.facets)[patch.nodes],
                 rows=moved,
-                flexibility=None if self.basis.flexibility is None else self.flexibility(number),
+                flexibility=None if self.basis.flexibility is None else np.asarray(self.flexibility(number)),
             )
         loads = {load.name: self.rows(load.nodes).T @ load.forces.ravel() for load in self.partition.loads}
         interfaces = {joint.name: np.asarray(self.interface_rows(joint.name)) for joint in self.partition.interfaces}
@@ -668,6 +671,8 @@ FILE = Format(
         ZoneFlexibility,
         KeptFlexibility,
         KeptFronts,
+        SkinFlexibility,
+        StoredFactors,
         InertiaIntegrals,
         GeometricStiffness,
         Estimate,

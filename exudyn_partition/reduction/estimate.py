@@ -199,7 +199,7 @@ def _side(space: AdaptedSpace, f_top: float, number: int, directed: sp.csr_matri
         directed,
         plain,
         at_nodes @ np.hstack([space.rigid, pairs.vectors]),
-        residual_flexibility(space, pairs, space.static)[own, own],
+        np.asarray(residual_flexibility(space, pairs, space.static)[own, own]),
         np.r_[np.zeros(6), pairs.omega],
     )
 

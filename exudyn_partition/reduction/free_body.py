@@ -18,6 +18,7 @@ from ..algebra.krylov import BlockKrylov, RitzPairs, columns, mass_normalised, o
 from ..algebra.sparse.flexibility import FreeBodyFlexibility, selection
 from ..algebra.sparse.multifrontal import Analysis
 from ..algebra.sparse.ordering import least_cut
+from ..algebra.sparse.skin_flexibility import SMALL, SkinFlexibility, works
 from ..algebra.sparse.solver import SparseFactors, factorise
 from ..errors import IndefiniteMatrixError, InputError
 from ..fe.model import FEModel, MassKind, node_dofs
@@ -54,7 +55,7 @@ class StaticAnswers:
 
     Parameters
     ----------
-    at_patches : (r, r) array
+    at_patches : (r, r) array or SkinFlexibility
         Displacements at the patches' rows by unit forces there, G F_e G' [m/N].
     of_attached : (nz, 6 i + l) array
         Displacements of all coordinates by the rows of `attached_loads` [m/N].
@@ -64,10 +65,19 @@ class StaticAnswers:
         Flexibility of the plastic zones, by the number of their patch.
     """
 
-    at_patches: Array
+    at_patches: Array | SkinFlexibility
     of_attached: Array
     of_rotation: Array
     zones: dict[int, ZoneFlexibility]
+
+
+def found_on_demand(partition: Partition) -> bool:
+    """Whether the flexibility of the patches is found on demand: if it is large, and contact asks for few rows of it.
+
+    Contact that does not wander asks for all rows of its patch.
+    """
+    patches = partition.patches
+    return any(patch.wanders for patch in patches) and sum(len(p.nodes) * p.n_axes for p in patches) > SMALL
 
 
 class FreeBody:
@@ -111,7 +121,9 @@ class FreeBody:
             number: _zone_flexibility(flexibility, dofs, rows[patch_slice(self.partition, number)])
             for number, dofs in zones.items()
         }
-        return StaticAnswers(flexibility.of_rows(rows), *self.of_loads(flexibility), flexibilities)
+        waits = found_on_demand(self.partition) and flexibility.may_wait
+        at_patches = flexibility.on_demand(rows) if waits else flexibility.of_rows(rows)
+        return StaticAnswers(at_patches, *self.of_loads(flexibility), flexibilities)
 
     def of_loads(self, flexibility: FreeBodyFlexibility) -> tuple[Array, Array]:
         """Answers `of_attached` and `of_rotation` of `StaticAnswers`."""
@@ -215,7 +227,7 @@ class AdaptedSpace(FreeBody):
         self._leading: Array = (self.loads @ leading(partition, self._combined)).toarray()
         self.elastic: FreeBodyFlexibility | None = None
         zones = any(patch.plastic for patch in partition.patches)
-        if self.model.n >= HUGE and not keep and not zones:
+        if self.model.n >= HUGE and not keep and not zones and not found_on_demand(partition):
             give_memory_back()  # what meshing has left
             with contextlib.suppress(IndefiniteMatrixError):
                 self._answer(self.flexibility(self._patch_rows()))  # its factors go before others are made
@@ -307,10 +319,10 @@ class AdaptedSpace(FreeBody):
     def _work(self) -> Array:
         """Work of each load on its own static answer, (p,)."""
         n, combined = len(self.static.at_patches), self._combined
-        of_patches = combined[:n].multiply(self.static.at_patches @ combined[:n]).sum(axis=0)
+        of_patches = works(self.static.at_patches, combined[:n])
         attached = attached_loads(self.fem, self.partition.interfaces, self.partition.loads) @ self.model.expand
         of_attached = attached.multiply(self.static.of_attached.T).sum(axis=1)  # each is a load by itself
-        work: Array = np.asarray(of_patches).ravel() + combined[n:].T @ np.asarray(of_attached).ravel()
+        work: Array = of_patches + combined[n:].T @ np.asarray(of_attached).ravel()
         return work
 
     def has_settled(self, f_cut: float, settled: float) -> bool:

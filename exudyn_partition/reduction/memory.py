@@ -13,7 +13,7 @@ from ..fe.partition import Partition
 from ..fe.patches import Patch
 from ..support.machine import available_memory
 from ..support.warn import warn
-from .free_body import HUGE
+from .free_body import HUGE, found_on_demand
 
 _LOG = logging.getLogger(__name__)
 
@@ -39,7 +39,7 @@ def needed(models: Sequence[tuple[FEModel, Partition]], basis: str) -> float:
     at_work, kept, rows = 0.0, 0.0, 0
     for fem, partition in models:
         n, nodes = fem.n_dofs, len(partition.patch_nodes)
-        huge = n >= HUGE and not any(patch.plastic for patch in partition.patches)
+        huge = n >= HUGE and not any(patch.plastic for patch in partition.patches) and not found_on_demand(partition)
         factors = _factors(fem) * ((_ROUNDED if huge else _BESIDE) if basis == "contact-adapted" else 1.0)
         at_work = max(at_work, factors + 8.0 * n * _DENSE_BLOCKS * columns(n))
         kept += 8.0 * n * _KRYLOV
@@ -47,7 +47,10 @@ def needed(models: Sequence[tuple[FEModel, Partition]], basis: str) -> float:
             kept += 8.0 * n * 4 * 3 * nodes
         if basis != "free":  # which keeps the zones' nodes and needs no flexibility of them
             kept += sum(_zone(patch) for patch in partition.patches)
-        rows += sum(len(patch.nodes) * patch.n_axes for patch in partition.patches)
+        if found_on_demand(partition):
+            kept += 8.0 * _FILL * n ** (4 / 3)  # most of the factors stay
+        else:
+            rows += sum(len(patch.nodes) * patch.n_axes for patch in partition.patches)
     return at_work + kept + 8.0 * _SQUARES * rows**2
 
 

@@ -75,7 +75,7 @@ def _force_by_depth(contact: PartitionContact) -> float:
     if not contact.mechanics.compliant or any(side.flexibility is None for side in gaps.sides):
         return 0.0
     n = len(gaps.row_nodes)
-    yielding = float(gaps.flexibility(np.arange(n)).sum())
+    yielding = gaps.work_of(np.ones(n))
     of_unit = max(_norm_of_weight(item) / item.body.total_mass for item, _ in contact.sides)
     return n**2 / yielding * of_unit if yielding > 0.0 else 0.0
 

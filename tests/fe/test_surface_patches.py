@@ -127,3 +127,32 @@ def test_a_patch_without_a_line_of_contact_has_no_tolerance(disc):
             tolerance=0.1,
             speed=1.0,
         )
+
+
+def test_a_skin_has_all_faces():
+    fem = ep.fe_model(box(0.01, 0.008, 0.006), ep.STEEL, maxh=4e-3)
+    (patch,) = ep.Partition.skin(fem).patches
+    assert (patch.name, patch.axes, patch.wanders) == ("skin", "xyz", True)
+    np.testing.assert_array_equal(patch.nodes, np.unique(fem.facets))
+
+
+def test_a_skin_leaves_faces_to_what_is_beside_it():
+    fem = ep.fe_model(box(0.01, 0.008, 0.006), ep.STEEL, maxh=2e-3)
+    bottom = fem.points[:, 2].min()
+    foot = ep.Partition.interface(fem, "foot", plane=((0, 0, bottom), (0, 0, -1)))
+    part = ep.Partition.skin(fem, foot, axes="normal", name="rest")
+    (patch,), (interface,) = part.patches, part.interfaces
+    assert (patch.name, patch.axes, interface.name) == ("rest", "normal", "foot")
+    assert not np.isin(patch.nodes, interface.nodes).any()
+    free = [facet for facet in fem.facets if not np.isin(facet, interface.nodes).any()]
+    np.testing.assert_array_equal(patch.nodes, np.unique(free))
+
+
+def test_skins_that_are_none():
+    fem, other = (ep.fe_model(box(0.01, 0.008, 0.006), ep.STEEL, maxh=maxh) for maxh in (4e-3, 2e-3))
+    with pytest.raises(InputError, match="beside: expected"):
+        ep.Partition.skin(fem, "foot")
+    with pytest.raises(InputError):
+        ep.Partition.skin(fem, ep.Partition.skin(other))
+    with pytest.raises(EmptyRegionError, match="touch all faces"):
+        ep.Partition.skin(fem, ep.Partition.skin(fem))

@@ -18,6 +18,7 @@ from oracles import add_springs, contributed
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError
+from exudyn_partition.reduction import free_body
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 NEXT = 1e-9  # of the largest force: the next force of a fresh contact
@@ -88,11 +89,17 @@ def marbles(marble_fem):
 
 
 @pytest.fixture(scope="module")
-def rolling():
-    """A ball over whose skin contact wanders."""
+def rolling_parts():
+    """FE model and partition of a ball over whose skin contact wanders."""
     fine = [ep.Refine((0, 0, 0), 0.8e-3, 0.25e-3)]
     fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, R), R), ep.STEEL, maxh=2.5e-3, refine=fine, grading=0.6)
-    return ep.reduce(fem, ep.Partition.surface(fem, near=(0, 0, 0), axes="xyz"), f_cut=100e3)
+    return fem, ep.Partition.surface(fem, near=(0, 0, 0), axes="xyz")
+
+
+@pytest.fixture(scope="module")
+def rolling(rolling_parts):
+    """This ball."""
+    return ep.reduce(*rolling_parts, f_cut=100e3)
 
 
 @pytest.fixture(scope="module")
@@ -266,6 +273,19 @@ def test_a_curved_surface(pair, friction, tmp_path):
 @pytest.mark.parametrize("friction", [None, MU])
 def test_contact_that_wanders_over_a_skin(rolling, friction, tmp_path):
     make = lambda: on_surface(rolling, frame="floating", friction=friction, speed=(20.0, 0, -1.0))  # noqa: E731
+    assert_goes_on(make, 12e-6, tmp_path / "cut.npz")
+
+
+@pytest.mark.parametrize("friction", [None, MU])
+def test_a_skin_whose_flexibility_is_found_on_demand(rolling_parts, friction, tmp_path, monkeypatch):
+    """Each model has a body from a file: it lacks what an earlier run has found."""
+    monkeypatch.setattr(free_body, "SMALL", 100)
+    ep.reduce(*rolling_parts, f_cut=100e3).save(tmp_path / "body")
+
+    def make():
+        body = ep.load_body(tmp_path / "body")
+        return on_surface(body, frame="floating", friction=friction, speed=(20.0, 0, -1.0))
+
     assert_goes_on(make, 12e-6, tmp_path / "cut.npz")
 
 

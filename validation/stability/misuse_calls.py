@@ -389,6 +389,11 @@ CALLS = {
         axes=v.choice("normal").or_none,
         name="rim",
     ),
+    "Partition.skin": dict(
+        beside=Kind({"number": 1.0, "text": "hub", "a model": the.fem, "of another mesh": the.other_part}, None),
+        axes=v.choice("normal"),
+        name="skin",
+    ),
     "Partition.patch": dict(key=v.patch),
     "Partition.find_load": dict(name=v.choice("weight")),
     "Partition.find_interface": dict(name=v.choice("pin")),

@@ -15,7 +15,8 @@ import scipy.sparse as sp
 from ...support.arrays import Array
 from ...support.checks import check_floats, read_only
 from .kept_fronts import KeptFronts
-from .multifrontal import Analysis
+from .multifrontal import Analysis, Factorisation
+from .skin_flexibility import SkinFlexibility, StoredFactors
 from .solver import factorise
 
 
@@ -130,7 +131,7 @@ class FreeBodyFlexibility:
         analysis: Analysis | None = None,
         rows: sp.csr_matrix | None = None,
     ) -> None:
-        self._rigid, self._mass_rigid = rigid, mass @ rigid
+        self._stiffness, self._rigid, self._mass_rigid = stiffness, rigid, mass @ rigid
         _, held = scipy.linalg.qr(rigid.T, mode="r", pivoting=True)
         self._held = np.sort(held[: rigid.shape[1]])
         self.free = np.delete(np.arange(len(rigid)), self._held)
@@ -185,6 +186,20 @@ class FreeBodyFlexibility:
         own, one, none = held.T @ (fronts @ held), np.eye(len(work)), np.zeros_like(work)
         weights = scipy.linalg.block_diag(np.block([[(work + work.T) / 2, -one], [-one, none]]), -own)
         return KeptFlexibility(fronts, np.hstack([at, moved, held]), weights)
+
+    @property
+    def may_wait(self) -> bool:
+        """Whether flexibilities can be found on demand: they need factors of the own solver in double precision."""
+        return isinstance(self._factor, Factorisation)
+
+    def on_demand(self, rows: sp.csr_matrix) -> SkinFlexibility:
+        """Elastic flexibility of many rows, (r, n), of few dofs, as `of_rows` gives it, but on demand."""
+        assert isinstance(self._factor, Factorisation)
+        dofs = np.unique(rows.indices).astype(np.int64)
+        kept, on_dofs = self.kept(dofs), sp.csr_matrix(rows[:, dofs])
+        held = _uncoupled(self._stiffness, self._held)
+        factors = StoredFactors.of(held, self._factor.fronts, dofs, kept.fronts)
+        return SkinFlexibility(factors, on_dofs, on_dofs @ kept.vectors, kept.weights)
 
     @cached_property
     def _moved(self) -> Array:

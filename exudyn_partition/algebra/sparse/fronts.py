@@ -46,6 +46,18 @@ class Fronts(NamedTuple):
     children: list[list[int]]
     parts: tuple[Array, Array, Array]
 
+    @classmethod
+    def of(cls, order: Array, starts: Array, below: list[Array]) -> Fronts:
+        """Fronts by their rows alone: the first row that a front changes tells its parent."""
+        n_rows = np.diff(starts)
+        front_of = np.repeat(np.arange(len(below)), n_rows)
+        children: list[list[int]] = [[] for _ in below]
+        for number, rows in enumerate(below):
+            if len(rows):
+                children[front_of[rows[0]]].append(number)
+        work = n_rows * (n_rows + [len(rows) for rows in below])
+        return cls(order, starts, below, children, two_parts(children, work.tolist()))
+
 
 @dataclass
 class _Front:
@@ -104,15 +116,7 @@ def find_fronts(matrix: sp.csr_matrix, last: Sequence[Array] = ()) -> Fronts:
         while starts[-1] < end:
             starts.append(min(starts[-1] + WIDEST, end))
             below.append(np.r_[starts[-1] : end, beyond])
-    n_rows = np.diff(starts)
-    front_of = np.repeat(np.arange(len(below)), n_rows)
-    children: list[list[int]] = [[] for _ in below]
-    for number, rows in enumerate(below):
-        if len(rows):
-            children[front_of[rows[0]]].append(number)
-    work = n_rows * (n_rows + [len(rows) for rows in below])
-    parts = two_parts(children, work.tolist())
-    return Fronts(np.argsort(place[node], kind="stable"), np.array(starts), below, children, parts)
+    return Fronts.of(np.argsort(place[node], kind="stable"), np.array(starts), below)
 
 
 def two_parts(children: list[list[int]], work: list[int]) -> tuple[Array, Array, Array]:

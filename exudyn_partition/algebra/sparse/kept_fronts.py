@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse as sp
 
 from ...errors import InputError
 from ...support.arrays import Array
@@ -101,6 +102,64 @@ class KeptFronts:
         """Fronts that solve for some of the k rows, (j,) int array, by right-hand sides there."""
         return reached(self.rows[some], self.starts, self.ends, self.changes)
 
+    def place(self, front: int) -> slice:
+        """Rows that a front eliminates, in the order of elimination."""
+        return slice(*self.starts[front : front + 2])
+
+    def push(self, x: Array, fronts: Array) -> None:
+        """Eliminate right-hand sides, (n, p) in order of elimination, in place, by some fronts, ascending."""
+        loops.push(x, self._factors, fronts)
+
+    @cached_property
+    def _parents(self) -> tuple[Array, Array]:
+        """The front that eliminates each row, (n,), and the front that each front changes first, (nf,), or -1."""
+        return parents(self.starts, self.ends, self.changes)
+
+    def ways(self, rows: Array, columns: Array, n: int) -> tuple[Array, Array]:
+        """Fronts from entries of n right-hand sides to the root, and which of them each goes through.
+
+        Parameters
+        ----------
+        rows, columns : (e,) int arrays
+            Places of the entries: in the order of elimination, and which of the right-hand sides.
+        n : int
+
+        Returns
+        -------
+        fronts : (m,) int array
+            Ascending.
+        through : (m, n) bool array
+        """
+        front_of, parent = self._parents
+        begins = np.zeros((len(parent) + 1, n), dtype=bool)
+        begins[front_of[rows], columns] = True
+        some = np.flatnonzero(self._needed_of(front_of[rows]))
+        for front in some.tolist():
+            begins[parent[front]] |= begins[front]  # the last row takes up those of the root
+        return some, begins[some]
+
+    def _needed_of(self, fronts: Array) -> Array:
+        """Whether each front is one of some fronts, or comes after them, (nf,) bool."""
+        _, parent = self._parents
+        needed = np.zeros(len(parent), dtype=bool)
+        for front in np.unique(fronts).tolist():
+            while front >= 0 and not needed[front]:
+                needed[front], front = True, int(parent[front])
+        return needed
+
+    def lengths(self, rows: sp.csr_matrix) -> Array:
+        """Most rows and fronts that each of some sparse rows, (r, k), meets on its way to the root, (r,)."""
+        front_of, parent = self._parents
+        way = np.diff(self.starts) + 1
+        for front in range(len(parent) - 1, -1, -1):
+            way[front] += way[parent[front]] if parent[front] >= 0 else 0
+        at = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr)), front_of[self.rows[rows.indices]]
+        begins = sp.csr_matrix((np.ones(rows.nnz), at), (rows.shape[0], len(way)))
+        begins.sum_duplicates()
+        begins.data[:] = 1.0
+        found: Array = begins @ way
+        return found
+
     def entries(self, fronts: Array) -> int:
         """Numbers that some fronts hold."""
         return int(np.diff(self._begins)[fronts].sum())
@@ -138,17 +197,25 @@ def reached(rows: Array, starts: Array, ends: Array, changes: Array) -> Array:
 
     `starts`, `ends` and `changes` are as in `KeptFronts`; the first row that a front changes is the least.
     """
-    n_fronts = len(starts) - 1
-    front_of = np.repeat(np.arange(n_fronts), np.diff(starts))
-    needed = np.zeros(n_fronts + 1, dtype=bool)
+    front_of, parent = parents(starts, ends, changes)
+    needed = np.zeros(len(parent) + 1, dtype=bool)
     needed[front_of[rows]] = True
-    changing = np.diff(ends) > 0
-    parent = np.full(n_fronts, n_fronts)
-    parent[changing] = front_of[changes[ends[:-1][changing]]]
-    for front in np.flatnonzero(changing).tolist():
+    for front in np.flatnonzero(parent >= 0).tolist():
         if needed[front]:
             needed[parent[front]] = True
     return np.flatnonzero(needed[:-1])
+
+
+def parents(starts: Array, ends: Array, changes: Array) -> tuple[Array, Array]:
+    """The front that eliminates each row, (n,), and the front that each front changes first, (nf,); -1 for a root.
+
+    `starts`, `ends` and `changes` are as in `KeptFronts`; the first row that a front changes is the least.
+    """
+    n_fronts = len(starts) - 1
+    front_of = np.repeat(np.arange(n_fronts), np.diff(starts))
+    changing, parent = np.diff(ends) > 0, np.full(n_fronts, -1)
+    parent[changing] = front_of[changes[ends[:-1][changing]]]
+    return front_of, parent
 
 
 def _check_bounds(name: str, bounds: Array, end: int) -> None:

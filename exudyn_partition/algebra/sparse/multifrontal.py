@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from itertools import pairwise
 from threading import Lock
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -57,6 +58,32 @@ class Analysis:
         return find_fronts(pattern, self._last(pattern))
 
 
+class Ordered(NamedTuple):
+    """A symmetric sparse matrix in the order of its elimination, as `Factorisation` begins with it.
+
+    Parameters
+    ----------
+    upper : (n, n) csr matrix
+        Its upper triangle, with rows and columns in that order.
+    fronts : Fronts
+    """
+
+    upper: sp.csr_matrix
+    fronts: Fronts
+
+    @classmethod
+    def of(cls, matrix: sp.csr_matrix, fronts: Fronts) -> Ordered:
+        """Order a symmetric matrix, (n, n)."""
+        return cls(_ordered(matrix, fronts.order), fronts)
+
+    def whole(self) -> sp.csr_matrix:
+        """The matrix with both triangles, in its own order, (n, n)."""
+        rank = np.empty(len(self.fronts.order), dtype=np.int64)
+        rank[self.fronts.order] = np.arange(len(rank))
+        both = self.upper + sp.triu(self.upper, 1).T
+        return sp.csr_matrix(both)[rank][:, rank]
+
+
 class Factorisation:
     """Block factors C S C' of a sparse symmetric matrix, with S of ones and minus ones; one triangle is stored.
 
@@ -66,11 +93,12 @@ class Factorisation:
 
     Parameters
     ----------
-    matrix : (n, n) sparse matrix, or function
+    matrix : (n, n) sparse matrix, or function, or Ordered
         Symmetric. A function makes it, so that it is gone before the factors need the memory.
         It is positive definite, or shifted to between two eigenvalues.
     analysis : Analysis, optional
-        Keeps what the places of the entries tell, for other matrices with entries in the same places.
+        Keeps what the places of the entries tell, for other matrices with entries in the same places. One that is
+        ordered has its own.
     single : bool
         Factors in single precision, of a positive definite matrix: half of the memory, and quicker solutions.
     rows : (r, n) csr matrix, optional
@@ -79,6 +107,7 @@ class Factorisation:
 
     Attributes
     ----------
+    fronts : Fronts
     at_rows : (r, r) array or None
         R A^-1 R'.
 
@@ -90,17 +119,21 @@ class Factorisation:
 
     def __init__(
         self,
-        matrix: sp.spmatrix | Callable[[], sp.spmatrix],
+        matrix: sp.spmatrix | Callable[[], sp.spmatrix] | Ordered,
         analysis: Analysis | None = None,
         *,
         single: bool = False,
         rows: sp.csr_matrix | None = None,
     ) -> None:
         given, asked = matrix, rows
-        matrix = sp.csr_matrix(given() if callable(given) else given)
-        fronts = find_fronts(matrix) if analysis is None else analysis.fronts
+        if isinstance(given, Ordered):
+            matrix, self.fronts = given
+        else:
+            matrix = sp.csr_matrix(given() if callable(given) else given)
+            self.fronts = find_fronts(matrix) if analysis is None else analysis.fronts
+            matrix = _ordered(matrix, self.fronts.order)
+        fronts = self.fronts
         self._order, self._children = fronts.order, fronts.children
-        matrix = _ordered(matrix, self._order)
         spans = [slice(*bounds) for bounds in pairwise(fronts.starts.tolist())]
         sizes = [(rows.stop - rows.start, len(below)) for rows, below in zip(spans, fronts.below, strict=True)]
         begins = np.cumsum([0, *(k * (k + m) for k, m in sizes)])
@@ -152,7 +185,7 @@ class Factorisation:
         self._factors = Factors([factors[front] for front in range(len(spans))], store, *places, self._signs)
         self.at_rows = None if on_the_way is None else on_the_way.result
         if any(factor.signs is not None for factor in self._factors.fronts):
-            self._check(given() if callable(given) else given)
+            self._check(given.whole() if isinstance(given, Ordered) else given() if callable(given) else given)
 
     def _check(self, matrix: sp.spmatrix) -> None:
         """Refuse factors that do not solve the equations of a matrix that is not positive definite."""

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
+from ...algebra.sparse.skin_flexibility import largest_value
 from ...errors import InputError
 from ...reduction.body import ReducedBody
 from ...support.checks import validate_choice, validate_positive
@@ -66,13 +67,13 @@ class Compliance(Formulation):
         if len(contacts) == 1 and not (elastic and contacts[0].gaps.may_freeze):
             return Separate(contacts)
         flows = any(map(_flows, contacts))
-        if not links.shared:
+        if not links.shared and not links.on_demand:
             return (CoupledContacts if elastic else CoupledZones if flows else CoupledFriction)(contacts, links)
         if flows:
             raise InputError(
-                "slave, master: contacts that share a patch, and all that are solved together with them, are elastic, "
-                "but one of these has plastic zones. Make a patch for each contact (Partition.ball(...) | "
-                "Partition.ball(...)), or take a material without hardening"
+                "slave, master: contacts that share a patch, or touch a large skin, and all that are solved together "
+                "with them, are elastic, but one of these has plastic zones. Make a small patch for each contact "
+                "(Partition.ball(...) | Partition.ball(...)), or take a material without hardening"
             )
         return (SharedPatches if elastic else SharedFriction)(contacts, links)
 
@@ -187,6 +188,8 @@ def _coupling(shared: SharedBody) -> float:
     body, (patch, neighbour) = shared.body, shared.patches
     if body.basis.flexibility is None:
         return 0.0
+    if patch == neighbour:
+        return 1.0
     size, neighbour_size = _size(body, patch, patch), _size(body, neighbour, neighbour)
     return _size(body, patch, neighbour) / math.sqrt(size * neighbour_size)
 
@@ -195,7 +198,7 @@ def _size(body: ReducedBody, patch: int, neighbour: int) -> float:
     """Largest singular value of the residual flexibility between two patches [m/N]; computed once for a body."""
     sizes = _SIZES.setdefault(body, {})
     if (patch, neighbour) not in sizes:
-        sizes[patch, neighbour] = float(np.linalg.norm(body.flexibility(patch, neighbour), 2))
+        sizes[patch, neighbour] = largest_value(body.flexibility(patch, neighbour))
     return sizes[patch, neighbour]
 
 

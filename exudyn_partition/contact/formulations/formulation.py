@@ -96,6 +96,10 @@ class Links(Protocol):
     def shared(self) -> bool:
         """Whether two of the contacts have the same patch of the same body."""
 
+    @property
+    def on_demand(self) -> bool:
+        """Whether a body of theirs has a flexibility that is found on demand, so that few fields of it are unknown."""
+
     def __call__(self) -> list[Any]:
         """Flexibilities between the sides, see `coupled.Coupled`. They are computed once, at the first run."""
 

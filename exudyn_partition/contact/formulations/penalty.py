@@ -131,7 +131,7 @@ def bed_stiffness(gaps: Gaps) -> float:
     the mean of this motion.
     """
     A = gaps.area
-    return float(A.sum() / (A @ gaps.flexibility(np.arange(len(A))) @ A))
+    return float(A.sum() / gaps.work_of(A))
 
 
 def inertial_stiffness(gaps: Gaps, inverse_mass: Array, omega_max: float) -> float:
