@@ -183,7 +183,9 @@ def read(path: Path) -> list[Record]:
         if not all(isinstance(r["parameters"], dict) and ("values" in r) != ("error" in r) for r in found[1:]):
             raise ValueError("a line is no run")
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"file: {path} holds no study, or is damaged ({error or type(error).__name__}). Take another file") from error
+        raise InputError(
+            f"file: {path} holds no study, or is damaged ({error or type(error).__name__}). Take another file"
+        ) from error
     return found
 
 

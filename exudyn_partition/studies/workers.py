@@ -12,6 +12,7 @@ import math
 import multiprocessing
 import os
 import pickle
+import signal
 import statistics
 import sys
 import threading
@@ -173,7 +174,7 @@ class Processes(Workers):
     @staticmethod
     def _new(count: int) -> Executor:
         # Forked processes would wait for ever for threads of NGSolve that only their parent has.
-        return ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer=_end_with_parent)
+        return ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer=_begin_process)
 
     def renew(self) -> None:
         """Start new processes."""
@@ -185,8 +186,12 @@ class Processes(Workers):
         self.executor.shutdown(cancel_futures=True)
 
 
-def _end_with_parent() -> None:
-    """Let this process end when its parent is gone, as one that was killed: it would wait for tasks for ever."""
+def _begin_process() -> None:
+    """Let this process end with its parent, also with one that was killed: it would wait for tasks for ever.
+
+    Ctrl-C, which the terminal sends to all processes, ends its run; between runs the parent ends it.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     assert parent is not None
 
