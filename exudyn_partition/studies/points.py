@@ -88,6 +88,8 @@ def points_of(parameters: object) -> tuple[list[Parameters], tuple[int, ...]]:
     if isinstance(parameters, Mapping):
         _check_names("parameters", parameters)
         axes = {name: listed(values) for name, values in parameters.items()}
+        if not axes:
+            raise InputError("parameters: expected at least one, with a list of values by its name; got an empty dict")
         if empty := [name for name, values in axes.items() if values is not None and not values]:
             raise InputError(f"parameters[{empty[0]!r}]: expected at least one value, got none")
         each = [
@@ -97,6 +99,8 @@ def points_of(parameters: object) -> tuple[list[Parameters], tuple[int, ...]]:
         shape = tuple(len(values) for values in axes.values() if values is not None)
         return [dict(zip(axes, values, strict=True)) for values in itertools.product(*each)], shape
     if isinstance(parameters, Sequence) and not isinstance(parameters, str | bytes):
+        if not parameters:
+            raise InputError("parameters: expected at least one point, got an empty list")
         for i, point in enumerate(parameters):
             if not isinstance(point, Mapping):
                 raise InputError(f"parameters[{i}]: expected a dict of values by names, got {type(point).__name__}")

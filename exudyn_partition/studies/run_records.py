@@ -18,7 +18,7 @@ from typing import IO, Any
 from .._version import __version__
 from ..errors import InputError, OutputError
 from ..support.archive import digest
-from ..support.checks import validate_path
+from ..support.checks import validate_file, validate_path
 from ..support.files import locked_by_others, writable
 from ..support.foreign import JSON
 from .points import key_of, plain
@@ -154,13 +154,18 @@ def _opened(path: Path) -> IO[str]:
 
 def parts_of(path: Path) -> list[Path]:
     """Files that tasks of an array have written for the study of this path."""
-    found = path.parent.glob(f"*{path.suffix}") if path.parent.is_dir() else ()
-    return sorted(other for other in found if _PART.search(other.stem) and _PART.sub("", other.stem) == path.stem)
+    with contextlib.suppress(OSError):  # no folder, or none that can be read
+        names = [other.name for other in path.parent.iterdir() if _PART.search(other.stem)]
+        return [path.with_name(name) for name in sorted(names) if _PART.sub(path.suffix, Path(name).stem) == path.name]
+    return []
 
 
 def _whole(path: Path) -> tuple[str, int]:
     """Text of the whole lines of a file, and how many bytes they are."""
-    data = path.read_bytes()
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"file: {path} cannot be read: {error.strerror or error}; take another") from error
     if data[: len(_START)] != _START[: len(data)]:
         raise InputError(f"file: {path} holds no study: its first line is not that of one. Take another file")
     end = data.rfind(b"\n") + 1
@@ -198,15 +203,16 @@ def read_all(path: str | Path) -> tuple[JSON, list[Record]]:
         If there is none, or they are of different studies.
     """
     path = validate_path("file", path)
-    files = [other for other in [path, *parts_of(path)] if other.is_file()]
+    if not (parts := parts_of(path)):
+        validate_file("file", path)
     heads: dict[Path, JSON] = {}
     known: dict[str, Record] = {}
-    for other in files:
+    for other in [path, *parts] if path.exists() else parts:
         for head in (lines := read(other))[:1]:
             heads[other] = {key: head[key] for key in ("function", "fixed")}
         known = merged(known, lines[1:])
     if not heads:
-        raise InputError(f"file: expected that of a study, there is none at {path} (working directory {Path.cwd()})")
+        raise InputError(f"file: {path} holds no run yet; run the study first")
     first, *more = heads.values()
     if any(head != first for head in more):
         raise InputError(f"file: {', '.join(map(str, heads))} are of different studies")

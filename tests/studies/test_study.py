@@ -203,6 +203,12 @@ def test_a_file_of_something_else_is_refused_and_kept(tmp_path):
         ep.Study.load(tmp_path / "none.jsonl")
 
 
+@pytest.mark.parametrize("parameters", [{}, [], {"x": []}, [{}, 3], {"x": [object()]}, {1: [2]}, "x", None])
+def test_points_that_are_none_are_refused(parameters):
+    with pytest.raises(InputError, match=r"parameters.*: expected"):
+        ep.study(plain.square, parameters)
+
+
 def test_two_studies_do_not_write_into_one_file(tmp_path):
     pytest.importorskip("fcntl")
     path = tmp_path / "study.jsonl"
