@@ -47,12 +47,12 @@ def expected(factors):
 def main(argv=None):
     """Run the example; returns what it writes to result.json."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="20 impacts in place of 640")
+    parser.add_argument("--quick", action="store_true", help="10 impacts in place of 640")
     parser.add_argument("--workers", type=int, default=2, metavar="N", help="processes")
     parser.add_argument("--out", type=Path, default=Path("out/sobol_indices"), metavar="DIR")
     options = parser.parse_args(argv)
     options.out.mkdir(parents=True, exist_ok=True)
-    count, file = (4, "quick") if options.quick else (128, "fine")
+    count, file = (2, "quick") if options.quick else (128, "fine")
     ball = options.out / f"ball_{file}.npz"
     if not ball.exists():
         refine = [ep.Refine((0, 0, 0), radius=0.4e-3, h=0.15e-3)]
