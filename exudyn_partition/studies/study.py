@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from .. import errors
 from ..errors import InputError, PartitionError, RunError
@@ -121,7 +121,7 @@ def study(
                 known |= {missing[number]: record for number, record in records}
                 report(len(known) / len(wanted))
                 if stop and (failed := [record for _, record in records if "error" in record]):
-                    raise _error(Failure.of(failed[0]))
+                    _raise(Failure.of(failed[0]))
     finally:
         if kept is not None:
             kept.close()
@@ -154,12 +154,12 @@ def _task(value: str | tuple[int, int]) -> tuple[int, int]:
     return validate_integer("task", pair[0], 1, n), n
 
 
-def _error(failure: Failure) -> PartitionError:
-    """Error of a run that failed: of its own class if that is one of the library."""
+def _raise(failure: Failure) -> NoReturn:
+    """Raise the error of a run that failed: of its own class if that is one of the library."""
     kind = getattr(errors, failure.error, None)
     if isinstance(kind, type) and issubclass(kind, PartitionError):
-        return kind(str(failure).removeprefix(f"{failure.error}: "))
-    return RunError(str(failure))
+        raise kind(str(failure).removeprefix(f"{failure.error}: "))
+    raise RunError(str(failure))
 
 
 def _tell(records: list[Record]) -> None:

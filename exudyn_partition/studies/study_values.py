@@ -133,7 +133,7 @@ class Study:
 
     @classmethod
     def load(cls, path: str | Path) -> Study:
-        """Read the file of a study, and those of its tasks, whatever runs they have; by ascending parameters.
+        """Read the file of a study at `path`, and those of its tasks, whatever runs they have; by ascending parameters.
 
         Raises
         ------
