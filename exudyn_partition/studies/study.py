@@ -174,4 +174,5 @@ def _tell(records: list[Record]) -> None:
     counts = Counter(kind for record in records for kind in {kind for kind, _ in record["warnings"]})
     for kind, count in counts.items():
         text = next(text for record in records for name, text in record["warnings"] if name == kind)
-        warn(f"{count} of {len(records)} runs warn, the first: {text}", getattr(errors, kind, errors.PartitionWarning))
+        several = f"{count} of {len(records)} runs warn, the first: " if len(records) > 1 else ""
+        warn(several + text, getattr(errors, kind, errors.PartitionWarning))

@@ -105,20 +105,22 @@ def _read(packed: bytes) -> Function:
 def _packed(function: Function, by_value: bool) -> bytes:
     """Bytes from which other processes read the function: its name, or all of it if they cannot import it."""
     interactive = not hasattr(sys.modules["__main__"], "__file__")  # a notebook or a prompt, which nobody can import
-    if not (by_value or interactive):
-        with contextlib.suppress(pickle.PicklingError, AttributeError, TypeError):
-            return pickle.dumps(function)
-    try:
-        packed: bytes = require("cloudpickle").dumps(function)
-    except MissingPackageError as error:
-        raise InputError(
-            "function: expected one of a module, which processes can import; it is a lambda, within another function "
-            "or in a notebook. Move it to a file, or pip install cloudpickle"
-        ) from error
-    except (pickle.PicklingError, AttributeError, TypeError) as error:
-        raise InputError(
-            f"function: other processes cannot be told what it holds ({error}). Make models within the function"
-        ) from error
+    ways: list[Callable[[Function], bytes]] = [pickle.dumps, _dump_whole]
+    why: Exception | None = None
+    for dump in reversed(ways) if by_value or interactive else ways:
+        try:
+            return dump(function)
+        except (MissingPackageError, pickle.PicklingError, AttributeError, TypeError) as error:
+            why = error
+    raise InputError(
+        f"function: expected one of a module, which processes can import ({why}). Move it to a file, make models "
+        "within it, or pip install cloudpickle for lambdas and functions within others"
+    ) from why
+
+
+def _dump_whole(function: Function) -> bytes:
+    """Bytes with the code of a function that has no name elsewhere."""
+    packed: bytes = require("cloudpickle").dumps(function)
     return packed
 
 
@@ -249,15 +251,22 @@ def spread(workers: Workers, runs: list[Run], chunk: int | None, together: str |
     tasks = _Tasks(runs, chunk, together, workers.count)
     suspects: deque[Run] = deque()
     running: dict[Future[list[Outcome]], list[Run]] = {}
-    alone = broken = False
+    broken = False
+
+    def begin(task: list[Run]) -> None:
+        nonlocal broken
+        try:
+            running[workers.submit(task)] = task
+        except BrokenExecutor:  # by a worker that died since the last look
+            broken = True
+            suspects.extend(task)
+
     try:
         while tasks.left or suspects or running:
             while tasks.left and len(running) < _AHEAD * workers.count and not broken:
-                task = tasks.next(workers.count)
-                running[workers.submit(task)] = task
-            if alone := bool(suspects) and not tasks.left and not running:
-                task = [suspects.popleft()]
-                running[workers.submit(task)] = task
+                begin(tasks.next(workers.count))
+            if alone := bool(suspects) and not tasks.left and not running and not broken:
+                begin([suspects.popleft()])
             ended, _ = wait(running, return_when=FIRST_COMPLETED)
             for future in ended:
                 task = running.pop(future)
@@ -285,8 +294,8 @@ def spread(workers: Workers, runs: list[Run], chunk: int | None, together: str |
 def _died(parameters: Parameters, error: Exception) -> Record:
     """Record of a run that ended its worker."""
     message = (
-        "its process ended without a word: it was killed, as the system does where memory is short, or compiled code "
-        f"crashed ({type(error).__name__})"
+        "its worker gave no answer: it was killed, as the system does where memory is short, or compiled code crashed "
+        f"({type(error).__name__})"
     )
     return {"parameters": parameters, **_failure(DEAD, message), "warnings": [], "wall_s": math.nan}
 

@@ -147,14 +147,6 @@ def test_processes_give_the_same(ball, normal):
     np.testing.assert_allclose(found["peak_force"].ravel(), normal["peak_force"].ravel()[:2], rtol=1e-9)
 
 
-def test_a_cluster_of_dask_gives_the_same(ball, normal):
-    distributed = pytest.importorskip("distributed", reason="Dask is not installed")
-    own = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
-    with distributed.LocalCluster(1, threads_per_worker=1, **own) as cluster, distributed.Client(cluster) as client:
-        found = ep.restitution_map((ball, PLANE), speed=normal.speed[:2], workers=client)
-    np.testing.assert_allclose(found["peak_force"].ravel(), normal["peak_force"].ravel()[:2], rtol=1e-9)
-
-
 def test_progress_ends_at_one(ball):
     told = []
     ep.restitution_map((ball, PLANE), speed=(0.2, 0.3), progress=told.append)
