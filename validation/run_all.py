@@ -107,17 +107,6 @@ def memory(d):
     return peaks + kept
 
 
-def study(d):
-    """Two workers are judged by what the machine gives where other work takes it."""
-    limit, found = d["limits"], d["found"]
-    return [
-        *(Row(f"cost of a run of 1 ms, {way} [ms]", "none", 1e3 * limit[way], 1e3 * found[way])
-          for way in ("loop", "workers")),
-        Row("two workers, of what two cores give", "1", limit["of_what_there_is"], found["of_what_there_is"],
-            at_most=False),
-    ]  # fmt: skip
-
-
 def rod_on_plate(d):
     limits = {"force": 0.010, "velocity_p1": 0.008, "velocity_p2": 0.030}
     error = d["cases"]["contact-adapted, explicit"]["error"]
@@ -398,7 +387,7 @@ CASES = {
     "feminterface": Case("benchmarks/feminterface.py", limits(("difference",))),
     "body_files": Case("benchmarks/body_files.py", limits(("whole", "ball_without_inside", "without_inside"))),
     "restitution_map": Case("benchmarks/restitution_map.py", limits(("cpu_s", "balance"))),
-    "study": Case("benchmarks/study.py", study),
+    "study": Case("benchmarks/study.py", limits(("loop", "workers"))),
     "tilted_bar_refined": Case("experiments/tilted_bar_refined.py", limits(("library", "beam"))),
     "size": Case("benchmarks/size.py", limits(
         ("reduce_s", "memory_GB", "bases_s", "exponent", "spread", "force_error")), limit_s=2 * HOUR),

@@ -151,6 +151,11 @@ class Workers:
             raise InputError(
                 f"function: a worker cannot import it ({error}). Put it into a module that workers find, too"
             ) from error
+        except (CancelledError, RuntimeError) as error:
+            raise RunError(
+                f"workers: the executor or cluster takes no task ({error or type(error).__name__}). Give one that is "
+                "not closed"
+            ) from error
 
     def submit(self, runs: list[Run]) -> Future[list[Outcome]]:
         """Begin a task."""
@@ -208,7 +213,8 @@ class Cluster(Workers):
     """A cluster of Dask: its workers get the function once."""
 
     def __init__(self, client: DaskClient, function: Function) -> None:
-        packed = client.scatter(_packed(function, by_value=True), broadcast=True)
+        # Not by a hash: data of the same name, which an earlier study has just given back, would be deleted again.
+        packed = client.scatter(_packed(function, by_value=True), broadcast=True, hash=False)
         self._client = client
         super().__init__(client.get_executor(pure=False), sum(client.nthreads().values()), packed)
 

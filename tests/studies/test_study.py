@@ -116,7 +116,8 @@ def test_a_cluster_of_dask_gives_the_same_and_takes_functions_of_notebooks():
     distributed = pytest.importorskip("distributed", reason="Dask is not installed")
     own = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
     with distributed.LocalCluster(2, threads_per_worker=1, **own) as cluster, distributed.Client(cluster) as client:
-        found = ep.study(lambda x: {"process": os.getpid(), "cube": x**3}, POINTS, workers=client, chunk=1)
+        for _ in range(3):  # the cluster forgets what one study has sent to it while the next one begins
+            found = ep.study(lambda x: {"process": os.getpid(), "cube": x**3}, POINTS, workers=client, chunk=1)
         with pytest.warns(FailedRunsWarning, match="1 of 40 runs failed"):
             named = ep.study(plain.picky, POINTS, workers=client.get_executor())
     np.testing.assert_array_equal(found["cube"], np.arange(40) ** 3)
@@ -244,6 +245,13 @@ def test_warnings_of_runs_are_told_once():
         ep.study(plain.warning, {"x": [1, 2, 3, 4]})
     assert [str(w.message) for w in caught] == ["2 of 4 runs warn, the first: 2 is even"]
     assert caught[0].filename == __file__
+
+
+def test_an_executor_that_is_closed_is_told():
+    with ThreadPoolExecutor(1) as executor:
+        pass
+    with pytest.raises(RunError, match="workers: the executor or cluster takes no task"):
+        ep.study(plain.square, {"x": [1]}, workers=executor)
 
 
 def test_what_workers_cannot_import_is_told_before_any_run(monkeypatch):
