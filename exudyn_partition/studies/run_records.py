@@ -11,6 +11,7 @@ import functools
 import inspect
 import json
 import re
+import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import IO, Any
@@ -37,7 +38,7 @@ def about_function(function: Callable[..., Any]) -> JSON:
         return {"function": inner["function"], "fixed": inner["fixed"] | _given(function)}
     module = getattr(function, "__module__", "")
     if module == "__main__":  # the same function has this name where others import it
-        module = Path(getattr(__import__("__main__"), "__file__", module)).stem
+        module = Path(getattr(sys.modules[module], "__file__", module)).stem
     return {"function": f"{module}.{getattr(function, '__qualname__', type(function).__name__)}", "fixed": {}}
 
 

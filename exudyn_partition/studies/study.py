@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -114,8 +115,8 @@ def study(
         known = {key: held[key] for key in wanted if "values" in held.get(key, {})}
         missing = [key for key in wanted if key not in known]
         runs = [(number, wanted[key]) for number, key in enumerate(missing)]
-        with shown(progress, "study") as report:
-            for records in _new(function, runs, workers, chunk, together):
+        with shown(progress, "study") as report, closing(_new(function, runs, workers, chunk, together)) as new:
+            for records in new:
                 if kept is not None:
                     kept.add(record for _, record in records)
                 known |= {missing[number]: record for number, record in records}
@@ -135,7 +136,7 @@ def _new(
     workers: int | Executor | DaskClient,
     chunk: int | None,
     together: str | None,
-) -> Iterator[list[Outcome]]:
+) -> Generator[list[Outcome]]:
     """Records of runs as they end."""
     if workers == 1 or not runs:
         yield from ([outcome] for outcome in each(function, runs))
