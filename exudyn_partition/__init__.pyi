@@ -50,9 +50,12 @@ from .simulation.solve import solve_dynamic
 from .simulation.stability import stability_limit
 from .simulation.statics import settle, solve_static
 from .simulation.step_control import time_to_contact
+from .studies.points import sample_parameters
 from .studies.restitution_law import RestitutionLaw
 from .studies.restitution_map import restitution_map
 from .studies.restitution_values import RestitutionMap
+from .studies.study import study
+from .studies.study_values import Study
 from .support.progress import progress
 
 __all__ = [
@@ -91,6 +94,7 @@ __all__ = [
     "RigidSphere",
     "StepAssembly",
     "StrainGauge",
+    "Study",
     "WorkSensor",
     "amplitude_spectrum",
     "collect",
@@ -118,10 +122,12 @@ __all__ = [
     "reference",
     "report",
     "restitution_map",
+    "sample_parameters",
     "settle",
     "solve_dynamic",
     "solve_static",
     "stability_limit",
+    "study",
     "time_to_contact",
     "truncation_frequency",
     "versions",

@@ -113,5 +113,9 @@ class StoppedRunWarning(PartitionWarning):
     """A run that was interrupted or became unstable; its results up to there are kept."""
 
 
+class FailedRunsWarning(PartitionWarning):
+    """Runs of a study that failed; the others are kept, and these are run again when the study is called again."""
+
+
 class ModeCountWarning(PartitionWarning):
     """Fewer or more modes found in a band than the signs of the pivots count there."""

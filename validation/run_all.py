@@ -390,6 +390,7 @@ CASES = {
     "feminterface": Case("benchmarks/feminterface.py", limits(("difference",))),
     "body_files": Case("benchmarks/body_files.py", limits(("whole", "ball_without_inside", "without_inside"))),
     "restitution_map": Case("benchmarks/restitution_map.py", limits(("cpu_s", "balance"))),
+    "study": Case("benchmarks/study.py", limits(("loop", "workers"))),
     "tilted_bar_refined": Case("experiments/tilted_bar_refined.py", limits(("library", "beam"))),
     "size": Case("benchmarks/size.py", limits(
         ("reduce_s", "memory_GB", "bases_s", "exponent", "spread", "force_error")), limit_s=2 * HOUR),

@@ -199,6 +199,22 @@ after = ep.solve_dynamic(mbs, end_time=80e-6)
 states = hit.plastic.states(after)  # the next run begins with the dent: plasticStates= of CreatePartitionBody
 print(hit.plastic.dents(after))
 
+
+# %% study, Study
+def approach(speed, radius):
+    """How far a ball of steel and a rigid plane approach [m]."""
+    return ep.hertz.impact(0.03, speed, radius, np.inf, ep.STEEL).approach
+
+
+runs = ep.study(
+    approach, {"speed": [0.1, 0.2], "radius": [0.01, 0.02, 0.03]}, file="runs.jsonl"
+)  # workers=2: processes
+print(runs["value"].shape, len(ep.Study.load("runs.jsonl")))
+
+# %% sample_parameters
+points = ep.sample_parameters({"speed": (0.1, 0.5), "radius": (0.01, 0.03)}, 16)  # Sobol points
+print(ep.study(approach, points)["value"].mean())
+
 # %% restitution_map, RestitutionMap, RestitutionLaw
 found = ep.restitution_map((body, ep.RigidPlane()), speed=(0.2, 0.5))
 print(found["restitution"].ravel(), found.law().error)

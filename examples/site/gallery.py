@@ -35,7 +35,14 @@ GROUPS = {
         "gear_pair",
         "ball_bearing",
     ),
-    "Accuracy and studies": ("choose_accuracy", "parameter_study", "restitution_map", "quiet_pin", "gym_arm"),
+    "Accuracy and studies": (
+        "choose_accuracy",
+        "parameter_study",
+        "sobol_indices",
+        "restitution_map",
+        "quiet_pin",
+        "gym_arm",
+    ),
 }
 EXTRAS = {"gym_arm": "learning"}  # that an example needs
 FULL = json.loads((EXAMPLES.parent / "validation" / "gallery.json").read_text(encoding="utf-8"))

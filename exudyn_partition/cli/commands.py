@@ -1,4 +1,4 @@
-"""Command line: reduce a mesh to a body file, look into one, estimate an impact, check the installation.
+"""Command line: reduce a mesh to a body file, look into one, estimate an impact, run studies, check the installation.
 
 Nothing else in the library prints. Exit codes: 0 done, 1 an error with its message on stderr, 2 a wrong call, 130
 interrupted.
@@ -37,6 +37,8 @@ from ..support.warn import warn
 from .doctor import doctor
 from .impact import impact as impact_command
 from .printing import show
+from .study import add_arguments as add_study_arguments
+from .study import study as study_command
 
 Command = Callable[[argparse.Namespace], tuple[int, dict[str, object]]]  # exit code, and what it found
 
@@ -72,6 +74,14 @@ The file is then read by exudyn_partition.load_body("rod.npz").""",
   a body on a rigid plane whose outward normal is z:
     exudyn-partition impact ball.step --scale 1e-3 --material steel --speed 0.3 --contact 0,0,0 --normal 0,0,1 -o out
 The folder then has the reduced bodies, the page impact.html, and impact.py, which runs the impact again.""",
+    "study": """examples:
+  a grid of 3 x 2 runs of the function impact(speed, friction) of a file, by two processes:
+    exudyn-partition study impact.py:impact --grid speed=0.2,0.4,0.6 --grid friction=0,0.1 --workers 2 -o study.jsonl
+  64 Sobol points, by an array of ten tasks of Slurm (#SBATCH --array=1-10):
+    exudyn-partition study impact.py:impact --between speed=0.2,0.8 --between angle=0,1 --count 64 \\
+        --task $SLURM_ARRAY_TASK_ID/10 -o study.jsonl
+The last line without --task, when all tasks have ended, puts their runs into study.jsonl, and runs what failed again.
+The file is then read by exudyn_partition.Study.load("study.jsonl").""",
     "doctor": """examples:
   exudyn-partition doctor
   exudyn-partition doctor --json""",
@@ -202,6 +212,9 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--tolerance", type=_positive, default=1e-2, help="of the whole error (default: 0.01)")
     one.add_argument("--duration", type=_positive, metavar="S", help="over which errors are measured [s]")
     one.add_argument("--scale", type=_positive, default=1.0, help="factor on the files' lengths: 1e-3 for millimetres")
+
+    one = command("study", study_command, "Call a function at many points, and keep what it returns.")
+    add_study_arguments(one)
 
     command("doctor", doctor, "Check the installation by versions and by a small impact.")
     return result

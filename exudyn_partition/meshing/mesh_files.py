@@ -22,6 +22,7 @@ from ..support.arrays import Array, consecutive
 from ..support.checks import read_only, validate_array, validate_file, validate_flag, validate_path, validate_positive
 from ..support.foreign import Meshio, MeshioMesh
 from ..support.optional import require
+from ..support.plugins import plugin
 from ..support.warn import warn
 from .abaqus_decks import read_abaqus
 from .ansys_decks import ENDINGS as ANSYS
@@ -313,11 +314,20 @@ def _read(path: Path, only_solids: bool = False) -> FileMesh:
         return read_universal(path, only_solids)
     if only_solids:
         raise InputError(f"only_solids: is for input decks and universal files, got {path}")
+    if (reader := plugin("readers", suffix.removeprefix("."))) is not None:
+        return _file_of(path, reader(path))
     for endings, advice in _NO_READER.items():
         if suffix in endings.split():
             raise InputError(f"source: files of {suffix} have no reader here, got {path}. {advice}")
     mesh = _read_by_meshio(path)
     _check_counts(path, mesh)
+    return _file_of(path, mesh)
+
+
+def _file_of(path: Path, mesh: MeshioMesh) -> FileMesh:
+    """What is needed of a mesh of meshio."""
+    if not isinstance(mesh, _meshio().Mesh):
+        raise InputError(f"source: expected a meshio.Mesh from the reader of {path}, got {type(mesh).__name__}")
     cells = {kind: np.asarray(rows) for kind, rows in mesh.cells_dict.items()}
     faces = _faces_of_groups(mesh, cells)
     regions = list(regions_of(mesh))

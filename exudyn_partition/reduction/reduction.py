@@ -24,7 +24,8 @@ from ..fe.partition import Partition, check_one_line, number_of_patch
 from ..fe.patches import Patch
 from ..plasticity.dilatation import with_free_zones
 from ..support.cache import cached
-from ..support.checks import validate_callable, validate_choice, validate_flag, validate_positive, validate_type
+from ..support.checks import validate_callable, validate_flag, validate_positive, validate_type
+from ..support.plugins import added_choice
 from ..support.progress import Progress, shown
 from ..support.spelling import spelled
 from ..support.warn import warn
@@ -45,7 +46,8 @@ _SPEED = 1.0  # m/s
 _FASTEST = 1e30  # m/s: bound of the speed, so that numbers stay finite
 _OVERSIZE = 2  # size of Netgen's largest elements, by maxh
 
-BASES: dict[BasisName, Callable[[FEModel, Partition, float, Progress | None], ReducedBasis]] = {
+BasisFunction = Callable[[FEModel, Partition, float, Progress | None], ReducedBasis]
+BASES: dict[BasisName, BasisFunction] = {
     "free": bases.free,
     "craig-bampton": bases.craig_bampton,
     "residual": bases.residual,
@@ -128,7 +130,7 @@ def reduce(
         If the reduction needs more memory than is free, by an estimate.
     """
     _validate_partition(fem, partition)
-    validate_choice("basis", basis, BASES)
+    _basis_function(basis)
     _validate_progress(progress)
     if validate_flag("geometric_stiffness", geometric_stiffness):
         fem.need_cells("geometric stiffness")
@@ -370,12 +372,20 @@ def _impact_options(tolerance: float | None, speed: float, duration: float | Non
     }
 
 
+def _basis_function(basis: BasisName) -> BasisFunction:
+    """Function of a basis: one of ours, or one that an installed package adds."""
+    added = added_choice("basis", basis, BASES, "bases")
+    function: BasisFunction = BASES[basis] if added is None else added
+    validate_callable("basis", function, f"a function by the name {basis!r}")
+    return function
+
+
 def _reduce(models: Models, f_cut: float, basis: BasisName, progress: Progress | None) -> tuple[ReducedBody]:
     begin = time.perf_counter()
     ((fem, partition),) = models
     with watched([(fem, partition)], basis), one_blas_thread():
         fem = with_free_zones(fem, partition)
-        reduced = BASES[basis](fem, partition, f_cut, progress)
+        reduced = _basis_function(basis)(fem, partition, f_cut, progress)
         return (_body(fem, partition, reduced, f_cut, begin),)
 
 

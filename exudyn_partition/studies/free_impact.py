@@ -20,6 +20,7 @@ from ..simulation.solve import solve_dynamic
 from ..simulation.step_control import time_to_contact
 from ..support.arrays import Array
 from ..support.optional import require
+from ..support.warn import warn
 from .impact_setup import Pair, Point, approach, sideways
 
 QUANTITIES = {
@@ -49,9 +50,7 @@ _LONGEST_FLIGHT = 10  # times the time that an impact is watched
 _STEPS_AHEAD = 4  # before the first touch, so that the run begins with an open contact
 
 
-def free_impact(
-    pair: Pair, point: Point, along: Array | None, duration: float
-) -> tuple[dict[str, float], list[tuple[str, str]]]:
+def free_impact(pair: Pair, point: Point, along: Array | None, duration: float) -> dict[str, float]:
     """Run one impact until no contact can follow.
 
     Parameters
@@ -67,18 +66,22 @@ def free_impact(
     -------
     dict of str to float
         `QUANTITIES`; nan where one is not defined.
-    list of (str, str)
-        Kind and text of the warnings.
+
+    Warns
+    -----
+    PartitionWarning
+        As the last of its runs does; shorter ones are not told of.
     """
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        for again in range(_TWICE + 1):
-            caught.clear()
+    for again in range(_TWICE + 1):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
             found = _watched(pair, point, along, duration * 2**again)
-            if found["over"]:
-                break
-    told = [w for w in caught if issubclass(w.category, PartitionWarning)]
-    return found, [(w.category.__name__, str(w.message)) for w in told]
+        if found["over"]:
+            break
+    for told in caught:
+        if issubclass(told.category, PartitionWarning):
+            warn(str(told.message), told.category)
+    return found
 
 
 def _watched(pair: Pair, point: Point, along: Array | None, duration: float) -> dict[str, float]:

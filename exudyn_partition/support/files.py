@@ -155,6 +155,19 @@ def _delete_unlocked(path: Path) -> None:
             shutil.rmtree(path) if stat.S_ISDIR(os.fstat(descriptor).st_mode) else path.unlink()
 
 
+def locked_by_others(descriptor: int) -> bool:
+    """Lock an open file for this process alone until it is closed; whether another process has it."""
+    if fcntl is None:  # on Windows
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # the file system has no locks
+        return False
+    return False
+
+
 @contextlib.contextmanager
 def filling(folder: str | Path, last: str) -> Iterator[Path]:
     """Yield a new folder. Its files are moved into `folder` when the block ends, or deleted if the block raises.

@@ -46,6 +46,7 @@ PolyData = _Unknown  # pyvista.PolyData
 Actor = _Unknown  # pyvista.Actor
 DataFrame = _Unknown  # pandas.DataFrame
 Dataset = _Unknown  # xarray.Dataset
+DaskClient = _Unknown  # distributed.Client
 SecondOrderModel = _Unknown  # pymor.models.iosys.SecondOrderModel
 ProgressBar = _Unknown  # rich.progress.Progress
 JSON = _Unknown  # a value in the types of JSON, from a file

@@ -16,27 +16,44 @@ class Interrupt:
     ----------
     asked : bool
         Whether the user has asked to stop.
+    loops : int
+        Loops within the block that ask it between their steps.
     """
 
     def __init__(self) -> None:
         self.asked = False
+        self.loops = 0
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Take the signal: remember that the user asked to stop."""
         self.asked = True
 
 
+class InterruptNow(Interrupt):
+    """Handler of Ctrl-C that remembers it, and raises KeyboardInterrupt unless a loop within will ask."""
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Take the signal."""
+        super().__call__(number, frame)
+        if not self.loops:
+            raise KeyboardInterrupt
+
+
 @contextlib.contextmanager
-def interruptible() -> Iterator[Interrupt]:
+def interruptible(kind: type[Interrupt] = Interrupt) -> Iterator[Interrupt]:
     """Handle Ctrl-C until the end of the block; within another such block, the outer one handles it.
 
     Python allows that in the main thread only. In other threads nothing changes, and `asked` stays False.
     """
     previous = signal.getsignal(signal.SIGINT)
     if isinstance(previous, Interrupt):
-        yield previous
+        previous.loops += 1
+        try:
+            yield previous
+        finally:
+            previous.loops -= 1
         return
-    interrupt = Interrupt()
+    interrupt = kind()
     if threading.get_ident() != threading.main_thread().ident:
         yield interrupt
         return

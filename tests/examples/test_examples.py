@@ -12,6 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from oracles import LONGEST
+from scipy.stats import sobol_indices, uniform
 
 import exudyn_partition as ep
 from validation.experiments import tilted_bar
@@ -222,6 +223,42 @@ def test_quiet_pin(tmp_path, capsys):
     assert result["force_on_pin_N"]["best"] < 0.5 * result["force_on_pin_N"]["most"]
     _, by_speed = result["relative_sensitivity"]["nose"]
     assert by_speed == pytest.approx(6 / 5, rel=0.05)  # Hertz: as the speed to the 6/5
+
+
+def test_sobol_indices(tmp_path, capsys):
+    """Of the same few points, the laws of Coulomb and Hertz give nearly the same indices as the impacts do."""
+    example = importlib.import_module("sobol_indices")
+    example.main(["--quick", "--workers", "1", "--out", str(tmp_path)])
+    plt.close("all")
+    result = check_files("sobol_indices", tmp_path, capsys.readouterr().out)
+    ranges = [uniform(low, high - low) for low, high in example.RANGES.values()]
+
+    def by_laws(points):
+        laws = ([law[name](x) for name, x in zip(example.RANGES, points, strict=True)] for law in example.LAWS.values())
+        return np.array([np.prod(factors, axis=0) for factors in laws])
+
+    indices = sobol_indices(func=by_laws, n=2, dists=ranges, rng=np.random.default_rng(0))
+    for i, name in enumerate(example.LAWS):
+        for kind, values in (("first order", indices.first_order), ("total", indices.total_order)):
+            np.testing.assert_allclose(result[f"{name}, {kind}"]["computed"], values[i], atol=0.03)
+
+
+def test_exact_indices_are_those_that_many_points_give():
+    """With more points, SciPy's estimates go to the closed form of a product."""
+    example = importlib.import_module("sobol_indices")
+    ranges = [uniform(low, high - low) for low, high in example.RANGES.values()]
+    for law in example.LAWS.values():
+        indices = sobol_indices(
+            func=lambda points, law=law: np.prod(
+                [law[name](x) for name, x in zip(example.RANGES, points, strict=True)], axis=0
+            )[None],
+            n=2**14,
+            dists=ranges,
+            rng=np.random.default_rng(0),
+        )
+        first, total = example.expected(law)
+        np.testing.assert_allclose(indices.first_order, first, atol=2e-3)
+        np.testing.assert_allclose(indices.total_order, total, atol=2e-3)
 
 
 def test_gym_arm(tmp_path, capsys):

@@ -145,6 +145,11 @@ class Scene:
         self.map.save(self.folder / "map.npz")
         return self.folder / "map.npz"
 
+    def study_file(self):
+        """File of a study."""
+        ep.study(lambda x: x, [{"x": 1.0}], file=self.folder / "study.jsonl")
+        return self.folder / "study.jsonl"
+
     @cached_property
     def sticking(self):
         """Contact of the upper block with a floor, with friction, and the result of its run."""

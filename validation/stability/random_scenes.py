@@ -36,7 +36,6 @@ import functools
 import time
 import warnings
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -372,12 +371,9 @@ def main():
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--out", type=Path, help="file of the results, instead of the JSON beside the script")
     options = parser.parse_args()
-    console, begin, rows = Console(width=170), time.perf_counter(), []
+    console, begin = Console(width=170), time.perf_counter()
     seeds = options.only or range(options.count)
-    with ep.progress("random scenes") as report, ProcessPoolExecutor(options.jobs) as pool:
-        for row in pool.map(checked, seeds, chunksize=4):
-            rows.append(row)
-            report(len(rows) / len(seeds))
+    rows = ep.study(checked, {"seed": seeds}, workers=options.jobs, stop=True).values
     for row in rows:
         told = {name: float(f"{value:.2g}") for name, value in row["found"].items()} | {"seen": row.get("seen")}
         if options.only or row.get("beyond") or row["stopped"] or row.get("refused"):

@@ -14,7 +14,8 @@ import scipy.sparse.linalg
 from ...algebra.sparse.skin_flexibility import largest_value
 from ...errors import InputError
 from ...reduction.body import ReducedBody
-from ...support.checks import validate_choice, validate_positive
+from ...support.checks import validate_positive
+from ...support.plugins import added_choice
 from ..gaps import Gaps
 from ..law import Law, RowDirections
 from ..patch_contact import PatchContact
@@ -170,8 +171,12 @@ def formulation_of(choice: FormulationName | Formulation, stiffness: float | Non
             f"Formulation and whose law(rows) returns a law, got "
             f"{f'the class {choice.__name__}' if isinstance(choice, type) else type(choice).__name__}"
         )
-    name = validate_choice("formulation", choice, NAMES)
-    return Penalty(stiffness) if name == "penalty" else Compliance() if name == "compliance" else Lagrange()
+    if (added := added_choice("formulation", choice, NAMES, "formulations")) is not None:
+        made = added() if isinstance(added, type) else added
+        if not isinstance(made, Formulation):
+            raise InputError(f"formulation: expected a Formulation by the name {choice!r}, got {type(made).__name__}")
+        return made
+    return Penalty(stiffness) if choice == "penalty" else Compliance() if choice == "compliance" else Lagrange()
 
 
 def _flows(contact: PatchContact) -> bool:

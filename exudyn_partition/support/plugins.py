@@ -1,0 +1,54 @@
+"""What other packages add by entry points: they are found by group and name, and imported when somebody asks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from ..errors import InputError
+from .checks import validate_choice
+
+_GROUPS = "exudyn_partition."  # begins the name of each group
+
+
+def plugin(group: str, name: str) -> Any:
+    """Object that an installed package adds to a group, such as "bases", by this name; None if there is none.
+
+    Raises
+    ------
+    InputError
+        If it cannot be imported, or several packages add different ones.
+    """
+    found = list(entry_points(group=_GROUPS + group, name=name))
+    if not found:
+        return None
+    if len({one.value for one in found}) > 1:
+        raise InputError(f"{group}: expected one package with {name!r}, got {_listed(found)}; uninstall the others")
+    try:
+        return found[0].load()
+    except (ImportError, AttributeError) as error:
+        raise InputError(
+            f"{group}: {name!r} of {_listed(found[:1])} cannot be imported ({error}); install or update that package"
+        ) from error
+
+
+def added_choice(name: str, value: object, choices: Iterable[str], group: str) -> Any:
+    """Object that a package adds to a group by the name `value`; None if that is one of our own `choices`.
+
+    Raises
+    ------
+    InputError
+        If it is neither: the message has both.
+    """
+    known = list(choices)
+    if isinstance(value, str) and value not in known and (found := plugin(group, value)) is not None:
+        return found
+    added = [] if value in known else sorted({one.name for one in entry_points(group=_GROUPS + group)})
+    validate_choice(name, value, [*known, *added])
+    return None
+
+
+def _listed(found: list[EntryPoint]) -> str:
+    """Packages and objects of entry points."""
+    return ", ".join(f"{one.dist.name if one.dist else 'a package'} ({one.value})" for one in found)
