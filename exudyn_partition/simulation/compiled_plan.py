@@ -1,0 +1,196 @@
+"""Exudyn adapter: what compiled runs need of a model, read from it, and why they cannot hold it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import cast
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..compiled.plan import GroupPlan, StepPlan
+from ..contact.formulations.choices import Compliance
+from ..contact.formulations.coupled import CoupledContacts, SharedPatches
+from ..contact.linear_gaps import FlatRows
+from ..errors import CompiledRunError
+from ..exudyn_bodies.model import coordinate_slices, registered, user_function
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.contact_run import GroupRun
+from ..exudyn_contacts.model_run import ModelRun
+from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
+from ..frames.damping import ModeDamping
+from ..support.arrays import Array
+from ..support.foreign import ItemEntry, MainSystem
+
+
+def check_held(mbs: MainSystem, options: Sequence[str] = ()) -> None:
+    """Raise an error with all reasons why a compiled run cannot hold a model; `options` are further reasons.
+
+    Raises
+    ------
+    CompiledRunError
+    """
+    bodies, contacts = partition_items(mbs)
+    parts = _of_bodies(bodies), _of_contacts(contacts), _of_items(mbs, bodies, contacts), _of_sensors(mbs)
+    reasons = [*options, *(reason for part in parts for reason in part)]
+    if reasons:
+        listed = "".join(f"\n- {reason}" for reason in reasons)
+        raise CompiledRunError(
+            "solver: compiled runs hold partition bodies in inertial frames, their contacts by compliance without "
+            "friction, rigid planes, gravity, constant loads on coordinates and damping of modes. This run has "
+            f"more:{listed}\nLeave it out, or take solver='exudyn'"
+        )
+
+
+def _called(kind: str, item: PartitionBody | PartitionContact, place: int) -> str:
+    return f"{kind} {item.name!r}" if item.name else f"{kind} {place}"
+
+
+def _of_bodies(bodies: Sequence[PartitionBody]) -> Iterator[str]:
+    """Reasons by bodies."""
+    for place, item in enumerate(bodies):
+        named = _called("body", item, place)
+        if item.frame == "floating":
+            yield f"{named} has a floating frame"
+        if len(item.body.basis.nodal):
+            yield f"{named} keeps nodes, by basis {item.body.basis.name!r}"
+        if item.body.stiffening is not None:
+            yield f"{named} has geometric stiffness"
+        if item.damping is not None and not isinstance(item.damping, ModeDamping):
+            yield f"{named} has damping of nodes"
+
+
+def _of_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
+    """Reasons by contacts."""
+    if not contacts:
+        yield "no contact"
+    for place, contact in enumerate(contacts):
+        named, mechanics = _called("contact", contact, place), contact.mechanics
+        if not isinstance(contact.formulation, Compliance):
+            yield f"{named} has formulation {type(contact.formulation).__name__}"
+        if mechanics.friction is not None:
+            yield f"{named} has friction"
+        if mechanics.zones is not None:
+            yield f"{named} has plastic zones"
+        if contact.carrier is not None:
+            yield f"{named} has a surface on a body that moves"
+        if mechanics.viscous:
+            yield f"{named} has a viscous flexibility, by damping in proportion to the stiffness"
+        if mechanics.gaps.overlap:
+            yield f"{named} is a press fit"
+        if contact.moment_about is not None:
+            yield f"{named} has a sensor of its moment"
+        if isinstance(contact.together, SharedPatches):
+            yield f"{named} shares a patch with another contact"
+        elif not mechanics.gaps.may_freeze:
+            yield (
+                f"{named} has pairs that follow the motion: of curved rigid surfaces, patches of Partition.surface, "
+                "floating frames, or patches that do not face each other at the start"
+            )
+
+
+def _of_items(
+    mbs: MainSystem, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact]
+) -> Iterator[str]:
+    """Reasons by other items and functions of the model."""
+    data = mbs.systemData
+    ours = {int(item["oGenericODE2"]) for item in bodies} | {int(contact["oContact"]) for contact in contacts}
+    for number in range(data.NumberOfObjects()):
+        entry = mbs.GetObject(number)
+        if number not in ours and entry["objectType"] != "Ground":
+            yield f"object {entry['name']!r}, a {entry['objectType']}"
+    if data.ODE2Size() != sum(item.body.n_dofs for item in bodies) or data.ODE1Size():
+        yield "nodes with coordinates of their own"
+    for number in range(data.NumberOfLoads()):
+        load = mbs.GetLoad(number)
+        if _coordinate(mbs, bodies, load) is None:
+            yield f"load {load['name']!r}, a {load['loadType']}, is not a constant one on a coordinate of a body"
+    for name in ("PreStep", "PostStep", "PostNewton"):
+        if user_function(getattr(mbs, f"Get{name}UserFunction")()) is not None:
+            yield f"a {name} user function"
+
+
+def _coordinate(mbs: MainSystem, bodies: Sequence[PartitionBody], load: ItemEntry) -> int | None:
+    """Number of the coordinate on which a constant load acts; None if it is another load."""
+    if load["loadType"] != "Coordinate" or load["loadUserFunction"]:
+        return None
+    marker, nodes = mbs.GetMarker(load["markerNumber"]), {int(node) for item in bodies for node in item.nodes}
+    if marker["markerType"] != "NodeCoordinate" or int(marker["nodeNumber"]) not in nodes:
+        return None
+    return int(mbs.GetNodeODE2Index(marker["nodeNumber"]) + marker["coordinate"])
+
+
+def own_sensors(mbs: MainSystem) -> set[int]:
+    """Numbers of the sensors that bodies and contacts made with them."""
+    (bodies, contacts), damping = partition_items(mbs), registered(mbs).damping
+    numbers = {int(n) for item in bodies for key in ("sCoordinates", "sCoordinates_t") for n in item[key]}
+    of_damping = set() if damping is None else {int(damping.number)}
+    return numbers | {int(contact["sForce"]) for contact in contacts} | of_damping
+
+
+def _of_sensors(mbs: MainSystem) -> Iterator[str]:
+    """Reasons by sensors that the user has added."""
+    known = own_sensors(mbs)
+    for number in range(mbs.systemData.NumberOfSensors()):
+        entry = mbs.GetSensor(number)
+        if number in known:
+            continue
+        if entry["sensorType"] == "UserFunction":
+            yield f"sensor {entry['name']!r}, a user function"
+        elif entry["fileName"] and entry["writeToFile"]:
+            yield f"sensor {entry['name']!r} writes a file"
+
+
+def read_plan(mbs: MainSystem, run: ModelRun) -> StepPlan:
+    """Plan of the compiled steps of a model that `check_held` has passed.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    run : ModelRun
+        Its run, which has begun.
+    """
+    bodies, contacts = partition_items(mbs)
+    n = mbs.systemData.ODE2Size()
+    mass, load = np.ones(n), np.zeros(n)
+    for item in bodies:
+        dofs = dofs_of(mbs, item)
+        mass[dofs] = item.kinematics.mass
+        if item.weight is not None:
+            load[dofs] = item.weight
+    for number in range(mbs.systemData.NumberOfLoads()):
+        entry = mbs.GetLoad(number)
+        place = _coordinate(mbs, bodies, entry)
+        load[place] += entry["load"]
+    damped = [item for item in bodies if item.damping is not None]
+    stiffness = _placed(mbs, n, [(item, item.body.stiffness) for item in bodies])
+    damping = _placed(mbs, n, [(item, item.damping.matrix()) for item in damped if item.damping is not None])
+    groups = tuple(_group_plan(run.contact_run(group[0]).group) for group in in_groups(contacts))
+    return StepPlan(mass, stiffness, damping, load, groups)
+
+
+def in_groups(contacts: Sequence[PartitionContact]) -> list[list[PartitionContact]]:
+    """Contacts that are solved together, in the order of a plan."""
+    return [*{id(contact.group): contact.group for contact in contacts}.values()]
+
+
+def _group_plan(group: GroupRun) -> GroupPlan:
+    gaps = [member.mechanics.gaps for member in group.members]
+    linear = [rows.linear for rows in gaps if rows.linear is not None]
+    own, fields, core = cast("CoupledContacts", group.together).blocks()
+    rows = FlatRows.of(linear, [of_contact.normal for of_contact in gaps], [member.dofs for member in group.members])
+    return GroupPlan(tuple(member.name for member in group.members), rows, tuple(own), tuple(fields), core)
+
+
+def dofs_of(mbs: MainSystem, item: PartitionBody) -> Array:
+    """Numbers of a body's coordinates in the model, (n_dofs,)."""
+    return np.concatenate([np.r_[place] for place in coordinate_slices(mbs, item)])
+
+
+def _placed(mbs: MainSystem, n: int, parts: Sequence[tuple[PartitionBody, sp.csr_matrix]]) -> sp.csr_matrix:
+    """Sum of matrices of bodies, each on the coordinates of its body, (n, n)."""
+    total = sp.csr_matrix((n, n))
+    for item, matrix in parts:
+        dofs, entries = dofs_of(mbs, item), sp.coo_matrix(matrix)
+        total = total + sp.csr_matrix((entries.data, (dofs[entries.row], dofs[entries.col])), shape=(n, n))
+    return total
