@@ -16,18 +16,10 @@ Limits = tuple[float, float, int, int]  # see `block_complementarity.LIMITS`
 
 
 @compiled
-def push(groups: tuple[FlatContacts, ...], q: Array, force: Array, part: Array, limits: Limits) -> int:
-    """Set the forces of all contacts; return the number of the first group that has none, or -1."""
+def push(contacts: FlatContacts, q: Array, force: Array, limits: Limits) -> bool:
+    """Set the forces of all contacts; whether they are found."""
     rounding, settled, steps, patience = limits
-    force[:] = 0.0
-    for number, group in enumerate(groups):
-        pushing = evaluate_frozen(group, q, part, rounding, settled, steps, patience)
-        if pushing < 0:
-            return number
-        if pushing > 0:
-            for k in range(len(q)):
-                force[k] += part[k]
-    return -1
+    return evaluate_frozen(contacts, q, force, rounding, settled, steps, patience) >= 0
 
 
 @inlined
@@ -43,68 +35,65 @@ def accelerate(bodies: FlatBodies, m: Motion) -> None:
 
 
 @inlined
-def watch(groups: tuple[FlatContacts, ...], peaks: Peaks, q: Array) -> None:
+def watch(contacts: FlatContacts, peaks: Peaks, q: Array) -> None:
     """Keep the largest force of each contact, with forces on rows and coordinates then."""
-    contact = row = 0
-    for group in groups:
-        starts, values, lam = group.blocks.starts, group.values, group.blocks.lam
-        for j in range(len(values)):
-            if values[j, 0] > peaks.force[contact]:
-                peaks.force[contact] = values[j, 0]
-                for k in range(len(q)):
-                    peaks.q[contact, k] = q[k]
-                for i in range(starts[j], starts[j + 1]):
-                    peaks.lam[row + i] = lam[i]
-            contact += 1
-        row += len(lam)
+    starts, values, lam = contacts.blocks.starts, contacts.values, contacts.blocks.lam
+    for j in range(len(values)):
+        if values[j, 0] > peaks.force[j]:
+            peaks.force[j] = values[j, 0]
+            for k in range(len(q)):
+                peaks.q[j, k] = q[k]
+            for i in range(starts[j], starts[j + 1]):
+                peaks.lam[i] = lam[i]
 
 
 @inlined
-def keep(groups: tuple[FlatContacts, ...], m: Motion, samples: Samples, place: int) -> None:
+def keep(contacts: FlatContacts, m: Motion, samples: Samples, place: int) -> None:
     """Write a sample of what is kept."""
+    values, stored, lam = contacts.values, contacts.stored, contacts.blocks.lam
     if len(samples.q) > 0:
         for k in range(len(m.q)):
             samples.q[place, k], samples.v[place, k] = m.q[k], m.v[k]
-    contact = row = 0
-    for group in groups:
-        values, stored, lam = group.values, group.stored, group.blocks.lam
-        for j in range(len(values)):
-            for k in range(values.shape[1]):
-                samples.values[place, contact + j, k] = values[j, k]
-        if len(samples.stored) > 0:
-            for j in range(len(stored)):
-                samples.stored[place, contact + j] = stored[j]
-            for i in range(len(lam)):
-                samples.lam[place, row + i] = lam[i]
-        contact, row = contact + len(values), row + len(lam)
+    for j in range(len(values)):
+        for k in range(values.shape[1]):
+            samples.values[place, j, k] = values[j, k]
+    if len(samples.stored) > 0:
+        for j in range(len(stored)):
+            samples.stored[place, j] = stored[j]
+        for i in range(len(lam)):
+            samples.lam[place, i] = lam[i]
 
 
 @unlocked
 def advance(
     bodies: FlatBodies,
-    groups: tuple[FlatContacts, ...],
+    contacts: FlatContacts,
     m: Motion,
     samples: Samples,
     peaks: Peaks,
     limits: Limits,
     h: float,
+    first: int,
     count: int,
     between: int,
-) -> tuple[int, int]:
-    """See `loops.Stepper.advance`."""
+) -> int:
+    """Make steps with the numbers `first` to `count`, from 1, see `loops.Stepper.advance`.
+
+    Return the number of the first step whose forces are not found, `count` + 1 if all are. Coordinates and velocities
+    are then those with which the forces would be found.
+    """
     n = len(m.q)
-    for step in range(count):
+    for step in range(first, count + 1):
         for k in range(n):
             m.q_start[k], m.v_start[k] = m.q[k], m.v[k]
             m.v[k] += 0.5 * h * m.a[k]
             m.q[k] += h * m.v[k]
-        failed = push(groups, m.q, m.force, m.part, limits)
-        if failed >= 0:
-            return step, failed
+        if not push(contacts, m.q, m.force, limits):
+            return step
         accelerate(bodies, m)
         for k in range(n):
             m.v[k] += 0.5 * h * m.a[k]
-        watch(groups, peaks, m.q)
-        if (step + 1) % between == 0:
-            keep(groups, m, samples, (step + 1) // between - 1)
-    return count, -1
+        watch(contacts, peaks, m.q)
+        if step % between == 0:
+            keep(contacts, m, samples, step // between - 1)
+    return count + 1

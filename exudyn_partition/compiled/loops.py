@@ -14,7 +14,7 @@ from ..contact.loops import flat_contacts
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..support.compiled import kernels
-from .plan import GroupPlan, StepPlan
+from .plan import FrozenPlan, StepPlan
 
 N_VALUES = 6  # of each contact, see `frozen.FrozenContacts`
 UNSTABLE = "the gaps are not finite: the run has become unstable"
@@ -29,8 +29,8 @@ class Motion(NamedTuple):
         Coordinates, velocities and accelerations.
     q_start, v_start : (nq,) arrays
         Coordinates and velocities at the start of the step.
-    force, part : (nq,) arrays
-        Generalised forces of all contacts, and of one group.
+    force : (nq,) array
+        Generalised forces of all contacts.
     """
 
     q: Array
@@ -39,12 +39,11 @@ class Motion(NamedTuple):
     q_start: Array
     v_start: Array
     force: Array
-    part: Array
 
     @classmethod
     def of(cls, n: int) -> Motion:
         """Room for n coordinates."""
-        return cls(*np.zeros((7, n)))
+        return cls(*np.zeros((6, n)))
 
 
 class Samples(NamedTuple):
@@ -70,10 +69,9 @@ class Samples(NamedTuple):
     @classmethod
     def of(cls, plan: StepPlan, n: int, *, motion: bool, rows: bool) -> Samples:
         """Room for n samples; `motion` and `rows` say whether coordinates and forces on rows are kept."""
-        nq, nc = len(plan.mass), len(plan.names)
-        q, v = np.empty((2, n if motion else 0, nq))
-        kept = n if rows else 0
-        return cls(q, v, np.empty((n, nc, N_VALUES)), np.empty((kept, nc)), np.empty((kept, plan.n_rows)))
+        nq, nc, nr = len(plan.mass), len(plan.contacts.names), len(plan.contacts.rows.start)
+        (q, v), kept = np.empty((2, n if motion else 0, nq)), n if rows else 0
+        return cls(q, v, np.empty((n, nc, N_VALUES)), np.empty((kept, nc)), np.empty((kept, nr)))
 
 
 class Peaks(NamedTuple):
@@ -96,117 +94,54 @@ class Peaks(NamedTuple):
     @classmethod
     def of(cls, plan: StepPlan) -> Peaks:
         """Room for a plan's contacts, without a force."""
-        nc = len(plan.names)
-        return cls(np.zeros(nc), np.zeros(plan.n_rows), np.zeros((nc, len(plan.mass))))
+        nc = len(plan.contacts.names)
+        return cls(np.zeros(nc), np.zeros(len(plan.contacts.rows.start)), np.zeros((nc, len(plan.mass))))
 
 
-class Group:
-    """Room in which a group's forces are found.
+class ContactParts(NamedTuple):
+    """Matrices of one contact as views of flat arrays.
 
     Parameters
     ----------
-    plan : GroupPlan
-
-    Attributes
-    ----------
-    blocks : FlatBlocks
-    values : (n, 6) array
-        See `frozen.FrozenContacts`.
-    stored : (n,) array
-        Energy that each contact stores [J].
+    rows : slice
+        Its rows among all.
+    dofs : (n,) int array
+        Numbers of its coordinates.
+    H : (n, nr) array
+        Gaps by the coordinates, transposed.
+    normals : (nr, 3) array
+    drift : (k, n) array
+        How its pairs slide by the coordinates.
+    drift_start : (k,) array
+        Where they were found [m].
+    reach : float
+        How far they may slide [m].
     """
 
-    def __init__(self, plan: GroupPlan) -> None:
-        self.plan, self.blocks = plan, plan.fresh_blocks()
-        n = len(plan.names)
-        self.h, self.values, self.stored = np.zeros(len(self.blocks.lam)), np.zeros((n, N_VALUES)), np.zeros(n)
+    rows: slice
+    dofs: Array
+    H: Array
+    normals: Array
+    drift: Array
+    drift_start: Array
+    reach: float
 
-    def forget(self) -> None:
-        """Begin without a guess of the closed rows."""
-        self.blocks.forget()
-        self.blocks.iterations[:] = 0
+    @classmethod
+    def of(cls, plan: FrozenPlan, j: int) -> ContactParts:
+        """Parts of contact j."""
+        flat = plan.rows
+        rows, dofs = slice(*flat.starts[j : j + 2]), flat.dofs[slice(*flat.places[j : j + 2])]
+        start, (n, nr) = flat.drift_start[slice(*flat.drift_starts[j : j + 2])], (len(dofs), len(plan.own[j]))
 
-    def _slides(self, q: Array) -> int | None:
-        """Number of the first contact whose pairs slide at coordinates q, (nq,); None if none do."""
-        rows = self.plan.rows
-        for j, (dofs, drift, start) in enumerate(self._drifts):
-            if not abs(drift @ q[dofs] - start).max(initial=0.0) <= rows.reach[j]:
-                return j
-        return None
+        def matrix(begin: int, k: int, m: int) -> Array:
+            return flat.numbers[begin:][: k * m].reshape(k, m)
 
-    @property
-    def _drifts(self) -> list[tuple[Array, Array, Array]]:
-        """Coordinates of each contact, (n,), how its pairs slide, (k, n), and where they begin, (k,)."""
-        rows, found = self.plan.rows, []
-        for j in range(len(self.plan.names)):
-            dofs = rows.dofs[rows.places[j] : rows.places[j + 1]]
-            start = rows.drift_start[rows.drift_starts[j] : rows.drift_starts[j + 1]]
-            drift = rows.numbers[rows.drift[j] :][: len(start) * len(dofs)].reshape(len(start), len(dofs))
-            found.append((dofs, drift, start))
-        return found
+        H, normals = matrix(flat.H[j], n, nr), matrix(flat.normals[j], nr, 3)
+        return cls(rows, dofs, H, normals, matrix(flat.drift[j], len(start), n), start, float(flat.reach[j]))
 
-    @property
-    def _rows(self) -> list[tuple[slice, Array, Array, Array]]:
-        """Rows of each contact, its coordinates, (n,), H', (n, nr), and normals, (nr, 3)."""
-        rows, found = self.plan.rows, []
-        for j in range(len(self.plan.names)):
-            part, dofs = slice(rows.starts[j], rows.starts[j + 1]), rows.dofs[rows.places[j] : rows.places[j + 1]]
-            n, nr = len(dofs), part.stop - part.start
-            H = rows.numbers[rows.H[j] :][: n * nr].reshape(n, nr)
-            normals = rows.numbers[rows.normals[j] :][: 3 * nr].reshape(nr, 3)
-            found.append((part, dofs, H, normals))
-        return found
-
-    def find(self, q: Array, force: Array) -> str:
-        """Find the forces at coordinates q, (nq,), by NumPy, and add them to `force`, (nq,); return what prevents it."""
-        if not np.isfinite(q).all():
-            return UNSTABLE
-        if (slides := self._slides(q)) is not None:
-            return f"pairs of contact {self.plan.names[slides]!r} begin to slide, which compiled steps do not follow"
-        rows, parts, blocks = self.plan.rows, self._rows, self.blocks
-        for part, dofs, H, _ in parts:
-            self.h[part] = rows.start[part] + q[dofs] @ H
-        try:
-            lam, pushed, iterations = forces_of(self.plan, self.h, blocks.active)
-        except ComplementarityError as error:
-            return str(error)
-        blocks.lam[:], blocks.pushed[:], blocks.active[:] = lam, pushed, lam > 0.0
-        blocks.n_closed[:] = -1
-        blocks.iterations[:] += iterations
-        for j, (part, dofs, H, normals) in enumerate(parts):
-            push = lam[part]
-            force[dofs] += H @ push
-            self.values[j] = [push.sum(), np.count_nonzero(push), *(push @ normals), pushed[part].min(initial=np.inf)]
-            self.stored[j] = -0.5 * push @ self.h[part]
-        return ""
-
-
-def forces_of(plan: GroupPlan, h: Array, active: Array) -> tuple[Array, Array, Array]:
-    """Forces on all rows of a group, (nr,) [N], for gaps h, (nr,) [m], and a guess of the closed rows, (nr,) bool.
-
-    Returns
-    -------
-    The forces, gaps with the displacements that other contacts cause, (nr,) [m], and iterations of each contact, (n,).
-
-    Raises
-    ------
-    ComplementarityError
-        If no closed rows settle.
-    """
-    n, ends = len(plan.names), plan.rows.starts[1:-1]
-    if h.min(initial=0.0) >= 0.0:
-        return np.zeros(len(h)), h.copy(), np.zeros(n, dtype=np.int64)
-    problems = [problem.fresh() for problem in plan.problems]
-    for problem, guess in zip(problems, np.split(active, ends), strict=True):
-        problem.set_active(guess)
-    parts = dict(enumerate(np.split(h, ends)))
-    if n == 1:
-        lam = [problems[0].solve(parts[0])]
-        pushed = h.copy()
-    else:
-        found = plan.joint.solve(dict(enumerate(problems)), parts, dict(enumerate(plan.fields)))
-        lam, pushed = [found[j] for j in range(n)], np.concatenate([plan.joint.pushed[j] for j in range(n)])
-    return np.concatenate(lam), pushed, np.array([problem.iterations for problem in problems])
+    def slide(self, q: Array) -> bool:
+        """Whether pairs slide at coordinates q, (nq,)."""
+        return bool(not abs(self.drift @ q[self.dofs] - self.drift_start).max(initial=0.0) <= self.reach)
 
 
 class Stepper:
@@ -224,16 +159,24 @@ class Stepper:
     ----------
     motion : Motion
     peaks : Peaks
-    groups : list of Group
+    iterations : int
+        Of the closed rows of all contacts since the start.
     """
 
     def __init__(self, plan: StepPlan) -> None:
-        self.plan, self.groups = plan, [Group(group) for group in plan.groups]
-        self.motion, self.peaks, self._kernels = Motion.of(len(plan.mass)), Peaks.of(plan), kernels("compiled")
-        self._flat: tuple[Any, ...] = ()
+        self._plan, contacts, self._kernels = plan, plan.contacts, kernels("compiled")
+        self.motion, self.peaks, self._blocks = Motion.of(len(plan.mass)), Peaks.of(plan), contacts.fresh_blocks()
+        n = len(contacts.names)
+        self._h, self._values, self._stored = np.zeros(len(contacts.rows.start)), np.zeros((n, N_VALUES)), np.zeros(n)
+        self._parts = [ContactParts.of(contacts, j) for j in range(n)]
+        self._flat: Any = None
         if self._kernels:
-            parts = ((g, (g.h, g.values, g.stored)) for g in self.groups)
-            self._flat = tuple(flat_contacts(g.plan.rows, g.blocks, *results) for g, results in parts)
+            self._flat = flat_contacts(contacts.rows, self._blocks, self._h, self._values, self._stored)
+
+    @property
+    def iterations(self) -> int:
+        """See the class."""
+        return int(self._blocks.iterations.sum())
 
     def begin(self, q: Array, v: Array, a: Array | None = None) -> str:
         """Begin at coordinates and velocities, (nq,), with accelerations, (nq,); by default those that forces give.
@@ -241,105 +184,122 @@ class Stepper:
         Return what prevents it, see `advance`.
         """
         m = self.motion
-        for group in self.groups:
-            group.forget()
+        self._blocks.forget()
+        self._blocks.iterations[:] = 0
         self.peaks.force[:] = 0.0
         m.q[:], m.v[:] = q, v
-        if not (self._kernels and self._kernels.push(self._flat, m.q, m.force, m.part, LIMITS) < 0):
-            if stopped := self._find():
-                return stopped
+        if not (self._kernels and self._kernels.push(self._flat, m.q, m.force, LIMITS)) and (why := self._find()):
+            return why
         if a is None:
-            _accelerate(self.plan, m)
+            self._accelerate()
         else:
             m.a[:] = a
+        self._watch()
         return ""
 
-    def advance(self, h: float, count: int, between: int, samples: Samples) -> tuple[int, str]:
-        """Make steps of length h [s].
+    def advance(self, h: float, first: int, count: int, between: int, samples: Samples) -> tuple[int, str]:
+        """Make steps of length h [s] with the numbers `first` to `count`, from 1 on.
 
         Parameters
         ----------
         h : float
-        count : int
-            Number of steps.
+        first, count : int
         between : int
-            Steps from one sample to the next; the first sample is after so many.
+            Steps from one sample to the next: step number i writes sample i / `between` - 1.
         samples : Samples
 
         Returns
         -------
-        Number of steps made, and what stopped them; empty if nothing did. Then the motion is at the start of a step.
+        Number of the last step that was made, and what stopped the steps; empty if nothing did. Then the motion is at
+        the start of a step.
         """
-        made, m = 0, self.motion
-        while made < count:
-            before = made
-            if self._kernels and not made % between:
-                left = Samples(*(part[made // between :] for part in samples))
-                more, failed = self._kernels.advance(
-                    self.plan.flat, self._flat, m, left, self.peaks, LIMITS, h, count - made, between
-                )
-                made += more
-                if failed < 0:
+        m = self.motion
+        for_loops = self._plan.flat, self._flat, m, samples, self.peaks, LIMITS, h
+        while first <= count:
+            if self._kernels:
+                first = self._kernels.advance(*for_loops, first, count, between)
+                if first > count:
                     break
             else:
-                _drift(m, h)
-            stopped = self._finish(h)  # compiled loops give up where closed rows do not settle soon
-            if stopped:
-                return made, stopped
-            made += 1
-            if not made % between:
-                self.keep(samples, made // between - 1)
-            assert made > before
-        return made, ""
-
-    def _finish(self, h: float) -> str:
-        """Finish a step whose coordinates have moved, by NumPy; return what prevents it."""
-        m = self.motion
-        if stopped := self._find():
-            m.q[:], m.v[:] = m.q_start, m.v_start
-            return stopped
-        _accelerate(self.plan, m)
-        m.v[:] += 0.5 * h * m.a
-        self._watch()
-        return ""
+                m.q_start[:], m.v_start[:] = m.q, m.v
+                m.v[:] += 0.5 * h * m.a
+                m.q[:] += h * m.v
+            if why := self._find():  # compiled loops give up where closed rows do not settle soon
+                m.q[:], m.v[:] = m.q_start, m.v_start
+                return first - 1, why
+            self._accelerate()
+            m.v[:] += 0.5 * h * m.a
+            self._watch()
+            if not first % between:
+                self.keep(samples, first // between - 1)
+            first += 1
+        return count, ""
 
     def _find(self) -> str:
         """Find the forces at the present coordinates by NumPy; return what prevents it."""
-        m = self.motion
+        m, plan, blocks = self.motion, self._plan.contacts, self._blocks
+        if not np.isfinite(m.q).all():
+            return UNSTABLE
+        for name, part in zip(plan.names, self._parts, strict=True):
+            if part.slide(m.q):
+                return f"pairs of contact {name!r} begin to slide, which compiled steps do not follow"
+            self._h[part.rows] = plan.rows.start[part.rows] + m.q[part.dofs] @ part.H
+        try:
+            lam, pushed, iterations = forces_of(plan, self._h, blocks.active)
+        except ComplementarityError as error:
+            return str(error)
+        blocks.lam[:], blocks.pushed[:], blocks.active[:], blocks.n_closed[:] = lam, pushed, lam > 0.0, -1
+        blocks.iterations[:] += iterations
         m.force[:] = 0.0
-        return next(filter(None, (group.find(m.q, m.force) for group in self.groups)), "")
+        for j, part in enumerate(self._parts):
+            push, gap = lam[part.rows], pushed[part.rows]
+            m.force[part.dofs] += part.H @ push
+            self._values[j] = [push.sum(), np.count_nonzero(push), *(push @ part.normals), gap.min(initial=np.inf)]
+            self._stored[j] = -0.5 * push @ self._h[part.rows]
+        return ""
+
+    def _accelerate(self) -> None:
+        """Set accelerations from coordinates, velocities and contact forces."""
+        m, plan = self.motion, self._plan
+        m.a[:] = (m.force + plan.load - plan.stiffness @ m.q - plan.damping @ m.v) / plan.mass
 
     def _watch(self) -> None:
         """Keep the largest force of each contact."""
-        contact = row = 0
-        for group in self.groups:
-            starts = group.blocks.starts
-            for j, force in enumerate(group.values[:, 0]):
-                if force > self.peaks.force[contact]:
-                    self.peaks.force[contact], self.peaks.q[contact] = force, self.motion.q
-                    part = slice(starts[j], starts[j + 1])
-                    self.peaks.lam[row + part.start : row + part.stop] = group.blocks.lam[part]
-                contact += 1
-            row += len(group.blocks.lam)
+        for j, part in enumerate(self._parts):
+            if self._values[j, 0] > self.peaks.force[j]:
+                self.peaks.force[j], self.peaks.q[j] = self._values[j, 0], self.motion.q
+                self.peaks.lam[part.rows] = self._blocks.lam[part.rows]
 
     def keep(self, samples: Samples, place: int) -> None:
         """Write the present state to a place of samples."""
         if len(samples.q):
             samples.q[place], samples.v[place] = self.motion.q, self.motion.v
-        samples.values[place] = np.concatenate([group.values for group in self.groups])
+        samples.values[place] = self._values
         if len(samples.stored):
-            samples.stored[place] = np.concatenate([group.stored for group in self.groups])
-            samples.lam[place] = np.concatenate([group.blocks.lam for group in self.groups])
+            samples.stored[place], samples.lam[place] = self._stored, self._blocks.lam
 
 
-def _drift(m: Motion, h: float) -> None:
-    """Move coordinates to the end of a step, and velocities to its middle."""
-    m.q_start[:], m.v_start[:] = m.q, m.v
-    m.v[:] += 0.5 * h * m.a
-    m.q[:] += h * m.v
+def forces_of(plan: FrozenPlan, h: Array, active: Array) -> tuple[Array, Array, Array]:
+    """Forces on all rows, (nr,) [N], for gaps h, (nr,) [m], and a guess of the closed rows, (nr,) bool, by NumPy.
 
+    Returns
+    -------
+    The forces, gaps with the displacements that other contacts cause, (nr,) [m], and iterations of each contact, (n,).
 
-def _accelerate(plan: StepPlan, m: Motion) -> None:
-    """Set accelerations from coordinates, velocities and contact forces."""
-    m.a[:] = (m.force + plan.load - plan.stiffness @ m.q - plan.damping @ m.v) / plan.mass
-
+    Raises
+    ------
+    ComplementarityError
+        If no closed rows settle.
+    """
+    n, ends = len(plan.names), plan.rows.starts[1:-1]
+    if h.min(initial=0.0) >= 0.0:
+        return np.zeros(len(h)), h.copy(), np.zeros(n, dtype=np.int64)
+    problems, gaps = [problem.fresh() for problem in plan.problems], dict(enumerate(np.split(h, ends)))
+    for problem, guess in zip(problems, np.split(active, ends), strict=True):
+        problem.set_active(guess)
+    if plan.core:
+        found = plan.joint.solve(dict(enumerate(problems)), gaps, dict(enumerate(plan.fields)))
+        lam, pushed = [found[j] for j in range(n)], np.concatenate([plan.joint.pushed[j] for j in range(n)])
+    else:
+        lam, pushed = [problem.solve(gaps[j]) for j, problem in enumerate(problems)], h.copy()
+    return np.concatenate(lam), pushed, np.array([problem.iterations for problem in problems])

@@ -6,7 +6,7 @@ Bodies are linear, with diagonal mass. The pairs of contacts are frozen, so that
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -17,6 +17,8 @@ from ..algebra.block_complementarity import BlockComplementarity, FlatBlocks
 from ..algebra.complementarity import Complementarity
 from ..contact.linear_gaps import FlatRows
 from ..support.arrays import Array
+
+Core = Mapping[tuple[int, int], Array]
 
 
 class FlatBodies(NamedTuple):
@@ -45,17 +47,18 @@ class FlatBodies(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class GroupPlan:
-    """Contacts whose forces are found together, see `formulations.coupled.CoupledContacts`.
+class FrozenPlan:
+    """Contacts by compliance without friction, with frozen pairs.
 
     Parameters
     ----------
     names : tuple of str
         Of the contacts.
     rows : FlatRows
-        Gaps of all rows. Numbers of coordinates are those of the plan.
+        Gaps of all rows.
     own, fields : tuples of arrays
-        Flexibility of each contact's rows, (nr, nr) [m/N], and their displacements in common fields, (nr, m).
+        Flexibility of each contact's rows, (nr, nr) [m/N], and their displacements in fields that contacts on common
+        bodies exchange, (nr, m).
     core : dict of (int, int) to (m, m) array
         What contacts exchange, see `BlockComplementarity`.
     """
@@ -64,7 +67,7 @@ class GroupPlan:
     rows: FlatRows
     own: tuple[Array, ...]
     fields: tuple[Array, ...]
-    core: Mapping[tuple[int, int], Array]
+    core: Core
 
     @cached_property
     def joint(self) -> BlockComplementarity:
@@ -72,20 +75,19 @@ class GroupPlan:
         return BlockComplementarity(len(self.names), self.core)
 
     @cached_property
-    def _blocks(self) -> FlatBlocks:
-        return self.joint.flat(self.own, self.fields)
-
-    @cached_property
     def problems(self) -> tuple[Complementarity, ...]:
         """Problem of each contact's own rows, by NumPy."""
         return tuple(map(Complementarity, self.own))
 
+    @cached_property
+    def _blocks(self) -> FlatBlocks:
+        return self.joint.flat(self.own, self.fields)
+
     def fresh_blocks(self) -> FlatBlocks:
         """The problem in flat arrays, with room of its own for what changes in a run; matrices are shared."""
         blocks = self._blocks
-        working = "active", "closed", "n_closed", "factors", "responses", "G", "amplitudes", "lam", "pushed"
-        changing = {name: getattr(blocks, name).copy() for name in (*working, "iterations")}
-        return blocks._replace(**changing)
+        changing = "active", "closed", "n_closed", "factors", "responses", "G", "amplitudes", "lam", "pushed"
+        return blocks._replace(**{name: getattr(blocks, name).copy() for name in (*changing, "iterations")})
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,33 +101,30 @@ class StepPlan:
     stiffness, damping : (nq, nq) csr matrices
     load : (nq,) array
         Generalised forces that do not change.
-    groups : tuple of GroupPlan
+    contacts : FrozenPlan
     """
 
     mass: Array
     stiffness: sp.csr_matrix
     damping: sp.csr_matrix
     load: Array
-    groups: tuple[GroupPlan, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of all contacts, group by group."""
-        return tuple(name for group in self.groups for name in group.names)
-
-    @property
-    def n_rows(self) -> int:
-        """Number of rows of all contacts."""
-        return sum(len(group.rows.start) for group in self.groups)
+    contacts: FrozenPlan
 
     @cached_property
     def flat(self) -> FlatBodies:
         """The bodies in flat arrays."""
-        K, D = (sp.csr_matrix(matrix) for matrix in (self.stiffness, self.damping))
+        K, D = self.stiffness, self.damping
         index = [part.astype(np.int64) for part in (K.indptr, K.indices, D.indptr, D.indices)]
         return FlatBodies(self.mass, index[0], index[1], K.data, index[2], index[3], D.data, self.load)
 
-    def with_flexibility(self, own: Sequence[Sequence[Array]]) -> StepPlan:
-        """Return the plan with other flexibilities of the rows of each group's contacts, (nr, nr) [m/N]."""
-        both = zip(self.groups, own, strict=True)
-        return replace(self, groups=tuple(replace(group, own=tuple(parts)) for group, parts in both))
+
+def joined_fields(groups: Sequence[tuple[Sequence[Array], Core]]) -> tuple[tuple[Array, ...], Core]:
+    """Fields and core of all contacts, from those of groups that exchange nothing, see `FrozenPlan`."""
+    size = max((W.shape[1] for fields, _ in groups for W in fields), default=0)
+    joined, core = list[Array](), dict[tuple[int, int], Array]()
+    for fields, of_group in groups:
+        first = len(joined)
+        for (j, k), block in of_group.items():
+            core[first + j, first + k] = np.pad(block, (0, size - len(block)))
+        joined += [np.pad(W, ((0, 0), (0, size - W.shape[1]))) for W in fields]
+    return tuple(joined), core

@@ -42,7 +42,6 @@ class EqualSteps:
     step : float
         [s]
     count : int
-        A multiple of `between`.
     between : int
         Steps from one sample to the next.
     """
@@ -118,31 +117,27 @@ def run(
     -------
     Histories
     """
-    stepper = stepper or Stepper(plan)
-    stopped, made, between = stepper.begin(start.q, start.v, start.a), 0, steps.between
-    kept, chunk = [Samples.of(plan, 1, motion=motion, rows=rows)], _chunk(plan, steps, rows=rows)
+    stepper, between = stepper or Stepper(plan), steps.between
+    kept, made = [Samples.of(plan, 1, motion=motion, rows=rows)], 0
+    stopped = stepper.begin(start.q, start.v, start.a)
     stepper.keep(kept[0], 0)
     lams = [sp.csr_matrix(kept[0].lam)]
+    chunk = min(_STEPS, max(_MOST // max(kept[0].lam.shape[1], 1), 1)) if rows else _STEPS
     while made < steps.count and not stopped:
         count = min(chunk, steps.count - made)
-        samples = Samples.of(plan, count // between, motion=motion, rows=rows)
-        more, stopped = stepper.advance(steps.step, count, between, samples)
-        made += more
-        kept.append(Samples(*(part[: more // between] for part in samples)))
+        phase = made % between
+        samples = Samples.of(plan, (phase + count) // between, motion=motion, rows=rows)
+        last, stopped = stepper.advance(steps.step, phase + 1, phase + count, between, samples)
+        made += last - phase
+        kept.append(Samples(*(part[: last // between] for part in samples)))
         if rows:
             lams.append(sp.csr_matrix(kept[-1].lam))
         if report is not None and not report(made):
             break
     q, v, values, stored = (np.concatenate(parts) for parts in [*zip(*kept, strict=True)][:4])
-    m, peaks = stepper.motion, Peaks(*(part.copy() for part in stepper.peaks))
+    m = stepper.motion
     return Histories(
         q, v, values, stored, sp.vstack(lams, format="csr") if rows else None,
-        end=Start(m.q.copy(), m.v.copy(), m.a.copy()), peaks=peaks,
-        iterations=sum(int(group.blocks.iterations.sum()) for group in stepper.groups), made=made, stopped=stopped,
+        end=Start(m.q.copy(), m.v.copy(), m.a.copy()), peaks=Peaks(*(part.copy() for part in stepper.peaks)),
+        iterations=stepper.iterations, made=made, stopped=stopped,
     )  # fmt: skip
-
-
-def _chunk(plan: StepPlan, steps: EqualSteps, *, rows: bool) -> int:
-    """Number of steps in one call, a multiple of those between samples."""
-    most = _MOST // max(plan.n_rows, 1) if rows else _STEPS
-    return steps.between * max(1, min(_STEPS // steps.between, most))

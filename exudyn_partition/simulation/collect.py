@@ -48,7 +48,9 @@ def collect(mbs: MainSystem) -> Result:
     validate_model(mbs)
     check_model(mbs)
     if last_was_compiled(mbs):
-        raise RunError("mbs: the last run was compiled, and Exudyn's sensors have nothing of it; solve_dynamic returned it")
+        raise RunError(
+            "mbs: the last run was compiled, and Exudyn's sensors have nothing of it; solve_dynamic returned it"
+        )
     result, solver = samples(mbs), Solver.last(mbs)
     with contextlib.suppress(InputError):  # the model may not have been run to a whole end
         result = replace(result, end=last_end(mbs))

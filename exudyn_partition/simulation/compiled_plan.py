@@ -8,14 +8,13 @@ from typing import cast
 import numpy as np
 import scipy.sparse as sp
 
-from ..compiled.plan import GroupPlan, StepPlan
+from ..compiled.plan import FrozenPlan, StepPlan, joined_fields
 from ..contact.formulations.choices import Compliance
 from ..contact.formulations.coupled import CoupledContacts, SharedPatches
 from ..contact.linear_gaps import FlatRows
 from ..errors import CompiledRunError
 from ..exudyn_bodies.model import coordinate_slices, registered, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.contact_run import GroupRun
 from ..exudyn_contacts.model_run import ModelRun
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..frames.damping import ModeDamping
@@ -89,9 +88,7 @@ def _of_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
             )
 
 
-def _of_items(
-    mbs: MainSystem, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact]
-) -> Iterator[str]:
+def _of_items(mbs: MainSystem, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact]) -> Iterator[str]:
     """Reasons by other items and functions of the model."""
     data = mbs.systemData
     ours = {int(item["oGenericODE2"]) for item in bodies} | {int(contact["oContact"]) for contact in contacts}
@@ -156,8 +153,8 @@ def read_plan(mbs: MainSystem, run: ModelRun) -> StepPlan:
     for item in bodies:
         dofs = dofs_of(mbs, item)
         mass[dofs] = item.kinematics.mass
-        if item.weight is not None:
-            load[dofs] = item.weight
+        if len(pushed := np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"))):
+            load[dofs] = pushed
     for number in range(mbs.systemData.NumberOfLoads()):
         entry = mbs.GetLoad(number)
         place = _coordinate(mbs, bodies, entry)
@@ -165,8 +162,7 @@ def read_plan(mbs: MainSystem, run: ModelRun) -> StepPlan:
     damped = [item for item in bodies if item.damping is not None]
     stiffness = _placed(mbs, n, [(item, item.body.stiffness) for item in bodies])
     damping = _placed(mbs, n, [(item, item.damping.matrix()) for item in damped if item.damping is not None])
-    groups = tuple(_group_plan(run.contact_run(group[0]).group) for group in in_groups(contacts))
-    return StepPlan(mass, stiffness, damping, load, groups)
+    return StepPlan(mass, stiffness, damping, load, _contacts_plan(run, in_groups(contacts)))
 
 
 def in_groups(contacts: Sequence[PartitionContact]) -> list[list[PartitionContact]]:
@@ -174,12 +170,16 @@ def in_groups(contacts: Sequence[PartitionContact]) -> list[list[PartitionContac
     return [*{id(contact.group): contact.group for contact in contacts}.values()]
 
 
-def _group_plan(group: GroupRun) -> GroupPlan:
-    gaps = [member.mechanics.gaps for member in group.members]
+def _contacts_plan(run: ModelRun, groups: Sequence[Sequence[PartitionContact]]) -> FrozenPlan:
+    """Plan of all contacts, group by group."""
+    members = [run.contact_run(contact) for group in groups for contact in group]
+    gaps = [member.mechanics.gaps for member in members]
     linear = [rows.linear for rows in gaps if rows.linear is not None]
-    own, fields, core = cast("CoupledContacts", group.together).blocks()
-    rows = FlatRows.of(linear, [of_contact.normal for of_contact in gaps], [member.dofs for member in group.members])
-    return GroupPlan(tuple(member.name for member in group.members), rows, tuple(own), tuple(fields), core)
+    of_groups = [cast("CoupledContacts", run.contact_run(group[0]).group.together).blocks() for group in groups]
+    rows = FlatRows.of(linear, [of_contact.normal for of_contact in gaps], [member.dofs for member in members])
+    fields, core = joined_fields([(of_group, core) for _, of_group, core in of_groups])
+    own = tuple(F for flexibilities, _, _ in of_groups for F in flexibilities)
+    return FrozenPlan(tuple(member.name for member in members), rows, own, fields, core)
 
 
 def dofs_of(mbs: MainSystem, item: PartitionBody) -> Array:

@@ -94,7 +94,7 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
 
 
 def _start(mbs: MainSystem, plan: RunPlan) -> Start:
-    """Put the model into its initial state; return it, with the accelerations of the run from which this one goes on."""
+    """Put the model into its initial state; return it, with accelerations of a run from which this one goes on."""
     data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
     data.SetSystemState(data.GetSystemState(initial))
     data.SetTime(plan.times.start)
@@ -153,20 +153,19 @@ def _put(mbs: MainSystem, t: float, q: Array, q_t: Array) -> None:
 def _keep_rows(mbs: MainSystem, model_run: ModelRun, plan: StepPlan, made: Histories, t: Array) -> None:
     """Let contacts keep the forces on their rows at all samples, (n,) [s], and where they reached a patch's edge."""
     assert made.lam is not None
-    contacts = [group[0] for group in in_groups(partition_items(mbs)[1])]
-    first_row = first_contact = 0
-    for contact, group_plan in zip(contacts, plan.groups, strict=True):
-        group, starts = model_run.contact_run(contact).group, group_plan.rows.starts
-        lam = made.lam[:, first_row : first_row + starts[-1]]
+    first, starts = 0, plan.contacts.rows.starts
+    for contacts in in_groups(partition_items(mbs)[1]):
+        group = model_run.contact_run(contacts[0]).group
+        of_group = slice(first, first := first + len(contacts))
+        bounds_of_rows = starts[of_group.start : of_group.stop + 1] - starts[of_group.start]
+        lam = made.lam[:, starts[of_group.start] : starts[of_group.stop]]
         nodes = np.concatenate([member.mechanics.gaps.row_nodes for member in group.members])
-        stored = made.stored[:, first_contact : first_contact + len(group.members)]
         for i, (begin, end) in enumerate(zip(lam.indptr[:-1], lam.indptr[1:], strict=True)):
             if end > begin:
                 rows = lam.indices[begin:end]
-                bounds = np.searchsorted(rows, starts).tolist()
-                group.kept.add(float(t[i]), nodes[rows], bounds, lam.data[begin:end], stored[i])
-        _look_for_edges(mbs, group, lam.tocsc(), starts, t, made.q)
-        first_row, first_contact = first_row + starts[-1], first_contact + len(group.members)
+                bounds = np.searchsorted(rows, bounds_of_rows).tolist()
+                group.kept.add(float(t[i]), nodes[rows], bounds, lam.data[begin:end], made.stored[i, of_group])
+        _look_for_edges(mbs, group, lam.tocsc(), bounds_of_rows, t, made.q)
 
 
 def _look_for_edges(mbs: MainSystem, group: GroupRun, lam: sp.csc_matrix, starts: Array, t: Array, q: Array) -> None:
