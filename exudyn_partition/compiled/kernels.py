@@ -10,7 +10,7 @@ from ..support.compiled import compiled, inlined, unlocked
 
 if TYPE_CHECKING:
     from .loops import Motion, Peaks, Samples
-    from .plan import FlatBodies
+    from .plan import Bodies
 
 Limits = tuple[float, float, int, int]  # see `block_complementarity.LIMITS`
 
@@ -23,15 +23,11 @@ def push(contacts: FlatContacts, q: Array, force: Array, limits: Limits) -> bool
 
 
 @inlined
-def accelerate(bodies: FlatBodies, m: Motion) -> None:
+def accelerate(bodies: Bodies, m: Motion) -> None:
     """Set accelerations from coordinates, velocities and contact forces."""
     for k in range(len(m.q)):
-        total = m.force[k] + bodies.load[k]
-        for i in range(bodies.starts[k], bodies.starts[k + 1]):
-            total -= bodies.values[i] * m.q[bodies.columns[i]]
-        for i in range(bodies.damping_starts[k], bodies.damping_starts[k + 1]):
-            total -= bodies.damping_values[i] * m.v[bodies.damping_columns[i]]
-        m.a[k] = total / bodies.mass[k]
+        inner = bodies.stiffness[k] * m.q[k] + bodies.damping[k] * m.v[k]
+        m.a[k] = (m.force[k] + bodies.load[k] - inner) / bodies.mass[k]
 
 
 @inlined
@@ -66,7 +62,7 @@ def keep(contacts: FlatContacts, m: Motion, samples: Samples, place: int) -> Non
 
 @unlocked
 def advance(
-    bodies: FlatBodies,
+    bodies: Bodies,
     contacts: FlatContacts,
     m: Motion,
     samples: Samples,

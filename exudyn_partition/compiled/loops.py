@@ -69,7 +69,7 @@ class Samples(NamedTuple):
     @classmethod
     def of(cls, plan: StepPlan, n: int, *, motion: bool, rows: bool) -> Samples:
         """Room for n samples; `motion` and `rows` say whether coordinates and forces on rows are kept."""
-        nq, nc, nr = len(plan.mass), len(plan.contacts.names), len(plan.contacts.rows.start)
+        nq, nc, nr = len(plan.bodies.mass), len(plan.contacts.names), len(plan.contacts.rows.start)
         (q, v), kept = np.empty((2, n if motion else 0, nq)), n if rows else 0
         return cls(q, v, np.empty((n, nc, N_VALUES)), np.empty((kept, nc)), np.empty((kept, nr)))
 
@@ -92,10 +92,10 @@ class Peaks(NamedTuple):
     q: Array
 
     @classmethod
-    def of(cls, plan: StepPlan) -> Peaks:
-        """Room for a plan's contacts, without a force."""
-        nc = len(plan.contacts.names)
-        return cls(np.zeros(nc), np.zeros(len(plan.contacts.rows.start)), np.zeros((nc, len(plan.mass))))
+    def of(cls, contacts: FrozenPlan, n: int) -> Peaks:
+        """Room for some contacts and n coordinates, without a force."""
+        nc = len(contacts.names)
+        return cls(np.zeros(nc), np.zeros(len(contacts.rows.start)), np.zeros((nc, n)))
 
 
 class ContactParts(NamedTuple):
@@ -153,37 +153,44 @@ class Stepper:
 
     Parameters
     ----------
-    plan : StepPlan
+    contacts : FrozenPlan
+        Contacts of the plans, which may have different bodies.
+    n : int
+        Number of coordinates.
 
     Attributes
     ----------
     motion : Motion
     peaks : Peaks
+    stored : (nc,) array
+        Energy that each contact stores [J].
     iterations : int
         Of the closed rows of all contacts since the start.
     """
 
-    def __init__(self, plan: StepPlan) -> None:
-        self._plan, contacts, self._kernels = plan, plan.contacts, kernels("compiled")
-        self.motion, self.peaks, self._blocks = Motion.of(len(plan.mass)), Peaks.of(plan), contacts.fresh_blocks()
-        n = len(contacts.names)
-        self._h, self._values, self._stored = np.zeros(len(contacts.rows.start)), np.zeros((n, N_VALUES)), np.zeros(n)
-        self._parts = [ContactParts.of(contacts, j) for j in range(n)]
+    _plan: StepPlan
+
+    def __init__(self, contacts: FrozenPlan, n: int) -> None:
+        self.contacts, self._kernels, count = contacts, kernels("compiled"), len(contacts.names)
+        self.motion, self.peaks, self._blocks = Motion.of(n), Peaks.of(contacts, n), contacts.fresh_blocks()
+        self._h, self.stored = np.zeros(len(contacts.rows.start)), np.zeros(count)
+        self._values = np.zeros((count, N_VALUES))
+        self._parts = [ContactParts.of(contacts, j) for j in range(count)]
         self._flat: Any = None
         if self._kernels:
-            self._flat = flat_contacts(contacts.rows, self._blocks, self._h, self._values, self._stored)
+            self._flat = flat_contacts(contacts.rows, self._blocks, self._h, self._values, self.stored)
 
     @property
     def iterations(self) -> int:
         """See the class."""
         return int(self._blocks.iterations.sum())
 
-    def begin(self, q: Array, v: Array, a: Array | None = None) -> str:
-        """Begin at coordinates and velocities, (nq,), with accelerations, (nq,); by default those that forces give.
+    def begin(self, plan: StepPlan, q: Array, v: Array, a: Array | None = None) -> str:
+        """Begin a plan at coordinates and velocities, (nq,), with accelerations, (nq,), or those that forces give.
 
         Return what prevents it, see `advance`.
         """
-        m = self.motion
+        self._plan, m = plan, self.motion
         self._blocks.forget()
         self._blocks.iterations[:] = 0
         self.peaks.force[:] = 0.0
@@ -214,7 +221,7 @@ class Stepper:
         the start of a step.
         """
         m = self.motion
-        for_loops = self._plan.flat, self._flat, m, samples, self.peaks, LIMITS, h
+        for_loops = self._plan.bodies, self._flat, m, samples, self.peaks, LIMITS, h
         while first <= count:
             if self._kernels:
                 first = self._kernels.advance(*for_loops, first, count, between)
@@ -237,7 +244,7 @@ class Stepper:
 
     def _find(self) -> str:
         """Find the forces at the present coordinates by NumPy; return what prevents it."""
-        m, plan, blocks = self.motion, self._plan.contacts, self._blocks
+        m, plan, blocks = self.motion, self.contacts, self._blocks
         if not np.isfinite(m.q).all():
             return UNSTABLE
         for name, part in zip(plan.names, self._parts, strict=True):
@@ -255,13 +262,13 @@ class Stepper:
             push, gap = lam[part.rows], pushed[part.rows]
             m.force[part.dofs] += part.H @ push
             self._values[j] = [push.sum(), np.count_nonzero(push), *(push @ part.normals), gap.min(initial=np.inf)]
-            self._stored[j] = -0.5 * push @ self._h[part.rows]
+            self.stored[j] = -0.5 * push @ self._h[part.rows]
         return ""
 
     def _accelerate(self) -> None:
         """Set accelerations from coordinates, velocities and contact forces."""
-        m, plan = self.motion, self._plan
-        m.a[:] = (m.force + plan.load - plan.stiffness @ m.q - plan.damping @ m.v) / plan.mass
+        m, bodies = self.motion, self._plan.bodies
+        m.a[:] = (m.force + bodies.load - (bodies.stiffness * m.q + bodies.damping * m.v)) / bodies.mass
 
     def _watch(self) -> None:
         """Keep the largest force of each contact."""
@@ -276,7 +283,7 @@ class Stepper:
             samples.q[place], samples.v[place] = self.motion.q, self.motion.v
         samples.values[place] = self._values
         if len(samples.stored):
-            samples.stored[place], samples.lam[place] = self._stored, self._blocks.lam
+            samples.stored[place], samples.lam[place] = self.stored, self._blocks.lam
 
 
 def forces_of(plan: FrozenPlan, h: Array, active: Array) -> tuple[Array, Array, Array]:

@@ -1,6 +1,6 @@
 """What an explicit run of bodies and contacts needs, as one frozen value of arrays.
 
-Bodies are linear, with diagonal mass. The pairs of contacts are frozen, so that gaps are linear in the coordinates.
+Bodies move by modes. The pairs of contacts are frozen, so that gaps are linear in the coordinates.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 
 from ..algebra.block_complementarity import BlockComplementarity, FlatBlocks
 from ..algebra.complementarity import Complementarity
@@ -21,28 +20,20 @@ from ..support.arrays import Array
 Core = Mapping[tuple[int, int], Array]
 
 
-class FlatBodies(NamedTuple):
-    """Matrices of all bodies in flat arrays, as compiled loops take them. Stiffness K and damping D are csr.
+class Bodies(NamedTuple):
+    """All bodies, by shapes that neither mass nor stiffness nor damping couples; see `StepPlan`.
 
     Parameters
     ----------
-    mass : (nq,) array
-        Diagonal of the mass matrix.
-    starts, columns, values : arrays
-        K.
-    damping_starts, damping_columns, damping_values : arrays
-        D.
+    mass, stiffness, damping : (nq,) arrays
+        Diagonals of the matrices.
     load : (nq,) array
         Generalised forces that do not change.
     """
 
     mass: Array
-    starts: Array
-    columns: Array
-    values: Array
-    damping_starts: Array
-    damping_columns: Array
-    damping_values: Array
+    stiffness: Array
+    damping: Array
     load: Array
 
 
@@ -96,26 +87,12 @@ class StepPlan:
 
     Parameters
     ----------
-    mass : (nq,) array
-        Diagonal of the mass matrix.
-    stiffness, damping : (nq, nq) csr matrices
-    load : (nq,) array
-        Generalised forces that do not change.
+    bodies : Bodies
     contacts : FrozenPlan
     """
 
-    mass: Array
-    stiffness: sp.csr_matrix
-    damping: sp.csr_matrix
-    load: Array
+    bodies: Bodies
     contacts: FrozenPlan
-
-    @cached_property
-    def flat(self) -> FlatBodies:
-        """The bodies in flat arrays."""
-        K, D = self.stiffness, self.damping
-        index = [part.astype(np.int64) for part in (K.indptr, K.indices, D.indptr, D.indices)]
-        return FlatBodies(self.mass, index[0], index[1], K.data, index[2], index[3], D.data, self.load)
 
 
 def joined_fields(groups: Sequence[tuple[Sequence[Array], Core]]) -> tuple[tuple[Array, ...], Core]:

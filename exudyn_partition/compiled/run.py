@@ -65,8 +65,12 @@ class Histories:
         Energy that each contact stores [J]; n is 0 if it was not asked for.
     lam : (n, nr) csr matrix or None
         Forces on all rows [N]; None if they were not asked for.
+    start : Start
+        State before the first step, with accelerations.
     end : Start
         State after the last whole step, with accelerations.
+    end_stored : (nc,) array
+        Energy that each contact stores there [J].
     peaks : Peaks
         Largest force of each contact.
     iterations : int
@@ -82,7 +86,9 @@ class Histories:
     values: Array
     stored: Array
     lam: sp.csr_matrix | None
+    start: Start
     end: Start
+    end_stored: Array
     peaks: Peaks
     iterations: int
     made: int
@@ -111,15 +117,16 @@ def run(
     report : callable, optional
         Called with the number of steps made, now and then; the run ends early if it returns False.
     stepper : Stepper, optional
-        Room of an earlier run of the same plan, to save time.
+        Room of an earlier run with the same contacts, to save time.
 
     Returns
     -------
     Histories
     """
-    stepper, between = stepper or Stepper(plan), steps.between
+    stepper, between = stepper or Stepper(plan.contacts, len(plan.bodies.mass)), steps.between
     kept, made = [Samples.of(plan, 1, motion=motion, rows=rows)], 0
-    stopped = stepper.begin(start.q, start.v, start.a)
+    stopped = stepper.begin(plan, start.q, start.v, start.a)
+    began = _state(stepper)
     stepper.keep(kept[0], 0)
     lams = [sp.csr_matrix(kept[0].lam)]
     chunk = min(_STEPS, max(_MOST // max(kept[0].lam.shape[1], 1), 1)) if rows else _STEPS
@@ -135,9 +142,15 @@ def run(
         if report is not None and not report(made):
             break
     q, v, values, stored = (np.concatenate(parts) for parts in [*zip(*kept, strict=True)][:4])
-    m = stepper.motion
     return Histories(
         q, v, values, stored, sp.vstack(lams, format="csr") if rows else None,
-        end=Start(m.q.copy(), m.v.copy(), m.a.copy()), peaks=Peaks(*(part.copy() for part in stepper.peaks)),
+        start=began, end=_state(stepper), end_stored=stepper.stored.copy(),
+        peaks=Peaks(*(part.copy() for part in stepper.peaks)),
         iterations=stepper.iterations, made=made, stopped=stopped,
     )  # fmt: skip
+
+
+def _state(stepper: Stepper) -> Start:
+    """Present state."""
+    m = stepper.motion
+    return Start(m.q.copy(), m.v.copy(), m.a.copy())

@@ -6,16 +6,16 @@ from collections.abc import Iterator, Sequence
 from typing import cast
 
 import numpy as np
-import scipy.sparse as sp
 
-from ..compiled.plan import FrozenPlan, StepPlan, joined_fields
+from ..compiled.plan import Bodies, FrozenPlan, StepPlan, joined_fields
 from ..contact.formulations.choices import Compliance
 from ..contact.formulations.coupled import CoupledContacts, SharedPatches
-from ..contact.linear_gaps import FlatRows
+from ..contact.formulations.formulation import Together
+from ..contact.linear_gaps import FlatRows, LinearGaps
+from ..contact.patch_contact import PatchContact
 from ..errors import CompiledRunError
 from ..exudyn_bodies.model import coordinate_slices, registered, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.model_run import ModelRun
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..frames.damping import ModeDamping
 from ..support.arrays import Array
@@ -138,31 +138,34 @@ def _of_sensors(mbs: MainSystem) -> Iterator[str]:
             yield f"sensor {entry['name']!r} writes a file"
 
 
-def read_plan(mbs: MainSystem, run: ModelRun) -> StepPlan:
+def read_plan(mbs: MainSystem, groups: Sequence[tuple[Together | None, Sequence[PatchContact]]]) -> StepPlan:
     """Plan of the compiled steps of a model that `check_held` has passed.
 
     Parameters
     ----------
     mbs : exudyn.MainSystem
-    run : ModelRun
-        Its run, which has begun.
+    groups : sequence of (Together, list of PatchContact)
+        Contacts of each of `in_groups` at the start of the run, and what finds their forces.
+
+    Raises
+    ------
+    CompiledRunError
+        If pairs slide at the start of the run.
     """
     bodies, contacts = partition_items(mbs)
     n = mbs.systemData.ODE2Size()
-    mass, load = np.ones(n), np.zeros(n)
+    mass, stiffness, damping, load = np.ones(n), *np.zeros((3, n))
     for item in bodies:
         dofs = dofs_of(mbs, item)
-        mass[dofs] = item.kinematics.mass
+        mass[dofs], stiffness[dofs] = item.kinematics.mass, item.body.stiffness.diagonal()
+        if item.damping is not None:
+            damping[dofs] = item.damping.matrix().diagonal()
         if len(pushed := np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"))):
             load[dofs] = pushed
     for number in range(mbs.systemData.NumberOfLoads()):
         entry = mbs.GetLoad(number)
-        place = _coordinate(mbs, bodies, entry)
-        load[place] += entry["load"]
-    damped = [item for item in bodies if item.damping is not None]
-    stiffness = _placed(mbs, n, [(item, item.body.stiffness) for item in bodies])
-    damping = _placed(mbs, n, [(item, item.damping.matrix()) for item in damped if item.damping is not None])
-    return StepPlan(mass, stiffness, damping, load, _contacts_plan(run, in_groups(contacts)))
+        load[_coordinate(mbs, bodies, entry)] += entry["load"]
+    return StepPlan(Bodies(mass, stiffness, damping, load), _contacts_plan(mbs, contacts, groups))
 
 
 def in_groups(contacts: Sequence[PartitionContact]) -> list[list[PartitionContact]]:
@@ -170,27 +173,37 @@ def in_groups(contacts: Sequence[PartitionContact]) -> list[list[PartitionContac
     return [*{id(contact.group): contact.group for contact in contacts}.values()]
 
 
-def _contacts_plan(run: ModelRun, groups: Sequence[Sequence[PartitionContact]]) -> FrozenPlan:
+def at_start(contacts: Sequence[PartitionContact]) -> list[tuple[Together | None, list[PatchContact]]]:
+    """Contacts at the start of a run from the model's initial values, as `read_plan` takes them."""
+    found: list[tuple[Together | None, list[PatchContact]]] = []
+    for group in in_groups(contacts):
+        members, together = [contact.mechanics.for_run("explicit") for contact in group], group[0].together
+        found.append((None if together is None else together.for_run(members), members))
+    return found
+
+
+def _contacts_plan(
+    mbs: MainSystem,
+    contacts: Sequence[PartitionContact],
+    groups: Sequence[tuple[Together | None, Sequence[PatchContact]]],
+) -> FrozenPlan:
     """Plan of all contacts, group by group."""
-    members = [run.contact_run(contact) for group in groups for contact in group]
-    gaps = [member.mechanics.gaps for member in members]
-    linear = [rows.linear for rows in gaps if rows.linear is not None]
-    of_groups = [cast("CoupledContacts", run.contact_run(group[0]).group.together).blocks() for group in groups]
-    rows = FlatRows.of(linear, [of_contact.normal for of_contact in gaps], [member.dofs for member in members])
-    fields, core = joined_fields([(of_group, core) for _, of_group, core in of_groups])
-    own = tuple(F for flexibilities, _, _ in of_groups for F in flexibilities)
-    return FrozenPlan(tuple(member.name for member in members), rows, own, fields, core)
+    ordered = [contact for group in in_groups(contacts) for contact in group]
+    gaps, linear = [contact.gaps for _, members in groups for contact in members], list[LinearGaps]()
+    for contact, rows in zip(ordered, gaps, strict=True):
+        if rows.linear is None:
+            raise CompiledRunError(
+                f"solver: pairs of contact {contact.name!r} slide where this run begins; take 'exudyn'"
+            )
+        linear.append(rows.linear)
+    dofs = [np.concatenate([np.r_[part] for part in contact.slices(mbs)]) for contact in ordered]
+    blocks = [cast("CoupledContacts", together).blocks() for together, _ in groups]
+    fields, core = joined_fields([(of_group, core) for _, of_group, core in blocks])
+    own = tuple(F for flexibilities, _, _ in blocks for F in flexibilities)
+    flat = FlatRows.of(linear, [of_contact.normal for of_contact in gaps], dofs)
+    return FrozenPlan(tuple(contact.name for contact in ordered), flat, own, fields, core)
 
 
 def dofs_of(mbs: MainSystem, item: PartitionBody) -> Array:
     """Numbers of a body's coordinates in the model, (n_dofs,)."""
     return np.concatenate([np.r_[place] for place in coordinate_slices(mbs, item)])
-
-
-def _placed(mbs: MainSystem, n: int, parts: Sequence[tuple[PartitionBody, sp.csr_matrix]]) -> sp.csr_matrix:
-    """Sum of matrices of bodies, each on the coordinates of its body, (n, n)."""
-    total = sp.csr_matrix((n, n))
-    for item, matrix in parts:
-        dofs, entries = dofs_of(mbs, item), sp.coo_matrix(matrix)
-        total = total + sp.csr_matrix((entries.data, (dofs[entries.row], dofs[entries.col])), shape=(n, n))
-    return total

@@ -57,7 +57,9 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
         start = _start(mbs, plan)
         if model_run.others:
             model_run.others.keep(mbs, times.start)
-        step_plan, steps = read_plan(mbs, model_run), EqualSteps(times.step, times.steps, times.between)
+        groups = [model_run.contact_run(group[0]).group for group in in_groups(contacts)]
+        step_plan = read_plan(mbs, [(group.together, [run.mechanics for run in group.members]) for group in groups])
+        steps = EqualSteps(times.step, times.steps, times.between)
         made = run(step_plan, start, steps, report=_told(times.steps, report, interrupt))
         if made.stopped and not made.made:
             raise RunError(f"mbs: a compiled run cannot make its first step: {made.stopped}")
@@ -116,7 +118,7 @@ def _told(steps: int, report: Progress, interrupt: Interrupt) -> Callable[[int],
 
 def _of_bodies(mbs: MainSystem, made: Histories) -> dict[int, Array]:
     """Samples of the bodies' sensors, by their numbers."""
-    sensors = {}
+    sensors = dict[int, Array]()
     for item in partition_items(mbs)[0]:
         for key, values in (("sCoordinates", made.q), ("sCoordinates_t", made.v)):
             places = zip(item[key], coordinate_slices(mbs, item), strict=True)
