@@ -70,6 +70,7 @@ _HOMES = {
     "prediction.spectrum": ("amplitude_spectrum", "truncation_frequency"),
     "present.view": ("CreatePartitionView",),
     "support.progress": ("progress",),
+    "studies.many_runs": ("ManyRuns", "run_many"),
     "studies.restitution_map": ("restitution_map",),
     "studies.restitution_values": ("RestitutionMap",),
     "studies.restitution_law": ("RestitutionLaw",),

@@ -50,6 +50,7 @@ from .simulation.solve import solve_dynamic
 from .simulation.stability import stability_limit
 from .simulation.statics import settle, solve_static
 from .simulation.step_control import time_to_contact
+from .studies.many_runs import ManyRuns, run_many
 from .studies.restitution_law import RestitutionLaw
 from .studies.restitution_map import restitution_map
 from .studies.restitution_values import RestitutionMap
@@ -72,6 +73,7 @@ __all__ = [
     "FrictionResults",
     "History",
     "ImpactDesign",
+    "ManyRuns",
     "Material",
     "Partition",
     "PartitionBody",
@@ -118,6 +120,7 @@ __all__ = [
     "reference",
     "report",
     "restitution_map",
+    "run_many",
     "settle",
     "solve_dynamic",
     "solve_static",

@@ -164,19 +164,19 @@ def run_many(
     kept = _validated(histories)
     workers = validate_integer("workers", workers, least=1)
     bodies, contacts = partition_items(mbs)
-    contacts = [contact for group in in_groups(contacts) for contact in group]
+    planned = [contact for group in in_groups(contacts) for contact in group]
     variations = Variations.checked(vary, bodies)
     times = _times(mbs, end_time, step, bodies, variations, progress)
     hold_damping(mbs)
-    groups = at_start(partition_items(mbs)[1])
+    groups = at_start(contacts)
     places, gaps = {item: dofs_of(mbs, item) for item in bodies}, [one.gaps for _, some in groups for one in some]
-    entries = Entries(read_plan(mbs, groups), _initial(mbs), places, contacts, gaps, variations)
-    room = _Room.of(variations.count, times, bodies, contacts, entries.size, kept)
-    measures = Measures(places, contacts, gaps, variations, room.t)
+    entries = Entries(read_plan(mbs, groups), _initial(mbs), places, planned, gaps, variations)
+    room = _Room.of(variations.count, times, bodies, planned, entries.size, kept)
+    measures = Measures(places, planned, gaps, variations, room.t)
     bar = progress_bar("many runs", after=LONG) if progress is None else contextlib.nullcontext(progress)
     with interruptible() as interrupt, one_blas_thread(), bar as report:
         _run_all(entries, times, room, measures, workers, report, interrupt)
-    return room.result(bodies, contacts)
+    return room.result(bodies, contacts, [planned.index(contact) for contact in contacts])
 
 
 def _validated(histories: object) -> tuple[str, ...]:
@@ -286,12 +286,15 @@ class _Room:
         if self.q is not None and self.q_t is not None:
             self.q[entry], self.q_t[entry] = made.q, made.v
 
-    def result(self, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact]) -> ManyRuns:
-        """What the user gets."""
-        failures = dict(sorted(self.failures.items()))
+    def result(
+        self, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact], order: Sequence[int]
+    ) -> ManyRuns:
+        """What the user gets; `order` has the places of the contacts in the plan."""
+        of_contacts = {name: values[:, order] for name, values in self.of_contacts.items()}
         return ManyRuns(
             t=self.t, contacts=tuple(contacts), bodies=tuple(bodies), energy=self.energy, momentum=self.momentum,
-            force=self.force, q=self.q, q_t=self.q_t, failures=failures, **self.of_contacts,
+            force=None if self.force is None else self.force[:, order], q=self.q, q_t=self.q_t,
+            failures=dict(sorted(self.failures.items())), **of_contacts,
         )  # fmt: skip
 
 
