@@ -231,24 +231,22 @@ def forces_of_frozen(
         n, nr, least = len(dofs), rows.starts[j + 1] - start, np.inf
         H = rows.numbers[rows.H[j] :][: n * nr].reshape(n, nr)
         normals = rows.numbers[rows.normals[j] :][: 3 * nr].reshape(nr, 3)
-        closed, pushes_j, na = np.empty(nr, np.int64), np.empty(nr), 0
+        force_j = np.zeros(n)
         for i in range(nr):
             least, push = min(least, pushed[start + i]), lam[start + i]
             if push != 0.0:
-                closed[na], pushes_j[na], na = i, push, na + 1
+                for k in range(n):
+                    force_j[k] += push * H[k, i]
                 values_j[0] += push
                 values_j[1] += 1.0
                 for k in range(3):
                     values_j[2 + k] += push * normals[i, k]
                 stored[j] -= 0.5 * push * h[start + i]
         values_j[5] = least
-        if na > 0:
+        if values_j[1] > 0.0:
             pushing += 1
-            for k in range(n):  # row by row, as H lies in memory
-                total = 0.0
-                for i in range(na):
-                    total += pushes_j[i] * H[k, closed[i]]
-                force[dofs[k]] += total
+            for k in range(n):
+                force[dofs[k]] += force_j[k]
     return pushing
 
 

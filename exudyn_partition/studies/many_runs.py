@@ -276,9 +276,9 @@ class _Room:
             failures={},
         )
 
-    def write(self, entry: int, made: Histories, measures: Measures) -> None:
-        """Write the results of an entry."""
-        of_contacts, self.energy[entry], self.momentum[entry] = measures.of(entry, made)
+    def write(self, entry: int, made: Histories, measured: tuple[dict[str, Array], Array, Array]) -> None:
+        """Write the results of an entry, with what `Measures` has found."""
+        of_contacts, self.energy[entry], self.momentum[entry] = measured
         for name, values in of_contacts.items():
             self.of_contacts[name][entry] = values
         if self.force is not None:
@@ -326,7 +326,7 @@ def _run_all(
             if made.stopped:
                 room.failures[entry] = f"stopped after {made.made} steps: {made.stopped}"
             else:
-                room.write(entry, made, measures)
+                room.write(entry, made, measures.of(entry, plan.bodies, made))
             done += 1
             report(min(done / count, 1.0))
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..compiled.plan import Bodies
 from ..compiled.run import Histories, Start
 from ..contact.gaps import Gaps
 from ..exudyn_bodies.partition_body import PartitionBody
@@ -40,9 +41,15 @@ class Measures:
     ) -> None:
         self._places, self._contacts, self._gaps, self._variations = places, contacts, gaps, variations
         self._t, self._rows = t, consecutive([len(rows.row_nodes) for rows in gaps])
+        self._slaves = [
+            contact.slave.kinematics.at(rows.slave.surface.nodes) for contact, rows in zip(contacts, gaps, strict=True)
+        ]
 
-    def of(self, entry: int, made: Histories) -> tuple[dict[str, Array], Array, Array]:
-        """Numbers by contact, energies, (2, nb) [J], and momenta, (2, nb, 3) [N s], see `ManyRuns`."""
+    def of(self, entry: int, bodies: Bodies, made: Histories) -> tuple[dict[str, Array], Array, Array]:
+        """Numbers by contact, energies, (2, nb) [J], and momenta, (2, nb, 3) [N s], see `ManyRuns`.
+
+        `bodies` are those of the entry.
+        """
         force = np.ascontiguousarray(made.values[:, :, 0].T)
         spans = [self._spans(j, of_contact, made) for j, of_contact in enumerate(force)]
         found = {
@@ -53,8 +60,8 @@ class Measures:
             "restitution": np.array([self._restitution(j, made) for j in range(len(force))]),
             "stored": made.end_stored,
         }
-        energy = np.array([[*self._energies(entry, state)] for state in (made.start, made.end)])
-        momentum = np.array([[*self._momenta(entry, state)] for state in (made.start, made.end)])
+        energy = np.array([self._energies(bodies, state) for state in (made.start, made.end)])
+        momentum = np.array([self._momenta(entry, state) for state in (made.start, made.end)])
         return found, energy, momentum
 
     def _spans(self, j: int, force: Array, made: Histories) -> list[tuple[float, float]]:
@@ -77,8 +84,7 @@ class Measures:
             return np.nan
         normal = impulse / size
         weights = rows.nodal_forces(made.peaks.lam[self._rows[j]])[0] @ normal
-        nodes, q = rows.slave.surface.nodes, made.peaks.q[j]
-        at_nodes = contact.slave.kinematics.at(nodes).place(q[self._places[contact.slave]])
+        at_nodes = self._slaves[j].place(made.peaks.q[j][self._places[contact.slave]])
         centre = weights @ at_nodes / weights.sum()
 
         def separation(state: Start) -> float:
@@ -91,15 +97,10 @@ class Measures:
         before = separation(made.start)
         return -separation(made.end) / before if before else np.nan
 
-    def _energies(self, entry: int, state: Start) -> list[float]:
+    def _energies(self, bodies: Bodies, state: Start) -> list[float]:
         """Kinetic and strain energy of each body [J]."""
-        energies = []
-        for item, dofs in self._places.items():
-            E, rho = (self._variations.factor(item, name, entry) for name in ("E", "rho"))
-            q, q_t = state.q[dofs], state.v[dofs]
-            kinetic = rho * float(item.kinematics.kinetic_energy(q, q_t))
-            energies.append(kinetic + E * float(item.body.strain_energy(item.kinematics.elastic(q))))
-        return energies
+        twice = bodies.mass * state.v**2 + bodies.stiffness * state.q**2
+        return [0.5 * float(twice[dofs].sum()) for dofs in self._places.values()]
 
     def _momenta(self, entry: int, state: Start) -> list[Array]:
         """Linear momentum of each body, (3,) [N s]."""
