@@ -199,6 +199,14 @@ after = ep.solve_dynamic(mbs, end_time=80e-6)
 states = hit.plastic.states(after)  # the next run begins with the dent: plasticStates= of CreatePartitionBody
 print(hit.plastic.dents(after))
 
+# %% run_many, ManyRuns
+mbs = exu.SystemContainer().AddSystem()
+ball = ep.CreatePartitionBody(mbs, body, referencePosition=[0, 0, 1e-6])
+ep.CreatePartitionContact(mbs, ball, ep.RigidPlane())
+mbs.Assemble()
+runs = ep.run_many(mbs, end_time=20e-6, vary={ball: {"initialVelocity": [[0, 0, -0.2], [0, 0, -0.5]]}})
+print(runs, runs.peak[:, 0], runs.failures)
+
 # %% restitution_map, RestitutionMap, RestitutionLaw
 found = ep.restitution_map((body, ep.RigidPlane()), speed=(0.2, 0.5))
 print(found["restitution"].ravel(), found.law().error)
