@@ -128,7 +128,7 @@ def run(
     stopped = stepper.begin(plan, start.q, start.v, start.a)
     began = _state(stepper)
     stepper.keep(kept[0], 0)
-    lams = [sp.csr_matrix(kept[0].lam)]
+    lams = [sp.csr_matrix(kept[0].lam)] if rows else []
     chunk = min(_STEPS, max(_MOST // max(kept[0].lam.shape[1], 1), 1)) if rows else _STEPS
     while made < steps.count and not stopped:
         count = min(chunk, steps.count - made)

@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 
 from ..compiled.plan import Bodies, FrozenPlan, StepPlan, joined_fields
+from ..compiled.run import Start
 from ..contact.formulations.choices import Compliance
 from ..contact.formulations.coupled import CoupledContacts, SharedPatches
 from ..contact.formulations.formulation import Together
@@ -20,6 +21,7 @@ from ..exudyn_contacts.partition_contact import PartitionContact, partition_item
 from ..frames.damping import ModeDamping
 from ..support.arrays import Array
 from ..support.foreign import ItemEntry, MainSystem
+from ..support.optional import require
 
 
 def check_held(mbs: MainSystem, options: Sequence[str] = ()) -> None:
@@ -202,6 +204,12 @@ def _contacts_plan(
     own = tuple(F for flexibilities, _, _ in blocks for F in flexibilities)
     flat = FlatRows.of(linear, [of_contact.normal for of_contact in gaps], dofs)
     return FrozenPlan(tuple(contact.name for contact in ordered), flat, own, fields, core)
+
+
+def initial_start(mbs: MainSystem) -> Start:
+    """The model's initial values, as the start of a run."""
+    data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
+    return Start(np.array(data.GetODE2Coordinates(initial)), np.array(data.GetODE2Coordinates_t(initial)))
 
 
 def dofs_of(mbs: MainSystem, item: PartitionBody) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..algebra.blas_threads import one_blas_thread
 from ..compiled.loops import Stepper
-from ..compiled.run import EqualSteps, Histories, Start, run
+from ..compiled.run import EqualSteps, Histories, run
 from ..errors import InputError, MemoryLimitError, StepSizeError
 from ..exudyn_bodies.held_damping import hold_damping
 from ..exudyn_bodies.model import validate_model
@@ -20,7 +20,7 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..prediction.default_step import SAFETY
 from ..simulation.adaptive_options import AdaptiveOptions
-from ..simulation.compiled_plan import at_start, check_held, dofs_of, in_groups, read_plan
+from ..simulation.compiled_plan import at_start, check_held, dofs_of, in_groups, initial_start, read_plan
 from ..simulation.run_plan import RunOptions, RunTimes, plan_run
 from ..simulation.stability import stability_limit
 from ..support.arrays import Array
@@ -28,7 +28,6 @@ from ..support.checks import read_only, validate_integer
 from ..support.foreign import MainSystem
 from ..support.interrupt import Interrupt, interruptible
 from ..support.machine import available_memory
-from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
 from ..support.spelling import spelled
@@ -170,7 +169,7 @@ def run_many(
     hold_damping(mbs)
     groups = at_start(contacts)
     places, gaps = {item: dofs_of(mbs, item) for item in bodies}, [one.gaps for _, some in groups for one in some]
-    entries = Entries(read_plan(mbs, groups), _initial(mbs), places, planned, gaps, variations)
+    entries = Entries(read_plan(mbs, groups), initial_start(mbs), places, planned, gaps, variations)
     room = _Room.of(variations.count, times, bodies, planned, entries.size, kept)
     measures = Measures(places, planned, gaps, variations, room.t)
     bar = progress_bar("many runs", after=LONG) if progress is None else contextlib.nullcontext(progress)
@@ -183,11 +182,6 @@ def _validated(histories: object) -> tuple[str, ...]:
     if isinstance(histories, str) or not isinstance(histories, Collection) or not {*histories} <= {*HISTORIES}:
         raise InputError(f"histories: expected a collection of {', '.join(map(repr, HISTORIES))}, got {histories!r}")
     return tuple(histories)
-
-
-def _initial(mbs: MainSystem) -> Start:
-    data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
-    return Start(np.array(data.GetODE2Coordinates(initial)), np.array(data.GetODE2Coordinates_t(initial)))
 
 
 def _times(

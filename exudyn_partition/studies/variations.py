@@ -187,7 +187,8 @@ class Entries:
             bodies.mass[dofs] *= rho
             bodies.stiffness[dofs] *= E
             if ratio is None:
-                bodies.damping[dofs] *= _damping_factor(item.ratios, E, rho)
+                by_E, by_rho = damping_power(item.ratios)
+                bodies.damping[dofs] *= E**by_E * rho**by_rho
             else:
                 bodies.damping[dofs] = math.sqrt(E * rho) * ratio * self._of_ratio_one[item]
             before = np.zeros(len(dofs)) if item.weight is None else item.weight
@@ -211,6 +212,6 @@ class Entries:
         return Start(q, v)
 
 
-def _damping_factor(ratios: Ratios | None, E: float, rho: float) -> float:
-    """Factor of a damping with the same ratios, or the same Rayleigh coefficient of the mass."""
-    return rho if isinstance(ratios, Rayleigh) else math.sqrt(E * rho)
+def damping_power(ratios: Ratios | None) -> tuple[float, float]:
+    """Powers of E and rho with which damping goes that has the same ratios, or the same coefficient of the mass."""
+    return (0.0, 1.0) if isinstance(ratios, Rayleigh) else (0.5, 0.5)

@@ -83,7 +83,9 @@ def waits(bodies):
         command = [sys.executable, "-W", "ignore", "-m", "validation.benchmarks.compiled_runs", *map(str, paths)]
         environment = os.environ | {"NUMBA_CACHE_DIR": folder}
         return [
-            float(subprocess.run(command, env=environment, capture_output=True, check=True, text=True).stdout.split()[-1])
+            float(
+                subprocess.run(command, env=environment, capture_output=True, check=True, text=True).stdout.split()[-1]
+            )
             for _ in range(2)
         ]
 

@@ -62,7 +62,13 @@ def checked(seed):
         error = abs(found.sensors[number][finite] - values[:n][finite]).max(initial=0.0)
         difference = max(difference, error / scale if scale else error)
     touched = bool(right.contacts[0].force(right)[:n].any())
-    return {"seed": seed, "scene": str(drawn(seed)), "difference": difference, "share": n / len(right.t), "hit": touched}
+    return {
+        "seed": seed,
+        "scene": str(drawn(seed)),
+        "difference": difference,
+        "share": n / len(right.t),
+        "hit": touched,
+    }
 
 
 def main():
