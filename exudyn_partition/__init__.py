@@ -73,6 +73,7 @@ _HOMES = {
     "studies.points": ("sample_parameters",),
     "studies.study": ("study",),
     "studies.study_values": ("Study",),
+    "studies.many_runs": ("ManyRuns", "run_many"),
     "studies.restitution_map": ("restitution_map",),
     "studies.restitution_values": ("RestitutionMap",),
     "studies.restitution_law": ("RestitutionLaw",),

@@ -50,6 +50,7 @@ from .simulation.solve import solve_dynamic
 from .simulation.stability import stability_limit
 from .simulation.statics import settle, solve_static
 from .simulation.step_control import time_to_contact
+from .studies.many_runs import ManyRuns, run_many
 from .studies.points import sample_parameters
 from .studies.restitution_law import RestitutionLaw
 from .studies.restitution_map import restitution_map
@@ -75,6 +76,7 @@ __all__ = [
     "FrictionResults",
     "History",
     "ImpactDesign",
+    "ManyRuns",
     "Material",
     "Partition",
     "PartitionBody",
@@ -122,6 +124,7 @@ __all__ = [
     "reference",
     "report",
     "restitution_map",
+    "run_many",
     "sample_parameters",
     "settle",
     "solve_dynamic",

@@ -57,6 +57,10 @@ class RunError(PartitionError, RuntimeError):
     """A run that Exudyn could not start or that was set up inconsistently."""
 
 
+class CompiledRunError(InputError):
+    """A model, or an option, that compiled runs cannot hold; the message lists all reasons."""
+
+
 class OutputError(PartitionError, OSError):
     """A file that the system could not write: a full disk, or a protected folder; the old file is kept."""
 

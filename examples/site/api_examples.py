@@ -215,6 +215,14 @@ print(runs["value"].shape, len(ep.Study.load("runs.jsonl")))
 points = ep.sample_parameters({"speed": (0.1, 0.5), "radius": (0.01, 0.03)}, 16)  # Sobol points
 print(ep.study(approach, points)["value"].mean())
 
+# %% run_many, ManyRuns
+mbs = exu.SystemContainer().AddSystem()
+ball = ep.CreatePartitionBody(mbs, body, referencePosition=[0, 0, 1e-6])
+ep.CreatePartitionContact(mbs, ball, ep.RigidPlane())
+mbs.Assemble()
+runs = ep.run_many(mbs, end_time=20e-6, vary={ball: {"initialVelocity": [[0, 0, -0.2], [0, 0, -0.5]]}})
+print(runs, runs.peak[:, 0], runs.failures)
+
 # %% restitution_map, RestitutionMap, RestitutionLaw
 found = ep.restitution_map((body, ep.RigidPlane()), speed=(0.2, 0.5))
 print(found["restitution"].ravel(), found.law().error)

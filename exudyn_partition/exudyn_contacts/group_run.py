@@ -30,12 +30,13 @@ class GroupRun:
 
     Attributes
     ----------
+    members : list of ContactRun
     pushes : bool
         Whether any force was not zero in the last evaluation.
     """
 
     def __init__(self, members: Sequence[ContactRun], together: Together) -> None:
-        self.members, self._together = [*members], together
+        self.members, self.together = [*members], together
         self._within = [member for member in members if member.acts_within]
         all_found = all(member.force is not None for member in self._within)
         self._known_at = members[0].goes_on_at if all_found else None  # time of a state that is evaluated already
@@ -76,11 +77,11 @@ class GroupRun:
 
     def stiffness(self, rows: Mapping[int, Array]) -> dict[tuple[int, int], Array]:
         """See `formulation.Together.stiffness`."""
-        return self._together.stiffness(rows)
+        return self.together.stiffness(rows)
 
     def closed_stiffness(self, places: Sequence[int]) -> dict[tuple[int, int], Array]:
         """See `formulation.Together.closed_stiffness`."""
-        return self._together.closed_stiffness(places)
+        return self.together.closed_stiffness(places)
 
     def evaluation(self, place: int) -> Evaluation:
         """Last answer of the contact at a place of the group."""
@@ -122,6 +123,11 @@ class CoupledRun(GroupRun):
     members : sequence of ContactRun
     coupled : Coupled
         Finds their forces.
+
+    Attributes
+    ----------
+    samples : LoopedSamples
+        What compiled loops have found.
     """
 
     def __init__(self, members: Sequence[ContactRun], coupled: Coupled) -> None:
@@ -135,10 +141,10 @@ class CoupledRun(GroupRun):
         readers = [(j, member.place) for j, member in enumerate(members) if member.place is not None]
         starts = np.reshape(readers, (-1, 2)).astype(int) * [N_VALUES, 1]
         self._from, self._to = np.add.outer(starts.T, np.arange(N_VALUES)).reshape(2, -1)  # places, from and to
-        self._samples = LoopedSamples()
+        self.samples = LoopedSamples()
         self._at_edge = np.empty(0, dtype=np.int64)  # closed rows whose depth is watched, see `_look_for_edges`
         for place, member in enumerate(members):
-            member.record.share(self._samples, place)
+            member.record.share(self.samples, place)
 
     def _find(self, mbs: MainSystem, t: float, q: Array) -> None:
         """See `evaluate`."""
@@ -220,7 +226,7 @@ class CoupledRun(GroupRun):
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """See `GroupRun`."""
         frozen = self._frozen
-        self._samples.drop(t)  # a second call for this time
+        self.samples.drop(t)  # a second call for this time
         if self._looped is None or frozen is None:
             super().keep(t, q)
             return
@@ -234,7 +240,7 @@ class CoupledRun(GroupRun):
         if len(self._at_edge):
             self._look_for_edges(t, frozen)
         if len(closed):
-            self._samples.add(t, self._nodes, self._bounds, frozen.lam[closed], frozen.stored.copy())
+            self.samples.add(t, self._nodes, self._bounds, frozen.lam[closed], frozen.stored.copy())
 
     def _look_for_edges(self, t: float, frozen: FrozenContacts) -> None:
         """Let members whose closed rows leave their patch record it; then they look no more at the same rows."""

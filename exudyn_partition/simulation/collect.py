@@ -5,12 +5,12 @@ from __future__ import annotations
 import contextlib
 from dataclasses import replace
 
-from ..errors import InputError
+from ..errors import InputError, RunError
 from ..exudyn_bodies.model import validate_model
 from ..exudyn_bodies.partition_body import check_model
 from ..exudyn_contacts.run_record import Solver
 from ..support.foreign import MainSystem
-from .continuation import last_end
+from .continuation import last_end, last_was_compiled
 from .result import Result, samples
 from .reviews.review import reviewed
 from .reviews.reviewed_run import ReviewedRun
@@ -37,7 +37,7 @@ def collect(mbs: MainSystem) -> Result:
     InputError
         If `mbs` is no model of Exudyn.
     RunError
-        If no sensor stored anything.
+        If no sensor stored anything, as in a compiled run.
 
     Warns
     -----
@@ -47,6 +47,10 @@ def collect(mbs: MainSystem) -> Result:
     """
     validate_model(mbs)
     check_model(mbs)
+    if last_was_compiled(mbs):
+        raise RunError(
+            "mbs: the last run was compiled, and Exudyn's sensors have nothing of it; solve_dynamic returned it"
+        )
     result, solver = samples(mbs), Solver.last(mbs)
     with contextlib.suppress(InputError):  # the model may not have been run to a whole end
         result = replace(result, end=last_end(mbs))

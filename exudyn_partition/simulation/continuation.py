@@ -115,11 +115,14 @@ class _Kept(NamedTuple):
         End of an earlier run that is the model's initial state.
     solvers : tuple
         Identities of the model's solvers at the last end; a later run replaces the solvers.
+    compiled : bool
+        Whether the last run was compiled, see `compiled_run`.
     """
 
     last: RunEnd | None = None
     origin: RunEnd | None = None
     solvers: tuple[int, ...] = ()
+    compiled: bool = False
 
 
 def _kept(mbs: MainSystem) -> _Kept:
@@ -142,6 +145,34 @@ def keep_end(mbs: MainSystem, pace: Pace | None = None, *, stopped: bool = False
     end = RunEnd.of_last_run(mbs, pace, stopped=stopped) if runs.is_whole(mbs) else None
     mbs.sys[_KEY] = _Kept(end, _origin(mbs), _solvers(mbs))
     return end
+
+
+def keep_compiled_end(mbs: MainSystem, step: float) -> RunEnd:
+    """Keep and return the end of a run that no solver of Exudyn has made. The model is in its state.
+
+    `step` is its time step [s].
+    """
+    data, runs = mbs.systemData, runs_of(mbs)
+    runs.end(mbs)
+    q_tt = np.array(data.GetODE2Coordinates_tt())
+    end = RunEnd(
+        t=float(data.GetTime()),
+        method="explicit",
+        step=step,
+        system=tuple(map(np.array, data.GetSystemState())),
+        q_tt=q_tt,
+        algorithmic=q_tt,
+        pace=Pace(),
+        contacts=runs.end_state(mbs),
+    )
+    mbs.sys[_KEY] = _Kept(end, _origin(mbs), _solvers(mbs), compiled=True)
+    return end
+
+
+def last_was_compiled(mbs: MainSystem) -> bool:
+    """Whether no solver of Exudyn has made the last run, so that its sensors stored nothing."""
+    kept = _kept(mbs)
+    return kept.compiled and kept.solvers == _solvers(mbs)
 
 
 def _step_back(mbs: MainSystem, solver: MainSolver) -> None:

@@ -13,8 +13,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "exudyn_partition"
 LAYERS = [  # lowest first; a package may import those before it, and so may what is imported for type checking
     "_version", "errors", "support", "algebra", "fe", "meshing", "surfaces", "plasticity", "prediction", "reduction",
-    "frames", "contact.plasticity", "contact", "contact.formulations", "accuracy", "results", "exudyn_bodies",
-    "exudyn_contacts", "present", "simulation", "studies", "reference", "cli", "__main__", "__init__",
+    "frames", "contact.plasticity", "contact", "contact.formulations", "compiled", "accuracy", "results",
+    "exudyn_bodies", "exudyn_contacts", "present", "simulation", "studies", "reference", "cli", "__main__", "__init__",
 ]  # fmt: skip
 
 

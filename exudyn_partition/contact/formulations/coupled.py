@@ -268,13 +268,23 @@ class CoupledContacts(Coupled):
         ):
             return None
         if last is None or not last.has_pairs_of(gaps):
-            for law in self._laws:
-                law.renew_problem()
-            fields = [self._fields.fields(j) for j in range(len(gaps))]
-            blocks = self._joint.flat([law.problem.F for law in self._laws], fields)
-            last = FrozenContacts(gaps, dofs, blocks)
+            own, fields, _ = self.blocks()
+            last = FrozenContacts(gaps, dofs, self._joint.flat(own, fields))
         last.guess(np.concatenate([contact.evaluation.lam > 0.0 for contact in self.contacts]))
         return last
+
+    def blocks(self) -> tuple[list[Array], list[Array], Mapping[tuple[int, int], Array]]:
+        """Problem of the forces while all pairs are frozen, see `BlockComplementarity`.
+
+        Returns
+        -------
+        Flexibility of each contact's rows, (nr, nr) [m/N]; displacements of these rows in the fields that contacts
+        exchange, (nr, m); and what amplitudes of fields one contact causes in another, (m, m) [m/N].
+        """
+        for law in self._laws:
+            law.renew_problem()
+        fields = [self._fields.fields(j) for j in range(len(self.contacts))]
+        return [law.problem.F for law in self._laws], fields, self._exchange.core
 
     @property
     def _laws(self) -> list[NormalCompliance]:

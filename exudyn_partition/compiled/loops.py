@@ -1,0 +1,312 @@
+"""Explicit steps of a plan: compiled if numba is there, else by NumPy, which is slow.
+
+No other module of `compiled` knows which. Module `kernels` beside it has the compiled loop.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..algebra.block_complementarity import LIMITS
+from ..contact.loops import flat_contacts
+from ..errors import ComplementarityError
+from ..support.arrays import Array
+from ..support.compiled import kernels
+from .plan import FrozenPlan, StepPlan
+
+N_VALUES = 6  # of each contact, see `frozen.FrozenContacts`
+UNSTABLE = "the gaps are not finite: the run has become unstable"
+
+
+class Motion(NamedTuple):
+    """State of a run within a step; the loop writes to its arrays.
+
+    Parameters
+    ----------
+    q, v, a : (nq,) arrays
+        Coordinates, velocities and accelerations.
+    q_start, v_start : (nq,) arrays
+        Coordinates and velocities at the start of the step.
+    force : (nq,) array
+        Generalised forces of all contacts.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    q_start: Array
+    v_start: Array
+    force: Array
+
+    @classmethod
+    def of(cls, n: int) -> Motion:
+        """Room for n coordinates."""
+        return cls(*np.zeros((6, n)))
+
+
+class Samples(NamedTuple):
+    """Room for samples. Without rows, `q` and `v`, or `stored` and `lam`, are not kept.
+
+    Parameters
+    ----------
+    q, v : (n, nq) arrays
+    values : (n, nc, 6) array
+        Of each contact, see `frozen.FrozenContacts`.
+    stored : (n, nc) array
+        Energy that each contact stores [J].
+    lam : (n, nr) array
+        Forces on all rows [N].
+    """
+
+    q: Array
+    v: Array
+    values: Array
+    stored: Array
+    lam: Array
+
+    @classmethod
+    def of(cls, plan: StepPlan, n: int, *, motion: bool, rows: bool) -> Samples:
+        """Room for n samples; `motion` and `rows` say whether coordinates and forces on rows are kept."""
+        nq, nc, nr = len(plan.bodies.mass), len(plan.contacts.names), len(plan.contacts.rows.start)
+        (q, v), kept = np.empty((2, n if motion else 0, nq)), n if rows else 0
+        return cls(q, v, np.empty((n, nc, N_VALUES)), np.empty((kept, nc)), np.empty((kept, nr)))
+
+
+class Peaks(NamedTuple):
+    """Largest force of each contact so far.
+
+    Parameters
+    ----------
+    force : (nc,) array
+        [N]
+    lam : (nr,) array
+        Forces on the rows of each contact then [N].
+    q : (nc, nq) array
+        Coordinates then.
+    """
+
+    force: Array
+    lam: Array
+    q: Array
+
+    @classmethod
+    def of(cls, contacts: FrozenPlan, n: int) -> Peaks:
+        """Room for some contacts and n coordinates, without a force."""
+        nc = len(contacts.names)
+        return cls(np.zeros(nc), np.zeros(len(contacts.rows.start)), np.zeros((nc, n)))
+
+
+class ContactParts(NamedTuple):
+    """Matrices of one contact as views of flat arrays.
+
+    Parameters
+    ----------
+    rows : slice
+        Its rows among all.
+    dofs : (n,) int array
+        Numbers of its coordinates.
+    H : (n, nr) array
+        Gaps by the coordinates, transposed.
+    normals : (nr, 3) array
+    drift : (k, n) array
+        How its pairs slide by the coordinates.
+    drift_start : (k,) array
+        Where they were found [m].
+    reach : float
+        How far they may slide [m].
+    """
+
+    rows: slice
+    dofs: Array
+    H: Array
+    normals: Array
+    drift: Array
+    drift_start: Array
+    reach: float
+
+    @classmethod
+    def of(cls, plan: FrozenPlan, j: int) -> ContactParts:
+        """Parts of contact j."""
+        flat = plan.rows
+        rows, dofs = slice(*flat.starts[j : j + 2]), flat.dofs[slice(*flat.places[j : j + 2])]
+        start, (n, nr) = flat.drift_start[slice(*flat.drift_starts[j : j + 2])], (len(dofs), len(plan.own[j]))
+
+        def matrix(begin: int, k: int, m: int) -> Array:
+            return flat.numbers[begin:][: k * m].reshape(k, m)
+
+        H, normals = matrix(flat.H[j], n, nr), matrix(flat.normals[j], nr, 3)
+        return cls(rows, dofs, H, normals, matrix(flat.drift[j], len(start), n), start, float(flat.reach[j]))
+
+    def slide(self, q: Array) -> bool:
+        """Whether pairs slide at coordinates q, (nq,)."""
+        return bool(not abs(self.drift @ q[self.dofs] - self.drift_start).max(initial=0.0) <= self.reach)
+
+
+class Stepper:
+    """Explicit steps of a plan, as Exudyn's VelocityVerlet makes them.
+
+    Damping forces belong to the velocities in the middle of a step::
+
+        v' = v + h a / 2,    q = q + h v',    a = M^-1 (f(q) + load - K q - D v'),    v = v' + h a / 2.
+
+    Parameters
+    ----------
+    contacts : FrozenPlan
+        Contacts of the plans, which may have different bodies.
+    n : int
+        Number of coordinates.
+
+    Attributes
+    ----------
+    motion : Motion
+    peaks : Peaks
+    stored : (nc,) array
+        Energy that each contact stores [J].
+    iterations : int
+        Of the closed rows of all contacts since the start.
+    """
+
+    _plan: StepPlan
+
+    def __init__(self, contacts: FrozenPlan, n: int) -> None:
+        self.contacts, self._kernels, count = contacts, kernels("compiled"), len(contacts.names)
+        self.motion, self.peaks, self._blocks = Motion.of(n), Peaks.of(contacts, n), contacts.fresh_blocks()
+        self._h, self.stored = np.zeros(len(contacts.rows.start)), np.zeros(count)
+        self._values = np.zeros((count, N_VALUES))
+        self._parts = [ContactParts.of(contacts, j) for j in range(count)]
+        self._flat: Any = None
+        if self._kernels:
+            self._flat = flat_contacts(contacts.rows, self._blocks, self._h, self._values, self.stored)
+
+    @property
+    def iterations(self) -> int:
+        """See the class."""
+        return int(self._blocks.iterations.sum())
+
+    def begin(self, plan: StepPlan, q: Array, v: Array, a: Array | None = None) -> str:
+        """Begin a plan at coordinates and velocities, (nq,), with accelerations, (nq,), or those that forces give.
+
+        Return what prevents it, see `advance`.
+        """
+        self._plan, m = plan, self.motion
+        self._blocks.forget()
+        self._blocks.iterations[:] = 0
+        self.peaks.force[:] = 0.0
+        m.q[:], m.v[:] = q, v
+        if not (self._kernels and self._kernels.push(self._flat, m.q, m.force, LIMITS)) and (why := self._find()):
+            return why
+        if a is None:
+            self._accelerate()
+        else:
+            m.a[:] = a
+        self._watch()
+        return ""
+
+    def advance(self, h: float, first: int, count: int, between: int, samples: Samples) -> tuple[int, str]:
+        """Make steps of length h [s] with the numbers `first` to `count`, from 1 on.
+
+        Parameters
+        ----------
+        h : float
+        first, count : int
+        between : int
+            Steps from one sample to the next: step number i writes sample i / `between` - 1.
+        samples : Samples
+
+        Returns
+        -------
+        Number of the last step that was made, and what stopped the steps; empty if nothing did. Then the motion is at
+        the start of a step.
+        """
+        m = self.motion
+        for_loops = self._plan.bodies, self._flat, m, samples, self.peaks, LIMITS, h
+        while first <= count:
+            if self._kernels:
+                first = self._kernels.advance(*for_loops, first, count, between)
+                if first > count:
+                    break
+            else:
+                m.q_start[:], m.v_start[:] = m.q, m.v
+                m.v[:] += 0.5 * h * m.a
+                m.q[:] += h * m.v
+            if why := self._find():  # compiled loops give up where closed rows do not settle soon
+                m.q[:], m.v[:] = m.q_start, m.v_start
+                return first - 1, why
+            self._accelerate()
+            m.v[:] += 0.5 * h * m.a
+            self._watch()
+            if not first % between:
+                self.keep(samples, first // between - 1)
+            first += 1
+        return count, ""
+
+    def _find(self) -> str:
+        """Find the forces at the present coordinates by NumPy; return what prevents it."""
+        m, plan, blocks = self.motion, self.contacts, self._blocks
+        if not np.isfinite(m.q).all():
+            return UNSTABLE
+        for name, part in zip(plan.names, self._parts, strict=True):
+            if part.slide(m.q):
+                return f"pairs of contact {name!r} begin to slide, which compiled steps do not follow"
+            self._h[part.rows] = plan.rows.start[part.rows] + m.q[part.dofs] @ part.H
+        try:
+            lam, pushed, iterations = forces_of(plan, self._h, blocks.active)
+        except ComplementarityError as error:
+            return str(error)
+        blocks.lam[:], blocks.pushed[:], blocks.active[:], blocks.n_closed[:] = lam, pushed, lam > 0.0, -1
+        blocks.iterations[:] += iterations
+        m.force[:] = 0.0
+        for j, part in enumerate(self._parts):
+            push, gap = lam[part.rows], pushed[part.rows]
+            m.force[part.dofs] += part.H @ push
+            self._values[j] = [push.sum(), np.count_nonzero(push), *(push @ part.normals), gap.min(initial=np.inf)]
+            self.stored[j] = -0.5 * push @ self._h[part.rows]
+        return ""
+
+    def _accelerate(self) -> None:
+        """Set accelerations from coordinates, velocities and contact forces."""
+        m, bodies = self.motion, self._plan.bodies
+        m.a[:] = (m.force + bodies.load - (bodies.stiffness * m.q + bodies.damping * m.v)) / bodies.mass
+
+    def _watch(self) -> None:
+        """Keep the largest force of each contact."""
+        for j, part in enumerate(self._parts):
+            if self._values[j, 0] > self.peaks.force[j]:
+                self.peaks.force[j], self.peaks.q[j] = self._values[j, 0], self.motion.q
+                self.peaks.lam[part.rows] = self._blocks.lam[part.rows]
+
+    def keep(self, samples: Samples, place: int) -> None:
+        """Write the present state to a place of samples."""
+        if len(samples.q):
+            samples.q[place], samples.v[place] = self.motion.q, self.motion.v
+        samples.values[place] = self._values
+        if len(samples.stored):
+            samples.stored[place], samples.lam[place] = self.stored, self._blocks.lam
+
+
+def forces_of(plan: FrozenPlan, h: Array, active: Array) -> tuple[Array, Array, Array]:
+    """Forces on all rows, (nr,) [N], for gaps h, (nr,) [m], and a guess of the closed rows, (nr,) bool, by NumPy.
+
+    Returns
+    -------
+    The forces, gaps with the displacements that other contacts cause, (nr,) [m], and iterations of each contact, (n,).
+
+    Raises
+    ------
+    ComplementarityError
+        If no closed rows settle.
+    """
+    n, ends = len(plan.names), plan.rows.starts[1:-1]
+    if h.min(initial=0.0) >= 0.0:
+        return np.zeros(len(h)), h.copy(), np.zeros(n, dtype=np.int64)
+    problems, gaps = [problem.fresh() for problem in plan.problems], dict(enumerate(np.split(h, ends)))
+    for problem, guess in zip(problems, np.split(active, ends), strict=True):
+        problem.set_active(guess)
+    if plan.core:
+        found = plan.joint.solve(dict(enumerate(problems)), gaps, dict(enumerate(plan.fields)))
+        lam, pushed = [found[j] for j in range(n)], np.concatenate([plan.joint.pushed[j] for j in range(n)])
+    else:
+        lam, pushed = [problem.solve(gaps[j]) for j, problem in enumerate(problems)], h.copy()
+    return np.concatenate(lam), pushed, np.array([problem.iterations for problem in problems])

@@ -1,0 +1,107 @@
+"""What an explicit run of bodies and contacts needs, as one frozen value of arrays.
+
+Bodies move by modes. The pairs of contacts are frozen, so that gaps are linear in the coordinates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ..algebra.block_complementarity import BlockComplementarity, FlatBlocks
+from ..algebra.complementarity import Complementarity
+from ..contact.linear_gaps import FlatRows
+from ..support.arrays import Array
+
+Core = Mapping[tuple[int, int], Array]
+
+
+class Bodies(NamedTuple):
+    """All bodies, by shapes that neither mass nor stiffness nor damping couples; see `StepPlan`.
+
+    Parameters
+    ----------
+    mass, stiffness, damping : (nq,) arrays
+        Diagonals of the matrices.
+    load : (nq,) array
+        Generalised forces that do not change.
+    """
+
+    mass: Array
+    stiffness: Array
+    damping: Array
+    load: Array
+
+
+@dataclass(frozen=True, eq=False)
+class FrozenPlan:
+    """Contacts by compliance without friction, with frozen pairs.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the contacts.
+    rows : FlatRows
+        Gaps of all rows.
+    own, fields : tuples of arrays
+        Flexibility of each contact's rows, (nr, nr) [m/N], and their displacements in fields that contacts on common
+        bodies exchange, (nr, m).
+    core : dict of (int, int) to (m, m) array
+        What contacts exchange, see `BlockComplementarity`.
+    """
+
+    names: tuple[str, ...]
+    rows: FlatRows
+    own: tuple[Array, ...]
+    fields: tuple[Array, ...]
+    core: Core
+
+    @cached_property
+    def joint(self) -> BlockComplementarity:
+        """Solver of the forces by NumPy; `fresh_blocks` is what compiled loops take."""
+        return BlockComplementarity(len(self.names), self.core)
+
+    @cached_property
+    def problems(self) -> tuple[Complementarity, ...]:
+        """Problem of each contact's own rows, by NumPy."""
+        return tuple(map(Complementarity, self.own))
+
+    @cached_property
+    def _blocks(self) -> FlatBlocks:
+        return self.joint.flat(self.own, self.fields)
+
+    def fresh_blocks(self) -> FlatBlocks:
+        """The problem in flat arrays, with room of its own for what changes in a run; matrices are shared."""
+        blocks = self._blocks
+        changing = "active", "closed", "n_closed", "factors", "responses", "G", "amplitudes", "lam", "pushed"
+        return blocks._replace(**{name: getattr(blocks, name).copy() for name in (*changing, "iterations")})
+
+
+@dataclass(frozen=True, eq=False)
+class StepPlan:
+    """Bodies, contacts and loads of an explicit run.
+
+    Parameters
+    ----------
+    bodies : Bodies
+    contacts : FrozenPlan
+    """
+
+    bodies: Bodies
+    contacts: FrozenPlan
+
+
+def joined_fields(groups: Sequence[tuple[Sequence[Array], Core]]) -> tuple[tuple[Array, ...], Core]:
+    """Fields and core of all contacts, from those of groups that exchange nothing, see `FrozenPlan`."""
+    size = max((W.shape[1] for fields, _ in groups for W in fields), default=0)
+    joined, core = list[Array](), dict[tuple[int, int], Array]()
+    for fields, of_group in groups:
+        first = len(joined)
+        for (j, k), block in of_group.items():
+            core[first + j, first + k] = np.pad(block, (0, size - len(block)))
+        joined += [np.pad(W, ((0, 0), (0, size - W.shape[1]))) for W in fields]
+    return tuple(joined), core

@@ -1,0 +1,217 @@
+"""Exudyn adapter: what compiled runs need of a model, read from it, and why they cannot hold it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import cast
+
+import numpy as np
+
+from ..compiled.plan import Bodies, FrozenPlan, StepPlan, joined_fields
+from ..compiled.run import Start
+from ..contact.formulations.choices import Compliance
+from ..contact.formulations.coupled import CoupledContacts, SharedPatches
+from ..contact.formulations.formulation import Together
+from ..contact.linear_gaps import FlatRows, LinearGaps
+from ..contact.patch_contact import PatchContact
+from ..errors import CompiledRunError
+from ..exudyn_bodies.model import coordinate_slices, registered, user_function
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
+from ..frames.damping import ModeDamping
+from ..support.arrays import Array
+from ..support.foreign import ItemEntry, MainSystem
+from ..support.optional import require
+
+
+def check_held(mbs: MainSystem, options: Sequence[str] = ()) -> None:
+    """Raise an error with all reasons why a compiled run cannot hold a model; `options` are further reasons.
+
+    Raises
+    ------
+    CompiledRunError
+    """
+    bodies, contacts = partition_items(mbs)
+    parts = _of_bodies(bodies), _of_contacts(contacts), _of_items(mbs, bodies, contacts), _of_sensors(mbs)
+    reasons = [*options, *(reason for part in parts for reason in part)]
+    if reasons:
+        listed = "".join(f"\n- {reason}" for reason in reasons)
+        raise CompiledRunError(
+            "solver: compiled runs hold partition bodies in inertial frames, their contacts by compliance without "
+            "friction, rigid planes, gravity, constant loads on coordinates and damping of modes. This run has "
+            f"more:{listed}\nLeave it out, or take solver='exudyn'"
+        )
+
+
+def _called(kind: str, item: PartitionBody | PartitionContact, place: int) -> str:
+    return f"{kind} {item.name!r}" if item.name else f"{kind} {place}"
+
+
+def _of_bodies(bodies: Sequence[PartitionBody]) -> Iterator[str]:
+    """Reasons by bodies."""
+    for place, item in enumerate(bodies):
+        named = _called("body", item, place)
+        if item.frame == "floating":
+            yield f"{named} has a floating frame"
+        if len(item.body.basis.nodal):
+            yield f"{named} keeps nodes, by basis {item.body.basis.name!r}"
+        if item.body.stiffening is not None:
+            yield f"{named} has geometric stiffness"
+        if item.damping is not None and not isinstance(item.damping, ModeDamping):
+            yield f"{named} has damping of nodes"
+
+
+def _of_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
+    """Reasons by contacts."""
+    if not contacts:
+        yield "no contact"
+    for place, contact in enumerate(contacts):
+        named, mechanics = _called("contact", contact, place), contact.mechanics
+        if not isinstance(contact.formulation, Compliance):
+            yield f"{named} has formulation {type(contact.formulation).__name__}"
+        if mechanics.friction is not None:
+            yield f"{named} has friction"
+        if mechanics.zones is not None:
+            yield f"{named} has plastic zones"
+        if contact.carrier is not None:
+            yield f"{named} has a surface on a body that moves"
+        if mechanics.viscous:
+            yield f"{named} has a viscous flexibility, by damping in proportion to the stiffness"
+        if mechanics.gaps.overlap:
+            yield f"{named} is a press fit"
+        if contact.moment_about is not None:
+            yield f"{named} has a sensor of its moment"
+        if isinstance(contact.together, SharedPatches):
+            yield f"{named} shares a patch with another contact"
+        elif not mechanics.gaps.may_freeze:
+            yield (
+                f"{named} has pairs that follow the motion: of curved rigid surfaces, patches of Partition.surface, "
+                "floating frames, or patches that do not face each other at the start"
+            )
+
+
+def _of_items(mbs: MainSystem, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact]) -> Iterator[str]:
+    """Reasons by other items and functions of the model."""
+    data = mbs.systemData
+    ours = {int(item["oGenericODE2"]) for item in bodies} | {int(contact["oContact"]) for contact in contacts}
+    for number in range(data.NumberOfObjects()):
+        entry = mbs.GetObject(number)
+        if number not in ours and entry["objectType"] != "Ground":
+            yield f"object {entry['name']!r}, a {entry['objectType']}"
+    if data.ODE2Size() != sum(item.body.n_dofs for item in bodies) or data.ODE1Size():
+        yield "nodes with coordinates of their own"
+    for number in range(data.NumberOfLoads()):
+        load = mbs.GetLoad(number)
+        if _coordinate(mbs, bodies, load) is None:
+            yield f"load {load['name']!r}, a {load['loadType']}, is not a constant one on a coordinate of a body"
+    for name in ("PreStep", "PostStep", "PostNewton"):
+        if user_function(getattr(mbs, f"Get{name}UserFunction")()) is not None:
+            yield f"a {name} user function"
+
+
+def _coordinate(mbs: MainSystem, bodies: Sequence[PartitionBody], load: ItemEntry) -> int | None:
+    """Number of the coordinate on which a constant load acts; None if it is another load."""
+    if load["loadType"] != "Coordinate" or load["loadUserFunction"]:
+        return None
+    marker, nodes = mbs.GetMarker(load["markerNumber"]), {int(node) for item in bodies for node in item.nodes}
+    if marker["markerType"] != "NodeCoordinate" or int(marker["nodeNumber"]) not in nodes:
+        return None
+    return int(mbs.GetNodeODE2Index(marker["nodeNumber"]) + marker["coordinate"])
+
+
+def own_sensors(mbs: MainSystem) -> set[int]:
+    """Numbers of the sensors that bodies and contacts made with them."""
+    (bodies, contacts), damping = partition_items(mbs), registered(mbs).damping
+    numbers = {int(n) for item in bodies for key in ("sCoordinates", "sCoordinates_t") for n in item[key]}
+    of_damping = set() if damping is None else {int(damping.number)}
+    return numbers | {int(contact["sForce"]) for contact in contacts} | of_damping
+
+
+def _of_sensors(mbs: MainSystem) -> Iterator[str]:
+    """Reasons by sensors that the user has added."""
+    known = own_sensors(mbs)
+    for number in range(mbs.systemData.NumberOfSensors()):
+        entry = mbs.GetSensor(number)
+        if number in known:
+            continue
+        if entry["sensorType"] == "UserFunction":
+            yield f"sensor {entry['name']!r}, a user function"
+        elif entry["fileName"] and entry["writeToFile"]:
+            yield f"sensor {entry['name']!r} writes a file"
+
+
+def read_plan(mbs: MainSystem, groups: Sequence[tuple[Together, Sequence[PatchContact]]]) -> StepPlan:
+    """Plan of the compiled steps of a model that `check_held` has passed.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    groups : sequence of (Together, list of PatchContact)
+        Contacts of each of `in_groups` at the start of the run, and what finds their forces.
+
+    Raises
+    ------
+    CompiledRunError
+        If pairs slide at the start of the run.
+    """
+    bodies, contacts = partition_items(mbs)
+    n = mbs.systemData.ODE2Size()
+    mass, stiffness, damping, load = np.ones(n), *np.zeros((3, n))
+    for item in bodies:
+        dofs = dofs_of(mbs, item)
+        mass[dofs], stiffness[dofs] = item.kinematics.mass, item.body.stiffness.diagonal()
+        if item.damping is not None:
+            damping[dofs] = item.damping.matrix().diagonal()
+        if len(pushed := np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"))):
+            load[dofs] = pushed
+    for number in range(mbs.systemData.NumberOfLoads()):
+        entry = mbs.GetLoad(number)
+        load[_coordinate(mbs, bodies, entry)] += entry["load"]
+    return StepPlan(Bodies(mass, stiffness, damping, load), _contacts_plan(mbs, contacts, groups))
+
+
+def in_groups(contacts: Sequence[PartitionContact]) -> list[list[PartitionContact]]:
+    """Contacts that are solved together, in the order of a plan."""
+    return [*{id(contact.group): contact.group for contact in contacts}.values()]
+
+
+def at_start(contacts: Sequence[PartitionContact]) -> list[tuple[Together, list[PatchContact]]]:
+    """Contacts at the start of a run from the model's initial values, as `read_plan` takes them."""
+    found: list[tuple[Together, list[PatchContact]]] = []
+    for group in in_groups(contacts):
+        members, together = [contact.mechanics.for_run("explicit") for contact in group], group[0].together
+        found.append((together.for_run(members), members))
+    return found
+
+
+def _contacts_plan(
+    mbs: MainSystem,
+    contacts: Sequence[PartitionContact],
+    groups: Sequence[tuple[Together, Sequence[PatchContact]]],
+) -> FrozenPlan:
+    """Plan of all contacts, group by group."""
+    ordered = [contact for group in in_groups(contacts) for contact in group]
+    gaps, linear = [contact.gaps for _, members in groups for contact in members], list[LinearGaps]()
+    for contact, rows in zip(ordered, gaps, strict=True):
+        if rows.linear is None:
+            raise CompiledRunError(
+                f"solver: pairs of contact {contact.name!r} slide where this run begins; take 'exudyn'"
+            )
+        linear.append(rows.linear)
+    dofs = [np.concatenate([np.r_[part] for part in contact.slices(mbs)]) for contact in ordered]
+    blocks = [cast("CoupledContacts", together).blocks() for together, _ in groups]
+    fields, core = joined_fields([(of_group, core) for _, of_group, core in blocks])
+    own = tuple(F for flexibilities, _, _ in blocks for F in flexibilities)
+    flat = FlatRows.of(linear, [of_contact.normal for of_contact in gaps], dofs)
+    return FrozenPlan(tuple(contact.name for contact in ordered), flat, own, fields, core)
+
+
+def initial_start(mbs: MainSystem) -> Start:
+    """The model's initial values, as the start of a run."""
+    data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
+    return Start(np.array(data.GetODE2Coordinates(initial)), np.array(data.GetODE2Coordinates_t(initial)))
+
+
+def dofs_of(mbs: MainSystem, item: PartitionBody) -> Array:
+    """Numbers of a body's coordinates in the model, (n_dofs,)."""
+    return np.concatenate([np.r_[place] for place in coordinate_slices(mbs, item)])

@@ -1,0 +1,203 @@
+"""A compiled run of a model: steps that `compiled.run` makes without Exudyn, with the result of a run by Exudyn."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from collections.abc import Callable
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..algebra.blas_threads import one_blas_thread
+from ..compiled.loops import UNSTABLE
+from ..compiled.plan import StepPlan
+from ..compiled.run import EqualSteps, Histories, Start, run
+from ..errors import RunError
+from ..exudyn_bodies.model import coordinate_slices, registered
+from ..exudyn_contacts.group_run import CoupledRun, GroupRun
+from ..exudyn_contacts.model_run import ModelRun, runs_of
+from ..exudyn_contacts.partition_contact import partition_items
+from ..support.arrays import Array
+from ..support.foreign import MainSystem
+from ..support.interrupt import Interrupt, interruptible
+from ..support.optional import require
+from ..support.progress import LONG, Progress
+from ..support.progress import progress as progress_bar
+from .compiled_plan import in_groups, own_sensors, read_plan
+from .continuation import keep_compiled_end, undo_if_refused
+from .result import Result
+from .run_plan import RunPlan
+from .sensor_checks import check_sensors
+from .work import Work
+
+_log = logging.getLogger(__name__)
+
+
+def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> Result:
+    """Make a planned run by compiled steps, and return its result without a review.
+
+    Raises
+    ------
+    RunError
+        If the first step cannot be made.
+    """
+    check_sensors(mbs)
+    times, (bodies, contacts) = plan.times, partition_items(mbs)
+    bar = progress_bar("stepping", after=LONG) if progress is None else contextlib.nullcontext(progress)
+    with (
+        undo_if_refused(mbs),
+        one_blas_thread(),
+        interruptible() as interrupt,
+        bar as report,
+        runs_of(mbs).open_run(mbs, times.start, "explicit") as model_run,
+    ):
+        begin = time.perf_counter()
+        start = _start(mbs, plan)
+        if model_run.others:
+            model_run.others.keep(mbs, times.start)
+        groups = [model_run.contact_run(group[0]).group for group in in_groups(contacts)]
+        step_plan = read_plan(mbs, [(group.together, [run.mechanics for run in group.members]) for group in groups])
+        steps = EqualSteps(times.step, times.steps, times.between)
+        made = run(step_plan, start, steps, report=_told(times.steps, report, interrupt))
+        if made.stopped and not made.made:
+            raise RunError(f"mbs: a compiled run cannot make its first step: {made.stopped}")
+        ends = np.cumsum(np.r_[times.start, np.full(made.made, times.step)])  # as Exudyn's solver adds them up
+        if made.made == times.steps and not times.beyond:
+            ends[-1] = times.end
+        t = ends[:: times.between]
+        sensors = _of_bodies(mbs, made) | _of_contacts(mbs, made) | _replayed(mbs, t, made)
+        _keep_rows(mbs, model_run, step_plan, made, t)
+        _go_to_end(mbs, model_run, float(ends[-1]), made.end)
+        time_s = time.perf_counter() - begin
+    end = keep_compiled_end(mbs, times.step)
+    status, message = _ending(plan, made)
+    _log.debug("%s compiled steps in %.4g s", made.made, time_s)
+    if status == "finished" and progress is not None:
+        progress(1.0)
+    return Result(
+        t=t,
+        status=status,
+        message=message,
+        step=times.step,
+        steps=made.made,
+        method=plan.method,
+        time_s=time_s,
+        sensors=sensors,
+        bodies=tuple(bodies),
+        contacts=tuple(contacts),
+        runs=tuple(model_run.contact_run(contact).record for contact in contacts),
+        work=Work(active_set_iterations=made.iterations),
+        others=model_run.others.motions(mbs),
+        dampings=tuple(item.dampings for item in bodies),
+        end=end,
+    )
+
+
+def _start(mbs: MainSystem, plan: RunPlan) -> Start:
+    """Put the model into its initial state; return it, with accelerations of a run from which this one goes on."""
+    data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
+    data.SetSystemState(data.GetSystemState(initial))
+    data.SetTime(plan.times.start)
+    if (damping := registered(mbs).damping) is not None:
+        damping.begin(mbs)
+    q, q_t = np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t())
+    return Start(q, q_t, None if plan.origin is None else plan.origin.q_tt)
+
+
+def _told(steps: int, report: Progress, interrupt: Interrupt) -> Callable[[int], bool]:
+    """Return what a run calls with the number of its steps so far: whether it goes on."""
+
+    def told(made: int) -> bool:
+        report(min(made / steps, 1.0))
+        return not interrupt.asked
+
+    return told
+
+
+def _of_bodies(mbs: MainSystem, made: Histories) -> dict[int, Array]:
+    """Samples of the bodies' sensors, by their numbers."""
+    sensors = dict[int, Array]()
+    for item in partition_items(mbs)[0]:
+        for key, values in (("sCoordinates", made.q), ("sCoordinates_t", made.v)):
+            places = zip(item[key], coordinate_slices(mbs, item), strict=True)
+            sensors |= {int(number): values[:, place].copy() for number, place in places}
+    return sensors
+
+
+def _of_contacts(mbs: MainSystem, made: Histories) -> dict[int, Array]:
+    """Samples of the contacts' sensors, by their numbers."""
+    ordered = [contact for group in in_groups(partition_items(mbs)[1]) for contact in group]
+    return {int(contact["sForce"]): made.values[:, place].copy() for place, contact in enumerate(ordered)}
+
+
+def _replayed(mbs: MainSystem, t: Array, made: Histories) -> dict[int, Array]:
+    """Samples of the user's own sensors, by their numbers: Exudyn reads them in the states of the run."""
+    data, ours = mbs.systemData, own_sensors(mbs)
+    numbers = [n for n in range(data.NumberOfSensors()) if n not in ours and mbs.GetSensor(n)["storeInternal"]]
+    read: dict[int, list[Array]] = {number: [] for number in numbers}
+    for state in zip(t, made.q, made.v, strict=True) if numbers else ():
+        _put(mbs, *state)
+        for number in numbers:
+            read[number].append(np.atleast_1d(mbs.GetSensorValues(number)))
+    return {number: np.array(values) for number, values in read.items()}
+
+
+def _put(mbs: MainSystem, t: float, q: Array, q_t: Array) -> None:
+    """Put the model into a state."""
+    data = mbs.systemData
+    data.SetODE2Coordinates(q)
+    data.SetODE2Coordinates_t(q_t)
+    data.SetTime(t)
+
+
+def _keep_rows(mbs: MainSystem, model_run: ModelRun, plan: StepPlan, made: Histories, t: Array) -> None:
+    """Let contacts keep the forces on their rows at all samples, (n,) [s], and where they reached a patch's edge."""
+    assert made.lam is not None
+    first, starts = 0, plan.contacts.rows.starts
+    for contacts in in_groups(partition_items(mbs)[1]):
+        group = model_run.contact_run(contacts[0]).group
+        assert isinstance(group, CoupledRun)
+        of_group = slice(first, first := first + len(contacts))
+        bounds_of_rows = starts[of_group.start : of_group.stop + 1] - starts[of_group.start]
+        lam = made.lam[:, starts[of_group.start] : starts[of_group.stop]]
+        nodes = np.concatenate([member.mechanics.gaps.row_nodes for member in group.members])
+        for i, (begin, end) in enumerate(zip(lam.indptr[:-1], lam.indptr[1:], strict=True)):
+            if end > begin:
+                rows = lam.indices[begin:end]
+                bounds = np.searchsorted(rows, bounds_of_rows).tolist()
+                group.samples.add(float(t[i]), nodes[rows], bounds, lam.data[begin:end], made.stored[i, of_group])
+        _look_for_edges(mbs, group, lam.tocsc(), bounds_of_rows, t, made.q)
+
+
+def _look_for_edges(mbs: MainSystem, group: GroupRun, lam: sp.csc_matrix, starts: Array, t: Array, q: Array) -> None:
+    """Let members whose closed rows leave their patch record it, from forces on rows, (n, nr), and states, (n, nq)."""
+    for place, (member, begin) in enumerate(zip(group.members, starts[:-1], strict=True)):
+        gaps = member.mechanics.gaps
+        at_edge = np.flatnonzero(np.isfinite(gaps.leaves_at))
+        closed = lam[:, begin + at_edge].toarray() > 0.0
+        if not closed.any() or gaps.linear is None:
+            continue
+        h = gaps.linear.start[at_edge] + q[:, member.dofs] @ gaps.linear.H[at_edge].T
+        leaving = (closed & (np.maximum(-h, 0.0) >= gaps.leaves_at[at_edge])).any(axis=1)
+        if leaving.any():
+            sample = int(leaving.argmax())
+            group.evaluate(mbs, float(t[sample]), q[sample])
+            member.record.look_for_edge(float(t[sample]), group.evaluation(place))
+
+
+def _go_to_end(mbs: MainSystem, model_run: ModelRun, t: float, end: Start) -> None:
+    """Put the model, and its contacts, into the state at the end of the run."""
+    _put(mbs, t, end.q, end.v)
+    mbs.systemData.SetODE2Coordinates_tt(end.a)
+    model_run.force(mbs, t)
+
+
+def _ending(plan: RunPlan, made: Histories) -> tuple[str, str]:
+    """Status of a run that has ended, and a message on how."""
+    if made.stopped:
+        return ("unstable" if made.stopped == UNSTABLE else "interrupted"), f"the compiled run stopped: {made.stopped}"
+    if made.made < plan.times.steps:
+        return "interrupted", "interrupted by the user"
+    return "finished", f"reached {plan.times.end:.6g} s"

@@ -1,0 +1,333 @@
+"""Many runs of one model with other velocities, places, loads, damping and materials, by compiled steps."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..algebra.blas_threads import one_blas_thread
+from ..compiled.loops import Stepper
+from ..compiled.run import EqualSteps, Histories, run
+from ..errors import InputError, MemoryLimitError, StepSizeError
+from ..exudyn_bodies.held_damping import hold_damping
+from ..exudyn_bodies.model import validate_model
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
+from ..prediction.default_step import SAFETY
+from ..simulation.adaptive_options import AdaptiveOptions
+from ..simulation.compiled_plan import at_start, check_held, dofs_of, in_groups, initial_start, read_plan
+from ..simulation.run_plan import RunOptions, RunTimes, plan_run
+from ..simulation.stability import stability_limit
+from ..support.arrays import Array
+from ..support.checks import read_only, validate_integer
+from ..support.foreign import MainSystem
+from ..support.interrupt import Interrupt, interruptible
+from ..support.machine import available_memory
+from ..support.progress import LONG, Progress
+from ..support.progress import progress as progress_bar
+from ..support.spelling import spelled
+from .measures import Measures
+from .variations import Entries, Variations, Vary
+
+HISTORIES = ("force", "coordinates")
+_MOST = 0.5  # share of the free memory that histories may take
+
+
+@dataclass(frozen=True, eq=False)
+class ManyRuns:
+    """Results of `run_many`: B entries of nc contacts and nb bodies. Values of entries that failed are nan.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Times of all entries [s].
+    contacts : tuple of PartitionContact
+    bodies : tuple of PartitionBody
+    peak : (B, nc) array
+        Largest sum of the normal forces [N].
+    impulse : (B, nc) array
+        Its integral over time [N s].
+    duration : (B, nc) array
+        Time in contact: while the smallest gap of the rows is negative, by a line between steps [s].
+    counts : (B, nc) array
+        Number of times of contact.
+    restitution : (B, nc) array
+        Speed of separation at the end of the run over that of approach at its start, of rigid bodies with the same
+        momenta, at the centre of the largest force along the impulse. It is nan without contact, or if a body touches
+        itself.
+    energy : (B, 2, nb) array
+        Kinetic and strain energy of each body at start and end [J].
+    stored : (B, nc) array
+        Energy that contacts store at the end [J].
+    momentum : (B, 2, nb, 3) array
+        Linear momentum of each body at start and end [N s].
+    force : (B, nc, n) array or None
+        Sum of the normal forces at all times [N], if it was asked for.
+    q, q_t : (B, n, nq) arrays or None
+        Coordinates of the model and their velocities, if they were asked for.
+    failures : dict of int to str
+        Causes, by the numbers of the entries.
+    """
+
+    t: Array
+    contacts: tuple[PartitionContact, ...]
+    bodies: tuple[PartitionBody, ...]
+    peak: Array
+    impulse: Array
+    duration: Array
+    counts: Array
+    restitution: Array
+    energy: Array
+    stored: Array
+    momentum: Array
+    force: Array | None
+    q: Array | None
+    q_t: Array | None
+    failures: Mapping[int, str]
+
+    def __post_init__(self) -> None:
+        read_only(*(value for value in vars(self).values() if isinstance(value, np.ndarray)))
+
+    def __len__(self) -> int:
+        return len(self.peak)
+
+    def __repr__(self) -> str:
+        failed = f", {len(self.failures)} failed" if self.failures else ""
+        return f"ManyRuns({len(self)} runs of {len(self.t) - 1} steps{failed})"
+
+
+@spelled
+def run_many(
+    mbs: MainSystem,
+    *,
+    end_time: float,
+    vary: Vary,
+    step: float | None = None,
+    histories: Collection[str] = (),
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> ManyRuns:
+    """Run an assembled model many times by compiled steps, each time with other values.
+
+    The steps are those of `solve_dynamic(..., solver="compiled")`, and hold the same models. An entry has the same bits
+    whatever the other entries are, and however many threads there are. The model and its last run do not change.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+        The model, assembled.
+    end_time : float
+        Time at which all runs end [s]; they begin at zero.
+    vary : dict of PartitionBody to dict of str to array
+        For each body, arrays of B values by name; what is not there is as in the model:
+
+        - "initialVelocity", "initialAngularVelocity", (B, 3) [m/s, rad/s]: as of `CreatePartitionBody`;
+        - "referencePosition", (B, 3) [m]: the body is moved there as a rigid one; pairs stay those of the model;
+        - "gravity", (B, 3) [m/s2];
+        - "damping", (B,): ratio of all modes;
+        - "E", "rho", (B,) [Pa, kg/m3]: of the body's one material, without a new reduction. Shapes stay, stiffness goes
+          with E, mass with rho, the contact's flexibility with 1 / E, and ratios of damping stay.
+    step : float, optional
+        Time step of all runs [s]. Default: that of `solve_dynamic` for the model as it is, or 0.9 of the smallest
+        stability limit of the entries, if that is less.
+    histories : collection of {"force", "coordinates"}
+        What is kept of all steps.
+    workers : int
+        Number of threads.
+    progress : callable, optional
+        Called with the share done, 0 to 1. Default: a bar on the terminal, if it takes long.
+
+    Returns
+    -------
+    ManyRuns
+        At Ctrl-C with the entries so far; the others have failed.
+
+    Raises
+    ------
+    CompiledRunError
+        If compiled runs cannot hold the model; the message lists all reasons.
+    InputError
+        If an argument is wrong.
+    StepSizeError
+        If the step is above the stability limit of an entry.
+    MemoryLimitError
+        If the histories would take more than half of the free memory.
+    """
+    validate_model(mbs)
+    check_held(mbs)
+    kept = _validated(histories)
+    workers = validate_integer("workers", workers, least=1)
+    bodies, contacts = partition_items(mbs)
+    planned = [contact for group in in_groups(contacts) for contact in group]
+    variations = Variations.checked(vary, bodies)
+    times = _times(mbs, end_time, step, bodies, variations, progress)
+    hold_damping(mbs)
+    groups = at_start(contacts)
+    places, gaps = {item: dofs_of(mbs, item) for item in bodies}, [one.gaps for _, some in groups for one in some]
+    entries = Entries(read_plan(mbs, groups), initial_start(mbs), places, planned, gaps, variations)
+    room = _Room.of(variations.count, times, bodies, planned, entries.size, kept)
+    measures = Measures(places, planned, gaps, variations, room.t)
+    bar = progress_bar("many runs", after=LONG) if progress is None else contextlib.nullcontext(progress)
+    with interruptible() as interrupt, one_blas_thread(), bar as report:
+        _run_all(entries, times, room, measures, workers, report, interrupt)
+    return room.result(bodies, contacts, [planned.index(contact) for contact in contacts])
+
+
+def _validated(histories: object) -> tuple[str, ...]:
+    if isinstance(histories, str) or not isinstance(histories, Collection) or not {*histories} <= {*HISTORIES}:
+        raise InputError(f"histories: expected a collection of {', '.join(map(repr, HISTORIES))}, got {histories!r}")
+    return tuple(histories)
+
+
+def _times(
+    mbs: MainSystem,
+    end_time: float,
+    step: float | None,
+    bodies: Sequence[PartitionBody],
+    variations: Variations,
+    progress: Progress | None,
+) -> RunTimes:
+    """Times of all runs; they have the same steps."""
+    no_options = AdaptiveOptions(None, None, None, None)
+    options = RunOptions(end_time, 0.0, step, "explicit", None, 0.9, False, no_options, None)
+    plan = plan_run(mbs, options, None, progress)
+    least, entry = min(zip(_limits(mbs, bodies, variations), range(variations.count), strict=True))
+    if plan.times.step <= least:
+        return plan.times
+    if step is not None:
+        raise StepSizeError(
+            f"step: {step:.4g} s is above the stability limit of entry {entry}, {least:.4g} s (all contact rows "
+            f"closed). Take at most {least:.3g} s, or leave it out"
+        )
+    shorter = RunOptions(end_time, 0.0, SAFETY * least, "explicit", None, 0.9, False, no_options, None)
+    return plan_run(mbs, shorter, None, progress).times
+
+
+def _limits(mbs: MainSystem, bodies: Sequence[PartitionBody], variations: Variations) -> Iterator[float]:
+    """A bound on the stability limit of each entry [s], from that of the model as it is, see `stability_limit`."""
+    inverse = 4 / stability_limit(mbs)
+    rate = max((0.0 if item.damping is None else item.damping.largest_rate(math.inf) for item in bodies), default=0.0)
+    omega = math.sqrt(max(inverse * (inverse - 2 * rate), 0.0)) / 2
+    for entry in range(variations.count):
+        stiff = max(variations.factor(item, "E", entry) for item in bodies)
+        light = min(variations.factor(item, "rho", entry) for item in bodies)
+        faster = math.sqrt(stiff / light)
+        rates = [faster * rate]
+        for item in bodies:
+            if (ratio := variations.of(item, "damping", entry)) is not None:
+                rates.append(faster * 2 * float(ratio) * float(item.body.basis.omega.max(initial=0.0)))
+        yield 4 / (max(rates) + math.hypot(max(rates), 2 * faster * omega))
+
+
+@dataclass(frozen=True, eq=False)
+class _Room:
+    """Room for all results; nan until an entry has run."""
+
+    t: Array
+    of_contacts: dict[str, Array]
+    energy: Array
+    momentum: Array
+    force: Array | None
+    q: Array | None
+    q_t: Array | None
+    failures: dict[int, str]
+
+    @classmethod
+    def of(
+        cls,
+        count: int,
+        times: RunTimes,
+        bodies: Sequence[PartitionBody],
+        contacts: Sequence[PartitionContact],
+        nq: int,
+        kept: Collection[str],
+    ) -> _Room:
+        n, nc, nb = times.steps + 1, len(contacts), len(bodies)
+        needed = 8 * count * n * (nc * ("force" in kept) + 2 * nq * ("coordinates" in kept))
+        if needed > _MOST * available_memory()[0]:
+            raise MemoryLimitError(
+                f"histories: {count} runs of {n} times take {needed / 2**30:.3g} GiB, more than half of the free "
+                "memory; run fewer entries at a time, or keep less"
+            )
+
+        def empty(*shape: int) -> Array:
+            return np.full((count, *shape), np.nan)
+
+        names = "peak", "impulse", "duration", "counts", "restitution", "stored"
+        return cls(
+            t=np.cumsum(np.r_[0.0, np.full(times.steps, times.step)]),
+            of_contacts={name: empty(nc) for name in names},
+            energy=empty(2, nb),
+            momentum=empty(2, nb, 3),
+            force=empty(nc, n) if "force" in kept else None,
+            q=empty(n, nq) if "coordinates" in kept else None,
+            q_t=empty(n, nq) if "coordinates" in kept else None,
+            failures={},
+        )
+
+    def write(self, entry: int, made: Histories, measured: tuple[dict[str, Array], Array, Array]) -> None:
+        """Write the results of an entry, with what `Measures` has found."""
+        of_contacts, self.energy[entry], self.momentum[entry] = measured
+        for name, values in of_contacts.items():
+            self.of_contacts[name][entry] = values
+        if self.force is not None:
+            self.force[entry] = made.values[:, :, 0].T
+        if self.q is not None and self.q_t is not None:
+            self.q[entry], self.q_t[entry] = made.q, made.v
+
+    def result(
+        self, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact], order: Sequence[int]
+    ) -> ManyRuns:
+        """What the user gets; `order` has the places of the contacts in the plan."""
+        of_contacts = {name: values[:, order] for name, values in self.of_contacts.items()}
+        return ManyRuns(
+            t=self.t, contacts=tuple(contacts), bodies=tuple(bodies), energy=self.energy, momentum=self.momentum,
+            force=None if self.force is None else self.force[:, order], q=self.q, q_t=self.q_t,
+            failures=dict(sorted(self.failures.items())), **of_contacts,
+        )  # fmt: skip
+
+
+def _run_all(
+    entries: Entries,
+    times: RunTimes,
+    room: _Room,
+    measures: Measures,
+    workers: int,
+    report: Progress,
+    interrupt: Interrupt,
+) -> None:
+    """Run all entries, and write their results."""
+    count, done = len(room.energy), 0
+    steps = EqualSteps(times.step, times.steps)
+
+    def run_some(some: Sequence[int]) -> None:
+        nonlocal done
+        key, stepper = None, None
+        for entry in some:
+            if interrupt.asked:
+                room.failures[entry] = "interrupted by the user"
+                continue
+            if stepper is None or entries.flexibility_key(entry) != key:
+                key, contacts = entries.flexibility_key(entry), entries.contacts(entry)
+                stepper = Stepper(contacts, entries.size)
+            plan, start = entries.plan(entry, stepper.contacts), entries.start(entry)
+            made = run(plan, start, steps, motion=room.q is not None, rows=False, stepper=stepper)
+            if made.stopped:
+                room.failures[entry] = f"stopped after {made.made} steps: {made.stopped}"
+            else:
+                room.write(entry, made, measures.of(entry, plan.bodies, made))
+            done += 1
+            report(min(done / count, 1.0))
+
+    if workers == 1:
+        run_some(range(count))
+        return
+    parts = [part.tolist() for part in np.array_split(np.arange(count), min(workers, count))]
+    with ThreadPoolExecutor(workers) as pool:
+        for _ in pool.map(run_some, parts):
+            pass

@@ -1,0 +1,108 @@
+"""What `run_many` keeps of each entry: numbers of its contacts, energies and momenta of its bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..compiled.plan import Bodies
+from ..compiled.run import Histories, Start
+from ..contact.gaps import Gaps
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.partition_contact import PartitionContact
+from ..results.impacts import closed_spans
+from ..support.arrays import Array, consecutive
+from .variations import Variations
+
+
+class Measures:
+    """Finds them.
+
+    Parameters
+    ----------
+    places : dict of PartitionBody to (n_dofs,) int array
+        Numbers of the coordinates of each body.
+    contacts : sequence of PartitionContact
+    gaps : sequence of Gaps
+        Of these contacts, with frozen pairs.
+    variations : Variations
+    t : (n,) array
+        Times of all steps [s].
+    """
+
+    def __init__(
+        self,
+        places: Mapping[PartitionBody, Array],
+        contacts: Sequence[PartitionContact],
+        gaps: Sequence[Gaps],
+        variations: Variations,
+        t: Array,
+    ) -> None:
+        self._places, self._contacts, self._gaps, self._variations = places, contacts, gaps, variations
+        self._t, self._rows = t, consecutive([len(rows.row_nodes) for rows in gaps])
+        self._slaves = [
+            contact.slave.kinematics.at(rows.slave.surface.nodes) for contact, rows in zip(contacts, gaps, strict=True)
+        ]
+
+    def of(self, entry: int, bodies: Bodies, made: Histories) -> tuple[dict[str, Array], Array, Array]:
+        """Numbers by contact, energies, (2, nb) [J], and momenta, (2, nb, 3) [N s], see `ManyRuns`.
+
+        `bodies` are those of the entry.
+        """
+        force = np.ascontiguousarray(made.values[:, :, 0].T)
+        spans = [self._spans(j, of_contact, made) for j, of_contact in enumerate(force)]
+        found = {
+            "peak": force.max(axis=1),
+            "impulse": np.trapezoid(force, self._t, axis=1),
+            "duration": np.array([sum(end - start for start, end in of_contact) for of_contact in spans]),
+            "counts": np.array([float(len(of_contact)) for of_contact in spans]),
+            "restitution": np.array([self._restitution(j, made) for j in range(len(force))]),
+            "stored": made.end_stored,
+        }
+        energy = np.array([self._energies(bodies, state) for state in (made.start, made.end)])
+        momentum = np.array([self._momenta(entry, state) for state in (made.start, made.end)])
+        return found, energy, momentum
+
+    def _spans(self, j: int, force: Array, made: Histories) -> list[tuple[float, float]]:
+        """Start and end of each time of contact [s]."""
+        gap, t = made.values[:, j, 5], self._t
+
+        def crossing(inside: int, outside: int) -> float:
+            if not 0 <= outside < len(t):
+                return float(t[inside])
+            share = gap[inside] / (gap[inside] - gap[outside])
+            return float(t[inside] + share * (t[outside] - t[inside]))
+
+        return [(crossing(first, first - 1), crossing(last, last + 1)) for first, last in closed_spans(force)]
+
+    def _restitution(self, j: int, made: Histories) -> float:
+        """See `ManyRuns`."""
+        contact, rows = self._contacts[j], self._gaps[j]
+        impulse = np.trapezoid(made.values[:, j, 2:5], self._t, axis=0)
+        if contact.slave == contact.master or not (size := np.linalg.norm(impulse)):
+            return np.nan
+        normal = impulse / size
+        weights = rows.nodal_forces(made.peaks.lam[self._rows[j]])[0] @ normal
+        at_nodes = self._slaves[j].place(made.peaks.q[j][self._places[contact.slave]])
+        centre = weights @ at_nodes / weights.sum()
+
+        def separation(state: Start) -> float:
+            speeds = [
+                item.kinematics.mean_velocity(state.q[dofs], state.v[dofs], centre) @ normal
+                for item, dofs in ((item, self._places[item]) for item, _ in contact.sides)
+            ]
+            return float(speeds[0] - sum(speeds[1:]))
+
+        before = separation(made.start)
+        return -separation(made.end) / before if before else np.nan
+
+    def _energies(self, bodies: Bodies, state: Start) -> list[float]:
+        """Kinetic and strain energy of each body [J]."""
+        twice = bodies.mass * state.v**2 + bodies.stiffness * state.q**2
+        return [0.5 * float(twice[dofs].sum()) for dofs in self._places.values()]
+
+    def _momenta(self, entry: int, state: Start) -> list[Array]:
+        """Linear momentum of each body, (3,) [N s]."""
+        both = ((item, self._variations.factor(item, "rho", entry)) for item in self._places)
+        return [rho * item.kinematics.momentum(state.v[self._places[item]]) for item, rho in both]

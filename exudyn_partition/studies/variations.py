@@ -1,0 +1,217 @@
+"""What `run_many` varies: values of all entries, checked, and the plan and start of each entry."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..algebra.complementarity import regularised
+from ..compiled.plan import Bodies, FrozenPlan, StepPlan
+from ..compiled.run import Start
+from ..contact.gaps import Gaps
+from ..errors import InputError
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.partition_contact import PartitionContact
+from ..frames.damping import Ratios, Rayleigh, damping_of
+from ..support.arrays import Array
+from ..support.checks import validate_array
+
+VECTORS = ("initialVelocity", "initialAngularVelocity", "referencePosition", "gravity")
+POSITIVE = ("E", "rho")
+QUANTITIES = (*VECTORS, "damping", *POSITIVE)
+
+Vary = Mapping[PartitionBody, Mapping[str, Array]]
+
+
+@dataclass(frozen=True, eq=False)
+class Variations:
+    """Values of all entries.
+
+    Parameters
+    ----------
+    count : int
+        Number of entries, B.
+    values : dict of PartitionBody to dict of str to (B,) or (B, 3) array
+        By body and name, see `run_many`.
+    """
+
+    count: int
+    values: Mapping[PartitionBody, Mapping[str, Array]]
+
+    @classmethod
+    def checked(cls, vary: object, bodies: Sequence[PartitionBody]) -> Variations:
+        """Check what the user gives.
+
+        Raises
+        ------
+        InputError
+            If it is no dict of bodies of the model to dicts of arrays, or lengths differ.
+        """
+        expected = "vary: expected a dict of body: dict of name: array, with bodies from CreatePartitionBody()"
+        if not isinstance(vary, Mapping) or not vary:
+            raise InputError(f"{expected}, got {'an empty one' if vary == {} else type(vary).__name__}")
+        found: dict[PartitionBody, dict[str, Array]] = {}
+        count = None
+        for item, of_body in vary.items():
+            if item not in bodies:
+                raise InputError(f"{expected}, got the key {item!r:.60}, which is no body of this model")
+            if not isinstance(of_body, Mapping) or not of_body:
+                raise InputError(f"{expected}, got {type(of_body).__name__} for body {item.name!r}")
+            found[item] = {}
+            for name, value in of_body.items():
+                if name not in QUANTITIES:
+                    raise InputError(f"vary: expected names among {', '.join(QUANTITIES)}, got {name!r}")
+                array = validate_array(f"vary: {name}", value, (count, 3) if name in VECTORS else (count,))
+                if not len(array):
+                    raise InputError(f"vary: {name} has no entries; expected at least one")
+                if (name in POSITIVE and array.min() <= 0) or (name == "damping" and array.min() < 0):
+                    least = "above zero" if name in POSITIVE else "of at least zero"
+                    raise InputError(f"vary: {name}: expected values {least}, got {array.min():.6g}")
+                found[item][name], count = array, len(array)
+            _check_material(item, found[item])
+        assert count is not None
+        return cls(count, found)
+
+    def of(self, item: PartitionBody, name: str, entry: int) -> Array | None:
+        """Value of an entry, (3,) or (); None if it does not vary."""
+        values = self.values.get(item, {}).get(name)
+        return None if values is None else np.asarray(values[entry])
+
+    def factor(self, item: PartitionBody, name: str, entry: int) -> float:
+        """E or rho of an entry over that of the body."""
+        value = self.of(item, name, entry)
+        if value is None or item.body.material is None:
+            return 1.0
+        return float(value / getattr(item.body.material, name))
+
+
+def _check_material(item: PartitionBody, given: Mapping[str, Array]) -> None:
+    """Raise an error if a body's E or rho cannot vary."""
+    named = [name for name in POSITIVE if name in given]
+    if named and item.body.material is None:
+        raise InputError(f"vary: {named[0]} of body {item.name!r}, which is from matrices that tell no material")
+    if named and callable(item.ratios) and "damping" not in given:
+        raise InputError(
+            f"vary: {named[0]} of body {item.name!r}, whose damping is a function of frequency; vary its damping too"
+        )
+
+
+class Entries:
+    """Plans and starts of all entries.
+
+    Parameters
+    ----------
+    plan : StepPlan
+        Of the model as it is.
+    start : Start
+        Its initial state.
+    places : dict of PartitionBody to (n_dofs,) int array
+        Numbers of the coordinates of each body.
+    contacts : sequence of PartitionContact
+        In the order of the plan.
+    gaps : sequence of Gaps
+        Of these contacts at the start.
+    variations : Variations
+    """
+
+    def __init__(
+        self,
+        plan: StepPlan,
+        start: Start,
+        places: Mapping[PartitionBody, Array],
+        contacts: Sequence[PartitionContact],
+        gaps: Sequence[Gaps],
+        variations: Variations,
+    ) -> None:
+        self._plan, self._start, self._places, self._contacts = plan, start, places, contacts
+        self._gaps, self._variations = gaps, variations
+        if self._differ() and plan.contacts.core:
+            raise InputError(
+                "vary: E of bodies whose contacts move each other through them: give each body the same factor of E "
+                "in an entry, or run entries by solve_dynamic"
+            )
+
+    def _differ(self) -> bool:
+        """Whether bodies have different factors of E in an entry."""
+        values, count = self._variations, self._variations.count
+        factors = np.array([[values.factor(item, "E", i) for item in self._places] for i in range(count)])
+        return bool((np.ptp(factors, axis=1) > 0).any())
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates of the model."""
+        return len(self._start.q)
+
+    def flexibility_key(self, entry: int) -> tuple[float, ...]:
+        """What the flexibility of rows depends on: factors of E of all bodies."""
+        return tuple(self._variations.factor(item, "E", entry) for item in self._places)
+
+    def contacts(self, entry: int) -> FrozenPlan:
+        """Contacts of an entry, whose flexibility goes with 1 / E of each body."""
+        contacts, factors = self._plan.contacts, dict(zip(self._places, self.flexibility_key(entry), strict=True))
+        if all(factor == 1.0 for factor in factors.values()):
+            return contacts
+        if contacts.core:
+            factor = next(iter(factors.values()))
+            core = {pair: block / factor for pair, block in contacts.core.items()}
+            return replace(contacts, own=tuple(F / factor for F in contacts.own), core=core)
+        own = []
+        for contact, sides in zip(self._contacts, self._sides, strict=True):
+            parts = [F / factors[item] for (item, _), F in zip(contact.sides, sides, strict=True)]
+            own.append(regularised(np.sum(parts, axis=0)))
+        return replace(contacts, own=tuple(own))
+
+    @cached_property
+    def _of_ratio_one(self) -> dict[PartitionBody, Array]:
+        """Diagonal of each body's damping with a ratio of one, (n_dofs,)."""
+        return {item: damping_of(item.kinematics, 1.0).matrix().diagonal() for item in self._places}
+
+    @cached_property
+    def _sides(self) -> list[list[Array]]:
+        """Flexibility of each side at the rows of each contact, (nr, nr) [m/N]."""
+        return [[gaps.side_flexibility(place) for place in range(len(gaps.sides))] for gaps in self._gaps]
+
+    def plan(self, entry: int, contacts: FrozenPlan) -> StepPlan:
+        """Plan of an entry with its contacts.
+
+        Shapes stay as they are: mass goes with rho, stiffness with E, and damping so that ratios stay.
+        """
+        values, bodies = self._variations, Bodies(*(part.copy() for part in self._plan.bodies))
+        for item, dofs in self._places.items():
+            E, rho = (values.factor(item, name, entry) for name in POSITIVE)
+            gravity, ratio = values.of(item, "gravity", entry), values.of(item, "damping", entry)
+            bodies.mass[dofs] *= rho
+            bodies.stiffness[dofs] *= E
+            if ratio is None:
+                by_E, by_rho = damping_power(item.ratios)
+                bodies.damping[dofs] *= E**by_E * rho**by_rho
+            else:
+                bodies.damping[dofs] = math.sqrt(E * rho) * ratio * self._of_ratio_one[item]
+            before = np.zeros(len(dofs)) if item.weight is None else item.weight
+            after = before if gravity is None else item.kinematics.weight(gravity)
+            bodies.load[dofs] += rho * after - before
+        return StepPlan(bodies, contacts)
+
+    def start(self, entry: int) -> Start:
+        """Start of an entry."""
+        values, q, v = self._variations, self._start.q.copy(), self._start.v.copy()
+        for item, dofs in self._places.items():
+            place = values.of(item, "referencePosition", entry)
+            if place is not None:
+                q[dofs] += item.body.rigid[:, :3] @ (place - item.position)
+            velocity, turning = (values.of(item, name, entry) for name in VECTORS[:2])
+            if velocity is None and turning is None:
+                continue
+            motion = item.kinematics.rigid_motion(v[dofs])
+            parts = (motion[:3] if velocity is None else velocity), (motion[3:] if turning is None else turning)
+            v[dofs] = item.body.rigid @ np.concatenate(parts)
+        return Start(q, v)
+
+
+def damping_power(ratios: Ratios | None) -> tuple[float, float]:
+    """Powers of E and rho with which damping goes that has the same ratios, or the same coefficient of the mass."""
+    return (0.0, 1.0) if isinstance(ratios, Rayleigh) else (0.5, 0.5)

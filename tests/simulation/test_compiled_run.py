@@ -1,0 +1,297 @@
+"""Compiled runs give what Exudyn's explicit solver gives, up to round-off, and say what they cannot hold."""
+
+import signal
+
+import exudyn as exu
+import exudyn.itemInterface as items
+import netgen.occ as occ
+import numpy as np
+import pytest
+from exudyn.utilities import InertiaCuboid
+from oracles import MARBLE_RADIUS as R
+from oracles import each_way, press_ctrl_c
+
+import exudyn_partition as ep
+from exudyn_partition.errors import CompiledRunError, InputError, RunError, StoppedRunWarning
+
+pytestmark = pytest.mark.filterwarnings("ignore::exudyn_partition.errors.PartitionWarning")
+CLOSE = 1e-9  # of the largest value
+END = 30e-6
+
+
+@pytest.fixture(scope="module")
+def marble():
+    """A marble with a patch at either pole."""
+    refine = [ep.Refine(p, 0.5e-3, 0.25e-3) for p in ((0, 0, -R), (0, 0, R))]
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), ep.STEEL, maxh=3e-3, refine=refine, grading=0.6)
+    patches = [ep.Partition.ball(fem, (0, 0, z), 0.6e-3, name=name) for z, name in ((-R, "south"), (R, "north"))]
+    return ep.reduce(fem, patches[0] | patches[1], f_cut=200e3)
+
+
+def fall(marble, *, along=0.0, friction=None, loaded=False, **options):
+    """A marble that falls on a plane; `loaded`: also pushed by a load on a coordinate."""
+    mbs = exu.SystemContainer().AddSystem()
+    at = {"referencePosition": [0, 0, R + 1e-6], "initialVelocity": [along, 0, -1.0]}
+    ball = ep.CreatePartitionBody(mbs, marble, name="ball", **(at | options))
+    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="south", name="floor", friction=friction)
+    if loaded:
+        marker = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=ball["nModal"], coordinate=2))
+        mbs.AddLoad(items.LoadCoordinate(markerNumber=marker, load=50.0))
+    mbs.Assemble()
+    return mbs, [ball], [contact]
+
+
+def in_a_row(marble, count=3, *, along=0.0, **options):
+    """Marbles in a row, the last of which hits the others: contacts that move each other."""
+    mbs, balls = exu.SystemContainer().AddSystem(), []
+    for i in range(count):
+        velocity = [along, 0, -0.5] if i == count - 1 else [0, 0, 0]
+        place = {"referencePosition": [0, 0, (2 * R + 1e-7) * i], "initialVelocity": velocity}
+        balls.append(ep.CreatePartitionBody(mbs, marble, name=str(i), **place, **options))
+    patches = {"slavePatch": "south", "masterPatch": "north"}
+    contacts = [
+        ep.CreatePartitionContact(mbs, balls[i + 1], balls[i], name=f"contact {i}", **patches) for i in range(count - 1)
+    ]
+    mbs.Assemble()
+    return mbs, balls, contacts
+
+
+def two_pairs(marble):
+    """Two pairs of marbles that know nothing of each other."""
+    mbs, balls, contacts = exu.SystemContainer().AddSystem(), [], []
+    for i, speed in enumerate((0.5, 1.5)):
+        for z, velocity in ((0.0, 0.0), (2 * R + 1e-7, -speed)):
+            at = {"referencePosition": [4 * R * i, 0, z], "initialVelocity": [0, 0, velocity]}
+            balls.append(ep.CreatePartitionBody(mbs, marble, name=f"{i} {z:.0e}", **at))
+        patches = {"slavePatch": "south", "masterPatch": "north"}
+        contacts.append(ep.CreatePartitionContact(mbs, balls[-1], balls[-2], name=f"pair {i}", **patches))
+    mbs.Assemble()
+    return mbs, balls, contacts
+
+
+SCENES = {
+    "plane": lambda m: fall(m),
+    "plane, damping, gravity": lambda m: fall(m, damping=0.03, gravity=[30.0, 0.0, -2e4]),
+    "plane, Rayleigh damping": lambda m: fall(m, damping=ep.Rayleigh(alpha=2e4)),
+    "plane, load": lambda m: fall(m, loaded=True),
+    "two": lambda m: in_a_row(m, 2),
+    "three": lambda m: in_a_row(m, 3, damping=0.02),
+    "two pairs": two_pairs,
+}
+
+
+def assert_same(one, other, bodies, contacts):
+    """Two results of the same model say the same."""
+    assert (one.status, one.message, one.steps, one.step) == (other.status, other.message, other.steps, other.step)
+    np.testing.assert_array_equal(one.t, other.t)
+    assert one.sensors.keys() == other.sensors.keys()
+    for number, right in one.sensors.items():
+        finite = np.isfinite(right)
+        np.testing.assert_array_equal(np.isfinite(other.sensors[number]), finite)
+        scale = np.where(finite, abs(right), 0.0).max(axis=0)
+        error = abs(np.where(finite, other.sensors[number], 0.0) - np.where(finite, right, 0.0))
+        assert (error <= CLOSE * max(scale.max(), 1e-300)).all()
+    for contact in contacts:
+        for name in ("force", "energy", "area", "gap"):
+            right = getattr(contact, name)(one)
+            np.testing.assert_allclose(getattr(contact, name)(other), right, rtol=0, atol=CLOSE * abs(right).max())
+        rows = contact.row_forces(one)
+        assert abs(contact.row_forces(other) - rows).max() <= CLOSE * abs(rows).max()
+        for impact, right in zip(contact.impacts(other), contact.impacts(one), strict=True):
+            assert (impact.impulse, impact.peak) == pytest.approx((right.impulse, right.peak), rel=CLOSE)
+            assert (impact.start, impact.end) == pytest.approx((right.start, right.end), rel=1e-6)
+    for item in bodies:
+        for name in ("energy", "momentum", "dissipated_energy"):
+            right = getattr(item, name)(one)
+            np.testing.assert_allclose(getattr(item, name)(other), right, rtol=0, atol=CLOSE * abs(right).max() + 1e-18)
+    assert one.warnings == other.warnings
+    if len(contacts) == 1 or contacts[0].group is contacts[1].group:
+        assert other.work.active_set_iterations == one.work.active_set_iterations
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_equal_to_exudyn(marble, scene):
+    mbs, bodies, contacts = SCENES[scene](marble)
+    right = ep.solve_dynamic(mbs, end_time=END)
+    assert all(contact.force(right).any() for contact in contacts)
+    assert_same(right, ep.solve_dynamic(mbs, end_time=END, solver="compiled"), bodies, contacts)
+
+
+def test_rare_samples(marble):
+    mbs, bodies, contacts = in_a_row(marble)
+    options = {"end_time": END, "sample_period": 1.5e-6}
+    right, found = ep.solve_dynamic(mbs, **options), ep.solve_dynamic(mbs, solver="compiled", **options)
+    assert len(found.t) == 21
+    assert_same(right, found, bodies, contacts)
+
+
+def test_the_edge_of_a_patch(marble):
+    """It is recorded at the same time and place."""
+    mbs, _, [contact] = fall(marble, initialVelocity=[0, 0, -15.0])
+    edges = [ep.solve_dynamic(mbs, end_time=10e-6, solver=name).kept(contact).edge for name in ("exudyn", "compiled")]
+    assert edges[0] is not None
+    assert edges[1][0] == edges[0][0]
+    np.testing.assert_allclose(edges[1][1], edges[0][1], rtol=0, atol=1e-12)
+
+
+def test_the_users_own_sensor(marble):
+    mbs, [ball], _ = fall(marble)
+    kind = exu.OutputVariableType.Coordinates_t
+    number = mbs.AddSensor(items.SensorNode(nodeNumber=ball["nModal"], outputVariableType=kind, storeInternal=True))
+    mbs.Assemble()
+    results = [ep.solve_dynamic(mbs, end_time=END, solver=name) for name in ("exudyn", "compiled")]
+    values, right = results[1].sensor(number), results[0].sensor(number)
+    np.testing.assert_allclose(values, right, rtol=0, atol=CLOSE * abs(right).max())
+
+
+@pytest.mark.parametrize("later", ["exudyn", "compiled"])
+@pytest.mark.parametrize("first", ["exudyn", "compiled"])
+@pytest.mark.parametrize("read", [False, True])
+def test_runs_go_on(marble, first, later, read, tmp_path):
+    """Two runs are as one of Exudyn, in any order, also from a file in a new model."""
+    mbs, _, contacts = in_a_row(marble)
+    step = {"step": 0.1e-6}
+    whole = ep.solve_dynamic(mbs, end_time=END, **step)
+    mbs, _, _ = in_a_row(marble)
+    result = ep.solve_dynamic(mbs, end_time=12e-6, solver=first, **step)
+    if read:
+        result.save(tmp_path / "cut.npz")
+        mbs, _, fresh = in_a_row(marble)
+        result = ep.solve_dynamic(
+            mbs, end_time=END, solver=later, go_on=ep.Result.load(tmp_path / "cut.npz", mbs), **step
+        )
+    else:
+        fresh = [contact for contact in result.contacts]
+        result = ep.solve_dynamic(mbs, end_time=END, solver=later, go_on=True, **step)
+    assert len(result.t) == 181
+    for contact, other in zip(fresh, contacts, strict=True):
+        right = other.force(whole)[120:]
+        np.testing.assert_allclose(contact.force(result), right, rtol=0, atol=CLOSE * abs(right).max())
+
+
+def test_the_model_stands_at_the_end(marble):
+    mbs, _, _ = fall(marble, gravity=[0, 0, -100.0])
+    states = []
+    for name in ("exudyn", "compiled"):
+        ep.solve_dynamic(mbs, end_time=END, solver=name)
+        data = mbs.systemData
+        states.append([data.GetODE2Coordinates(), data.GetODE2Coordinates_t(), data.GetODE2Coordinates_tt()])
+        assert data.GetTime() == pytest.approx(END, rel=1e-12)
+    for found, right in zip(states[1], states[0], strict=True):
+        np.testing.assert_allclose(found, right, rtol=0, atol=CLOSE * abs(right).max())
+
+
+def test_the_solvers_by_numpy_are_the_same(marble):
+    def forces():
+        mbs, _, contacts = in_a_row(marble)
+        result = ep.solve_dynamic(mbs, end_time=10e-6, solver="compiled")
+        return np.array([contact.force(result) for contact in contacts])
+
+    compiled, plain = each_way(forces)
+    assert compiled.any()
+    np.testing.assert_allclose(plain, compiled, rtol=0, atol=CLOSE * compiled.max())
+
+
+def test_pairs_that_slide_end_the_run_and_exudyn_goes_on(marble):
+    mbs, _, contacts = in_a_row(marble, 2, along=1.0)
+    options = {"step": 0.1e-6}
+    whole = ep.solve_dynamic(mbs, end_time=END, **options)
+    with pytest.warns(StoppedRunWarning, match="pairs of contact .contact 0. begin to slide"):
+        first = ep.solve_dynamic(mbs, end_time=END, solver="compiled", **options)
+    assert first.status == "interrupted"
+    assert 1 < len(first.t) < len(whole.t)
+    later = ep.solve_dynamic(mbs, end_time=END, go_on=True, **options)
+    force = np.concatenate([contacts[0].force(result) for result in (first, later.at(later.t[1:]))])
+    right = contacts[0].force(whole)
+    assert right[len(first.t) :].any()
+    np.testing.assert_allclose(force, right, rtol=0, atol=CLOSE * right.max())
+
+
+def test_ctrl_c(marble):
+    mbs, _, _ = fall(marble)
+
+    def press(share):
+        if share > 0.2:
+            press_ctrl_c()
+
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.warns(StoppedRunWarning, match="interrupted by the user"):
+        result = ep.solve_dynamic(mbs, end_time=2e-3, step=0.1e-6, solver="compiled", progress=press)
+    assert result.status == "interrupted"
+    assert 0 < result.steps < 20_000
+    assert signal.getsignal(signal.SIGINT) == before
+
+
+def test_progress(marble):
+    mbs, _, _ = fall(marble)
+    shares = []
+    ep.solve_dynamic(mbs, end_time=2e-3, step=0.1e-6, solver="compiled", progress=shares.append, sample_period=1e-3)
+    assert len(shares) > 5
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+def test_all_reasons_are_listed(marble):
+    """In one error."""
+    mbs = exu.SystemContainer().AddSystem()
+    ball = ep.CreatePartitionBody(mbs, marble, name="ball", frame="floating", referencePosition=[0, 0, R])
+    other = ep.CreatePartitionBody(mbs, marble, name="other", referencePosition=[4 * R, 0, R])
+    ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="south", name="floor")
+    layer = {"formulation": "penalty", "slavePatch": "south", "name": "layer"}
+    ep.CreatePartitionContact(mbs, other, ep.RigidPlane(), **layer).AddMomentSensor(mbs)
+    mbs.CreateRigidBody(inertia=InertiaCuboid(7800, [0.02] * 3), name="brick")
+    mbs.SetPreStepUserFunction(lambda mbs, t: True)
+    mbs.Assemble()
+    with pytest.raises(CompiledRunError) as raised:
+        ep.solve_dynamic(mbs, end_time=END, solver="compiled", method="implicit", settings=exu.SimulationSettings())
+    said = str(raised.value)
+    for part in (
+        "- option method='implicit'", "- option settings", "- body 'ball' has a floating frame",
+        "- contact 'floor' has pairs that follow the motion", "- contact 'layer' has formulation Penalty",
+        "- contact 'layer' has a sensor of its moment", "- object 'brick', a RigidBody", "- nodes with coordinates",
+        "- a PreStep user function",
+    ):  # fmt: skip
+        assert part in said
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"damping": ep.Rayleigh(0.0, 2e-7)}, "'floor' has a viscous flexibility"),
+        ({"gravity": [0, 0, -1.0], "friction": 0.3}, "friction"),
+    ],
+)
+def test_a_single_reason(marble, options, reason):
+    if options.pop("friction", None):  # bodies need tangential flexibility for it
+        pytest.importorskip("netgen")
+        fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), ep.STEEL, maxh=5e-3)
+        part = ep.Partition.ball(fem, (0, 0, -R), 2.5e-3, name="south", axes="xyz")
+        mbs, _, _ = fall(ep.reduce(fem, part, f_cut=100e3), friction=0.3, **options)
+    else:
+        mbs, _, _ = fall(marble, **options)
+    with pytest.raises(CompiledRunError, match=reason):
+        ep.solve_dynamic(mbs, end_time=END, solver="compiled")
+
+
+def test_a_load_that_changes(marble):
+    mbs, [ball], _ = fall(marble)
+    marker = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=ball["nModal"], coordinate=0))
+    mbs.AddLoad(items.LoadCoordinate(markerNumber=marker, loadUserFunction=lambda mbs, t, load: t, name="pulse"))
+    mbs.Assemble()
+    with pytest.raises(CompiledRunError, match="load 'pulse', a Coordinate, is not a constant one"):
+        ep.solve_dynamic(mbs, end_time=END, solver="compiled")
+
+
+def test_collect_has_nothing_of_it(marble):
+    mbs, _, _ = fall(marble)
+    ep.solve_dynamic(mbs, end_time=END)
+    ep.solve_dynamic(mbs, end_time=END, solver="compiled")
+    with pytest.raises(RunError, match="the last run was compiled"):
+        ep.collect(mbs)
+    ep.solve_dynamic(mbs, end_time=END)
+    assert ep.collect(mbs).steps > 0
+
+
+def test_an_unknown_solver(marble):
+    with pytest.raises(InputError, match="solver: expected one of 'exudyn', 'compiled'"):
+        ep.solve_dynamic(fall(marble)[0], end_time=END, solver="fast")

@@ -1,0 +1,283 @@
+"""Many compiled runs: each entry is the run of its own model, whatever the others are."""
+
+import sys
+from dataclasses import replace
+
+import exudyn as exu
+import netgen.occ as occ
+import numpy as np
+import pytest
+from oracles import MARBLE_RADIUS as R
+from oracles import each_way
+
+import exudyn_partition as ep
+from exudyn_partition.errors import CompiledRunError, InputError, MemoryLimitError, StepSizeError
+
+pytestmark = pytest.mark.filterwarnings("ignore::exudyn_partition.errors.PartitionWarning")
+CLOSE = 1e-9  # of the largest value
+END, STEP = 25e-6, 0.1e-6
+STEEL = replace(ep.STEEL, yield_stress=None)
+
+
+def reduced(material):
+    """A marble with a patch at either pole."""
+    refine = [ep.Refine(p, 0.5e-3, 0.25e-3) for p in ((0, 0, -R), (0, 0, R))]
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), material, maxh=3e-3, refine=refine, grading=0.6)
+    patches = [ep.Partition.ball(fem, (0, 0, z), 0.6e-3, name=name) for z, name in ((-R, "south"), (R, "north"))]
+    f_cut = 200e3 * np.sqrt(material.E / STEEL.E * STEEL.rho / material.rho)
+    return ep.reduce(fem, patches[0] | patches[1], f_cut=f_cut)
+
+
+@pytest.fixture(scope="module")
+def marble():
+    return reduced(STEEL)
+
+
+def fall(marble, **options):
+    """A marble that falls on a plane."""
+    mbs = exu.SystemContainer().AddSystem()
+    at = {"referencePosition": [0, 0, R + 1e-6], "initialVelocity": [0, 0, -1.0]}
+    ball = ep.CreatePartitionBody(mbs, marble, name="ball", **(at | options))
+    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="south", name="floor")
+    mbs.Assemble()
+    return mbs, [ball], [contact]
+
+
+def in_a_row(marbles, speed=0.5):
+    """Marbles in a row, the last of which hits the others."""
+    mbs, balls = exu.SystemContainer().AddSystem(), []
+    for i, marble in enumerate(marbles):
+        velocity = [0, 0, -speed if i == len(marbles) - 1 else 0.0]
+        place = {"referencePosition": [0, 0, (2 * R + 1e-7) * i], "initialVelocity": velocity}
+        balls.append(ep.CreatePartitionBody(mbs, marble, name=str(i), **place))
+    patches = {"slavePatch": "south", "masterPatch": "north"}
+    pairs = zip(balls[1:], balls[:-1], strict=True)
+    contacts = [ep.CreatePartitionContact(mbs, *pair, name=f"contact {i}", **patches) for i, pair in enumerate(pairs)]
+    mbs.Assemble()
+    return mbs, balls, contacts
+
+
+def many(mbs, vary, **options):
+    return ep.run_many(mbs, vary=vary, **({"end_time": END, "step": STEP, "histories": ("force",)} | options))
+
+
+def alone(model, **options):
+    """Forces of all contacts of a model in a run by Exudyn, (nc, n) [N]."""
+    mbs, _, contacts = model
+    result = ep.solve_dynamic(mbs, **({"end_time": END, "step": STEP} | options))
+    return np.array([contact.force(result) for contact in contacts])
+
+
+def assert_close(found, right, within=CLOSE):
+    assert right.any()
+    np.testing.assert_allclose(found, right, rtol=0, atol=within * abs(right).max())
+
+
+# Entries are runs of their own models.
+
+VALUES = {
+    "initialVelocity": [[0.0, 0.0, -0.5], [0.0, 0.0, -1.7]],
+    "gravity": [[0.0, 0.0, -3e4], [10.0, 0.0, 2e4]],
+    "damping": [0.01, 0.05],
+    "referencePosition": [[0.0, 0.0, R + 2e-6], [1e-5, 0.0, R + 0.5e-6]],
+}
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_an_entry_is_the_run_of_its_own_model(marble, name):
+    mbs, [ball], _ = fall(marble)
+    runs = many(mbs, {ball: {name: np.array(VALUES[name])}})
+    for entry, value in enumerate(VALUES[name]):
+        assert_close(runs.force[entry], alone(fall(marble, **{name: value})))
+
+
+def test_a_damped_body_with_gravity(marble):
+    """What does not vary stays; what varies takes its place."""
+    mbs, [ball], _ = fall(marble, damping=0.03, gravity=[0, 0, -2e4])
+    runs = many(mbs, {ball: {"initialVelocity": np.array([[0, 0, -0.4]]), "damping": np.array([0.0])}})
+    assert_close(runs.force[0], alone(fall(marble, initialVelocity=[0, 0, -0.4], gravity=[0, 0, -2e4])))
+
+
+def test_stiffness_and_mass_without_a_new_reduction(marble):
+    """They are those of bodies that are reduced anew."""
+    mbs, balls, _ = in_a_row([marble] * 2)
+    materials = [replace(STEEL, E=70e9, rho=2700.0), replace(STEEL, E=110e9)]
+    vary = {
+        balls[0]: {"E": np.array([one.E for one in materials]), "rho": np.array([one.rho for one in materials])},
+        balls[1]: {"E": np.array([STEEL.E, 300e9])},
+    }
+    runs = many(mbs, vary)
+    others = [marble, reduced(replace(STEEL, E=300e9))]
+    for entry, material in enumerate(materials):
+        assert_close(runs.force[entry], alone(in_a_row([reduced(material), others[entry]])), 1e-6)
+
+
+@pytest.mark.parametrize("damping", [0.02, ep.Rayleigh(alpha=3e4)])
+def test_the_same_speed_of_waves(marble, damping):
+    """Forces, energies and momenta go with E if rho does too, also of weight and damping."""
+    mbs, [ball], _ = fall(marble, damping=damping, gravity=[0, 0, -1e4])
+    factor = np.array([1.0, 2.5])
+    runs = many(mbs, {ball: {"E": factor * STEEL.E, "rho": factor * STEEL.rho}})
+    for values in (runs.force, runs.energy, runs.momentum, runs.peak, runs.impulse):
+        assert_close(values[1], 2.5 * values[0])
+    assert_close(runs.restitution[1], runs.restitution[0])
+
+
+def test_contacts_that_move_each_other(marble):
+    """E may vary if all bodies have the same factor of it."""
+    mbs, balls, _ = in_a_row([marble] * 3)
+    factor = np.array([1.0, 1.5])
+    runs = many(mbs, {ball: {"E": factor * STEEL.E, "rho": factor * STEEL.rho} for ball in balls})
+    assert [contact.name for contact in runs.contacts] == ["contact 0", "contact 1"]
+    assert_close(runs.force[0], alone(in_a_row([marble] * 3)))
+    assert_close(runs.force[1], 1.5 * runs.force[0])
+    with pytest.raises(InputError, match="E of bodies whose contacts move each other"):
+        many(mbs, {balls[0]: {"E": factor * STEEL.E}})
+
+
+# Entries do not know of each other.
+
+
+def same_bits(one, other, entries):
+    """Whether entries of two results are equal."""
+    for name in ("peak", "impulse", "duration", "counts", "restitution", "energy", "stored", "momentum", "force"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name)[entries])
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_bits_do_not_depend_on_other_entries(marble, workers):
+    mbs, balls, _ = in_a_row([marble] * 2)
+    rng = np.random.default_rng(0)
+    speeds, E = np.zeros((7, 3)), STEEL.E * rng.uniform(0.8, 1.2, 7)
+    speeds[:, 2], E[[1, 4]] = -rng.uniform(0.1, 1.0, 7), STEEL.E
+    whole = many(mbs, {balls[1]: {"initialVelocity": speeds}, balls[0]: {"E": E}})
+    for some in ([3], [6, 0, 4], [*range(6, -1, -1)]):
+        part = many(mbs, {balls[1]: {"initialVelocity": speeds[some]}, balls[0]: {"E": E[some]}}, workers=workers)
+        same_bits(part, whole, some)
+
+
+def test_a_single_compiled_run_has_these_bits(marble):
+    mbs, [ball], [contact] = fall(marble)
+    result = ep.solve_dynamic(mbs, end_time=END, step=STEP, solver="compiled")
+    runs = many(mbs, {ball: {"gravity": np.zeros((2, 3))}}, histories=("force", "coordinates"))
+    for entry in range(2):
+        np.testing.assert_array_equal(runs.force[entry, 0], contact.force(result))
+        np.testing.assert_array_equal(runs.q[entry], ball.coordinates(result))
+        np.testing.assert_array_equal(runs.q_t[entry], ball.coordinates_t(result))
+    np.testing.assert_allclose(runs.t, result.t, rtol=0, atol=1e-18)
+
+
+def test_failures_are_entries(marble):
+    """Pairs of one entry slide; the others stay as they are."""
+    mbs, balls, _ = in_a_row([marble] * 2)
+    velocities = np.array([[0, 0, -0.5], [5.0, 0, -0.5], [0, 0, -0.7]])
+    runs = many(mbs, {balls[1]: {"initialVelocity": velocities}})
+    assert [*runs.failures] == [1]
+    assert "pairs of contact 'contact 0' begin to slide" in runs.failures[1]
+    assert "1 failed" in repr(runs)
+    for values in (runs.peak, runs.force, runs.energy):
+        assert np.isnan(values[1]).all()
+        assert np.isfinite(values[[0, 2]]).all()
+    same_bits(many(mbs, {balls[1]: {"initialVelocity": velocities[[0, 2]]}}), runs, [0, 2])
+
+
+def test_the_model_and_its_last_run_stay(marble):
+    mbs, [ball], [contact] = fall(marble)
+    first = ep.solve_dynamic(mbs, end_time=12e-6, step=STEP)
+    many(mbs, {ball: {"initialVelocity": np.array([[0, 0, -3.0]])}})
+    assert_close(contact.force(ep.collect(mbs)), contact.force(first))
+    later = ep.solve_dynamic(mbs, end_time=END, step=STEP, go_on=True)
+    assert_close(contact.force(later), alone(fall(marble))[0][120:])
+
+
+# What is measured.
+
+
+def test_what_is_measured(marble):
+    mbs, balls, [contact] = in_a_row([marble] * 2)
+    result = ep.solve_dynamic(mbs, end_time=40e-6, step=STEP)
+    [impact] = contact.impacts(result)
+    runs = many(mbs, {balls[1]: {"initialVelocity": np.array([[0, 0, -0.5]])}}, end_time=40e-6)
+    assert runs.peak[0, 0] == pytest.approx(impact.peak, rel=CLOSE)
+    assert runs.impulse[0, 0] == pytest.approx(impact.impulse, rel=CLOSE)
+    assert runs.restitution[0, 0] == pytest.approx(impact.speed_after / impact.speed_before, rel=1e-6)
+    assert runs.counts[0, 0] == 1
+    closed = result.t[contact.force(result) > 0]
+    assert closed[-1] - closed[0] <= runs.duration[0, 0] <= closed[-1] - closed[0] + 2 * STEP
+    for place, item in enumerate(balls):
+        np.testing.assert_allclose(runs.energy[0, :, place], item.energy(result)[[0, -1]], rtol=1e-9, atol=1e-18)
+        np.testing.assert_allclose(runs.momentum[0, :, place], item.momentum(result)[[0, -1]], rtol=1e-9, atol=1e-12)
+    assert runs.energy[0].sum(axis=1)[1] == pytest.approx(runs.energy[0, 0].sum(), rel=1e-3)
+
+
+def test_energy_in_contact_at_the_end(marble):
+    mbs, balls, [contact] = in_a_row([marble] * 2)
+    result = ep.solve_dynamic(mbs, end_time=12e-6, step=STEP)
+    runs = many(mbs, {balls[1]: {"initialVelocity": np.array([[0, 0, -0.5]])}}, end_time=12e-6)
+    assert runs.stored[0, 0] == pytest.approx(contact.energy(result)[-1], rel=CLOSE)
+
+
+def test_by_numpy(marble):
+    def peaks():
+        mbs, [ball], _ = fall(marble)
+        return many(mbs, {ball: {"initialVelocity": np.array([[0, 0, -1.0], [0, 0, -1.2]])}}, end_time=8e-6).peak
+
+    compiled, plain = each_way(peaks)
+    np.testing.assert_allclose(plain, compiled, rtol=CLOSE)
+
+
+# What is refused.
+
+
+def test_the_step(marble):
+    """By default stiff and light entries have a shorter one; a step above their limit is refused."""
+    mbs, [ball], _ = fall(marble)
+    limit, E = ep.stability_limit(mbs), np.array([1.0, 16.0]) * STEEL.E
+    runs = many(mbs, {ball: {"E": E}}, step=None)
+    assert runs.t[1] <= limit / 4
+    with pytest.raises(StepSizeError, match="above the stability limit of entry 1"):
+        many(mbs, {ball: {"E": E}}, step=0.5 * limit)
+
+
+def test_histories_that_take_too_much(marble, monkeypatch):
+    mbs, [ball], _ = fall(marble)
+    monkeypatch.setattr(sys.modules[ep.ManyRuns.__module__], "available_memory", lambda: (1e3, 1e3))
+    with pytest.raises(MemoryLimitError, match="2 runs of 251 times take"):
+        many(mbs, {ball: {"damping": np.zeros(2)}})
+
+
+def test_a_model_that_is_not_held(marble):
+    mbs, [ball], _ = fall(marble, frame="floating")
+    with pytest.raises(CompiledRunError, match="body 'ball' has a floating frame"):
+        many(mbs, {ball: {"damping": np.zeros(2)}})
+
+
+@pytest.mark.parametrize(
+    ("of_body", "message"),
+    [
+        ({}, "got dict for body"),
+        ({"speed": np.zeros((2, 3))}, "expected names among initialVelocity, .*, got 'speed'"),
+        ({"initialVelocity": np.zeros(3)}, "vary: initialVelocity: expected"),
+        ({"initialVelocity": np.zeros((2, 3)), "damping": np.zeros(3)}, "vary: damping: expected"),
+        ({"damping": np.zeros(0)}, "no entries"),
+        ({"damping": np.array([-0.1])}, "of at least zero"),
+        ({"E": np.array([0.0])}, "above zero"),
+    ],
+)
+def test_wrong_values(marble, of_body, message):
+    mbs, [ball], _ = fall(marble)
+    with pytest.raises(InputError, match=message):
+        many(mbs, {ball: of_body})
+
+
+def test_other_wrong_arguments(marble):
+    mbs, [ball], _ = fall(marble)
+    _, [stranger], _ = fall(marble)
+    for vary in ({}, None, {stranger: {"damping": np.zeros(2)}}, {"ball": {"damping": np.zeros(2)}}):
+        with pytest.raises(InputError, match="vary: expected a dict of body"):
+            many(mbs, vary)
+    with pytest.raises(InputError, match="histories: expected a collection of 'force', 'coordinates'"):
+        many(mbs, {ball: {"damping": np.zeros(2)}}, histories="force")
+    mbs, [ball], _ = fall(marble, damping=lambda f: 0.02 + 0 * f)
+    with pytest.raises(InputError, match="whose damping is a function of frequency"):
+        many(mbs, {ball: {"E": np.array([STEEL.E])}})
