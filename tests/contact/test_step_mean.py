@@ -15,11 +15,12 @@ def weights_of(radius):
 
 @pytest.mark.parametrize("radius", [0.5, 0.9, 1.0])
 def test_the_momentum_changes_by_the_mean_force_in_each_step(radius):
-    """A mass in generalized-alpha, under forces that jump, in steps of several lengths."""
+    """A mass in generalized-alpha, under forces that jump, and long after them, in steps of several lengths."""
     weights, mean = weights_of(radius), StepMean.none(1)
     mass, q, v, q_tt, a = 2.0, 0.0, 1.0, 0.0, 0.0
     random = np.random.default_rng(1)
-    for step, force in zip(random.choice([0.1, 0.05, 0.02], 40), random.choice([0.0, 1.0, 5.0], 40), strict=True):
+    forces = np.r_[random.choice([0.0, 1.0, 5.0], 40), np.zeros(40)]
+    for step, force in zip(random.choice([0.1, 0.05, 0.02], 80), forces, strict=True):
         applied = mean.applied(weights, np.array([force]))[0] / mass
         ahead = ((1 - weights.alpha_f) * applied + weights.alpha_f * q_tt - weights.alpha_m * a) / (1 - weights.alpha_m)
         q_end = q + step * v + step**2 * ((0.5 - weights.beta) * a + weights.beta * ahead)

@@ -109,6 +109,13 @@ def full(fem, partition, velocity, friction=None):
     return law.history(STEP * np.arange(n + 1), {}, {})
 
 
+@pytest.fixture(scope="module")
+def meeting(clip, body):
+    """The full FE model's answer without friction to the motion that closes the clip; its velocities, (3n,)."""
+    velocity = body.displacement(closing(body)).ravel()
+    return full(*clip, velocity), velocity
+
+
 def test_modes_and_rows_have_the_flexibility_of_the_full_model(clip):
     """That of the clip between its ends: of modes, of both patches, and across from one patch to the other."""
     fem, partition = clip
@@ -128,9 +135,9 @@ def test_modes_and_rows_have_the_flexibility_of_the_full_model(clip):
 
 
 @pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ModelLimitWarning")  # a coarse mesh, both have it
-def test_ends_of_a_clip_meet(clip, body):
+def test_ends_of_a_clip_meet(body, meeting):
     """Explicit and implicit steps, against the full FE model."""
-    expected = full(*clip, body.displacement(closing(body)).ravel())
+    expected, _ = meeting
     assert expected.force.max() > 10.0
     for method, step in (("explicit", None), ("implicit", STEP)):
         result, _, contact = reduced(body, closing(body), method, step)
@@ -214,10 +221,9 @@ def test_friction_turns_with_the_clip(rough):
 
 @pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ModelLimitWarning")
 @pytest.mark.parametrize("frame", ["inertial", "floating"])
-def test_a_patch_that_folds_is_named_twice(clip, body, folded, frame):
+def test_a_patch_that_folds_is_named_twice(clip, meeting, folded, frame):
     """The arms are found in it, whose forces are those of the full FE model; with friction the energy balances."""
-    velocity = body.displacement(closing(body)).ravel()
-    expected = full(*clip, velocity)
+    expected, velocity = meeting
     shapes = np.array([folded.displacement(shape).ravel() for shape in np.eye(folded.n_dofs)])
     weighted = clip[0].mass @ shapes.T
     start = np.linalg.solve(shapes @ weighted, weighted.T @ velocity)

@@ -68,6 +68,24 @@ def test_weights_sum_to_the_volume_of_the_elements(model, zone):
     assert zone.weight.sum() == pytest.approx(fem.cell_mass[inside].sum() / fem.material.rho, rel=1e-9)
 
 
+def test_the_spacing_is_that_of_nodes_along_the_edges(model, zone):
+    """The same at all points of an element: each edge by the nodes that lie on it."""
+    fem, partition = model
+    region = partition.patches[0].plastic
+    spacing = zone.spacing.reshape(len(region.cells), -1)
+    for kind, rows in kinds_of(region.cells, region.hexahedra):
+        for row in rows:
+            x = fem.points[np.unique(region.cells[row])]
+            steps = []
+            for a, b in fem.points[region.cells[row][kind.columns[: kind.corners]][kind.edges]]:
+                way = b - a
+                share = (x - a) @ way / (way @ way)
+                beside = np.linalg.norm(x - a - share[:, None] * way, axis=1) < 1e-9
+                between = np.count_nonzero(beside & (share > 1e-6) & (share < 1 - 1e-6))
+                steps.append(np.linalg.norm(way) / (1 + between))
+            np.testing.assert_allclose(spacing[row], np.mean(steps), rtol=1e-9)
+
+
 def test_elastic_forces_of_the_zone_are_those_of_plastic_strain(model, zone):
     """p of a plastic strain is the force by which the elements answer the same elastic strain, without its pressure."""
     fem, _ = model

@@ -95,6 +95,16 @@ def test_a_share_of_the_tolerance_shortens_steps_by_its_root(share):
     assert errors.next_step(0.1, share) == pytest.approx(0.15)
 
 
+def test_a_contact_that_closes_lengthens_no_step():
+    """What vibrates since before it closed allows the same steps as then."""
+    errors = after(at_start([[1.0]], [0.0]), 0.1, [1.0], [0.5])
+    allowed = errors.next_step(1.0)
+    assert allowed < 0.1
+    now = BodyMotion(np.ones(1), np.array([0.5]))
+    assert errors.jumped(10.0, now, 0.0).next_step(1.0) == pytest.approx(allowed)
+    assert errors.jumped(0.1 * allowed, now, 0.0).next_step(1.0) == pytest.approx(0.1 * allowed)
+
+
 def test_a_body_at_rest_is_judged_as_one_that_moved_with_a_hundredth_of_what_is_stored():
     moved, stands = after(at_start([[2.0]], [0.0]), 1.0, [1.0], [0.0]), at_start([[2.0]], [0.0], stored=100.0)
     now = BodyMotion(np.zeros(1), np.array([0.7]))

@@ -183,7 +183,7 @@ def turn(body, turns):
     result = ep.solve_dynamic(
         mbs, end_time=TURN_TIME, step=TURN_TIME / TURN_STEPS, method="implicit", spectral_radius=0.0
     )
-    along, a = contact.friction.tangential_force(result), angle(result.t)
+    along, a = contact.friction.tangential_force(result).copy(), angle(result.t)
     back_by = np.moveaxis(np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]), 2, 0)
     along[:, :2] = np.einsum("tij,tj->ti", back_by, along[:, :2])
     return result.t, np.column_stack([contact.force(result), along]), contact.friction.stuck_rows(result)
