@@ -116,7 +116,7 @@ def table(found):
 def main():
     console, body = Console(), block()
     function, speeds = functools.partial(impact, body), np.linspace(0.1, 0.5, IMPACTS // TURNS).tolist()
-    with LocalCluster(1, **HERE) as small, LocalCluster(2, **HERE) as large:
+    with LocalCluster(n_workers=1, **HERE) as small, LocalCluster(n_workers=2, **HERE) as large:
         with Client(small) as one, Client(large) as two:
             for client in (one, two):
                 ep.study(function, {"speed": speeds[:8]}, workers=client, chunk=1)  # each worker loads and compiles
