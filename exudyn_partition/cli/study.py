@@ -52,8 +52,8 @@ def _function(text: str) -> Callable[..., Any]:
     sys.path.insert(0, str(folder.resolve()))  # where processes look for it, too
     try:
         function = getattr(importlib.import_module(module), name, None)
-    except ImportError as error:
-        raise CallError(f"FUNCTION: {source} could not be imported: {error}") from error
+    except Exception as error:  # of whatever the user's module does
+        raise CallError(f"FUNCTION: {source} could not be imported: {type(error).__name__}: {error}") from error
     if not callable(function):
         raise CallError(f"FUNCTION: {source} has no function {name}")
     found: Callable[..., Any] = function

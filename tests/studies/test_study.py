@@ -115,7 +115,10 @@ def test_short_runs_share_tasks_and_what_belongs_together_stays_together():
 def test_a_cluster_of_dask_gives_the_same_and_takes_functions_of_notebooks():
     distributed = pytest.importorskip("distributed", reason="Dask is not installed")
     own = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
-    with distributed.LocalCluster(2, threads_per_worker=1, **own) as cluster, distributed.Client(cluster) as client:
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, **own) as cluster,
+        distributed.Client(cluster) as client,
+    ):
         for _ in range(3):  # the cluster forgets what one study has sent to it while the next one begins
             found = ep.study(lambda x: {"process": os.getpid(), "cube": x**3}, POINTS, workers=client, chunk=1)
         with pytest.warns(FailedRunsWarning, match="1 of 40 runs failed"):

@@ -42,7 +42,7 @@ def test_a_dask_worker_that_dies_loses_only_its_case(tmp_path):
     (tmp_path / "b").touch()
     own = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
     with (
-        distributed.LocalCluster(2, threads_per_worker=1, **own) as cluster,
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, **own) as cluster,
         distributed.Client(cluster) as client,
     ):
         found = dict(run_all.sweep(die_once, tasks, client.get_executor()))
