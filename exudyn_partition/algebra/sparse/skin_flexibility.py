@@ -27,7 +27,8 @@ from ..blas_threads import one_blas_thread
 from .fronts import Fronts
 from .half_solved import HalfSolved, energies
 from .kept_fronts import KeptFronts
-from .multifrontal import Factorisation, Ordered
+from .multifrontal import Ordered
+from .solver import kept_fronts
 
 SMALL = 3000  # rows up to which an array is taken: 72 MB
 MOST_ROWS = 8000  # rows of which an array is made if somebody needs all: 512 MB
@@ -94,7 +95,7 @@ class StoredFactors:
             (np.ones(len(self.dofs)), self.dofs, np.arange(len(self.dofs) + 1)), (len(self.dofs), n)
         )
         with one_blas_thread():
-            return Factorisation(Ordered(self.upper, fronts)).kept(of_dofs)
+            return kept_fronts(Ordered(self.upper, fronts), of_dofs)
 
     def __getstate__(self) -> dict[str, object]:
         """Return the fields alone, for pickle."""

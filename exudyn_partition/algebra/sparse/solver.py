@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 from ...support.arrays import Array
 from .kept_fronts import KeptFronts
-from .multifrontal import Analysis, Factorisation, refined
+from .multifrontal import Analysis, Factorisation, Ordered, refined
 
 _TOGETHER = 32  # right-hand sides that are refined at a time: each needs memory for five vectors
 
@@ -123,6 +123,11 @@ def factorise(
         factors = Factorisation(matrix, analysis, rows=rows)
         return Refined(sp.csr_matrix(matrix() if callable(matrix) else matrix), factors, rows)
     return _others[-1](sp.csc_matrix(matrix() if callable(matrix) else matrix))
+
+
+def kept_fronts(matrix: Ordered, rows: sp.csr_matrix) -> KeptFronts:
+    """Fronts of the own solver that solve for some rows, rows (k, n) of the identity, of a positive definite matrix."""
+    return Factorisation(matrix).kept(rows)
 
 
 @contextlib.contextmanager
