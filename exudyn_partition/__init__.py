@@ -71,6 +71,7 @@ _HOMES = {
     "present.view": ("CreatePartitionView",),
     "support.progress": ("progress",),
     "studies.many_runs": ("ManyRuns", "run_many"),
+    "studies.sensitivity": ("Sensitivity", "sensitivity"),
     "studies.restitution_map": ("restitution_map",),
     "studies.restitution_values": ("RestitutionMap",),
     "studies.restitution_law": ("RestitutionLaw",),

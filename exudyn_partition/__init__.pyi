@@ -54,6 +54,7 @@ from .studies.many_runs import ManyRuns, run_many
 from .studies.restitution_law import RestitutionLaw
 from .studies.restitution_map import restitution_map
 from .studies.restitution_values import RestitutionMap
+from .studies.sensitivity import Sensitivity, sensitivity
 from .support.progress import progress
 
 __all__ = [
@@ -91,6 +92,7 @@ __all__ = [
     "RigidPlane",
     "RigidProfile",
     "RigidSphere",
+    "Sensitivity",
     "StepAssembly",
     "StrainGauge",
     "WorkSensor",
@@ -121,6 +123,7 @@ __all__ = [
     "report",
     "restitution_map",
     "run_many",
+    "sensitivity",
     "settle",
     "solve_dynamic",
     "solve_static",
