@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..support.arrays import Array
-from .loops import Peaks, Samples, Stepper
+from .loops import Peaks, Samples, Stepper, Stop
 from .plan import StepPlan
 
 _STEPS = 2000  # in one call; then progress is told, and the user may stop
@@ -77,8 +77,8 @@ class Histories:
         Of the closed rows of all contacts.
     made : int
         Steps that were made.
-    stopped : str
-        What stopped the run before its end; empty if nothing did.
+    stopped : Stop or None
+        What stopped the run before its end.
     """
 
     q: Array
@@ -92,7 +92,7 @@ class Histories:
     peaks: Peaks
     iterations: int
     made: int
-    stopped: str
+    stopped: Stop | None
 
 
 def run(

@@ -11,7 +11,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.blas_threads import one_blas_thread
-from ..compiled.loops import UNSTABLE
 from ..compiled.plan import StepPlan
 from ..compiled.run import EqualSteps, Histories, Start, run
 from ..errors import RunError
@@ -62,7 +61,7 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
         steps = EqualSteps(times.step, times.steps, times.between)
         made = run(step_plan, start, steps, report=_told(times.steps, report, interrupt))
         if made.stopped and not made.made:
-            raise RunError(f"mbs: a compiled run cannot make its first step: {made.stopped}")
+            raise RunError(f"mbs: a compiled run cannot make its first step: {made.stopped.text}")
         ends = np.cumsum(np.r_[times.start, np.full(made.made, times.step)])  # as Exudyn's solver adds them up
         if made.made == times.steps and not times.beyond:
             ends[-1] = times.end
@@ -196,7 +195,8 @@ def _go_to_end(mbs: MainSystem, model_run: ModelRun, t: float, end: Start) -> No
 def _ending(plan: RunPlan, made: Histories) -> tuple[str, str]:
     """Status of a run that has ended, and a message on how."""
     if made.stopped:
-        return ("unstable" if made.stopped == UNSTABLE else "interrupted"), f"the compiled run stopped: {made.stopped}"
+        status = "interrupted" if made.stopped.kind == "slides" else "unstable"
+        return status, f"the compiled run stopped: {made.stopped.text}"
     if made.made < plan.times.steps:
         return "interrupted", "interrupted by the user"
     return "finished", f"reached {plan.times.end:.6g} s"
