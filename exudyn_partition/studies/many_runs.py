@@ -215,7 +215,11 @@ def _times(
 
 def _limits(mbs: MainSystem, bodies: Sequence[PartitionBody], variations: Variations) -> Iterator[float]:
     """A bound on the stability limit of each entry [s], from that of the model as it is, see `stability_limit`."""
-    inverse = 4 / stability_limit(mbs)
+    limit = stability_limit(mbs)
+    if math.isinf(limit):
+        yield from [limit] * variations.count
+        return
+    inverse = 4 / limit
     rate = max((0.0 if item.damping is None else item.damping.largest_rate(math.inf) for item in bodies), default=0.0)
     omega = math.sqrt(max(inverse * (inverse - 2 * rate), 0.0)) / 2
     for entry in range(variations.count):

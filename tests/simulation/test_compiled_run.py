@@ -207,6 +207,18 @@ def test_pairs_that_slide_end_the_run_and_exudyn_goes_on(marble):
     np.testing.assert_allclose(force, right, rtol=0, atol=CLOSE * right.max())
 
 
+def test_pages_and_tables(marble, tmp_path):
+    mbs, _, _ = fall(marble)
+    result = ep.solve_dynamic(mbs, end_time=END, solver="compiled")
+    page, scene = result.report(tmp_path / "run.html"), tmp_path / "moving.html"
+    result.scene(scene)
+    assert page.stat().st_size > 10_000
+    assert scene.stat().st_size > 10_000
+    result.save(tmp_path / "run.npz")
+    read = ep.Result.load(tmp_path / "run.npz")
+    np.testing.assert_array_equal(read.contacts[0].force(read), result.contacts[0].force(result))
+
+
 def test_ctrl_c(marble):
     mbs, _, _ = fall(marble)
 
