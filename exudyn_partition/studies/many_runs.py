@@ -62,8 +62,7 @@ class ManyRuns:
         Number of times of contact.
     restitution : (B, nc) array
         Speed of separation at the end of the entry over that of approach at its start, of rigid bodies with the same
-        momenta, at the centre of the largest force along the impulse. It is nan without contact, or if a body touches
-        itself.
+        momenta, at the centre of the largest force along the impulse. It is nan without contact.
     energy : (B, 2, nb) array
         Kinetic and strain energy of each body at start and end [J].
     stored : (B, nc) array

@@ -80,7 +80,7 @@ class Measures:
         """See `ManyRuns`."""
         contact, rows = self._contacts[j], self._gaps[j]
         impulse = np.trapezoid(made.values[:, j, 2:5], self._t[: made.made + 1], axis=0)
-        if contact.slave == contact.master or not (size := np.linalg.norm(impulse)):
+        if not (size := np.linalg.norm(impulse)):
             return np.nan
         normal = impulse / size
         weights = rows.nodal_forces(made.peaks.lam[self._rows[j]])[0] @ normal
