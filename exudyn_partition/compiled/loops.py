@@ -198,6 +198,11 @@ class Stepper:
         """See the class."""
         return int(self._blocks.iterations.sum())
 
+    @property
+    def closed(self) -> Array:
+        """Whether each contact has closed rows, (nc,) bool."""
+        return np.asarray(self._values[:, 1] > 0.0)
+
     def begin(self, plan: StepPlan, q: Array, v: Array, a: Array | None = None) -> Stop | None:
         """Begin a plan at coordinates and velocities, (nq,), with accelerations, (nq,), or those that forces give.
 
@@ -216,6 +221,16 @@ class Stepper:
             m.a[:] = a
         self._watch()
         return None
+
+    def state(self) -> tuple[Array, Array, Array]:
+        """Present coordinates, velocities and accelerations, (nq,) each."""
+        m = self.motion
+        return m.q.copy(), m.v.copy(), m.a.copy()
+
+    def go_back(self, state: tuple[Array, Array, Array]) -> None:
+        """Go back to an earlier state of this run."""
+        m = self.motion
+        m.q[:], m.v[:], m.a[:] = state
 
     def advance(self, h: float, first: int, count: int, between: int, samples: Samples) -> tuple[int, Stop | None]:
         """Make steps of length h [s] with the numbers `first` to `count`, from 1 on.
