@@ -74,6 +74,7 @@ _HOMES = {
     "studies.study": ("study",),
     "studies.study_values": ("Study",),
     "studies.many_runs": ("ManyRuns", "run_many"),
+    "studies.sensitivity": ("Sensitivity", "sensitivity"),
     "studies.restitution_map": ("restitution_map",),
     "studies.restitution_values": ("RestitutionMap",),
     "studies.restitution_law": ("RestitutionLaw",),

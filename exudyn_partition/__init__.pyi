@@ -55,6 +55,7 @@ from .studies.points import sample_parameters
 from .studies.restitution_law import RestitutionLaw
 from .studies.restitution_map import restitution_map
 from .studies.restitution_values import RestitutionMap
+from .studies.sensitivity import Sensitivity, sensitivity
 from .studies.study import study
 from .studies.study_values import Study
 from .support.progress import progress
@@ -94,6 +95,7 @@ __all__ = [
     "RigidPlane",
     "RigidProfile",
     "RigidSphere",
+    "Sensitivity",
     "StepAssembly",
     "StrainGauge",
     "Study",
@@ -126,6 +128,7 @@ __all__ = [
     "restitution_map",
     "run_many",
     "sample_parameters",
+    "sensitivity",
     "settle",
     "solve_dynamic",
     "solve_static",

@@ -283,6 +283,8 @@ CASES = {
     "stability": Case("stability/stability.py", stability, ("--quick", "--out", "{out}/stability_quick.json")),
     "compiled_scenes": Case("stability/compiled_runs.py", limits(()),
                             ("--count", "40", "--out", "{out}/compiled_scenes.json")),
+    "sensitivities": Case("stability/sensitivities.py", limits(()),
+                          ("--count", "20", "--out", "{out}/sensitivities.json")),
     "random_scenes": Case("stability/random_scenes.py", limits(("unexplained",)),
                           ("--count", "40", "--out", "{out}/random_scenes.json")),
     "cut_runs": Case(

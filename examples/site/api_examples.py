@@ -223,6 +223,10 @@ mbs.Assemble()
 runs = ep.run_many(mbs, end_time=20e-6, vary={ball: {"initialVelocity": [[0, 0, -0.2], [0, 0, -0.5]]}})
 print(runs, runs.peak[:, 0], runs.failures)
 
+# %% sensitivity, Sensitivity
+slope = ep.sensitivity(mbs, end_time=20e-6, of="velocity", at=ball)
+print(slope.value, slope.by[ball]["gravity"], slope.by[ball]["rho"])
+
 # %% restitution_map, RestitutionMap, RestitutionLaw
 found = ep.restitution_map((body, ep.RigidPlane()), speed=(0.2, 0.5))
 print(found["restitution"].ravel(), found.law().error)

@@ -5,7 +5,7 @@ No other module of `compiled` knows which. Module `kernels` beside it has the co
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,20 @@ from ..support.compiled import kernels
 from .plan import FrozenPlan, StepPlan
 
 N_VALUES = 6  # of each contact, see `frozen.FrozenContacts`
-UNSTABLE = "the gaps are not finite: the run has become unstable"
+
+
+class Stop(NamedTuple):
+    """Why steps cannot go on.
+
+    Parameters
+    ----------
+    kind : {"slides", "unstable", "unsettled"}
+        Pairs begin to slide, coordinates are not finite, or closed rows do not settle.
+    text : str
+    """
+
+    kind: Literal["slides", "unstable", "unsettled"]
+    text: str
 
 
 class Motion(NamedTuple):
@@ -185,7 +198,12 @@ class Stepper:
         """See the class."""
         return int(self._blocks.iterations.sum())
 
-    def begin(self, plan: StepPlan, q: Array, v: Array, a: Array | None = None) -> str:
+    @property
+    def closed(self) -> Array:
+        """Whether each contact has closed rows, (nc,) bool."""
+        return np.asarray(self._values[:, 1] > 0.0)
+
+    def begin(self, plan: StepPlan, q: Array, v: Array, a: Array | None = None) -> Stop | None:
         """Begin a plan at coordinates and velocities, (nq,), with accelerations, (nq,), or those that forces give.
 
         Return what prevents it, see `advance`.
@@ -202,9 +220,19 @@ class Stepper:
         else:
             m.a[:] = a
         self._watch()
-        return ""
+        return None
 
-    def advance(self, h: float, first: int, count: int, between: int, samples: Samples) -> tuple[int, str]:
+    def state(self) -> tuple[Array, Array, Array]:
+        """Present coordinates, velocities and accelerations, (nq,) each."""
+        m = self.motion
+        return m.q.copy(), m.v.copy(), m.a.copy()
+
+    def go_back(self, state: tuple[Array, Array, Array]) -> None:
+        """Go back to an earlier state of this run."""
+        m = self.motion
+        m.q[:], m.v[:], m.a[:] = state
+
+    def advance(self, h: float, first: int, count: int, between: int, samples: Samples) -> tuple[int, Stop | None]:
         """Make steps of length h [s] with the numbers `first` to `count`, from 1 on.
 
         Parameters
@@ -217,7 +245,7 @@ class Stepper:
 
         Returns
         -------
-        Number of the last step that was made, and what stopped the steps; empty if nothing did. Then the motion is at
+        Number of the last step that was made, and what stopped the steps; None if nothing did. Then the motion is at
         the start of a step.
         """
         m = self.motion
@@ -240,21 +268,21 @@ class Stepper:
             if not first % between:
                 self.keep(samples, first // between - 1)
             first += 1
-        return count, ""
+        return count, None
 
-    def _find(self) -> str:
+    def _find(self) -> Stop | None:
         """Find the forces at the present coordinates by NumPy; return what prevents it."""
         m, plan, blocks = self.motion, self.contacts, self._blocks
         if not np.isfinite(m.q).all():
-            return UNSTABLE
+            return Stop("unstable", "the gaps are not finite: the run has become unstable")
         for name, part in zip(plan.names, self._parts, strict=True):
             if part.slide(m.q):
-                return f"pairs of contact {name!r} begin to slide, which compiled steps do not follow"
+                return Stop("slides", f"pairs of contact {name!r} begin to slide, which compiled steps do not follow")
             self._h[part.rows] = plan.rows.start[part.rows] + m.q[part.dofs] @ part.H
         try:
             lam, pushed, iterations = forces_of(plan, self._h, blocks.active)
         except ComplementarityError as error:
-            return str(error)
+            return Stop("unsettled", str(error))
         blocks.lam[:], blocks.pushed[:], blocks.active[:], blocks.n_closed[:] = lam, pushed, lam > 0.0, -1
         blocks.iterations[:] += iterations
         m.force[:] = 0.0
@@ -263,7 +291,7 @@ class Stepper:
             m.force[part.dofs] += part.H @ push
             self._values[j] = [push.sum(), np.count_nonzero(push), *(push @ part.normals), gap.min(initial=np.inf)]
             self.stored[j] = -0.5 * push @ self._h[part.rows]
-        return ""
+        return None
 
     def _accelerate(self) -> None:
         """Set accelerations from coordinates, velocities and contact forces."""

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..support.arrays import Array
-from .loops import Peaks, Samples, Stepper
+from .loops import Peaks, Samples, Stepper, Stop
 from .plan import StepPlan
 
 _STEPS = 2000  # in one call; then progress is told, and the user may stop
@@ -77,8 +77,8 @@ class Histories:
         Of the closed rows of all contacts.
     made : int
         Steps that were made.
-    stopped : str
-        What stopped the run before its end; empty if nothing did.
+    stopped : Stop or None
+        What stopped the run before its end.
     """
 
     q: Array
@@ -92,7 +92,7 @@ class Histories:
     peaks: Peaks
     iterations: int
     made: int
-    stopped: str
+    stopped: Stop | None
 
 
 def run(
@@ -123,34 +123,56 @@ def run(
     -------
     Histories
     """
-    stepper, between = stepper or Stepper(plan.contacts, len(plan.bodies.mass)), steps.between
-    kept, made = [Samples.of(plan, 1, motion=motion, rows=rows)], 0
+    stepper, between, made = stepper or Stepper(plan.contacts, len(plan.bodies.mass)), steps.between, 0
     stopped = stepper.begin(plan, start.q, start.v, start.a)
-    began = _state(stepper)
-    stepper.keep(kept[0], 0)
-    lams = [sp.csr_matrix(kept[0].lam)] if rows else []
-    chunk = min(_STEPS, max(_MOST // max(kept[0].lam.shape[1], 1), 1)) if rows else _STEPS
+    record = Record(plan, stepper, motion=motion, rows=rows)
+    chunk = min(_STEPS, max(_MOST // max(len(plan.contacts.rows.start), 1), 1)) if rows else _STEPS
     while made < steps.count and not stopped:
-        count = min(chunk, steps.count - made)
-        phase = made % between
-        samples = Samples.of(plan, (phase + count) // between, motion=motion, rows=rows)
+        count, phase = min(chunk, steps.count - made), made % between
+        samples = record.room((phase + count) // between)
         last, stopped = stepper.advance(steps.step, phase + 1, phase + count, between, samples)
         made += last - phase
-        kept.append(Samples(*(part[: last // between] for part in samples)))
-        if rows:
-            lams.append(sp.csr_matrix(kept[-1].lam))
+        record.add(samples, last // between)
         if report is not None and not report(made):
             break
-    q, v, values, stored = (np.concatenate(parts) for parts in [*zip(*kept, strict=True)][:4])
-    return Histories(
-        q, v, values, stored, sp.vstack(lams, format="csr") if rows else None,
-        start=began, end=_state(stepper), end_stored=stepper.stored.copy(),
-        peaks=Peaks(*(part.copy() for part in stepper.peaks)),
-        iterations=stepper.iterations, made=made, stopped=stopped,
-    )  # fmt: skip
+    return record.histories(made, stopped)
 
 
-def _state(stepper: Stepper) -> Start:
-    """Present state."""
-    m = stepper.motion
-    return Start(m.q.copy(), m.v.copy(), m.a.copy())
+class Record:
+    """Samples of a run that has begun, part by part.
+
+    Parameters
+    ----------
+    plan : StepPlan
+    stepper : Stepper
+    motion, rows : bool
+        See `run`.
+    """
+
+    def __init__(self, plan: StepPlan, stepper: Stepper, *, motion: bool = True, rows: bool = True) -> None:
+        self._plan, self._stepper, self._motion, self._rows = plan, stepper, motion, rows
+        self._start, self._kept, self._lams = stepper.state(), list[Samples](), list[sp.csr_matrix]()
+        first = self.room(1)
+        stepper.keep(first, 0)
+        self.add(first, 1)
+
+    def room(self, n: int) -> Samples:
+        """Room for n samples."""
+        return Samples.of(self._plan, n, motion=self._motion, rows=self._rows)
+
+    def add(self, samples: Samples, n: int) -> None:
+        """Add the first n samples."""
+        self._kept.append(Samples(*(part[:n] for part in samples)))
+        if self._rows:
+            self._lams.append(sp.csr_matrix(self._kept[-1].lam))
+
+    def histories(self, made: int, stopped: Stop | None) -> Histories:
+        """All that was added; `made` is the number of steps, `stopped` what stopped them."""
+        stepper = self._stepper
+        q, v, values, stored = (np.concatenate(parts) for parts in [*zip(*self._kept, strict=True)][:4])
+        return Histories(
+            q, v, values, stored, sp.vstack(self._lams, format="csr") if self._rows else None,
+            start=Start(*self._start), end=Start(*stepper.state()), end_stored=stepper.stored.copy(),
+            peaks=Peaks(*(part.copy() for part in stepper.peaks)),
+            iterations=stepper.iterations, made=made, stopped=stopped,
+        )  # fmt: skip

@@ -79,6 +79,8 @@ def _of_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
             yield f"{named} has a viscous flexibility, by damping in proportion to the stiffness"
         if mechanics.gaps.overlap:
             yield f"{named} is a press fit"
+        if contact.slave == contact.master:
+            yield f"{named} is of a body that touches itself"
         if contact.moment_about is not None:
             yield f"{named} has a sensor of its moment"
         if isinstance(contact.together, SharedPatches):

@@ -11,7 +11,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.blas_threads import one_blas_thread
-from ..compiled.loops import UNSTABLE
 from ..compiled.plan import StepPlan
 from ..compiled.run import EqualSteps, Histories, Start, run
 from ..errors import RunError
@@ -25,11 +24,13 @@ from ..support.interrupt import Interrupt, interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
+from .compiled_adaptive import put, run_adaptive
 from .compiled_plan import in_groups, own_sensors, read_plan
 from .continuation import keep_compiled_end, undo_if_refused
 from .result import Result
 from .run_plan import RunPlan
 from .sensor_checks import check_sensors
+from .step_control import Pace
 from .work import Work
 
 _log = logging.getLogger(__name__)
@@ -59,20 +60,27 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
             model_run.others.keep(mbs, times.start)
         groups = [model_run.contact_run(group[0]).group for group in in_groups(contacts)]
         step_plan = read_plan(mbs, [(group.together, [run.mechanics for run in group.members]) for group in groups])
-        steps = EqualSteps(times.step, times.steps, times.between)
-        made = run(step_plan, start, steps, report=_told(times.steps, report, interrupt))
+        if plan.control is None:
+            steps = EqualSteps(times.step, times.steps, times.between)
+            made = run(step_plan, start, steps, report=_told(times.steps, report, interrupt))
+            ends = np.cumsum(np.r_[times.start, np.full(made.made, times.step)])  # as Exudyn's solver adds them up
+            if made.made == times.steps and not times.beyond:
+                ends[-1] = times.end
+            t, pace = ends[:: times.between], Pace()
+        else:
+            told = _told(times.end - times.start, report, interrupt)
+            ends, made, pace = run_adaptive(
+                mbs, step_plan, start, plan, plan.control, model_run, lambda t: told(t - times.start)
+            )
+            t = ends
         if made.stopped and not made.made:
-            raise RunError(f"mbs: a compiled run cannot make its first step: {made.stopped}")
-        ends = np.cumsum(np.r_[times.start, np.full(made.made, times.step)])  # as Exudyn's solver adds them up
-        if made.made == times.steps and not times.beyond:
-            ends[-1] = times.end
-        t = ends[:: times.between]
+            raise RunError(f"mbs: a compiled run cannot make its first step: {made.stopped.text}")
         sensors = _of_bodies(mbs, made) | _of_contacts(mbs, made) | _replayed(mbs, t, made)
         _keep_rows(mbs, model_run, step_plan, made, t)
         _go_to_end(mbs, model_run, float(ends[-1]), made.end)
         time_s = time.perf_counter() - begin
-    end = keep_compiled_end(mbs, times.step)
-    status, message = _ending(plan, made)
+    end = keep_compiled_end(mbs, times.step, pace)
+    status, message = _ending(plan, made, float(ends[-1]))
     _log.debug("%s compiled steps in %.4g s", made.made, time_s)
     if status == "finished" and progress is not None:
         progress(1.0)
@@ -106,11 +114,11 @@ def _start(mbs: MainSystem, plan: RunPlan) -> Start:
     return Start(q, q_t, None if plan.origin is None else plan.origin.q_tt)
 
 
-def _told(steps: int, report: Progress, interrupt: Interrupt) -> Callable[[int], bool]:
-    """Return what a run calls with the number of its steps so far: whether it goes on."""
+def _told(whole: float, report: Progress, interrupt: Interrupt) -> Callable[[float], bool]:
+    """Return what a run calls with what it has made of the whole, steps or time: whether it goes on."""
 
-    def told(made: int) -> bool:
-        report(min(made / steps, 1.0))
+    def told(made: float) -> bool:
+        report(min(made / whole, 1.0))
         return not interrupt.asked
 
     return told
@@ -138,18 +146,10 @@ def _replayed(mbs: MainSystem, t: Array, made: Histories) -> dict[int, Array]:
     numbers = [n for n in range(data.NumberOfSensors()) if n not in ours and mbs.GetSensor(n)["storeInternal"]]
     read: dict[int, list[Array]] = {number: [] for number in numbers}
     for state in zip(t, made.q, made.v, strict=True) if numbers else ():
-        _put(mbs, *state)
+        put(mbs, *state)
         for number in numbers:
             read[number].append(np.atleast_1d(mbs.GetSensorValues(number)))
     return {number: np.array(values) for number, values in read.items()}
-
-
-def _put(mbs: MainSystem, t: float, q: Array, q_t: Array) -> None:
-    """Put the model into a state."""
-    data = mbs.systemData
-    data.SetODE2Coordinates(q)
-    data.SetODE2Coordinates_t(q_t)
-    data.SetTime(t)
 
 
 def _keep_rows(mbs: MainSystem, model_run: ModelRun, plan: StepPlan, made: Histories, t: Array) -> None:
@@ -189,15 +189,15 @@ def _look_for_edges(mbs: MainSystem, group: GroupRun, lam: sp.csc_matrix, starts
 
 def _go_to_end(mbs: MainSystem, model_run: ModelRun, t: float, end: Start) -> None:
     """Put the model, and its contacts, into the state at the end of the run."""
-    _put(mbs, t, end.q, end.v)
-    mbs.systemData.SetODE2Coordinates_tt(end.a)
+    put(mbs, t, end.q, end.v, end.a)
     model_run.force(mbs, t)
 
 
-def _ending(plan: RunPlan, made: Histories) -> tuple[str, str]:
-    """Status of a run that has ended, and a message on how."""
+def _ending(plan: RunPlan, made: Histories, t: float) -> tuple[str, str]:
+    """Status of a run that has ended at a time [s], and a message on how."""
     if made.stopped:
-        return ("unstable" if made.stopped == UNSTABLE else "interrupted"), f"the compiled run stopped: {made.stopped}"
-    if made.made < plan.times.steps:
+        status = "interrupted" if made.stopped.kind == "slides" else "unstable"
+        return status, f"the compiled run stopped: {made.stopped.text}"
+    if plan.times.end - t > 0.5 * plan.times.step:
         return "interrupted", "interrupted by the user"
     return "finished", f"reached {plan.times.end:.6g} s"

@@ -147,10 +147,10 @@ def keep_end(mbs: MainSystem, pace: Pace | None = None, *, stopped: bool = False
     return end
 
 
-def keep_compiled_end(mbs: MainSystem, step: float) -> RunEnd:
+def keep_compiled_end(mbs: MainSystem, step: float, pace: Pace) -> RunEnd:
     """Keep and return the end of a run that no solver of Exudyn has made. The model is in its state.
 
-    `step` is its time step [s].
+    `step` is its time step [s], `pace` what the control of adaptive steps knows.
     """
     data, runs = mbs.systemData, runs_of(mbs)
     runs.end(mbs)
@@ -162,7 +162,7 @@ def keep_compiled_end(mbs: MainSystem, step: float) -> RunEnd:
         system=tuple(map(np.array, data.GetSystemState())),
         q_tt=q_tt,
         algorithmic=q_tt,
-        pace=Pace(),
+        pace=pace,
         contacts=runs.end_state(mbs),
     )
     mbs.sys[_KEY] = _Kept(end, _origin(mbs), _solvers(mbs), compiled=True)

@@ -120,8 +120,8 @@ def solve_dynamic(
         "compiled" makes the same explicit steps in one loop, without Exudyn and without Python between steps, several
         times faster. The result is the same up to round-off. It holds less: partition bodies in inertial frames, their
         contacts by compliance without friction, rigid planes, gravity, constant loads on coordinates and damping of
-        modes. It has equal steps. Where pairs begin to slide it stops, and Exudyn may go on from there. Without numba
-        it is slow.
+        modes. Where pairs begin to slide it stops, and Exudyn may go on from there. Adaptive steps in free flight are
+        chosen one by one, and cost as much as Exudyn's. Without numba it is slow.
     progress : callable, optional
         Called with the share done, 0 to 1: a hundred times, and each second where steps are slow. Default: a bar on the
         terminal, or lines elsewhere, if it takes long; a run of more than some ten seconds says ahead how long.
@@ -156,7 +156,7 @@ def solve_dynamic(
     """
     if validate_choice("solver", solver, SOLVERS) == "compiled":
         validate_model(mbs)
-        check_held(mbs, _other_options(method, adaptive, settings))
+        check_held(mbs, _other_options(method, adaptive, sample_period, settings))
     options = RunOptions(
         end_time=end_time,
         start_time=start_time,
@@ -180,9 +180,13 @@ def solve_dynamic(
         )
 
 
-def _other_options(method: str, adaptive: bool, settings: SimulationSettings) -> list[str]:
+def _other_options(method: str, adaptive: bool, sample_period: float | None, settings: SimulationSettings) -> list[str]:
     """Options that a compiled run does not have."""
-    given = {"method='implicit'": method == "implicit", "adaptive=True": adaptive, "settings": settings is not None}
+    given = {
+        "method='implicit'": method == "implicit",
+        "sample_period with adaptive=True": adaptive and sample_period is not None,
+        "settings": settings is not None,
+    }
     return [f"option {name}" for name, is_given in given.items() if is_given]
 
 

@@ -48,6 +48,10 @@ class ManyRuns:
         Times of all entries [s].
     contacts : tuple of PartitionContact
     bodies : tuple of PartitionBody
+    ends : (B,) array
+        Time at which each entry ended [s]. It is less than that of the others if pairs began to slide while bodies flew
+        apart after contact: what follows is free flight, or a later contact, which is not computed. Histories are nan
+        then.
     peak : (B, nc) array
         Largest sum of the normal forces [N].
     impulse : (B, nc) array
@@ -57,9 +61,8 @@ class ManyRuns:
     counts : (B, nc) array
         Number of times of contact.
     restitution : (B, nc) array
-        Speed of separation at the end of the run over that of approach at its start, of rigid bodies with the same
-        momenta, at the centre of the largest force along the impulse. It is nan without contact, or if a body touches
-        itself.
+        Speed of separation at the end of the entry over that of approach at its start, of rigid bodies with the same
+        momenta, at the centre of the largest force along the impulse. It is nan without contact.
     energy : (B, 2, nb) array
         Kinetic and strain energy of each body at start and end [J].
     stored : (B, nc) array
@@ -77,6 +80,7 @@ class ManyRuns:
     t: Array
     contacts: tuple[PartitionContact, ...]
     bodies: tuple[PartitionBody, ...]
+    ends: Array
     peak: Array
     impulse: Array
     duration: Array
@@ -210,7 +214,11 @@ def _times(
 
 def _limits(mbs: MainSystem, bodies: Sequence[PartitionBody], variations: Variations) -> Iterator[float]:
     """A bound on the stability limit of each entry [s], from that of the model as it is, see `stability_limit`."""
-    inverse = 4 / stability_limit(mbs)
+    limit = stability_limit(mbs)
+    if math.isinf(limit):
+        yield from [limit] * variations.count
+        return
+    inverse = 4 / limit
     rate = max((0.0 if item.damping is None else item.damping.largest_rate(math.inf) for item in bodies), default=0.0)
     omega = math.sqrt(max(inverse * (inverse - 2 * rate), 0.0)) / 2
     for entry in range(variations.count):
@@ -230,6 +238,7 @@ class _Room:
 
     t: Array
     of_contacts: dict[str, Array]
+    ends: Array
     energy: Array
     momentum: Array
     force: Array | None
@@ -262,6 +271,7 @@ class _Room:
         return cls(
             t=np.cumsum(np.r_[0.0, np.full(times.steps, times.step)]),
             of_contacts={name: empty(nc) for name in names},
+            ends=empty(),
             energy=empty(2, nb),
             momentum=empty(2, nb, 3),
             force=empty(nc, n) if "force" in kept else None,
@@ -272,13 +282,15 @@ class _Room:
 
     def write(self, entry: int, made: Histories, measured: tuple[dict[str, Array], Array, Array]) -> None:
         """Write the results of an entry, with what `Measures` has found."""
+        n = made.made + 1
+        self.ends[entry] = self.t[n - 1]
         of_contacts, self.energy[entry], self.momentum[entry] = measured
         for name, values in of_contacts.items():
             self.of_contacts[name][entry] = values
         if self.force is not None:
-            self.force[entry] = made.values[:, :, 0].T
+            self.force[entry, :, :n] = made.values[:, :, 0].T
         if self.q is not None and self.q_t is not None:
-            self.q[entry], self.q_t[entry] = made.q, made.v
+            self.q[entry, :n], self.q_t[entry, :n] = made.q, made.v
 
     def result(
         self, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact], order: Sequence[int]
@@ -286,10 +298,20 @@ class _Room:
         """What the user gets; `order` has the places of the contacts in the plan."""
         of_contacts = {name: values[:, order] for name, values in self.of_contacts.items()}
         return ManyRuns(
-            t=self.t, contacts=tuple(contacts), bodies=tuple(bodies), energy=self.energy, momentum=self.momentum,
-            force=None if self.force is None else self.force[:, order], q=self.q, q_t=self.q_t,
+            t=self.t, contacts=tuple(contacts), bodies=tuple(bodies), ends=self.ends, energy=self.energy,
+            momentum=self.momentum, force=None if self.force is None else self.force[:, order], q=self.q, q_t=self.q_t,
             failures=dict(sorted(self.failures.items())), **of_contacts,
         )  # fmt: skip
+
+
+def _flies_on(made: Histories) -> bool:
+    """Whether a run stopped as pairs slid while all contacts were open, after one was closed."""
+    return made.stopped is not None and made.stopped.kind == "slides" and _has_bounced(made.values[:, :, 0])
+
+
+def _has_bounced(force: Array) -> bool:
+    """Whether sums of forces, (n, nc), were there, and are gone."""
+    return bool(force.any() and not force[-1].any())
 
 
 def _run_all(
@@ -317,8 +339,8 @@ def _run_all(
                 stepper = Stepper(contacts, entries.size)
             plan, start = entries.plan(entry, stepper.contacts), entries.start(entry)
             made = run(plan, start, steps, motion=room.q is not None, rows=False, stepper=stepper)
-            if made.stopped:
-                room.failures[entry] = f"stopped after {made.made} steps: {made.stopped}"
+            if made.stopped and not _flies_on(made):
+                room.failures[entry] = f"stopped after {made.made} steps: {made.stopped.text}"
             else:
                 room.write(entry, made, measures.of(entry, plan.bodies, made))
             done += 1

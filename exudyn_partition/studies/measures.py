@@ -50,11 +50,11 @@ class Measures:
 
         `bodies` are those of the entry.
         """
-        force = np.ascontiguousarray(made.values[:, :, 0].T)
+        force, t = np.ascontiguousarray(made.values[:, :, 0].T), self._t[: made.made + 1]
         spans = [self._spans(j, of_contact, made) for j, of_contact in enumerate(force)]
         found = {
             "peak": force.max(axis=1),
-            "impulse": np.trapezoid(force, self._t, axis=1),
+            "impulse": np.trapezoid(force, t, axis=1),
             "duration": np.array([sum(end - start for start, end in of_contact) for of_contact in spans]),
             "counts": np.array([float(len(of_contact)) for of_contact in spans]),
             "restitution": np.array([self._restitution(j, made) for j in range(len(force))]),
@@ -66,7 +66,7 @@ class Measures:
 
     def _spans(self, j: int, force: Array, made: Histories) -> list[tuple[float, float]]:
         """Start and end of each time of contact [s]."""
-        gap, t = made.values[:, j, 5], self._t
+        gap, t = made.values[:, j, 5], self._t[: made.made + 1]
 
         def crossing(inside: int, outside: int) -> float:
             if not 0 <= outside < len(t):
@@ -79,8 +79,8 @@ class Measures:
     def _restitution(self, j: int, made: Histories) -> float:
         """See `ManyRuns`."""
         contact, rows = self._contacts[j], self._gaps[j]
-        impulse = np.trapezoid(made.values[:, j, 2:5], self._t, axis=0)
-        if contact.slave == contact.master or not (size := np.linalg.norm(impulse)):
+        impulse = np.trapezoid(made.values[:, j, 2:5], self._t[: made.made + 1], axis=0)
+        if not (size := np.linalg.norm(impulse)):
             return np.nan
         normal = impulse / size
         weights = rows.nodal_forces(made.peaks.lam[self._rows[j]])[0] @ normal

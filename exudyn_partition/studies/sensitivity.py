@@ -131,7 +131,7 @@ def sensitivity(
     with one_blas_thread():
         made = run(plan, initial_start(mbs), steps)
         if made.stopped:
-            raise RunError(f"mbs: the run stopped after {made.made} steps: {made.stopped}")
+            raise RunError(f"mbs: the run stopped after {made.made} steps: {made.stopped.text}")
         if isinstance(at, PartitionContact):
             value, weights = _of_contact(of, planned.index(at), plan, steps, made)
             explicit = None

@@ -125,6 +125,47 @@ def test_rare_samples(marble):
     assert_same(right, found, bodies, contacts)
 
 
+def assert_adaptive_same(right, found, contacts):
+    """Times, forces and coordinates of adaptive runs."""
+    assert (right.status, right.steps) == (found.status, found.steps)
+    assert len(set(np.diff(right.t).round(12))) > 5  # steps differ
+    np.testing.assert_allclose(found.t, right.t, rtol=1e-9)
+    for contact in contacts:
+        force = contact.force(right)
+        np.testing.assert_allclose(contact.force(found), force, rtol=0, atol=CLOSE * force.max())
+    for number, values in right.sensors.items():
+        if number not in {int(contact["sForce"]) for contact in contacts}:
+            np.testing.assert_allclose(found.sensors[number], values, rtol=0, atol=CLOSE * abs(values).max())
+
+
+def test_adaptive_steps(marble):
+    """A marble that bounces twice under a large weight, with long steps between."""
+    mbs, _, contacts = fall(marble, gravity=[0, 0, -4e4], damping=0.02)
+    options = {"end_time": 150e-6, "step": 0.2e-6, "adaptive": True}
+    right, found = (ep.solve_dynamic(mbs, solver=name, **options) for name in ("exudyn", "compiled"))
+    assert len(contacts[0].impacts(right)) == 2
+    assert_adaptive_same(right, found, contacts)
+
+
+def test_adaptive_runs_go_on(marble):
+    """With the step, and all that the control knew."""
+    later, options = [], {"step": 0.2e-6, "adaptive": True}
+    for name in ("exudyn", "compiled"):
+        mbs, _, [contact] = fall(marble, gravity=[0, 0, -4e4], damping=0.02)
+        ep.solve_dynamic(mbs, end_time=60e-6, solver=name, **options)
+        result = ep.solve_dynamic(mbs, end_time=150e-6, solver=name, go_on=True, **options)
+        later.append((result.t, contact.force(result)))
+    np.testing.assert_allclose(later[1][0], later[0][0], rtol=1e-9)
+    np.testing.assert_allclose(later[1][1], later[0][1], rtol=0, atol=CLOSE * later[0][1].max())
+
+
+def test_adaptive_steps_of_several_contacts(marble):
+    mbs, _, contacts = in_a_row(marble)
+    options = {"end_time": 60e-6, "step": 0.2e-6, "adaptive": True}
+    right, found = (ep.solve_dynamic(mbs, solver=name, **options) for name in ("exudyn", "compiled"))
+    assert_adaptive_same(right, found, contacts)
+
+
 def test_the_edge_of_a_patch(marble):
     """It is recorded at the same time and place."""
     mbs, _, [contact] = fall(marble, initialVelocity=[0, 0, -15.0])
@@ -207,6 +248,18 @@ def test_pairs_that_slide_end_the_run_and_exudyn_goes_on(marble):
     np.testing.assert_allclose(force, right, rtol=0, atol=CLOSE * right.max())
 
 
+def test_pages_and_tables(marble, tmp_path):
+    mbs, _, _ = fall(marble)
+    result = ep.solve_dynamic(mbs, end_time=END, solver="compiled")
+    page, scene = result.report(tmp_path / "run.html"), tmp_path / "moving.html"
+    result.scene(scene)
+    assert page.stat().st_size > 10_000
+    assert scene.stat().st_size > 10_000
+    result.save(tmp_path / "run.npz")
+    read = ep.Result.load(tmp_path / "run.npz")
+    np.testing.assert_array_equal(read.contacts[0].force(read), result.contacts[0].force(result))
+
+
 def test_ctrl_c(marble):
     mbs, _, _ = fall(marble)
 
@@ -243,10 +296,13 @@ def test_all_reasons_are_listed(marble):
     mbs.SetPreStepUserFunction(lambda mbs, t: True)
     mbs.Assemble()
     with pytest.raises(CompiledRunError) as raised:
-        ep.solve_dynamic(mbs, end_time=END, solver="compiled", method="implicit", settings=exu.SimulationSettings())
+        ep.solve_dynamic(
+            mbs, end_time=END, solver="compiled", method="implicit", adaptive=True, sample_period=1e-6,
+            settings=exu.SimulationSettings(),
+        )  # fmt: skip
     said = str(raised.value)
     for part in (
-        "- option method='implicit'", "- option settings", "- body 'ball' has a floating frame",
+        "- option method='implicit'", "- option settings", "- option sample_period with adaptive=True", "- body 'ball' has a floating frame",
         "- contact 'floor' has pairs that follow the motion", "- contact 'layer' has formulation Penalty",
         "- contact 'layer' has a sensor of its moment", "- object 'brick', a RigidBody", "- nodes with coordinates",
         "- a PreStep user function",

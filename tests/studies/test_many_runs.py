@@ -43,11 +43,11 @@ def fall(marble, **options):
     return mbs, [ball], [contact]
 
 
-def in_a_row(marbles, speed=0.5):
+def in_a_row(marbles, speed=0.5, aside=0.0):
     """Marbles in a row, the last of which hits the others."""
     mbs, balls = exu.SystemContainer().AddSystem(), []
     for i, marble in enumerate(marbles):
-        velocity = [0, 0, -speed if i == len(marbles) - 1 else 0.0]
+        velocity = [aside, 0, -speed] if i == len(marbles) - 1 else [0, 0, 0]
         place = {"referencePosition": [0, 0, (2 * R + 1e-7) * i], "initialVelocity": velocity}
         balls.append(ep.CreatePartitionBody(mbs, marble, name=str(i), **place))
     patches = {"slavePatch": "south", "masterPatch": "north"}
@@ -140,7 +140,18 @@ def test_contacts_that_move_each_other(marble):
 
 def same_bits(one, other, entries):
     """Whether entries of two results are equal."""
-    for name in ("peak", "impulse", "duration", "counts", "restitution", "energy", "stored", "momentum", "force"):
+    for name in (
+        "ends",
+        "peak",
+        "impulse",
+        "duration",
+        "counts",
+        "restitution",
+        "energy",
+        "stored",
+        "momentum",
+        "force",
+    ):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name)[entries])
 
 
@@ -179,6 +190,25 @@ def test_failures_are_entries(marble):
         assert np.isnan(values[1]).all()
         assert np.isfinite(values[[0, 2]]).all()
     same_bits(many(mbs, {balls[1]: {"initialVelocity": velocities[[0, 2]]}}), runs, [0, 2])
+
+
+def test_bodies_that_fly_apart_and_aside(marble):
+    """Pairs slide after the impact: the entry ends there, and all numbers of the impact are known."""
+    mbs, balls, [contact] = in_a_row([marble] * 2)
+    velocities, long = np.array([[0, 0, -0.5], [0.12, 0, -0.5]]), {"end_time": 120e-6}
+    runs = many(mbs, {balls[1]: {"initialVelocity": velocities}}, **long)
+    assert not runs.failures
+    assert runs.ends[0] == runs.t[-1]
+    assert runs.t[200] < runs.ends[1] < runs.t[-1]
+    assert np.isnan(runs.force[1, 0, -1])
+    mbs, balls, [contact] = in_a_row([marble] * 2, aside=0.12)
+    result = ep.solve_dynamic(mbs, step=STEP, **long)
+    [impact] = contact.impacts(result)
+    assert runs.peak[1, 0] == pytest.approx(impact.peak, rel=CLOSE)
+    assert runs.impulse[1, 0] == pytest.approx(impact.impulse, rel=CLOSE)
+    assert runs.restitution[1, 0] == pytest.approx(impact.speed_after / impact.speed_before, rel=1e-4)
+    momenta = [item.momentum(result)[-1] for item in balls]
+    np.testing.assert_allclose(runs.momentum[1, 1], momenta, rtol=0, atol=1e-9 * abs(momenta[0]).max())
 
 
 def test_the_model_and_its_last_run_stay(marble):

@@ -35,8 +35,8 @@ def drawn(seed):
     )
 
 
-def both(seed):
-    """Results of the scene by Exudyn and by compiled steps."""
+def model(seed):
+    """Model of the scene, its bodies and contact, and how long it runs [s]."""
     scene, mbs = drawn(seed), exu.SystemContainer().AddSystem()
     (upper, _), (lower, _) = random_scenes.bodies_of(scene)
     place = (*scene.aside, 0.0) if scene.shapes == ("block", "block") else (0.0, 0.0, 0.0)
@@ -44,9 +44,14 @@ def both(seed):
     gravity = 1e3 * np.random.default_rng(seed).normal(size=3)
     thrown = ep.CreatePartitionBody(mbs, upper, name="upper", damping=scene.damping, gravity=gravity, **motion)
     rests = ep.CreatePartitionBody(mbs, lower, name="lower", damping=scene.damping)
-    ep.CreatePartitionContact(mbs, thrown, rests, name="contact")
+    contact = ep.CreatePartitionContact(mbs, thrown, rests, name="contact")
     mbs.Assemble()
-    end = random_scenes.duration(scene)
+    return mbs, (thrown, rests), contact, random_scenes.duration(scene)
+
+
+def both(seed):
+    """Results of the scene by Exudyn and by compiled steps."""
+    mbs, _, _, end = model(seed)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return [ep.solve_dynamic(mbs, end_time=end, solver=solver) for solver in ("exudyn", "compiled")]

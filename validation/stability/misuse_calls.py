@@ -619,6 +619,22 @@ CALLS = {
         histories=Kind({"text": "force", "number": 1, "unknown": ["x"], "numbers": [1], "None": None}, ()),
         workers=v.count,
     ),
+    "sensitivity": dict(
+        mbs=RUNNABLE,
+        end_time=v.positive.but(**{"1e-20": 1e-20, "1e30": 1e30})(4 * STEP),
+        of=v.choice("velocity"),
+        at=Kind(
+            {
+                **v.NOTHING,
+                "a body": the.body,
+                "foreign": Made(lambda s: s.foreign.item),
+                "of another kind": Made(lambda s: s.foreign.contact),
+            },
+            Made(lambda s: s.striker),
+        ),
+        direction=v.vector((0.0, 0.0, 1.0)),
+        step=v.positive.or_none.but(unstable=1.0, **{"1e-30": 1e-30})(STEP),
+    ),
     "time_to_contact": dict(contact=v.contact, q=MOTION_OF_BOTH, q_t=MOTION_OF_BOTH, q_tt=v.motion.or_none),
     "Result.sensor": dict(
         number=Kind({**v.NOTHING, "beyond": 999, "negative": -1, "half": 1.5, "list": [1]}, 0),
@@ -851,6 +867,7 @@ NOT_CALLED = {
     "ManyRuns": _MADE_BY_US,
     "RestitutionMap": _MADE_BY_US,
     "Study": _MADE_BY_US,
+    "Sensitivity": _MADE_BY_US,
     "RestitutionLaw": _MADE_BY_US,
     "ReducedBody": _MADE_BY_US,
     "PartitionBody": _MADE_BY_US,
