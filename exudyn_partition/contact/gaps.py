@@ -204,6 +204,9 @@ class Gaps:
         self.anchor = self.accepted.anchor
         self._put_stage(self.stage)
 
+    def freeze(self) -> None:
+        """Freeze the pairs where the last accepted step ended, if pairs of these sides may be frozen."""
+
     def begin(self, state: GapState) -> Array:
         """Begin from a state, and return the gaps of its rows, (nr,) [m].
 

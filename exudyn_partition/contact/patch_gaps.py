@@ -128,6 +128,11 @@ class PatchGaps(Gaps):
         if self.moving and self.accepted.frozen is not None:  # they began to slide in a step that is given up
             self._freeze_at(self.accepted.frozen)
 
+    def freeze(self) -> None:
+        """See `Gaps`."""
+        if self.may_freeze:
+            self._freeze_at(self.accepted.q)
+
     def _restore_rows(self, state: GapState) -> None:
         """See `Gaps`."""
         if state.frozen is not None:

@@ -75,6 +75,7 @@ class ContactRun:
         place: int | None = None,
     ) -> None:
         self.name, self.mechanics, self.place = name, mechanics, place
+        self._static = method == "static"
         self.forward = ForwardRows(mechanics) if mechanics.ahead and method == "explicit" else None
         self.impulses = StepImpulses(mechanics) if mechanics.ahead and method == "implicit" else None
         self.dofs = np.concatenate([np.r_[s] for s in slices])
@@ -264,7 +265,11 @@ class ContactRun:
         elif start != self._start:
             self.mechanics.accept(start, t)
         elif t != self._evaluated_at:
+            gaps = self.mechanics.gaps
+            slides = self._static and gaps.moving
             self.mechanics.retry(t)
+            if slides:  # Newton's method settles slowly then, and would meet the same change of rows again
+                gaps.freeze()
         self._start, self._evaluated_at = start, t
 
     def _follow_means(self, impulses: StepImpulses, start: float, t: float) -> None:

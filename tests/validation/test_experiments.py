@@ -8,7 +8,7 @@ import pytest
 
 import exudyn_partition as ep
 from validation import trust
-from validation.experiments import ball_on_beam, beam_theory, common, half_spaces, tilted_bar, zener, zener_theory
+from validation.experiments import ball_on_beam, beam_theory, cgs1, common, half_spaces, tilted_bar, zener, zener_theory
 
 FILES = sorted(common.DATA.glob("*.json"))
 
@@ -81,3 +81,13 @@ def test_half_spaces_slide_by_coulomb():
     found = half_spaces.impact(0.01, 0.03, (steel, steel), (1.0, 0.3), 0.1, coupled=False)
     assert found["centre"] == pytest.approx(1.0 - 2 * 0.1 * 0.3, rel=2e-3)
     assert found["normal"] == pytest.approx(0.3, rel=1e-3)
+
+
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.MeshQualityWarning")
+def test_a_cylinder_on_a_block_carries_the_whole_load():
+    """Its rows begin to slide in a load step, in which Newton's method settles slowly, and statics take shorter ones."""
+    half_width, pressure = cgs1.hertz()
+    found, _ = cgs1.pressed(half_width, 0.3 * half_width)
+    assert found["force_N_m"] == pytest.approx(cgs1.FORCE, rel=1e-6)
+    assert found["half_width_m"] == pytest.approx(half_width, rel=0.02)
+    assert found["pressure_Pa"] == pytest.approx(pressure, rel=0.02)
