@@ -153,12 +153,12 @@ def closed_rows(contacts: FrozenPlan, lam: sp.csr_matrix, n: int) -> list[_Close
     changes = [s for s, pair in enumerate(itertools.pairwise(sets), 1) if not np.array_equal(*pair)]
     spans = zip([0, *changes], [*changes, len(sets)], strict=True)
     return [
-        _Closed(sets[start], slice(start, stop), H[sets[start]], _flexibility(contacts, sets[start]))
+        _Closed(sets[start], slice(start, stop), H[sets[start]], flexibility_between(contacts, sets[start]))
         for start, stop in spans
     ]
 
 
-def _flexibility(contacts: FrozenPlan, rows: Array) -> Array:
+def flexibility_between(contacts: FrozenPlan, rows: Array) -> Array:
     """Flexibility between some rows of all contacts, (na, na) [m/N]."""
     starts, F = contacts.rows.starts, np.zeros((len(rows), len(rows)))
     places = [np.flatnonzero((rows >= begin) & (rows < end)) for begin, end in itertools.pairwise(starts)]

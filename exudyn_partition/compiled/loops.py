@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ..algebra.block_complementarity import LIMITS
+from ..algebra.block_complementarity import LIMITS, BlockComplementarity
 from ..contact.loops import flat_contacts
 from ..errors import ComplementarityError
 from ..support.arrays import Array
@@ -182,6 +182,7 @@ class Stepper:
     """
 
     _plan: StepPlan
+    _joint: BlockComplementarity | None
 
     def __init__(self, contacts: FrozenPlan, n: int) -> None:
         self.contacts, self._kernels, count = contacts, kernels("compiled"), len(contacts.names)
@@ -208,7 +209,7 @@ class Stepper:
 
         Return what prevents it, see `advance`.
         """
-        self._plan, m = plan, self.motion
+        self._plan, self._joint, m = plan, None, self.motion
         self._blocks.forget()
         self._blocks.iterations[:] = 0
         self.peaks.force[:] = 0.0
@@ -279,8 +280,9 @@ class Stepper:
             if part.slide(m.q):
                 return Stop("slides", f"pairs of contact {name!r} begin to slide, which compiled steps do not follow")
             self._h[part.rows] = plan.rows.start[part.rows] + m.q[part.dofs] @ part.H
+        self._joint = self._joint or plan.joint()
         try:
-            lam, pushed, iterations = forces_of(plan, self._h, blocks.active)
+            lam, pushed, iterations = forces_of(plan, self._joint, self._h, blocks.active)
         except ComplementarityError as error:
             return Stop("unsettled", str(error))
         blocks.lam[:], blocks.pushed[:], blocks.active[:], blocks.n_closed[:] = lam, pushed, lam > 0.0, -1
@@ -314,8 +316,10 @@ class Stepper:
             samples.stored[place], samples.lam[place] = self.stored, self._blocks.lam
 
 
-def forces_of(plan: FrozenPlan, h: Array, active: Array) -> tuple[Array, Array, Array]:
+def forces_of(plan: FrozenPlan, joint: BlockComplementarity, h: Array, active: Array) -> tuple[Array, Array, Array]:
     """Forces on all rows, (nr,) [N], for gaps h, (nr,) [m], and a guess of the closed rows, (nr,) bool, by NumPy.
+
+    `joint` is the plan's, see `FrozenPlan.joint`, in this run.
 
     Returns
     -------
@@ -333,8 +337,8 @@ def forces_of(plan: FrozenPlan, h: Array, active: Array) -> tuple[Array, Array, 
     for problem, guess in zip(problems, np.split(active, ends), strict=True):
         problem.set_active(guess)
     if plan.core:
-        found = plan.joint.solve(dict(enumerate(problems)), gaps, dict(enumerate(plan.fields)))
-        lam, pushed = [found[j] for j in range(n)], np.concatenate([plan.joint.pushed[j] for j in range(n)])
+        found = joint.solve(dict(enumerate(problems)), gaps, dict(enumerate(plan.fields)))
+        lam, pushed = [found[j] for j in range(n)], np.concatenate([joint.pushed[j] for j in range(n)])
     else:
         lam, pushed = [problem.solve(gaps[j]) for j, problem in enumerate(problems)], h.copy()
     return np.concatenate(lam), pushed, np.array([problem.iterations for problem in problems])

@@ -60,9 +60,8 @@ class FrozenPlan:
     fields: tuple[Array, ...]
     core: Core
 
-    @cached_property
     def joint(self) -> BlockComplementarity:
-        """Solver of the forces by NumPy; `fresh_blocks` is what compiled loops take."""
+        """Return a solver of the forces by NumPy, which knows no run yet; compiled loops take `fresh_blocks`."""
         return BlockComplementarity(len(self.names), self.core)
 
     @cached_property
@@ -72,7 +71,7 @@ class FrozenPlan:
 
     @cached_property
     def _blocks(self) -> FlatBlocks:
-        return self.joint.flat(self.own, self.fields)
+        return self.joint().flat(self.own, self.fields)
 
     def fresh_blocks(self) -> FlatBlocks:
         """The problem in flat arrays, with room of its own for what changes in a run; matrices are shared."""

@@ -37,9 +37,9 @@ def check_held(mbs: MainSystem, options: Sequence[str] = ()) -> None:
     if reasons:
         listed = "".join(f"\n- {reason}" for reason in reasons)
         raise CompiledRunError(
-            "solver: compiled runs hold partition bodies in inertial frames, their contacts by compliance without "
-            "friction, rigid planes, gravity, constant loads on coordinates and damping of modes. This run has "
-            f"more:{listed}\nLeave it out, or take solver='exudyn'"
+            "compiled runs hold partition bodies in inertial frames, their contacts by compliance without friction, "
+            f"rigid planes, gravity, constant loads on coordinates and damping of modes. This one has more:{listed}\n"
+            "Leave it out, or run the model by solve_dynamic(..., solver='exudyn')"
         )
 
 
@@ -197,7 +197,7 @@ def _contacts_plan(
     for contact, rows in zip(ordered, gaps, strict=True):
         if rows.linear is None:
             raise CompiledRunError(
-                f"solver: pairs of contact {contact.name!r} slide where this run begins; take 'exudyn'"
+                f"pairs of contact {contact.name!r} slide where this run begins; take solver='exudyn'"
             )
         linear.append(rows.linear)
     dofs = [np.concatenate([np.r_[part] for part in contact.slices(mbs)]) for contact in ordered]

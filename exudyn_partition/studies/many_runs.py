@@ -225,7 +225,7 @@ def _limits(mbs: MainSystem, bodies: Sequence[PartitionBody], variations: Variat
         stiff = max(variations.factor(item, "E", entry) for item in bodies)
         light = min(variations.factor(item, "rho", entry) for item in bodies)
         faster = math.sqrt(stiff / light)
-        rates = [faster * rate]
+        rates = [max(1.0, faster) * rate]
         for item in bodies:
             if (ratio := variations.of(item, "damping", entry)) is not None:
                 rates.append(faster * 2 * float(ratio) * float(item.body.basis.omega.max(initial=0.0)))

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 
 from ..algebra.blas_threads import one_blas_thread
 from ..algebra.complementarity import regularised
-from ..compiled.adjoint import Derivatives, Weights, backwards, row_jacobian
+from ..compiled.adjoint import Derivatives, Weights, backwards, flexibility_between, row_jacobian
 from ..compiled.plan import Bodies, StepPlan
 from ..compiled.run import EqualSteps, Histories, run
 from ..contact.gaps import Gaps
@@ -37,7 +37,7 @@ OfBody = Literal["velocity", "energy"]
 Number = Literal[OfContact, OfBody]
 OF_CONTACT: tuple[OfContact, ...] = get_args(OfContact)
 NUMBERS: tuple[Number, ...] = (*OF_CONTACT, *get_args(OfBody))
-_EDGE = 1e-9  # share of the largest force on a row: smaller ones may be gone with another parameter
+_EDGE = 1e-9  # share of the largest force on a row, and of its largest yielding, that is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,8 @@ class Sensitivity:
     changes : int
         Steps in which rows have closed or opened. The derivatives are those of the steps as they are.
     edges : int
-        Samples in which a row is closed, but hardly has a force: there a derivative holds for one direction alone.
+        Samples in which a row has neither a force nor a gap, as where bodies touch at the start: there a derivative
+        holds for one direction alone.
     """
 
     of: str
@@ -139,7 +140,7 @@ def sensitivity(
             value, weights, explicit = _of_body(of, at, places[at], direction, plan, made)
         found = backwards(plan, steps, made, weights, _parts(plan, gaps))
     by = {item: _by(item, dofs, plan, found, explicit, planned) for item, dofs in places.items()}
-    return Sensitivity(of, value, by, *_edges(made))
+    return Sensitivity(of, value, by, *_edges(plan, made))
 
 
 def _parts(plan: StepPlan, gaps: Sequence[Gaps]) -> list[list[Array]]:
@@ -149,15 +150,17 @@ def _parts(plan: StepPlan, gaps: Sequence[Gaps]) -> list[list[Array]]:
     return [[regularised(rows.side_flexibility(place)) for place in range(len(rows.sides))] for rows in gaps]
 
 
-def _edges(made: Histories) -> tuple[int, int]:
-    """Steps in which closed rows change, and samples in which a closed row hardly has a force."""
+def _edges(plan: StepPlan, made: Histories) -> tuple[int, int]:
+    """Steps in which closed rows change, and samples in which a row has neither a force nor a gap."""
     assert made.lam is not None
-    lam = made.lam
+    lam, rows = made.lam, plan.contacts.rows
     sets = np.split(lam.indices, lam.indptr[1:-1])
     changes = sum(not np.array_equal(*pair) for pair in itertools.pairwise(sets))
-    small = lam.data < _EDGE * lam.data.max(initial=0.0)
-    samples = np.repeat(np.arange(lam.shape[0]), np.diff(lam.indptr))
-    return changes, len(np.unique(samples[small]))
+    forces, yielding = lam.toarray(), lam @ flexibility_between(plan.contacts, np.arange(len(rows.start)))
+    gaps = made.q @ row_jacobian(plan.contacts, made.q.shape[1]).T + rows.start + yielding
+    small = (forces > 0.0) & (forces < _EDGE * forces.max())
+    touching = (forces == 0.0) & (abs(gaps) < _EDGE * abs(yielding).max())
+    return changes, int(np.count_nonzero((small | touching).any(axis=1)))
 
 
 def _of_contact(of: str, j: int, plan: StepPlan, steps: EqualSteps, made: Histories) -> tuple[float, Weights]:

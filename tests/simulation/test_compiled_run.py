@@ -302,7 +302,8 @@ def test_all_reasons_are_listed(marble):
         )  # fmt: skip
     said = str(raised.value)
     for part in (
-        "- option method='implicit'", "- option settings", "- option sample_period with adaptive=True", "- body 'ball' has a floating frame",
+        "- option method='implicit'", "- option settings", "- option sample_period with adaptive=True",
+        "- body 'ball' has a floating frame",
         "- contact 'floor' has pairs that follow the motion", "- contact 'layer' has formulation Penalty",
         "- contact 'layer' has a sensor of its moment", "- object 'brick', a RigidBody", "- nodes with coordinates",
         "- a PreStep user function",

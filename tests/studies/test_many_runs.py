@@ -8,7 +8,7 @@ import netgen.occ as occ
 import numpy as np
 import pytest
 from oracles import MARBLE_RADIUS as R
-from oracles import each_way
+from oracles import each_way, without_numba
 
 import exudyn_partition as ep
 from exudyn_partition.errors import CompiledRunError, InputError, MemoryLimitError, StepSizeError
@@ -245,6 +245,15 @@ def test_energy_in_contact_at_the_end(marble):
     result = ep.solve_dynamic(mbs, end_time=12e-6, step=STEP)
     runs = many(mbs, {balls[1]: {"initialVelocity": np.array([[0, 0, -0.5]])}}, end_time=12e-6)
     assert runs.stored[0, 0] == pytest.approx(contact.energy(result)[-1], rel=CLOSE)
+
+
+def test_bits_by_numpy_do_not_depend_on_other_entries(marble):
+    mbs, balls, _ = in_a_row([marble] * 3)
+    speeds = np.array([[0, 0, -0.5], [0, 0, -0.8]])
+    with without_numba():
+        both, last = (many(mbs, {balls[-1]: {"initialVelocity": some}}, end_time=4e-6) for some in (speeds, speeds[1:]))
+    assert last.peak[:, -1].all()
+    same_bits(last, both, [1])
 
 
 def test_by_numpy(marble):

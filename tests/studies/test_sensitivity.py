@@ -172,6 +172,16 @@ def test_hertz():
         np.testing.assert_allclose(np.array(values) / found.value, slopes, rtol=0, atol=0.01 * max(map(abs, slopes)))
 
 
+def test_bodies_that_touch_at_the_start(marble):
+    """Their rows have neither forces nor gaps there, so that derivatives by places hold for one direction alone."""
+    mbs, _, [contact] = fall(marble)
+    apart = ep.sensitivity(mbs, end_time=END, step=STEP, of="impulse", at=contact)
+    gap_of_rows = ep.solve_dynamic(mbs, end_time=STEP, step=STEP).sensor(contact["sForce"])[0, 5]
+    mbs, _, [contact] = fall(marble, referencePosition=[1e-5, 0, R + 1e-6 - gap_of_rows])
+    touching = ep.sensitivity(mbs, end_time=END, step=STEP, of="impulse", at=contact)
+    assert (apart.edges, touching.edges) == (0, 1)
+
+
 def test_what_is_refused(marble):
     mbs, [ball], [contact] = fall(marble)
     options = {"end_time": END, "step": STEP}
