@@ -125,7 +125,7 @@ def _of_stuck(model: ModelRun, stuck: Sequence[ModelContact], by_q: float) -> It
     for group in {id(contact.group): contact.group for contact in stuck}.values():
         runs = [model.contact_run(contact) for contact in group]
         places = [place for place, contact in enumerate(group) if contact in stuck]
-        for (j, k), K in runs[0].group.closed_stiffness(places).items():
+        for (j, k), K in model.group_run(group[0]).closed_stiffness(places).items():
             yield by_q * K, runs[j].dofs, runs[k].dofs
 
 
@@ -167,7 +167,7 @@ def _of_groups(
             mechanics, dofs = runs[place].mechanics, runs[place].dofs
             if mechanics.zones is not None and place not in closed:
                 yield by_q * mechanics.corrected(np.zeros((len(dofs),) * 2)), dofs, dofs
-        for (j, k), K in runs[0].group.stiffness({j: H for j, (H, _) in closed.items()}).items():
+        for (j, k), K in model.group_run(group[0]).stiffness({j: H for j, (H, _) in closed.items()}).items():
             if j == k:
                 of_bodies = np.s_[: len(runs[j].dofs)]
                 K[of_bodies, of_bodies] = runs[j].mechanics.corrected(K[of_bodies, of_bodies])

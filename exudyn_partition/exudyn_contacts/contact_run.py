@@ -5,7 +5,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
@@ -24,10 +24,22 @@ from ..support.foreign import MainSystem
 from .contact_record import ContactRecord
 from .run_state import MemberState
 
-if TYPE_CHECKING:
-    from .group_run import GroupRun
-
 N_VALUES, N_VALUES_AHEAD = 6, 10  # numbers of values of `sForce`; those of multipliers include impulses
+
+
+class Group(Protocol):
+    """Contacts of a run that belong together, as far as one of them needs it: `group_run.GroupRun`."""
+
+    @property
+    def values(self) -> Array | None:
+        """Values of the sensors `sForce` of all members, (n, 6); None unless compiled loops have found them."""
+
+    @property
+    def stored(self) -> Array | None:
+        """Energy that each member stores, (n,) [J]; None unless compiled loops have found it."""
+
+    def evaluation(self, place: int) -> Evaluation:
+        """Last answer of the contact at a place of the group."""
 
 
 class ContactRun:
@@ -81,7 +93,7 @@ class ContactRun:
         self.dofs = np.concatenate([np.r_[s] for s in slices])
         self._slices = joined_slices(slices)  # fewer slices are quicker
         self._parts = consecutive([s.stop - s.start for s in self._slices])
-        self._group_of: Callable[[], GroupRun | None] = lambda: None
+        self._group_of: Callable[[], Group | None] = lambda: None
         self._place = 0  # in the group
         self.joined = False
         self.record = ContactRecord(mechanics)
@@ -129,13 +141,6 @@ class ContactRun:
         return answer.stored + self._dissipated(answer) + self._damping_work(answer, self._evaluated_at) + plastic
 
     @property
-    def group(self) -> GroupRun:
-        """Contacts whose forces are found together with this one's."""
-        group = self._group_of()
-        assert group is not None
-        return group
-
-    @property
     def _values(self) -> Array | None:
         """Values of the sensor `sForce`, (6,), if compiled loops have found them."""
         group = self._group_of()
@@ -161,7 +166,7 @@ class ContactRun:
         """Coordinates of slave and master, (n,), out of the model's."""
         return np.concatenate([q[s] for s in self._slices])
 
-    def join(self, group: GroupRun, place: int) -> None:
+    def join(self, group: Group, place: int) -> None:
         """Let the group find the forces; `place` is this contact's place in it.
 
         The group is the model's. Held by a contact and holding it, its memory would wait for the collector of garbage.
@@ -194,7 +199,7 @@ class ContactRun:
 
     def state(self, number: int) -> MemberState:
         """State at the end of the last step. `number` is that of the contact."""
-        self.group.evaluation(self._place)  # which compiled loops may have found
+        _ = self.evaluation  # which compiled loops may have found
         contact, multipliers = self.mechanics.at_end(self._evaluated_at), self._multipliers
         if multipliers is None:
             return MemberState(number, contact, None)
@@ -381,7 +386,7 @@ class ContactRun:
         """Iterations of the set of closed rows so far; `MultiplierStep` counts those of explicit multipliers."""
         if self.impulses is not None:
             return self.impulses.iterations
-        self.group.evaluation(self._place)  # which has those of compiled loops
+        _ = self.evaluation  # which has those of compiled loops
         return self.mechanics.iterations
 
     def plastic_values(self) -> list[float]:

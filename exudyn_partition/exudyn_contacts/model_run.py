@@ -23,6 +23,7 @@ from ..support.foreign import MainSolver, MainSystem
 from ..support.optional import require
 from .contact_run import ContactRun
 from .contact_samples import ModelContact
+from .group_run import GroupRun
 from .run_members import RunMembers, acted_on, number_of, turn
 from .run_record import RunRecord, sensors_keep_all
 from .run_state import RunState
@@ -176,6 +177,11 @@ class ModelRun:
                 "partition bodies; make it anew"
             )
         return run
+
+    def group_run(self, contact: ModelContact) -> GroupRun:
+        """State of the contacts that belong together with a contact; it is in one group."""
+        run = self.contact_run(contact)
+        return next(group for group in self._members.groups if run in group.members)
 
     def find(self, contact: ModelContact) -> ContactRun | None:
         """State of a contact; None if it was not in the model when the run began."""

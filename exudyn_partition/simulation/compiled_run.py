@@ -58,7 +58,7 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
         start = _start(mbs, plan)
         if model_run.others:
             model_run.others.keep(mbs, times.start)
-        groups = [model_run.contact_run(group[0]).group for group in in_groups(contacts)]
+        groups = [model_run.group_run(group[0]) for group in in_groups(contacts)]
         step_plan = read_plan(mbs, [(group.together, [run.mechanics for run in group.members]) for group in groups])
         if plan.control is None:
             steps = EqualSteps(times.step, times.steps, times.between)
@@ -157,7 +157,7 @@ def _keep_rows(mbs: MainSystem, model_run: ModelRun, plan: StepPlan, made: Histo
     assert made.lam is not None
     first, starts = 0, plan.contacts.rows.starts
     for contacts in in_groups(partition_items(mbs)[1]):
-        group = model_run.contact_run(contacts[0]).group
+        group = model_run.group_run(contacts[0])
         assert isinstance(group, CoupledRun)
         of_group = slice(first, first := first + len(contacts))
         bounds_of_rows = starts[of_group.start : of_group.stop + 1] - starts[of_group.start]

@@ -118,9 +118,10 @@ def test_runs_that_go_on_leave_nothing_of_those_before(yielding, no_collector, m
     parts = []
     for i in range(6):
         result = ep.solve_dynamic(mbs, end_time=(12 + i) * 1e-6, step=0.25e-6, method=method, go_on=i > 0)
-        run = runs_of(mbs).at_work(contact)
-        kept = run, run.group, run.mechanics, run.mechanics.zones, run.mechanics.zones.zones[0][1]
+        model_run = runs_of(mbs).now(mbs)
+        run = model_run.contact_run(contact)
+        kept = run, model_run.group_run(contact), run.mechanics, run.mechanics.zones, run.mechanics.zones.zones[0][1]
         parts.append([weakref.ref(part) for part in kept])
-        del run, kept
+        del run, model_run, kept
     assert contact.plastic.work(result)[-1] > 0
     assert [[part() is None for part in of] for of in parts[:-2]] == [[True] * 5] * 4

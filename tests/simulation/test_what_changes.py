@@ -7,6 +7,7 @@ import re
 import sys
 from collections import defaultdict
 from pathlib import Path
+from typing import Protocol
 
 import exudyn as exu
 import netgen.occ as occ
@@ -49,7 +50,7 @@ def changed(monkeypatch):
 
     def watched(of):
         def assign(thing, name, value):
-            frame, built = sys._getframe(1), not depth[0]
+            frame, built = inspect.currentframe().f_back, not depth[0]
             while frame and not built:
                 code = frame.f_code.co_name
                 builds = code in BUILDERS and (frame.f_locals.get("self"), frame.f_locals.get("result"))
@@ -75,7 +76,7 @@ def changed(monkeypatch):
         monkeypatch.setattr(of, name, call)
 
     for of in {*classes()}:
-        plain = not issubclass(of, BaseException) and not getattr(of, "_is_protocol", False)
+        plain = not issubclass(of, BaseException) and Protocol not in of.__bases__
         if plain and "__setattr__" not in vars(of) and not issubclass(of, tuple):
             watched(of)
     for name in ("force", "before_step", "look_ahead", "after_step", "keep", "publish"):
