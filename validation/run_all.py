@@ -281,9 +281,9 @@ SCENES = ("rod_on_plate", "block_on_block", "two_spheres", "crank_slider")  # of
 CUT = ("explicit", "multipliers", "zones", "implicit")  # kinds of cut_runs
 CASES = {
     "stability": Case("stability/stability.py", stability, ("--quick", "--out", "{out}/stability_quick.json")),
-    "compiled_scenes": Case("stability/compiled_runs.py", limits(()),
+    "compiled_scenes": Case("stability/compiled_runs.py", limits(("difference",)),
                             ("--count", "40", "--out", "{out}/compiled_scenes.json")),
-    "sensitivities": Case("stability/sensitivities.py", limits(()),
+    "sensitivities": Case("stability/sensitivities.py", limits(("difference",)),
                           ("--count", "20", "--out", "{out}/sensitivities.json")),
     "random_scenes": Case("stability/random_scenes.py", limits(("unexplained",)),
                           ("--count", "40", "--out", "{out}/random_scenes.json")),
@@ -393,7 +393,7 @@ CASES = {
     "crank_slider": Case("joints/crank_slider.py", lambda d: []),
     "feminterface": Case("benchmarks/feminterface.py", limits(("difference",))),
     "body_files": Case("benchmarks/body_files.py", limits(("whole", "ball_without_inside", "without_inside"))),
-    "compiled_runs": Case("benchmarks/compiled_runs.py", limits(("steps", "many", "compiled"))),
+    "compiled_runs": Case("benchmarks/compiled_runs.py", limits(("steps", "many", "compiled", "difference"))),
     "restitution_map": Case("benchmarks/restitution_map.py", limits(("cpu_s", "balance"))),
     "study": Case("benchmarks/study.py", limits(("loop", "workers"))),
     "tilted_bar_refined": Case("experiments/tilted_bar_refined.py", limits(("library", "beam"))),

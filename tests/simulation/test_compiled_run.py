@@ -241,11 +241,15 @@ def test_pairs_that_slide_end_the_run_and_exudyn_goes_on(marble):
         first = ep.solve_dynamic(mbs, end_time=END, solver="compiled", **options)
     assert first.status == "interrupted"
     assert 1 < len(first.t) < len(whole.t)
+    with pytest.raises(RunError, match="cannot make its first step: pairs of contact 'contact 0' begin to slide"):
+        ep.solve_dynamic(mbs, end_time=END, solver="compiled", go_on=True, **options)
     later = ep.solve_dynamic(mbs, end_time=END, go_on=True, **options)
     force = np.concatenate([contacts[0].force(result) for result in (first, later.at(later.t[1:]))])
     right = contacts[0].force(whole)
     assert right[len(first.t) :].any()
     np.testing.assert_allclose(force, right, rtol=0, atol=CLOSE * right.max())
+    with pytest.raises(CompiledRunError, match="pairs of contact 'contact 0' slide where this run begins"):
+        ep.solve_dynamic(mbs, end_time=2 * END, solver="compiled", go_on=True, **options)
 
 
 def test_pages_and_tables(marble, tmp_path):
