@@ -85,7 +85,7 @@ def test_half_spaces_slide_by_coulomb():
 
 @pytest.mark.filterwarnings("ignore::exudyn_partition.errors.MeshQualityWarning")
 def test_a_cylinder_on_a_block_carries_the_whole_load():
-    """Its rows begin to slide in a load step, where Newton's method settles slowly, and statics take shorter ones."""
+    """Its rows begin to slide in a load step, in which Newton's method settles slowly, and shorter ones follow."""
     half_width, pressure = cgs1.hertz()
     found, _ = cgs1.pressed(half_width, 0.3 * half_width)
     assert found["force_N_m"] == pytest.approx(cgs1.FORCE, rel=1e-6)
