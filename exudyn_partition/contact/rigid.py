@@ -54,6 +54,7 @@ class RigidPlane:
 
     def project(self, x: Array) -> tuple[Array, Array]:
         """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3)."""
+        # As arrays of their own: loops would be compiled again for normals that share memory.
         return (x - self.point) @ self.normal, np.tile(self.normal, (*x.shape[:-1], 1))
 
 

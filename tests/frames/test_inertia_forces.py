@@ -49,6 +49,9 @@ def test_integrals_against_the_fe_mass(any_body):
     np.testing.assert_allclose(inertia.tensor, rotations.T @ (mass @ rotations), atol=1e-9 * inertia.tensor.max())
     J, C = inertia.of_place(z)
     np.testing.assert_allclose(J @ omega + C @ z_t, inertia.angular_momentum(omega, z, z_t), rtol=1e-9)
+    deformed = (mass @ (arms - kinematics.arms).ravel()).reshape(-1, 3)
+    crossed = np.cross(u_t, deformed).sum(axis=0)
+    np.testing.assert_allclose(inertia.crossed(z) @ z_t, crossed, rtol=0, atol=1e-9 * np.linalg.norm(crossed))
 
 
 def test_mean_axes(any_body):

@@ -5,7 +5,7 @@ import warnings
 import exudyn as exu
 import exudyn.itemInterface as items
 import pytest
-from oracles import MARBLE_RADIUS
+from oracles import MARBLE_RADIUS, TOP
 
 import exudyn_partition as ep
 from exudyn_partition.simulation import adaptive_options
@@ -82,3 +82,15 @@ def test_work_of_carriers_is_not_judged(mbs, marble):
     assert ContactWork.if_known(mbs, []) is None
     assert ContactWork.if_known(mbs, [alone, carried]) is None
     assert ContactWork.if_known(mbs, [alone]) is not None
+
+
+@pytest.mark.parametrize(("formulation", "known"), [("lagrange", False), ("penalty", True)])
+def test_work_of_multipliers_is_not_judged(mbs, pair_of, formulation, known):
+    """They store nothing: what bodies give within a contact and get back would seem to be lost and made."""
+    bodies = [
+        ep.CreatePartitionBody(mbs, body, referencePosition=place)
+        for body, place in zip(pair_of("free"), (TOP, (0, 0, 0)), strict=True)
+    ]
+    contact = ep.CreatePartitionContact(mbs, *bodies, formulation=formulation)
+    mbs.Assemble()
+    assert (ContactWork.if_known(mbs, [contact]) is not None) is known
