@@ -203,9 +203,9 @@ def read_all(path: str | Path) -> tuple[JSON, list[Record]]:
     InputError
         If there is none, or they are of different studies.
     """
-    path = validate_path("file", path)
+    path = validate_path("path", path)
     if not (parts := parts_of(path)):
-        validate_file("file", path)
+        validate_file("path", path)
     heads: dict[Path, JSON] = {}
     known: dict[str, Record] = {}
     for other in [path, *parts] if path.exists() else parts:
