@@ -463,8 +463,9 @@ class PatchContact:
 
     def accept_ahead(self, memory: RowMemory) -> None:
         """Accept a step whose forces were multipliers, of which rows remember this."""
-        self.state = replace(self.state, memory=memory)
-        self.evaluation = self.evaluation.in_step(self.state, self.since)
+        if memory != self.state.memory:
+            self.state = replace(self.state, memory=memory)
+            self.evaluation = self.evaluation.in_step(self.state, self.since)
         self.gaps.accept(self.gaps.after())
 
     def retry(self, end: float | None = None) -> None:

@@ -15,6 +15,7 @@ from ..contact.formulations.explicit_multipliers import ForwardAnswer, ForwardRo
 from ..contact.formulations.formulation import Method
 from ..contact.formulations.implicit_multipliers import ImpulseAnswer, ImpulseState, StepImpulses
 from ..contact.law import Forces
+from ..contact.memory import RowMemory
 from ..contact.patch_contact import PatchContact
 from ..contact.state import ContactState
 from ..errors import RunError
@@ -331,8 +332,8 @@ class ContactRun:
 
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """Keep the data that results need of the state at t; `q` returns the model's coordinates at t."""
-        answer, last = self.evaluation, self._multipliers
-        memory = self.mechanics.state.memory if last is None else last.memory
+        answer = self.evaluation
+        memory = self._slip_memory or self.mechanics.state.memory
         self.record.keep(t, answer, memory, self._damping_work(answer, t))
         if self.forward is not None and t != self.goes_on_at:  # that time was checked before
             self._check_step(t)
@@ -356,10 +357,14 @@ class ContactRun:
 
     def _dissipated(self, answer: Evaluation) -> float:
         """Energy that friction has taken since the start of the run until the last answer [J]."""
+        memory = self._slip_memory
+        return answer.dissipated if memory is None else memory.dissipated
+
+    @property
+    def _slip_memory(self) -> RowMemory | None:
+        """Slip that multipliers have left behind; None for other forces."""
         last = self._multipliers
-        if last is None:
-            return answer.dissipated
-        return last.slip_memory.dissipated if isinstance(last, ForwardAnswer) else last.memory.dissipated
+        return last.slip_memory if isinstance(last, ForwardAnswer) else None if last is None else last.memory
 
     @staticmethod
     def _damping_work(answer: Evaluation, t: float) -> float:
