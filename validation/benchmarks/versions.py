@@ -1,7 +1,7 @@
 """Two checkouts of the library side by side: time of a step, time of a reduction, and whether results are the same.
 
 Reference: the old checkout, on the same machine in the same minutes. Each runs in a process of its own; the two take
-turns. Quantity: CPU time of a step in seven scenes and of the reduction of two bodies, new over old, and the largest
+turns. Quantity: CPU time of a step in eight scenes and of the reduction of two bodies, new over old, and the largest
 difference of contact force and coordinates, relative to the largest of each. A run is cut into hundredths; each counts
 by its quickest repetition, so that what else the machine does is left out.
 Limits: times at most 3 % longer, results to 1e-9.
@@ -53,6 +53,7 @@ class Workshop:
             ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), radii[name], axes="xyz"), f_cut=F_CUT)
             for name, (fem, _) in self.parts.items()
         ]
+        self.bodies["skin"] = [ep.reduce(ball, ep.Partition.surface(ball, near=(0, 0, 0), axes="xyz"), f_cut=F_CUT)]
 
     def reduction(self, name):
         """Seconds of a reduction, (1,)."""
@@ -67,7 +68,8 @@ class Workshop:
         import exudyn_partition as ep
 
         basis, options, run = SCENES[name]
-        mbs, told = scene(self.bodies[basis], **options)
+        make = on_carried if basis == "skin" else scene
+        mbs, told = make(self.bodies[basis], **options)
         marks = []
         result = ep.solve_dynamic(mbs, **run, progress=lambda share: marks.append(time.process_time()))
         parts = np.diff(marks[:-1])  # the last mark is of the end, after the solver's
@@ -99,6 +101,24 @@ def scene(pair, *, frame="inertial", velocity=(0.0, 0.0, -1.0), formulation="com
     return mbs, told
 
 
+def on_carried(bodies, velocity=(2.0, 0.0, -1.0)):
+    """Model of a ball that rolls off a rigid cylinder, which another body carries; and what tells its results."""
+    import exudyn as exu
+    from exudyn.utilities import InertiaCuboid
+
+    import exudyn_partition as ep
+
+    mbs = exu.SystemContainer().AddSystem()
+    motion = {"frame": "floating", "referencePosition": [0, 0, 2e-6], "initialVelocity": [*velocity]}
+    ball = ep.CreatePartitionBody(mbs, bodies[0], **motion)
+    carrier = {"referencePosition": [0, 0, -0.01], "initialAngularVelocity": [5.0, 3.0, 0.0]}
+    carrier |= {"inertia": InertiaCuboid(7800, [0.02] * 3), "nodeType": exu.NodeType.RotationRotationVector}
+    cylinder = ep.RigidCylinder((0, 0, 0), (0, 1, 0), 0.01)
+    contact = ep.CreatePartitionContact(mbs, ball, cylinder, masterBody=mbs.CreateRigidBody(**carrier))
+    mbs.Assemble()
+    return mbs, lambda result: {"force": contact.force(result), "ball": ball.coordinates(result)}
+
+
 SCENES = {
     "frozen pairs": ("contact-adapted", {}, {"end_time": 100e-6}),
     "moving pairs": ("contact-adapted", {"velocity": (30.0, 0.0, -1.0)}, {"end_time": 20e-6}),
@@ -107,6 +127,7 @@ SCENES = {
     "multipliers, explicit": ("craig-bampton", {"formulation": "lagrange"}, {"end_time": 15e-6}),
     "multipliers, implicit": ("craig-bampton", {"formulation": "lagrange"}, {"end_time": 30e-6, **IMPLICIT}),
     "coupled contacts": ("two patches", {"anvil": True}, {"end_time": 100e-6}),
+    "carried surface": ("skin", {}, {"end_time": 30e-6, **IMPLICIT}),
 }
 
 
