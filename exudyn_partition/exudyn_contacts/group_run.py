@@ -131,10 +131,10 @@ class CoupledRun(GroupRun):
     """
 
     def __init__(self, members: Sequence[ContactRun], coupled: Coupled) -> None:
+        super().__init__(members, coupled)
         self._frozen: FrozenContacts | None = None
         self._looped: tuple[float, Array] | None = None  # time and coordinates of the last answer, if loops found it
         self._told = False  # whether members have evaluations of that answer
-        super().__init__(members, coupled)
         self._coupled = coupled
         self._remembering = [member for member in members if member.remembers]
         self._dofs = [member.dofs for member in members]

@@ -38,10 +38,10 @@ class AdaptiveOptions:
     unresolved, velocity_tolerance : float or None
     """
 
-    free_step: float | None
-    gap_tolerance: float | None
-    unresolved: float | None
-    velocity_tolerance: float | None
+    free_step: float | None = None
+    gap_tolerance: float | None = None
+    unresolved: float | None = None
+    velocity_tolerance: float | None = None
 
     def refuse_all(self) -> None:
         """Raise an error if any of them is given: the run has equal steps."""

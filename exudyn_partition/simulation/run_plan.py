@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from ..contact.formulations.formulation import INTEGRATORS, Integrator
@@ -47,14 +47,14 @@ class RunOptions:
     """
 
     end_time: float
-    start_time: float | None
-    step: float | None
-    method: Integrator
-    sample_period: float | None
-    spectral_radius: float
-    adaptive: bool
-    of_adaptive: AdaptiveOptions
-    settings: SimulationSettings
+    start_time: float | None = None
+    step: float | None = None
+    method: Integrator = "explicit"
+    sample_period: float | None = None
+    spectral_radius: float = 0.9
+    adaptive: bool = False
+    of_adaptive: AdaptiveOptions = field(default_factory=AdaptiveOptions)
+    settings: SimulationSettings = None
 
     def checked(self) -> RunOptions:
         """Return the options as plain numbers, or raise an InputError if one is out of range or has no effect."""

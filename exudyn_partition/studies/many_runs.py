@@ -19,7 +19,6 @@ from ..exudyn_bodies.model import validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..prediction.default_step import SAFETY
-from ..simulation.adaptive_options import AdaptiveOptions
 from ..simulation.compiled_plan import at_start, check_held, dofs_of, in_groups, initial_start, read_plan
 from ..simulation.run_plan import RunOptions, RunTimes, plan_run
 from ..simulation.stability import stability_limit
@@ -197,9 +196,7 @@ def _times(
     progress: Progress | None,
 ) -> RunTimes:
     """Times of all runs; they have the same steps."""
-    no_options = AdaptiveOptions(None, None, None, None)
-    options = RunOptions(end_time, 0.0, step, "explicit", None, 0.9, False, no_options, None)
-    plan = plan_run(mbs, options, None, progress)
+    plan = plan_run(mbs, RunOptions(end_time, start_time=0.0, step=step), None, progress)
     least, entry = min(zip(_limits(mbs, bodies, variations), range(variations.count), strict=True))
     if plan.times.step <= least:
         return plan.times
@@ -208,8 +205,7 @@ def _times(
             f"step: {step:.4g} s is above the stability limit of entry {entry}, {least:.4g} s (all contact rows "
             f"closed). Take at most {least:.3g} s, or leave it out"
         )
-    shorter = RunOptions(end_time, 0.0, SAFETY * least, "explicit", None, 0.9, False, no_options, None)
-    return plan_run(mbs, shorter, None, progress).times
+    return plan_run(mbs, RunOptions(end_time, start_time=0.0, step=SAFETY * least), None, progress).times
 
 
 def _limits(mbs: MainSystem, bodies: Sequence[PartitionBody], variations: Variations) -> Iterator[float]:

@@ -195,8 +195,8 @@ def read(path: Path) -> list[Record]:
     return found
 
 
-def read_all(path: str | Path) -> tuple[JSON, list[Record]]:
-    """Head and records of a study's file and of its tasks', one record a point.
+def read_all(path: str | Path) -> list[Record]:
+    """Records of a study's file and of its tasks', one a point.
 
     Raises
     ------
@@ -217,7 +217,7 @@ def read_all(path: str | Path) -> tuple[JSON, list[Record]]:
     first, *more = heads.values()
     if any(head != first for head in more):
         raise InputError(f"file: {', '.join(map(str, heads))} are of different studies")
-    return first, [*known.values()]
+    return [*known.values()]
 
 
 def merged(known: dict[str, Record], records: Iterable[Record]) -> dict[str, Record]:

@@ -23,7 +23,6 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..frames.damping import damping_of
 from ..results.impacts import closed_spans
-from ..simulation.adaptive_options import AdaptiveOptions
 from ..simulation.compiled_plan import at_start, check_held, dofs_of, in_groups, initial_start, read_plan
 from ..simulation.run_plan import RunOptions, plan_run
 from ..support.arrays import Array, Vector
@@ -121,8 +120,7 @@ def sensitivity(
         kind = "CreatePartitionContact()" if of in OF_CONTACT else "CreatePartitionBody()"
         raise InputError(f"at: for {of!r} expected what {kind} returned for this model, got {type(at).__name__}")
     direction = validate_vector("direction", direction)
-    none = AdaptiveOptions(None, None, None, None)
-    times = plan_run(mbs, RunOptions(end_time, 0.0, step, "explicit", None, 0.9, False, none, None), None, None).times
+    times = plan_run(mbs, RunOptions(end_time, start_time=0.0, step=step), None, None).times
     hold_damping(mbs)
     planned = [contact for group in in_groups(contacts) for contact in group]
     groups = at_start(contacts)

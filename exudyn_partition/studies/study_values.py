@@ -140,7 +140,7 @@ class Study:
         InputError
             If there is none, or it is damaged.
         """
-        _, records = read_all(path)
+        records = read_all(path)
         records.sort(key=lambda record: [(type(x).__name__, str(x) if x is None else x) for x in _ordered(record)])
         return of_records(records, (len(records),), {})
 
