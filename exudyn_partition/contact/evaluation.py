@@ -100,6 +100,8 @@ class Evaluation(RowForces):
         Whether these are the forces of `state` itself, with which a run begins.
     """
 
+    _way: Array | None = None  # see `Places`; without friction, nobody asks
+    _last: Array | None = None
     _across: list[Array] | None = None  # displacements of viscous sides by the elastic forces of other contacts [m]
     _across_before: list[Array] | None = None  # the same at the end of the last accepted step
 
@@ -120,8 +122,8 @@ class Evaluation(RowForces):
     ) -> None:
         super().__init__(parts.rows, forces)
         self.parts, self.state, self.since, self.h, self.least_gap = parts, state, since, h, least_gap
-        self._way = None if places is None else places.way
-        self._last = None if places is None else places.last
+        if places is not None and parts.friction is not None:
+            self._way, self._last = places.way, places.last
         self._yielding, self.plastic = yielding, plastic
         self.opening, self.begun = opening, begun
 

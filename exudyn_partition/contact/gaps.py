@@ -579,7 +579,7 @@ class Gaps:
     @property
     def on_demand(self) -> bool:
         """Whether a side's flexibility is found on demand: then only rows that may close ask for it."""
-        return any(side.on_demand for side in self.sides)
+        return any([side.on_demand for side in self.sides])  # a list is quicker than a generator
 
     def _of_some_rows(self, index: Array) -> RowFlexibility:
         F = np.zeros((len(index),) * 2)
@@ -768,7 +768,7 @@ class RowFlexibility:
 
     def between(self, index: Array) -> Array:
         """Flexibility between some rows, (na, na); the same array for the same rows."""
-        if not np.array_equal(index, self._index):
+        if index is not self._index and not np.array_equal(index, self._index):
             self._index, self.regularised = index, None
             self._some = self._F.take(index, axis=0).take(index, axis=1)
         return self._some

@@ -7,7 +7,6 @@ a row has three directions, d = 3. Without, it has its normal alone, d = 1. No o
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -17,6 +16,7 @@ from ..algebra.products import Solved
 from ..algebra.row_problem import RowProblem
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
+from ..support.attributes import FoundOnce
 from .gaps import Gaps
 from .plasticity.yielding_patches import Zones
 from .step_mean import GeneralizedAlpha
@@ -106,12 +106,13 @@ class Places:
     ----------
     gap : (nr,) array
         Gaps [m], including the displacements due to other contacts and plastic zones.
-    way : (nr, d - 1) array
-        How far rows have slid along their tangents since the last accepted step [m].
-    last : (nr, 3) array
-        Forces along normal and tangents at the end of the last accepted step [N]; zero without friction.
-    mu : (nr,) array
-        Coefficients of friction in this step; zero without friction.
+    way : (nr, d - 1) array, optional
+        How far rows have slid along their tangents since the last accepted step [m]. Default, without friction: no
+        tangents.
+    last : (nr, 3) array, optional
+        Forces along normal and tangents at the end of the last accepted step [N]. Default, without friction: zero.
+    mu : (nr,) array, optional
+        Coefficients of friction in this step. Default: zero.
     problem : RowProblem, optional
         How forces move the rows in the coming step, for laws that act ahead of steps. For these laws, places are those
         at the end of the step without forces.
@@ -128,9 +129,9 @@ class Places:
     def __init__(
         self,
         gap: Array,
-        way: Array,
-        last: Array,
-        mu: Array,
+        way: Array | None = None,
+        last: Array | None = None,
+        mu: Array | None = None,
         *,
         problem: RowProblem | None = None,
         motion: Motion | None = None,
@@ -138,9 +139,30 @@ class Places:
         memory: Array | None = None,
         find_rates: Callable[[Motion | None], Array] | None = None,
     ) -> None:
-        self.gap, self.way, self.last, self.mu = gap, way, last, mu
+        self.gap = gap
+        if way is not None:
+            self.way = way
+        if last is not None:
+            self.last = last
+        if mu is not None:
+            self.mu = mu
         self.motion, self.since, self._problem, self._find_rates = motion, since, problem, find_rates
         self._memory = memory
+
+    @FoundOnce
+    def way(self) -> Array:
+        """See `Places`; without friction, rows have no tangents."""
+        return np.empty((len(self.gap), 0))
+
+    @FoundOnce
+    def last(self) -> Array:
+        """See `Places`."""
+        return np.zeros((len(self.gap), 3))
+
+    @FoundOnce
+    def mu(self) -> Array:
+        """See `Places`."""
+        return np.zeros(len(self.gap))
 
     @property
     def problem(self) -> RowProblem:
@@ -154,7 +176,7 @@ class Places:
         assert self._memory is not None, "only laws with memory > 0 remember"
         return self._memory
 
-    @cached_property
+    @FoundOnce
     def rates(self) -> Array:
         """Rates of gaps and tangential places, (nr, d) [m/s], computed when they are asked for first.
 

@@ -271,7 +271,7 @@ class PatchContact:
         law, name = self.law, type(self.law).__name__
         if not isinstance(forces, Forces):
             raise InputError(f"law {name}: expected an answer of type contact.law.Forces, got {type(forces).__name__}")
-        if np.shape(forces.on_rows) != (n, self.rows.d):
+        if getattr(forces.on_rows, "shape", None) != (n, self.rows.d):
             raise InputError(
                 f"law {name}: expected forces of shape {(n, self.rows.d)}, rows by directions, got "
                 f"{np.shape(forces.on_rows)}"
@@ -290,14 +290,14 @@ class PatchContact:
         return self._places(gap if lasting is None else gap + lasting[:, 0], lasting, None)
 
     def _places(self, gap: Array, pushed: Array | None, motion: Motion | None) -> Places:
-        values = gap, self._way(pushed), self.last, self.coefficients
+        sliding = self._sliding(pushed) if isinstance(self.rows, TangentialRows) else ()
         memory = self.state.law[self.gaps.row_nodes] if self.law.memory else None
-        return Places(*values, motion=motion, since=self.since, memory=memory, find_rates=self._find_rates)
+        return Places(gap, *sliding, motion=motion, since=self.since, memory=memory, find_rates=self._find_rates)
 
-    def _way(self, pushed: Array | None) -> Array:
-        """How far rows have slid along their tangents since the last accepted step, (nr, 2) [m]."""
+    def _sliding(self, pushed: Array | None) -> tuple[Array, Array, Array]:
+        """See `way`, `last` and `mu` of `Places`."""
         way = self.rows.way()
-        return way if pushed is None else way + pushed[:, 1:]
+        return way if pushed is None else way + pushed[:, 1:], self.last, self.coefficients
 
     def answered(self, forces: Forces, gap: Array, least_gap: float, places: Places | None = None) -> Evaluation:
         """Answer with forces on the present rows that were found elsewhere.

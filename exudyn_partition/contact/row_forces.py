@@ -41,7 +41,9 @@ class RowForces:
 
     def _there(self) -> NormalRows | TangentialRows:
         """The rows, at the place of these forces."""
-        self.rows.gaps.return_to(self._present)
+        gaps = self.rows.gaps
+        if gaps.present != self._present:
+            gaps.return_to(self._present)
         return self.rows
 
     @property

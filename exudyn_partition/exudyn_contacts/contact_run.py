@@ -369,7 +369,7 @@ class ContactRun:
     @staticmethod
     def _damping_work(answer: Evaluation, t: float) -> float:
         """Energy that viscous flexibilities and the law itself have taken until t [J]."""
-        return answer.viscous_work + answer.law_work(t)
+        return answer.viscous_work + answer.law_work(t) if answer.parts.damped else 0.0
 
     @property
     def acts_on_carrier(self) -> bool:

@@ -66,11 +66,20 @@ class Spin:
         Growth that round-off of the nodes' places hides [m].
     products : (6,) array or None
         Products of angular velocities [rad2/s2]; None while the body does not turn, and between runs.
+
+    Attributes
+    ----------
+    slow : float
+        Square of an angular velocity up to which growth is hidden, whatever the axis [rad2/s2]. No product exceeds it.
     """
 
     largest: Array
     least: float
     products: Array | None = None
+
+    def __post_init__(self) -> None:
+        total = float(self.largest.sum())
+        self.slow = self.least / total if total else np.inf
 
 
 class FloatingKinematics:
@@ -270,10 +279,14 @@ class FloatingKinematics:
 
         Centrifugal forces deform the body beyond its coordinates, in a quasi-static way. Contact sees this growth.
         """
-        if self.spin is not None:
-            products = None if q_t is None else self.products(q_t)
-            small = products is None or abs(products) @ self.spin.largest <= self.spin.least
-            self.spin.products = None if small else products
+        spin = self.spin
+        if spin is None:
+            return
+        spin.products = None
+        if q_t is not None and not np.vdot(q_t[3:6], q_t[3:6]) <= spin.slow:
+            products = self.products(q_t)
+            if products is not None and not abs(products) @ spin.largest <= spin.least:
+                spin.products = products
 
     def displacements(self, q: Array) -> Array:
         """See `Kinematics.displacements`."""

@@ -27,6 +27,9 @@ RADIUS, F_CUT = 5e-3, 300e3
 IMPLICIT = {"method": "implicit", "step": 0.25e-6}
 
 
+_now = time.process_time
+
+
 class Workshop:
     """Models and reduced bodies of a checkout; each call does one thing and tells its CPU time."""
 
@@ -70,9 +73,9 @@ class Workshop:
         basis, options, run = SCENES[name]
         make = on_carried if basis == "skin" else scene
         mbs, told = make(self.bodies[basis], **options)
-        marks = []
-        result = ep.solve_dynamic(mbs, **run, progress=lambda share: marks.append(time.process_time()))
-        parts = np.diff(marks[:-1])  # the last mark is of the end, after the solver's
+        marks = {}  # of hundredths; on a busy machine progress is told more often
+        result = ep.solve_dynamic(mbs, **run, progress=lambda share: marks.setdefault(int(100 * share), _now()))
+        parts = np.diff([*marks.values()][:-1])  # the last mark is of the end, after the solver's
         return {"parts": parts.tolist(), "steps": result.steps, "step_s": result.step}, told(result)
 
 

@@ -65,7 +65,8 @@ class NormalCompliance(Law):
 
     def __init__(self, gaps: Gaps) -> None:
         self.gaps = gaps
-        self._closed_nodes = np.empty(0, dtype=np.int64)  # of the slave, at the last answer with rows that moved
+        none = np.empty(0, dtype=np.int64)
+        self._closed = none, none  # nodes of the rows at the last answer with rows that moved, and which were closed
         self._set_up_problem()
 
     def fresh(self, rows: RowDirections) -> NormalCompliance:
@@ -98,8 +99,8 @@ class NormalCompliance(Law):
         near = self._near = loops.rows_below(h, -BULGE * least, self._near)
         F = self.gaps.regularised_flexibility(near)
         if self.problem.F is not F:
-            closed = np.zeros(len(self.gaps.slave.surface.points), dtype=bool)
-            closed[self._closed_nodes] = True
+            (nodes, rows), closed = self._closed, np.zeros(len(self.gaps.slave.surface.points), dtype=bool)
+            closed[nodes[rows]] = True
             self.problem.replace(F, closed[self.gaps.row_nodes[near]])
             self._frozen_stage = None  # the problem of the frozen rows is lost
         return near
@@ -120,7 +121,7 @@ class NormalCompliance(Law):
             return Forces(lam[:, None], self.problem.index, stiffness=inverse, iterations=iterations)
         forces, closed = np.zeros((len(h), 1)), near[self.problem.index]
         forces[near, 0] = lam
-        self._closed_nodes = self.gaps.row_nodes[closed]
+        self._closed = self.gaps.row_nodes, closed
         return Forces(forces, closed, stiffness=inverse, iterations=iterations)
 
     def active_flexibility(self) -> Array:

@@ -15,7 +15,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from ...algebra.complementarity import regularised
-from ...algebra.products import dense
+from ...algebra.products import dense, largest_change, smallest
 from ...algebra.row_problem import RowProblem
 from ...errors import RunError
 from ...frames.kinematics import Rows
@@ -77,7 +77,7 @@ class ForwardState:
     jump : (np,) array
         What is subtracted from the gaps since pairs were frozen no longer, at the slave's nodes [m].
     fading : float
-        Its factor in a step.
+        Its factor in a step; one if nothing is subtracted.
     frozen_steps : int
         Steps for which the pairs have been frozen.
     impulse, last_impulse : (7,) arrays
@@ -299,7 +299,7 @@ class ForwardRows:
             self._check_last_step(last.promise, q)
         end = gaps.moved(q, step * q_t + 0.5 * step**2 * q_tt)
         gap, jump, fading, frozen_steps = self._gaps(last.state, q, end)
-        least = gap.min(initial=np.inf)
+        least = smallest(gap)
         if not isinstance(rows, TangentialRows):
             return Prediction(gap[:, None], least, end, q_tt, step, jump, fading, frozen_steps, pose)
         now, way = gaps.evaluated_pose, np.zeros((len(gap), rows.d - 1))
@@ -316,17 +316,22 @@ class ForwardRows:
         """
         gaps, frozen, nodes = self.gaps, self.gaps.linear, self.gaps.row_nodes
         gap = gaps.at(end)
-        jump, fading, frozen_steps = state.fading * state.jump, state.fading, state.frozen_steps + 1
+        jump, fading, frozen_steps = state.jump, state.fading, state.frozen_steps + 1
+        if fading < 1.0:
+            jump = fading * jump
         if gaps.moving:
             if frozen is not None:
                 present, before = gaps.of_present(q), np.zeros(len(jump))
                 before[gaps.row_nodes] = np.maximum(present, 0.0)  # a new row may be closed already
                 before[nodes] = frozen.start + frozen.H @ q
+                jump = jump.copy()
                 jump[gaps.row_nodes] += present - before[gaps.row_nodes]
                 gap = gaps.at(end)
                 fading = 1 - 1 / max(frozen_steps / _SOONER, _SOONEST)
             frozen_steps = 0
-        return gap - jump[gaps.row_nodes], jump, fading, frozen_steps
+        if fading < 1.0:
+            gap = gap - jump[gaps.row_nodes]
+        return gap, jump, fading, frozen_steps
 
     def open(self, last: ForwardAnswer, prediction: Prediction, share: float) -> ForwardAnswer:
         """Leave all rows open in the coming step, see `act`."""
@@ -380,8 +385,9 @@ class ForwardRows:
         The check uses the pairs of that step, because points that cross an edge between facets have other gaps.
         """
         gap = promise.free_gap + promise.G @ self.gaps.way(promise.free_end, q)
-        round_off = 1e-12 * (abs(q).max() + abs(gap).max())
-        if abs(gap - promise.gap).max() > 1e-3 * promise.scale + round_off:
+        off = largest_change(gap, promise.gap)
+        # Rounding errors are looked at only where they may matter.
+        if off > 1e-3 * promise.scale and off > 1e-3 * promise.scale + 1e-12 * (abs(q).max() + abs(gap).max()):
             raise RunError(
                 "the last step did not close the gaps as predicted: contact with formulation 'lagrange' needs Exudyn's "
                 "explicit solver VelocityVerlet with a constant step (solve_dynamic(..., method='explicit')), or its "
@@ -391,13 +397,14 @@ class ForwardRows:
     def check(self, answer: ForwardAnswer, q: Array) -> None:
         """Raise if a gap at coordinates q, (n,), is far below zero. The rows stay where they are."""
         gaps, state, promise, present = self.gaps, answer.state, answer.promise, self.gaps.present
-        gap = gaps.of_present(q)
-        gap = gap - state.jump[gaps.row_nodes]
+        gap, faded = gaps.of_present(q), 0.0
+        if state.fading < 1.0:
+            gap = gap - state.jump[gaps.row_nodes]
+            faded = (1 / state.fading - 1) * abs(state.jump).max(initial=0.0)  # in the step that ended here
         gaps.return_to(present)
-        faded = (1 / state.fading - 1) * abs(state.jump).max(initial=0.0)  # in the step that ended here
         if promise is not None and len(promise.gap) == len(gap):
             gap = gap - np.minimum(promise.gap, 0.0)  # the depth that a user's own law allows
-        deepest = gap.min(initial=0.0)
+        deepest = smallest(gap)
         if deepest < -_CLOSED * gaps.size - faded:
             raise RunError(
                 f"a gap is {deepest:.3g} m after a step whose multipliers should have closed it: in the step, points "
@@ -425,8 +432,7 @@ class Predictions(NamedTuple):
     @property
     def nearest(self) -> float:
         """Smallest gap [m]; infinite without rows."""
-        value: float = self.places[:, 0].min(initial=np.inf)
-        return value
+        return min([part.least_gap for part in self.parts], default=np.inf)
 
 
 @dataclass(frozen=True, eq=False)

@@ -116,7 +116,7 @@ class ActivePoints:
 
     def are_chosen(self, chosen: Array) -> bool:
         """Whether these are the points that are `chosen`, (g,) bool."""
-        return chosen is self._chosen or np.array_equal(chosen, self._chosen)
+        return np.array_equal(chosen, self._chosen)
 
     def moved(self, q: Array, before: Array) -> Array:
         """Displacements of the nodes, (m,) [m], due to the last coordinates, plus those of the zone in `before`."""
