@@ -57,6 +57,43 @@ def same_rows(h: Array, limit: float, index: Array) -> bool:
 
 
 @compiled
+def projected(
+    kind: int, point: Array, axis: Array, radius: float, sign: float, x: Array, pose: Array
+) -> tuple[Array, Array]:
+    """See `loops.projected`."""
+    n, carried = len(x), len(pose) > 0
+    gap, normals, arm, normal = np.empty(n), np.empty((n, 3)), np.empty(3), np.empty(3)
+    for i in range(n):
+        for a in range(3):
+            if carried:
+                arm[a] = -point[a]
+                for b in range(3):
+                    arm[a] += (x[i, b] - pose[b]) * pose[3 + 3 * b + a]
+            else:
+                arm[a] = x[i, a] - point[a]
+        along = arm[0] * axis[0] + arm[1] * axis[1] + arm[2] * axis[2]
+        if kind == 0:
+            gap[i] = along
+            for a in range(3):
+                normal[a] = axis[a]
+        else:
+            for a in range(3):
+                arm[a] -= along * axis[a]
+            distance = math.sqrt(arm[0] ** 2 + arm[1] ** 2 + arm[2] ** 2)
+            gap[i] = sign * (distance - radius)
+            for a in range(3):
+                normal[a] = sign * arm[a] / max(distance, 1e-300)
+        for a in range(3):
+            if carried:
+                normals[i, a] = 0.0
+                for b in range(3):
+                    normals[i, a] += pose[3 + 3 * a + b] * normal[b]
+            else:
+                normals[i, a] = normal[a]
+    return gap, normals
+
+
+@compiled
 def pushes(starts: Array, columns: Array, shares: Array, lam: Array, normals: Array) -> Array:
     """Forces at points, (p, 3), from forces on rows, (nr,), along the normals of their points."""
     result = np.zeros((len(normals), 3))

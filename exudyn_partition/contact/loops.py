@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from types import ModuleType
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -145,6 +145,39 @@ def rows_below(h: Array, limit: float, last: Array | None) -> Array:
 
 
 # Several steps in one call, only if `at_once()`.
+
+
+class Primitive(NamedTuple):
+    """A rigid plane, sphere or cylinder.
+
+    Parameters
+    ----------
+    kind : int
+        0: plane, 1: what has a radius.
+    point : (3,) array
+        On the plane, in the centre or on the axis [m].
+    axis : (3,) array
+        Unit normal of the plane, unit vector along the axis of a cylinder; zero for a sphere.
+    radius : float
+        [m]
+    sign : float
+        -1 for a bore, else 1.
+    """
+
+    kind: int
+    point: Array
+    axis: Array
+    radius: float
+    sign: float
+
+
+def projected(surface: Primitive, x: Array, pose: Array) -> tuple[Array, Array]:
+    """Gaps, (k,) [m], and outward unit normals in space, (k, 3), at points x, (k, 3) [m].
+
+    `pose` is `Gaps.carrier_pose`, in which the surface is at rest; empty if it is at rest in space.
+    """
+    found: tuple[Array, Array] = _compiled().projected(*surface, np.ascontiguousarray(x), pose)
+    return found
 
 
 def followed_gaps(rows: Followed, places: Sequence[Array], how: tuple[float, ...]) -> _Gaps:

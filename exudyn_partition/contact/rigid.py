@@ -13,6 +13,7 @@ from ..support.arrays import Array, Vector
 from ..support.checks import validate_flag, validate_positive, validate_vector
 from ..surfaces.points import ContactPoints, RowKind, contact_points
 from ..surfaces.rows import PENETRATION_TOLERANCE
+from . import loops
 from .gaps import Gaps, GapState
 from .linear_gaps import LinearGaps
 from .rigid_mesh import RigidMesh
@@ -57,6 +58,11 @@ class RigidPlane:
         # As arrays of their own: loops would be compiled again for normals that share memory.
         return (x - self.point) @ self.normal, np.tile(self.normal, (*x.shape[:-1], 1))
 
+    @property
+    def primitive(self) -> loops.Primitive:
+        """The plane as loops take it."""
+        return loops.Primitive(0, self.point, self.normal, 0.0, 1.0)
+
 
 @dataclass(frozen=True, eq=False)
 class RigidSphere:
@@ -84,6 +90,11 @@ class RigidSphere:
     def project(self, x: Array) -> tuple[Array, Array]:
         """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3)."""
         return _from_axis(x - self.center, self.radius)
+
+    @property
+    def primitive(self) -> loops.Primitive:
+        """The sphere as loops take it."""
+        return loops.Primitive(1, self.center, np.zeros(3), self.radius, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +133,14 @@ class RigidCylinder:
         arm = x - self.point
         gap, normal = _from_axis(arm - np.outer(arm @ self.axis, self.axis), self.radius)
         return (-gap, -normal) if self.hollow else (gap, normal)
+
+    @property
+    def primitive(self) -> loops.Primitive:
+        """The cylinder as loops take it."""
+        return loops.Primitive(1, self.point, self.axis, self.radius, -1.0 if self.hollow else 1.0)
+
+
+Primitives = RigidPlane | RigidSphere | RigidCylinder  # loops know them
 
 
 def _from_axis(arm: Array, radius: float) -> tuple[Array, Array]:
@@ -181,6 +200,7 @@ class RigidGaps(Gaps):
             middle = slave.surface.points.mean(axis=0)
             on_plane = middle - ((middle - surface.point) @ surface.normal) * surface.normal
             slave, self._seen = slave.seen_from(on_plane), RigidPlane(np.zeros(3), surface.normal)
+        self._primitive = self._seen.primitive if isinstance(self._seen, Primitives) else None
         self.sides = (slave,)
         self.n, self.size = slave.n, slave.surface.facet_size
         self._all = contact_points(slave.surface, kind)
@@ -338,6 +358,8 @@ class RigidGaps(Gaps):
 
         `pose` is `carrier_pose`.
         """
+        if self._primitive is not None and loops.at_once():
+            return loops.projected(self._primitive, x, pose)
         if not len(pose):
             return self._seen.project(x)
         place, axes = pose[:3], pose[3:].reshape(3, 3)

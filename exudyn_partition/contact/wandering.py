@@ -213,7 +213,7 @@ class WanderingRigidGaps(RigidGaps):
         choice, pose, rows = self._choice, self.carrier_pose, self.stage.rows
         if choice is not None:
             places = self.places_of(rows.sides, q)
-            if abs(self._here(places[0], pose) - choice.here).max() <= choice.reach:
+            if largest_change(self._here(places[0], pose), choice.here) <= choice.reach:
                 return self._gaps_of(rows, places, q, pose)
         self._choose(Anchor(q.copy(), pose))
         return self._gaps_at(q, pose)

@@ -6,6 +6,7 @@ from oracles import compliant, floating, inertial, moved
 from scipy.spatial.transform import Rotation
 
 from exudyn_partition.algebra.coulomb import Coulomb
+from exudyn_partition.contact import loops
 from exudyn_partition.contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere
 from exudyn_partition.contact.tangential import TangentialRows
 from exudyn_partition.errors import InputError, PenetrationError
@@ -134,3 +135,25 @@ def test_bad_rigid_surfaces(round_body):
         RigidPlane((0, 0, 0), (0, 0, 0))
     with pytest.raises(InputError, match="radius"):
         RigidSphere((0, 0, 0), -1.0)
+
+
+@pytest.mark.parametrize("carried", [False, True])
+@pytest.mark.parametrize(
+    "surface",
+    [
+        RigidPlane((0.1, 0.2, 0.3), (1.0, 2.0, -1.0)),
+        RigidSphere((0.1, 0.2, 0.3), 0.05),
+        RigidCylinder((0.1, 0.2, 0.3), (1.0, 2.0, -1.0), 0.05),
+        RigidCylinder((0.1, 0.2, 0.3), (1.0, 2.0, -1.0), 0.05, hollow=True),
+    ],
+)
+def test_loops_project_points_as_the_surface_does(surface, carried):
+    """One compiled call finds gaps and normals in space, also where a body carries the surface."""
+    if not loops.at_once():
+        pytest.skip("only compiled loops do it in one call")
+    rng = np.random.default_rng(1)
+    x, place, axes = rng.normal(size=(7, 3)), rng.normal(size=3), Rotation.from_rotvec([0.3, -0.4, 0.5]).as_matrix()
+    gap, normals = surface.project((x - place) @ axes if carried else x)
+    found = loops.projected(surface.primitive, x, np.concatenate([place, axes.ravel()]) if carried else np.empty(0))
+    assert found[0] == pytest.approx(gap, abs=1e-14)
+    assert found[1] == pytest.approx(normals @ axes.T if carried else normals, abs=1e-14)
