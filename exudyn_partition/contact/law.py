@@ -124,6 +124,8 @@ class Places:
         What rows remember from the last accepted step, see `Law.memory`; None if the law has no memory.
     find_rates : callable, optional
         Finds `rates` for `motion`.
+    find_way : callable, optional
+        Finds `way` when it is asked for first, where the rows are at present.
     """
 
     def __init__(
@@ -138,8 +140,9 @@ class Places:
         since: float = 0.0,
         memory: Array | None = None,
         find_rates: Callable[[Motion | None], Array] | None = None,
+        find_way: Callable[[], Array] | None = None,
     ) -> None:
-        self.gap = gap
+        self.gap, self._find_way = gap, find_way
         if way is not None:
             self.way = way
         if last is not None:
@@ -152,7 +155,7 @@ class Places:
     @FoundOnce
     def way(self) -> Array:
         """See `Places`; without friction, rows have no tangents."""
-        return np.empty((len(self.gap), 0))
+        return np.empty((len(self.gap), 0)) if self._find_way is None else self._find_way()
 
     @FoundOnce
     def last(self) -> Array:

@@ -290,14 +290,20 @@ class PatchContact:
         return self._places(gap if lasting is None else gap + lasting[:, 0], lasting, None)
 
     def _places(self, gap: Array, pushed: Array | None, motion: Motion | None) -> Places:
-        sliding = self._sliding(pushed) if isinstance(self.rows, TangentialRows) else ()
         memory = self.state.law[self.gaps.row_nodes] if self.law.memory else None
-        return Places(gap, *sliding, motion=motion, since=self.since, memory=memory, find_rates=self._find_rates)
+        last = mu = find_way = None
+        if isinstance(self.rows, TangentialRows):
+            last, mu, find_way = self.last, self.coefficients, functools.partial(self._way, self.rows, pushed)
+        return Places(
+            gap, None, last, mu, motion=motion, since=self.since, memory=memory, find_rates=self._find_rates,
+            find_way=find_way,
+        )  # fmt: skip
 
-    def _sliding(self, pushed: Array | None) -> tuple[Array, Array, Array]:
-        """See `way`, `last` and `mu` of `Places`."""
-        way = self.rows.way()
-        return way if pushed is None else way + pushed[:, 1:], self.last, self.coefficients
+    @staticmethod
+    def _way(rows: TangentialRows, pushed: Array | None) -> Array:
+        """How far rows have slid along their tangents since the last accepted step, (nr, 2) [m]."""
+        way = rows.way()
+        return way if pushed is None else way + pushed[:, 1:]
 
     def answered(self, forces: Forces, gap: Array, least_gap: float, places: Places | None = None) -> Evaluation:
         """Answer with forces on the present rows that were found elsewhere.

@@ -119,11 +119,10 @@ def drum():
 
 def cam():
     """The eccentric cam speeds up beneath its follower, for a part of a turn."""
+    import exudyn_partition as ep
     from cam_follower import QUICK_MESH
     from models import cam_follower as model
     from models import cam_follower_parts as shapes
-
-    import exudyn_partition as ep
 
     rim, face, in_cam, in_follower = QUICK_MESH
     parts = shapes.cam_part(rim, in_cam), shapes.follower_part(face, in_follower)
@@ -139,11 +138,10 @@ def cam():
 
 def gears():
     """A wheel stands still while the torque on the pinion changes its sign."""
+    import exudyn_partition as ep
     import gear_pair as example
     from models import gear_pair as model
     from models import gear_pair_parts as shapes
-
-    import exudyn_partition as ep
 
     pair = example.QUICK_GEARS
     parts = [shapes.gear_part(gear, **example.QUICK_MESH) for gear in pair]
@@ -183,7 +181,9 @@ def measure(name, rounds):
     profile.runcall(run)
     entries = pstats.Stats(profile).stats
     own = sum(entry[2] for (_, _, function), entry in entries.items() if "exudynCPP.Solve" in function)
-    calls = sum(entry[1] for (path, _, function), entry in entries.items() if function == "force" and "contact_object" in path)
+    calls = sum(
+        entry[1] for (path, _, function), entry in entries.items() if function == "force" and "contact_object" in path
+    )
     return {
         "step_ms": 1e3 * min(times) / result.steps,
         "exudyn_ms": 1e3 * own / result.steps,
@@ -228,7 +228,12 @@ def main():
     for name, rows in found.items():
         new, old = rows["new"], rows.get("old")
         by_old = ["", ""] if old is None else [f"{old['step_ms']:.2f} ms", f"{rows['ratio']:.2f}"]
-        numbers = f"{new['steps']}", f"{new['evaluations']:.1f}", f"{new['step_ms']:.2f} ms", f"{new['exudyn_ms']:.2f} ms"
+        numbers = (
+            f"{new['steps']}",
+            f"{new['evaluations']:.1f}",
+            f"{new['step_ms']:.2f} ms",
+            f"{new['exudyn_ms']:.2f} ms",
+        )
         table.add_row(name, *numbers, *by_old, f"{new['force_N']:.4g} N")
     Console(width=130).print(table)
     if not options.names:

@@ -293,6 +293,10 @@ class ClosingRows:
         self._states[:] = 0
         self._states[self._row_nodes[self.index]] = states
 
+    def forget(self) -> None:
+        """Guess that no row was closed in the last steps."""
+        self._last[:] = 0.0
+
     def before(self, since: float, last: Array) -> Array | None:
         """Forces on the rows at the end of the step before the last one, (k, 3) [N]; None if the step is known."""
         if since == self._since:

@@ -158,6 +158,8 @@ class Coupled:
 
     def stiffness(self, rows: Mapping[int, Array]) -> dict[tuple[int, int], Array]:
         """See `formulation.Together`."""
+        if not rows:
+            return {}
         closed, result = consecutive([contact.rows.d * contact.evaluation.index.size for contact in self.contacts]), {}
         respond = self._linearised(closed)
         for k, of_k in rows.items():

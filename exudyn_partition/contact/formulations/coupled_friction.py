@@ -13,6 +13,7 @@ import numpy as np
 
 from ...algebra.block_friction import BlockFlexibility, BlockFriction
 from ...algebra.complementarity import Complementarity
+from ...algebra.products import smallest
 from ...errors import ComplementarityError
 from ...support.arrays import Array, consecutive
 from ..law import Forces, Places
@@ -63,21 +64,28 @@ class CoupledFriction(Coupled):
         """See `Coupled`."""
         if not math.isfinite(sum(gap.sum() for gap in gaps)):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
+        if self._stay_open(gaps):
+            for part, gap in zip(self._parts, gaps, strict=True):
+                part.closing.forget()
+                part.contact.answer(gap)
+            return
         for part, gap in zip(self._parts, gaps, strict=True):
             part.places = part.contact.places(gap)
         last = [part.last() for part in self._parts]
         for part, lasts in zip(self._parts, self._lasting(last), strict=False):
             part.places.gap, part.places.way = part.places.gap + lasts[:, 0], part.places.way + lasts[:, 1:]
-        ways, placed, gaps = [part.way() for part in self._parts], gaps, [part.places.gap for part in self._parts]
+        placed, gaps = gaps, [part.places.gap for part in self._parts]
         pushed, more, self._iterations = self._pushed(gaps), False, 0
         for _ in range(_PASSES):
             for part, gap, before in zip(self._parts, pushed, last, strict=True):
                 part.closing.choose(gap, before, more=more)
             near = [part.closing.index for part in self._parts]
             h = self._set_up(near, last)
-            for in_problem, rows, gap, way in zip(consecutive(list(map(len, near))), near, gaps, ways, strict=True):
-                h[in_problem, 0] += gap[rows]
-                h[in_problem, 1:] += way[rows]
+            in_problem = consecutive(list(map(len, near)))
+            for part, chosen, rows, gap in zip(self._parts, in_problem, near, gaps, strict=True):
+                if len(rows):
+                    h[chosen, 0] += gap[rows]
+                    h[chosen, 1:] += part.way()[rows]
             forces = self._solve(h)
             pushed, more = self._pushed(gaps), True
             if not any(part.closing.misses(gap) for part, gap in zip(self._parts, pushed, strict=True)):
@@ -92,6 +100,13 @@ class CoupledFriction(Coupled):
         answers = zip(*(np.split(values, ends) for values in (forces, moved, h, state)), strict=True)
         for part, gap, least, (lam, w, start, states) in zip(self._parts, placed, pushed, answers, strict=True):
             part.give(gap, least.min(initial=np.inf), lam, w, start, states, self._iterations)
+
+    def _stay_open(self, gaps: list[Array]) -> bool:
+        """Whether no row is closed at gaps, (nr,) [m] each, and none was in the last step."""
+        before = [contact.state for contact in self.contacts]
+        if self._pushing or any(state.memory.closed or state.creep.elastic for state in before):
+            return False
+        return all(smallest(gap) >= 0.0 for gap in gaps)
 
     def _pushed(self, gaps: list[Array]) -> list[Array]:
         """Gaps of each contact, (nr,) [m], with the displacements that the last forces on the others cause."""
