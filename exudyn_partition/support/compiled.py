@@ -23,6 +23,7 @@ from .progress import say
 F = TypeVar("F", bound=Callable[..., object])
 
 _PACKAGE = Path(__file__).parents[1]
+_NO_DOOR = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _OPTIONS = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "nsz"}}  # sums in any order; NaN stays NaN
 
 
@@ -68,9 +69,14 @@ def unlocked(function: F) -> F:
     return _compiled(function, nogil=True, **_OPTIONS)
 
 
+def inner(function: F) -> F:
+    """Return a compiled function that only other loops call: without what Python would call it by."""
+    return _compiled(function, **_OPTIONS, **_NO_DOOR)
+
+
 def inlined(function: F) -> F:
-    """Return a compiled function whose code is put where it is called: calls with arrays cost more than small sums."""
-    return _compiled(function, forceinline=True, **_OPTIONS)
+    """Return an `inner` function whose code is put where it is called: calls with arrays cost more than small sums."""
+    return _compiled(function, forceinline=True, **_OPTIONS, **_NO_DOOR)
 
 
 def external(module: str, name: str, n_arguments: int) -> Callable[..., None]:
