@@ -6,6 +6,8 @@ called first, because numba takes long to load. Compiled code is kept on disk, b
 folder for caches, so that only the first process waits for the compiler. Beside the modules it is made again if any of
 them changes; in another folder, only if its own module does. NUMBA_CACHE_DIR names such a folder, NUMBA_DISABLE_JIT=1
 switches compiling off.
+
+Loops write arrays entry by entry: `a[:] = b` brings code that tells of other shapes in words, seconds to compile.
 """
 
 from __future__ import annotations
