@@ -83,17 +83,18 @@ def free_impact(
     PartitionWarning
         As the last of its runs does; shorter ones are not told of.
     """
-    compiled = not point.friction and largest_turn > 0.0
+    compiled, found = not point.friction and largest_turn > 0.0, dict[str, float]()
     for again in range(_TWICE + 1):
+        lasts = duration * 2**again
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            lasts = duration * 2**again
-            found = _compiled(pair, point, along, lasts, largest_turn) if compiled else None
-        if found is None:
+            by_steps = _compiled(pair, point, along, lasts, largest_turn) if compiled else None
+        if by_steps is None:
             compiled = False
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
-                found = _measured(_watched(pair, point, along, lasts, "floating"), point)
+                by_steps = _measured(_watched(pair, point, along, lasts, "floating"), point)
+        found = by_steps
         if found["over"]:
             break
     for told in caught:
