@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..support.arrays import Array
-from ..support.compiled import compiled, inlined
+from ..support.compiled import compiled, inlined, inner
 
 if TYPE_CHECKING:
     from .block_complementarity import FlatBlocks, FlatCore
@@ -48,7 +48,9 @@ def on_active(
     if scale == 0.0:
         for i in range(n):
             scale = max(scale, abs(h[i]))
-    lam, wrong, w = np.zeros(n), np.empty(n, np.bool_), h.copy()
+    lam, wrong, w = np.empty(n), np.empty(n, np.bool_), np.empty(n)
+    for i in range(n):
+        lam[i], w[i] = 0.0, h[i]
     for i in range(na):
         push, row = x[i], index[i]
         for k in range(n):
@@ -93,10 +95,16 @@ def solve_active(
         active = wrong
         for i in range(len(index)):
             active[index[i]] = not active[index[i]]
-        if np.sum(active) > most:
+        n = 0
+        for i in range(len(active)):
+            n += active[i]
+        if n > most:
             return lam, factor, index, step, count
-        chosen = np.flatnonzero(active)
-        n = len(chosen)
+        chosen, n = np.empty(n, np.int64), 0
+        for i in range(len(active)):
+            if active[i]:
+                chosen[n] = i
+                n += 1
         upper = np.empty((n, n))
         for i in range(n):
             for k in range(i, n):
@@ -116,8 +124,8 @@ def solve_active(
     return lam, factor, index, steps, count
 
 
-@compiled
-def iterate(core: FlatCore, a: Array, G: Array, pressed: Array, c: Array, settled: float, steps: int) -> bool:
+@inner
+def settle(core: FlatCore, a: Array, G: Array, pressed: Array, c: Array, settled: float, steps: int) -> bool:
     """Iterate c = S (a - G c), see `BlockComplementarity`; each block takes the newest amplitudes of the others.
 
     Parameters
@@ -141,7 +149,9 @@ def iterate(core: FlatCore, a: Array, G: Array, pressed: Array, c: Array, settle
     Whether c has settled.
     """
     n, m = c.shape
-    forces, place, now = a.copy(), np.full(n, -1), np.empty(m)
+    forces, place, now = np.empty((n, m)), np.empty(n, np.int64), np.empty(m)
+    for j in range(n):
+        place[j] = -1
     for i in range(len(pressed)):
         place[pressed[i]] = i
     for j in range(n):
@@ -169,9 +179,16 @@ def iterate(core: FlatCore, a: Array, G: Array, pressed: Array, c: Array, settle
 
 
 @compiled
+def iterate(core: FlatCore, a: Array, G: Array, pressed: Array, c: Array, settled: float, steps: int) -> bool:
+    """See `settle`."""
+    return settle(core, a, G, pressed, c, settled, steps)
+
+
+@inner
 def push(forces: Array, a: Array, G: Array, place: int, c: Array, j: int) -> None:
     """Set forces of block j, (m,), to a - G c; a block with place -1 has none of G."""
-    forces[j] = a[j]
+    for i in range(a.shape[1]):
+        forces[j, i] = a[j, i]
     if place >= 0:
         own, amplitudes = G[place], c[j]
         for i in range(len(amplitudes)):
@@ -181,8 +198,8 @@ def push(forces: Array, a: Array, G: Array, place: int, c: Array, j: int) -> Non
             forces[j, i] -= total
 
 
-@compiled
-def solve_blocks(blocks: FlatBlocks, h: Array, rounding: float, settled: float, steps: int, patience: int) -> bool:
+@inner
+def settle_blocks(blocks: FlatBlocks, h: Array, rounding: float, settled: float, steps: int, patience: int) -> bool:
     """See `FlatBlocks.solve`.
 
     Parameters
@@ -190,16 +207,17 @@ def solve_blocks(blocks: FlatBlocks, h: Array, rounding: float, settled: float, 
     blocks : FlatBlocks
     h : (nr,) array
     rounding, settled : float
-        See `check_active` and `iterate`.
+        See `check_active` and `settle`.
     steps : int
-        Most steps of `iterate`.
+        Most steps of `settle`.
     patience : int
         Most steps of the active rows without progress.
     """
     n, m = blocks.amplitudes.shape
-    every, scale, total, some = np.arange(n), 0.0, 0.0, False
-    enters = np.zeros(n, np.bool_)
+    every, scale, total, some = np.empty(n, np.int64), 0.0, 0.0, False
+    enters = np.empty(n, np.bool_)
     for j in range(n):
+        every[j] = j
         if blocks.n_closed[j] < 0 and not factorise_block(blocks, j):
             return False
         least, largest = np.inf, 0.0
@@ -211,7 +229,9 @@ def solve_blocks(blocks: FlatBlocks, h: Array, rounding: float, settled: float, 
     if not math.isfinite(total):
         return False
     if not some:
-        blocks.amplitudes[:], blocks.lam[:], blocks.pushed[:] = 0.0, 0.0, h
+        blocks.amplitudes[:], blocks.lam[:] = 0.0, 0.0
+        for i in range(len(h)):
+            blocks.pushed[i] = h[i]
         return True
     fewest, left = len(h) + 1, patience
     while left:
@@ -225,7 +245,7 @@ def solve_blocks(blocks: FlatBlocks, h: Array, rounding: float, settled: float, 
                 for k in range(m):
                     a[j, k] += gap * blocks.responses[i, k]
         c = blocks.amplitudes
-        if not iterate(blocks.core, a, blocks.G, every, c, settled, steps):
+        if not settle(blocks.core, a, blocks.G, every, c, settled, steps):
             return False
         wrong = 0
         for j in range(n):
@@ -239,12 +259,19 @@ def solve_blocks(blocks: FlatBlocks, h: Array, rounding: float, settled: float, 
 
 
 @compiled
+def solve_blocks(blocks: FlatBlocks, h: Array, rounding: float, settled: float, steps: int, patience: int) -> bool:
+    """See `settle_blocks`."""
+    return settle_blocks(blocks, h, rounding, settled, steps, patience)
+
+
+@inner
 def check_block(blocks: FlatBlocks, j: int, h: Array, rounding: float, scale: float) -> int:
     """Forces on the active rows of a block; rows that violate their condition change sides. Return how many do."""
     start, end = blocks.starts[j], blocks.starts[j + 1]
     n, c, pushed = end - start, blocks.amplitudes[j], blocks.pushed[start:end]
     fields = blocks.numbers[blocks.fields[j] :][: n * len(c)].reshape(len(c), n)
-    pushed[:] = h[start:end]
+    for i in range(n):
+        pushed[i] = h[start + i]
     for k in range(len(c)):
         amplitude = c[k]
         if amplitude != 0.0:
@@ -261,8 +288,9 @@ def check_block(blocks: FlatBlocks, j: int, h: Array, rounding: float, scale: fl
     F = blocks.numbers[blocks.own[j] :][: n * n].reshape(n, n)
     factor = blocks.factors[blocks.places[j] :][: na * na].reshape(na, na)
     index = blocks.closed[start : start + na]
-    lam, wrong, count = check_active(F, factor, index, pushed, rounding, scale)
-    blocks.lam[start:end] = lam
+    lam, wrong, count = on_active(F, factor, index, pushed, rounding, scale)
+    for i in range(n):
+        blocks.lam[start + i] = lam[i]
     if count:
         for i in range(n):
             if wrong[i]:
@@ -271,7 +299,7 @@ def check_block(blocks: FlatBlocks, j: int, h: Array, rounding: float, scale: fl
     return count
 
 
-@compiled
+@inner
 def factorise_block(blocks: FlatBlocks, j: int) -> bool:
     """Set up what belongs to the active rows of a block; whether their F is positive definite."""
     start, end = blocks.starts[j], blocks.starts[j + 1]
@@ -289,13 +317,16 @@ def factorise_block(blocks: FlatBlocks, j: int) -> bool:
     for i in range(na):
         for k in range(i, na):
             U[i, k] = F[index[i], index[k]]
-        x[i] = -fields[:, index[i]]
+        for p in range(m):
+            x[i, p] = -fields[p, index[i]]
     for i in range(na):
         if not U[i, i] > 0.0:
             return False
         root = math.sqrt(U[i, i])
-        U[i, i:] /= root
-        x[i] /= root
+        for k in range(i, na):
+            U[i, k] /= root
+        for p in range(m):
+            x[i, p] /= root
         for k in range(i + 1, na):
             share = U[i, k]
             for p in range(k, na):
@@ -307,7 +338,8 @@ def factorise_block(blocks: FlatBlocks, j: int) -> bool:
             share = U[i, k]
             for p in range(m):
                 x[i, p] -= share * x[k, p]
-        x[i] /= U[i, i]
+        for p in range(m):
+            x[i, p] /= U[i, i]
     G[:] = 0.0
     for i in range(na):
         for k in range(m):

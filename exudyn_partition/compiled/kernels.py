@@ -6,20 +6,13 @@ from typing import TYPE_CHECKING
 
 from ..contact.kernels import FlatContacts, evaluate_frozen
 from ..support.arrays import Array
-from ..support.compiled import compiled, inlined, unlocked
+from ..support.compiled import inlined, unlocked
 
 if TYPE_CHECKING:
     from .loops import Motion, Peaks, Samples
     from .plan import Bodies
 
 Limits = tuple[float, float, int, int]  # see `block_complementarity.LIMITS`
-
-
-@compiled
-def push(contacts: FlatContacts, q: Array, force: Array, limits: Limits) -> bool:
-    """Set the forces of all contacts; whether they are found."""
-    rounding, settled, steps, patience = limits
-    return evaluate_frozen(contacts, q, force, rounding, settled, steps, patience) >= 0
 
 
 @inlined
@@ -78,13 +71,13 @@ def advance(
     Return the number of the first step whose forces are not found, `count` + 1 if all are. Coordinates and velocities
     are then those with which the forces would be found.
     """
-    n = len(m.q)
+    n, (rounding, settled, steps, patience) = len(m.q), limits
     for step in range(first, count + 1):
         for k in range(n):
             m.q_start[k], m.v_start[k] = m.q[k], m.v[k]
             m.v[k] += 0.5 * h * m.a[k]
             m.q[k] += h * m.v[k]
-        if not push(contacts, m.q, m.force, limits):
+        if evaluate_frozen(contacts, m.q, m.force, rounding, settled, steps, patience) < 0:
             return step
         accelerate(bodies, m)
         for k in range(n):

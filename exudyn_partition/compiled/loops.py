@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ..algebra.block_complementarity import LIMITS, BlockComplementarity
-from ..contact.loops import flat_contacts
+from ..contact.loops import evaluate_frozen, flat_contacts
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..support.compiled import kernels
@@ -214,7 +214,8 @@ class Stepper:
         self._blocks.iterations[:] = 0
         self.peaks.force[:] = 0.0
         m.q[:], m.v[:] = q, v
-        if not (self._kernels and self._kernels.push(self._flat, m.q, m.force, LIMITS)) and (why := self._find()):
+        by_loops = self._kernels is not None and evaluate_frozen(self._flat, m.q, m.force) >= 0
+        if not by_loops and (why := self._find()):
             return why
         if a is None:
             self._accelerate()

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba.experimental import structref
 
-from ..algebra.kernels import solve_blocks
+from ..algebra.kernels import settle_blocks
 from ..support.arrays import Array
-from ..support.compiled import compiled, inlined
+from ..support.compiled import compiled, inlined, inner
 from ..support.struct_kernels import StructType
 from ..surfaces.moving_kernels import Followed, follow_rows, gaps_of_rows
 
@@ -232,9 +232,10 @@ def slid(rows: FlatRows, j: int, q_j: Array) -> float:
 @inlined
 def gaps_of_contact(rows: FlatRows, j: int, q_j: Array, gap: Array) -> None:
     """Set the gaps of contact j, (nr,), at its coordinates."""
-    n = len(q_j)
+    n, start = len(q_j), rows.starts[j]
     H = rows.numbers[rows.H[j] :][: n * len(gap)].reshape(n, len(gap))
-    gap[:] = rows.start[rows.starts[j] : rows.starts[j + 1]]
+    for i in range(len(gap)):
+        gap[i] = rows.start[start + i]
     most = n - n % 4
     for k in range(0, most, 4):
         a, b, c, d = q_j[k], q_j[k + 1], q_j[k + 2], q_j[k + 3]
@@ -246,7 +247,7 @@ def gaps_of_contact(rows: FlatRows, j: int, q_j: Array, gap: Array) -> None:
             gap[i] += way * H[k, i]
 
 
-@compiled
+@inner
 def gaps_of_frozen(rows: FlatRows, q: Array, h: Array) -> bool:
     """Set h to the gaps at coordinates q; return whether all pairs stay frozen, see `frozen.FrozenContacts`."""
     for j in range(len(rows.reach)):
@@ -257,7 +258,7 @@ def gaps_of_frozen(rows: FlatRows, q: Array, h: Array) -> bool:
     return True
 
 
-@compiled
+@inner
 def forces_of_frozen(
     rows: FlatRows, h: Array, lam: Array, pushed: Array, force: Array, values: Array, stored: Array
 ) -> int:
@@ -320,6 +321,6 @@ def evaluate_frozen(
 ) -> int:
     """Find gaps, forces and values of sensors; return how many contacts push, or -1 if pairs slide or none settle."""
     rows, blocks, h = contacts.rows, contacts.blocks, contacts.h
-    if not gaps_of_frozen(rows, q, h) or not solve_blocks(blocks, h, rounding, settled, steps, patience):
+    if not gaps_of_frozen(rows, q, h) or not settle_blocks(blocks, h, rounding, settled, steps, patience):
         return -1
     return forces_of_frozen(rows, h, blocks.lam, blocks.pushed, force, contacts.values, contacts.stored)

@@ -288,7 +288,10 @@ def inertia_force(
     torque[2] = q * x - p * y - (J_t[4] * p + J_t[3] * q + J_t[2] * r)
     result = np.zeros(3 + n)
     if not coupling:
-        result[:3], result[3:] = torque, force
+        for a in range(3):
+            result[a] = torque[a]
+        for i in range(n):
+            result[3 + i] = force[i]
         return result
     omega_t = _angular_acceleration(J, C, torque, force - elastic)
     for a in range(3):
@@ -357,7 +360,9 @@ def stiffening_at_guess(
         anchor[i] = q[i]
         if order > 0:
             anchor[i] += errors[0, i] if order == 1 else 2 * errors[0, i] - errors[1, i]
-    at_anchor[:] = stiffening_force(states, matrices, anchor)
+    force = stiffening_force(states, matrices, anchor)
+    for i in range(n):
+        at_anchor[i] = force[i]
     return _linear_stiffening(tangent, anchor, at_anchor, q)
 
 
@@ -381,7 +386,8 @@ def stiffening_in_step(
         way += dynamic[i] * (q[i] - guess[i]) ** 2
     if missing <= share**2 * way:
         return linear, True
-    anchor[:], at_anchor[:] = q, force
+    for i in range(len(q)):
+        anchor[i], at_anchor[i] = q[i], force[i]
     return force, False
 
 
@@ -416,9 +422,10 @@ def inertia_derivatives(integrals: Array, cross: Array, omega: Array, z: Array, 
             momentum[a] += C[a, i] * z_t[i]
         for b in range(3):
             momentum[a] += J[place[a, b]] * omega[b]
-    by_velocity[:3, :3] = _turning(momentum[0], momentum[1], momentum[2])
+    of_momentum = _turning(momentum[0], momentum[1], momentum[2])
     for a in range(3):
         for b in range(3):
+            by_velocity[a, b] = of_momentum[a, b]
             by_velocity[a, b] -= J_t[place[a, b]]
             for c in range(3):
                 by_velocity[a, b] -= turn[a, c] * J[place[c, b]]

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ..contact.rigid import RigidSurface
-from ..errors import InputError, PartitionWarning
+from ..errors import InputError, PartitionError, PartitionWarning
 from ..exudyn_bodies.create_body import CreatePartitionBody
 from ..exudyn_bodies.model import coordinate_slices
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.create_contact import CreatePartitionContact
 from ..exudyn_contacts.partition_contact import PartitionContact
+from ..frames.kinematics import Frame
 from ..reduction.body import ReducedBody
+from ..results.impacts import SubImpact
 from ..simulation.result import Result
-from ..simulation.solve import solve_dynamic
+from ..simulation.solve import Solver, solve_dynamic
 from ..simulation.step_control import time_to_contact
 from ..support.arrays import Array
 from ..support.optional import require
@@ -50,8 +54,13 @@ _LONGEST_FLIGHT = 10  # times the time that an impact is watched
 _STEPS_AHEAD = 4  # before the first touch, so that the run begins with an open contact
 
 
-def free_impact(pair: Pair, point: Point, along: Array | None, duration: float) -> dict[str, float]:
+def free_impact(
+    pair: Pair, point: Point, along: Array | None, duration: float, largest_turn: float = 0.0
+) -> dict[str, float]:
     """Run one impact until no contact can follow.
+
+    Where compiled steps hold the impact, and frames that do not move are near enough, it is run by them; else by Exudyn
+    in floating frames.
 
     Parameters
     ----------
@@ -61,31 +70,79 @@ def free_impact(pair: Pair, point: Point, along: Array | None, duration: float) 
         Direction of the motion along the surface.
     duration : float
         Time to watch after the first touch, at first [s].
+    largest_turn : float
+        Angle that bodies may turn by until the last contact opens, if their frames do not move [rad].
 
     Returns
     -------
     dict of str to float
-        `QUANTITIES`; nan where one is not defined.
+        `QUANTITIES`, nan where one is not defined; and "compiled", 1 if compiled steps have found them.
 
     Warns
     -----
     PartitionWarning
         As the last of its runs does; shorter ones are not told of.
     """
+    compiled, found = not point.friction and largest_turn > 0.0, dict[str, float]()
     for again in range(_TWICE + 1):
+        lasts = duration * 2**again
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            found = _watched(pair, point, along, duration * 2**again)
+            by_steps = _compiled(pair, point, along, lasts, largest_turn) if compiled else None
+        if by_steps is None:
+            compiled = False
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                by_steps = _measured(_watched(pair, point, along, lasts, "floating"), point)
+        found = by_steps
         if found["over"]:
             break
     for told in caught:
         if issubclass(told.category, PartitionWarning):
             warn(str(told.message), told.category)
-    return found
+    return found | {"compiled": float(compiled)}
 
 
-def _watched(pair: Pair, point: Point, along: Array | None, duration: float) -> dict[str, float]:
-    """What follows from a run of this length."""
+def _compiled(
+    pair: Pair, point: Point, along: Array | None, duration: float, largest_turn: float
+) -> dict[str, float] | None:
+    """What follows from compiled steps of this length; None if these cannot hold the impact, or bodies turn too far."""
+    try:
+        run = _watched(pair, point, along, duration, "inertial")
+    except PartitionError:  # if the impact is wrong itself, Exudyn's run tells
+        return None
+    if run.impacts and _turned(run, run.impacts[-1].end) > largest_turn:
+        return None
+    found = _measured(run, point)
+    # Pairs slide as bodies fly apart aside; then no contact may follow.
+    return found if run.result.status == "finished" or found["over"] else None
+
+
+def _turned(run: _Watched, end: float) -> float:
+    """Largest angle by which a body, whose frame does not move, turns until a time [s]: [rad]."""
+    both = run.result.at(run.result.t[[0, min(int(np.searchsorted(run.result.t, end)), len(run.result.t) - 1)]])
+    motions = [item.kinematics.rigid_motion(item.coordinates(both))[:, 3:] for item in run.items]
+    return max(float(np.linalg.norm(after - before)) for before, after in motions)
+
+
+@dataclass(frozen=True, eq=False)
+class _Watched:
+    """A run of an impact, with its model; the first body flies along `normal`, and aside along `beside`."""
+
+    result: Result
+    items: list[PartitionBody]
+    contact: PartitionContact
+    normal: Array
+    beside: Array
+
+    @cached_property
+    def impacts(self) -> list[SubImpact]:
+        """Times of contact."""
+        return self.contact.impacts(self.result)
+
+
+def _watched(pair: Pair, point: Point, along: Array | None, duration: float, frame: Frame) -> _Watched:
+    """Run an impact for this time after the first touch [s]: compiled if frames do not move, else by Exudyn."""
     normal = approach(pair)
     beside = sideways(normal, along)
     velocity = point.speed * (math.cos(point.angle) * normal + math.sin(point.angle) * beside)
@@ -95,12 +152,10 @@ def _watched(pair: Pair, point: Point, along: Array | None, duration: float) -> 
     clearance = _STEPS_AHEAD * float(velocity @ normal) / (25 * first.f_cut)
     apart = -clearance * normal
     items = [
-        CreatePartitionBody(
-            mbs, first, name="first", frame="floating", referencePosition=apart, initialVelocity=velocity
-        )
+        CreatePartitionBody(mbs, first, name="first", frame=frame, referencePosition=apart, initialVelocity=velocity)
     ]
     if isinstance(second, ReducedBody):
-        items.append(CreatePartitionBody(mbs, second, name="second", frame="floating"))
+        items.append(CreatePartitionBody(mbs, second, name="second", frame=frame))
     partner: PartitionBody | RigidSurface = items[1] if isinstance(second, ReducedBody) else second
     contact = CreatePartitionContact(mbs, items[0], partner, friction=point.friction or None, name="contact")
     mbs.Assemble()
@@ -116,15 +171,15 @@ def _watched(pair: Pair, point: Point, along: Array | None, duration: float) -> 
             f"bodies: expected a pair that touches as it is placed, or nearly so; flying along {normal.round(6)}, the "
             f"first body needs {flight:.3g} s until it touches"
         )
-    result = solve_dynamic(mbs, end_time=duration + flight, progress=lambda share: None)
-    return _measured(result, items, contact, point, normal, beside)
+    solver: Solver = "compiled" if frame == "inertial" else "exudyn"
+    result = solve_dynamic(mbs, end_time=duration + flight, solver=solver, progress=lambda share: None)
+    return _Watched(result, items, contact, normal, beside)
 
 
-def _measured(
-    result: Result, items: list[PartitionBody], contact: PartitionContact, point: Point, normal: Array, beside: Array
-) -> dict[str, float]:
+def _measured(run: _Watched, point: Point) -> dict[str, float]:
     """`QUANTITIES` of a run."""
-    force, impacts = contact.force(result), contact.impacts(result)
+    result, items, contact, normal, beside = run.result, run.items, run.contact, run.normal, run.beside
+    force, impacts = contact.force(result), run.impacts
     if not impacts:
         return dict.fromkeys(QUANTITIES, math.nan) | {"contacts": 0.0, "over": 0.0}
     ends = result.at(result.t[[0, -1]])

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import InputError, ModelLimitWarning
 from ..support.arrays import Array, Vector
-from ..support.checks import validate_array, validate_positive, validate_vector
+from ..support.checks import validate_array, validate_number, validate_positive, validate_vector
 from ..support.foreign import DaskClient
 from ..support.progress import Progress
 from ..support.spelling import spelled
@@ -24,6 +24,8 @@ from .impact_setup import Pair, Point, approach, default_duration, sideways, val
 from .restitution_values import RestitutionMap
 from .run_records import about_function
 from .study import study
+
+LARGEST_TURN = 2e-3  # rad, see `restitution_map`: restitution is right to 1e-3
 
 
 @spelled
@@ -36,14 +38,19 @@ def restitution_map(
     place: float | Sequence[float] | Array | None = None,
     along: Vector | None = None,
     duration: float | None = None,
+    largest_turn: float = LARGEST_TURN,
     file: str | Path | None = None,
     workers: int | Executor | DaskClient = 1,
     progress: Progress | None = None,
 ) -> RestitutionMap:
     """Compute free impacts on a grid of speed, angle, friction and place, and what a rigid code has to know of them.
 
-    The first body flies at the second one, which rests, or at a rigid surface, and does not spin. Both are free, in
-    floating frames, without gravity. Each impact is watched until no vibration can close the contact again.
+    The first body flies at the second one, which rests, or at a rigid surface, and does not spin. Both are free,
+    without gravity. Each impact is watched until no vibration can close the contact again.
+
+    Impacts in which bodies hardly turn are run by compiled steps in frames that do not move, in a sixth of the time,
+    where these hold the impact: without friction and plastic flow, and as long as pairs of patches do not slide in
+    contact. The others are run by Exudyn in floating frames. `info["compiled"]` of the map says which are which.
 
     Parameters
     ----------
@@ -64,6 +71,9 @@ def restitution_map(
     duration : float, optional
         Time to watch after the first touch [s]; if more contacts may come, up to eight times that. Default: 30
         crossings of a longitudinal wave through the larger body.
+    largest_turn : float
+        Angle by which bodies may turn until the last contact opens, in frames that do not move [rad]. Restitution
+        then is off by up to about half of this angle. 0: all impacts are run by Exudyn in floating frames.
     file : path, optional
         Of JSON lines. Impacts are added as soon as they are known, and those that it holds are not computed again. It
         must be of the same bodies, or of a function of the same name.
@@ -101,7 +111,10 @@ def restitution_map(
     if not callable(source):
         sideways(approach(source), given)
     lasts = None if duration is None else validate_positive("duration", duration, "s")
-    impact = functools.partial(impact_at, bodies=source, along=given, duration=lasts)
+    turn = validate_number("largest_turn", largest_turn, "an angle in rad, zero or above")
+    if turn < 0:
+        raise InputError(f"largest_turn: expected an angle in rad, zero or above, got {turn!r}")
+    impact = functools.partial(impact_at, bodies=source, along=given, duration=lasts, largest_turn=turn)
     points = [dict(zip(axes, map(float, point), strict=True)) for point in itertools.product(*axes.values())]
     # The largest friction comes first: a patch without rows for it is refused before any impact is run.
     runs = study(impact, points[::-1], file=file, workers=workers, together="place", stop=True, progress=progress)
@@ -114,7 +127,8 @@ def restitution_map(
         )
     shape = tuple(len(values) for values in axes.values())
     values = {name: runs[name][::-1].astype(float).reshape(shape) for name in QUANTITIES}
-    about = {**about_function(impact)["fixed"], "new": runs.info["new"]}
+    compiled = runs["compiled"][::-1].astype(bool).reshape(shape)
+    about = {**about_function(impact)["fixed"], "new": runs.info["new"], "compiled": compiled}
     return RestitutionMap(**axes, values=values, info=about)
 
 
@@ -151,11 +165,12 @@ def impact_at(
     bodies: Pair | Callable[[float], Pair],
     along: Array | None,
     duration: float | None,
+    largest_turn: float,
 ) -> dict[str, float]:
     """One impact of a map, which any process can compute."""
     pair = _made(bodies, place) if callable(bodies) else bodies
     lasts = default_duration(pair) if duration is None else duration
-    return free_impact(pair, Point(place, speed, angle, friction), along, lasts)
+    return free_impact(pair, Point(place, speed, angle, friction), along, lasts, largest_turn)
 
 
 @functools.lru_cache(maxsize=1)  # impacts of one place follow each other

@@ -6,6 +6,8 @@ called first, because numba takes long to load. Compiled code is kept on disk, b
 folder for caches, so that only the first process waits for the compiler. Beside the modules it is made again if any of
 them changes; in another folder, only if its own module does. NUMBA_CACHE_DIR names such a folder, NUMBA_DISABLE_JIT=1
 switches compiling off.
+
+Loops write arrays entry by entry: `a[:] = b` brings code that tells of other shapes in words, seconds to compile.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from .progress import say
 F = TypeVar("F", bound=Callable[..., object])
 
 _PACKAGE = Path(__file__).parents[1]
+_NO_DOOR = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _OPTIONS = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "nsz"}}  # sums in any order; NaN stays NaN
 
 
@@ -68,9 +71,14 @@ def unlocked(function: F) -> F:
     return _compiled(function, nogil=True, **_OPTIONS)
 
 
+def inner(function: F) -> F:
+    """Return a compiled function that only other loops call: without what Python would call it by."""
+    return _compiled(function, **_OPTIONS, **_NO_DOOR)
+
+
 def inlined(function: F) -> F:
-    """Return a compiled function whose code is put where it is called: calls with arrays cost more than small sums."""
-    return _compiled(function, forceinline=True, **_OPTIONS)
+    """Return an `inner` function whose code is put where it is called: calls with arrays cost more than small sums."""
+    return _compiled(function, forceinline=True, **_OPTIONS, **_NO_DOOR)
 
 
 def external(module: str, name: str, n_arguments: int) -> Callable[..., None]:

@@ -309,7 +309,9 @@ def closest_on(
     c: Array, f: int, point: Vector, domain: Array, steps: int, converged: float, convex: float, cubic: bool
 ) -> tuple[float, float]:
     """Coordinates of the closest point of a facet, see `surface.closest_points`."""
-    r, s = float(np.mean(domain[:, 0])), float(np.mean(domain[:, 1]))
+    r = s = 0.0
+    for i in range(len(domain)):
+        r, s = r + domain[i, 0] / len(domain), s + domain[i, 1] / len(domain)
     for _ in range(steps):
         a, b, miss = place_on(c, f, r, s, point, cubic)
         aa, ab, bb, am, bm = dot(a, a), dot(a, b), dot(b, b), dot(a, miss), dot(b, miss)
@@ -349,7 +351,9 @@ def closest(
             r, s = closest_on(c, f, point, domain, steps, converged, convex, cubic)
             miss = place_on(c, f, r, s, point, cubic)[2]
             places[j, 0], places[j, 1], distances[j] = r, s, dot(miss, miss)
-        best, least = 0, distances.min() * (1 + same)
+        best, least = 0, np.inf
+        for j in range(len(distances)):
+            least = min(least, distances[j] * (1 + same))
         while distances[best] > least:
             best += 1
         f, r, s = nearest[i, best], places[best, 0], places[best, 1]

@@ -107,6 +107,21 @@ def test_compiled_loops_have_one_door_a_layer():
     assert asking == {door: {"kernels"} for door in {*doors, "algebra.products"}}
 
 
+def test_compiled_loops_write_arrays_entry_by_entry():
+    """An array that is written at once brings code that tells of other shapes in words, seconds to compile."""
+    for path in PACKAGE.rglob("*kernels.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            for target in node.targets if isinstance(node, ast.Assign) else ():
+                pairs = [(target, node.value)]
+                if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+                    pairs = [*zip(target.elts, node.value.elts, strict=True)]
+                for place, value in pairs:
+                    sliced = isinstance(place, ast.Subscript) and any(
+                        isinstance(part, ast.Slice) for part in ast.walk(place.slice)
+                    )
+                    assert not sliced or isinstance(value, ast.Constant), f"{path}:{node.lineno}"
+
+
 def test_sparse_matrices_are_factorised_by_one_function():
     """So that another solver can take its place. SuperLU solves small or unsymmetric systems of bodies and joints."""
     users = {

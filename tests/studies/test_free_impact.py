@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import exudyn as exu
+import netgen.occ as occ
 import numpy as np
 import pytest
 
@@ -84,6 +85,28 @@ def test_an_impact_is_watched_until_it_is_over(round_body):
     assert whole["over"] == cut["over"] == 1
     for name in ("restitution", "contact_time", "impulse"):
         assert cut[name] == pytest.approx(whole[name], rel=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_frame_that_does_not_move_changes_restitution_by_no_more_than_the_body_turns():
+    """A bar that falls on its edge, tilted, spins after the impact."""
+    lasts, turn = 60e-6, 5e-3
+    fem = ep.fe_model(_tilted_bar(), ep.STEEL, maxh=4e-3, refine=[ep.Refine((0, 0, 0), 0.6e-3, 0.3e-3)])
+    bar = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 0.9e-3, direction=(0, 0, -1)), f_cut=60e3)
+    pair, point = (bar, ep.RigidPlane()), Point(0.0, 0.5, 0.0, 0.0)
+    fixed, floating = (free_impact(pair, point, None, lasts, largest) for largest in (turn, 0.0))
+    assert (fixed["compiled"], floating["compiled"]) == (1.0, 0.0)
+    turned = abs(floating["spin"]) * floating["span"]
+    assert 1e-4 < turned < turn
+    assert 1e-6 < abs(fixed["restitution"] - floating["restitution"]) < 0.6 * turned
+
+
+def _tilted_bar():
+    """A bar with a round end, tilted by 40 degrees, on its lowest point, the origin."""
+    radius, tilt = 3e-3, np.radians(40.0)
+    axis = (np.sin(tilt), 0.0, np.cos(tilt))
+    end = occ.Sphere(occ.Pnt(0, 0, radius), radius)
+    return end + occ.Cylinder(occ.Pnt(0, 0, radius), occ.Vec(*axis), r=radius, h=20e-3)
 
 
 def is_over_in_flight(mbs, body, height, velocity, spin, deformation, rates):

@@ -162,6 +162,30 @@ def test_a_warning_of_impacts_is_told_once_with_their_number(ball):
     assert any(str(w.message).startswith("2 of 2 runs warn, the first: ") for w in caught)
 
 
+def test_impacts_that_hardly_turn_are_compiled_and_the_same(ball, normal, oblique):
+    """What the ball turns by comes from its facets; friction is not for compiled steps."""
+    assert normal.info["compiled"].all()
+    np.testing.assert_array_equal(oblique.info["compiled"], np.broadcast_to(oblique.friction == 0, oblique.shape))
+    exact = ep.restitution_map((ball, PLANE), speed=normal.speed[:1], largest_turn=0.0)
+    assert not exact.info["compiled"].any()
+    for name, values in exact.values.items():
+        tolerance = {"rtol": 1e-6, "atol": 1e-8} if name != "spin" else {"atol": 1e-3 * exact.speed[0] / R}
+        np.testing.assert_allclose(normal[name][:, :1], values, **tolerance)
+
+
+def test_impacts_in_which_bodies_turn_are_run_in_floating_frames(ball):
+    found = ep.restitution_map((ball, PLANE), speed=0.2, largest_turn=1e-12)
+    assert not found.info["compiled"].any()
+
+
+def test_impacts_whose_pairs_slide_in_contact_are_run_by_exudyn(ball, other):
+    """Pairs that slide as the balls fly apart do not matter."""
+    found = ep.restitution_map((ball, other), speed=0.3, angle=np.radians([0, 5, 70]), duration=150e-6)
+    assert found.info["compiled"].ravel().tolist() == [True, True, False]
+    assert (found["over"] == 1).all()
+    np.testing.assert_allclose(found["restitution"], 1.0, atol=0.02)
+
+
 def test_an_impact_that_may_go_on_is_told(ball):
     with pytest.warns(ModelLimitWarning, match="1 of 1 impacts may not be over"):
         ep.restitution_map((ball, PLANE), speed=0.3, duration=1e-6)
@@ -199,6 +223,7 @@ def test_a_map_is_stored_and_shown(normal, oblique, tmp_path):
         ({"speed": 0.2, "place": 1.0}, "place: expected none beside given bodies"),
         ({"speed": 0.2, "along": (0, 0, 1)}, "along: expected a direction along the surface"),
         ({"speed": 0.2, "duration": -1.0}, "duration"),
+        ({"speed": 0.2, "largest_turn": -1e-3}, "largest_turn: expected an angle in rad, zero or above"),
         ({"speed": 0.2, "workers": 0}, "workers"),
         ({"speed": 0.2, "file": 3}, "file"),
     ],

@@ -817,6 +817,7 @@ CALLS = {
         place=Kind({**v.NOTHING, "beside given bodies": 1.0}, None).or_none,
         along=v.direction.or_none,
         duration=v.positive.or_none(1e-4),
+        largest_turn=v.number.but(negative=-1e-3)(0.0),
         workers=v.count,
         file=v.path_out.or_none,
     ),

@@ -64,7 +64,8 @@ def eliminate_nodes(
         begin = ends[node]
         if begin + needed > len(below):
             grown = np.empty(2 * len(below) + needed, np.int64)
-            grown[:begin] = below[:begin]
+            for place in range(begin):
+                grown[place] = below[place]
             below = grown
         end, least = begin, n
         for place in range(starts[node], starts[node + 1]):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...support.arrays import Array
-from ...support.compiled import external, unlocked
+from ...support.compiled import external, inlined, unlocked
 
 _dpotrf, _spotrf = external("cython_lapack", "dpotrf", 5), external("cython_lapack", "spotrf", 5)
 _dtrtri, _strtri = external("cython_lapack", "dtrtri", 6), external("cython_lapack", "strtri", 6)
@@ -70,13 +70,21 @@ def add(change: Array, place: Array, own: Array, below: Array, update: Array) ->
                 update[row - k, place[j] - k] += values[j - i]
 
 
+@inlined
+def write(values: Array, result: Array) -> None:
+    """Write values to an array of the same shape, entry by entry, see `support.compiled`."""
+    for place in np.ndindex(result.shape):
+        result[place] = values[place]
+
+
 @unlocked
 def packed(update: Array) -> Array:
     """Upper triangle of a transposed array, (m, m), row by row."""
     m, begin = len(update), 0
     result = np.empty(m * (m + 1) // 2, update.dtype)
     for i in range(m):
-        result[begin : begin + m - i] = update[i, i:]
+        for j in range(i, m):
+            result[begin + j - i] = update[i, j]
         begin += m - i
     return result
 
@@ -112,7 +120,7 @@ def eliminate(own: Array, below: Array, update: Array) -> bool:
             _dtrtri(lower, plain, k, a, k, said)
     definite: bool = info[0] == 0
     if definite:
-        own[:] = factor
+        write(factor, own)
     # Arrays are freed after their last use, and an address is none: these are used once more after the calls.
     kept: bool = letters[0] > 0 and sizes[0] >= 0 and numbers[0] > 0.0
     return definite and kept
@@ -141,10 +149,10 @@ def push(x: Array, store: Array, begins: Array, starts: Array, ends: Array, chan
     for front in fronts:
         own, others = x[starts[front] : starts[front + 1]], changes[ends[front] : ends[front + 1]]
         k, m, begin = len(own), len(others), begins[front]
-        own[:] = np.dot(store[begin : begin + k * k].reshape(k, k).T, own)
+        write(np.dot(store[begin : begin + k * k].reshape(k, k).T, own), own)
         pushed = np.dot(store[begin + k * k : begin + k * (k + m)].reshape(k, m).T, own)
-        for i in range(m):
-            x[others[i]] -= pushed[i]
+        for place in np.ndindex(pushed.shape):
+            x[(others[place[0]], *place[1:])] -= pushed[place]
 
 
 @unlocked
@@ -156,6 +164,6 @@ def pull(
         own, others = x[starts[front] : starts[front + 1]], changes[ends[front] : ends[front + 1]]
         k, m, begin = len(own), len(others), begins[front]
         pulled = np.dot(store[begin + k * k : begin + k * (k + m)].reshape(k, m), x[others])
-        for i in range(k):
-            pulled[i] = signs[starts[front] + i] * own[i] - pulled[i]
-        own[:] = np.dot(store[begin : begin + k * k].reshape(k, k), pulled)
+        for place in np.ndindex(pulled.shape):
+            pulled[place] = signs[starts[front] + place[0]] * own[place] - pulled[place]
+        write(np.dot(store[begin : begin + k * k].reshape(k, k), pulled), own)
