@@ -15,6 +15,7 @@ from ..surfaces.points import ContactPoints, RowKind, contact_points
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from .gaps import Gaps, GapState
 from .linear_gaps import LinearGaps
+from .pairings import points_of
 from .rigid_mesh import RigidMesh
 from .side import Side
 from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
@@ -183,7 +184,7 @@ class RigidGaps(Gaps):
             slave, self._seen = slave.seen_from(on_plane), RigidPlane(np.zeros(3), surface.normal)
         self.sides = (slave,)
         self.n, self.size = slave.n, slave.surface.facet_size
-        self._all = contact_points(slave.surface, kind)
+        self._all = points_of(slave, kind) if slave.surface.wanders else contact_points(slave.surface, kind)
         linear = slave.kinematics.linear and isinstance(surface, RigidPlane) and pose is None
         linear = linear and not slave.surface.wanders
         self._start_q, self._loaded = np.zeros(self.n), {}

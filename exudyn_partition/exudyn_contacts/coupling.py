@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ..algebra.sparse.skin_flexibility import Flexibility, SkinFlexibility
 from ..contact.formulations.formulation import SharedBody
 from ..errors import InputError
@@ -76,6 +78,10 @@ class _Links:
 
     def __init__(self, contacts: list[PartitionContact]) -> None:
         self._contacts = contacts
+
+    def some(self, places: Sequence[int]) -> _Links:
+        """See `formulation.Links`."""
+        return _Links([self._contacts[j] for j in places])
 
     @property
     def shared(self) -> bool:
