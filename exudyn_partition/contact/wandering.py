@@ -90,7 +90,7 @@ class WanderingGaps(PatchGaps):
         self._part_reach = max(WINDOW * self.size, 0.25 * (near.least - LIMIT * self.size))
 
     def least_distance(self, q: Array) -> float:
-        """See `Gaps.least_distance`; by boxes around the sides, by their nodes, or by the slave's points if these are near."""
+        """See `Gaps.least_distance`; by boxes around the sides, by nodes, or by the slave's points if they are near."""
         places = [side.place(part) for side, part in zip(self._start.rows.sides, self.split(q), strict=True)]
         lower, upper = ([pick(x, axis=0) for x in places] for pick in (np.min, np.max))
         between = np.maximum(np.maximum(lower[0] - upper[1], lower[1] - upper[0]), 0.0)

@@ -1,8 +1,8 @@
 """Broad phase of contacts between bodies that may meet anywhere: which of them may touch soon.
 
-All others sleep: nobody evaluates them. A contact sleeps while all its gaps are larger than a part of a facet. For this,
-the gaps are bounded from below, and then each step bounds by how much they can have become smaller: by the change of the
-bodies' coordinates alone, for all contacts at once. So a step costs as much as the contacts that are awake.
+All others sleep: nobody evaluates them. A contact sleeps while all its gaps are larger than a part of a facet. For
+this, the gaps are bounded from below. Then each step bounds by how much they can have become smaller: by the change of
+the bodies' coordinates alone, for all contacts at once. So a step costs as much as the contacts that are awake.
 """
 
 from __future__ import annotations
@@ -95,6 +95,6 @@ def motion_bound(side: Side) -> Array:
         rows = kinematics.rows.reshape(len(kinematics.nodes), 3, kinematics.rows.shape[1])
         shapes = np.sqrt(np.einsum("kdn,kdn->kn", rows, rows).max(axis=0))
     if kinematics.linear:
-        return shapes
+        return np.asarray(shapes)
     arm = _LONGER * float(np.linalg.norm(kinematics.arms, axis=1).max())
     return np.concatenate([np.ones(3), np.full(3, arm), shapes])

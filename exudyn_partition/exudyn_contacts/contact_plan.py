@@ -12,8 +12,8 @@ from ..algebra.coulomb import Coulomb, friction_of
 from ..contact.formulations.choices import Compliance, FormulationName, formulation_of
 from ..contact.formulations.formulation import Formulation
 from ..contact.gaps import Gaps
-from ..contact.patch_contact import PatchContact
 from ..contact.pairings import Pairing
+from ..contact.patch_contact import PatchContact
 from ..contact.patch_gaps import PatchGaps
 from ..contact.press_fit import fitted
 from ..contact.profile import RigidProfile
@@ -265,7 +265,7 @@ def _are_better_turned(slave: Surface, master: Surface, *, anywhere: bool) -> bo
     """Whether slave and master should change places: rows are at the sharp edges, and at the finer facets of the slave.
 
     The master's edges have no rows. So the slave is the body whose edge meets a face of the other, or whose patch goes
-    around sharp edges, if that is true of one alone. Where bodies may meet `anywhere`, it does not count what meets now.
+    around sharp edges, if that is true of one alone. If bodies may meet `anywhere`, it does not count what meets now.
     """
     meets = (False, False) if anywhere else (edge_meets(slave, master), edge_meets(master, slave))
     for of_slave, of_master in (

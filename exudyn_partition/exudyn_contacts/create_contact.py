@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, overload
+from functools import partial
+from typing import Literal, overload
 
 from ..algebra.coulomb import Coulomb
 from ..contact.formulations.choices import FormulationName
@@ -89,8 +90,8 @@ def CreatePartitionContact(
 
     Many bodies are given as one sequence: `CreatePartitionContact(mbs, bodies)`. Rigid surfaces may be among them, such
     as a floor and walls. Any two of their patches that are near and face each other at the start get a contact. Bodies
-    with a skin, see `reduce(fem, skin=True)`, get contacts with all others, wherever they are: nothing needs to be known
-    of where they will meet. Contacts of bodies that are far apart cost next to nothing in a step.
+    with a skin, see `reduce(fem, skin=True)`, get contacts with all others, wherever they are: nobody needs to know
+    where they will meet. Contacts of bodies that are far apart cost next to nothing in a step.
 
     Parameters
     ----------
@@ -139,8 +140,8 @@ def CreatePartitionContact(
     Returns
     -------
     PartitionContact
-        For a sequence of bodies, a list of contacts. Skins that have sharp edges have two with each other: one with rows
-        all over the slave, and one with rows="edges".
+        For a sequence of bodies, a list of contacts. Skins with sharp edges have two with each other: one with rows all
+        over the slave, and one with rows="edges".
 
     Raises
     ------
@@ -151,10 +152,9 @@ def CreatePartitionContact(
             raise InputError("slavePatch, masterPatch, masterBody: of a sequence of bodies, all patches are looked at")
         if isinstance(rows, str) and rows == "edges":
             raise InputError("rows: 'edges' are made of two bodies at a time, beside their contact")
-        options = {"formulation": formulation, "stiffness": stiffness, "friction": friction}
-        return _contacts_of(
-            mbs, pairs_of(mbs, slave, within), name, rows=rows, passes=passes, interference=interference, **options
-        )
+        plan_pair = partial(plan_contact, mbs, formulation=formulation, stiffness=stiffness, friction=friction)
+        of_whole = partial(plan_pair, rows=rows, passes=passes, interference=interference)
+        return _contacts_of(mbs, pairs_of(mbs, slave, within), name, of_whole, partial(plan_pair, rows="edges"))
     if within is not None:
         raise InputError("within: only for a sequence of bodies, whose pairs are looked for")
     plan = plan_contact(
@@ -179,25 +179,20 @@ def _contacts_of(
     mbs: MainSystem,
     pairs: Sequence[FoundPair],
     name: str,
-    *,
-    rows: RowKind | None,
-    interference: float | Literal["placed"] | None,
-    **options: Any,
+    plan_whole: Callable[..., ContactPlan],
+    plan_edges: Callable[..., ContactPlan],
 ) -> list[PartitionContact]:
     """Add contacts of pairs that were found; skins also have contacts of the rows at the master's edges."""
     validate_text("name", name)
     contacts = []
-    for i, (slave, master, anywhere) in enumerate(pairs, 1):
-        of_master = dict(zip(("master", "masterPatch"), master, strict=True)) if isinstance(master, tuple) else {}
-        sides = {"slave": slave[0], "slavePatch": slave[1], "master": master, **of_master}
-        named = name and f"{name} {i}"
-        plan = plan_contact(
-            mbs, **sides, rows=rows, interference=interference, name=named, anywhere=anywhere, **options
-        )
+    for i, ((slave, patch), master, anywhere) in enumerate(pairs, 1):
+        named, body = name and f"{name} {i}", isinstance(master, tuple)
+        partner, of_partner = master if isinstance(master, tuple) else (master, None)
+        sides = {"slavePatch": patch, "masterPatch": of_partner, "anywhere": anywhere}
+        plan = plan_whole(slave, partner, **sides, name=named)
         contacts.append(_build(mbs, plan))
-        if anywhere and of_master and needs_edges(plan):
-            edges = plan_contact(mbs, **sides, rows="edges", name=named and f"{named} edges", anywhere=True, **options)
-            contacts.append(_build(mbs, edges))
+        if anywhere and body and needs_edges(plan):
+            contacts.append(_build(mbs, plan_edges(slave, partner, **sides, name=named and f"{named} edges")))
     return contacts
 
 

@@ -284,7 +284,7 @@ class CoupledRun(GroupRun):
             self.samples.add(t, self._nodes, self._bounds, frozen.lam[closed], frozen.stored.copy())
 
     def _keeping(self) -> Sequence[ContactRun]:
-        """Members with a sample to keep: those that are awake, and those whose energies are kept while they are open."""
+        """Members with a sample to keep: those that are awake, and those whose energies are kept while open."""
         if not self._sleeps:
             return self.members
         awake = {*self._places}

@@ -28,9 +28,9 @@ _CLOSE = 1e-2  # relative change of the limit with which it is known
 def stability_limit(mbs: MainSystem) -> float:
     """Largest stable step of central differences for the partition bodies with all contact rows closed [s].
 
-    It is 2 / omega_max of K + H' F^-1 H and M, with the pairs and normals at the start. Skins of a list of bodies, which
-    may meet anywhere, have no such pairs: each body lies on each of its six sides, see `contact.landings`. Damping of the
-    bodies lowers the limit. This is computed by a bound that is exact if the highest mode has the largest damping.
+    It is 2 / omega_max of K + H' F^-1 H and M, with the pairs and normals at the start. Skins of a list of bodies may
+    meet anywhere: then each body lies on each of its six sides, see `contact.landings`. Damping of the bodies lowers
+    the limit. This is computed by a bound that is exact if the highest mode has the largest damping.
     Other items of the model are not included, nor is the mass of a body that carries a rigid surface. Multipliers of
     the lagrange formulation do not lower the limit. Viscous flexibilities of contacts do, see `contact.viscosity`.
 
