@@ -208,7 +208,9 @@ def parser() -> argparse.ArgumentParser:
     said = f"{_MATERIAL}; of each body (default for --drop: steel)"
     one.add_argument("--material", action="append", type=_material, help=said)
     one.add_argument("--scale", type=_positive, help="factor on the files' lengths (default: 1; for --drop 1e-3, mm)")
-    one.add_argument("--duration", type=_positive, metavar="S", help="of the run, or over which errors are measured [s]")
+    one.add_argument(
+        "--duration", type=_positive, metavar="S", help="of the run, or over which errors are measured [s]"
+    )
     at = one.add_argument_group("an impact at a known point")
     at.add_argument("--speed", type=_positive, help="of approach [m/s]")
     at.add_argument("--contact", type=_vector, metavar="X,Y,Z", help="where they touch, scaled [m]")

@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..errors import CallError
 from ..fe.material import STEEL
@@ -30,9 +29,9 @@ _FRICTION = 0.3
 _TILT = (3.0, 2.0, 0.0)  # [degrees]: nothing falls quite flat
 _WALLS = 2.0  # largest element, by the mean thickness of walls
 _COARSEST, _FINEST = 12.0, 60.0  # elements along the part's diagonal
-_WAVES = 4.0  # shear waves of the highest frequency along the diagonal
+_WAVES = 2.0  # shear waves of the highest frequency along the diagonal
 _WAY = 0.2  # of the diagonal: way at the speed of impact in the default duration
-_SCRIPT = '''"""Drop of {named} from {height:g} m on a rigid floor, as `exudyn-partition impact` made it; run it with Python."""
+_SCRIPT = '''"""Drop of {named} from {height:g} m on a rigid floor, made by `exudyn-partition impact`; run it with Python."""
 
 from pathlib import Path
 
@@ -158,8 +157,8 @@ def default_size(diagonal: float, volume: float, surface: float) -> float:
 
 
 def default_f_cut(fem: FEModel, diagonal: float) -> float:
-    """Truncation frequency [Hz]: that of four shear waves along the diagonal, if the mesh resolves it."""
-    return min(_WAVES * fem.elastic.shear_wave_speed / diagonal, fem.resolved_frequency)
+    """Truncation frequency [Hz]: that of two shear waves along the diagonal, if the mesh resolves it."""
+    return float(min(_WAVES * np.min(fem.elastic.shear_wave_speed) / diagonal, fem.resolved_frequency))
 
 
 def _named(fem: FEModel) -> str:

@@ -24,7 +24,7 @@ from .contact_object import add_to_object
 from .contact_pairs import FoundPair, pairs_of
 from .contact_plan import ContactPlan, Passes, needs_edges, plan_contact
 from .contact_run import N_FRICTION, N_VALUES, N_VALUES_AHEAD, ContactRun
-from .coupling import solve_together
+from .coupling import Joining, solve_together
 from .model_run import Runs, runs_of
 from .partition_contact import PartitionContact, partition_items
 
@@ -184,23 +184,32 @@ def _contacts_of(
 ) -> list[PartitionContact]:
     """Add contacts of pairs that were found; skins also have contacts of the rows at the master's edges."""
     validate_text("name", name)
-    contacts = []
-    for i, ((slave, patch), master, anywhere) in enumerate(pairs, 1):
-        named, body = name and f"{name} {i}", isinstance(master, tuple)
-        partner, of_partner = master if isinstance(master, tuple) else (master, None)
-        sides = {"slavePatch": patch, "masterPatch": of_partner, "anywhere": anywhere}
-        plan = plan_whole(slave, partner, **sides, name=named)
-        contacts.append(_build(mbs, plan))
-        if anywhere and body and needs_edges(plan):
-            contacts.append(_build(mbs, plan_edges(slave, partner, **sides, name=named and f"{named} edges")))
+    contacts, joining = list[PartitionContact](), Joining(partition_items(mbs)[1])
+    try:
+        for i, ((slave, patch), master, anywhere) in enumerate(pairs, 1):
+            named, body = name and f"{name} {i}", isinstance(master, tuple)
+            partner, of_partner = master if isinstance(master, tuple) else (master, None)
+            sides = {"slavePatch": patch, "masterPatch": of_partner, "anywhere": anywhere}
+            plan = plan_whole(slave, partner, **sides, name=named)
+            contacts.append(_build(mbs, plan, joining.join))
+            if anywhere and body and needs_edges(plan):
+                edges = plan_edges(slave, partner, **sides, name=named and f"{named} edges")
+                contacts.append(_build(mbs, edges, joining.join))
+    finally:  # a pair that cannot be leaves those before it
+        joining.end()
     return contacts
 
 
-def _build(mbs: MainSystem, plan: ContactPlan) -> PartitionContact:
-    """Add a planned contact to the model, with its sensors."""
+def _build(
+    mbs: MainSystem, plan: ContactPlan, join: Callable[[PartitionContact], None] | None = None
+) -> PartitionContact:
+    """Add a planned contact to the model, with its sensors; `join` joins it to others, by default to be solved now."""
     _, contacts = partition_items(mbs)
     contact, mechanics = PartitionContact(plan), plan.mechanics
-    solve_together(contact, contacts)
+    if join is None:
+        solve_together(contact, contacts)
+    else:
+        join(contact)
     kind = type(mechanics.law).__name__
     _log.info("contact %r: %s with %s rows, in a group of %s", plan.name, kind, contact.n_rows, len(contact.group))
     runs = runs_of(mbs)

@@ -172,9 +172,13 @@ class CoupledRun(GroupRun):
         """Choose the members that are awake at the model's coordinates q, (nq,)."""
         if self._broad is None:
             self._broad = BroadPhase([member.mechanics for member in self.members], self._dofs, len(q))
+            for member in self.members:
+                member.record.near = False
         places = self._broad.look(q)
         if places is not self._places:
             self._places, self._awake = places, [self.members[j] for j in places]
+            for member in self._awake:
+                member.record.near = True
             self._coupled = self._whole.some(places)
 
     def _any_pushes(self) -> bool:
