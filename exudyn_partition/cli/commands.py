@@ -73,7 +73,9 @@ The file is then read by exudyn_partition.load_body("rod.npz").""",
         --contact 0,0,0 --tolerance 1e-2 -o out
   a body on a rigid plane whose outward normal is z:
     exudyn-partition impact ball.step --scale 1e-3 --material steel --speed 0.3 --contact 0,0,0 --normal 0,0,1 -o out
-The folder then has the reduced bodies, the page impact.html, and impact.py, which runs the impact again.""",
+  a part that falls on a rigid floor from half a metre, anyhow turned; its file is in millimetres:
+    exudyn-partition impact part.step --drop 0.5 --floor --material 2.3e9,0.37,1050 --turn 20,10,0
+The folder then has the reduced bodies, a page, and a script, which runs the impact again.""",
     "study": """examples:
   a grid of 3 x 2 runs of the function impact(speed, friction) of a file, by two processes:
     exudyn-partition study impact.py:impact --grid speed=0.2,0.4,0.6 --grid friction=0,0.1 --workers 2 -o study.jsonl
@@ -200,18 +202,29 @@ def parser() -> argparse.ArgumentParser:
         "--impedance", type=_limit, default=math.inf, help="effective wave impedance of long bodies [N s/m]"
     )
 
-    one = command("impact", impact_command, "Design an impact: from STEP files to reduced bodies, a page and a script.")
+    one = command("impact", impact_command, "From STEP files to an impact, or a drop: bodies, a page and a script.")
     one.add_argument("source", nargs="+", metavar="STEP", help="one or two STEP files, placed as the bodies touch")
-    one.add_argument("-o", "--out", required=True, type=Path, metavar="DIR", help="folder, which is made if need be")
-    one.add_argument("--material", required=True, action="append", type=_material, help=f"{_MATERIAL}; of each body")
-    one.add_argument("--speed", required=True, type=_positive, help="of approach [m/s]")
-    one.add_argument("--contact", required=True, type=_vector, metavar="X,Y,Z", help="where they touch, scaled [m]")
+    one.add_argument("-o", "--out", type=Path, metavar="DIR", help="folder (default for --drop: NAME-drop)")
+    said = f"{_MATERIAL}; of each body (default for --drop: steel)"
+    one.add_argument("--material", action="append", type=_material, help=said)
+    one.add_argument("--scale", type=_positive, help="factor on the files' lengths (default: 1; for --drop 1e-3, mm)")
     one.add_argument(
-        "--normal", type=_vector, metavar="X,Y,Z", help="of a rigid plane there, in place of a second body"
+        "--duration", type=_positive, metavar="S", help="of the run, or over which errors are measured [s]"
     )
-    one.add_argument("--tolerance", type=_positive, default=1e-2, help="of the whole error (default: 0.01)")
-    one.add_argument("--duration", type=_positive, metavar="S", help="over which errors are measured [s]")
-    one.add_argument("--scale", type=_positive, default=1.0, help="factor on the files' lengths: 1e-3 for millimetres")
+    at = one.add_argument_group("an impact at a known point")
+    at.add_argument("--speed", type=_positive, help="of approach [m/s]")
+    at.add_argument("--contact", type=_vector, metavar="X,Y,Z", help="where they touch, scaled [m]")
+    said = "of a rigid plane there, in place of a second body"
+    at.add_argument("--normal", type=_vector, metavar="X,Y,Z", help=said)
+    at.add_argument("--tolerance", type=_positive, help="of the whole error (default: 0.01)")
+    fall = one.add_argument_group("a part that falls, and may touch with its whole skin")
+    fall.add_argument("--drop", type=_positive, metavar="HEIGHT", help="from which it falls [m]")
+    fall.add_argument("--floor", action="store_true", help="on a rigid plane, below it along z")
+    said = "turns about x, y and z, one after the other [degrees] (default: 3,2,0)"
+    fall.add_argument("--turn", type=_vector, metavar="A,B,C", help=said)
+    fall.add_argument("--maxh", type=_positive, metavar="M", help="largest element [m] (default: by its walls)")
+    fall.add_argument("--f-cut", type=_positive, metavar="HZ", help="keep what moves below (default: by its size)")
+    fall.add_argument("--friction", type=_share, help="coefficient (default: 0.3)")
 
     one = command("study", study_command, "Call a function at many points, and keep what it returns.")
     add_study_arguments(one)
@@ -224,6 +237,17 @@ def _positive(text: str) -> float:
     """Number above zero."""
     if math.isinf(number := _limit(text)):
         raise argparse.ArgumentTypeError(f"expected a finite number above zero, got {text.strip()!r}")
+    return number
+
+
+def _share(text: str) -> float:
+    """Number that is not negative."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0.0 <= number < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a number of at least zero, got {text.strip()!r}")
     return number
 
 

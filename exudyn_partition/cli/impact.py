@@ -14,8 +14,11 @@ from ..contact.rigid import RigidPlane
 from ..errors import CallError
 from ..present.report_page import write_report
 from ..support.files import filling, replacing
+from .drop import drop
+from .quoting import escaped, quoted
 
 _PROGRAM, _PAGE = "impact.py", "impact.html"
+_TOLERANCE = 1e-2
 _SCRIPT = '''"""Impact of {names} at {speed:g} m/s, as `exudyn-partition impact` designed it; run it with Python.
 
 Estimated error of force and velocities over {duration:.4g} s: {error:.2%}.
@@ -51,7 +54,10 @@ if __name__ == "__main__":
 
 
 def impact(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
-    """Design an impact, run it, and write bodies, page and script."""
+    """Design an impact, run it, and write bodies, page and script; or let a part drop, see `drop`."""
+    if options.drop is not None:
+        return drop(options)
+    _check(options)
     sources = [Path(source) for source in options.source]
     if len(sources) > 2 or (len(sources) == 1) == (options.normal is None):
         raise CallError(
@@ -71,9 +77,9 @@ def impact(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
         others[0] if others else RigidPlane(options.contact, options.normal),
         speed=options.speed,
         contact=options.contact,
-        tolerance=options.tolerance,
+        tolerance=_TOLERANCE if options.tolerance is None else options.tolerance,
         duration=options.duration,
-        scale=options.scale,
+        scale=1.0 if options.scale is None else options.scale,
     )
     names = [source.stem for source in sources]
     if len(set(names)) < len(names):
@@ -96,38 +102,39 @@ def impact(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
     }
 
 
+def _check(options: argparse.Namespace) -> None:
+    """Raise an error if an impact at a known point lacks an option, or has one that belongs to a drop."""
+    for name, meaning in (("material", "of each body"), ("speed", "of approach [m/s]"), ("contact", "where they touch"),
+                          ("out", "the folder")):  # fmt: skip
+        if getattr(options, name) is None:
+            raise CallError(f"--{name}: expected one, {meaning}. Or take --drop HEIGHT --floor for a part that falls")
+    for name in ("floor", "maxh", "turn", "f_cut", "friction"):
+        if getattr(options, name) not in (None, False):
+            raise CallError(f"--{name.replace('_', '-')}: belongs to --drop, give it with a height")
+
+
 def script(design: ImpactDesign, names: list[str], options: argparse.Namespace) -> str:
     """Text of the script."""
     if len(names) == 2:
         second = (
-            f"ep.CreatePartitionBody(mbs, ep.load_body(HERE / {_quoted(names[1], '.npz')}), name={_quoted(names[1])})"
+            f"ep.CreatePartitionBody(mbs, ep.load_body(HERE / {quoted(names[1], '.npz')}), name={quoted(names[1])})"
         )
     else:
         second = f"ep.RigidPlane({list(options.contact)}, {list(options.normal)})"
     points, normal = design.place.points, design.place.normal
     flight = max(0.0, float((points[1] - points[0]) @ normal)) / design.speed
     return _SCRIPT.format(
-        names=_escaped(" on ".join([*names, *["a rigid plane"] * (len(names) == 1)])),
+        names=escaped(" on ".join([*names, *["a rigid plane"] * (len(names) == 1)])),
         speed=design.speed,
         duration=design.duration,
         error=design.error,
         normal=np.round(normal, 12).tolist(),
         end_time=design.duration + flight,
         step=design.step,
-        file=_quoted(names[0], ".npz"),
-        name=_quoted(names[0]),
+        file=quoted(names[0], ".npz"),
+        name=quoted(names[0]),
         second=second,
     )
-
-
-def _quoted(name: str, ending: str = "") -> str:
-    """Name as a text in a program."""
-    return repr(name + ending)
-
-
-def _escaped(text: str) -> str:
-    """Text as it stands within the triple double quotes of a docstring."""
-    return repr(text)[1:-1].replace('"', '\\"')
 
 
 def _described(design: ImpactDesign) -> dict[str, object]:

@@ -126,6 +126,8 @@ class Gaps:
         Whether an overlap of the sides as they are placed is meant. Load steps close it.
     reach : float
         Gap at which forces begin [m]. Rows with smaller gaps are present.
+    anywhere : bool
+        Whether the sides may meet anywhere, and be far from each other for long.
     yielding : tuple of float or None
         Share of each side's flexibility that yields within the present step, see `viscosity`; None if all of it does.
     anchor : Anchor or None
@@ -146,6 +148,7 @@ class Gaps:
     clearance: float
     pressed: bool = False
     reach: float = 0.0
+    anywhere: bool = False
     yielding: tuple[float, ...] | None = None
     searches: int = 0
     anchor: Anchor | None = None
@@ -236,6 +239,13 @@ class Gaps:
         point faces the master. `dents` are those of each side, see `Side.dent`.
         """
         raise NotImplementedError
+
+    def least_distance(self, q: Array) -> float:
+        """Lower bound of all gaps at coordinates q, (n,) [m], if it is above zero; otherwise the sides may touch.
+
+        Rows stay as they are. It is minus infinity if nothing is known.
+        """
+        return -np.inf
 
     def dented(self, sides: Sequence[Side], q: Array, dents: Sequence[Array] | None) -> list[Array]:
         """Places of all nodes of some sides, (np, 3) for each [m], from `centre`, at coordinates q, with dents."""

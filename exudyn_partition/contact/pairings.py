@@ -13,7 +13,7 @@ from ..algebra.products import dense
 from ..errors import EmptyRegionError
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
-from ..surfaces.near import pair_wandering
+from ..surfaces.near import pair_as_placed, pair_wandering
 from ..surfaces.points import ContactPoints, RowKind, contact_points
 from ..surfaces.rows import ContactRows, directed_matrix, pair_surfaces
 from ..surfaces.witnesses import spread
@@ -25,6 +25,7 @@ _ROUNDING = 64 * np.finfo(float).eps  # of the distance from the origin: places 
 
 # Pairings hold arrays alone. A pairing that held its body would keep both of them in memory for ever.
 KEPT: weakref.WeakKeyDictionary[ReducedBody, list[tuple[object, Pairing]]] = weakref.WeakKeyDictionary()
+_POINTS: weakref.WeakKeyDictionary[ReducedBody, dict[object, ContactPoints]] = weakref.WeakKeyDictionary()
 
 
 @dataclass(eq=False)
@@ -82,6 +83,17 @@ class Pairing:
         return kept[-1][1]
 
     @classmethod
+    def as_placed(cls, slave: Side, master: Side, kind: RowKind) -> Pairing:
+        """Pair two sides where they are, however far that is; see `near.pair_as_placed`.
+
+        Raises
+        ------
+        PenetrationError
+        """
+        points, pose = points_of(slave, kind), np.zeros(slave.n + master.n)
+        return cls(points, pair_as_placed(points, slave.surface, master.surface), pose, np.empty((0, 3)))
+
+    @classmethod
     def _paired(cls, slave: Side, master: Side, kind: RowKind, places: Array, pressed: bool) -> Pairing:
         points, pose = contact_points(slave.surface, kind), np.zeros(slave.n + master.n)
         if slave.surface.wanders or master.surface.wanders:
@@ -95,6 +107,16 @@ class Pairing:
                 raise
             rows = pair_surfaces(slave.at(pose[: slave.n]), master.at(pose[slave.n :]), kind)
         return cls(points, rows, pose, places)
+
+
+def points_of(side: Side, kind: RowKind) -> ContactPoints:
+    """All contact points of a side, which are computed once for a body: they do not depend on its place."""
+    surface = side.surface
+    kept = _POINTS.setdefault(side.kinematics.body, {})
+    key = kind, surface.nodes.tobytes(), surface.sharp.tobytes(), side.kinematics.arms.tobytes()  # grown or not
+    if key not in kept:
+        kept[key] = contact_points(surface, kind)
+    return kept[key]
 
 
 def drift_rows(sides: Sequence[Side], shares: Sequence[tuple[Array, Array]], rows: ContactRows) -> Array:

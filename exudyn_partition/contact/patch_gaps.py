@@ -49,6 +49,8 @@ class PatchGaps(Gaps):
         See `Gaps`.
     pressed : bool
         Whether the patches may overlap at the start.
+    pairing : Pairing, optional
+        Pairs at the start. Default: those along the line of contact, see `Pairing.of`.
 
     Raises
     ------
@@ -66,9 +68,12 @@ class PatchGaps(Gaps):
         between: Flexibility | None = None,
         *,
         pressed: bool = False,
+        pairing: Pairing | None = None,
     ) -> None:
         self._kind, self.between = kind, between
-        self._pairing = pairing = Pairing.of(slave, master, kind, itself=between is not None, pressed=pressed)
+        if pairing is None:
+            pairing = Pairing.of(slave, master, kind, itself=between is not None, pressed=pressed)
+        self._pairing = pairing
         centre = slave.surface.points[pairing.rows.points.row_nodes].sum(axis=0) / max(len(pairing.rows.gap), 1)
         self.sides = slave.seen_from(centre), master.seen_from(centre)
         self._all, self._start_q, self._loaded = pairing.points, pairing.pose, {}

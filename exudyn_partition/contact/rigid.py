@@ -16,6 +16,7 @@ from ..surfaces.rows import PENETRATION_TOLERANCE
 from . import loops
 from .gaps import Gaps, GapState
 from .linear_gaps import LinearGaps
+from .pairings import points_of
 from .rigid_mesh import RigidMesh
 from .side import Side
 from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
@@ -203,7 +204,7 @@ class RigidGaps(Gaps):
         self._primitive = self._seen.primitive if isinstance(self._seen, Primitives) else None
         self.sides = (slave,)
         self.n, self.size = slave.n, slave.surface.facet_size
-        self._all = contact_points(slave.surface, kind)
+        self._all = points_of(slave, kind) if slave.surface.wanders else contact_points(slave.surface, kind)
         linear = slave.kinematics.linear and isinstance(surface, RigidPlane) and pose is None
         linear = linear and not slave.surface.wanders
         self._start_q, self._loaded = np.zeros(self.n), {}

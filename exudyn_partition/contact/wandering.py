@@ -14,7 +14,7 @@ import numpy as np
 
 from ..algebra.products import largest_change
 from ..support.arrays import Array
-from ..surfaces.near import LIMIT, NearParts, closest_met, facing_locally, near_rows
+from ..surfaces.near import LIMIT, NODE_TO_FACET, NearParts, closest_met, facing_locally, near_rows
 from ..surfaces.points import ContactPoints
 from ..surfaces.projection import Projection
 from ..surfaces.rows import ContactRows
@@ -25,10 +25,11 @@ from .gaps import GapState, Present
 from .patch_gaps import PatchGaps
 from .rigid import RigidGaps
 from .side import Side
-from .stages import Anchor, PresentRows, Stage
+from .stages import NOTHING, Anchor, PresentRows, Stage
 
 WINDOW = 1.0  # of a facet's size: motion after which the parts are found again
 _THREE = np.arange(3)
+_FAR = 4.0  # of a facet's size: sides whose boxes are farther apart than that are not looked at more closely
 SOON = 0.15  # of a facet's size: rows with smaller gaps are chosen, and after this motion chosen again
 
 
@@ -87,6 +88,22 @@ class WanderingGaps(PatchGaps):
         self.follow()
         self._parted_at = here
         self._part_reach = max(WINDOW * self.size, 0.25 * (near.least - LIMIT * self.size))
+
+    def least_distance(self, q: Array) -> float:
+        """See `Gaps.least_distance`; by boxes around the sides, by nodes, or by the slave's points if they are near."""
+        places = [side.place(part) for side, part in zip(self._start.rows.sides, self.split(q), strict=True)]
+        lower, upper = ([pick(x, axis=0) for x in places] for pick in (np.min, np.max))
+        between = np.maximum(np.maximum(lower[0] - upper[1], lower[1] - upper[0]), 0.0)
+        apart = float(np.linalg.norm(between))
+        if apart > _FAR * self.size:
+            return apart
+        near = self._near_parts(q)
+        if not len(near.nodes):
+            return near.least
+        sides, points = self._start.rows.sides, near.points(self._all)
+        master = places[1][sides[1].surface.facets[near.master_facets]]
+        found = closest_points(points.at(places[0]), master)
+        return float(np.hypot(found.gap, found.offset).min(initial=near.least if not len(points.nodes) else np.inf))
 
     def _near_parts(self, q: Array) -> NearParts:
         slave, master = (
@@ -223,6 +240,16 @@ class WanderingRigidGaps(RigidGaps):
         if self._choice is None:
             return self.at(q)
         return super().at(q)
+
+    def least_distance(self, q: Array) -> float:
+        """See `Gaps.least_distance`; not known while a body carries the surface."""
+        if self.carried:
+            return -np.inf
+        places = self._whole.place(q)
+        by_nodes = float(self._projected(places, NOTHING)[0].min()) - NODE_TO_FACET * self._whole.surface.longest
+        if by_nodes > _FAR * self.size:
+            return by_nodes
+        return float(self._projected(self._all.at(places), NOTHING)[0].min())
 
     def _here(self, places: Array, pose: Array) -> Array:
         """Places of three nodes relative to the surface, (3, 3) [m].

@@ -12,6 +12,7 @@ from ..algebra.coulomb import Coulomb, friction_of
 from ..contact.formulations.choices import Compliance, FormulationName, formulation_of
 from ..contact.formulations.formulation import Formulation
 from ..contact.gaps import Gaps
+from ..contact.pairings import Pairing
 from ..contact.patch_contact import PatchContact
 from ..contact.patch_gaps import PatchGaps
 from ..contact.press_fit import fitted
@@ -20,14 +21,14 @@ from ..contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, R
 from ..contact.rigid_mesh import RigidMesh
 from ..contact.side import Side
 from ..contact.wandering import WanderingGaps, WanderingRigidGaps
-from ..errors import EmptyRegionError, InputError, PenetrationError
+from ..errors import InputError, PenetrationError
 from ..exudyn_bodies.carriers import Carrier, motion, pose, validate_carrier
 from ..exudyn_bodies.model import registered, validate_new_name
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..fe.partition import number_of_patch
-from ..support.checks import validate_choice, validate_items, validate_positive
+from ..support.checks import validate_choice, validate_positive
 from ..support.foreign import MainSystem, ObjectIndex
-from ..surfaces.near import edge_meets, near_patches, opposite_parts
+from ..surfaces.near import edge_meets, opposite_parts
 from ..surfaces.points import ROW_KINDS, RowKind
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from ..surfaces.surface import Surface
@@ -36,7 +37,7 @@ Passes = Literal["finer", "given"]
 PASSES: tuple[Passes, ...] = get_args(Passes)
 BodyPatch = tuple[PartitionBody, int]  # a body and the number of one of its patches
 
-_RIGID = (RigidPlane, RigidSphere, RigidCylinder, RigidProfile, RigidMesh)
+RIGID = (RigidPlane, RigidSphere, RigidCylinder, RigidProfile, RigidMesh)
 _DIGITS = 1e-5  # share of a facet's size: round-off of places in space above which gaps are not known
 _MEANT = "Or, if the overlap is meant, as that of a press fit, give interference=, which solve_static closes"
 _FINER = 0.9  # slave and master change places if the master's facets are smaller than this share of the slave's
@@ -96,8 +97,12 @@ def plan_contact(
     friction: float | Coulomb | None = None,
     interference: float | Literal["placed"] | None = None,
     name: str = "",
+    anywhere: bool = False,
 ) -> ContactPlan:
     """Check the options of a contact, see `CreatePartitionContact`, and return its plan; the model stays as it is.
+
+    With `anywhere`, the sides may be far from each other, and touch at any place later: pairs are those near each other
+    as the sides are placed, if there are any.
 
     Raises
     ------
@@ -121,25 +126,28 @@ def plan_contact(
         given.append((second, number_of_patch(second.body.partition, masterPatch, "masterPatch")))
     if first == second:
         _check_itself(first, [patch for _, patch in given], chosen)
+    if anywhere:
+        _check_anywhere(chosen, interference)
     ordered: Sequence[BodyPatch] = given
     if kind == "edges":
         if interference is not None:
             raise InputError("interference: give it to the contact beside which rows='edges' are")
         ordered, passes = _of_master(registered(mbs).contacts.values(), given, chosen), "given"
-    sides, placed = _placed(ordered, passes, chosen)
+    sides, placed = _placed(ordered, passes, chosen, anywhere=anywhere)
     chosen.check([item.body for item, _ in sides])
     for side in placed:
         _check_wandering(side)
 
     def gaps_of(placed: Sequence[Side], pressed: bool) -> Gaps:
         if rigid is None:
-            return _between(bodies, sides, placed, kind, pressed)
+            return _between(bodies, sides, placed, kind, pressed, anywhere)
         return _to_rigid(mbs, placed[0], rigid, kind, masterBody, pressed)
 
     if interference is None:
         gaps = gaps_of(placed, False)
     else:
         gaps = _pressed(gaps_of, placed, interference)
+    gaps.anywhere = anywhere
     mechanics = PatchContact(gaps, chosen, coulomb)
     if interference is not None and mechanics.ahead:
         raise InputError(
@@ -150,33 +158,10 @@ def plan_contact(
     return ContactPlan(name, tuple(sides), rigid, kind, chosen, mechanics, carrier, masterBody)
 
 
-def facing_pairs(
-    mbs: MainSystem, bodies: Sequence[PartitionBody], within: float | None
-) -> list[tuple[BodyPatch, BodyPatch]]:
-    """Pairs of bodies and patches that face each other within a distance [m]; by default, those that are near.
-
-    Raises
-    ------
-    InputError
-        If the bodies are not at least two, each of them once.
-    EmptyRegionError
-        If there are none.
-    """
-    bodies = validate_items("slave", bodies, PartitionBody, "CreatePartitionBody returns")
-    if len(bodies) < 2 or len(set(map(id, bodies))) < len(bodies):
-        raise InputError(f"slave: expected at least two bodies, each of them once, got {len(bodies)}")
-    if within is not None:
-        within = validate_positive("within", within, "m")
-    sides = [(item, patch) for item in bodies for patch in range(len(item.body.partition.patches))]
-    surfaces = [Side.of(item.kinematics, patch).surface for item, patch in sides]
-    owners = [place for place, item in enumerate(bodies) for _ in item.body.partition.patches]
-    pairs = near_patches(surfaces, owners, within)
-    if not pairs:
-        raise EmptyRegionError(
-            f"slave: no two patches of these {len(bodies)} bodies face each other nearby. Give a larger distance by "
-            "within=, or name the pairs in a call each"
-        )
-    return [(sides[i], sides[j]) for i, j in pairs]
+def needs_edges(plan: ContactPlan) -> bool:
+    """Whether a contact of two skins needs another one of the rows at the master's sharp edges."""
+    edges = plan.formulation.edges and isinstance(plan.formulation, Compliance) and plan.rows == "integrated"
+    return edges and len(plan.mechanics.gaps.sides[1].surface.sharp) > 0
 
 
 def _partners(
@@ -184,7 +169,7 @@ def _partners(
 ) -> tuple[PartitionBody, PartitionBody | None, RigidSurface | None]:
     """The slave, and the master as a body or as a rigid surface."""
     body = master if isinstance(master, PartitionBody) else None
-    rigid = master if isinstance(master, _RIGID) else None
+    rigid = master if isinstance(master, RIGID) else None
     if body is None and rigid is None:
         raise InputError(
             "master: expected what CreatePartitionBody returns, or a RigidPlane, RigidSphere, RigidCylinder, "
@@ -224,6 +209,17 @@ def _check_itself(item: PartitionBody, patches: Sequence[int], formulation: Form
         )
 
 
+def _check_anywhere(formulation: Formulation, interference: float | Literal["placed"] | None) -> None:
+    """Bodies that meet anywhere need forces that follow from their flexibilities, and begin apart."""
+    if type(formulation) is not Compliance:
+        raise InputError(
+            f"formulation: skins that meet anywhere go through their flexibility, got {type(formulation).__name__}. "
+            "Take formulation='compliance', or name each pair in a call of its own"
+        )
+    if interference is not None:
+        raise InputError("interference: skins in a list of bodies begin apart; name a press fit in a call of its own")
+
+
 def _of_master(
     contacts: Collection[PlannedContact], given: Sequence[BodyPatch], formulation: Formulation
 ) -> Sequence[BodyPatch]:
@@ -245,7 +241,7 @@ def _of_master(
 
 
 def _placed(
-    given: Sequence[BodyPatch], passes: Passes, formulation: Formulation
+    given: Sequence[BodyPatch], passes: Passes, formulation: Formulation, *, anywhere: bool
 ) -> tuple[Sequence[BodyPatch], list[Side]]:
     """Slave and master, and the places of their patches in space."""
     placed = [Side.of(item.kinematics, patch, item.plastic_states.get(patch), item.beta) for item, patch in given]
@@ -256,19 +252,24 @@ def _placed(
         placed = [replace(side, surface=part) for side, part in zip(placed, parts, strict=True)]
     for side in placed:
         _check_digits(side)
-    if passes == "finer" and len(placed) > 1 and _are_better_turned(*(side.surface for side in placed)):
+    if (
+        passes == "finer"
+        and len(placed) > 1
+        and _are_better_turned(*(side.surface for side in placed), anywhere=anywhere)
+    ):
         return given[::-1], placed[::-1]
     return given, placed
 
 
-def _are_better_turned(slave: Surface, master: Surface) -> bool:
+def _are_better_turned(slave: Surface, master: Surface, *, anywhere: bool) -> bool:
     """Whether slave and master should change places: rows are at the sharp edges, and at the finer facets of the slave.
 
     The master's edges have no rows. So the slave is the body whose edge meets a face of the other, or whose patch goes
-    around sharp edges, if that is true of one alone.
+    around sharp edges, if that is true of one alone. If bodies may meet `anywhere`, it does not count what meets now.
     """
+    meets = (False, False) if anywhere else (edge_meets(slave, master), edge_meets(master, slave))
     for of_slave, of_master in (
-        (edge_meets(slave, master), edge_meets(master, slave)),
+        meets,
         (len(slave.sharp) > len(slave.ends), len(master.sharp) > len(master.ends)),
     ):
         if of_slave != of_master:
@@ -316,14 +317,20 @@ def _pressed(
 
 
 def _between(
-    bodies: Sequence[PartitionBody], sides: Sequence[BodyPatch], placed: Sequence[Side], rows: RowKind, pressed: bool
+    bodies: Sequence[PartitionBody],
+    sides: Sequence[BodyPatch],
+    placed: Sequence[Side],
+    rows: RowKind,
+    pressed: bool,
+    anywhere: bool,
 ) -> Gaps:
     """Gaps between two patches."""
     (slave, patch), (master, master_patch) = sides
     between = slave.body.flexibility(patch, master_patch) if slave == master else None
     kind = WanderingGaps if any(side.surface.wanders for side in placed) else PatchGaps
     try:
-        return kind(placed[0], placed[1], rows, between, pressed=pressed)
+        pairing = Pairing.as_placed(placed[0], placed[1], rows) if anywhere else None
+        return kind(placed[0], placed[1], rows, between, pressed=pressed, pairing=pairing)
     except PenetrationError as error:
         first, second = (repr(item.name) if item.name else str(bodies.index(item)) for item in (slave, master))
         raise PenetrationError(f"the slave is body {first}, the master body {second}; {error}. {_MEANT}") from error

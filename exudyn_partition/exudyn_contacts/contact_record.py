@@ -85,6 +85,8 @@ class ContactRecord:
         Energy that viscous flexibilities and a damped law have dissipated [J]; keys are times [s]. Empty without any.
     plastic_strains : dict of int to StrainHistory
         Plastic strain of each zone. Keys are the numbers of the sides.
+    near : bool
+        Whether the sides were ever so near that the contact was evaluated, see `broad_phase`.
     edge : (float, (3,) array) or None
         Time and place at which the contact first reached the edge of its patch [s, m].
     """
@@ -97,6 +99,7 @@ class ContactRecord:
         self.on_nodes: dict[float, list[Array]] = {}
         self.viscous_works: dict[float, float] = {}
         self.edge: tuple[float, Array] | None = None
+        self.near = True
         self.plastic_strains = {} if zones is None else {side: StrainHistory(z.zone) for side, z in zones.motions}
         self._carried, self._damped, self._elastic = gaps.carried, mechanics.damped, mechanics.elastic
         self._samples: list[tuple[float, Array, Array]] = []

@@ -26,6 +26,7 @@ from .contact_record import ContactRecord
 from .run_state import MemberState
 
 N_VALUES, N_VALUES_AHEAD = 6, 10  # numbers of values of `sForce`; those of multipliers include impulses
+N_FRICTION = 7  # number of values of `sFriction`, of contacts without multipliers
 
 
 class Group(Protocol):
@@ -57,8 +58,9 @@ class ContactRun:
     t : float
         When the run begins [s].
     method : {"explicit", "implicit", "static"}
-    place : int, optional
-        First of the data coordinates that the sensor `sForce` reads. Default: the sensor calls the contact itself.
+    place, friction_place : int, optional
+        First of the data coordinates that the sensors `sForce` and `sFriction` read. Default: the sensor calls the
+        contact itself.
 
     Attributes
     ----------
@@ -86,8 +88,9 @@ class ContactRun:
         t: float,
         method: Method,
         place: int | None = None,
+        friction_place: int | None = None,
     ) -> None:
-        self.name, self.mechanics, self.place = name, mechanics, place
+        self.name, self.mechanics, self.place, self._friction_place = name, mechanics, place, friction_place
         self._static = method == "static"
         self.forward = ForwardRows(mechanics) if mechanics.ahead and method == "explicit" else None
         self.impulses = StepImpulses(mechanics) if mechanics.ahead and method == "implicit" else None
@@ -147,6 +150,11 @@ class ContactRun:
         group = self._group_of()
         values = None if group is None else group.values
         return None if values is None else values[self._place]
+
+    @property
+    def asks(self) -> bool:
+        """Whether all its sensors call it."""
+        return self.place is None and self._friction_place is None
 
     @property
     def acts_within(self) -> bool:
@@ -325,10 +333,12 @@ class ContactRun:
         return values if (impulse := self._impulses()) is None else values + impulse[:4].tolist()
 
     def publish(self, data: Array) -> None:
-        """Write these values to where the sensor reads them, among the model's data coordinates."""
+        """Write the values of sensors to where they read them, among the model's data coordinates."""
         if self.place is not None:
             values = self.force_values()
             data[self.place : self.place + len(values)] = values
+        if self._friction_place is not None:
+            data[self._friction_place : self._friction_place + N_FRICTION] = self.friction_values()
 
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """Keep the data that results need of the state at t; `q` returns the model's coordinates at t."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
+
 from ..algebra.sparse.skin_flexibility import Flexibility, SkinFlexibility
 from ..contact.formulations.formulation import SharedBody
 from ..errors import InputError
@@ -24,10 +27,15 @@ def solve_together(contact: PartitionContact, contacts: list[PartitionContact]) 
         member.group, member.together = group, together
 
 
-def coupled_with(contact: PartitionContact, contacts: list[PartitionContact]) -> list[PartitionContact]:
+def coupled_with(contact: PartitionContact, contacts: Sequence[PartitionContact]) -> list[PartitionContact]:
     """Return the contact and all that it is solved together with, directly or through other contacts."""
-    group = {contact: None}  # an ordered set
-    bodies = {item for item, _ in contact.sides}
+    return [contact, *itertools.chain(*_groups_of(contact, contacts))]
+
+
+def _groups_of(contact: PartitionContact, contacts: Sequence[PartitionContact]) -> list[list[PartitionContact]]:
+    """Groups of the contacts that a contact is solved together with, each once."""
+    groups: dict[int, list[PartitionContact]] = {}
+    bodies, anywhere = {item for item, _ in contact.sides}, contact.mechanics.gaps.anywhere
     for neighbour in contacts:
         if not any(item in bodies for item, _ in neighbour.sides):
             continue
@@ -35,6 +43,8 @@ def coupled_with(contact: PartitionContact, contacts: list[PartitionContact]) ->
             raise InputError(
                 f"slave, master: these two already have the contact {neighbour.name!r} between the same patches"
             )
+        if anywhere and neighbour.mechanics.gaps.anywhere and id(neighbour.group) in groups:
+            continue  # all of these have one formulation
         for place, (item, patch) in enumerate(contact.sides):
             for neighbour_place, (neighbour_item, neighbour_patch) in enumerate(neighbour.sides):
                 if item != neighbour_item or contact.compliant != neighbour.compliant:
@@ -48,8 +58,51 @@ def coupled_with(contact: PartitionContact, contacts: list[PartitionContact]) ->
                     neighbour.name,
                 )
                 if contact.formulation.couples(contact.mechanics, neighbour.mechanics, shared):
-                    group |= dict.fromkeys(neighbour.group)
-    return [*group]
+                    groups[id(neighbour.group)] = neighbour.group
+    return [*groups.values()]
+
+
+class Joining:
+    """Contacts of a list of bodies, which are joined as they are made; who finds their forces is known at the end.
+
+    There may be thousands of them, of which each shares its bodies with hundreds.
+
+    Parameters
+    ----------
+    contacts : sequence of PartitionContact
+        Those that the model has already.
+    """
+
+    def __init__(self, contacts: Sequence[PartitionContact]) -> None:
+        self._of_body: dict[PartitionBody, list[PartitionContact]] = {}
+        self._new: list[PartitionContact] = []
+        for contact in contacts:
+            self._note(contact)
+
+    def _note(self, contact: PartitionContact) -> None:
+        for item in {item for item, _ in contact.sides}:
+            self._of_body.setdefault(item, []).append(contact)
+
+    def join(self, contact: PartitionContact) -> None:
+        """Join a new contact to those whose forces move its rows; see `solve_together`."""
+        beside = (self._of_body.get(item, ()) for item, _ in contact.sides)
+        groups = _groups_of(contact, [*dict.fromkeys(itertools.chain(*beside))])
+        group = groups[0] if groups else []
+        for other in groups[1:]:
+            group.extend(other)
+            for member in other:
+                member.group = group
+        group.append(contact)
+        contact.group = group
+        self._new.append(contact)
+        self._note(contact)
+
+    def end(self) -> None:
+        """Let the contacts of each group find their forces together."""
+        for group in {id(contact.group): contact.group for contact in self._new}.values():
+            together = group[0].formulation.together([member.mechanics for member in group], _Links(group))
+            for member in group:
+                member.together = together
 
 
 def _same_sides(contact: PartitionContact, neighbour: PartitionContact) -> bool:
@@ -76,6 +129,10 @@ class _Links:
 
     def __init__(self, contacts: list[PartitionContact]) -> None:
         self._contacts = contacts
+
+    def some(self, places: Sequence[int]) -> _Links:
+        """See `formulation.Links`."""
+        return _Links([self._contacts[j] for j in places])
 
     @property
     def shared(self) -> bool:

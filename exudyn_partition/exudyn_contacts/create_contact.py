@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Literal, overload
 
 from ..algebra.coulomb import Coulomb
@@ -15,14 +16,15 @@ from ..exudyn_bodies.carriers import load_carrier
 from ..exudyn_bodies.model import registry, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..support.checks import validate_text
-from ..support.foreign import MainSystem, ObjectIndex, SensorIndex
+from ..support.foreign import MainSystem, NodeIndex, ObjectIndex, SensorIndex
 from ..support.optional import require
 from ..support.spelling import spelled
 from ..surfaces.points import RowKind
 from .contact_object import add_to_object
-from .contact_plan import ContactPlan, Passes, facing_pairs, plan_contact
-from .contact_run import N_VALUES, N_VALUES_AHEAD, ContactRun
-from .coupling import solve_together
+from .contact_pairs import FoundPair, pairs_of
+from .contact_plan import ContactPlan, Passes, needs_edges, plan_contact
+from .contact_run import N_FRICTION, N_VALUES, N_VALUES_AHEAD, ContactRun
+from .coupling import Joining, solve_together
 from .model_run import Runs, runs_of
 from .partition_contact import PartitionContact, partition_items
 
@@ -49,7 +51,7 @@ def CreatePartitionContact(
 @overload
 def CreatePartitionContact(
     mbs: MainSystem,
-    slave: Sequence[PartitionBody],
+    slave: Sequence[PartitionBody | RigidSurface],
     *,
     within: float | None = ...,
     formulation: FormulationName | Formulation = ...,
@@ -63,7 +65,7 @@ def CreatePartitionContact(
 @spelled
 def CreatePartitionContact(
     mbs: MainSystem,
-    slave: PartitionBody | Sequence[PartitionBody],
+    slave: PartitionBody | Sequence[PartitionBody | RigidSurface],
     master: PartitionBody | RigidSurface | None = None,
     *,
     formulation: FormulationName | Formulation = "compliance",
@@ -86,13 +88,15 @@ def CreatePartitionContact(
     Slave and master may be one body with the formulation "compliance". Either two of its patches face each other, as
     the ends of a clip, or one patch of `Partition.surface` folds.
 
-    Many bodies are given as one sequence: `CreatePartitionContact(mbs, bodies)`. Any two of their patches that are near
-    and face each other at the start get a contact.
+    Many bodies are given as one sequence: `CreatePartitionContact(mbs, bodies)`. Rigid surfaces may be among them, such
+    as a floor and walls. Any two of their patches that are near and face each other at the start get a contact. Bodies
+    with a skin, see `reduce(fem, skin=True)`, get contacts with all others, wherever they are: nobody needs to know
+    where they will meet. Contacts of bodies that are far apart cost next to nothing in a step.
 
     Parameters
     ----------
     mbs : exudyn.MainSystem
-    slave : PartitionBody, or sequence of them
+    slave : PartitionBody, or sequence of bodies and rigid surfaces
     master : PartitionBody, RigidPlane, RigidSphere, RigidCylinder, RigidProfile or RigidMesh
         Rigid surfaces are fixed in space, or to `masterBody`. Left out if a sequence is given.
     formulation : {"compliance", "lagrange", "penalty"} or Formulation
@@ -129,14 +133,15 @@ def CreatePartitionContact(
         Default: bodies that overlap are refused.
     within : float, optional
         For a sequence of bodies: distance up to which two patches get a contact [m]. Default: the radius of the smaller
-        patch, from its centre to its farthest node.
+        patch, from its centre to its farthest node; for skins any distance.
     name : str
         For a sequence of bodies, the number of the contact is added to it, from one.
 
     Returns
     -------
     PartitionContact
-        For a sequence of bodies, a list of contacts.
+        For a sequence of bodies, a list of contacts. Skins with sharp edges have two with each other: one with rows all
+        over the slave, and one with rows="edges".
 
     Raises
     ------
@@ -147,16 +152,9 @@ def CreatePartitionContact(
             raise InputError("slavePatch, masterPatch, masterBody: of a sequence of bodies, all patches are looked at")
         if isinstance(rows, str) and rows == "edges":
             raise InputError("rows: 'edges' are made of two bodies at a time, beside their contact")
-        pairs = facing_pairs(mbs, slave, within)
-        validate_text("name", name)
-        return [
-            CreatePartitionContact(
-                mbs, body, partner, formulation=formulation, rows=rows, passes=passes, slavePatch=patch,
-                masterPatch=partner_patch, stiffness=stiffness, friction=friction, interference=interference,
-                name=name and f"{name} {i}",
-            )
-            for i, ((body, patch), (partner, partner_patch)) in enumerate(pairs, 1)
-        ]  # fmt: skip
+        plan_pair = partial(plan_contact, mbs, formulation=formulation, stiffness=stiffness, friction=friction)
+        of_whole = partial(plan_pair, rows=rows, passes=passes, interference=interference)
+        return _contacts_of(mbs, pairs_of(mbs, slave, within), name, of_whole, partial(plan_pair, rows="edges"))
     if within is not None:
         raise InputError("within: only for a sequence of bodies, whose pairs are looked for")
     plan = plan_contact(
@@ -177,11 +175,41 @@ def CreatePartitionContact(
     return _build(mbs, plan)
 
 
-def _build(mbs: MainSystem, plan: ContactPlan) -> PartitionContact:
-    """Add a planned contact to the model, with its sensors."""
+def _contacts_of(
+    mbs: MainSystem,
+    pairs: Sequence[FoundPair],
+    name: str,
+    plan_whole: Callable[..., ContactPlan],
+    plan_edges: Callable[..., ContactPlan],
+) -> list[PartitionContact]:
+    """Add contacts of pairs that were found; skins also have contacts of the rows at the master's edges."""
+    validate_text("name", name)
+    contacts, joining = list[PartitionContact](), Joining(partition_items(mbs)[1])
+    try:
+        for i, ((slave, patch), master, anywhere) in enumerate(pairs, 1):
+            named, body = name and f"{name} {i}", isinstance(master, tuple)
+            partner, of_partner = master if isinstance(master, tuple) else (master, None)
+            sides = {"slavePatch": patch, "masterPatch": of_partner, "anywhere": anywhere}
+            plan = plan_whole(slave, partner, **sides, name=named)
+            contacts.append(_build(mbs, plan, joining.join))
+            if anywhere and body and needs_edges(plan):
+                edges = plan_edges(slave, partner, **sides, name=named and f"{named} edges")
+                contacts.append(_build(mbs, edges, joining.join))
+    finally:  # a pair that cannot be leaves those before it
+        joining.end()
+    return contacts
+
+
+def _build(
+    mbs: MainSystem, plan: ContactPlan, join: Callable[[PartitionContact], None] | None = None
+) -> PartitionContact:
+    """Add a planned contact to the model, with its sensors; `join` joins it to others, by default to be solved now."""
     _, contacts = partition_items(mbs)
     contact, mechanics = PartitionContact(plan), plan.mechanics
-    solve_together(contact, contacts)
+    if join is None:
+        solve_together(contact, contacts)
+    else:
+        join(contact)
     kind = type(mechanics.law).__name__
     _log.info("contact %r: %s with %s rows, in a group of %s", plan.name, kind, contact.n_rows, len(contact.group))
     runs = runs_of(mbs)
@@ -192,7 +220,10 @@ def _build(mbs: MainSystem, plan: ContactPlan) -> PartitionContact:
         load_carrier(mbs, lambda: runs.at_work(contact), plan.carried_by)
     _add_force_sensor(mbs, runs, contact, first=not contacts)
     if mechanics.friction is not None:
-        contact["sFriction"] = _add_sensor(mbs, runs, contact, ContactRun.friction_values)
+        if mechanics.gaps.anywhere:  # most of many contacts are far apart: Python would be called for each of them
+            contact["nFrictionData"], contact["sFriction"] = _add_data(mbs, "", N_FRICTION)
+        else:
+            contact["sFriction"] = _add_sensor(mbs, runs, contact, ContactRun.friction_values)
     if mechanics.zones is not None:
         contact["sPlastic"] = _add_sensor(mbs, runs, contact, ContactRun.plastic_values)
     registry(mbs).contacts[int(contact["sForce"])] = contact
@@ -209,15 +240,18 @@ def _add_force_sensor(mbs: MainSystem, runs: Runs, contact: PartitionContact, *,
     if first:
         sensor = items.SensorUserFunction(name=contact.name, sensorUserFunction=sample, storeInternal=True)
     else:
-        values = [0.0] * (N_VALUES_AHEAD if contact.mechanics.ahead else N_VALUES)
-        contact["nGenericData"] = mbs.AddNode(
-            items.NodeGenericData(initialCoordinates=values, numberOfDataCoordinates=len(values))
-        )
-        kind = require("exudyn").OutputVariableType.Coordinates
-        sensor = items.SensorNode(
-            name=contact.name, nodeNumber=contact["nGenericData"], outputVariableType=kind, storeInternal=True
-        )
+        n_values = N_VALUES_AHEAD if contact.mechanics.ahead else N_VALUES
+        contact["nGenericData"], contact["sForce"] = _add_data(mbs, contact.name, n_values)
+        return
     contact["sForce"] = mbs.AddSensor(sensor)
+
+
+def _add_data(mbs: MainSystem, name: str, n_values: int) -> tuple[NodeIndex, SensorIndex]:
+    """Add a node of data, and the sensor that reads it; return both numbers."""
+    items, kind = require("exudyn.itemInterface"), require("exudyn").OutputVariableType.Coordinates
+    node = mbs.AddNode(items.NodeGenericData(initialCoordinates=[0.0] * n_values, numberOfDataCoordinates=n_values))
+    sensor = items.SensorNode(name=name, nodeNumber=node, outputVariableType=kind, storeInternal=True)
+    return node, mbs.AddSensor(sensor)
 
 
 def _add_sensor(

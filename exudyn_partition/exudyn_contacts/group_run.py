@@ -13,6 +13,7 @@ from ..contact.frozen import FrozenContacts
 from ..exudyn_bodies.model import start_of_step
 from ..support.arrays import Array
 from ..support.foreign import MainSystem
+from .broad_phase import BroadPhase
 from .contact_record import LoopedSamples
 from .contact_run import N_VALUES, ContactRun
 
@@ -100,8 +101,11 @@ class GroupRun:
         """Energy that each member stores, (n,) [J]; None unless compiled loops have found it."""
         return None
 
-    def publish(self, data: Array) -> None:
-        """Write these values to where the sensors read them, among the model's data coordinates."""
+    def publish(self, data: Array, *, whole: bool = False) -> None:
+        """Write these values to where the sensors read them, among the model's data coordinates.
+
+        With `whole`, values are written that were written before, too.
+        """
         for member in self.members:
             member.publish(data)
 
@@ -116,13 +120,15 @@ class CoupledRun(GroupRun):
 
     As long as the pairs of all contacts are frozen, compiled loops evaluate all contacts at once, with the values of
     the sensors. Then evaluations of single contacts are made only when somebody asks for one. Otherwise contacts
-    answer themselves.
+    answer themselves. Those of bodies that may meet anywhere sleep while they are far apart, see `broad_phase`.
 
     Parameters
     ----------
     members : sequence of ContactRun
     coupled : Coupled
         Finds their forces.
+    sleeps : bool
+        Whether contacts may sleep.
 
     Attributes
     ----------
@@ -130,8 +136,13 @@ class CoupledRun(GroupRun):
         What compiled loops have found.
     """
 
-    def __init__(self, members: Sequence[ContactRun], coupled: Coupled) -> None:
+    def __init__(self, members: Sequence[ContactRun], coupled: Coupled, *, sleeps: bool = False) -> None:
+        self._awake = [*members]
         super().__init__(members, coupled)
+        self._whole = coupled
+        self._broad: BroadPhase | None = None
+        self._sleeps = sleeps and coupled.divides and any(member.mechanics.gaps.anywhere for member in members)
+        self._places = self._told_of = tuple(range(len(self.members)))  # of members that are awake, now and when told
         self._frozen: FrozenContacts | None = None
         self._looped: tuple[float, Array] | None = None  # time and coordinates of the last answer, if loops found it
         self._told = False  # whether members have evaluations of that answer
@@ -150,10 +161,34 @@ class CoupledRun(GroupRun):
         """See `evaluate`."""
         if self._find_by_loops(t, q):
             return
+        if self._sleeps:
+            self._wake(q)
         start = start_of_step(mbs)
-        for member in self._within:
+        for member in self._awake:
             member.follow(start, t)
         self._find_together(q)
+
+    def _wake(self, q: Array) -> None:
+        """Choose the members that are awake at the model's coordinates q, (nq,)."""
+        if self._broad is None:
+            self._broad = BroadPhase([member.mechanics for member in self.members], self._dofs, len(q))
+            for member in self.members:
+                member.record.near = False
+        places = self._broad.look(q)
+        if places is not self._places:
+            self._places, self._awake = places, [self.members[j] for j in places]
+            for member in self._awake:
+                member.record.near = True
+            self._coupled = self._whole.some(places)
+
+    def _any_pushes(self) -> bool:
+        return any([member.pushes for member in self._awake])
+
+    def stiffness(self, rows: Mapping[int, Array]) -> dict[tuple[int, int], Array]:
+        """See `GroupRun`; all closed rows are those of members that are awake."""
+        number = {place: i for i, place in enumerate(self._places)}
+        found = self._coupled.stiffness({number[j]: H for j, H in rows.items()})
+        return {(self._places[j], self._places[k]): K for (j, k), K in found.items()}
 
     def step_back(self, mbs: MainSystem, t: float, q: Array) -> bool:
         """See `GroupRun`."""
@@ -165,8 +200,11 @@ class CoupledRun(GroupRun):
         return True
 
     def _find_together(self, q: Array) -> None:
-        forces = self._coupled.forces_at(q, lambda: [member.coordinates_in(q) for member in self.members])
-        for member, force in zip(self.members, forces, strict=True):
+        if not self._awake:
+            self.pushes = False
+            return
+        forces = self._coupled.forces_at(q, lambda: [member.coordinates_in(q) for member in self._awake])
+        for member, force in zip(self._awake, forces, strict=True):
             member.force = force
         self.pushes = self._any_pushes()
 
@@ -190,7 +228,8 @@ class CoupledRun(GroupRun):
         if self._looped is not None and self._frozen is not None:
             total += self._frozen.force
         else:
-            super().add_force(total)
+            for member in self._awake:
+                member.add_force(total)
 
     def evaluation(self, place: int) -> Evaluation:
         """See `GroupRun`."""
@@ -216,19 +255,25 @@ class CoupledRun(GroupRun):
         """See `GroupRun`."""
         return None if self._looped is None or self._frozen is None else self._frozen.stored
 
-    def publish(self, data: Array) -> None:
-        """See `GroupRun`."""
+    def publish(self, data: Array, *, whole: bool = False) -> None:
+        """See `GroupRun`; the values of contacts that sleep stay."""
         if (values := self.values) is not None:
             data[self._to] = values.take(self._from)
-        else:
-            super().publish(data)
+            return
+        changed = self.members
+        if self._sleeps and not whole:
+            changed = [self.members[j] for j in {*self._places, *self._told_of}]
+        self._told_of = self._places
+        for member in changed:
+            member.publish(data)
 
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """See `GroupRun`."""
         frozen = self._frozen
         self.samples.drop(t)  # a second call for this time
         if self._looped is None or frozen is None:
-            super().keep(t, q)
+            for member in self._keeping():
+                member.keep(t, q)
             return
         if not self.pushes:
             return
@@ -241,6 +286,13 @@ class CoupledRun(GroupRun):
             self._look_for_edges(t, frozen)
         if len(closed):
             self.samples.add(t, self._nodes, self._bounds, frozen.lam[closed], frozen.stored.copy())
+
+    def _keeping(self) -> Sequence[ContactRun]:
+        """Members with a sample to keep: those that are awake, and those whose energies are kept while open."""
+        if not self._sleeps:
+            return self.members
+        awake = {*self._places}
+        return [m for j, m in enumerate(self.members) if j in awake or m.mechanics.damped]
 
     def _look_for_edges(self, t: float, frozen: FrozenContacts) -> None:
         """Let members whose closed rows leave their patch record it; then they look no more at the same rows."""

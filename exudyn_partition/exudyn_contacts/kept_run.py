@@ -180,6 +180,11 @@ class KeptRun:
         return dict(zip(self.stored_times.tolist(), self.stored_energies.tolist(), strict=True))
 
     @property
+    def near(self) -> bool:
+        """See `ContactRecord`; not known of a run from a file."""
+        return True
+
+    @property
     def viscous_works(self) -> dict[float, float]:
         """See `ContactRecord`."""
         return dict(zip(self.viscous_times.tolist(), self.viscous_energies.tolist(), strict=True))

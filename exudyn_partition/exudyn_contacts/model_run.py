@@ -116,7 +116,7 @@ class ModelRun:
         self._members = members = RunMembers.at_start(mbs, contacts, t, method, joints, state)
         self.contacts, self.method, self._began = members.contacts, method, t
         self._run_of = {id(contact): run for contact, run in zip(contacts, members.runs, strict=True)}
-        self._all_ask = all(run.place is None for run in members.runs)
+        self._all_ask = all(run.asks for run in members.runs)
         self._within = [group for group in members.groups if group.acts_within]
         self.acts_within, self.idle, self.unsampled = bool(self._within), not members.steppers, not contacts
         self.others, self.record = OtherBodies(mbs, members.carriers), RunRecord(t, keep)
@@ -237,7 +237,7 @@ class ModelRun:
         within = [group.step_back(mbs, t, q) for group in self._within]
         ahead = [stepper.step_back(t) for stepper in self._members.steppers.values()]  # with those of joints
         self.broken, self.evaluated_at = not all(within + ahead), t
-        self.publish(mbs)
+        self.publish(mbs, whole=True)
 
     def force(self, mbs: MainSystem, t: float) -> Array | None:
         """Generalised forces of all contacts within a step, (nq,), in the model's present state at t [s].
@@ -311,11 +311,14 @@ class ModelRun:
             for mechanics, opening in self._openings:
                 mechanics.opening = opening * min(left, 1.0) if left > _ROUND_OFF else 0.0
 
-    def publish(self, mbs: MainSystem) -> None:
-        """Write the values of sensors `sForce` to the data that they read, in the state that was evaluated last."""
+    def publish(self, mbs: MainSystem, *, whole: bool = False) -> None:
+        """Write the values of sensors `sForce` to the data that they read, in the state that was evaluated last.
+
+        With `whole`, also of contacts whose values were written before and have not changed.
+        """
         data = mbs.systemData.GetDataCoordinates(copy=False)
         for group in self._members.groups:
-            group.publish(data)
+            group.publish(data, whole=whole)
 
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """Keep the data that results need of the state at t; `q` returns the model's coordinates at t."""
@@ -451,7 +454,7 @@ class Runs:
         if now is None or (first and not present.solver_comes):
             now = self.begin(mbs, t)
         if first or not now.idle:
-            now.publish(mbs)
+            now.publish(mbs, whole=first)
         if last is None or self._present.solver_comes:
             self._note(solver=mbs.sys.get("dynamicSolver"), solver_comes=False)
         q = mbs.systemData.GetODE2Coordinates()

@@ -53,6 +53,7 @@ class PartitionContact(Item[Any]):
       equivalent plastic strain, and the number of points that flow.
     - `sMoment`, after `AddMomentSensor`: the moment on the slave [N m].
     - `nGenericData`, for all contacts except the first: the node whose data `sForce` reads.
+    - `nFrictionData`, for contacts of skins in a list of bodies: the node whose data `sFriction` reads.
 
     Results of friction and of plastic zones are in views: `contact.friction.work(result)`,
     `contact.plastic.dents(result)`. The state in a run is in `contact_run.ContactRun`.

@@ -68,7 +68,7 @@ class RunMembers:
         floating = tuple(_floating(mbs, contacts))  # bodies grow by their rotation before contacts find their rows
         turn(floating, np.empty(0) if state is None else state.turning)
         runs = tuple(_contact_run(mbs, contact, t, method, state) for contact in contacts)
-        groups = tuple(_groups(contacts, runs))
+        groups = tuple(_groups(contacts, runs, method))
         numbers = {id(run): number_of(contact) for contact, run in zip(contacts, runs, strict=True)}
         steppers = {
             (stepper.joints is not None, tuple(numbers[id(run)] for run in stepper.contacts)): stepper
@@ -109,26 +109,30 @@ def _contact_run(
     mbs: MainSystem, contact: ModelContact, t: float, method: Method, state: RunState | None
 ) -> ContactRun:
     """State of a contact at the start of a run at t [s]."""
-    mechanics, place = contact.mechanics.for_run(method), _place_of_values(mbs, contact)
-    run = ContactRun(contact.name, mechanics, contact.slices(mbs), t, method, place)
+    mechanics = contact.mechanics.for_run(method)
+    places = (_place_of_values(mbs, contact, node) for node in ("nGenericData", "nFrictionData"))
+    run = ContactRun(contact.name, mechanics, contact.slices(mbs), t, method, *places)
     last = None if state is None else state.find(number_of(contact))
     if last is not None:
         run.begin(last, t)
     return run
 
 
-def _place_of_values(mbs: MainSystem, contact: ModelContact) -> int | None:
-    """First of the data coordinates that `sForce` reads; None if the sensor calls the contact itself."""
-    return int(mbs.systemData.GetNodeLTGData(contact["nGenericData"])[0]) if "nGenericData" in contact else None
+def _place_of_values(mbs: MainSystem, contact: ModelContact, node: str) -> int | None:
+    """First of the data coordinates of a node, by its key, that a sensor reads; None if it calls the contact itself."""
+    return int(mbs.systemData.GetNodeLTGData(contact[node])[0]) if node in contact else None
 
 
-def _groups(contacts: Sequence[ModelContact], runs: Sequence[ContactRun]) -> Iterator[GroupRun]:
+def _groups(contacts: Sequence[ModelContact], runs: Sequence[ContactRun], method: Method) -> Iterator[GroupRun]:
     """Contacts that are solved together, or each of the others alone."""
     run_of = {id(contact): run for contact, run in zip(contacts, runs, strict=True)}
     for group in {id(contact.group): contact.group for contact in contacts}.values():
         members = [run_of[id(contact)] for contact in group]
         together = group[0].together.for_run([member.mechanics for member in members])
-        yield CoupledRun(members, together) if isinstance(together, Coupled) else GroupRun(members, together)
+        if isinstance(together, Coupled):
+            yield CoupledRun(members, together, sleeps=method != "static")
+        else:
+            yield GroupRun(members, together)
 
 
 def _steppers(groups: Sequence[GroupRun], runs: Sequence[ContactRun], joints: Joints | None) -> list[MultiplierStep]:

@@ -58,8 +58,9 @@ BASES: dict[BasisName, BasisFunction] = {
 @spelled
 def reduce(
     fem: FEModel,
-    partition: Partition,
+    partition: Partition | None = None,
     *,
+    skin: bool = False,
     f_cut: float | None = None,
     tolerance: float | None = None,
     basis: BasisName = "contact-adapted",
@@ -74,8 +75,11 @@ def reduce(
     Parameters
     ----------
     fem : FEModel
-    partition : Partition
-        Impact region, contact patches and interfaces.
+    partition : Partition, optional
+        Impact region, contact patches and interfaces. Needed unless `skin`.
+    skin : bool
+        Whether the whole skin is a contact patch, as by `Partition.skin(fem, partition)`: nobody needs to know where
+        the body will touch. `CreatePartitionContact(mbs, bodies)` then needs nothing but the bodies.
     f_cut : float, optional
         Truncation frequency [Hz]: motion below it is kept. By the paper (section 5.2) it is twice the highest frequency
         of the response, see `truncation_frequency`. If all modes lie above it, the body is rigid except at its contact.
@@ -110,8 +114,8 @@ def reduce(
     FrequencyRangeError
         If the mesh does not resolve `f_cut`; or no elastic mode lies below it, with basis "free" or "craig-bampton".
     InputError
-        If another argument is out of range, both or none of `f_cut` and `tolerance` are given, or the impact region
-        holds every node and the basis is not "free".
+        If another argument is out of range, both or none of `f_cut` and `tolerance` are given, there is neither a
+        partition nor a skin, or the impact region holds every node and the basis is not "free".
     MemoryLimitError
         If there is too little memory, by an estimate before the work or during it.
 
@@ -129,7 +133,7 @@ def reduce(
     MemoryWarning
         If the reduction needs more memory than is free, by an estimate.
     """
-    _validate_partition(fem, partition)
+    partition = _partition_of(fem, partition, skin)
     _basis_function(basis)
     _validate_progress(progress)
     if validate_flag("geometric_stiffness", geometric_stiffness):
@@ -297,6 +301,18 @@ def _made(
 def _validate_progress(progress: Progress | None) -> None:
     if progress is not None:
         validate_callable("progress", progress, "a function of the share done, 0 to 1")
+
+
+def _partition_of(fem: FEModel, partition: Partition | None, skin: bool) -> Partition:
+    """The partition that a user gave, and the skin if he asked for it."""
+    if validate_flag("skin", skin):
+        return Partition.skin(fem, partition)
+    if partition is None:
+        raise InputError(
+            "partition: expected one, as of Partition.ball(), or skin=True for contact anywhere on the body, got None"
+        )
+    _validate_partition(fem, partition)
+    return partition
 
 
 def _validate_partition(fem: FEModel, partition: Partition) -> None:

@@ -53,7 +53,8 @@ def _of_contacts(contacts: list[PartitionContact]) -> Iterator[tuple[str, Sensor
         yield what, contact["sForce"], told | ({"name": contact.name} if contact.name else {})
         for key in ("sFriction", "sPlastic"):
             if key in contact:
-                yield what, contact[key], _BY_FUNCTION
+                by_node = key == "sFriction" and "nFrictionData" in contact
+                yield what, contact[key], _on_node(contact["nFrictionData"]) if by_node else _BY_FUNCTION
 
 
 def _on_node(node: NodeIndex) -> dict[str, object]:

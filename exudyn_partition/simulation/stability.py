@@ -13,6 +13,7 @@ import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
+from ..contact.landings import stiffest_landing
 from ..exudyn_bodies.held_damping import hold_damping
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
@@ -27,8 +28,9 @@ _CLOSE = 1e-2  # relative change of the limit with which it is known
 def stability_limit(mbs: MainSystem) -> float:
     """Largest stable step of central differences for the partition bodies with all contact rows closed [s].
 
-    It is 2 / omega_max of K + H' F^-1 H and M, with the pairs and normals at the start. Damping of the
-    bodies lowers the limit. This is computed by a bound that is exact if the highest mode has the largest damping.
+    It is 2 / omega_max of K + H' F^-1 H and M, with the pairs and normals at the start. Skins of a list of bodies may
+    meet anywhere: then each body lies on each of its six sides, see `contact.landings`. Damping of the bodies lowers
+    the limit. This is computed by a bound that is exact if the highest mode has the largest damping.
     Other items of the model are not included, nor is the mass of a body that carries a rigid surface. Multipliers of
     the lagrange formulation do not lower the limit. Viscous flexibilities of contacts do, see `contact.viscosity`.
 
@@ -50,10 +52,14 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
     """Return the largest stable step of some bodies with some contacts [s], see `stability_limit`."""
     if not bodies:
         return float("inf")
-    groups = _joined(bodies, contacts)
+    placed = [contact for contact in contacts if not contact.mechanics.gaps.anywhere]
+    groups = _joined(bodies, placed)
+    anywhere = [contact for contact in contacts if contact.mechanics.gaps.anywhere]
 
     def largest(step: float) -> float:
-        return max(_largest(*group, step) for group in groups)
+        return max(
+            *(_largest(*group, step) for group in groups), *(_landing(contact, step) for contact in anywhere), 0.0
+        )
 
     square = largest(math.inf)
     if square <= 0.0:
@@ -71,6 +77,20 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
             break
         limit = shorter
     return min(limit, shorter)
+
+
+def _landing(contact: PartitionContact, step: float) -> float:
+    """Bound of the squared circular frequency of a body of a contact that may be anywhere, when it lies on a side.
+
+    Viscous flexibilities are stiffer in short steps, see `PatchContact.closed_stiffness`.
+    """
+    sticks = contact.mechanics.friction is not None
+    both = zip(contact.sides, contact.mechanics.gaps.sides, strict=False)
+    return max(
+        stiffest_landing(item.body, patch, sticks=sticks) * (1.0 + 2.0 * side.beta / step)
+        for (item, patch), side in both
+        if item.body.basis.flexibility is not None
+    )
 
 
 def _joined(

@@ -25,7 +25,7 @@ from .surface import Surface, closest_points
 
 _OPPOSITE = math.cos(math.radians(30))  # between normals and the line across a gap
 _FACING = 0.5  # points meet if the cosine between their local normal and the master's inward normal is above
-_FROM_NODE = 0.6  # of a facet's longest edge: no point of it is further from the nearest node
+NODE_TO_FACET = 0.6  # of a facet's longest edge: no point of it is further from the nearest node
 _START = 2.0  # facets around the nearest nodes that are projected at the start
 _APPROACHES = 10  # most projections until patches touch
 LIMIT = 0.75  # of a facet's size: rows with larger gaps are no pairs
@@ -56,13 +56,34 @@ def near_patches(
             continue
         distance, nearest = cKDTree(other.points).query(one.points)
         k = int(distance.argmin())
-        if distance[k] <= reach + _FROM_NODE * max(_longest(one), _longest(other)):
+        if distance[k] <= reach + NODE_TO_FACET * max(one.longest, other.longest):
             normal, facing = (s.normals_at(np.array([[node]]), np.ones((1, 1)))[0] for s, node in (
                 (one, k), (other, nearest[k]),
             ))  # fmt: skip
             if normal @ facing < -_FACING:
                 found.append((i, j))
     return found
+
+
+def faces_near(surface: Surface, gap: Array, normals: Array, within: float | None, *, anywhere: bool) -> bool:
+    """Whether a patch faces a rigid surface across a small distance.
+
+    Parameters
+    ----------
+    surface : Surface
+    gap, normals : (np,), (np, 3) arrays
+        Gaps of its nodes [m], and normals of the rigid surface there.
+    within : float, optional
+        Distance [m]. Default: the radius of the patch, from its centre to its farthest node.
+    anywhere : bool
+        Whether it need not face the surface now, for it turns.
+    """
+    nearest = int(gap.argmin())
+    reach = float(np.linalg.norm(surface.points - surface.points.mean(axis=0), axis=1).max())
+    if gap[nearest] > (reach if within is None else within):
+        return False
+    normal = surface.normals_at(np.array([[nearest]]), np.ones((1, 1)))[0]
+    return anywhere or bool(normal @ normals[nearest] < -_FACING)
 
 
 def edge_meets(one: Surface, other: Surface) -> bool:
@@ -150,7 +171,7 @@ class NearParts:
 
         `slave` and `master` are the patches in their present places, with all their facets.
         """
-        apart = _FROM_NODE * (_longest(slave) + _longest(master))
+        apart = NODE_TO_FACET * (slave.longest + master.longest)
         own, others = np.unique(slave.facets), np.unique(master.facets)  # both may be parts of one patch
         distance = np.full(len(slave.points), np.inf)
         distance[own] = cKDTree(master.points[others]).query(slave.points[own])[0]
@@ -168,11 +189,6 @@ class NearParts:
         """Contact points of the slave's part, with facets numbered as in the part."""
         some, _ = points.of_rows(np.isin(points.row_nodes, self.nodes))
         return replace(some, facets=some.facets[self.slave_facets])
-
-
-def _longest(surface: Surface) -> float:
-    corners = surface.points[facet_corners(surface.facets)]
-    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
 
 
 def facing_locally(projection: Projection, normals: Array, size: float) -> Array:
@@ -234,6 +250,60 @@ def near_rows(
     if way:
         found = replace(found, gap=found.gap - way * (found.normal @ approach))
     return rows_of(some, found, paired[index], slave, master, approach), float(least)
+
+
+def pair_as_placed(
+    points: ContactPoints, slave: Surface, master: Surface, placed_by: str = "referencePosition"
+) -> ContactRows:
+    """Pair what is near of two patches where they are; there are no pairs if they are far apart, or do not face.
+
+    Parameters
+    ----------
+    points : ContactPoints
+        All points of the slave.
+    slave, master : Surface
+    placed_by : str
+        What a user changes to move a body, for messages.
+
+    Raises
+    ------
+    PenetrationError
+        If a pair overlaps.
+    """
+    way = master.points.mean(axis=0) - slave.points.mean(axis=0)
+    approach = way / length if (length := np.linalg.norm(way)) else slave.direction
+    near = NearParts.of(slave, master, (LIMIT + 1.0) * master.facet_size)
+    if not len(near.nodes):
+        return _no_rows(points, master, approach)
+    part = replace(slave, facets=slave.facets[near.slave_facets])
+    other = replace(master, facets=master.facets[near.master_facets])
+    rows = near_rows(near.points(points), part, other, approach)[0]
+    worst = int(rows.gap.argmin()) if len(rows) else 0
+    if len(rows) and rows.gap[worst] < -PENETRATION_TOLERANCE * master.facet_size:
+        raise PenetrationError(
+            f"{np.count_nonzero(rows.gap < 0)} of {len(rows)} rows start inside the other body, the worst by "
+            f"{-rows.gap[worst]:.4g} m at {slave.points[rows.points.row_nodes[worst]]} m. Move one of the bodies by at "
+            f"least that along {rows.normal[worst].round(3)} ({placed_by})"
+        )
+    return rows
+
+
+def _no_rows(points: ContactPoints, master: Surface, approach: Array) -> ContactRows:
+    some, index = points.of_rows(np.empty(0, dtype=np.int64))
+    k = master.facets.shape[1]
+    return ContactRows(
+        points=some,
+        facet=index,
+        local=np.empty((0, 2)),
+        master=np.empty((0, k), dtype=master.facets.dtype),
+        weights=np.empty((0, k)),
+        normals=np.empty((0, 3)),
+        gap=np.empty(0),
+        leaves_at=np.empty(0),
+        facet_size=master.facet_size,
+        unpaired=len(points.nodes),
+        approach=approach,
+    )
 
 
 def pair_wandering(

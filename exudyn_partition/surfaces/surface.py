@@ -132,6 +132,12 @@ class Surface:
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
 
     @cached_property
+    def longest(self) -> float:
+        """Longest edge of the facets [m]."""
+        corners = self.points[facet_corners(self.facets)]
+        return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+
+    @cached_property
     def neighbours(self) -> tuple[Array, Array]:
         """Neighbour across each facet's edges 01, 12, ..., and the number of the shared edge in the neighbour.
 

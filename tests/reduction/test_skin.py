@@ -140,3 +140,12 @@ def test_another_solver_gives_an_array(fem, monkeypatch):
     with solved_by(Inverse):
         found = with_array(coarse, surface(coarse)).basis.flexibility
     np.testing.assert_allclose(found, dense, rtol=0, atol=1e-8 * abs(dense).max())
+
+
+def test_the_skin_in_one_word(fem):
+    """`skin=True` is `Partition.skin`, beside what else the partition has."""
+    assert_same(ep.reduce(fem, skin=True, f_cut=F_CUT).basis, ep.reduce(fem, ep.Partition.skin(fem), f_cut=F_CUT).basis)
+    hub = ep.Partition.interface(fem, "hub", cylinder=((6e-3, 5e-3, 0), (0, 0, 1), 2e-3))
+    body = ep.reduce(fem, hub, skin=True, f_cut=F_CUT)
+    assert [patch.name for patch in body.partition.patches] == ["skin"]
+    assert body.partition.interfaces[0].name == "hub"

@@ -165,7 +165,7 @@ ARGUMENTS = {
     # The rest
     **each("showMarkers verbose superElement bodyFixed hollow inside correct load_factor", v.flag),
     **each("update_initial slipping", v.flag),
-    **each("go_on adaptive static_answer geometric_stiffness", v.flag),
+    **each("go_on adaptive static_answer geometric_stiffness skin", v.flag),
     **each("progress loadUserFunction loadVectorUserFunction", v.function),
     "refine": Kind({"text": "x", "number": 1, "tuples": [((0, 0, 0), 1, 1)], "Nones": [None]}, ()),
     "settings": Kind({"text": "x", "number": 1, "dict": {}, "a model": the.mbs}),

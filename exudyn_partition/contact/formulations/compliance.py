@@ -76,7 +76,8 @@ class NormalCompliance(Law):
     def _set_up_problem(self) -> None:
         """Set up the problem for the rows that are frozen now."""
         self._everything = np.arange(len(self.gaps.row_nodes))
-        self._frozen_stage, few = self.gaps.frozen_stage, self.gaps.moving and self.gaps.on_demand
+        few = self.gaps.moving and (self.gaps.on_demand or self.gaps.anywhere)
+        self._frozen_stage = self.gaps.frozen_stage
         self.problem = Complementarity(np.eye(1)) if few else self.gaps.problem()  # until rows near each other ask
 
     def answer(self, places: Places) -> Forces:

@@ -25,6 +25,8 @@ from .compliance import NormalCompliance
 if TYPE_CHECKING:
     from typing import Self
 
+    from .formulation import Links
+
 _PASSES = 100
 _HARDLY = 1e-4  # of the forces on a contact that moves: smaller ones on others are left out of the stiffness
 
@@ -38,17 +40,16 @@ class Coupled:
     ----------
     contacts : list of PatchContact
         Contacts with formulation 'compliance'.
-    links : callable
-        For each two sides that move each other, returns the numbers of a contact and its side, of the other contact and
-        its side, and the body's flexibility between the patches, (d np, d np) [m/N].
+    links : Links
+        For each two sides that move each other, a call of it returns the numbers of a contact and its side, of the
+        other contact and its side, and the body's flexibility between the patches, (d np, d np) [m/N].
     """
 
     _by_fields = True  # whether few fields are all that contacts exchange
-    _between: Between
 
     _moved_before: list[list[Array] | None]  # of each contact's sides by others in the last step, if they are viscous
 
-    def __init__(self, contacts: Sequence[PatchContact], links: Callable[[], Sequence[Link]]) -> None:
+    def __init__(self, contacts: Sequence[PatchContact], links: Links) -> None:
         self.contacts, self._links = [*contacts], links
         self._answered_state: Array | None = None
 
@@ -61,9 +62,16 @@ class Coupled:
         """Flexibilities between sides in full, where few fields are not enough."""
         return self._links()
 
+    @cached_property
+    def _between(self) -> Between:
+        """Motion of the rows by forces on other contacts; for flexibilities in full, links are found when needed."""
+        rows = [contact.rows for contact in self.contacts]
+        return RowFields(rows, self._exchange) if self._by_fields else FlexibilityBetween(rows, self._all_links)
+
     def _prepare(self) -> None:
         """Compute the data that all runs share."""
-        self._exchange if self._by_fields else self._all_links  # noqa: B018 - the properties keep their values
+        if self._by_fields:
+            self._exchange  # noqa: B018 - the property keeps its value
 
     def _begin(self) -> None:
         """Begin a run with the present contacts."""
@@ -72,15 +80,27 @@ class Coupled:
         self._carried = [contact for contact in self.contacts if contact.gaps.carried]
         self._pressed = [contact for contact in self.contacts if contact.gaps.overlap]
         self._viscous = any(contact.viscous for contact in self._remembering)
-        rows = [contact.rows for contact in self.contacts]
-        full = not self._by_fields
-        self._between = FlexibilityBetween(rows, self._all_links) if full else RowFields(rows, self._exchange)
+        vars(self).pop("_between", None)  # that of other contacts
 
     def for_run(self, contacts: Sequence[PatchContact]) -> Self:
         """Return the same object for the contacts of a run; the flexibility between patches is shared."""
         self._prepare()
         result = copy.copy(self)
         result.contacts, result._answered_state = [*contacts], None
+        result._begin()
+        return result
+
+    @property
+    def divides(self) -> bool:
+        """Whether some of the contacts may be solved without the others, see `some`."""
+        return not self._by_fields
+
+    def some(self, places: Sequence[int]) -> Self:
+        """Return the same object for some of its contacts in the same run, by their numbers. The others are open."""
+        result = copy.copy(self)
+        result.contacts, result._links = [self.contacts[j] for j in places], self._links.some(places)
+        result._answered_state = None
+        vars(result).pop("_all_links", None)
         result._begin()
         return result
 
@@ -243,7 +263,7 @@ class CoupledContacts(Coupled):
     `BlockComplementarity`. A contact enters if it is closed, or if the others close it.
     """
 
-    def __init__(self, contacts: Sequence[PatchContact], links: Callable[[], Sequence[Link]]) -> None:
+    def __init__(self, contacts: Sequence[PatchContact], links: Links) -> None:
         super().__init__(contacts, links)
         if len(contacts) == 1:
             self._compile()

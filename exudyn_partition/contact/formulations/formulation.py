@@ -101,7 +101,10 @@ class Links(Protocol):
         """Whether a body of theirs has a flexibility that is found on demand, so that few fields of it are unknown."""
 
     def __call__(self) -> list[Any]:
-        """Flexibilities between the sides, see `coupled.Coupled`. They are computed once, at the first run."""
+        """Flexibilities between the sides, see `coupled.Coupled`."""
+
+    def some(self, places: Sequence[int]) -> Links:
+        """Those between some of the contacts, by their numbers."""
 
 
 class Formulation:

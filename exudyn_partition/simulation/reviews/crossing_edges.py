@@ -82,7 +82,9 @@ def _crossing(run: ReviewedRun, history: ContactHistory) -> Iterator[Finding]:
         places.append(place[:, None] + surfaces[1].points @ axes.swapaxes(1, 2))
     x_s, x_m = places
     edges, size = [_Edges.of_surface(surface) for surface in surfaces], min(surface.facet_size for surface in surfaces)
-    for i, sample in enumerate(chosen):
+    lower, upper = ([pick(x, axis=1) for x in (x_s, x_m)] for pick in (np.min, np.max))
+    overlap = ((lower[0] < upper[1]) & (lower[1] < upper[0])).all(axis=1)  # of the boxes around both
+    for i, sample in zip(np.flatnonzero(overlap), chosen[overlap], strict=True):
         held = np.zeros(len(surfaces[0].points), dtype=bool)
         nodes, forces = history.rows.at_sample(int(sample))
         held[nodes[forces > 0]] = True

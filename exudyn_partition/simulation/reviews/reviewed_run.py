@@ -222,8 +222,10 @@ class ReviewedRun:
 
     @cached_property
     def contacts(self) -> list[ContactHistory]:
-        """All contacts of the model."""
-        return [ContactHistory(contact, self.result) for contact in self.result.contacts]
+        """All contacts of the model whose sides were near each other."""
+        result = self.result
+        near = (contact for contact in result.contacts if not result.runs or result.kept(contact).near)
+        return [ContactHistory(contact, result) for contact in near]
 
     @cached_property
     def _histories(self) -> dict[PartitionBody, BodyHistory]:

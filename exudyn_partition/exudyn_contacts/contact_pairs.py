@@ -1,0 +1,124 @@
+"""Which pairs of a list of bodies and rigid surfaces get contacts: those near each other, and skins with everything."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..contact.rigid import RigidSurface
+from ..contact.side import Side
+from ..errors import EmptyRegionError, InputError
+from ..exudyn_bodies.model import registered
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..reduction.body import ReducedBody
+from ..support.arrays import Array
+from ..support.checks import listed, validate_positive
+from ..support.foreign import MainSystem
+from ..surfaces.near import faces_near, near_patches
+from .contact_plan import RIGID, BodyPatch
+
+
+class FoundPair(NamedTuple):
+    """A pair that gets a contact.
+
+    Parameters
+    ----------
+    slave : (PartitionBody, int)
+    master : (PartitionBody, int) or RigidSurface
+    anywhere : bool
+        Whether both may touch anywhere at any time: one of the patches is the skin of its body.
+    """
+
+    slave: BodyPatch
+    master: BodyPatch | RigidSurface
+    anywhere: bool
+
+
+def pairs_of(mbs: MainSystem, members: object, within: float | None) -> list[FoundPair]:
+    """Pairs of a list of bodies and rigid surfaces that get contacts.
+
+    The skin of a body meets all other members, wherever they are. Other patches meet what they face nearby.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    members : sequence of PartitionBody or RigidSurface
+    within : float, optional
+        Distance up to which a pair gets a contact [m]. Default: any distance for skins; the radius of the smaller patch
+        for others.
+
+    Raises
+    ------
+    InputError
+        If members are not at least two, each of them once, with a body among them.
+    EmptyRegionError
+        If there are no pairs.
+    """
+    bodies, surfaces = _members(mbs, members)
+    if within is not None:
+        within = validate_positive("within", within, "m")
+    sides = [(item, patch) for item in bodies for patch in range(len(item.body.partition.patches))]
+    placed = [Side.of(item.kinematics, patch).surface for item, patch in sides]
+    skins = [is_skin(item.body, patch) for item, patch in sides]
+    owners = [place for place, item in enumerate(bodies) for _ in item.body.partition.patches]
+    boxes = [np.array([surface.points.min(axis=0), surface.points.max(axis=0)]) for surface in placed]
+
+    def between_bodies() -> Iterator[tuple[int, int, bool]]:
+        near = [] if all(skins) else near_patches(placed, owners, within)
+        yield from ((i, j, False) for i, j in near if not (skins[i] or skins[j]))
+        for i, j in zip(*np.triu_indices(len(sides), 1), strict=True):
+            if (skins[i] or skins[j]) and owners[i] != owners[j]:
+                if within is None or _apart(boxes[i], boxes[j]) <= within:
+                    yield int(i), int(j), True
+
+    found = [FoundPair(sides[i], sides[j], anywhere) for i, j, anywhere in between_bodies()]
+    for surface in surfaces:
+        for side, patch, skin in zip(sides, placed, skins, strict=True):
+            if (skin and within is None) or faces_near(patch, *surface.project(patch.points), within, anywhere=skin):
+                found.append(FoundPair(side, surface, skin))
+    if not found:
+        raise EmptyRegionError(
+            f"slave: no two patches of these {len(bodies)} bodies face each other nearby. Give a larger distance by "
+            "within=, name the pairs in a call each, or reduce the bodies with skin=True for contact anywhere"
+        )
+    return found
+
+
+def _members(mbs: MainSystem, members: object) -> tuple[list[PartitionBody], list[RigidSurface]]:
+    """Bodies and rigid surfaces of a list."""
+    expected = "slave: expected a list of what CreatePartitionBody returns, and of rigid surfaces if there are any"
+    if (items := listed(members)) is None:
+        raise InputError(f"{expected}, got {type(members).__name__}")
+    for i, item in enumerate(items):
+        if not isinstance(item, (PartitionBody, *RIGID)):
+            raise InputError(f"{expected}, got {type(item).__name__} at index {i}")
+    bodies = [item for item in items if isinstance(item, PartitionBody)]
+    if len(items) < 2 or not bodies or len(set(map(id, items))) < len(items):
+        raise InputError(
+            f"slave: expected at least one body and something that it can touch, each of them once, got {len(bodies)} "
+            f"bodies and {len(items) - len(bodies)} rigid surfaces"
+        )
+    known = [*registered(mbs).bodies.values()]
+    for item in bodies:
+        if item not in known:
+            raise InputError(f"slave: body {item.name!r} belongs to another model, or to this one before a Reset")
+    return bodies, [item for item in items if not isinstance(item, PartitionBody)]
+
+
+def is_skin(body: ReducedBody, patch: int) -> bool:
+    """Whether contact wanders over a patch that has all faces of the body, but for those beside its other ones."""
+    partition = body.partition
+    own = partition.patches[patch]
+    if not own.wanders:
+        return False
+    others = [one.nodes for i, one in enumerate(partition.patches) if i != patch]
+    taken = np.concatenate([np.empty(0, dtype=np.int64), *others, *(joint.nodes for joint in partition.interfaces)])
+    free = body.facets[~np.isin(body.facets, taken).any(axis=1)]
+    return bool(len(free)) and bool(np.isin(free, own.nodes).all())
+
+
+def _apart(box: Array, other: Array) -> float:
+    """Distance of two boxes, each by its lower and upper corner, (2, 3) [m]."""
+    return float(np.linalg.norm(np.maximum(np.maximum(box[0] - other[1], other[0] - box[1]), 0.0)))
