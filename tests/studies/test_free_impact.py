@@ -86,6 +86,18 @@ def test_an_impact_is_watched_until_it_is_over(round_body):
         assert cut[name] == pytest.approx(whole[name], rel=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore")
+def test_bodies_that_are_drawn_a_little_within_each_other_begin_apart(round_body):
+    """The same impact follows: a start within each other would be refused, or give its stored energy to the rebound."""
+    point = Point(0.0, 2.0, 0.0, 0.0)
+    drawn, within = (
+        free_impact((round_body, ep.RigidPlane((0, 0, overlap))), point, None, 5e-5) for overlap in (0.0, 1.5e-6)
+    )
+    assert abs(within["balance"]) < 1e-3
+    for name in ("restitution", "contact_time", "peak_force", "impulse"):
+        assert within[name] == pytest.approx(drawn[name], rel=3e-3)
+
+
 def is_over_in_flight(mbs, body, height, velocity, spin, deformation, rates):
     """Whether the contact of a ball with a plane is over while the ball flies above it."""
     state = {"frame": "floating", "initialVelocity": velocity, "initialAngularVelocity": spin}
