@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import exudyn as exu
 import numpy as np
 import pytest
+from oracles import box
 
 import exudyn_partition as ep
 from exudyn_partition.frames.floating import FloatingKinematics
@@ -96,6 +97,26 @@ def test_bodies_that_are_drawn_a_little_within_each_other_begin_apart(round_body
     assert abs(within["balance"]) < 1e-3
     for name in ("restitution", "contact_time", "peak_force", "impulse"):
         assert within[name] == pytest.approx(drawn[name], rel=3e-3)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_restitution_of_two_bodies_is_that_of_their_impulse(round_body, flat_body):
+    """Newton's: m1 m2 / (m1 + m2) times the change of the speed against each other."""
+    found = free_impact((round_body, flat_body), Point(0.0, 0.4, 0.0, 0.0), None, 5e-5)
+    m1, m2 = round_body.total_mass, flat_body.total_mass
+    expected = m1 * m2 / (m1 + m2) * 0.4 * (1 + found["restitution"])
+    assert found["impulse"] == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_span_of_an_impact_is_from_its_first_contact_to_its_last(round_body):
+    """A thin bar swings back and hits the ball again: the span has the flight between."""
+    shape = box(0.012, 0.08, 0.003).Move((0, 0, -0.003))
+    fem = ep.fe_model(shape, ep.STEEL, maxh=8e-3, refine=[ep.Refine((0, 0, 0), 1e-3, 0.4e-3)])
+    bar = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 1.2e-3), f_cut=40e3)
+    found = free_impact((round_body, bar), Point(0.0, 0.3, 0.0, 0.0), None, 3e-4)
+    assert found["contacts"] > 1
+    assert found["span"] > 1.1 * found["contact_time"]
 
 
 def is_over_in_flight(mbs, body, height, velocity, spin, deformation, rates):
