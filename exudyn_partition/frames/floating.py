@@ -15,6 +15,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
@@ -186,12 +187,21 @@ class FloatingKinematics:
         return self.origin + q[..., :3], rotation_matrix(self.rotation + q[..., 3:6]) @ self.node_axes.T
 
     @property
-    def from_basis(self) -> sp.csr_matrix:
+    def from_basis(self) -> LinearOperator:
         """See `Kinematics.from_basis`."""
-        n = self.body.n_dofs
+        n, mass = self.body.n_dofs, self.body.mass.diagonal()
         rigid = InertialKinematics(self.body, self.position).rigid_motion(np.eye(n)).T
-        turned = self.frame(np.zeros(n))[1] @ rigid[:3], self.node_axes.T @ rigid[3:]
-        return sp.csr_matrix(np.vstack([*turned, self.mean_axes.deformation(np.eye(n)).T]))
+        rigid = np.vstack([self.frame(np.zeros(n))[1] @ rigid[:3], self.node_axes.T @ rigid[3:]])
+
+        def coordinates(v: Array) -> Array:
+            return np.concatenate([rigid @ v, self.mean_axes.deformation(v.T).T])
+
+        def transposed(forces: Array) -> Array:
+            value: Array = rigid.T @ forces[:6] + (mass * self.mean_axes.expand(forces[6:].T)).T
+            return value
+
+        maps = {"matvec": coordinates, "matmat": coordinates, "rmatvec": transposed, "rmatmat": transposed}
+        return LinearOperator((n, n), dtype=float, **maps)
 
     def elastic(self, q: Array) -> Array:
         """See `Kinematics.elastic`; that is the deformation."""

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
 from ..fe.model import node_dofs
 from ..reduction.body import ReducedBody
@@ -69,9 +70,9 @@ class InertialKinematics:
         return np.broadcast_to(origin, (*q.shape[:-1], 3)), np.broadcast_to(axes, (*q.shape[:-1], 3, 3))
 
     @property
-    def from_basis(self) -> sp.csr_matrix:
+    def from_basis(self) -> LinearOperator:
         """See `Kinematics.from_basis`."""
-        return sp.identity(self.body.n_dofs, format="csr")
+        return aslinearoperator(sp.identity(self.body.n_dofs))
 
     def elastic(self, q: Array) -> Array:
         """See `Kinematics.elastic`; rigid motion is within the frame."""

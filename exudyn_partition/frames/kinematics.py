@@ -14,6 +14,7 @@ from typing import Literal, Protocol, get_args
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator
 
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
@@ -78,8 +79,11 @@ class Kinematics(Protocol):
         """
 
     @property
-    def from_basis(self) -> sp.csr_matrix:
-        """(n_dofs, n_dofs) matrix: the coordinates' velocities by those of the body's basis, at the start."""
+    def from_basis(self) -> LinearOperator:
+        """(n_dofs, n_dofs) operator: the coordinates' velocities by those of the body's basis, at the start.
+
+        Of floating frames it has no zeros as a matrix, and takes long to form.
+        """
 
     def frame(self, q: Array) -> tuple[Array, Array]:
         """Place of the frame's origin, (..., 3) [m], and rotation matrix of its axes, (..., 3, 3)."""

@@ -13,6 +13,7 @@ from ..fe.places import distance_within, validate_long_axis
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_positive, validate_vector
 from ..support.machine import available_memory
+from ..support.progress import say
 from ..support.warn import warn
 
 _MOST_POINTS = 1e7  # of a ball's grid: no FE model in memory has so many nodes
@@ -20,6 +21,7 @@ _MOST_POINTS = 1e7  # of a ball's grid: no FE model in memory has so many nodes
 _A_VOLUME, _A_SURFACE = 4.5, 3.5
 # By order: nodes per element, and peak memory of an FE model per node [byte]; that of its mesh per element.
 _NODES = {1: 0.22, 2: 1.5, 3: 4.9}
+_LARGE = 3e4  # nodes of a mesh that takes a while, and its reduction longer
 _A_NODE, _AN_ELEMENT = {1: 19e3, 2: 19e3, 3: 30e3}, 1.2e3
 
 
@@ -132,6 +134,8 @@ def check_memory_of_mesh(
 ) -> float:
     """Approximate number of elements of a mesh; refuse one that would not fit into memory, before it is made.
 
+    Of a large one it says so, and what decides its size.
+
     Parameters
     ----------
     size, volume, surface : float
@@ -146,9 +150,10 @@ def check_memory_of_mesh(
     MemoryLimitError
         With the estimated number of elements.
     """
-    n = max(_A_VOLUME * volume / maxh**3, _A_SURFACE * surface / maxh**2)
-    for region in regions:
-        n += min(region.n_elements(maxh, grading), _A_VOLUME * volume / min(region.h, maxh) ** 3)
+    outside = max(_A_VOLUME * volume / maxh**3, _A_SURFACE * surface / maxh**2)
+    n = outside + sum(
+        min(region.n_elements(maxh, grading), _A_VOLUME * volume / min(region.h, maxh) ** 3) for region in regions
+    )
     needed, available = n * (_NODES[order] * _A_NODE[order] + _AN_ELEMENT), available_memory()[0]
     if needed > available:
         raise MemoryLimitError(
@@ -157,6 +162,9 @@ def check_memory_of_mesh(
             "Take a larger maxh, or larger h and smaller radius in refine; is the shape in millimetres? Then give "
             "scale=1e-3 of fe_model"
         )
+    if (nodes := n * _NODES[order]) > _LARGE:
+        most = "fill the body: a larger maxh" if outside > n / 2 else "are in the balls of refine: a larger h"
+        say(f"mesh: some {_rounded(n)} elements with {_rounded(nodes)} nodes are to come. Most {most} makes fewer")
     return n
 
 
@@ -173,6 +181,10 @@ def check_memory_of_model(n_nodes: int, order: int) -> None:
             f"mesh: the matrices of {n_nodes} nodes would take about {_gb(needed)}, of {_gb(available)} that are free. "
             "Take larger elements far from the contact"
         )
+
+
+def _rounded(n: float) -> str:
+    return f"{float(f'{n:.2g}'):,.0f}"
 
 
 def _gb(size: float) -> str:

@@ -159,6 +159,20 @@ def silence(asked: bool = True) -> Iterator[None]:
         config.printToConsole = printed
 
 
+@contextlib.contextmanager
+def uncounted_allocations() -> Iterator[None]:
+    """Keep back Exudyn's line that user functions allocate memory in every step: contacts are such functions.
+
+    It comes after long runs, and no user can act on it.
+    """
+    solver = require("exudyn.solver")
+    threshold, solver.solverCheckMemoryAllocationsThreshold = solver.solverCheckMemoryAllocationsThreshold, math.inf
+    try:
+        yield
+    finally:
+        solver.solverCheckMemoryAllocationsThreshold = threshold
+
+
 @functools.cache
 def hear_of_verlet() -> None:
     """Let Exudyn say, unseen and of a model without coordinates, that its VelocityVerlet is under development.

@@ -25,7 +25,16 @@ from .adaptive_options import AdaptiveOptions
 from .compiled_plan import check_held
 from .compiled_run import run_compiled
 from .continuation import RunEnd, keep_end, last_end, set_accelerations, start_from, undo_if_refused
-from .hooks import Watch, begin_run, cause, control_steps, hear_of_verlet, unsettled, watch_steps
+from .hooks import (
+    Watch,
+    begin_run,
+    cause,
+    control_steps,
+    hear_of_verlet,
+    uncounted_allocations,
+    unsettled,
+    watch_steps,
+)
 from .result import Result, cut, end_for, samples
 from .reviews.review import reviewed
 from .reviews.reviewed_run import ReviewedRun
@@ -228,7 +237,8 @@ def _steps(mbs: MainSystem, plan: RunPlan, watch: Watch) -> str:
     kinds = require("exudyn").DynamicSolverType
     solver = kinds.VelocityVerlet if plan.method == "explicit" else kinds.GeneralizedAlpha
     try:
-        mbs.SolveDynamic(plan.settings, solverType=solver)
+        with uncounted_allocations():
+            mbs.SolveDynamic(plan.settings, solverType=solver)
     except Exception as error:  # Exudyn wraps errors of user functions in its own types
         said = cause(error)
         if not watch.steps:

@@ -159,8 +159,13 @@ def _on_coordinates(
     """
     items = [item for item, _ in contact.sides]
     if not all(item.kinematics.linear for item in items):
-        to_coordinates = sp.block_diag([item.kinematics.from_basis for item in items], format="csr")
-        stiffness = to_coordinates.T @ (to_coordinates.T @ stiffness).T  # symmetric
+        begins = np.cumsum([item.body.n_dofs for item in items])[:-1]
+
+        def on_bases(rows: Array) -> Array:
+            parts = zip(items, np.split(rows, begins), strict=True)
+            return np.concatenate([item.kinematics.from_basis.T @ part for item, part in parts])
+
+        stiffness = on_bases(on_bases(stiffness).T)  # symmetric
     if len({*map(id, items)}) < len(items):  # a body that touches itself has its numbers twice
         n = items[0].body.n_dofs
         stiffness = stiffness.reshape(2, n, 2, n).sum(axis=(0, 2))

@@ -42,6 +42,19 @@ def test_the_way_between_places_and_the_rigid_part_of_a_motion(kinematics):
     np.testing.assert_allclose(kinematics.momentum(rigid), kinematics.momentum(q_t), atol=1e-12)
 
 
+def test_coordinates_from_the_basis_and_forces_on_it(kinematics):
+    """Motions of the basis keep their momentum and energy as coordinates, and forces have the same power on both."""
+    rng = np.random.default_rng(3)
+    body, to_coordinates = kinematics.body, kinematics.from_basis
+    motions, forces = rng.standard_normal((2, body.n_dofs, 3))
+    q_t, on_basis, start = to_coordinates @ motions, to_coordinates.T @ forces, np.zeros(body.n_dofs)
+    np.testing.assert_allclose(on_basis.T @ motions, forces.T @ q_t, atol=1e-10 * abs(forces.T @ q_t).max())
+    for motion, coordinates in zip(motions.T, q_t.T, strict=True):
+        np.testing.assert_allclose(to_coordinates @ motion, coordinates, atol=1e-12 * abs(coordinates).max())
+        energy = motion @ (body.mass @ motion) / 2
+        np.testing.assert_allclose(kinematics.kinetic_energy(start, coordinates), energy, rtol=1e-9)
+
+
 def test_velocities_and_forces_of_nodes(kinematics):
     """Velocities by finite differences of places; generalised forces by their power on all motions."""
     rng = np.random.default_rng(1)

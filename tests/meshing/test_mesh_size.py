@@ -33,6 +33,19 @@ def test_the_estimated_number_of_elements(monkeypatch, size, maxh, refine):
     assert 0.5 < ep.generate_mesh(shape, maxh=maxh, refine=fine).ne / estimated < 2
 
 
+@pytest.mark.parametrize(
+    ("h", "said"), [(None, "36,000 elements with 54,000 nodes"), (0.02, "larger maxh"), (0.005, "refine: a larger h")]
+)
+def test_a_large_mesh_is_told_before_it_is_made(caplog, h, said):
+    """With what decides its size. A small one is not told."""
+    balls = [] if h is None else [ep.Refine((0, 0, 1), 0.1, h)]
+    with caplog.at_level("INFO"):
+        mesh_size.check_memory_of_mesh(1.0, 1.0, 6.0, 0.1, [], 0.3, 2)
+        assert not caplog.text
+        mesh_size.check_memory_of_mesh(1.0, 1.0, 6.0, 0.05, balls, 0.3, 2)
+    assert said in caplog.text
+
+
 def test_elements_are_fine_in_an_ellipsoid_along_its_long_axis_and_estimated():
     """At its ends as in its middle, and not beside it, where a ball of that length would have fine elements too."""
     long = ep.Refine((0, 0, 1), 0.1, 0.05, long_axis=(0.4, 0, 0))

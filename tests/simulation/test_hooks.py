@@ -6,6 +6,7 @@ import sys
 
 import exudyn as exu
 import exudyn.itemInterface as items
+import exudyn.solver
 import numpy as np
 import pytest
 from oracles import LONGEST, ctrl_c_after
@@ -206,3 +207,12 @@ def test_a_run_prints_what_its_user_prints_and_errors_alone():
     assert printed[-1] == "and after True"
     assert "DYNAMIC SOLVER FAILED" in run.stdout
     assert "WARNING" not in run.stdout + run.stderr
+
+
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_long_runs_print_nothing_of_allocations(impact, monkeypatch, capfd, method):
+    """After 100 000 allocations Exudyn warns of user functions. Contacts are such, and no user can act on it."""
+    monkeypatch.setattr(exudyn.solver, "solverCheckMemoryAllocationsThreshold", 10)
+    ep.solve_dynamic(impact[0], end_time=20e-6, step=0.5e-6, method=method)
+    assert "allocations" not in capfd.readouterr().out
+    assert exudyn.solver.solverCheckMemoryAllocationsThreshold == 10

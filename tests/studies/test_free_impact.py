@@ -6,6 +6,7 @@ import exudyn as exu
 import netgen.occ as occ
 import numpy as np
 import pytest
+from oracles import box
 
 import exudyn_partition as ep
 from exudyn_partition.frames.floating import FloatingKinematics
@@ -107,6 +108,37 @@ def _tilted_bar():
     axis = (np.sin(tilt), 0.0, np.cos(tilt))
     end = occ.Sphere(occ.Pnt(0, 0, radius), radius)
     return end + occ.Cylinder(occ.Pnt(0, 0, radius), occ.Vec(*axis), r=radius, h=20e-3)
+
+
+def test_bodies_that_are_drawn_a_little_within_each_other_begin_apart(round_body):
+    """The same impact follows: a start within each other would be refused, or give its stored energy to the rebound."""
+    point = Point(0.0, 2.0, 0.0, 0.0)
+    drawn, within = (
+        free_impact((round_body, ep.RigidPlane((0, 0, overlap))), point, None, 5e-5) for overlap in (0.0, 1.5e-6)
+    )
+    assert abs(within["balance"]) < 1e-3
+    for name in ("restitution", "contact_time", "peak_force", "impulse"):
+        assert within[name] == pytest.approx(drawn[name], rel=3e-3)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_restitution_of_two_bodies_is_that_of_their_impulse(round_body, flat_body):
+    """Newton's: m1 m2 / (m1 + m2) times the change of the speed against each other."""
+    found = free_impact((round_body, flat_body), Point(0.0, 0.4, 0.0, 0.0), None, 5e-5)
+    m1, m2 = round_body.total_mass, flat_body.total_mass
+    expected = m1 * m2 / (m1 + m2) * 0.4 * (1 + found["restitution"])
+    assert found["impulse"] == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_span_of_an_impact_is_from_its_first_contact_to_its_last(round_body):
+    """A thin bar swings back and hits the ball again: the span has the flight between."""
+    shape = box(0.012, 0.08, 0.003).Move((0, 0, -0.003))
+    fem = ep.fe_model(shape, ep.STEEL, maxh=8e-3, refine=[ep.Refine((0, 0, 0), 1e-3, 0.4e-3)])
+    bar = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 1.2e-3), f_cut=40e3)
+    found = free_impact((round_body, bar), Point(0.0, 0.3, 0.0, 0.0), None, 3e-4)
+    assert found["contacts"] > 1
+    assert found["span"] > 1.1 * found["contact_time"]
 
 
 def is_over_in_flight(mbs, body, height, velocity, spin, deformation, rates):

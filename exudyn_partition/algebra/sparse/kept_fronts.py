@@ -72,6 +72,7 @@ class KeptFronts:
         """Where each front begins in `store`, (nf + 1,) int array."""
         own, below = np.diff(self.starts), np.diff(self.ends)
         begins: Array = np.r_[0, np.cumsum(own * (own + below))]
+        read_only(begins)
         return begins
 
     @cached_property

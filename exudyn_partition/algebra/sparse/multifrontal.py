@@ -20,6 +20,7 @@ from scipy.linalg import lapack
 
 from ...errors import IndefiniteMatrixError
 from ...support.arrays import Array
+from ...support.checks import read_only
 from . import loops
 from .fronts import Fronts, find_fronts
 from .kept_fronts import KeptFronts, inside, reached
@@ -182,6 +183,7 @@ class Factorisation:
             eliminate(last)
         ends = np.cumsum([0, *(len(changes) for changes in fronts.below)])
         places = begins, fronts.starts, ends, np.concatenate(fronts.below)
+        read_only(store, *places, self._signs)  # as those of `KeptFronts`: numba compiles loops for either kind
         self._factors = Factors([factors[front] for front in range(len(spans))], store, *places, self._signs)
         self.at_rows = None if on_the_way is None else on_the_way.result
         if any(factor.signs is not None for factor in self._factors.fronts):
