@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -13,15 +12,12 @@ import numpy as np
 from ..algebra.blas_threads import one_blas_thread
 from ..compiled.loops import Stepper
 from ..compiled.run import EqualSteps, Histories, run
-from ..errors import InputError, MemoryLimitError, StepSizeError
-from ..exudyn_bodies.held_damping import hold_damping
+from ..errors import InputError, MemoryLimitError
 from ..exudyn_bodies.model import validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
-from ..prediction.default_step import SAFETY
-from ..simulation.compiled_plan import at_start, check_held, dofs_of, in_groups, initial_start, read_plan
-from ..simulation.run_plan import RunOptions, RunTimes, plan_run
-from ..simulation.stability import stability_limit
+from ..simulation.compiled_plan import check_held
+from ..simulation.run_plan import RunTimes
 from ..support.arrays import Array
 from ..support.checks import read_only, validate_integer
 from ..support.foreign import MainSystem
@@ -32,6 +28,7 @@ from ..support.progress import progress as progress_bar
 from ..support.spelling import spelled
 from .measures import Measures
 from .variations import Entries, Variations, Vary
+from .varied_model import VariedModel
 
 HISTORIES = ("force", "coordinates")
 _MOST = 0.5  # share of the free memory that histories may take
@@ -132,7 +129,7 @@ def run_many(
         - "initialVelocity", "initialAngularVelocity", (B, 3) [m/s, rad/s]: as of `CreatePartitionBody`;
         - "referencePosition", (B, 3) [m]: the body is moved there as a rigid one; pairs stay those of the model;
         - "gravity", (B, 3) [m/s2];
-        - "damping", (B,): ratio of all modes;
+        - "damping", (B,) or (B, k): ratio of all modes, or of each of the k elastic modes;
         - "E", "rho", (B,) [Pa, kg/m3]: of the body's one material, without a new reduction. Shapes stay, stiffness goes
           with E, mass with rho, the contact's flexibility with 1 / E, and ratios of damping stay.
     step : float, optional
@@ -166,18 +163,13 @@ def run_many(
     kept = _validated(histories)
     workers = validate_integer("workers", workers, least=1)
     bodies, contacts = partition_items(mbs)
-    planned = [contact for group in in_groups(contacts) for contact in group]
-    variations = Variations.checked(vary, bodies)
-    times = _times(mbs, end_time, step, bodies, variations, progress)
-    hold_damping(mbs)
-    groups = at_start(contacts)
-    places, gaps = {item: dofs_of(mbs, item) for item in bodies}, [one.gaps for _, some in groups for one in some]
-    entries = Entries(read_plan(mbs, groups), initial_start(mbs), places, planned, gaps, variations)
-    room = _Room.of(variations.count, times, bodies, planned, entries.size, kept)
-    measures = Measures(places, planned, gaps, variations, room.t)
+    model = VariedModel.of(mbs, end_time, step, Variations.checked(vary, bodies), progress)
+    planned, entries = model.contacts, model.entries
+    room = _Room.of(model.variations.count, model.times, bodies, planned, entries.size, kept)
+    measures = Measures(model.places, planned, model.gaps, model.variations, room.t)
     bar = progress_bar("many runs", after=LONG) if progress is None else contextlib.nullcontext(progress)
     with interruptible() as interrupt, one_blas_thread(), bar as report:
-        _run_all(entries, times, room, measures, workers, report, interrupt)
+        _run_all(entries, model.times, room, measures, workers, report, interrupt)
     return room.result(bodies, contacts, [planned.index(contact) for contact in contacts])
 
 
@@ -185,47 +177,6 @@ def _validated(histories: object) -> tuple[str, ...]:
     if isinstance(histories, str) or not isinstance(histories, Collection) or not {*histories} <= {*HISTORIES}:
         raise InputError(f"histories: expected a collection of {', '.join(map(repr, HISTORIES))}, got {histories!r}")
     return tuple(histories)
-
-
-def _times(
-    mbs: MainSystem,
-    end_time: float,
-    step: float | None,
-    bodies: Sequence[PartitionBody],
-    variations: Variations,
-    progress: Progress | None,
-) -> RunTimes:
-    """Times of all runs; they have the same steps."""
-    plan = plan_run(mbs, RunOptions(end_time, start_time=0.0, step=step), None, progress)
-    least, entry = min(zip(_limits(mbs, bodies, variations), range(variations.count), strict=True))
-    if plan.times.step <= least:
-        return plan.times
-    if step is not None:
-        raise StepSizeError(
-            f"step: {step:.4g} s is above the stability limit of entry {entry}, {least:.4g} s (all contact rows "
-            f"closed). Take at most {least:.3g} s, or leave it out"
-        )
-    return plan_run(mbs, RunOptions(end_time, start_time=0.0, step=SAFETY * least), None, progress).times
-
-
-def _limits(mbs: MainSystem, bodies: Sequence[PartitionBody], variations: Variations) -> Iterator[float]:
-    """A bound on the stability limit of each entry [s], from that of the model as it is, see `stability_limit`."""
-    limit = stability_limit(mbs)
-    if math.isinf(limit):
-        yield from [limit] * variations.count
-        return
-    inverse = 4 / limit
-    rate = max((0.0 if item.damping is None else item.damping.largest_rate(math.inf) for item in bodies), default=0.0)
-    omega = math.sqrt(max(inverse * (inverse - 2 * rate), 0.0)) / 2
-    for entry in range(variations.count):
-        stiff = max(variations.factor(item, "E", entry) for item in bodies)
-        light = min(variations.factor(item, "rho", entry) for item in bodies)
-        faster = math.sqrt(stiff / light)
-        rates = [max(1.0, faster) * rate]
-        for item in bodies:
-            if (ratio := variations.of(item, "damping", entry)) is not None:
-                rates.append(faster * 2 * float(ratio) * float(item.body.basis.omega.max(initial=0.0)))
-        yield 4 / (max(rates) + math.hypot(max(rates), 2 * faster * omega))
 
 
 @dataclass(frozen=True, eq=False)

@@ -91,6 +91,18 @@ def test_an_entry_is_the_run_of_its_own_model(marble, name):
         assert_close(runs.force[entry], alone(fall(marble, **{name: value})))
 
 
+def test_a_ratio_for_each_mode(marble):
+    """It takes the place of the body's own."""
+    n = len(marble.basis.omega) - 6
+    ratios = np.array([np.linspace(0.0, 0.1, n), np.full(n, 0.02)])
+    mbs, [ball], _ = fall(marble, damping=0.05)
+    runs = many(mbs, {ball: {"damping": ratios}})
+    for entry, value in enumerate(ratios):
+        assert_close(runs.force[entry], alone(fall(marble, damping=value)))
+    with pytest.raises(InputError, match="vary: damping: expected shape"):
+        many(mbs, {ball: {"damping": ratios[:, 1:]}})
+
+
 def test_a_damped_body_with_gravity(marble):
     """What does not vary stays; what varies takes its place."""
     mbs, [ball], _ = fall(marble, damping=0.03, gravity=[0, 0, -2e4])
