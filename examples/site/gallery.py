@@ -42,6 +42,8 @@ GROUPS = {
         "restitution_map",
         "quiet_pin",
         "gym_arm",
+        "hammer_test",
+        "buffer_design",
     ),
 }
 EXTRAS = {"gym_arm": "learning"}  # that an example needs

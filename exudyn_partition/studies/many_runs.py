@@ -26,7 +26,7 @@ from ..support.machine import available_memory
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
 from ..support.spelling import spelled
-from .measures import Measures
+from .measures import Measures, flies_on
 from .variations import Entries, Variations, Vary
 from .varied_model import VariedModel
 
@@ -251,16 +251,6 @@ class _Room:
         )  # fmt: skip
 
 
-def _flies_on(made: Histories) -> bool:
-    """Whether a run stopped as pairs slid while all contacts were open, after one was closed."""
-    return made.stopped is not None and made.stopped.kind == "slides" and _has_bounced(made.values[:, :, 0])
-
-
-def _has_bounced(force: Array) -> bool:
-    """Whether sums of forces, (n, nc), were there, and are gone."""
-    return bool(force.any() and not force[-1].any())
-
-
 def _run_all(
     entries: Entries,
     times: RunTimes,
@@ -286,7 +276,7 @@ def _run_all(
                 stepper = Stepper(contacts, entries.size)
             plan, start = entries.plan(entry, stepper.contacts), entries.start(entry)
             made = run(plan, start, steps, motion=room.q is not None, rows=False, stepper=stepper)
-            if made.stopped and not _flies_on(made):
+            if made.stopped and not flies_on(made):
                 room.failures[entry] = f"stopped after {made.made} steps: {made.stopped.text}"
             else:
                 room.write(entry, made, measures.of(entry, plan.bodies, made))

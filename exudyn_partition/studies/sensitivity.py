@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -15,7 +15,7 @@ from ..algebra.blas_threads import one_blas_thread
 from ..algebra.complementarity import regularised
 from ..compiled.adjoint import Derivatives, backwards, flexibility_between, row_jacobian
 from ..compiled.plan import StepPlan
-from ..compiled.run import EqualSteps, Histories, run
+from ..compiled.run import EqualSteps, Histories, Start, run
 from ..errors import InputError, RunError
 from ..exudyn_bodies.model import validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
@@ -25,6 +25,7 @@ from ..support.arrays import Array, Vector
 from ..support.checks import read_only, validate_array, validate_choice, validate_vector
 from ..support.foreign import MainSystem
 from ..support.spelling import spelled
+from .measures import flies_on
 from .run_numbers import Number, at_times, energy_of_body, number_of_contact, sums_of_history
 from .variations import Variations, damping_power
 from .varied_model import VariedModel
@@ -87,7 +88,8 @@ def sensitivity(
     """Derivatives of numbers that follow from a compiled run, by the discrete adjoint of its steps.
 
     One run and one pass backwards give all derivatives. They are those of the steps as they were made, so that they
-    agree with differences of `run_many` to round-off where no row closes or opens meanwhile.
+    agree with differences of `run_many` to round-off where no row closes or opens meanwhile. Where pairs slide while
+    bodies fly apart after contact, the run goes on without contact, as in the ringing after a tap.
 
     Parameters
     ----------
@@ -127,7 +129,7 @@ def sensitivity(
     InputError
         If an argument is wrong, or nothing touches.
     RunError
-        If the run stops before its end.
+        If the run stops before its end, or bodies touch again after their pairs have slid.
     StepSizeError
         If the step is above the stability limit.
     """
@@ -144,9 +146,7 @@ def sensitivity(
     plan = model.entries.plan(0, model.entries.contacts(0))
     steps = EqualSteps(model.times.step, model.times.steps)
     with one_blas_thread():
-        made = run(plan, model.entries.start(0), steps)
-        if made.stopped:
-            raise RunError(f"mbs: the run stopped after {made.made} steps: {made.stopped.text}")
+        plan, made = _run(plan, model.entries.start(0), steps)
         if isinstance(at, PartitionContact):
             number = number_of_contact(of, model.contacts.index(at), plan, steps, made)
         elif history is None:
@@ -159,6 +159,21 @@ def sensitivity(
     by = {item: {name: _shown(value, single) for name, value in derivatives.by(item).items()} for item in bodies}
     value = _shown(number.values, single)
     return Sensitivity(of, value, by, *_edges(plan, made))
+
+
+def _run(plan: StepPlan, start: Start, steps: EqualSteps) -> tuple[StepPlan, Histories]:
+    """Run a plan to its end; pairs that slide in free flight after contact may slide on, unless rows close again."""
+    made, told = run(plan, start, steps), "mbs: the run stopped after {} steps: {}"
+    if made.stopped is None:
+        return plan, made
+    if not flies_on(made):
+        raise RunError(told.format(made.made, made.stopped.text))
+    rows = plan.contacts.rows
+    free = replace(plan, contacts=replace(plan.contacts, rows=rows._replace(reach=np.full_like(rows.reach, np.inf))))
+    flown = run(free, start, steps)
+    if flown.stopped or flown.values[made.made :, :, 0].any():
+        raise RunError(told.format(made.made, f"{made.stopped.text}, and later touch again; end it before"))
+    return free, flown
 
 
 def _shown(values: Array, single: bool) -> Array | float:

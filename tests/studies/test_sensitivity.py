@@ -260,6 +260,30 @@ def test_a_ratio_of_each_mode_adds_up_to_one_of_all(damped):
     assert of_modes.by[ball]["damping"].sum() == pytest.approx(of_all.by[ball]["damping"], rel=1e-12)
 
 
+def test_pairs_that_slide_in_free_flight(marble):
+    """The run goes on without contact, as one by Exudyn does; derivatives are differences of such runs."""
+    mbs, balls, _ = in_a_row(marble)
+    times, thrown = np.array([20e-6, 110e-6, 120e-6]), np.array([0.12, 0.0, -0.5])
+    options = {"end_time": 120e-6, "step": STEP, "of": "velocity", "at": balls[0], "point": (0, 0, R), "times": times}
+
+    def velocities(varied):
+        values = ({balls[1]: {"initialVelocity": velocity}} for velocity in varied)
+        return np.array([ep.sensitivity(mbs, values=one, **options).value for one in values])
+
+    runs = ep.run_many(mbs, end_time=120e-6, step=STEP, vary={balls[1]: {"initialVelocity": thrown[None]}})
+    assert times[0] < runs.ends[0] < times[1]
+    found = ep.sensitivity(mbs, values={balls[1]: {"initialVelocity": thrown}}, **options)
+    assert_jacobian(found.by[balls[1]]["initialVelocity"], velocities, thrown)
+    mbs = exu.SystemContainer().AddSystem()
+    places = (([0, 0, 0], [0, 0, 0]), ([0, 0, 2 * R + 1e-7], thrown))
+    items = [ep.CreatePartitionBody(mbs, marble, referencePosition=x, initialVelocity=v) for x, v in places]
+    ep.CreatePartitionContact(mbs, items[1], items[0], slavePatch="south", masterPatch="north")
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=120e-6, step=STEP)
+    right = np.interp(times, result.t, items[0].velocity(result, (0, 0, R))[:, 2])
+    np.testing.assert_allclose(found.value, right, rtol=0, atol=1e-9)
+
+
 def test_what_is_refused_of_histories(damped):
     mbs, ball, contact, _ = damped
     options = {"end_time": END, "step": STEP}
