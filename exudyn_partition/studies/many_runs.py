@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -17,20 +19,22 @@ from ..exudyn_bodies.model import validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..simulation.compiled_plan import check_held
-from ..simulation.run_plan import RunTimes
 from ..support.arrays import Array
-from ..support.checks import read_only, validate_integer
-from ..support.foreign import MainSystem
+from ..support.checks import read_only, validate_integer, validate_path
+from ..support.foreign import JSON, MainSystem
 from ..support.interrupt import Interrupt, interruptible
 from ..support.machine import available_memory
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
 from ..support.spelling import spelled
+from .entry_file import EntryFile
 from .measures import Measures, flies_on
-from .variations import Entries, Variations, Vary
+from .run_records import Record
+from .variations import Variations, Vary
 from .varied_model import VariedModel
 
 HISTORIES = ("force", "coordinates")
+OF_CONTACTS = "peak", "impulse", "duration", "counts", "restitution", "stored"
 _MOST = 0.5  # share of the free memory that histories may take
 
 
@@ -109,6 +113,7 @@ def run_many(
     vary: Vary,
     step: float | None = None,
     histories: Collection[str] = (),
+    file: str | Path | None = None,
     workers: int = 1,
     progress: Progress | None = None,
 ) -> ManyRuns:
@@ -137,6 +142,9 @@ def run_many(
         stability limit of the entries, if that is less.
     histories : collection of {"force", "coordinates"}
         What is kept of all steps.
+    file : path, optional
+        Of JSON lines, as of `study`. Entries are added as they end, and those that it holds are not run again, also
+        after the process was killed; failures are. It must be of the same model, end and step, and has no histories.
     workers : int
         Number of threads.
     progress : callable, optional
@@ -152,7 +160,9 @@ def run_many(
     CompiledRunError
         If compiled runs cannot hold the model; the message lists all reasons.
     InputError
-        If an argument is wrong.
+        If an argument is wrong, or `file` is of another model, or in use.
+    OutputError
+        If `file` cannot be written.
     StepSizeError
         If the step is above the stability limit of an entry.
     MemoryLimitError
@@ -164,13 +174,25 @@ def run_many(
     workers = validate_integer("workers", workers, least=1)
     bodies, contacts = partition_items(mbs)
     model = VariedModel.of(mbs, end_time, step, Variations.checked(vary, bodies), progress)
-    planned, entries = model.contacts, model.entries
-    room = _Room.of(model.variations.count, model.times, bodies, planned, entries.size, kept)
-    measures = Measures(model.places, planned, model.gaps, model.variations, room.t)
-    bar = progress_bar("many runs", after=LONG) if progress is None else contextlib.nullcontext(progress)
-    with interruptible() as interrupt, one_blas_thread(), bar as report:
-        _run_all(entries, model.times, room, measures, workers, report, interrupt)
-    return room.result(bodies, contacts, [planned.index(contact) for contact in contacts])
+    room = _Room.of(model.variations.count, model, bodies, contacts, kept)
+    measures = Measures(model.places, model.contacts, model.gaps, model.variations, room.t)
+    with contextlib.ExitStack() as stack:
+        lines = None
+        if file is not None:
+            lines = EntryFile(_for_entries(file, kept), model, end_time)
+            stack.callback(lines.close)
+        bar = progress_bar("many runs", after=LONG) if progress is None else contextlib.nullcontext(progress)
+        interrupt, report = stack.enter_context(interruptible()), stack.enter_context(bar)
+        stack.enter_context(one_blas_thread())
+        _run_all(model, room, measures, lines, workers, report, interrupt)
+    return room.result(bodies, contacts)
+
+
+def _for_entries(file: str | Path, histories: Collection[str]) -> Path:
+    """Path of a file of entries."""
+    if histories:
+        raise InputError(f"histories: expected none with file=, which holds no histories, got {', '.join(histories)}")
+    return validate_path("file", file)
 
 
 def _validated(histories: object) -> tuple[str, ...]:
@@ -193,16 +215,18 @@ class _Room:
     q_t: Array | None
     failures: dict[int, str]
 
+    order: Sequence[int]
+
     @classmethod
     def of(
         cls,
         count: int,
-        times: RunTimes,
+        model: VariedModel,
         bodies: Sequence[PartitionBody],
         contacts: Sequence[PartitionContact],
-        nq: int,
         kept: Collection[str],
     ) -> _Room:
+        times, nq = model.times, model.entries.size
         n, nc, nb = times.steps + 1, len(contacts), len(bodies)
         needed = 8 * count * n * (nc * ("force" in kept) + 2 * nq * ("coordinates" in kept))
         if needed > _MOST * available_memory()[0]:
@@ -214,10 +238,9 @@ class _Room:
         def empty(*shape: int) -> Array:
             return np.full((count, *shape), np.nan)
 
-        names = "peak", "impulse", "duration", "counts", "restitution", "stored"
         return cls(
             t=np.cumsum(np.r_[0.0, np.full(times.steps, times.step)]),
-            of_contacts={name: empty(nc) for name in names},
+            of_contacts={name: empty(nc) for name in OF_CONTACTS},
             ends=empty(),
             energy=empty(2, nb),
             momentum=empty(2, nb, 3),
@@ -225,6 +248,7 @@ class _Room:
             q=empty(n, nq) if "coordinates" in kept else None,
             q_t=empty(n, nq) if "coordinates" in kept else None,
             failures={},
+            order=[model.contacts.index(contact) for contact in contacts],
         )
 
     def write(self, entry: int, made: Histories, measured: tuple[dict[str, Array], Array, Array]) -> None:
@@ -233,36 +257,51 @@ class _Room:
         self.ends[entry] = self.t[n - 1]
         of_contacts, self.energy[entry], self.momentum[entry] = measured
         for name, values in of_contacts.items():
-            self.of_contacts[name][entry] = values
+            self.of_contacts[name][entry] = values[self.order]
         if self.force is not None:
-            self.force[entry, :, :n] = made.values[:, :, 0].T
+            self.force[entry, :, :n] = made.values[:, self.order, 0].T
         if self.q is not None and self.q_t is not None:
             self.q[entry, :n], self.q_t[entry, :n] = made.q, made.v
 
-    def result(
-        self, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact], order: Sequence[int]
-    ) -> ManyRuns:
-        """What the user gets; `order` has the places of the contacts in the plan."""
-        of_contacts = {name: values[:, order] for name, values in self.of_contacts.items()}
+    def outcome(self, entry: int) -> Record:
+        """Results of an entry as plain values, or its failure; see `take`."""
+        if entry in self.failures:
+            return {"error": "StoppedRun", "message": self.failures[entry], "traceback": ""}
+        arrays = {"ends": self.ends, **self.of_contacts, "energy": self.energy, "momentum": self.momentum}
+        return {"values": {name: array[entry].tolist() for name, array in arrays.items()}}
+
+    def take(self, entry: int, values: JSON) -> None:
+        """Write results of an entry that were plain values."""
+        self.ends[entry], self.energy[entry], self.momentum[entry] = (values[k] for k in ("ends", "energy", "momentum"))
+        for name, array in self.of_contacts.items():
+            array[entry] = values[name]
+
+    def result(self, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact]) -> ManyRuns:
+        """What the user gets."""
         return ManyRuns(
             t=self.t, contacts=tuple(contacts), bodies=tuple(bodies), ends=self.ends, energy=self.energy,
-            momentum=self.momentum, force=None if self.force is None else self.force[:, order], q=self.q, q_t=self.q_t,
-            failures=dict(sorted(self.failures.items())), **of_contacts,
+            momentum=self.momentum, force=self.force, q=self.q, q_t=self.q_t,
+            failures=dict(sorted(self.failures.items())), **self.of_contacts,
         )  # fmt: skip
 
 
 def _run_all(
-    entries: Entries,
-    times: RunTimes,
+    model: VariedModel,
     room: _Room,
     measures: Measures,
+    lines: EntryFile | None,
     workers: int,
     report: Progress,
     interrupt: Interrupt,
 ) -> None:
-    """Run all entries, and write their results."""
-    count, done = len(room.energy), 0
-    steps = EqualSteps(times.step, times.steps)
+    """Run all entries that are not in the file, and write their results."""
+    entries, count = model.entries, model.variations.count
+    steps = EqualSteps(model.times.step, model.times.steps)
+    known = {} if lines is None else lines.known()
+    for entry, values in known.items():
+        room.take(entry, values)
+    missing, done = [entry for entry in range(count) if entry not in known], len(known)
+    known.clear()
 
     def run_some(some: Sequence[int]) -> None:
         nonlocal done
@@ -271,6 +310,7 @@ def _run_all(
             if interrupt.asked:
                 room.failures[entry] = "interrupted by the user"
                 continue
+            begin = time.perf_counter()
             if stepper is None or entries.flexibility_key(entry) != key:
                 key, contacts = entries.flexibility_key(entry), entries.contacts(entry)
                 stepper = Stepper(contacts, entries.size)
@@ -280,13 +320,15 @@ def _run_all(
                 room.failures[entry] = f"stopped after {made.made} steps: {made.stopped.text}"
             else:
                 room.write(entry, made, measures.of(entry, plan.bodies, made))
+            if lines is not None:
+                lines.add(entry, room.outcome(entry), time.perf_counter() - begin)
             done += 1
             report(min(done / count, 1.0))
 
     if workers == 1:
-        run_some(range(count))
+        run_some(missing)
         return
-    parts = [part.tolist() for part in np.array_split(np.arange(count), min(workers, count))]
+    parts = [part.tolist() for part in np.array_split(np.array(missing, dtype=int), max(min(workers, len(missing)), 1))]
     with ThreadPoolExecutor(workers) as pool:
         for _ in pool.map(run_some, parts):
             pass

@@ -154,6 +154,11 @@ class Entries:
         """Number of coordinates of the model."""
         return len(self._start.q)
 
+    @property
+    def model(self) -> tuple[StepPlan, Start]:
+        """Plan and start of the model as it is."""
+        return self._plan, self._start
+
     def flexibility_key(self, entry: int) -> tuple[float, ...]:
         """What the flexibility of rows depends on: factors of E of all bodies."""
         return tuple(self._variations.factor(item, "E", entry) for item in self._places)

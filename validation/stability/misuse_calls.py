@@ -618,6 +618,7 @@ CALLS = {
         ),
         step=v.positive.or_none.but(unstable=1.0, **{"1e-30": 1e-30})(STEP),
         histories=Kind({"text": "force", "number": 1, "unknown": ["x"], "numbers": [1], "None": None}, ()),
+        file=Kind({"number": 1, "list": [], "no folder": "nowhere/x.jsonl"}, None),
         workers=v.count,
     ),
     "sensitivity": dict(
