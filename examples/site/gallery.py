@@ -44,6 +44,7 @@ GROUPS = {
         "gym_arm",
         "hammer_test",
         "buffer_design",
+        "impact_map",
     ),
 }
 EXTRAS = {"gym_arm": "learning"}  # that an example needs

@@ -237,6 +237,22 @@ def test_hammer_test(tmp_path, capsys):
     assert max(map(abs, others)) < 0.01
 
 
+def test_impact_map(tmp_path, capsys):
+    """Arrows have the restitution of the map, and for a light head the slope of a curve through the map."""
+    result = run_quick("impact_map", tmp_path, capsys)
+    assert (result["impacts"], result["failed"]) == (64, 0)
+    assert result["value_error"] < 1e-3
+    light = [number for number, (i, _) in enumerate(result["places"]) if i == 1]
+    restitution, arrows = np.array(result["restitution"]), np.array(result["arrows"])
+    columns, apart = [result["places"][number][1] for number in light], np.log(5.0 / 0.1) / 7
+    cubics = np.polyfit(apart * np.arange(4), restitution[:4, columns], 3)  # few rows close: slopes jump a little
+    slopes = [np.polyval(np.polyder(cubic), apart) for cubic in cubics.T]
+    assert arrows[light, 2].mean() == pytest.approx(np.mean(slopes), rel=0.1)
+    assert (np.diff(restitution[:4], axis=0) < 0).all()  # a heavier head leaves more of its energy in the bar
+    assert max(map(max, result["contacts"])) > 1
+    assert len(ep.Study.load(tmp_path / "quick.jsonl")) == 64
+
+
 def test_buffer_design(tmp_path, capsys):
     """Both conditions are met exactly, and what does so is near the answer by Hertz."""
     example = importlib.import_module("buffer_design")
