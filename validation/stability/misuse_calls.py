@@ -164,7 +164,7 @@ ARGUMENTS = {
     "cache": v.path_out.but("folder", "no folder", "/proc", "pipe", "400 characters", "device")(False),
     # The rest
     **each("showMarkers verbose superElement bodyFixed hollow inside correct load_factor", v.flag),
-    **each("update_initial slipping", v.flag),
+    **each("update_initial slipping signs", v.flag),
     **each("go_on adaptive static_answer geometric_stiffness", v.flag),
     **each("progress loadUserFunction loadVectorUserFunction", v.function),
     "refine": Kind({"text": "x", "number": 1, "tuples": [((0, 0, 0), 1, 1)], "Nones": [None]}, ()),
