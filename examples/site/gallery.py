@@ -42,6 +42,9 @@ GROUPS = {
         "restitution_map",
         "quiet_pin",
         "gym_arm",
+        "hammer_test",
+        "buffer_design",
+        "impact_map",
     ),
 }
 EXTRAS = {"gym_arm": "learning"}  # that an example needs

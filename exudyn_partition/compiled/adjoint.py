@@ -8,8 +8,9 @@ Where a row has neither force nor gap in a step, derivatives are one-sided.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import scipy.linalg
@@ -20,15 +21,27 @@ from .loops import ContactParts
 from .plan import Bodies, FrozenPlan, StepPlan
 from .run import EqualSteps, Histories
 
+_MOST = 500  # samples whose adjoints are kept at a time
+
+
+class Weights(Protocol):
+    """Derivatives of k numbers by what a run with n samples has kept."""
+
+    @property
+    def lam(self) -> sp.csr_matrix:
+        """By forces on rows, (n, nr) [1/N], the same for all numbers."""
+
+    def at_sample(self, s: int) -> tuple[Array, Array]:
+        """By coordinates and velocities at a sample, (nq, k) each, or what broadcasts to it."""
+
 
 @dataclass(frozen=True, eq=False)
-class Weights:
-    """Derivatives of a number by what a run with n samples has kept.
+class OneNumber:
+    """Derivatives of one number, see `Weights`.
 
     Parameters
     ----------
     lam : (n, nr) csr matrix
-        By forces on rows [1/N].
     q : (n, nq) array
         By coordinates.
     v_end : (nq,) array
@@ -39,19 +52,48 @@ class Weights:
     q: Array
     v_end: Array
 
+    def at_sample(self, s: int) -> tuple[Array, Array]:
+        """See `Weights.at_sample`."""
+        v = self.v_end if s == len(self.q) - 1 else np.zeros_like(self.v_end)
+        return self.q[s][:, None], v[:, None]
+
 
 @dataclass(frozen=True, eq=False)
-class Derivatives:
-    """Derivatives of a number by a plan and its start.
+class Sums:
+    """Derivatives of k sums over samples of one value, which is linear in coordinates and velocities, see `Weights`.
 
     Parameters
     ----------
+    lam : (n, nr) csr matrix
+        Zero.
+    samples : (n, k) array
+        Weight of the value at each sample in each sum.
     q, v : (nq,) arrays
+        The value by coordinates and velocities.
+    """
+
+    lam: sp.csr_matrix
+    samples: Array
+    q: Array
+    v: Array
+
+    def at_sample(self, s: int) -> tuple[Array, Array]:
+        """See `Weights.at_sample`."""
+        return self.q[:, None] * self.samples[s], self.v[:, None] * self.samples[s]
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """Derivatives of k numbers by a plan and its start.
+
+    Parameters
+    ----------
+    q, v : (nq, k) arrays
         By coordinates and velocities at the start.
     bodies : Bodies
-        By masses, stiffnesses, damping and loads.
-    flexibility : list of (k,) arrays
-        For each contact, by factors of parts of its flexibility.
+        By masses, stiffnesses, damping and loads, (nq, k) each.
+    flexibility : list of (m, k) arrays
+        For each contact, by factors of the m parts of its flexibility.
     """
 
     q: Array
@@ -79,6 +121,36 @@ class _Closed:
         """Solve F x = rhs, (na, k)."""
         return rhs if self._factor is None else np.asarray(scipy.linalg.cho_solve(self._factor, rhs))
 
+    def blocks(self) -> Iterator[slice]:
+        """Samples in parts that take little memory, the last ones first."""
+        start, stop = self.samples.start, self.samples.stop
+        for end in range(stop, start, -_MOST):
+            yield slice(max(end - _MOST, start), end)
+
+    def stiffness_with(self, stiffness: Array) -> Callable[[Array], Array]:
+        """Product of the stiffness of bodies, (nq,), and of closed rows with (nq, k) arrays."""
+        if not len(self.rows):
+            return lambda y: stiffness[:, None] * y
+        whole = np.diag(stiffness) + self.H.T @ self.solve(self.H)
+        return lambda y: whole @ y
+
+    def by_flexibility(
+        self, y: Array, given: Array, forces: Array, parts: Sequence[Sequence[Array]], starts: Array
+    ) -> list[Array]:
+        """For each contact, (m, k): y' H' F^-1 dF lambda of m parts of its flexibility, summed over n samples.
+
+        `y` is (n, nq, k), the weights and the forces on the closed rows are (n, na).
+        """
+        rhs = np.einsum("ri,sik->rsk", self.H, y) + given.T[:, :, None]
+        x = self.solve(rhs.reshape(len(rhs), -1)).reshape(rhs.shape)
+        found = []
+        for j, of_contact in enumerate(parts):
+            some = np.flatnonzero((self.rows >= starts[j]) & (self.rows < starts[j + 1]))
+            index = np.ix_(self.rows[some] - starts[j], self.rows[some] - starts[j])
+            gaps = [F[index] @ forces.T[some] for F in of_contact]
+            found.append(np.array([np.einsum("rsk,rs->k", x[some], gap) for gap in gaps]).reshape(len(gaps), -1))
+        return found
+
 
 def backwards(
     plan: StepPlan, steps: EqualSteps, made: Histories, weights: Weights, parts: Sequence[Sequence[Array]]
@@ -100,32 +172,34 @@ def backwards(
     parts : sequence of sequences of (nr, nr) arrays
         For each contact, parts of its flexibility [m/N].
     """
-    h, bodies = steps.step, plan.bodies
-    a, lam, nq = accelerations(plan, steps, made), _lam(made), made.q.shape[1]
-    groups, y, explicit = closed_rows(plan.contacts, lam, nq), np.zeros_like(made.q), weights.q.copy()
-    for group in groups:  # weights of forces act on coordinates
-        given = weights.lam[group.samples][:, group.rows].toarray()
-        explicit[group.samples] -= group.solve(given.T).T @ group.H
-    q, u, v = np.zeros(nq), np.zeros(nq), weights.v_end
-    for group in reversed(groups):
-        stiffness = np.diag(bodies.stiffness) + group.H.T @ group.solve(group.H)
-        for s in range(group.samples.stop - 1, group.samples.start - 1, -1):
-            y[s] = 0.5 * h * (u + v if s else u) / bodies.mass
-            q = q + explicit[s] - stiffness @ y[s]
-            v = v - bodies.damping * y[s]
-            if s:
-                u = v = v + h * q
+    h, bodies, nq = steps.step, plan.bodies, made.q.shape[1]
+    a, lam, starts = accelerations(plan, steps, made), _lam(made), plan.contacts.rows.starts
     middle = np.vstack([made.v[:1], made.v[1:] - 0.5 * h * a[1:]])
-    by_bodies = Bodies(-(y * a).sum(axis=0), -(y * made.q).sum(axis=0), -(y * middle).sum(axis=0), y.sum(axis=0))
-    flexibility, starts = [np.zeros(len(of_contact)) for of_contact in parts], plan.contacts.rows.starts
-    for group in groups if any(map(len, parts)) else ():
-        given = weights.lam[group.samples][:, group.rows].toarray()
-        x, forces = group.solve(group.H @ y[group.samples].T + given.T), lam[group.samples][:, group.rows].toarray().T
-        for j, of_contact in enumerate(parts):
-            some = np.flatnonzero((group.rows >= starts[j]) & (group.rows < starts[j + 1]))
-            index = np.ix_(group.rows[some] - starts[j], group.rows[some] - starts[j])
-            flexibility[j] -= [float(np.vdot(x[some], F[index] @ forces[some])) for F in of_contact]
-    return Derivatives(q, v, by_bodies, flexibility)
+    q = u = v = np.zeros((nq, 1))
+    sums, flexibility = Bodies(*np.zeros((4, 1, 1))), [np.zeros((len(of_contact), 1)) for of_contact in parts]
+    half_by_mass, damping = 0.5 * h / bodies.mass[:, None], bodies.damping[:, None]
+    for group in reversed(closed_rows(plan.contacts, lam, nq)):
+        answer = group.stiffness_with(bodies.stiffness)
+        for block in group.blocks():
+            given = weights.lam[block][:, group.rows].toarray()
+            explicit, adjoint = group.solve(given.T).T @ group.H, list[Array]()  # weights of forces act on coordinates
+            for s in range(block.stop - 1, block.start - 1, -1):
+                by_q, by_v = weights.at_sample(s)
+                v = v + by_v
+                y = half_by_mass * (u + v if s else u)
+                adjoint.append(y)
+                q = q + by_q - explicit[s - block.start][:, None] - answer(y)
+                v = v - damping * y
+                if s:
+                    u = v = v + h * q
+            y = np.array(adjoint[::-1])
+            new = [-np.einsum("sik,si->ik", y, motion[block]) for motion in (a, made.q, middle)]
+            sums = Bodies(*(part + more for part, more in zip(sums, [*new, y.sum(axis=0)], strict=True)))
+            if len(group.rows) and any(map(len, parts)):
+                more = group.by_flexibility(y, given, lam[block][:, group.rows].toarray(), parts, starts)
+                flexibility = [part - by_parts for part, by_parts in zip(flexibility, more, strict=True)]
+    k = q.shape[1]
+    return Derivatives(q, v, sums, [np.broadcast_to(part, (len(part), k)) for part in flexibility])
 
 
 def accelerations(plan: StepPlan, steps: EqualSteps, made: Histories) -> Array:

@@ -159,6 +159,24 @@ class BodyResults(Item[ItemIndex]):
         warn_near_contact(self, result, point, kept, "velocity", lambda force: rate(force, result.t))
         return kept
 
+    def velocity_rows(self, point: Vector) -> Array:
+        """Velocity of a point by the velocities of the coordinates, (3, n_dofs), in a frame that does not move.
+
+        Parameters
+        ----------
+        point : (3,) array
+            In the body's own coordinates [m].
+
+        Raises
+        ------
+        InputError
+            If the point is not on or in the body.
+        """
+        nodes, weights = self._around(validate_vector("point", point))
+        rows = self.body.rows(nodes)
+        dense = rows if isinstance(rows, np.ndarray) else rows.toarray()
+        return np.tensordot(weights, dense.reshape(len(nodes), 3, -1), axes=1)
+
     def recover(self, result: Samples, rows: sp.csr_matrix, *, fem: Static | None = None) -> Array:
         """History of `rows` times the nodal displacements, (n, k): strains or stresses, see module `recovery`.
 

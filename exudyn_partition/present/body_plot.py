@@ -17,7 +17,7 @@ from ..fe.facets import by_shape, flat_triangles
 from ..fe.model import FEModel
 from ..fe.partition import Partition
 from ..support.arrays import Array
-from ..support.checks import validate_choice, validate_positive, validate_type, validate_vector
+from ..support.checks import validate_choice, validate_flag, validate_positive, validate_type, validate_vector
 from ..support.foreign import Axes
 from ..support.optional import require
 from .body_fields import Shown
@@ -32,6 +32,7 @@ _DARKEST = 0.55  # brightness of what the lamp does not reach
 _VIEW = (1.0, -1.6, 0.8)
 _PIECES = 50  # all that is drawn is at least so many times as long as a piece of a triangle
 _SEAM = 0.5  # pt: lines of a triangle's own colour cover the seam to its neighbours
+_SHINING = 0.25  # opacity of signs that bodies hide, of each of their sides
 _RING, _RING_COLOUR = 13.0, "#0072d6"  # pt: circles around contacts that press, in a colour that no map has
 _ARROWS = 34.0, 20.0  # pt: place of the arrows along the axes of space, from the corner, and their length
 _LARGEST, _LEAST, _AROUND = (6.0, 4.6), (2.4, 2.0), (1.6, 1.0)  # inches: of what is drawn, and of what is around it
@@ -95,6 +96,7 @@ def bodies(
     end: float | None = None,
     scale: float | None = None,
     direction: Sequence[float] = _VIEW,
+    signs: bool = True,
 ) -> Axes:
     """Draw a run's bodies at the sample nearest to a time.
 
@@ -115,6 +117,8 @@ def bodies(
         Factor on the deformation. Default: the power of ten that makes it visible.
     direction : (3,)
         Where the viewer is, seen from the bodies.
+    signs : bool
+        Whether small signs show joints, springs, drives, loads, ground and gravity. Within bodies they shine through.
 
     Returns
     -------
@@ -127,6 +131,7 @@ def bodies(
         If an argument has a wrong type or is out of range, or the time is not within the run.
     """
     check_samples(result)
+    signs = validate_flag("signs", signs)
     own, axes, turn = axes is None, axes_of(axes), _turn(direction)
     at = peak_time(result) if time is None else time_of(result, time)
     validate_choice("colour", colour, COLOUR_NAMES)
@@ -142,7 +147,13 @@ def bodies(
         drawn.append(_lit(body.at(0, scale), body.triangles, shown, turn))
     for shape in motion.rigid:
         drawn.append(_lit(shape.at(0), shape.triangles, np.tile(_RIGID, (len(shape.triangles), 3, 1)), turn))
-    _draw(axes, drawn)
+    of_signs = [
+        _lit(sign.at(0), sign.triangles, np.tile(sign.rgb, (len(sign.triangles), 3, 1)), turn)
+        for sign in motion.signs * signs
+    ]
+    _draw(axes, [*drawn, *of_signs])
+    if of_signs:
+        _draw(axes, of_signs, _SHINING)
     axes.figure.colorbar(shades, ax=axes, label=plain(f"{label} [{unit}]"), extend="max", shrink=0.8)
     pressing = pressing_at(result, at, scale)
     for place, _ in pressing:
@@ -207,7 +218,7 @@ def _lit(points: Array, triangles: Array, colours: Array, turn: Array) -> Array:
     return np.concatenate([1e3 * points[triangles] @ turn, normals[split] @ turn, colours], axis=2)
 
 
-def _draw(axes: Axes, surfaces: Sequence[Array]) -> None:
+def _draw(axes: Axes, surfaces: Sequence[Array], opacity: float = 1.0) -> None:
     """Draw triangles, (k, 3, 9) each, see `_lit`, from back to front."""
     corners = np.concatenate(surfaces)
     pieces = _split(corners, float(np.ptp(corners[..., :3], axis=(0, 1)).max()) / _PIECES)
@@ -217,8 +228,9 @@ def _draw(axes: Axes, surfaces: Sequence[Array]) -> None:
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
     bright = _DARKEST + (1 - _DARKEST) * np.maximum(normals @ _LIGHT, 0.0)
     shown = np.clip(middles[:, 6:] * bright[:, None], 0, 1)
+    edges = _SEAM if opacity == 1 else 0.0
     polygons = require("matplotlib.collections").PolyCollection(
-        pieces[:, :, :2], facecolors=shown, edgecolors=shown, linewidths=_SEAM, antialiased=False
+        pieces[:, :, :2], facecolors=shown, edgecolors=shown, linewidths=edges, antialiased=False, alpha=opacity
     )  # smooth edges would let through what lies behind
     axes.add_collection(polygons)
     axes.autoscale_view()

@@ -25,6 +25,7 @@ from .graphics import RigidShape, validate_period, validate_pixels, validate_sca
 from .motion import COLOUR_NAMES, LABELS, BodyMotion, Colour, Motion, motion_of
 from .plot_input import plain
 from .scene import colour_map
+from .signs import SignShape
 
 _SIZE = (1280, 720)
 _STRIP = 0.2  # height of the curve of forces, by that of the picture
@@ -38,6 +39,7 @@ _BAR = {"color": "black", "fill": True, "background_color": "white", "n_labels":
 _LETTERS = 45  # of these a picture is high
 _MANY = 24  # pictures in a film, from which impacts get more
 _SEEN_THROUGH = 0.2  # opacity of what hides a body
+_SHINING, _IN_FRONT = 0.5, -66000.0  # opacity of signs within bodies, and units of depth before these
 _OPACITY = 0.75  # of the white box behind texts
 _NEAR = 0.25  # size of what is seen of a contact, by that of all bodies
 
@@ -155,10 +157,7 @@ def _pictures(
     ]
     for (_, mesh), look in zip(grey, faded[1], strict=True):
         scene.add_mesh(mesh, color=_GREY, show_scalar_bar=False, opacity=_SEEN_THROUGH if look else 1.0)
-    for sign in motion.signs:
-        mesh = polydata(sign.at(0), sign.triangles)
-        scene.add_mesh(mesh, color=sign.colour, show_scalar_bar=False, **_LIGHT)
-        grey.append((sign, mesh))
+    grey += [(sign, add_sign(scene, sign)) for sign in motion.signs]
     scene.enable_anti_aliasing("msaa")
     scene.camera_position = [focus + 2 * extent * towards / np.linalg.norm(towards), focus, (0, 0, 1)]
     scene.camera.view_angle = 2 * np.degrees(np.arctan(0.27))
@@ -187,6 +186,17 @@ def on_box(text: Actor, bar: Actor) -> None:
     """Put a text and a bar of colours, whose background is filled, on boxes, so that they can be read before bodies."""
     text.prop.background_color, text.prop.background_opacity = "white", _OPACITY
     bar.GetBackgroundProperty().SetOpacity(_OPACITY)
+
+
+def add_sign(scene: Plotter, sign: SignShape) -> PolyData:
+    """Add a sign to a scene; what bodies hide of it shines through. Return its surface."""
+    mesh = polydata(sign.at(0), sign.triangles)
+    name, look = f"sign {id(mesh)}", {"color": sign.colour, "show_scalar_bar": False, **_LIGHT}
+    scene.add_mesh(mesh, name=name, **look)
+    shining = scene.add_mesh(mesh, name=f"{name}, shining", opacity=_SHINING, **look)
+    shining.mapper.SetResolveCoincidentTopologyToPolygonOffset()
+    shining.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(0.0, _IN_FRONT)
+    return mesh
 
 
 def _drawn(

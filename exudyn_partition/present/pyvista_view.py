@@ -12,12 +12,12 @@ from pathlib import Path
 from ..errors import InputError
 from ..exudyn_contacts.run_result import RunResult as Result
 from ..fe.facets import flat_triangles
-from ..support.checks import validate_array, validate_integer, validate_result
+from ..support.checks import validate_array, validate_flag, validate_integer, validate_result
 from ..support.files import replacing, writable
 from ..support.foreign import Plotter
 from ..support.optional import require
 from .body_fields import Shown
-from .film import on_box, polydata
+from .film import add_sign, on_box, polydata
 from .graphics import (
     COLOURS,
     WINDOW,
@@ -34,6 +34,7 @@ from .graphics import (
     validate_pixels,
     validate_scale,
 )
+from .signs import signs_around
 
 __all__ = ["plotter", "turntable"]
 
@@ -64,6 +65,7 @@ def plotter(
     scale: float = 1.0,
     limits: Sequence[float] | None = None,
     size: tuple[int, int] = WINDOW,
+    signs: bool = True,
 ) -> Plotter:
     """Scene of PyVista with the bodies of a run, its rigid surfaces, a colour bar, and the time.
 
@@ -74,6 +76,8 @@ def plotter(
         See `view.picture`.
     size : (int, int)
         Width and height in pixels.
+    signs : bool
+        Whether small signs show joints, springs, drives, loads, ground and gravity. Within bodies they shine through.
 
     Returns
     -------
@@ -88,7 +92,7 @@ def plotter(
         If PyVista is not installed.
     """
     validate_result(result)
-    pixels, scale = validate_pixels(size), validate_scale(scale)
+    pixels, scale, signs = validate_pixels(size), validate_scale(scale), validate_flag("signs", signs)
     ends = None if limits is None else validate_array("limits", limits, (2,)).tolist()
     frame = result.at([peak_time(result) if time is None else time_of(result, time)])
     pieces = pieces_of(result.bodies, bodies, field)
@@ -114,8 +118,13 @@ def plotter(
             diffuse=1 - _AMBIENT,
             scalar_bar_args={"title": title, **_BAR},
         )
-    for rigid in rigid_shapes(result, frame.t, places_of(pieces, places)):
+    surfaces = rigid_shapes(result, frame.t, places_of(pieces, places))
+    for rigid in surfaces:
         scene.add_mesh(polydata(rigid.at(0), rigid.triangles), color=_GREY, show_scalar_bar=False)
+    if signs:
+        bodies_of_exudyn = [rigid.at(0) for rigid in surfaces if rigid.name]
+        for sign in signs_around(result.others, frame.t, [*places, *bodies_of_exudyn]):
+            add_sign(scene, sign)
     text = scene.add_text("\n".join([f"t = {frame.t[0]:.6g} s", *said]), font_size=10, color="black")
     on_box(text, scene.scalar_bar)
     scene.set_background("white")

@@ -89,6 +89,12 @@ def sign_shapes(others: Iterable[OtherBody], times: Array, bounds: tuple[Array, 
     return found
 
 
+def signs_around(others: Iterable[OtherBody], times: Array, shown: Iterable[Array]) -> list[SignShape]:
+    """Signs of a run at m frames, of a size that suits what is shown: places, (n, 3) [m] each."""
+    every = np.vstack([*shown])
+    return sign_shapes(others, times, (every.min(axis=0), every.max(axis=0)))
+
+
 def _largest(others: Iterable[OtherBody]) -> float:
     """Largest load that any of some signs ever has."""
     return max((float(np.linalg.norm(other.end, axis=1).max()) for other in others), default=0.0) or 1.0

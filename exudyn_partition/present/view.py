@@ -30,6 +30,7 @@ from ..support.arrays import Array, Vector
 from ..support.checks import (
     validate_array,
     validate_choice,
+    validate_flag,
     validate_integer,
     validate_positive,
     validate_result,
@@ -59,6 +60,7 @@ from .graphics import (
     validate_pixels,
     validate_scale,
 )
+from .signs import SignShape, signs_around
 
 __all__ = ["CreatePartitionView", "picture", "show"]
 
@@ -147,6 +149,7 @@ def picture(
     limits: Sequence[float] | None = None,
     rotation: Vector = (-1.2, 0.0, 0.3),
     size: tuple[int, int] = WINDOW,
+    signs: bool = True,
 ) -> Array:
     """Picture of a run's bodies by Exudyn's software raytracer, which needs no screen.
 
@@ -165,6 +168,8 @@ def picture(
         Rotation vector of the view [rad].
     size : (int, int)
         Width and height in pixels.
+    signs : bool
+        Whether small signs show joints, springs, drives, loads, ground and gravity, before the bodies.
 
     Returns
     -------
@@ -178,8 +183,8 @@ def picture(
     validate_result(result)
     frame = result.at([peak_time(result) if time is None else time_of(result, time)])
     turn = Rotation.from_rotvec(validate_vector("rotation", rotation).tolist())
-    pixels = validate_pixels(size)
-    SC, _ = _scene(frame, lambda: 0, bodies, field, scale, limits, turn)
+    pixels, signs = validate_pixels(size), validate_flag("signs", signs)
+    SC, mbs = _scene(frame, lambda: 0, bodies, field, scale, limits, turn)
     general, view = SC.visualizationSettings.general, SC.visualizationSettings.view0
     view.window.renderWindowSize = pixels
     general.renderWindowString = f"t = {frame.t[0]:.6g} s"
@@ -189,10 +194,14 @@ def picture(
     light.light0.useCameraFrame = True
     SC.renderer.ZoomAll()  # otherwise the first drawing would change the view
     points = SC.renderer.GetGraphicsData()["triangles"]["points"].reshape(-1, 3)
-    seen = turn.apply(points)  # the renderer rotates before it translates
+    shapes = signs_around(frame.others, frame.t, [points]) if signs else []
+    seen = turn.apply(
+        np.vstack([points, *(sign.at(0) for sign in shapes)])
+    )  # the renderer rotates before it translates
     low, high = seen.min(axis=0), seen.max(axis=0)
     height, centre = _MARGIN * float(np.linalg.norm(high - low)), (low + high) / 2
     SC.renderer.SetModelView(height, turn.as_rotvec().tolist(), centre.tolist())
+    _add_signs(mbs, shapes, 2 * height * turn.inv().apply([0.0, 0.0, 1.0]))
     return np.array(SC.renderer.RedrawAndGetImage(useRaytracer=True))
 
 
@@ -250,6 +259,25 @@ def show(
         SC.renderer.DoIdleTasks(period, False)
         shown += 1
     SC.renderer.Stop()
+
+
+def _add_signs(mbs: MainSystem, signs: Sequence[SignShape], nearer: Array) -> None:
+    """Add signs to a model that was assembled, moved towards the viewer, (3,) [m], so that no body hides them."""
+    if not signs:
+        return
+    drawn = [
+        {
+            "type": "TriangleList",
+            "points": sign.at(0) + nearer,
+            "colors": np.tile([*sign.rgb, 1.0], (len(sign.points), 1)),
+            "triangles": sign.triangles,
+        }
+        for sign in signs
+    ]
+    items = require("exudyn.itemInterface")
+    mbs.AddObject(items.ObjectGround(visualization=items.VObjectGround(graphicsData=drawn)))
+    mbs.Assemble()
+    mbs.SendRedrawSignal()
 
 
 def _check_screen() -> None:

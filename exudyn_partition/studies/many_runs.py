@@ -3,37 +3,38 @@
 from __future__ import annotations
 
 import contextlib
-import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+import time
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from ..algebra.blas_threads import one_blas_thread
 from ..compiled.loops import Stepper
 from ..compiled.run import EqualSteps, Histories, run
-from ..errors import InputError, MemoryLimitError, StepSizeError
-from ..exudyn_bodies.held_damping import hold_damping
+from ..errors import InputError, MemoryLimitError
 from ..exudyn_bodies.model import validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
-from ..prediction.default_step import SAFETY
-from ..simulation.compiled_plan import at_start, check_held, dofs_of, in_groups, initial_start, read_plan
-from ..simulation.run_plan import RunOptions, RunTimes, plan_run
-from ..simulation.stability import stability_limit
+from ..simulation.compiled_plan import check_held
 from ..support.arrays import Array
-from ..support.checks import read_only, validate_integer
-from ..support.foreign import MainSystem
+from ..support.checks import read_only, validate_integer, validate_path
+from ..support.foreign import JSON, MainSystem
 from ..support.interrupt import Interrupt, interruptible
 from ..support.machine import available_memory
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
 from ..support.spelling import spelled
-from .measures import Measures
-from .variations import Entries, Variations, Vary
+from .entry_file import EntryFile
+from .measures import Measures, flies_on
+from .run_records import Record
+from .variations import Variations, Vary
+from .varied_model import VariedModel
 
 HISTORIES = ("force", "coordinates")
+OF_CONTACTS = "peak", "impulse", "duration", "counts", "restitution", "stored"
 _MOST = 0.5  # share of the free memory that histories may take
 
 
@@ -112,6 +113,7 @@ def run_many(
     vary: Vary,
     step: float | None = None,
     histories: Collection[str] = (),
+    file: str | Path | None = None,
     workers: int = 1,
     progress: Progress | None = None,
 ) -> ManyRuns:
@@ -132,7 +134,7 @@ def run_many(
         - "initialVelocity", "initialAngularVelocity", (B, 3) [m/s, rad/s]: as of `CreatePartitionBody`;
         - "referencePosition", (B, 3) [m]: the body is moved there as a rigid one; pairs stay those of the model;
         - "gravity", (B, 3) [m/s2];
-        - "damping", (B,): ratio of all modes;
+        - "damping", (B,) or (B, k): ratio of all modes, or of each of the k elastic modes;
         - "E", "rho", (B,) [Pa, kg/m3]: of the body's one material, without a new reduction. Shapes stay, stiffness goes
           with E, mass with rho, the contact's flexibility with 1 / E, and ratios of damping stay.
     step : float, optional
@@ -140,6 +142,9 @@ def run_many(
         stability limit of the entries, if that is less.
     histories : collection of {"force", "coordinates"}
         What is kept of all steps.
+    file : path, optional
+        Of JSON lines, as of `study`. Entries are added as they end, and those that it holds are not run again, also
+        after the process was killed; failures are. It must be of the same model, end and step, and has no histories.
     workers : int
         Number of threads.
     progress : callable, optional
@@ -155,7 +160,9 @@ def run_many(
     CompiledRunError
         If compiled runs cannot hold the model; the message lists all reasons.
     InputError
-        If an argument is wrong.
+        If an argument is wrong, or `file` is of another model, or in use.
+    OutputError
+        If `file` cannot be written.
     StepSizeError
         If the step is above the stability limit of an entry.
     MemoryLimitError
@@ -166,66 +173,32 @@ def run_many(
     kept = _validated(histories)
     workers = validate_integer("workers", workers, least=1)
     bodies, contacts = partition_items(mbs)
-    planned = [contact for group in in_groups(contacts) for contact in group]
-    variations = Variations.checked(vary, bodies)
-    times = _times(mbs, end_time, step, bodies, variations, progress)
-    hold_damping(mbs)
-    groups = at_start(contacts)
-    places, gaps = {item: dofs_of(mbs, item) for item in bodies}, [one.gaps for _, some in groups for one in some]
-    entries = Entries(read_plan(mbs, groups), initial_start(mbs), places, planned, gaps, variations)
-    room = _Room.of(variations.count, times, bodies, planned, entries.size, kept)
-    measures = Measures(places, planned, gaps, variations, room.t)
-    bar = progress_bar("many runs", after=LONG) if progress is None else contextlib.nullcontext(progress)
-    with interruptible() as interrupt, one_blas_thread(), bar as report:
-        _run_all(entries, times, room, measures, workers, report, interrupt)
-    return room.result(bodies, contacts, [planned.index(contact) for contact in contacts])
+    model = VariedModel.of(mbs, end_time, step, Variations.checked(vary, bodies), progress)
+    room = _Room.of(model.variations.count, model, bodies, contacts, kept)
+    measures = Measures(model.places, model.contacts, model.gaps, model.variations, room.t)
+    with contextlib.ExitStack() as stack:
+        lines = None
+        if file is not None:
+            lines = EntryFile(_for_entries(file, kept), model, end_time)
+            stack.callback(lines.close)
+        bar = progress_bar("many runs", after=LONG) if progress is None else contextlib.nullcontext(progress)
+        interrupt, report = stack.enter_context(interruptible()), stack.enter_context(bar)
+        stack.enter_context(one_blas_thread())
+        _run_all(model, room, measures, lines, workers, report, interrupt)
+    return room.result(bodies, contacts)
+
+
+def _for_entries(file: str | Path, histories: Collection[str]) -> Path:
+    """Path of a file of entries."""
+    if histories:
+        raise InputError(f"histories: expected none with file=, which holds no histories, got {', '.join(histories)}")
+    return validate_path("file", file)
 
 
 def _validated(histories: object) -> tuple[str, ...]:
     if isinstance(histories, str) or not isinstance(histories, Collection) or not {*histories} <= {*HISTORIES}:
         raise InputError(f"histories: expected a collection of {', '.join(map(repr, HISTORIES))}, got {histories!r}")
     return tuple(histories)
-
-
-def _times(
-    mbs: MainSystem,
-    end_time: float,
-    step: float | None,
-    bodies: Sequence[PartitionBody],
-    variations: Variations,
-    progress: Progress | None,
-) -> RunTimes:
-    """Times of all runs; they have the same steps."""
-    plan = plan_run(mbs, RunOptions(end_time, start_time=0.0, step=step), None, progress)
-    least, entry = min(zip(_limits(mbs, bodies, variations), range(variations.count), strict=True))
-    if plan.times.step <= least:
-        return plan.times
-    if step is not None:
-        raise StepSizeError(
-            f"step: {step:.4g} s is above the stability limit of entry {entry}, {least:.4g} s (all contact rows "
-            f"closed). Take at most {least:.3g} s, or leave it out"
-        )
-    return plan_run(mbs, RunOptions(end_time, start_time=0.0, step=SAFETY * least), None, progress).times
-
-
-def _limits(mbs: MainSystem, bodies: Sequence[PartitionBody], variations: Variations) -> Iterator[float]:
-    """A bound on the stability limit of each entry [s], from that of the model as it is, see `stability_limit`."""
-    limit = stability_limit(mbs)
-    if math.isinf(limit):
-        yield from [limit] * variations.count
-        return
-    inverse = 4 / limit
-    rate = max((0.0 if item.damping is None else item.damping.largest_rate(math.inf) for item in bodies), default=0.0)
-    omega = math.sqrt(max(inverse * (inverse - 2 * rate), 0.0)) / 2
-    for entry in range(variations.count):
-        stiff = max(variations.factor(item, "E", entry) for item in bodies)
-        light = min(variations.factor(item, "rho", entry) for item in bodies)
-        faster = math.sqrt(stiff / light)
-        rates = [max(1.0, faster) * rate]
-        for item in bodies:
-            if (ratio := variations.of(item, "damping", entry)) is not None:
-                rates.append(faster * 2 * float(ratio) * float(item.body.basis.omega.max(initial=0.0)))
-        yield 4 / (max(rates) + math.hypot(max(rates), 2 * faster * omega))
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,16 +215,18 @@ class _Room:
     q_t: Array | None
     failures: dict[int, str]
 
+    order: Sequence[int]
+
     @classmethod
     def of(
         cls,
         count: int,
-        times: RunTimes,
+        model: VariedModel,
         bodies: Sequence[PartitionBody],
         contacts: Sequence[PartitionContact],
-        nq: int,
         kept: Collection[str],
     ) -> _Room:
+        times, nq = model.times, model.entries.size
         n, nc, nb = times.steps + 1, len(contacts), len(bodies)
         needed = 8 * count * n * (nc * ("force" in kept) + 2 * nq * ("coordinates" in kept))
         if needed > _MOST * available_memory()[0]:
@@ -263,10 +238,9 @@ class _Room:
         def empty(*shape: int) -> Array:
             return np.full((count, *shape), np.nan)
 
-        names = "peak", "impulse", "duration", "counts", "restitution", "stored"
         return cls(
             t=np.cumsum(np.r_[0.0, np.full(times.steps, times.step)]),
-            of_contacts={name: empty(nc) for name in names},
+            of_contacts={name: empty(nc) for name in OF_CONTACTS},
             ends=empty(),
             energy=empty(2, nb),
             momentum=empty(2, nb, 3),
@@ -274,6 +248,7 @@ class _Room:
             q=empty(n, nq) if "coordinates" in kept else None,
             q_t=empty(n, nq) if "coordinates" in kept else None,
             failures={},
+            order=[model.contacts.index(contact) for contact in contacts],
         )
 
     def write(self, entry: int, made: Histories, measured: tuple[dict[str, Array], Array, Array]) -> None:
@@ -282,46 +257,51 @@ class _Room:
         self.ends[entry] = self.t[n - 1]
         of_contacts, self.energy[entry], self.momentum[entry] = measured
         for name, values in of_contacts.items():
-            self.of_contacts[name][entry] = values
+            self.of_contacts[name][entry] = values[self.order]
         if self.force is not None:
-            self.force[entry, :, :n] = made.values[:, :, 0].T
+            self.force[entry, :, :n] = made.values[:, self.order, 0].T
         if self.q is not None and self.q_t is not None:
             self.q[entry, :n], self.q_t[entry, :n] = made.q, made.v
 
-    def result(
-        self, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact], order: Sequence[int]
-    ) -> ManyRuns:
-        """What the user gets; `order` has the places of the contacts in the plan."""
-        of_contacts = {name: values[:, order] for name, values in self.of_contacts.items()}
+    def outcome(self, entry: int) -> Record:
+        """Results of an entry as plain values, or its failure; see `take`."""
+        if entry in self.failures:
+            return {"error": "StoppedRun", "message": self.failures[entry], "traceback": ""}
+        arrays = {"ends": self.ends, **self.of_contacts, "energy": self.energy, "momentum": self.momentum}
+        return {"values": {name: array[entry].tolist() for name, array in arrays.items()}}
+
+    def take(self, entry: int, values: JSON) -> None:
+        """Write results of an entry that were plain values."""
+        self.ends[entry], self.energy[entry], self.momentum[entry] = (values[k] for k in ("ends", "energy", "momentum"))
+        for name, array in self.of_contacts.items():
+            array[entry] = values[name]
+
+    def result(self, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact]) -> ManyRuns:
+        """What the user gets."""
         return ManyRuns(
             t=self.t, contacts=tuple(contacts), bodies=tuple(bodies), ends=self.ends, energy=self.energy,
-            momentum=self.momentum, force=None if self.force is None else self.force[:, order], q=self.q, q_t=self.q_t,
-            failures=dict(sorted(self.failures.items())), **of_contacts,
+            momentum=self.momentum, force=self.force, q=self.q, q_t=self.q_t,
+            failures=dict(sorted(self.failures.items())), **self.of_contacts,
         )  # fmt: skip
 
 
-def _flies_on(made: Histories) -> bool:
-    """Whether a run stopped as pairs slid while all contacts were open, after one was closed."""
-    return made.stopped is not None and made.stopped.kind == "slides" and _has_bounced(made.values[:, :, 0])
-
-
-def _has_bounced(force: Array) -> bool:
-    """Whether sums of forces, (n, nc), were there, and are gone."""
-    return bool(force.any() and not force[-1].any())
-
-
 def _run_all(
-    entries: Entries,
-    times: RunTimes,
+    model: VariedModel,
     room: _Room,
     measures: Measures,
+    lines: EntryFile | None,
     workers: int,
     report: Progress,
     interrupt: Interrupt,
 ) -> None:
-    """Run all entries, and write their results."""
-    count, done = len(room.energy), 0
-    steps = EqualSteps(times.step, times.steps)
+    """Run all entries that are not in the file, and write their results."""
+    entries, count = model.entries, model.variations.count
+    steps = EqualSteps(model.times.step, model.times.steps)
+    known = {} if lines is None else lines.known()
+    for entry, values in known.items():
+        room.take(entry, values)
+    missing, done = [entry for entry in range(count) if entry not in known], len(known)
+    known.clear()
 
     def run_some(some: Sequence[int]) -> None:
         nonlocal done
@@ -330,22 +310,25 @@ def _run_all(
             if interrupt.asked:
                 room.failures[entry] = "interrupted by the user"
                 continue
+            begin = time.perf_counter()
             if stepper is None or entries.flexibility_key(entry) != key:
                 key, contacts = entries.flexibility_key(entry), entries.contacts(entry)
                 stepper = Stepper(contacts, entries.size)
             plan, start = entries.plan(entry, stepper.contacts), entries.start(entry)
             made = run(plan, start, steps, motion=room.q is not None, rows=False, stepper=stepper)
-            if made.stopped and not _flies_on(made):
+            if made.stopped and not flies_on(made):
                 room.failures[entry] = f"stopped after {made.made} steps: {made.stopped.text}"
             else:
                 room.write(entry, made, measures.of(entry, plan.bodies, made))
+            if lines is not None:
+                lines.add(entry, room.outcome(entry), time.perf_counter() - begin)
             done += 1
             report(min(done / count, 1.0))
 
     if workers == 1:
-        run_some(range(count))
+        run_some(missing)
         return
-    parts = [part.tolist() for part in np.array_split(np.arange(count), min(workers, count))]
+    parts = [part.tolist() for part in np.array_split(np.array(missing, dtype=int), max(min(workers, len(missing)), 1))]
     with ThreadPoolExecutor(workers) as pool:
         for _ in pool.map(run_some, parts):
             pass

@@ -106,3 +106,13 @@ class Measures:
         """Linear momentum of each body, (3,) [N s]."""
         both = ((item, self._variations.factor(item, "rho", entry)) for item in self._places)
         return [rho * item.kinematics.momentum(state.v[self._places[item]]) for item, rho in both]
+
+
+def flies_on(made: Histories) -> bool:
+    """Whether a run stopped as pairs slid while all contacts were open, after one was closed."""
+    return made.stopped is not None and made.stopped.kind == "slides" and _has_bounced(made.values[:, :, 0])
+
+
+def _has_bounced(force: Array) -> bool:
+    """Whether sums of forces, (n, nc), were there, and are gone."""
+    return bool(force.any() and not force[-1].any())

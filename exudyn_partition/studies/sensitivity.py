@@ -3,53 +3,55 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal, get_args
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.blas_threads import one_blas_thread
 from ..algebra.complementarity import regularised
-from ..compiled.adjoint import Derivatives, Weights, backwards, flexibility_between, row_jacobian
-from ..compiled.plan import Bodies, StepPlan
-from ..compiled.run import EqualSteps, Histories, run
-from ..contact.gaps import Gaps
+from ..compiled.adjoint import Derivatives, backwards, flexibility_between, row_jacobian
+from ..compiled.plan import StepPlan
+from ..compiled.run import EqualSteps, Histories, Start, run
 from ..errors import InputError, RunError
-from ..exudyn_bodies.held_damping import hold_damping
 from ..exudyn_bodies.model import validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
-from ..frames.damping import damping_of
-from ..results.impacts import closed_spans
-from ..simulation.compiled_plan import at_start, check_held, dofs_of, in_groups, initial_start, read_plan
-from ..simulation.run_plan import RunOptions, plan_run
+from ..simulation.compiled_plan import check_held
 from ..support.arrays import Array, Vector
-from ..support.checks import read_only, validate_choice, validate_vector
+from ..support.checks import read_only, validate_array, validate_choice, validate_vector
 from ..support.foreign import MainSystem
 from ..support.spelling import spelled
-from .variations import damping_power
+from .measures import flies_on
+from .run_numbers import Number, at_times, energy_of_body, number_of_contact, sums_of_history
+from .variations import Variations, damping_power
+from .varied_model import VariedModel
 
 OfContact = Literal["peak_force", "impulse", "duration"]
-OfBody = Literal["velocity", "energy"]
-Number = Literal[OfContact, OfBody]
+OfHistory = Literal["velocity", "strain"]
+OfBody = Literal[OfHistory, "energy"]
+NumberName = Literal[OfContact, OfBody]
 OF_CONTACT: tuple[OfContact, ...] = get_args(OfContact)
-NUMBERS: tuple[Number, ...] = (*OF_CONTACT, *get_args(OfBody))
+OF_HISTORY: tuple[OfHistory, ...] = get_args(OfHistory)
+NUMBERS: tuple[NumberName, ...] = (*OF_CONTACT, *OF_HISTORY, "energy")
 _EDGE = 1e-9  # share of the largest force on a row, and of its largest yielding, that is none
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """A number that follows from a run, and its derivatives; see `sensitivity`.
+    """A number that follows from a run, or k numbers, and their derivatives; see `sensitivity`.
 
     Parameters
     ----------
     of : str
-    value : float
+    value : float or (k,) array
     by : dict of PartitionBody to dict of str to array or float
-        Derivatives by what `run_many` varies: (3,) arrays for vectors, floats for numbers. E and rho are missing for
-        bodies of no one material, and E where contacts move each other.
+        Derivatives by what `run_many` varies: (3,) arrays for vectors, floats for numbers, and (n_elastic,) for a
+        damping that has a ratio for each mode. Of k numbers, arrays have one dimension more, the first. E and rho are
+        missing for bodies of no one material, and E where contacts move each other.
     changes : int
         Steps in which rows have closed or opened. The derivatives are those of the steps as they are.
     edges : int
@@ -58,13 +60,14 @@ class Sensitivity:
     """
 
     of: str
-    value: float
+    value: float | Array
     by: Mapping[PartitionBody, Mapping[str, Array | float]]
     changes: int
     edges: int
 
     def __repr__(self) -> str:
-        return f"Sensitivity({self.of} {self.value:.6g}, by {len(self.by)} bodies)"
+        numbers = f"{self.value:.6g}" if isinstance(self.value, float) else f"{len(self.value)} times"
+        return f"Sensitivity({self.of} {numbers}, by {len(self.by)} bodies)"
 
 
 @spelled
@@ -72,15 +75,21 @@ def sensitivity(
     mbs: MainSystem,
     *,
     end_time: float,
-    of: Number,
+    of: NumberName,
     at: PartitionContact | PartitionBody,
     direction: Vector = (0.0, 0.0, 1.0),
+    point: Vector | None = None,
+    rows: sp.csr_matrix | None = None,
+    times: Array | Sequence[float] | None = None,
+    weights: Array | None = None,
+    values: Mapping[PartitionBody, Mapping[str, Any]] | None = None,
     step: float | None = None,
 ) -> Sensitivity:
-    """Derivatives of a number that follows from a compiled run, by the discrete adjoint of its steps.
+    """Derivatives of numbers that follow from a compiled run, by the discrete adjoint of its steps.
 
     One run and one pass backwards give all derivatives. They are those of the steps as they were made, so that they
-    agree with differences of `run_many` to round-off where no row closes or opens meanwhile.
+    agree with differences of `run_many` to round-off where no row closes or opens meanwhile. Where pairs slide while
+    bodies fly apart after contact, the run goes on without contact, as in the ringing after a tap.
 
     Parameters
     ----------
@@ -88,15 +97,26 @@ def sensitivity(
         The model, assembled; see `solve_dynamic` for what compiled runs hold.
     end_time : float
         Time at which the run ends [s].
-    of : {"peak_force", "impulse", "duration", "velocity", "energy"}
-        Of a contact, as in `ManyRuns`: largest force [N], impulse [N s], time in contact [s]. Of a body at the end:
-        velocity of its centre of mass along `direction` [m/s], and kinetic and strain energy [J].
+    of : {"peak_force", "impulse", "duration", "velocity", "strain", "energy"}
+        Of a contact, as in `ManyRuns`: largest force [N], impulse [N s], time in contact [s]. Of a body: velocity along
+        `direction` [m/s], what `rows` recover, kinetic and strain energy at the end [J].
     at : PartitionContact or PartitionBody
         Whose number it is.
     direction : (3,)
         Of a velocity.
+    point : (3,), optional
+        Whose velocity it is, in the body's own coordinates [m]. Default: the centre of mass.
+    rows : (1, 3 nodes) csr matrix, optional
+        Of a strain, or another value of nodal displacements, as from `recovery.gauge_rows`. It needs these rows.
+    times : (m,) array, optional
+        Times of velocities or strains [s]; values between steps are those of lines. Default: the end, a single number.
+    weights : (k, m) array, optional
+        Sums of the values at `times` are wanted, such as Fourier integrals. All k sums take one pass backwards.
+    values : dict of PartitionBody to dict of str to value, optional
+        What differs from the model: one value of each name that `run_many` knows, such as E. So an optimiser needs one
+        model.
     step : float, optional
-        Time step [s]. Default: that of `solve_dynamic`.
+        Time step [s]. Default: that of `run_many`.
 
     Returns
     -------
@@ -109,7 +129,9 @@ def sensitivity(
     InputError
         If an argument is wrong, or nothing touches.
     RunError
-        If the run stops before its end.
+        If the run stops before its end, or bodies touch again after their pairs have slid.
+    StepSizeError
+        If the step is above the stability limit.
     """
     validate_model(mbs)
     check_held(mbs)
@@ -119,33 +141,133 @@ def sensitivity(
     if at not in expected:
         kind = "CreatePartitionContact()" if of in OF_CONTACT else "CreatePartitionBody()"
         raise InputError(f"at: for {of!r} expected what {kind} returned for this model, got {type(at).__name__}")
-    direction = validate_vector("direction", direction)
-    times = plan_run(mbs, RunOptions(end_time, start_time=0.0, step=step), None, None).times
-    hold_damping(mbs)
-    planned = [contact for group in in_groups(contacts) for contact in group]
-    groups = at_start(contacts)
-    gaps = [contact.gaps for _, members in groups for contact in members]
-    plan, steps = read_plan(mbs, groups), EqualSteps(times.step, times.steps)
-    places = {item: dofs_of(mbs, item) for item in bodies}
+    history = _History.checked(of, at, direction, point, rows, times, weights)
+    model = VariedModel.of(mbs, end_time, step, _variations(values, bodies), None)
+    plan = model.entries.plan(0, model.entries.contacts(0))
+    steps = EqualSteps(model.times.step, model.times.steps)
     with one_blas_thread():
-        made = run(plan, initial_start(mbs), steps)
-        if made.stopped:
-            raise RunError(f"mbs: the run stopped after {made.made} steps: {made.stopped.text}")
+        plan, made = _run(plan, model.entries.start(0), steps)
         if isinstance(at, PartitionContact):
-            value, weights = _of_contact(of, planned.index(at), plan, steps, made)
-            explicit = None
+            number = number_of_contact(of, model.contacts.index(at), plan, steps, made)
+        elif history is None:
+            number = energy_of_body(model.places[at], plan, made)
         else:
-            value, weights, explicit = _of_body(of, at, places[at], direction, plan, made)
-        found = backwards(plan, steps, made, weights, _parts(plan, gaps))
-    by = {item: _by(item, dofs, plan, found, explicit, planned) for item, dofs in places.items()}
+            number = history.number(model.places[at], steps, made)
+        found = backwards(plan, steps, made, number.weights, _parts(plan, model))
+    derivatives = _Derivatives(model, plan, found, number)
+    single = history is None or history.times is None
+    by = {item: {name: _shown(value, single) for name, value in derivatives.by(item).items()} for item in bodies}
+    value = _shown(number.values, single)
     return Sensitivity(of, value, by, *_edges(plan, made))
 
 
-def _parts(plan: StepPlan, gaps: Sequence[Gaps]) -> list[list[Array]]:
+def _run(plan: StepPlan, start: Start, steps: EqualSteps) -> tuple[StepPlan, Histories]:
+    """Run a plan to its end; pairs that slide in free flight after contact may slide on, unless rows close again."""
+    made, told = run(plan, start, steps), "mbs: the run stopped after {} steps: {}"
+    if made.stopped is None:
+        return plan, made
+    if not flies_on(made):
+        raise RunError(told.format(made.made, made.stopped.text))
+    rows = plan.contacts.rows
+    free = replace(plan, contacts=replace(plan.contacts, rows=rows._replace(reach=np.full_like(rows.reach, np.inf))))
+    flown = run(free, start, steps)
+    if flown.stopped or flown.values[made.made :, :, 0].any():
+        raise RunError(told.format(made.made, f"{made.stopped.text}, and later touch again; end it before"))
+    return free, flown
+
+
+def _shown(values: Array, single: bool) -> Array | float:
+    """Derivatives of k numbers, (k, ...), or of a single one without that dimension."""
+    shown = values[0] if single else values
+    if not np.ndim(shown):
+        return float(shown)
+    read_only(shown)
+    return shown
+
+
+def _variations(values: object, bodies: Sequence[PartitionBody]) -> Variations:
+    """What differs from the model, as the one entry of `run_many`."""
+    if values is None:
+        return Variations(1, {})
+    if not isinstance(values, Mapping) or not all(isinstance(of_body, Mapping) for of_body in values.values()):
+        raise InputError(
+            f"values: expected a dict of body: dict of name: value, such as {{beam: {{'E': 2e11}}}}, got {values!r:.60}"
+        )
+    entry = {item: {name: [value] for name, value in of_body.items()} for item, of_body in values.items()}
+    return Variations.checked(entry, bodies, "values")
+
+
+@dataclass(frozen=True, eq=False)
+class _History:
+    """A value of a body that is linear in its coordinates and velocities, (n_dofs,) each, and its times [s].
+
+    `times` None is the end; with `weights`, (k, m), sums of values at times are wanted.
+    """
+
+    by_q: Array
+    by_v: Array
+    times: Array | None
+    weights: Array | None
+
+    @classmethod
+    def checked(
+        cls, of: str, at: object, direction: Vector, point: object, rows: object, times: object, weights: object
+    ) -> _History | None:
+        """Check what is wanted; None for numbers that have no history."""
+        direction = validate_vector("direction", direction)
+        given = {"point": point, "rows": rows, "times": times, "weights": weights}
+        known = {"velocity": {"point", "times", "weights"}, "strain": {"rows", "times", "weights"}}.get(of, set())
+        for name, value in given.items():
+            if value is not None and name not in known:
+                raise InputError(f"{name}: expected None for {of!r}, got {type(value).__name__}")
+        if of not in OF_HISTORY or not isinstance(at, PartitionBody):
+            return None
+        times = None if times is None else validate_array("times", times, (None,))
+        if weights is not None:
+            if times is None:
+                raise InputError("weights: expected None without times, for they belong to these")
+            weights = validate_array("weights", weights, (None, len(times)))
+        zero = np.zeros(at.body.n_dofs)
+        if of == "strain":
+            return cls(_one_row(at, rows), zero, times, weights)
+        kinematics = at.kinematics
+        if point is None:
+            return cls(zero, direction @ kinematics.mass_integral / at.body.total_mass, times, weights)
+        return cls(zero, direction @ at.velocity_rows(validate_vector("point", point)), times, weights)
+
+    def number(self, dofs: Array, steps: EqualSteps, made: Histories) -> Number:
+        """Its values in a run, of a body with these coordinates."""
+        n, end = len(made.q), steps.count * steps.step
+        times = np.array([end]) if self.times is None else self.times
+        if times.min(initial=0.0) < 0 or times.max(initial=0.0) > end * (1 + _EDGE):
+            raise InputError(f"times: expected times from 0 to the end, {end:.6g} s, got {times.min():.6g} to "
+                             f"{times.max():.6g} s")  # fmt: skip
+        by_q, by_v = np.zeros((2, made.q.shape[1]))
+        by_q[dofs], by_v[dofs] = self.by_q, self.by_v
+        return sums_of_history(by_q, by_v, at_times(times, self.weights, n, steps.step), made)
+
+
+def _one_row(item: PartitionBody, rows: object) -> Array:
+    """Row of a strain by the coordinates, (n_dofs,)."""
+    shape = rows.shape if isinstance(rows, sp.spmatrix | sp.sparray) else ()
+    if shape[:1] != (1,):
+        got = f"one of shape {shape}" if shape else type(rows).__name__
+        raise InputError(
+            f"rows: expected a sparse matrix with one row for 'strain', as of recovery.gauge_rows, got {got}"
+        )
+    by_coordinates: Array = np.asarray(item.body.reduced_rows(sp.csr_matrix(rows)))[0]
+    return by_coordinates
+
+
+def _parts(plan: StepPlan, model: VariedModel) -> list[list[Array]]:
     """Parts of each contact's flexibility, by its sides, (nr, nr) [m/N]; none where contacts move each other."""
     if plan.contacts.core:
-        return [[] for _ in gaps]
-    return [[regularised(rows.side_flexibility(place)) for place in range(len(rows.sides))] for rows in gaps]
+        return [[] for _ in model.gaps]
+    E = [[model.variations.factor(item, "E", 0) for item, _ in contact.sides] for contact in model.contacts]
+    return [
+        [regularised(rows.side_flexibility(place)) / factor for place, factor in enumerate(factors)]
+        for rows, factors in zip(model.gaps, E, strict=True)
+    ]
 
 
 def _edges(plan: StepPlan, made: Histories) -> tuple[int, int]:
@@ -161,106 +283,64 @@ def _edges(plan: StepPlan, made: Histories) -> tuple[int, int]:
     return changes, int(np.count_nonzero((small | touching).any(axis=1)))
 
 
-def _of_contact(of: str, j: int, plan: StepPlan, steps: EqualSteps, made: Histories) -> tuple[float, Weights]:
-    """Number of contact j, and its weights."""
-    assert made.lam is not None
-    force, h, (n, nq) = made.values[:, j, 0], steps.step, made.q.shape
-    rows, nothing = slice(*plan.contacts.rows.starts[j : j + 2]), np.zeros((n, nq))
-    if not force.any():
-        raise InputError(f"at: contact {plan.contacts.names[j]!r} never closes in this run")
-    on_samples = np.zeros(n)
-    if of == "peak_force":
-        on_samples[force.argmax()] = 1.0
-    elif of == "impulse":
-        on_samples[:] = h
-        on_samples[[0, -1]] = 0.5 * h
-    else:
-        value, by_q = _duration(j, plan, steps, made)
-        return value, Weights(sp.csr_matrix(made.lam.shape), by_q, np.zeros(nq))
-    closed = made.lam.copy()
-    there = (closed.indices >= rows.start) & (closed.indices < rows.stop)
-    closed.data = np.repeat(on_samples, np.diff(closed.indptr)) * there
-    return float(on_samples @ force), Weights(closed, nothing, np.zeros(nq))
+class _Derivatives:
+    """Derivatives of k numbers by what `run_many` varies.
 
+    Parameters
+    ----------
+    model : VariedModel
+    plan : StepPlan
+        Of its one entry.
+    found : Derivatives
+    number : Number
+    """
 
-def _duration(j: int, plan: StepPlan, steps: EqualSteps, made: Histories) -> tuple[float, Array]:
-    """Time in contact [s], and its derivatives by the coordinates of all samples, (n, nq)."""
-    if plan.contacts.core:
-        raise InputError("of: 'duration' is not known where contacts move each other; take another number")
-    rows, (n, nq) = slice(*plan.contacts.rows.starts[j : j + 2]), made.q.shape
-    H, by_q, total = row_jacobian(plan.contacts, nq)[rows], np.zeros((n, nq)), 0.0
+    def __init__(self, model: VariedModel, plan: StepPlan, found: Derivatives, number: Number) -> None:
+        self._model, self._plan, self._found, self._number = model, plan, found, number
 
-    def crossing(inside: int, outside: int, sign: float) -> float:
-        if not 0 <= outside < n:
-            return sign * inside * steps.step
-        gaps = [plan.contacts.rows.start[rows] + H @ made.q[s] for s in (inside, outside)]
-        row_in, row_out = (int(gap.argmin()) for gap in gaps)
-        g_in, g_out = float(gaps[0][row_in]), float(gaps[1][row_out])
-        way, slope = (outside - inside) * steps.step, (g_in - g_out) ** 2
-        by_q[inside] -= sign * way * g_out / slope * H[row_in]
-        by_q[outside] += sign * way * g_in / slope * H[row_out]
-        return sign * (inside * steps.step + way * g_in / (g_in - g_out))
-
-    for first, last in closed_spans(made.values[:, j, 0]):
-        total += crossing(last, last + 1, 1.0) + crossing(first, first - 1, -1.0)
-    return total, by_q
-
-
-def _of_body(
-    of: str, item: PartitionBody, dofs: Array, direction: Array, plan: StepPlan, made: Histories
-) -> tuple[float, Weights, Bodies | None]:
-    """Number of a body at the end, its weights, and its derivatives by the bodies beside those by the motion."""
-    assert made.lam is not None
-    n, nq = made.q.shape
-    q, v, by_q, by_v = made.q[-1], made.v[-1], np.zeros((n, nq)), np.zeros(nq)
-    none = sp.csr_matrix(made.lam.shape)
-    if of == "velocity":
-        by_v[dofs] = direction @ item.kinematics.mass_integral / item.body.total_mass
-        return float(by_v @ v), Weights(none, by_q, by_v), None
-    mass, stiffness = np.zeros((2, nq))
-    mass[dofs], stiffness[dofs] = 0.5 * v[dofs] ** 2, 0.5 * q[dofs] ** 2
-    by_v[dofs], by_q[-1, dofs] = (plan.bodies.mass * v)[dofs], (plan.bodies.stiffness * q)[dofs]
-    value = float(plan.bodies.mass @ mass + plan.bodies.stiffness @ stiffness)
-    return value, Weights(none, by_q, by_v), Bodies(mass, stiffness, np.zeros(nq), np.zeros(nq))
-
-
-def _by(
-    item: PartitionBody,
-    dofs: Array,
-    plan: StepPlan,
-    found: Derivatives,
-    explicit: Bodies | None,
-    contacts: Sequence[PartitionContact],
-) -> dict[str, Array | float]:
-    """Derivatives by what `run_many` varies of a body."""
-    rigid, kinematics = item.body.rigid, item.kinematics
-    mass, stiffness, damping, load = (part[dofs] for part in found.bodies)
-    if explicit is not None:
-        mass, stiffness = mass + explicit.mass[dofs], stiffness + explicit.stiffness[dofs]
-    by_axes = np.array([kinematics.weight(axis) for axis in np.eye(3)])
-    result: dict[str, Array | float] = {
-        "initialVelocity": found.v[dofs] @ rigid[:, :3],
-        "initialAngularVelocity": found.v[dofs] @ rigid[:, 3:],
-        "referencePosition": found.q[dofs] @ rigid[:, :3],
-        "gravity": by_axes @ load,
-        "damping": float(damping_of(kinematics, 1.0).matrix().diagonal() @ damping),
-    }
-    read_only(*(value for value in result.values() if isinstance(value, np.ndarray)))
-    material = item.body.material
-    if material is None or callable(item.ratios):
+    def by(self, item: PartitionBody) -> dict[str, Array]:
+        """Derivatives by the quantities of a body, (k,), (k, 3) or (k, n_elastic)."""
+        model, found, dofs = self._model, self._found, self._model.places[item]
+        rigid, kinematics, values = item.body.rigid, item.kinematics, model.variations
+        E, rho = (values.factor(item, name, 0) for name in ("E", "rho"))
+        damping, load = found.bodies.damping[dofs].T, found.bodies.load[dofs].T
+        by_ratios = math.sqrt(E * rho) * damping[:, 6:] * model.entries.of_ratio_one[item][6:]
+        gravity, ratio = values.of(item, "gravity", 0), values.of(item, "damping", 0)
+        of_each_mode = isinstance(item.ratios, Sequence | np.ndarray) if ratio is None else ratio.ndim
+        result = {
+            "initialVelocity": found.v[dofs].T @ rigid[:, :3],
+            "initialAngularVelocity": found.v[dofs].T @ rigid[:, 3:],
+            "referencePosition": found.q[dofs].T @ rigid[:, :3],
+            "gravity": rho * load @ np.array([kinematics.weight(axis) for axis in np.eye(3)]).T,
+            "damping": by_ratios if of_each_mode else by_ratios.sum(axis=1),
+        }
+        material = item.body.material
+        if material is None or (callable(item.ratios) and ratio is None):
+            return result
+        by_E, by_rho = damping_power(item.ratios) if ratio is None else (0.5, 0.5)
+        of_damping = damping @ self._plan.bodies.damping[dofs]
+        before = np.zeros(len(dofs)) if item.weight is None else item.weight
+        weight = before if gravity is None else kinematics.weight(gravity)
+        of_mass = self._of_matrix("mass", dofs) + rho * load @ weight
+        result["rho"] = (of_mass + by_rho * of_damping) / (rho * material.rho)
+        if not self._plan.contacts.core:
+            stiff = self._of_matrix("stiffness", dofs) + by_E * of_damping - self._of_sides(item)
+            result["E"] = stiff / (E * material.E)
         return result
-    by_E, by_rho = damping_power(item.ratios)
-    of_damping = float(plan.bodies.damping[dofs] @ damping)
-    weight = np.zeros(len(dofs)) if item.weight is None else item.weight
-    of_rho = float(plan.bodies.mass[dofs] @ mass + weight @ load) + by_rho * of_damping
-    result["rho"] = of_rho / material.rho
-    if not plan.contacts.core:
-        sides = zip(contacts, found.flexibility, strict=True)
-        of_sides = sum(
-            part
-            for contact, parts in sides
-            for (side, _), part in zip(contact.sides, parts, strict=True)
-            if side == item
-        )
-        result["E"] = (float(plan.bodies.stiffness[dofs] @ stiffness) + by_E * of_damping - of_sides) / material.E
-    return result
+
+    def _of_matrix(self, name: Literal["mass", "stiffness"], dofs: Array) -> Array:
+        """Derivatives by a factor of a body's masses or stiffnesses, (k,)."""
+        by_numbers = getattr(self._found.bodies, name)[dofs].T
+        if self._number.explicit is not None:
+            by_numbers = by_numbers + getattr(self._number.explicit, name)[dofs]
+        by_factor: Array = by_numbers @ getattr(self._plan.bodies, name)[dofs]
+        return by_factor
+
+    def _of_sides(self, item: PartitionBody) -> Array:
+        """Derivatives by a factor of a body's flexibility in all contacts, (k,)."""
+        of_sides = np.zeros(self._found.v.shape[1])
+        for contact, parts in zip(self._model.contacts, self._found.flexibility, strict=True):
+            for (side, _), part in zip(contact.sides, parts, strict=True):
+                if side == item:
+                    of_sides = of_sides + part
+        return of_sides

@@ -36,22 +36,22 @@ class Variations:
     count : int
         Number of entries, B.
     values : dict of PartitionBody to dict of str to (B,) or (B, 3) array
-        By body and name, see `run_many`.
+        By body and name, see `run_many`; damping of each mode is (B, k).
     """
 
     count: int
     values: Mapping[PartitionBody, Mapping[str, Array]]
 
     @classmethod
-    def checked(cls, vary: object, bodies: Sequence[PartitionBody]) -> Variations:
-        """Check what the user gives.
+    def checked(cls, vary: object, bodies: Sequence[PartitionBody], argument: str = "vary") -> Variations:
+        """Check what the user gives as an argument.
 
         Raises
         ------
         InputError
             If it is no dict of bodies of the model to dicts of arrays, or lengths differ.
         """
-        expected = "vary: expected a dict of body: dict of name: array, with bodies from CreatePartitionBody()"
+        expected = f"{argument}: expected a dict of body: dict of name: array, with bodies from CreatePartitionBody()"
         if not isinstance(vary, Mapping) or not vary:
             raise InputError(f"{expected}, got {'an empty one' if vary == {} else type(vary).__name__}")
         found: dict[PartitionBody, dict[str, Array]] = {}
@@ -64,20 +64,20 @@ class Variations:
             found[item] = {}
             for name, value in of_body.items():
                 if name not in QUANTITIES:
-                    raise InputError(f"vary: expected names among {', '.join(QUANTITIES)}, got {name!r}")
-                array = validate_array(f"vary: {name}", value, (count, 3) if name in VECTORS else (count,))
+                    raise InputError(f"{argument}: expected names among {', '.join(QUANTITIES)}, got {name!r}")
+                array = validate_array(f"{argument}: {name}", value, _shape(item, name, value, count))
                 if not len(array):
-                    raise InputError(f"vary: {name} has no entries; expected at least one")
+                    raise InputError(f"{argument}: {name} has no entries; expected at least one")
                 if (name in POSITIVE and array.min() <= 0) or (name == "damping" and array.min() < 0):
                     least = "above zero" if name in POSITIVE else "of at least zero"
-                    raise InputError(f"vary: {name}: expected values {least}, got {array.min():.6g}")
+                    raise InputError(f"{argument}: {name}: expected values {least}, got {array.min():.6g}")
                 found[item][name], count = array, len(array)
-            _check_material(item, found[item])
+            _check_material(item, found[item], argument)
         assert count is not None
         return cls(count, found)
 
     def of(self, item: PartitionBody, name: str, entry: int) -> Array | None:
-        """Value of an entry, (3,) or (); None if it does not vary."""
+        """Value of an entry, (3,), (k,) or (); None if it does not vary."""
         values = self.values.get(item, {}).get(name)
         return None if values is None else np.asarray(values[entry])
 
@@ -89,14 +89,22 @@ class Variations:
         return float(value / getattr(item.body.material, name))
 
 
-def _check_material(item: PartitionBody, given: Mapping[str, Array]) -> None:
+def _shape(item: PartitionBody, name: str, value: object, count: int | None) -> tuple[int | None, ...]:
+    """Shape of the values of a quantity; damping may have one for each elastic mode."""
+    if name == "damping" and isinstance(value, Sequence | np.ndarray) and len(value) and np.ndim(value[0]):
+        return count, len(item.body.basis.omega) - 6
+    return (count, 3) if name in VECTORS else (count,)
+
+
+def _check_material(item: PartitionBody, given: Mapping[str, Array], argument: str) -> None:
     """Raise an error if a body's E or rho cannot vary."""
     named = [name for name in POSITIVE if name in given]
     if named and item.body.material is None:
-        raise InputError(f"vary: {named[0]} of body {item.name!r}, which is from matrices that tell no material")
+        raise InputError(f"{argument}: {named[0]} of body {item.name!r}, which is from matrices that tell no material")
     if named and callable(item.ratios) and "damping" not in given:
         raise InputError(
-            f"vary: {named[0]} of body {item.name!r}, whose damping is a function of frequency; vary its damping too"
+            f"{argument}: {named[0]} of body {item.name!r}, whose damping is a function of frequency; vary its damping "
+            "too"
         )
 
 
@@ -146,6 +154,11 @@ class Entries:
         """Number of coordinates of the model."""
         return len(self._start.q)
 
+    @property
+    def model(self) -> tuple[StepPlan, Start]:
+        """Plan and start of the model as it is."""
+        return self._plan, self._start
+
     def flexibility_key(self, entry: int) -> tuple[float, ...]:
         """What the flexibility of rows depends on: factors of E of all bodies."""
         return tuple(self._variations.factor(item, "E", entry) for item in self._places)
@@ -166,8 +179,8 @@ class Entries:
         return replace(contacts, own=tuple(own))
 
     @cached_property
-    def _of_ratio_one(self) -> dict[PartitionBody, Array]:
-        """Diagonal of each body's damping with a ratio of one, (n_dofs,)."""
+    def of_ratio_one(self) -> dict[PartitionBody, Array]:
+        """Diagonal of each body's damping with a ratio of one, (n_dofs,); its elastic modes come last."""
         return {item: damping_of(item.kinematics, 1.0).matrix().diagonal() for item in self._places}
 
     @cached_property
@@ -190,7 +203,8 @@ class Entries:
                 by_E, by_rho = damping_power(item.ratios)
                 bodies.damping[dofs] *= E**by_E * rho**by_rho
             else:
-                bodies.damping[dofs] = math.sqrt(E * rho) * ratio * self._of_ratio_one[item]
+                of_modes = np.r_[np.zeros(6), np.broadcast_to(ratio, len(dofs) - 6)]
+                bodies.damping[dofs] = math.sqrt(E * rho) * of_modes * self.of_ratio_one[item]
             before = np.zeros(len(dofs)) if item.weight is None else item.weight
             after = before if gravity is None else item.kinematics.weight(gravity)
             bodies.load[dofs] += rho * after - before

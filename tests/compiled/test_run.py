@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from oracles import each_way
 
-from exudyn_partition.compiled.adjoint import Weights, accelerations, backwards
+from exudyn_partition.compiled.adjoint import OneNumber, accelerations, backwards
 from exudyn_partition.compiled.plan import Bodies, FrozenPlan, StepPlan, joined_fields
 from exudyn_partition.compiled.run import EqualSteps, Start, run
 from exudyn_partition.contact.linear_gaps import FlatRows, LinearGaps
@@ -104,11 +104,11 @@ def test_derivatives_of_the_velocity_afterwards():
     steps = EqualSteps(np.pi / OMEGA / 2000, 2100)
     plan = wall()
     made = thrown(plan, steps)
-    weights = Weights(0 * made.lam, np.zeros_like(made.q), np.ones(1))
+    weights = OneNumber(0 * made.lam, np.zeros_like(made.q), np.ones(1))
     found = backwards(plan, steps, made, weights, [[np.array([[F]])]])
-    assert found.v[0] == pytest.approx(-1.0, abs=1e-3)
-    assert abs(found.bodies.mass[0]) * M < 1e-2 * SPEED
-    assert abs(found.flexibility[0][0]) < 1e-2 * SPEED
+    assert found.v.item() == pytest.approx(-1.0, abs=1e-3)
+    assert abs(found.bodies.mass.item()) * M < 1e-2 * SPEED
+    assert abs(found.flexibility[0].item()) < 1e-2 * SPEED
 
 
 def test_derivatives_of_the_largest_force():
@@ -118,11 +118,13 @@ def test_derivatives_of_the_largest_force():
     made = thrown(plan, steps)
     lam = 0 * made.lam
     lam[int(made.values[:, 0, 0].argmax()), 0] = 1.0
-    found = backwards(plan, steps, made, Weights(lam.tocsr(), np.zeros_like(made.q), np.zeros(1)), [[np.array([[F]])]])
+    found = backwards(
+        plan, steps, made, OneNumber(lam.tocsr(), np.zeros_like(made.q), np.zeros(1)), [[np.array([[F]])]]
+    )
     peak = SPEED * np.sqrt(M / F)
-    assert -SPEED * found.v[0] == pytest.approx(peak, rel=1e-5)
-    assert M * found.bodies.mass[0] == pytest.approx(0.5 * peak, rel=2e-3)
-    assert found.flexibility[0][0] == pytest.approx(-0.5 * peak, rel=2e-3)
+    assert -SPEED * found.v.item() == pytest.approx(peak, rel=1e-5)
+    assert M * found.bodies.mass.item() == pytest.approx(0.5 * peak, rel=2e-3)
+    assert found.flexibility[0].item() == pytest.approx(-0.5 * peak, rel=2e-3)
 
 
 def test_fields_of_groups_that_exchange_nothing():

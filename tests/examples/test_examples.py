@@ -225,6 +225,49 @@ def test_quiet_pin(tmp_path, capsys):
     assert by_speed == pytest.approx(6 / 5, rel=0.05)  # Hertz: as the speed to the 6/5
 
 
+def test_hammer_test(tmp_path, capsys):
+    """The modulus of steel, the ratios that were measured, and frequencies that go with the root of the modulus."""
+    result = run_quick("hammer_test", tmp_path, capsys)
+    data = importlib.import_module("models.hammer_test")
+    assert result["modulus_Pa"] == pytest.approx(201e9, rel=5e-3)  # by modes 2 to 5 of the beam: 200.9 to 201.7 GPa
+    np.testing.assert_allclose(result["ratios"], data.RATIOS, rtol=0.02)
+    np.testing.assert_allclose(result["frequencies_Hz"], result["by_modes_Hz"], rtol=2.5e-3)
+    first, *others = result["difference"]
+    assert first < -0.015  # the foam, which also damps this mode
+    assert max(map(abs, others)) < 0.01
+
+
+def test_impact_map(tmp_path, capsys):
+    """Arrows have the restitution of the map, and for a light head the slope of a curve through the map."""
+    result = run_quick("impact_map", tmp_path, capsys)
+    assert (result["impacts"], result["failed"]) == (64, 0)
+    assert result["value_error"] < 1e-3
+    light = [number for number, (i, _) in enumerate(result["places"]) if i == 1]
+    restitution, arrows = np.array(result["restitution"]), np.array(result["arrows"])
+    columns, apart = [result["places"][number][1] for number in light], np.log(5.0 / 0.1) / 7
+    cubics = np.polyfit(apart * np.arange(4), restitution[:4, columns], 3)  # few rows close: slopes jump a little
+    slopes = [np.polyval(np.polyder(cubic), apart) for cubic in cubics.T]
+    assert arrows[light, 2].mean() == pytest.approx(np.mean(slopes), rel=0.1)
+    assert (np.diff(restitution[:4], axis=0) < 0).all()  # a heavier head leaves more of its energy in the bar
+    assert max(map(max, result["contacts"])) > 1
+    assert len(ep.Study.load(tmp_path / "quick.jsonl")) == 64
+
+
+def test_buffer_design(tmp_path, capsys):
+    """Both conditions are met exactly, and what does so is near the answer by Hertz."""
+    example = importlib.import_module("buffer_design")
+    result = run_quick("buffer_design", tmp_path, capsys)
+    assert result["success"]
+    assert result["impulse"] == pytest.approx(example.IMPULSE, rel=1e-4)
+    assert result["duration"] == pytest.approx(example.DURATION, rel=1e-4)
+    assert result["modulus_Pa"] == pytest.approx(
+        result["hertz"][0], rel=0.15
+    )  # which goes with the duration to the -2.5
+    assert result["speed_m_s"] == pytest.approx(result["hertz"][1], rel=0.01)
+    assert result["peak_force"] == pytest.approx(result["hertz_peak_N"], rel=0.03)
+    np.testing.assert_allclose(result["slopes"], [[0.4, 1.2], [0.0, 1.0], [-0.4, -0.2]], rtol=0, atol=0.02)
+
+
 def test_sobol_indices(tmp_path, capsys):
     """Of the same few points, the laws of Coulomb and Hertz give nearly the same indices as the impacts do."""
     example = importlib.import_module("sobol_indices")

@@ -1,12 +1,17 @@
 """Shapes of signs: closed, small, and where the items are."""
 
+import exudyn.itemInterface as items
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+import exudyn_partition as ep
+from exudyn_partition.errors import InputError
 from exudyn_partition.exudyn_bodies.other_bodies import OtherBody
 from exudyn_partition.present.signs import sign_shapes
 
 TIMES = np.array([0.0, 1.0, 2.0])
+YELLOW = -2.0, -1.0  # ends of the colours, such that all of a body is beyond the upper one
 BOUNDS = np.zeros(3), np.array([0.3, 0.4, 0.0])  # half a metre across
 
 
@@ -68,3 +73,66 @@ def test_gravity_is_there_once():
     assert not shape.moves
     assert shape.at(0)[:, 2].min() > -1e-12
     assert sign_shapes([sign("", [0, 0, 0], [0, 0, 0])], TIMES, BOUNDS) == []
+
+
+# In pictures, as on the page and in films.
+
+
+@pytest.fixture
+def hanging(mbs, arm_body):
+    """Run of a bar on a hinge within it, with gravity."""
+    arm = ep.CreatePartitionBody(mbs, arm_body, name="arm", frame="floating", gravity=[0, 0, -9.81])
+    foot = arm.CreateInterfaceMarker(mbs, "foot")
+    pin = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.CreateGround()))
+    mbs.AddObject(items.GenericJoint(name="pin", markerNumbers=[pin, foot], constrainedAxes=[1, 1, 1, 1, 0, 1]))
+    mbs.Assemble()
+    return ep.solve_dynamic(mbs, end_time=2e-4, step=1e-5, method="implicit")
+
+
+def bluish(pixels):
+    """Which pixels, (h, w, 3) of 0 to 255, are as blue as a hinge."""
+    red, _, blue = np.moveaxis(np.asarray(pixels, dtype=int)[..., :3], -1, 0)
+    return blue - red > 60
+
+
+def drawn(axes):
+    """Pixels of a figure."""
+    canvas = FigureCanvasAgg(axes.figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())
+
+
+def test_figures_show_signs(hanging):
+    """The hinge is within the bar and shines through, where it is."""
+    axes = ep.plot.bodies(hanging, direction=(0, -1, 0), scale=1)
+    with_signs = drawn(axes)
+    x, y = axes.transData.transform((0.0, 0.0)).astype(int)  # of the pin [mm]
+    there = with_signs[len(with_signs) - y, x, :3].astype(int)
+    without = drawn(ep.plot.bodies(hanging, direction=(0, -1, 0), scale=1, signs=False))
+    assert bluish(with_signs).sum() > bluish(without).sum() + 100
+    assert there[2] > there[0] + 20
+
+
+def test_pictures_show_signs(hanging):
+    look = {"size": (300, 300), "limits": YELLOW}
+    with_signs, without = (ep.view.picture(hanging, **look, signs=signs) for signs in (True, False))
+    assert bluish(with_signs).sum() > bluish(without).sum() + 20
+
+
+def test_scenes_of_pyvista_show_signs(hanging):
+    pytest.importorskip("pyvista")
+    scenes = [ep.pyvista_view.plotter(hanging, size=(300, 300), limits=YELLOW, signs=signs) for signs in (True, False)]
+    scenes[1].camera_position = scenes[0].camera_position
+    with_signs, without = (np.asarray(scene.screenshot(return_img=True), dtype=int) for scene in scenes)
+    yellow = (without[..., 0] - without[..., 2]) > 100
+    assert (yellow & (abs(with_signs - without).max(axis=2) > 40)).sum() > 20  # the hinge within the bar
+    names = [[name for name in scene.actors if name.startswith("sign")] for scene in scenes]
+    assert (len(names[0]), names[1]) == (6, [])  # hinge, ground and gravity, each as it is and as it shines through
+    for scene in scenes:
+        scene.close()
+
+
+def test_signs_is_a_flag(hanging):
+    for draw in (ep.plot.bodies, ep.view.picture, ep.pyvista_view.plotter):
+        with pytest.raises(InputError, match="signs: expected True or False"):
+            draw(hanging, signs="few")

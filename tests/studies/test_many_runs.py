@@ -1,5 +1,7 @@
 """Many compiled runs: each entry is the run of its own model, whatever the others are."""
 
+import os
+import signal
 import sys
 from dataclasses import replace
 
@@ -89,6 +91,18 @@ def test_an_entry_is_the_run_of_its_own_model(marble, name):
     runs = many(mbs, {ball: {name: np.array(VALUES[name])}})
     for entry, value in enumerate(VALUES[name]):
         assert_close(runs.force[entry], alone(fall(marble, **{name: value})))
+
+
+def test_a_ratio_for_each_mode(marble):
+    """It takes the place of the body's own."""
+    n = len(marble.basis.omega) - 6
+    ratios = np.array([np.linspace(0.0, 0.1, n), np.full(n, 0.02)])
+    mbs, [ball], _ = fall(marble, damping=0.05)
+    runs = many(mbs, {ball: {"damping": ratios}})
+    for entry, value in enumerate(ratios):
+        assert_close(runs.force[entry], alone(fall(marble, damping=value)))
+    with pytest.raises(InputError, match="vary: damping: expected shape"):
+        many(mbs, {ball: {"damping": ratios[:, 1:]}})
 
 
 def test_a_damped_body_with_gravity(marble):
@@ -218,6 +232,80 @@ def test_the_model_and_its_last_run_stay(marble):
     assert_close(contact.force(ep.collect(mbs)), contact.force(first))
     later = ep.solve_dynamic(mbs, end_time=END, step=STEP, go_on=True)
     assert_close(contact.force(later), alone(fall(marble))[0][120:])
+
+
+# A file that grows.
+
+
+def varied(count=6):
+    """Speeds and moduli of some entries; pairs of the fourth slide."""
+    speeds, E = np.zeros((count, 3)), STEEL.E * np.linspace(0.8, 1.2, count)
+    speeds[:, 2], speeds[3, 0] = -np.linspace(0.3, 0.8, count), 5.0
+    return speeds, E
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_file_goes_on(marble, tmp_path, workers):
+    """What it holds is not run again, has the same bits, and is a study for whoever reads it."""
+    mbs, balls, _ = in_a_row([marble] * 2)
+    speeds, E = varied()
+    options = {"histories": (), "workers": workers}
+
+    def runs(some, **more):
+        return many(mbs, {balls[1]: {"initialVelocity": speeds[some]}, balls[0]: {"E": E[some]}}, **options, **more)
+
+    whole, file, shares = runs(range(6)), tmp_path / "map.jsonl", []
+    some = runs([4, 0, 3], file=file)
+    assert [*some.failures] == [2]
+    with file.open("a") as lines:
+        lines.write('{"parameters": {"1.initialVel')  # the process was killed while it wrote
+    again = runs(range(6), file=file, progress=shares.append)
+    assert len(shares) == 4  # entries 1, 2, 5, and 3, which had failed
+    assert shares[-1] == 1.0
+    for name in ("ends", "peak", "impulse", "duration", "counts", "restitution", "energy", "stored", "momentum"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(whole, name))
+    assert again.failures == whole.failures
+    read = ep.Study.load(file)
+    assert len(read) == 6
+    assert "begin to slide" in next(iter(read.failures.values())).message
+    order = [int(np.flatnonzero(E == modulus)[0]) for modulus in read["0.E"]]
+    np.testing.assert_array_equal(read["peak"][:, 0], whole.peak[order, 0])
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="the system has no fork")
+def test_a_killed_process_leaves_its_entries(marble, tmp_path):
+    mbs, [ball], _ = fall(marble)
+    vary, file = (
+        {ball: {"initialVelocity": np.array([[0, 0, -0.3 - 0.1 * i] for i in range(5)])}},
+        tmp_path / "map.jsonl",
+    )
+    options = {"histories": (), "file": file}
+    if not (child := os.fork()):
+        try:
+            many(mbs, vary, progress=lambda share: share > 0.5 and os.kill(os.getpid(), signal.SIGKILL), **options)
+        finally:
+            os._exit(1)
+    _, status = os.waitpid(child, 0)
+    assert os.WTERMSIG(status) == signal.SIGKILL
+    shares = []
+    runs = many(mbs, vary, progress=shares.append, **options)
+    assert len(shares) == 2
+    np.testing.assert_array_equal(runs.peak, many(mbs, vary).peak)
+
+
+def test_files_that_are_refused(marble, tmp_path):
+    mbs, [ball], _ = fall(marble)
+    other, [heavier], _ = fall(marble, gravity=[0, 0, -1e4])
+    values, options = {"damping": np.array([0.01, 0.02])}, {"histories": (), "file": tmp_path / "map.jsonl"}
+    many(mbs, {ball: values}, **options)
+    with pytest.raises(InputError, match="is of other model"):
+        many(other, {heavier: values}, **options)
+    with pytest.raises(InputError, match="is of other end_time"):
+        many(mbs, {ball: values}, **options, end_time=2 * END)
+    with pytest.raises(InputError, match="histories: expected none with file="):
+        many(mbs, {ball: values}, file=tmp_path / "other.jsonl")
+    with pytest.raises(InputError, match="file: expected"):
+        many(mbs, {ball: values}, histories=(), file=1)
 
 
 # What is measured.

@@ -4,6 +4,7 @@ import exudyn as exu
 import netgen.occ as occ
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from oracles import MARBLE_RADIUS as R
 from oracles import SPHERE_RADIUS
 
@@ -180,6 +181,126 @@ def test_bodies_that_touch_at_the_start(marble):
     mbs, _, [contact] = fall(marble, referencePosition=[1e-5, 0, R + 1e-6 - gap_of_rows])
     touching = ep.sensitivity(mbs, end_time=END, step=STEP, of="impulse", at=contact)
     assert (apart.edges, touching.edges) == (0, 1)
+
+
+# Histories, modes, and values that differ from the model.
+
+
+def assert_jacobian(found, runs_of, right):
+    """Derivatives of k numbers, (k,) or (k, m), are central differences of `runs_of(values)`, which returns (B, k)."""
+    change = 1e-5 * abs(right).max()
+    ways = change * np.atleast_1d(np.eye(max(right.size, 1)))
+    more, less = (runs_of(right + sign * (ways if right.ndim else ways[:, 0])) for sign in (1, -1))
+    by_runs = ((more - less) / (2 * change)).T.reshape(found.shape)
+    np.testing.assert_allclose(found, by_runs, rtol=0, atol=WITHIN * max(abs(by_runs).max(), abs(found).max()))
+
+
+@pytest.fixture(scope="module")
+def damped(marble):
+    """Falling marble with a ratio for each mode, and other values than those of the model."""
+    n = len(marble.basis.omega) - 6
+    mbs, [ball], [contact] = fall(marble, damping=np.full(n, 0.02), gravity=[0, 0, -2e4])
+    ratios = np.linspace(0.01, 0.05, n)
+    return mbs, ball, contact, {"E": 150e9, "rho": 7000.0, "initialVelocity": np.array([0, 0, -1.3]), "damping": ratios}
+
+
+@pytest.mark.parametrize("name", ["E", "rho", "initialVelocity", "damping"])
+def test_velocity_of_a_point_at_times_and_other_values(damped, name):
+    mbs, ball, _, values = damped
+    point, direction, times = (0, 0, R), np.array([0.2, 0.1, 1.0]), np.array([0.0, 8.03e-6, 13e-6, 25e-6])
+    options = {"end_time": END, "step": STEP, "times": times, "point": point, "direction": direction}
+    found = ep.sensitivity(mbs, of="velocity", at=ball, values={ball: values}, **options)
+
+    def at_times(varied):
+        vary = {key: np.array([value] * len(np.atleast_1d(varied))) for key, value in values.items()} | {name: varied}
+        runs = ep.run_many(mbs, end_time=END, step=STEP, vary={ball: vary}, histories=("coordinates",))
+        history = runs.q_t @ (direction @ ball.velocity_rows(point))
+        return np.array([np.interp(times, runs.t, of_run) for of_run in history])
+
+    np.testing.assert_allclose(found.value, at_times(np.array([values[name]]))[0], rtol=1e-12, atol=1e-12)
+    assert_jacobian(found.by[ball][name], at_times, np.array(values[name], dtype=float))
+
+
+def test_a_strain_and_sums_over_times(damped, marble):
+    """Sums of values at times have the sums of their derivatives, and a strain those of runs."""
+    mbs, ball, _, values = damped
+    n = len(marble.points)
+    rows = sp.csr_matrix(
+        ([1 / (2 * R), -1 / (2 * R)], ([0, 0], [3 * nearest(marble, z) + 2 for z in (R, -R)])), (1, 3 * n)
+    )
+    times, weights = np.linspace(2e-6, 24e-6, 12), np.random.default_rng(0).normal(size=(3, 12))
+    options = {"end_time": END, "step": STEP, "of": "strain", "at": ball, "rows": rows, "times": times}
+    each = ep.sensitivity(mbs, values={ball: values}, **options)
+    sums = ep.sensitivity(mbs, values={ball: values}, weights=weights, **options)
+    np.testing.assert_allclose(sums.value, weights @ each.value, rtol=1e-10, atol=1e-15)
+    for name, of_sums in sums.by[ball].items():
+        right = np.tensordot(weights, each.by[ball][name], axes=1)
+        np.testing.assert_allclose(of_sums, right, rtol=0, atol=1e-9 * max(abs(right).max(), 1e-30))
+
+    def strains(moduli):
+        vary = {key: np.array([value] * len(moduli)) for key, value in values.items()} | {"E": moduli}
+        runs = ep.run_many(mbs, end_time=END, step=STEP, vary={ball: vary}, histories=("coordinates",))
+        history = runs.q @ marble.reduced_rows(rows)[0]
+        return np.array([np.interp(times, runs.t, of_run) for of_run in history])
+
+    assert_jacobian(each.by[ball]["E"], strains, np.array(values["E"]))
+
+
+def nearest(marble, z):
+    return marble.nearest_node(np.array([0, 0, z]))
+
+
+def test_a_ratio_of_each_mode_adds_up_to_one_of_all(damped):
+    mbs, ball, contact, _ = damped
+    of_modes, of_all = (
+        ep.sensitivity(mbs, end_time=END, step=STEP, of="impulse", at=contact, values={ball: {"damping": damping}})
+        for damping in (np.full(len(ball.body.basis.omega) - 6, 0.03), 0.03)
+    )
+    assert of_modes.value == of_all.value
+    assert of_modes.by[ball]["damping"].sum() == pytest.approx(of_all.by[ball]["damping"], rel=1e-12)
+
+
+def test_pairs_that_slide_in_free_flight(marble):
+    """The run goes on without contact, as one by Exudyn does; derivatives are differences of such runs."""
+    mbs, balls, _ = in_a_row(marble)
+    times, thrown = np.array([20e-6, 110e-6, 120e-6]), np.array([0.12, 0.0, -0.5])
+    options = {"end_time": 120e-6, "step": STEP, "of": "velocity", "at": balls[0], "point": (0, 0, R), "times": times}
+
+    def velocities(varied):
+        values = ({balls[1]: {"initialVelocity": velocity}} for velocity in varied)
+        return np.array([ep.sensitivity(mbs, values=one, **options).value for one in values])
+
+    runs = ep.run_many(mbs, end_time=120e-6, step=STEP, vary={balls[1]: {"initialVelocity": thrown[None]}})
+    assert times[0] < runs.ends[0] < times[1]
+    found = ep.sensitivity(mbs, values={balls[1]: {"initialVelocity": thrown}}, **options)
+    assert_jacobian(found.by[balls[1]]["initialVelocity"], velocities, thrown)
+    mbs = exu.SystemContainer().AddSystem()
+    places = (([0, 0, 0], [0, 0, 0]), ([0, 0, 2 * R + 1e-7], thrown))
+    items = [ep.CreatePartitionBody(mbs, marble, referencePosition=x, initialVelocity=v) for x, v in places]
+    ep.CreatePartitionContact(mbs, items[1], items[0], slavePatch="south", masterPatch="north")
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=120e-6, step=STEP)
+    right = np.interp(times, result.t, items[0].velocity(result, (0, 0, R))[:, 2])
+    np.testing.assert_allclose(found.value, right, rtol=0, atol=1e-9)
+
+
+def test_what_is_refused_of_histories(damped):
+    mbs, ball, contact, _ = damped
+    options = {"end_time": END, "step": STEP}
+    for of, at, wrong, message in (
+        ("energy", ball, {"times": [1e-6]}, "times: expected None for 'energy', got list"),
+        ("impulse", contact, {"point": (0, 0, R)}, "point: expected None for 'impulse'"),
+        ("strain", ball, {}, "rows: expected a sparse matrix with one row for 'strain', .* got NoneType"),
+        ("velocity", ball, {"weights": [[1.0]]}, "weights: expected None without times"),
+        ("velocity", ball, {"times": [1e-6], "weights": [1.0]}, "weights: expected"),
+        ("velocity", ball, {"times": [2 * END]}, "times: expected times from 0 to the end"),
+        ("velocity", ball, {"point": (0, 0, 9 * R)}, "point"),
+        ("velocity", ball, {"values": {ball: 1.0}}, "values: expected a dict of body: dict of name: value"),
+        ("velocity", ball, {"values": {ball: {"speed": 1.0}}}, "values: expected names among"),
+        ("velocity", ball, {"values": {ball: {"damping": [0.1, 0.2]}}}, "values: damping: expected shape"),
+    ):
+        with pytest.raises(InputError, match=message):
+            ep.sensitivity(mbs, of=of, at=at, **wrong, **options)
 
 
 def test_what_is_refused(marble):

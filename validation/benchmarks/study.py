@@ -1,16 +1,11 @@
-"""What `ep.study` costs a run beside its function, and what a second worker of Dask is worth.
+"""What `ep.study` costs a run beside its function.
 
 Cost: functions that sleep 1, 10 and 100 ms, in a loop, in two processes and by two workers of Dask, with the chunks
 that a study chooses and with one run a task; each with a file. Workers have started before. A run costs the wall time
 of the study times the number of workers, less the time within its function, over the number of runs. Sleep takes no
 processor, so that other work on the machine disturbs little.
-Two workers: 500 impacts of an aluminium block that yields on a rigid ball, by clusters of one worker and of two, in
-turns. The ratio of wall times is that of a machine with other work, where two processes may get no more than one. So it
-is also told what a cluster is worth on cores of its own: how many workers there are, times the share of their time
-within runs, over the processor time of a run; of two workers over one.
-Reference: none for the cost; one worker for two.
-Limits: with chunks that the study chooses, a run of 1 ms costs 0.2 ms in a loop and 0.5 ms by two workers; on cores of
-their own two workers are worth 1.7 of one.
+Reference: none.
+Limits: with chunks that the study chooses, a run of 1 ms costs 0.2 ms in a loop and 0.5 ms by two workers.
 
     python -m validation.benchmarks.study
 """
@@ -23,8 +18,6 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-import netgen.occ as occ
-import numpy as np
 from distributed import Client, LocalCluster
 from rich.console import Console
 
@@ -33,9 +26,8 @@ from validation.contact import scenes
 from validation.tables import write_between
 
 RUNS = {1e-3: 2000, 10e-3: 400, 100e-3: 60}  # of functions that last so long [s]
-IMPACTS, TURNS = 500, 2
 HERE = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "threads_per_worker": 1}
-LIMITS = {"loop": 0.2e-3, "workers": 0.5e-3, "second_worker": 1.7}
+LIMITS = {"loop": 0.2e-3, "workers": 0.5e-3}
 PAGE = Path(__file__).resolve().parents[2] / "examples" / "site" / "many-runs.md"
 
 
@@ -78,32 +70,6 @@ def costs(client):
     return found
 
 
-def block():
-    """A block of aluminium that yields beneath its lower face."""
-    soft = ep.Material(E=70e9, nu=0.33, rho=2700.0, yield_stress=100e6, hardening=500e6)
-    shape, fine = occ.Box(occ.Pnt(-5e-3, -5e-3, 0), occ.Pnt(5e-3, 5e-3, 8e-3)), ep.Refine((0, 0, 0), 0.5e-3, 0.25e-3)
-    fem = ep.fe_model(shape, soft, maxh=4e-3, refine=[fine], grading=0.6)
-    part = ep.Partition.ball(fem, (0, 0, 0), 0.6e-3, direction=(0, 0, -1), plastic_radius=0.9e-3)
-    return ep.reduce(fem, part, f_cut=100e3)
-
-
-def impact(body, speed):
-    """Restitution of an impact on a rigid ball, and the processor time that it took [s]."""
-    begin = time.thread_time()
-    found = ep.restitution_map((body, ep.RigidSphere((0, 0, -5e-3), 5e-3)), speed=speed)
-    return {"restitution": found["restitution"].item(), "processor_s": time.thread_time() - begin}
-
-
-def measured(function, speeds, client, n):
-    """Wall time of a map by a cluster of n workers [s], processor time of an impact [s], and share of time in runs."""
-    begin = time.perf_counter()
-    found = ep.study(function, {"speed": speeds}, workers=client, stop=True)
-    wall = time.perf_counter() - begin
-    busy = float(found.info["wall_s"].sum()) / (n * wall)
-    told = {"wall_s": wall, "processor_s": float(np.mean(found["processor_s"])), "busy": busy}
-    return told | {"worth": n * busy / told["processor_s"]}, found["restitution"]
-
-
 def table(found):
     """Costs for the page."""
     ways = [*next(iter(found.values()))]
@@ -114,39 +80,17 @@ def table(found):
 
 
 def main():
-    console, body = Console(), block()
-    function, speeds = functools.partial(impact, body), np.linspace(0.1, 0.5, IMPACTS // TURNS).tolist()
-    with LocalCluster(n_workers=1, **HERE) as small, LocalCluster(n_workers=2, **HERE) as large:
-        with Client(small) as one, Client(large) as two:
-            for client in (one, two):
-                ep.study(function, {"speed": speeds[:8]}, workers=client, chunk=1)  # each worker loads and compiles
-            rows = []
-            for _ in range(TURNS):
-                (alone, first), (both, second) = (measured(function, speeds, c, n) for c, n in ((one, 1), (two, 2)))
-                rows.append({"one": alone, "two": both, "worth": both["worth"] / alone["worth"],
-                             "wall": alone["wall_s"] / both["wall_s"]})  # fmt: skip
-                assert np.array_equal(first, second)
-                console.print(rows[-1])
-            found = costs(two)
+    with LocalCluster(n_workers=2, **HERE) as cluster, Client(cluster) as client:
+        found = costs(client)
     chosen = found["1 ms"]
     result = {
-        "found": {
-            "loop": chosen["loop"],
-            "workers": max(chosen["two processes"], chosen["Dask, two workers"]),
-            "second_worker": float(np.mean([row["worth"] for row in rows])),
-        },
+        "found": {"loop": chosen["loop"], "workers": max(chosen["two processes"], chosen["Dask, two workers"])},
         "costs_s": found,
-        "impacts": IMPACTS,
-        "turns": rows,
-        "wall": float(np.mean([row["wall"] for row in rows])),
         "load": os.getloadavg(),
         "limits": LIMITS,
     }
-    console.print(result)
-    failed = [f"{name} {result['found'][name]:.3g} s" for name in ("loop", "workers")
-              if result["found"][name] > LIMITS[name]]  # fmt: skip
-    if result["found"]["second_worker"] < LIMITS["second_worker"]:
-        failed.append(f"second worker {result['found']['second_worker']:.3g}")
+    Console().print(result)
+    failed = [f"{name} {result['found'][name]:.3g} s" for name in LIMITS if result["found"][name] > LIMITS[name]]
     write_between(PAGE, "benchmarks/study.py", table(found))
     scenes.finish(__file__, result, failed)
 

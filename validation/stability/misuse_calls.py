@@ -164,7 +164,7 @@ ARGUMENTS = {
     "cache": v.path_out.but("folder", "no folder", "/proc", "pipe", "400 characters", "device")(False),
     # The rest
     **each("showMarkers verbose superElement bodyFixed hollow inside correct load_factor", v.flag),
-    **each("update_initial slipping", v.flag),
+    **each("update_initial slipping signs", v.flag),
     **each("go_on adaptive static_answer geometric_stiffness skin", v.flag),
     **each("progress loadUserFunction loadVectorUserFunction", v.function),
     "refine": Kind({"text": "x", "number": 1, "tuples": [((0, 0, 0), 1, 1)], "Nones": [None]}, ()),
@@ -540,6 +540,7 @@ CALLS = {
     "PartitionBody.dissipated_energy": {},
     "PartitionBody.displacement": dict(point=v.inside, fem=v.of_body.or_none),
     "PartitionBody.velocity": dict(point=v.inside, fem=v.of_body.or_none),
+    "PartitionBody.velocity_rows": dict(point=v.inside),
     "PartitionBody.recover": dict(fem=v.of_body.or_none),
     "PartitionBody.stress": dict(fem=v.of_body),
     "PartitionBody.rigid_motion": {},
@@ -617,6 +618,7 @@ CALLS = {
         ),
         step=v.positive.or_none.but(unstable=1.0, **{"1e-30": 1e-30})(STEP),
         histories=Kind({"text": "force", "number": 1, "unknown": ["x"], "numbers": [1], "None": None}, ()),
+        file=Kind({"number": 1, "list": [], "no folder": "nowhere/x.jsonl"}, None),
         workers=v.count,
     ),
     "sensitivity": dict(
@@ -633,6 +635,22 @@ CALLS = {
             Made(lambda s: s.striker),
         ),
         direction=v.vector((0.0, 0.0, 1.0)),
+        point=Kind({"text": "x", "two": (0, 0), "far": (9.0, 9.0, 9.0), "nan": (0, 0, v.nan)}, None),
+        rows=Kind(
+            {"text": "x", "of a velocity": Made(lambda s: sp.csr_matrix((1, 3 * len(s.striker.body.points))))}, None
+        ),
+        times=Kind({"text": "x", "a number": 0.0, "late": [1.0], "negative": [-1e-9], "nan": [v.nan]}, [0.0, STEP]),
+        weights=Kind({"text": "x", "a row": [1.0, 1.0], "short": [[1.0]], "nan": [[v.nan, 0.0]]}, [[1.0, 1.0]]),
+        values=Kind(
+            {
+                "text": "x",
+                "numbers": Made(lambda s: {s.striker: 1.0}),
+                "foreign": Made(lambda s: {s.foreign.item: {"damping": 0.0}}),
+                "unknown": Made(lambda s: {s.striker: {"speed": 1.0}}),
+                "negative": Made(lambda s: {s.striker: {"damping": -0.1}}),
+            },
+            None,
+        ),
         step=v.positive.or_none.but(unstable=1.0, **{"1e-30": 1e-30})(STEP),
     ),
     "time_to_contact": dict(contact=v.contact, q=MOTION_OF_BOTH, q_t=MOTION_OF_BOTH, q_tt=v.motion.or_none),

@@ -1,0 +1,79 @@
+"""Entries of `run_many` in the file of a study: a line for each, from which an interrupted call goes on."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..compiled.plan import StepPlan
+from ..compiled.run import Start
+from ..exudyn_bodies.partition_body import PartitionBody
+from ..support.archive import digest
+from ..support.foreign import JSON
+from .points import Parameters, key_of
+from .run_records import Record, RecordFile
+from .varied_model import VariedModel
+
+
+class EntryFile:
+    """A file that grows by an entry a line, see `RecordFile`.
+
+    Parameters
+    ----------
+    path : Path
+    model : VariedModel
+    end_time : float
+        [s]
+    """
+
+    def __init__(self, path: Path, model: VariedModel, end_time: float) -> None:
+        self._model = model
+        self._names = _names_of([*model.places])
+        fixed = {"model": _digest(*model.entries.model), "end_time": end_time, "step": model.times.step}
+        self._file = RecordFile(path, {"function": "exudyn_partition.run_many", "fixed": fixed})
+        self._lock = threading.Lock()
+
+    def known(self) -> dict[int, JSON]:
+        """Values of entries that the file holds; asked for once, before others are added."""
+        held, self._file.known = self._file.known, {}  # what is not of these entries takes memory for nothing
+        keys = (key_of(self._parameters(entry)) for entry in range(self._model.variations.count))
+        return {entry: held[key]["values"] for entry, key in enumerate(keys) if "values" in held.get(key, {})}
+
+    def add(self, entry: int, outcome: Record, wall_s: float) -> None:
+        """Write an entry: {"values": ...}, or its failure."""
+        record = {"parameters": self._parameters(entry), **outcome, "warnings": [], "wall_s": wall_s}
+        with self._lock:
+            self._file.add([record])
+
+    def close(self) -> None:
+        """Let others write into it."""
+        self._file.close()
+
+    def _parameters(self, entry: int) -> Parameters:
+        """What varies, by "body.name"."""
+        return {
+            f"{self._names[item]}.{name}": np.asarray(values[entry]).tolist()
+            for item, of_body in self._model.variations.values.items()
+            for name, values in of_body.items()
+        }
+
+
+def _names_of(bodies: Sequence[PartitionBody]) -> dict[PartitionBody, str]:
+    """Names of bodies; those that have none of their own are told by their place."""
+    counts = Counter(item.name for item in bodies)
+    return {
+        item: item.name if item.name and counts[item.name] == 1 else f"body {place}"
+        for place, item in enumerate(bodies)
+    }
+
+
+def _digest(plan: StepPlan, start: Start) -> str:
+    """Digest of a model as it is."""
+    contacts = plan.contacts
+    blocks = [*contacts.own, *contacts.fields, *contacts.core.values(), start.q, start.v]
+    whole = np.concatenate([np.ravel(part) for part in (*plan.bodies, *contacts.rows, *blocks)])
+    return digest({"numbers": whole, "contacts": contacts.names})

@@ -1,0 +1,114 @@
+"""Numbers that follow from a compiled run, and their derivatives by its steps, for `sensitivity`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..compiled.adjoint import OneNumber, Sums, Weights, row_jacobian
+from ..compiled.plan import Bodies, StepPlan
+from ..compiled.run import EqualSteps, Histories
+from ..errors import InputError
+from ..results.impacts import closed_spans
+from ..support.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Number:
+    """Numbers that follow from a run.
+
+    Parameters
+    ----------
+    values : (k,) array
+    weights : Weights
+    explicit : Bodies or None
+        Derivatives of one number by the bodies, beside those by the motion, (nq,) each.
+    """
+
+    values: Array
+    weights: Weights
+    explicit: Bodies | None = None
+
+
+def number_of_contact(of: str, j: int, plan: StepPlan, steps: EqualSteps, made: Histories) -> Number:
+    """Number of contact j.
+
+    Raises
+    ------
+    InputError
+        If it never closes, or its duration is not known.
+    """
+    assert made.lam is not None
+    force, h, (n, nq) = made.values[:, j, 0], steps.step, made.q.shape
+    rows, nothing = slice(*plan.contacts.rows.starts[j : j + 2]), np.zeros((n, nq))
+    if not force.any():
+        raise InputError(f"at: contact {plan.contacts.names[j]!r} never closes in this run")
+    on_samples = np.zeros(n)
+    if of == "peak_force":
+        on_samples[force.argmax()] = 1.0
+    elif of == "impulse":
+        on_samples[:] = h
+        on_samples[[0, -1]] = 0.5 * h
+    else:
+        value, by_q = _duration(j, plan, steps, made)
+        return Number(np.array([value]), OneNumber(sp.csr_matrix(made.lam.shape), by_q, np.zeros(nq)))
+    closed = made.lam.copy()
+    there = (closed.indices >= rows.start) & (closed.indices < rows.stop)
+    closed.data = np.repeat(on_samples, np.diff(closed.indptr)) * there
+    return Number(np.array([on_samples @ force]), OneNumber(closed, nothing, np.zeros(nq)))
+
+
+def _duration(j: int, plan: StepPlan, steps: EqualSteps, made: Histories) -> tuple[float, Array]:
+    """Time in contact [s], and its derivatives by the coordinates of all samples, (n, nq)."""
+    if plan.contacts.core:
+        raise InputError("of: 'duration' is not known where contacts move each other; take another number")
+    rows, (n, nq) = slice(*plan.contacts.rows.starts[j : j + 2]), made.q.shape
+    H, by_q, total = row_jacobian(plan.contacts, nq)[rows], np.zeros((n, nq)), 0.0
+
+    def crossing(inside: int, outside: int, sign: float) -> float:
+        if not 0 <= outside < n:
+            return sign * inside * steps.step
+        gaps = [plan.contacts.rows.start[rows] + H @ made.q[s] for s in (inside, outside)]
+        row_in, row_out = (int(gap.argmin()) for gap in gaps)
+        g_in, g_out = float(gaps[0][row_in]), float(gaps[1][row_out])
+        way, slope = (outside - inside) * steps.step, (g_in - g_out) ** 2
+        by_q[inside] -= sign * way * g_out / slope * H[row_in]
+        by_q[outside] += sign * way * g_in / slope * H[row_out]
+        return sign * (inside * steps.step + way * g_in / (g_in - g_out))
+
+    for first, last in closed_spans(made.values[:, j, 0]):
+        total += crossing(last, last + 1, 1.0) + crossing(first, first - 1, -1.0)
+    return total, by_q
+
+
+def energy_of_body(dofs: Array, plan: StepPlan, made: Histories) -> Number:
+    """Kinetic and strain energy at the end of a body with these coordinates [J]."""
+    assert made.lam is not None
+    (n, nq), q, v = made.q.shape, made.q[-1], made.v[-1]
+    by_q, by_v, mass, stiffness = np.zeros((n, nq)), *np.zeros((3, nq))
+    mass[dofs], stiffness[dofs] = 0.5 * v[dofs] ** 2, 0.5 * q[dofs] ** 2
+    by_v[dofs], by_q[-1, dofs] = (plan.bodies.mass * v)[dofs], (plan.bodies.stiffness * q)[dofs]
+    value = float(plan.bodies.mass @ mass + plan.bodies.stiffness @ stiffness)
+    weights = OneNumber(sp.csr_matrix(made.lam.shape), by_q, by_v)
+    return Number(np.array([value]), weights, Bodies(mass, stiffness, np.zeros(nq), np.zeros(nq)))
+
+
+def sums_of_history(by_q: Array, by_v: Array, samples: Array, made: Histories) -> Number:
+    """Sums over samples, (n, k), of a value that is linear in coordinates and velocities, (nq,)."""
+    assert made.lam is not None
+    history = made.q @ by_q + made.v @ by_v
+    return Number(samples.T @ history, Sums(sp.csr_matrix(made.lam.shape), samples, by_q, by_v))
+
+
+def at_times(times: Array, weights: Array | None, n: int, step: float) -> Array:
+    """Weights of n samples, (n, k), in values at times, (k,) [s], or in sums of them, weights (k, m).
+
+    Between two samples a value goes along a line.
+    """
+    first = np.minimum((times / step).astype(int), n - 2)
+    share, number = times / step - first, np.arange(len(times))
+    places = np.r_[number, number], np.r_[first, first + 1]
+    lines = sp.csr_matrix((np.r_[1.0 - share, share], places), (len(times), n))
+    return np.asarray((lines.toarray() if weights is None else weights @ lines).T)
