@@ -25,10 +25,11 @@ from .coupled_friction import CoupledFriction, SharedFriction
 from .coupled_zones import CoupledZones
 from .explicit_multipliers import Multipliers
 from .formulation import Formulation, Links, SharedBody, Together
+from .hertz import HertzPoint
 from .penalty import PenaltyLayer, bed_stiffness, inertial_stiffness
 from .separate import Separate
 
-FormulationName = Literal["compliance", "lagrange", "penalty"]
+FormulationName = Literal["compliance", "lagrange", "penalty", "hertz"]
 NAMES: tuple[FormulationName, ...] = get_args(FormulationName)
 
 _COUPLED = 1e-4  # residual flexibility between two patches, relative to their own; below it, contacts are not coupled
@@ -151,6 +152,24 @@ class Penalty(Formulation):
         return inertial_stiffness(gaps, inverse_mass, max(map(_highest_frequency, gaps.bodies)))
 
 
+class Hertz(Formulation):
+    """Contact at a point that the mesh does not resolve, see `hertz.HertzPoint`."""
+
+    rows = "spot"
+
+    def check(self, bodies: Sequence[ReducedBody]) -> None:
+        """See `Formulation`."""
+        if any(body.basis.flexibility is None for body in bodies):
+            raise InputError(
+                f"formulation: 'hertz' needs the residual flexibility of each body, and of the bases {_names(bodies)} "
+                "not all have one; take basis='contact-adapted' or 'residual'"
+            )
+
+    def law(self, rows: RowDirections) -> HertzPoint:
+        """See `Formulation`."""
+        return HertzPoint(rows)
+
+
 def formulation_of(choice: FormulationName | Formulation, stiffness: float | None = None) -> Formulation:
     """Return the formulation with the name `choice`, or `choice` itself if it is a formulation.
 
@@ -176,7 +195,9 @@ def formulation_of(choice: FormulationName | Formulation, stiffness: float | Non
         if not isinstance(made, Formulation):
             raise InputError(f"formulation: expected a Formulation by the name {choice!r}, got {type(made).__name__}")
         return made
-    return Penalty(stiffness) if choice == "penalty" else Compliance() if choice == "compliance" else Lagrange()
+    if choice == "penalty":
+        return Penalty(stiffness)
+    return {"compliance": Compliance, "lagrange": Lagrange, "hertz": Hertz}[choice]()
 
 
 def _flows(contact: PatchContact) -> bool:
