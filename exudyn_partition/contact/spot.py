@@ -40,6 +40,8 @@ class Spot:
         In the body's axes, from its centre of mass.
     radius : float
         Of the kernel, s [m].
+    size : float
+        Mean length of the facets' edges there, h [m].
     lacking : (2,) array
         Flexibility to be added to that of the patch's nodes under the kernel, along the normal and across it [m/N]:
         what facets miss and what a thin wall bends, less the half-space's under the kernel.
@@ -49,6 +51,7 @@ class Spot:
 
     kernel: Kernel
     radius: float
+    size: float
     lacking: Array
     whole: bool
 
@@ -127,11 +130,11 @@ class SpotMaker:
             lacking += (narrow - self._static(wide) + NORMAL / (2 * modulus * radius) - self._missed(2 * radius, h)) / 3
         nu = self.material.nu
         across = (2 - nu) / (2 * (1 - nu)) * (missed - NORMAL / (modulus * radius))
-        return Spot(kernel, radius, np.array([lacking, across]), whole)
+        return Spot(kernel, radius, h, np.array([lacking, across]), whole)
 
     def check(self, spot: Spot) -> None:
         """Raise InputError if a spot at the start cannot be computed."""
-        needed, size = self.narrowest(spot), self._side.surface.facet_size
+        needed = _NARROWEST[self._order] * spot.size
         if not spot.whole:
             raise InputError(
                 f"{self._role}: formulation 'hertz' spreads the force over {spot.radius:.3g} m around the contact, and "
@@ -142,14 +145,9 @@ class SpotMaker:
         if spot.radius < needed:
             raise InputError(
                 f"{self._role}: the wall at the contact is {spot.radius / _THIN:.3g} m thick, and formulation 'hertz' "
-                f"needs elements of at most {spot.radius / needed * size:.3g} m there, got {size:.3g} m. Refine the "
+                f"needs elements of at most {spot.radius / _NARROWEST[self._order]:.3g} m there, got {spot.size:.3g} m. Refine the "
                 "mesh at the contact"
             )
-
-    def narrowest(self, spot: Spot) -> float:
-        """Least radius of a kernel with the facets at a spot [m]."""
-        distance = np.linalg.norm(self._middles - spot.kernel.centre, axis=1)
-        return _NARROWEST[self._order] * float(self._edges[distance.argmin()])
 
     def _missed(self, radius: float, h: float) -> float:
         """Flexibility under a kernel that facets of size h miss [m/N]: their elements are stiffer than the body."""

@@ -112,6 +112,17 @@ class SpotStage(Stage):
     meeting: Meeting
 
 
+class FrozenSpot(Frozen):
+    """The same, while the point of contact stays where it is on both sides.
+
+    Attributes
+    ----------
+    meeting : Meeting
+    """
+
+    meeting: Meeting
+
+
 class SpotGaps(Gaps):
     """Gap of the true surfaces of one or two patches, at the point where they are nearest.
 
@@ -130,6 +141,8 @@ class SpotGaps(Gaps):
     ----------
     contact : PointContact
         Hertz's contact of the two surfaces.
+    shear : float
+        G* of both bodies [Pa]: 4 / G* is the sum of their (2 - nu) / G.
 
     Raises
     ------
@@ -168,6 +181,7 @@ class SpotGaps(Gaps):
                 "patch of one body, or take formulation='compliance' with facets that resolve the contact"
             )
         self.contact = PointContact(self._relative_curvatures(), self._modulus())
+        self.shear = 4 / sum((2 - maker.material.nu) / maker.material.shear_modulus for maker in self._makers)
         self._prepare(sides)
 
     def _relative_curvatures(self) -> tuple[float, float]:
@@ -236,8 +250,8 @@ class SpotGaps(Gaps):
         self.stage = stage
         H = self.rows_on_coordinates(stage, self._start_q)
         no_drift = np.zeros((0, self.n)), np.zeros(0)
-        frozen = Frozen(stage.rows, stage.normals, stage.shares, LinearGaps(H, gap, *no_drift, 0.0))
-        frozen.meeting = stage.meeting  # type: ignore[attr-defined]
+        frozen = FrozenSpot(stage.rows, stage.normals, stage.shares, LinearGaps(H, gap, *no_drift, 0.0))
+        frozen.meeting = stage.meeting
         return frozen
 
     # The true surfaces.
@@ -339,6 +353,17 @@ class SpotGaps(Gaps):
         )
 
     @property
+    def meeting(self) -> Meeting:
+        """Where the surfaces are nearest now."""
+        stage = self.stage
+        assert isinstance(stage, SpotStage | FrozenSpot)
+        return stage.meeting
+
+    def body_points(self, place: int) -> Array:
+        """Nodes of one side's patch in the body's axes, from its centre of mass, undeformed, (np, 3) [m]."""
+        return self._makers[place].points
+
+    @property
     def spot_rows(self) -> SpotRows:
         """The present row with its spots."""
         rows = self.stage.rows
@@ -419,8 +444,7 @@ class SpotGaps(Gaps):
 
     def stance(self) -> Array:
         """See `Gaps.stance`: the point of contact on each side."""
-        meeting: Meeting = self.stage.meeting  # type: ignore[attr-defined]
-        return np.concatenate(meeting.points) / self.size
+        return np.concatenate(self.meeting.points) / self.size
 
     def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""

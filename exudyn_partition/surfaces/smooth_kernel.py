@@ -6,7 +6,7 @@ Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -48,10 +48,15 @@ class Kernel:
     normal: Array
     coverage: float
 
+    @cached_property
+    def slopes(self) -> Array:
+        """(k, 3) array: for each node, its share in the slope of a field on the patch around the centre [1/m]."""
+        return np.asarray(self.weights[:, None] * (self.arms - self.weights @ self.arms) @ self.inverse)
+
     def around(self, point: Array) -> Array:
         """Weights, (k,), whose mean place is a point beside the centre, (3,) [m], but for its height."""
         way = point - self.centre - self.weights @ self.arms
-        return np.asarray(self.weights * (1 + (self.arms - self.weights @ self.arms) @ (self.inverse @ way)))
+        return np.asarray(self.weights + self.slopes @ way)
 
 
 def kernel_around(points: Array, facets: Array, centre: Array, normal: Array, radius: float) -> Kernel:

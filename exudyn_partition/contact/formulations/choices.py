@@ -19,6 +19,7 @@ from ...support.plugins import added_choice
 from ..gaps import Gaps
 from ..law import Law, RowDirections
 from ..patch_contact import PatchContact
+from ..spot_gaps import SpotGaps
 from .compliance import compliance
 from .coupled import CoupledContacts, SharedPatches
 from .coupled_friction import CoupledFriction, SharedFriction
@@ -26,6 +27,7 @@ from .coupled_zones import CoupledZones
 from .explicit_multipliers import Multipliers
 from .formulation import Formulation, Links, SharedBody, Together
 from .hertz import HertzPoint
+from .hertz_friction import HertzFriction
 from .penalty import PenaltyLayer, bed_stiffness, inertial_stiffness
 from .separate import Separate
 
@@ -153,9 +155,10 @@ class Penalty(Formulation):
 
 
 class Hertz(Formulation):
-    """Contact at a point that the mesh does not resolve, see `hertz.HertzPoint`."""
+    """Contact at a point that the mesh does not resolve, see `hertz.HertzPoint` and `hertz_friction.HertzFriction`."""
 
     rows = "spot"
+    friction = True
 
     def check(self, bodies: Sequence[ReducedBody]) -> None:
         """See `Formulation`."""
@@ -165,9 +168,17 @@ class Hertz(Formulation):
                 "not all have one; take basis='contact-adapted' or 'residual'"
             )
 
-    def law(self, rows: RowDirections) -> HertzPoint:
+    def law(self, rows: RowDirections) -> Law:
         """See `Formulation`."""
-        return HertzPoint(rows)
+        assert isinstance(rows.gaps, SpotGaps)
+        if rows.d == 1:
+            return HertzPoint(rows)
+        if not rows.gaps.contact.circular:
+            raise InputError(
+                "friction: formulation 'hertz' has it in circular contacts, of balls on planes and balls; this one is "
+                "elliptic. Leave friction out, or take formulation='compliance' with facets that resolve the contact"
+            )
+        return HertzFriction(rows)
 
 
 def formulation_of(choice: FormulationName | Formulation, stiffness: float | None = None) -> Formulation:

@@ -15,7 +15,7 @@ from ...support.arrays import Array
 from ..law import Forces, Law, Places, RowDirections
 from ..spot_gaps import SpotGaps
 
-_WIDEST = 0.2  # radius of contact by the effective radius of the surfaces, up to which the law is Hertz's
+WIDEST = 0.2  # radius of contact by the effective radius of the surfaces, up to which the law is Hertz's
 _STIFFEST = 0.25  # share of Hertz's own compliance there, that is left at least beside that of the bodies
 _SETTLED, _MOST = 1e-14, 100  # relative change of the last step of Newton's method, and most steps
 
@@ -32,7 +32,7 @@ class HertzCurve:
 
     def __init__(self, series: float, contact: PointContact) -> None:
         self.f, self.k = series, contact.yielding
-        self.largest = contact.force(_WIDEST * contact.radius)
+        self.largest = contact.force(WIDEST * contact.radius)
         own = 2 / 3 * self.k / self.largest ** (1 / 3)
         if series < (_STIFFEST - 1) * own:  # else the bodies would be stiffer than rigid ones
             self.largest *= (own * (1 - _STIFFEST) / -series) ** 3
