@@ -30,6 +30,7 @@ _SPRINGS = 24
 _INNERMOST = 1 / 30  # of the largest radius of contact: where the first spring ends
 _MOST, _SETTLED = 60, 1e-13  # steps of Newton's method, and relative change of the last one
 _SLIPS = 1 - 1e-9  # share of the largest tangential force with which all springs slip
+_PASSES = 3  # by which normal and tangential forces settle with each other: each leaves a ten-thousandth
 _ONE = np.zeros(1, dtype=np.int64)
 
 
@@ -104,7 +105,7 @@ class HertzFriction(Law):
 
     The tangential way of the kernels, less what the tangential flexibility of the bodies yields, stretches springs.
     From the flexibility under the kernels a half-space's is taken away, (2 - nu) / (2 (1 - nu)) times that along the
-    normal. Normal and tangential forces do not move each other's directions.
+    normal. Normal forces do not move the springs themselves, as in bodies of the same material.
 
     Parameters
     ----------
@@ -117,64 +118,73 @@ class HertzFriction(Law):
         assert isinstance(rows.gaps, SpotGaps)
         self.rows, self.gaps, contact = rows, rows.gaps, rows.gaps.contact
         self.springs = Springs(contact.radius, contact.modulus, rows.gaps.shear)
-        self._known: tuple[Array, HertzCurve] | None = None
+        self._known: tuple[Array, HertzCurve, Array] | None = None
 
     def fresh(self, rows: RowDirections) -> Law:
         """See `Law`."""
         return HertzFriction(rows)
 
     def _series(self) -> tuple[HertzCurve, Array]:
-        """Force by approach, and tangential flexibility, (2, 2) [m/N], at the present spots."""
+        """Force by approach, and flexibility in three directions without that of the point, (3, 3) [m/N]."""
         F, lacking = self.rows.flexibility(_ONE), self.gaps.spot_rows.lacking
         if self._known is None or self._known[0] is not F:
-            self._known = F, HertzCurve(float(F[0, 0]) + lacking[0], self.gaps.contact)
-        return self._known[1], F[1:, 1:] + lacking[1] * np.eye(2)
+            series = F + np.diag([lacking[0], lacking[1], lacking[1]])
+            self._known = F, HertzCurve(float(series[0, 0]), self.gaps.contact), series
+        return self._known[1:]
 
     def answer(self, places: Places) -> Forces:
         """See `Law`."""
-        if places.gap[0] >= 0.0:
-            none = np.zeros((1, 2))
-            return Forces(
-                np.zeros((1, 3)), _ONE[:0], np.array([OPEN], dtype=np.int8), none, memory=np.zeros((1, self.memory)),
-                stored=0.0, stiffness=lambda: np.zeros((0, 0)),
-            )  # fmt: skip
         curve, F = self._series()
-        P, mu, last, springs = curve.force(-float(places.gap[0])), float(places.mu[0]), places.last[0], self.springs
-        reach, before = springs.reach(P), springs.reach(last[0])
-        k, k_before = springs.stiffness(reach), springs.stiffness(before)
-        elongations = _turned(places.memory[0].reshape(-1, 2), k_before, last[1:])
-        # Where the contact grows, new parts of springs have no elongation.
-        kept = elongations * np.divide(np.minimum(k_before, k), k, out=np.zeros(len(k)), where=k > 0)[:, None]
-        held = self._stretched(kept, k, mu * springs.normal(reach), F, places.way[0], last[1:])
-        T = -held.force
-        stored = 0.5 * T @ F @ T + 0.5 * k @ (held.elongations**2).sum(axis=1)
-        stored_before = 0.5 * last[1:] @ F @ last[1:] + 0.5 * k_before @ (elongations**2).sum(axis=1)
-        mean = (T + last[1:]) / 2
-        taken = -mean @ places.way[0] - (stored - stored_before)
-        size = mean @ mean
-        slips = -taken * mean / size if size > 0 else np.zeros(2)
+        gap, mu, last = float(places.gap[0]), float(places.mu[0]), places.last[0]
+        before = self.springs.stiffness(self.springs.reach(last[0]))
+        elongations = _turned(places.memory[0].reshape(-1, 2), before, last[1:])
+        T = last[1:]
+        for _ in range(_PASSES):
+            approach = -gap - float(F[0, 1:] @ T)
+            if approach <= 0.0:
+                return self._opened()
+            P = curve.force(approach)
+            reach = self.springs.reach(P)
+            k, bounds = self.springs.stiffness(reach), mu * self.springs.normal(reach)
+            # Where the contact grows, new parts of springs have no elongation.
+            kept = elongations * np.divide(np.minimum(before, k), k, out=np.zeros(len(k)), where=k > 0)[:, None]
+            way = places.way[0] + F[1:, 0] * (P - last[0])
+            stretch, held = self._stretched(kept, k, bounds, F[1:, 1:], way, last[1:])
+            T = -held.force
+        lost, mean = before @ (elongations**2).sum(axis=1) - k @ (held.elongations**2).sum(axis=1), (T + last[1:]) / 2
+        taken, size = 0.5 * lost - mean @ stretch, mean @ mean
         status = SLIP if np.linalg.norm(T) >= _SLIPS * mu * P else STICK
-
-        def stiffness() -> Array:
-            K, normal = np.zeros((3, 3)), curve.stiffness(P)
-            eased = np.linalg.inv(np.eye(2) + held.stiffness @ F)
-            K[0, 0], K[1:, 1:] = normal, eased @ held.stiffness
-            direction = held.elongations / np.maximum(np.linalg.norm(held.elongations, axis=1), 1e-300)[:, None]
-            K[1:, 0] = -mu * normal * eased @ ((held.slipping * springs.normal_slope(reach)) @ direction)
-            return K
-
+        across = 0.5 * (T @ F[1:, 1:] @ T + k @ (held.elongations**2).sum(axis=1)) + P * (F[0, 1:] @ T)
         return Forces(
             np.array([[P, *T]]),
             _ONE,
             np.array([status], dtype=np.int8),
-            slips[None],
+            -taken * mean[None] / size if size > 0 else np.zeros((1, 2)),
             memory=held.elongations.reshape(1, -1),
-            stored=curve.stored(P) + float(stored),
-            stiffness=stiffness,
+            stored=curve.stored(P) + float(across),
+            stiffness=lambda: self._stiffness(curve.stiffness(P), mu * self.springs.normal_slope(reach), held, F),
         )
 
-    def _stretched(self, elongations: Array, k: Array, bounds: Array, F: Array, way: Array, last: Array) -> Held:
-        """Springs after a way of the kernels, (2,) [m], with forces on the slave before it, (2,) [N]."""
+    def _opened(self) -> Forces:
+        """Answer without contact."""
+        none = np.zeros((1, 3))
+        return Forces(
+            none, _ONE[:0], np.array([OPEN], dtype=np.int8), none[:, 1:], memory=np.zeros((1, self.memory)), stored=0.0
+        )
+
+    @staticmethod
+    def _stiffness(normal: float, bounds: Array, held: Held, F: Array) -> Array:
+        """See `Forces`, (3, 3) [N/m]; `bounds` are derivatives of the springs' largest forces by the normal force."""
+        K, eased = np.zeros((3, 3)), np.linalg.inv(np.eye(2) + held.stiffness @ F[1:, 1:])
+        K[0, 0], K[1:, 1:] = normal, eased @ held.stiffness
+        direction = held.elongations / np.maximum(np.linalg.norm(held.elongations, axis=1), 1e-300)[:, None]
+        K[1:, 0] = -normal * eased @ ((held.slipping * bounds) @ direction - held.stiffness @ F[1:, 0])
+        return K
+
+    def _stretched(
+        self, elongations: Array, k: Array, bounds: Array, F: Array, way: Array, last: Array
+    ) -> tuple[Array, Held]:
+        """How far springs are stretched by a way of the kernels, (2,) [m], with forces before of `last`, (2,) [N]."""
         stretch = way.copy()
         held = self.springs.held(elongations + stretch, k, bounds)
         scale = float(np.abs(elongations).max(initial=0.0) + np.abs(way).max()) or 1.0
@@ -185,7 +195,7 @@ class HertzFriction(Law):
             held = self.springs.held(elongations + stretch, k, bounds)
             if np.abs(step).max() <= _SETTLED * scale:
                 break
-        return held
+        return stretch, held
 
     def closed_stiffness(self, rows: RowDirections) -> Array:
         """See `Law`; that at the largest contact for which the law is Hertz's."""
@@ -193,8 +203,8 @@ class HertzFriction(Law):
         curve, F = self._series()
         k = float(self.springs.stiffness(self.springs.reach(curve.largest)).sum()) * np.eye(2)
         K = np.zeros((3, 3))
-        K[0, 0], K[1:, 1:] = curve.stiffest, np.linalg.inv(np.eye(2) + k @ F) @ k
-        return np.asarray(H.T @ (K + K.T) / 2 @ H)
+        K[0, 0], K[1:, 1:] = curve.stiffest, np.linalg.inv(np.eye(2) + k @ F[1:, 1:]) @ k
+        return np.asarray(H.T @ ((K + K.T) / 2) @ H)
 
     def semi_axes(self, force: float) -> tuple[float, float]:
         """See `Law`."""
