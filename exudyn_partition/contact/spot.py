@@ -145,8 +145,8 @@ class SpotMaker:
         if spot.radius < needed:
             raise InputError(
                 f"{self._role}: the wall at the contact is {spot.radius / _THIN:.3g} m thick, and formulation 'hertz' "
-                f"needs elements of at most {spot.radius / _NARROWEST[self._order]:.3g} m there, got {spot.size:.3g} m. Refine the "
-                "mesh at the contact"
+                f"needs elements of at most {spot.radius / _NARROWEST[self._order]:.3g} m there, got {spot.size:.3g} "
+                "m. Refine the mesh at the contact"
             )
 
     def _missed(self, radius: float, h: float) -> float:

@@ -1,8 +1,8 @@
 """Tangential directions of a contact at a point, whose forces act on the true surfaces.
 
-The mean place of a kernel lies beneath a curved surface, by s^2 / (5 R). A tangential force there would turn a ball less
-than one at its surface. So each side's kernel also carries the couple of that lever, as normal forces, and the
-sliding of the kernel includes its turning times the lever.
+The mean place of a kernel lies beneath a curved surface, by s^2 / (5 R). A tangential force there would turn a
+ball less than one at its surface. So each side's kernel also carries the couple of that lever, as normal forces, and
+the sliding of the kernel includes its turning times the lever.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class SpotDirections(TangentialRows):
         rows = super()._rows_on_coordinates(index)
         if index is not None and not len(index):
             return rows
-        return dense(rows) + _TURN @ dense(self._turning())
+        return np.asarray(dense(rows) + _TURN @ dense(self._turning()))
 
     def _turning(self) -> Rows:
         """Part of the tangential rows that is the turning of the kernels times their levers, (2, n)."""
@@ -70,7 +70,7 @@ class SpotDirections(TangentialRows):
         way, gaps = super().way(), self.gaps
         if self._from is None or not gaps.moving:
             return way
-        return way + dense(self._turning()) @ gaps.way(self._from, gaps.q)
+        return np.asarray(way + dense(self._turning()) @ gaps.way(self._from, gaps.q))
 
     def _some_side_rows(self, place: int, index: Array) -> tuple[LoadedNodes, Array]:
         """See `TangentialRows`."""

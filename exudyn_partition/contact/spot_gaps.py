@@ -1,8 +1,8 @@
 """The gap of a contact at one point that the mesh does not resolve, between the true surfaces of both sides.
 
-One of both surfaces is a ball. The other one is a plane, a ball, a cylinder or a bore, of a body or rigid. The row of the
-contact is the mean over a kernel on each side (`surfaces.smooth_kernel`). It wanders over the patches with the point of
-contact: near its place it is tilted, further away it is made anew.
+One of both surfaces is a ball. The other one is a plane, a ball, a cylinder or a bore, of a body or rigid. The row of
+the contact is the mean over a kernel on each side (`surfaces.smooth_kernel`). It wanders over the patches with the
+point of contact: near its place it is tilted, further away it is made anew.
 
 Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 """
@@ -225,19 +225,26 @@ class SpotGaps(Gaps):
         for maker, spot, side in zip(self._makers, rows.spots, self.sides, strict=True):
             if spot.covered or (side.kinematics.linear and not side.surface.wanders):
                 maker.check(spot)
-        for number, (side, outward) in enumerate(zip(self.sides, stage.meeting.outward, strict=True)):
-            axes = side.kinematics.frame(np.zeros(side.n))[1]
-            if side.normal_only and 1 - axes @ outward @ side.surface.direction > _ALONG:
-                raise InputError(
-                    f"{('slave', 'master')[number]}: the line of contact, {axes @ outward}, is not the direction "
-                    f"{side.surface.direction} along which the patch has its flexibility; make it by "
-                    "Partition.ball(..., axes='xyz'), or give that direction="
-                )
+        for number, outward in enumerate(stage.meeting.outward):
+            self._check_flexibility(number, outward)
         covered = all(spot.covered for spot in rows.spots)
         if covered and stage.meeting.gap < -PENETRATION_TOLERANCE * self.size:
             raise PenetrationError(
                 f"the true surfaces overlap by {-stage.meeting.gap:.4g} m at the start; facets are chords, so that a "
                 "ball is larger than its mesh. Move one body by at least that (referencePosition)"
+            )
+
+    def _check_flexibility(self, number: int, outward: Array) -> None:
+        """Raise InputError if a side has no flexibility along the line of contact; its normal is in its axes."""
+        side = self.sides[number]
+        if not side.normal_only or isinstance(self._shapes[number].shape, RigidPlane):
+            return
+        line = side.kinematics.frame(np.zeros(side.n))[1] @ outward
+        if side.surface.wanders or not side.kinematics.linear or 1 - line @ side.surface.direction > _ALONG:
+            raise InputError(
+                f"{('slave', 'master')[number]}: formulation 'hertz' needs the flexibility along the line of contact, "
+                f"{line}, and wherever that turns, but the patch has it along {side.surface.direction} or along the "
+                "normals of its nodes alone. Make the patch with axes='xyz'"
             )
 
     @property

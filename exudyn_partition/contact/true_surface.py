@@ -75,7 +75,8 @@ def fitted(points: Array, facets: Array, role: str) -> TrueSurface:
     deviation = abs((x - middle) @ plane).max()
     if deviation <= _FLAT * size:
         return TrueSurface(RigidPlane(middle, plane if plane @ outward.sum(axis=0) > 0 else -plane))
-    found = [*_balls(x, outward, points[facet_corners(facets)].mean(axis=1)), *_cylinders(x, facets, points, outward)]
+    middles = points[facet_corners(facets)].mean(axis=1)
+    found: list[RigidSphere | RigidCylinder] = [*_balls(x, outward, middles), *_cylinders(x, middles, outward)]
     for shape in found:
         off = float(abs(shape.project(x)[0]).max())
         sagitta = min(size**2 / (8 * shape.radius), shape.radius)
@@ -89,7 +90,7 @@ def fitted(points: Array, facets: Array, role: str) -> TrueSurface:
     )
 
 
-def _balls(x: Array, outward: Array, middles: Array) -> list[Shape]:
+def _balls(x: Array, outward: Array, middles: Array) -> list[RigidSphere]:
     """Ball through points x, (k, 3) [m], by least squares; none if they are in a hollow, or on a plane."""
     middle = x.mean(axis=0)
     arms = x - middle
@@ -103,7 +104,7 @@ def _balls(x: Array, outward: Array, middles: Array) -> list[Shape]:
     return [RigidSphere(centre, math.sqrt(square))] if convex else []
 
 
-def _cylinders(x: Array, facets: Array, points: Array, outward: Array) -> list[Shape]:
+def _cylinders(x: Array, middles: Array, outward: Array) -> list[RigidCylinder]:
     """Cylinder or bore through points x, (k, 3) [m], by least squares."""
     normals = outward / np.linalg.norm(outward, axis=1)[:, None]
     axis = np.linalg.svd(normals, full_matrices=False)[2][-1]
@@ -126,6 +127,6 @@ def _cylinders(x: Array, facets: Array, points: Array, outward: Array) -> list[S
     best = scipy.optimize.least_squares(off, [*(start[:2] / scale), 0.0, 0.0, 1.0], xtol=1e-14, ftol=1e-14).x
     along, centre, radius = axis + best[2:4] @ across, middle + (best[:2] * scale) @ across, best[4] * scale
     along /= np.linalg.norm(along)
-    arm = points[facet_corners(facets)].mean(axis=1) - centre
+    arm = middles - centre
     hollow = bool(np.einsum("fd,fd->", arm - np.outer(arm @ along, along), outward) < 0)
     return [RigidCylinder(centre, along, float(radius), hollow=hollow)]

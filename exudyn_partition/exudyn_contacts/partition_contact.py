@@ -320,7 +320,7 @@ class PartitionContact(Item[Any]):
         (`contact_ellipse`). Only samples with a force above 0.8 of its largest value count. A contact that closes a
         whole patch is no Hertz contact. There the mean pressure counts as the stress in a bar, if it is larger.
         Friction, other loads of the bodies, and stress at the edges of flat patches are not included. Bodies whose
-        patch yields plastically are not judged. With formulation "hertz" the contact is Hertz's under the largest force.
+        patch yields plastically are not judged. With formulation "hertz" it is Hertz's contact under the largest force.
 
         Raises
         ------

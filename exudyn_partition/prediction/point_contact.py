@@ -86,7 +86,7 @@ class PointContact:
     @cached_property
     def yielding(self) -> float:
         """Approach of the bodies under a force of 1 N, k [m/N^(2/3)]: the approach is k P^(2/3)."""
-        a, b = self._axes_of_unit
+        a, _ = self._axes_of_unit
         K = math.pi / 2 if self.ratio == 1.0 else _elliptic(self.ratio)[1]
         return 3 / (2 * math.pi * a * self.modulus) * K
 

@@ -82,7 +82,7 @@ def kernel_around(points: Array, facets: Array, centre: Array, normal: Array, ra
     near &= np.einsum("fd,d->f", _normals(nodal, facets.shape[1]), normal) > 0
     if not near.any():
         return _nothing(points, facets, centre, normal)
-    local, area, (N, dN) = _rule(facets.shape[1])
+    area, N, dN = _rule(facets.shape[1])
     x = np.einsum("qk,fkd->fqd", N, nodal[near])
     first, second = (np.einsum("qk,fkd->fqd", part, nodal[near]) for part in dN)
     area = area * abs(np.cross(first, second) @ normal)
@@ -115,8 +115,8 @@ def _normals(nodal: Array, n_nodes: int) -> Array:
 
 
 @cache
-def _rule(n_nodes: int) -> tuple[Array, Array, tuple[Array, Array]]:
-    """Points in a facet's coordinates, (q, 2), their areas, (q,), and shape functions and derivatives there."""
+def _rule(n_nodes: int) -> tuple[Array, Array, Array]:
+    """Areas of points in a facet's coordinates, (q,), shape functions there, (q, n), and derivatives, (2, q, n)."""
     steps = (np.arange(_FINE) + 0.5) / _FINE
     if n_nodes in QUADS:
         local = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
@@ -129,4 +129,4 @@ def _rule(n_nodes: int) -> tuple[Array, Array, tuple[Array, Array]]:
         local = np.vstack([upward, downward]) / _FINE
         area = np.full(len(local), 0.5 / len(local))
     shape = shape_functions(local, n_nodes)
-    return local, area, (np.ascontiguousarray(shape[:, 0]), np.ascontiguousarray(shape[:, 1:].swapaxes(0, 1)))
+    return area, np.ascontiguousarray(shape[:, 0]), np.ascontiguousarray(shape[:, 1:].swapaxes(0, 1))

@@ -32,28 +32,28 @@ class HertzCurve:
 
     def __init__(self, series: float, contact: PointContact) -> None:
         self.f, self.k = series, contact.yielding
-        self.largest = contact.force(WIDEST * contact.radius)
-        own = 2 / 3 * self.k / self.largest ** (1 / 3)
+        self.largest: float = contact.force(WIDEST * contact.radius)
+        own = 2 / 3 * self.k / math.cbrt(self.largest)
         if series < (_STIFFEST - 1) * own:  # else the bodies would be stiffer than rigid ones
-            self.largest *= (own * (1 - _STIFFEST) / -series) ** 3
-            own = 2 / 3 * self.k / self.largest ** (1 / 3)
+            self.largest *= math.pow(own * (1 - _STIFFEST) / -series, 3)
+            own = 2 / 3 * self.k / math.cbrt(self.largest)
         self.stiffest = 1 / (series + own)
         self._deepest = self.approach(self.largest)
         self._stored = self._curved(self.largest)
 
     def approach(self, force: float) -> float:
         """Approach under a force on the curve [N]: [m]."""
-        return self.f * force + self.k * force ** (2 / 3)
+        return float(self.f * force + self.k * force ** (2 / 3))
 
     def _curved(self, force: float) -> float:
-        return 0.5 * self.f * force**2 + 0.4 * self.k * force ** (5 / 3)
+        return float(0.5 * self.f * force**2 + 0.4 * self.k * force ** (5 / 3))
 
     def force(self, approach: float) -> float:
         """Force [N] at an approach above zero [m]."""
         if approach >= self._deepest:
             return self.largest + self.stiffest * (approach - self._deepest)
         f, k = self.f, self.k
-        low, high = 0.0, self.largest ** (1 / 3)
+        low, high = 0.0, math.cbrt(self.largest)
         x = min(math.sqrt(approach / k), high)
         for _ in range(_MOST):
             excess = f * x**3 + k * x**2 - approach
@@ -78,7 +78,7 @@ class HertzCurve:
         """Derivative of the force by the approach [N/m]."""
         if force >= self.largest:
             return self.stiffest
-        root = force ** (1 / 3)
+        root = math.cbrt(force)
         return root / (self.f * root + 2 / 3 * self.k) if root else 0.0
 
 

@@ -89,7 +89,7 @@ class Springs:
         return np.asarray(covered / covered.sum()) if reach else covered
 
     def held(self, elongations: Array, k: Array, bounds: Array) -> Held:
-        """Springs of stiffness k, (n,) [N/m], that would have elongations, (n, 2) [m], with forces up to bounds, (n,) [N]."""
+        """Springs of stiffness k, (n,) [N/m], that would have elongations, (n, 2) [m], by forces up to bounds, (n,)."""
         size = np.maximum(np.sqrt(np.einsum("nk,nk->n", elongations, elongations)), 1e-300)
         trial = k * size
         slipping = trial > bounds
