@@ -218,6 +218,11 @@ class Law:
         """
         return None
 
+    @property
+    def left_out(self) -> list[str]:
+        """Sentences on the effects that the law leaves out."""
+        return []
+
     def semi_axes(self, force: float) -> tuple[float, float] | None:
         """Semi-axes of the ellipse of contact under a force [N], the larger first [m]; None if rows tell them."""
         return None

@@ -72,6 +72,13 @@ class SpotDirections(TangentialRows):
             return way
         return np.asarray(way + dense(self._turning()) @ gaps.way(self._from, gaps.q))
 
+    def _carried(self, offsets: Array, then: list[Array]) -> Array:
+        """See `TangentialRows`; two bodies have their levers, and a rigid surface moves at the point of contact."""
+        if not self.gaps.carried:
+            return offsets
+        lever = self._lever()
+        return super()._carried(offsets + lever, then) - lever
+
     def _some_side_rows(self, place: int, index: Array) -> tuple[LoadedNodes, Array]:
         """See `TangentialRows`."""
         loaded, rows = super()._some_side_rows(place, index)

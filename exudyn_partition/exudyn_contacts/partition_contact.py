@@ -411,6 +411,7 @@ class PartitionContact(Item[Any]):
         """Sentences on the effects that the contact leaves out."""
         unpaired = self.mechanics.gaps.unpaired
         said = [] if self.friction else ["tangential rows: the contact is frictionless"]
+        said += self.mechanics.law.left_out
         if self.undamped:
             said.append("damping of the contact's layer, in which bodies with a residual flexibility yield")
         elif any(item.damping is not None and not item.beta for item, _ in self._flexible_sides):

@@ -16,6 +16,11 @@ from ..law import Forces, Law, Places, RowDirections
 from ..spot_gaps import SpotGaps
 
 WIDEST = 0.2  # radius of contact by the effective radius of the surfaces, up to which the law is Hertz's
+LEFT_OUT = [
+    "how pressure is spread over the contact: its facets do not resolve it, so that Hertz's law stands for them, with "
+    f"radii that are small beside those of the surfaces (up to {WIDEST:g} of them)",
+    "the residual flexibility between this contact and others on the same body",
+]
 _STIFFEST = 0.25  # share of Hertz's own compliance there, that is left at least beside that of the bodies
 _SETTLED, _MOST = 1e-14, 100  # relative change of the last step of Newton's method, and most steps
 
@@ -129,6 +134,11 @@ class HertzPoint(Law):
         """See `Law`; that at the largest contact for which the law is Hertz's."""
         H = dense(rows.jacobian(np.zeros(1, dtype=np.int64)))
         return np.asarray(self.curve().stiffest * (H.T @ H))
+
+    @property
+    def left_out(self) -> list[str]:
+        """See `Law`."""
+        return LEFT_OUT
 
     def semi_axes(self, force: float) -> tuple[float, float]:
         """See `Law`."""

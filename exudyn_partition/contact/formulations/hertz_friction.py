@@ -24,7 +24,7 @@ from ...algebra.products import dense
 from ...support.arrays import Array
 from ..law import Forces, Law, Places, RowDirections
 from ..spot_gaps import SpotGaps
-from .hertz import WIDEST, HertzCurve
+from .hertz import LEFT_OUT, WIDEST, HertzCurve
 
 _SPRINGS = 24
 _INNERMOST = 1 / 30  # of the largest radius of contact: where the first spring ends
@@ -127,7 +127,7 @@ class HertzFriction(Law):
     def _series(self) -> tuple[HertzCurve, Array]:
         """Force by approach, and flexibility in three directions without that of the point, (3, 3) [m/N]."""
         F, lacking = self.rows.flexibility(_ONE), self.gaps.spot_rows.lacking
-        if self._known is None or self._known[0] is not F:
+        if self._known is None or not np.array_equal(self._known[0], F):
             series = F + np.diag([lacking[0], lacking[1], lacking[1]])
             self._known = F, HertzCurve(float(series[0, 0]), self.gaps.contact), series
         return self._known[1:]
@@ -205,6 +205,11 @@ class HertzFriction(Law):
         K = np.zeros((3, 3))
         K[0, 0], K[1:, 1:] = curve.stiffest, np.linalg.inv(np.eye(2) + k @ F[1:, 1:]) @ k
         return np.asarray(H.T @ ((K + K.T) / 2) @ H)
+
+    @property
+    def left_out(self) -> list[str]:
+        """See `Law`."""
+        return [*LEFT_OUT, "friction against spin about the line of contact"]
 
     def semi_axes(self, force: float) -> tuple[float, float]:
         """See `Law`."""
