@@ -113,6 +113,22 @@ def rod_on_plate(d):
     return [Row(f"{k}, default basis", "full FE model", limit, error[k]) for k, limit in limits.items()]
 
 
+def unresolved(d):
+    found = {}
+    for scene, of_scene in d["scenes"].items():
+        by_law = [row for row in of_scene["rows"] if row["formulation"] == "hertz"]
+        found[scene] = max(abs(row[what]) for row in by_law for what in ("peak", "impulse", "duration"))
+    friction = d["friction"]
+    found["oblique"] = max(abs(row["impulse"]) for row in friction["oblique"])
+    found |= {what: friction[what] for what in ("rolling", "rest")}
+    said = {"oblique": "Maw, Barber and Fawcett", "rolling": "weight", "rest": "weight"}
+    reference = "series of spheres, refined patches"
+    return [
+        Row(f"contact that the mesh does not resolve, {what}: worst", said.get(what, reference), d["limits"][what], off)
+        for what, off in found.items()
+    ]
+
+
 def hertz(d):
     static = d["static"]["node-to-segment"]["pressure_L2"]
     return [
@@ -307,6 +323,7 @@ CASES = {
     "contact_evaluation": Case("benchmarks/contact_evaluation.py", limits(("frozen", "moving")), quick=()),
     "many_contacts": Case("benchmarks/many_contacts.py",
                           limits(("growth", "closed_us", "open_us", "symmetry", "outside")), quick=()),
+    "unresolved": Case("contact/unresolved.py", unresolved, ("--quick", "--out", "{out}/unresolved_quick.json")),
     "hertz": Case("contact/hertz.py", hertz, figures=("contact_hertz.png",)),
     "bars": Case("contact/bars.py", bars, figures=("contact_bars.png",)),
     "sliding": Case("contact/sliding.py", lambda d: [Row("ways beyond the ripple's limit", "smooth force", 0,

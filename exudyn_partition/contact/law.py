@@ -243,6 +243,15 @@ class Law:
         """
         return None
 
+    @property
+    def left_out(self) -> list[str]:
+        """Sentences on the effects that the law leaves out."""
+        return []
+
+    def semi_axes(self, force: float) -> tuple[float, float] | None:
+        """Semi-axes of the ellipse of contact under a force [N], the larger first [m]; None if rows tell them."""
+        return None
+
     def fresh(self, rows: RowDirections) -> Law:
         """Return the law at the start of another run, for these rows."""
         raise NotImplementedError(f"{type(self).__name__} has no fresh(rows), which returns the law for another run")

@@ -25,6 +25,8 @@ from .normal_rows import NormalRows
 from .plasticity.nodal_zones import NodalZones
 from .plasticity.yielding_patches import YieldingPatches, Zones
 from .row_forces import no_forces, no_memory
+from .spot_directions import SpotDirections
+from .spot_gaps import SpotGaps
 from .state import ContactState
 from .tangential import TangentialRows
 from .viscosity import ViscousMemory, Yielding, shares
@@ -77,7 +79,8 @@ class PatchContact:
     def __init__(self, gaps: Gaps, formulation: LawMaker, friction: Coulomb | None = None) -> None:
         gaps.reset()
         self.formulation = formulation
-        rows = NormalRows(gaps) if friction is None else TangentialRows(gaps)
+        tangential = SpotDirections if isinstance(gaps, SpotGaps) else TangentialRows
+        rows = NormalRows(gaps) if friction is None else tangential(gaps)
         law, betas = formulation.law(rows), tuple(side.beta for side in gaps.sides)
         if law.ahead and (law.reach or law.memory):
             raise InputError(f"law {type(law).__name__}: it acts ahead of steps, where no law has a reach or a memory")

@@ -20,6 +20,7 @@ from ..contact.profile import RigidProfile
 from ..contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
 from ..contact.rigid_mesh import RigidMesh
 from ..contact.side import Side
+from ..contact.spot_gaps import SpotGaps
 from ..contact.wandering import WanderingGaps, WanderingRigidGaps
 from ..errors import InputError, PenetrationError
 from ..exudyn_bodies.carriers import Carrier, motion, pose, validate_carrier
@@ -120,6 +121,11 @@ def plan_contact(
             f"friction: formulation {type(chosen).__name__} has none; take formulation='compliance', 'lagrange' or "
             "'penalty', or leave friction out. One of your own has friction = True if its law has"
         )
+    if (kind == "spot") != (chosen.rows == "spot") or (kind == "spot" and interference is not None):
+        raise InputError(
+            "rows, formulation: formulation 'hertz' has rows='spot', and no other has; with them there is no "
+            "interference. Leave rows and interference out, or take formulation='compliance'"
+        )
     _check_master(mbs, rigid, masterPatch, masterBody)
     given = [(first, number_of_patch(first.body.partition, slavePatch, "slavePatch"))]
     if second is not None:
@@ -139,6 +145,9 @@ def plan_contact(
         _check_wandering(side)
 
     def gaps_of(placed: Sequence[Side], pressed: bool) -> Gaps:
+        if kind == "spot":
+            moving = () if masterBody is None else (pose(mbs, masterBody), motion(mbs, masterBody))
+            return SpotGaps(placed, [patch for _, patch in sides], rigid, *moving)
         if rigid is None:
             return _between(bodies, sides, placed, kind, pressed, anywhere)
         return _to_rigid(mbs, placed[0], rigid, kind, masterBody, pressed)

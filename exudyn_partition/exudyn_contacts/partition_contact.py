@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -280,16 +281,24 @@ class PartitionContact(Item[Any]):
         """Contact pressure around the slave's patch nodes, (n, np) [Pa], columns as those of `row_forces`.
 
         It is a mean over hat functions. With integrated rows each node has one. With node-to-segment rows only corners
-        of facets have one, and columns of mid-side nodes are empty.
+        of facets have one, and columns of mid-side nodes are empty. With formulation "hertz" it is Hertz's largest
+        pressure, at the node that was nearest to the contact at the start.
         """
+        if (axes := self.mechanics.law.semi_axes(1.0)) is not None:
+            pressure = self.row_forces(result)
+            pressure.data = 1.5 / (np.pi * math.prod(axes)) * np.cbrt(pressure.data)
+            return pressure
         return sp.csr_matrix(self.row_forces(result) @ self.mechanics.node_pressures.T)
 
     def area(self, result: RunSamples) -> Array:
         """Contact area, the sum of the areas of rows that press, (n,) [m2].
 
         Rows that pull do not count, unlike in `closed_rows`. Rows that lie partly outside of the contact may be open.
-        So part of the rim is missing if the pressure does not fall to zero there, as in plastic flow.
+        So part of the rim is missing if the pressure does not fall to zero there, as in plastic flow. With formulation
+        "hertz" it is the area of Hertz's ellipse.
         """
+        if (axes := self.mechanics.law.semi_axes(1.0)) is not None:
+            return np.pi * math.prod(axes) * self.force(result) ** (2 / 3)
         closed = self.row_forces(result)
         closed.data[:] = closed.data > 0
         value: Array = closed @ self.mechanics.node_areas
@@ -312,7 +321,7 @@ class PartitionContact(Item[Any]):
         (`contact_ellipse`). Only samples with a force above 0.8 of its largest value count. A contact that closes a
         whole patch is no Hertz contact. There the mean pressure counts as the stress in a bar, if it is larger.
         Friction, other loads of the bodies, and stress at the edges of flat patches are not included. Bodies whose
-        patch yields plastically are not judged.
+        patch yields plastically are not judged. With formulation "hertz" it is Hertz's contact under the largest force.
 
         Raises
         ------
@@ -403,6 +412,7 @@ class PartitionContact(Item[Any]):
         """Sentences on the effects that the contact leaves out."""
         unpaired = self.mechanics.gaps.unpaired
         said = [] if self.friction else ["tangential rows: the contact is frictionless"]
+        said += self.mechanics.law.left_out
         if self.undamped:
             said.append("damping of the contact's layer, in which bodies with a residual flexibility yield")
         elif any(item.damping is not None and not item.beta for item, _ in self._flexible_sides):
@@ -594,6 +604,9 @@ class PartitionContact(Item[Any]):
 
 def stress_by_rows(contact: PartitionContact, result: RunSamples, force: Array, rows: RowSamples) -> Stress | None:
     """See `PartitionContact.largest_stress`, by sums of normal forces, (n,) [N], and by forces of rows."""
+    top = int(force.argmax()) if len(force) else 0
+    if len(force) and force[top] > 0 and (ellipse := contact.mechanics.law.semi_axes(force[top])) is not None:
+        return Stress.beneath(float(force[top]), ellipse, contact.elastic_materials, time=float(result.t[top]))
     run, surface = result.kept(contact), contact.mechanics.gaps.slave.surface
     n, areas = len(surface.points), run.areas[: len(surface.points)]
     large = np.flatnonzero((force >= _LARGE * force.max(initial=0.0)) & (force > 0))

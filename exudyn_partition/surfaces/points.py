@@ -32,7 +32,7 @@ from . import loops
 from .edges import beside_edges
 from .surface import Surface
 
-RowKind = Literal["integrated", "node-to-segment", "edges"]
+RowKind = Literal["integrated", "node-to-segment", "edges", "spot"]
 ROW_KINDS: tuple[RowKind, ...] = get_args(RowKind)
 ROWS = ROW_KINDS[:2]  # of a whole patch
 

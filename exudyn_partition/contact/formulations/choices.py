@@ -19,16 +19,19 @@ from ...support.plugins import added_choice
 from ..gaps import Gaps
 from ..law import Law, RowDirections
 from ..patch_contact import PatchContact
+from ..spot_gaps import SpotGaps
 from .compliance import compliance
 from .coupled import CoupledContacts, SharedPatches
 from .coupled_friction import CoupledFriction, SharedFriction
 from .coupled_zones import CoupledZones
 from .explicit_multipliers import Multipliers
 from .formulation import Formulation, Links, SharedBody, Together
+from .hertz import HertzPoint
+from .hertz_friction import HertzFriction
 from .penalty import PenaltyLayer, bed_stiffness, inertial_stiffness
 from .separate import Separate
 
-FormulationName = Literal["compliance", "lagrange", "penalty"]
+FormulationName = Literal["compliance", "lagrange", "penalty", "hertz"]
 NAMES: tuple[FormulationName, ...] = get_args(FormulationName)
 
 _COUPLED = 1e-4  # residual flexibility between two patches, relative to their own; below it, contacts are not coupled
@@ -151,6 +154,33 @@ class Penalty(Formulation):
         return inertial_stiffness(gaps, inverse_mass, max(map(_highest_frequency, gaps.bodies)))
 
 
+class Hertz(Formulation):
+    """Contact at a point that the mesh does not resolve, see `hertz.HertzPoint` and `hertz_friction.HertzFriction`."""
+
+    rows = "spot"
+    friction = True
+
+    def check(self, bodies: Sequence[ReducedBody]) -> None:
+        """See `Formulation`."""
+        if any(body.basis.flexibility is None for body in bodies):
+            raise InputError(
+                f"formulation: 'hertz' needs the residual flexibility of each body, and of the bases {_names(bodies)} "
+                "not all have one; take basis='contact-adapted' or 'residual'"
+            )
+
+    def law(self, rows: RowDirections) -> Law:
+        """See `Formulation`."""
+        assert isinstance(rows.gaps, SpotGaps)
+        if rows.d == 1:
+            return HertzPoint(rows)
+        if not rows.gaps.contact.circular:
+            raise InputError(
+                "friction: formulation 'hertz' has it in circular contacts, of balls on planes and balls; this one is "
+                "elliptic. Leave friction out, or take formulation='compliance' with facets that resolve the contact"
+            )
+        return HertzFriction(rows)
+
+
 def formulation_of(choice: FormulationName | Formulation, stiffness: float | None = None) -> Formulation:
     """Return the formulation with the name `choice`, or `choice` itself if it is a formulation.
 
@@ -176,7 +206,9 @@ def formulation_of(choice: FormulationName | Formulation, stiffness: float | Non
         if not isinstance(made, Formulation):
             raise InputError(f"formulation: expected a Formulation by the name {choice!r}, got {type(made).__name__}")
         return made
-    return Penalty(stiffness) if choice == "penalty" else Compliance() if choice == "compliance" else Lagrange()
+    if choice == "penalty":
+        return Penalty(stiffness)
+    return {"compliance": Compliance, "lagrange": Lagrange, "hertz": Hertz}[choice]()
 
 
 def _flows(contact: PatchContact) -> bool:

@@ -186,6 +186,8 @@ class ContactHistory:
 
     def radius_at(self, sample: int) -> float:
         """Radius of a circle of the contact area at a sample [m]."""
+        if (axes := self.contact.mechanics.law.semi_axes(float(self.force[sample]))) is not None:
+            return math.sqrt(math.prod(axes))
         nodes, forces = self.rows.at_sample(sample)
         return math.sqrt(float(self.contact.mechanics.node_areas[nodes[forces > 0]].sum()) / math.pi)
 

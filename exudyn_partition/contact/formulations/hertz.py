@@ -1,0 +1,145 @@
+"""Contact at a point by Hertz's law, for contacts that are smaller than the facets around them.
+
+Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...algebra.products import dense
+from ...prediction.point_contact import PointContact
+from ...support.arrays import Array
+from ..law import Forces, Law, Places, RowDirections
+from ..spot_gaps import SpotGaps
+
+WIDEST = 0.2  # radius of contact by the effective radius of the surfaces, up to which the law is Hertz's
+LEFT_OUT = [
+    "how pressure is spread over the contact: its facets do not resolve it, so that Hertz's law stands for them, with "
+    f"radii that are small beside those of the surfaces (up to {WIDEST:g} of them)",
+    "the residual flexibility between this contact and others on the same body",
+]
+_STIFFEST = 0.25  # share of Hertz's own compliance there, that is left at least beside that of the bodies
+_SETTLED, _MOST = 1e-14, 100  # relative change of the last step of Newton's method, and most steps
+
+
+class HertzCurve:
+    """Force by approach of two bodies at a point: d = f P + k P^(2/3), up to a largest force, and a line beyond.
+
+    Parameters
+    ----------
+    series : float
+        f, flexibility of the bodies without that of the point itself [m/N]; it may be negative.
+    contact : PointContact
+    """
+
+    def __init__(self, series: float, contact: PointContact) -> None:
+        self.f, self.k = series, contact.yielding
+        self.largest: float = contact.force(WIDEST * contact.radius)
+        own = 2 / 3 * self.k / math.cbrt(self.largest)
+        if series < (_STIFFEST - 1) * own:  # else the bodies would be stiffer than rigid ones
+            self.largest *= math.pow(own * (1 - _STIFFEST) / -series, 3)
+            own = 2 / 3 * self.k / math.cbrt(self.largest)
+        self.stiffest = 1 / (series + own)
+        self._deepest = self.approach(self.largest)
+        self._stored = self._curved(self.largest)
+
+    def approach(self, force: float) -> float:
+        """Approach under a force on the curve [N]: [m]."""
+        return float(self.f * force + self.k * force ** (2 / 3))
+
+    def _curved(self, force: float) -> float:
+        return float(0.5 * self.f * force**2 + 0.4 * self.k * force ** (5 / 3))
+
+    def force(self, approach: float) -> float:
+        """Force [N] at an approach above zero [m]."""
+        if approach >= self._deepest:
+            return self.largest + self.stiffest * (approach - self._deepest)
+        f, k = self.f, self.k
+        low, high = 0.0, math.cbrt(self.largest)
+        x = min(math.sqrt(approach / k), high)
+        for _ in range(_MOST):
+            excess = f * x**3 + k * x**2 - approach
+            low, high = (low, x) if excess > 0 else (x, high)
+            slope = 3 * f * x**2 + 2 * k * x
+            new = x - excess / slope if slope > 0 else low
+            if not low <= new <= high:
+                new = (low + high) / 2
+            if abs(new - x) <= _SETTLED * x:
+                return float(new**3)
+            x = new
+        return float(x**3)
+
+    def stored(self, force: float) -> float:
+        """Energy stored under a force [J]."""
+        if force <= self.largest:
+            return self._curved(force)
+        more = force - self.largest
+        return self._stored + (self.largest + 0.5 * more) * more / self.stiffest
+
+    def stiffness(self, force: float) -> float:
+        """Derivative of the force by the approach [N/m]."""
+        if force >= self.largest:
+            return self.stiffest
+        root = math.cbrt(force)
+        return root / (self.f * root + 2 / 3 * self.k) if root else 0.0
+
+
+class HertzPoint(Law):
+    """Force of a contact at a point without friction.
+
+    The kept shapes give the approach d of the true surfaces, as a mean over a kernel on each side. F is the residual
+    flexibility under the kernels. A half-space would yield by 0.6 / (E' s) under a kernel of radius s; what remains is
+    the flexibility of the bodies without that of the point. Hertz gives the latter, with k of the two surfaces:
+
+        d = f P + k P^(2/3),    f = F + sum of sides [ - 0.6 / (E' s) + what facets miss ].
+
+    Its potential is f P^2 / 2 + 2/5 k P^(5/3).
+
+    Parameters
+    ----------
+    rows : RowDirections
+    """
+
+    def __init__(self, rows: RowDirections) -> None:
+        assert isinstance(rows.gaps, SpotGaps)
+        self.rows, self.gaps = rows, rows.gaps
+        self._known: tuple[float, HertzCurve] | None = None
+
+    def fresh(self, rows: RowDirections) -> Law:
+        """See `Law`."""
+        return HertzPoint(rows)
+
+    def curve(self) -> HertzCurve:
+        """Force by approach at the present spots."""
+        series = float(self.rows.flexibility(np.zeros(1, dtype=np.int64))[0, 0]) + self.gaps.spot_rows.lacking[0]
+        if self._known is None or self._known[0] != series:
+            self._known = series, HertzCurve(series, self.gaps.contact)
+        return self._known[1]
+
+    def answer(self, places: Places) -> Forces:
+        """See `Law`."""
+        curve = self.curve()
+        force = curve.force(-float(places.gap[0])) if places.gap[0] < 0.0 else 0.0
+        return Forces(
+            np.array([[force]]),
+            np.flatnonzero([force]),
+            stored=curve.stored(force),
+            stiffness=lambda: np.array([[curve.stiffness(force)]]),
+        )
+
+    def closed_stiffness(self, rows: RowDirections) -> Array:
+        """See `Law`; that at the largest contact for which the law is Hertz's."""
+        H = dense(rows.jacobian(np.zeros(1, dtype=np.int64)))
+        return np.asarray(self.curve().stiffest * (H.T @ H))
+
+    @property
+    def left_out(self) -> list[str]:
+        """See `Law`."""
+        return LEFT_OUT
+
+    def semi_axes(self, force: float) -> tuple[float, float]:
+        """See `Law`."""
+        return self.gaps.contact.semi_axes(force)

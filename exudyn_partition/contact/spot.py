@@ -1,0 +1,188 @@
+"""A spot on a patch at which a contact is smaller than the facets: its kernel, and what the facets lack there.
+
+Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..fe.facets import facet_corners
+from ..fe.material import Material
+from ..frames.kinematics import Kinematics
+from ..support.arrays import Array
+from ..surfaces.smooth_kernel import Kernel, kernel_around
+from .side import Side
+
+NORMAL = 0.6  # E' s times the mean normal displacement of a half-space under the kernel, weighted by the kernel
+ORDERS = {6: 2, 10: 3}  # of elements, by the nodes of their facets
+_WIDEST = {2: 2.0, 3: 1.0}  # radius of the kernel by the length of edges, for each order
+_NARROWEST = {2: 1.0, 3: 0.6}
+_MISSED = {2: 0.0225, 3: 0.0}  # E' h times what facets miss of the flexibility under a kernel of radius h
+_THIN = 0.45  # of a wall's thickness: largest radius of a kernel on it
+_SOLID = 6.0  # thickness of a wall by the radius of a kernel, which is made smaller for that if facets allow
+_WALL = 5.0  # below this, the change of the wall's flexibility with the radius is taken away
+_COVERED = 0.97  # share of a kernel on its patch, above which it is there as a whole
+_BEHIND = -0.5  # cosine between a surface's normal and that of the wall's other side
+
+
+@dataclass(frozen=True, eq=False)
+class Spot:
+    """A kernel on a patch, and the flexibility that its facets have too much of, or lack.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        In the body's axes, from its centre of mass.
+    radius : float
+        Of the kernel, s [m].
+    size : float
+        Mean length of the facets' edges there, h [m].
+    lacking : (2,) array
+        Flexibility to be added to that of the patch's nodes under the kernel, along the normal and across it [m/N]:
+        what facets miss and what a thin wall bends, less the half-space's under the kernel.
+    whole : bool
+        Whether the kernel lies on the patch as a whole.
+    """
+
+    kernel: Kernel
+    radius: float
+    size: float
+    lacking: Array
+    whole: bool
+
+    @property
+    def covered(self) -> bool:
+        """Whether at least some part of the kernel lies on the patch."""
+        return self.kernel.coverage > 1 - _COVERED
+
+
+def material_of(side: Side, patch: int, role: str) -> Material:
+    """Material of a patch.
+
+    Raises
+    ------
+    InputError
+        If it is not known.
+    """
+    body = side.kinematics.body
+    material = body.partition.patches[patch].material or body.material
+    if material is None:
+        raise InputError(f"{role}: formulation 'hertz' needs the body's material; reduce it anew, its file has none")
+    return material
+
+
+class SpotMaker:
+    """Makes spots on one side's patch.
+
+    Parameters
+    ----------
+    side : Side
+    patch : int
+        Its number on the body.
+    role : str
+        "slave" or "master", for messages.
+
+    Raises
+    ------
+    InputError
+        If its facets are not those of quadratic or cubic tetrahedra, or its material is not known.
+    """
+
+    def __init__(self, side: Side, patch: int, role: str) -> None:
+        self.material = material_of(side, patch, role)
+        self._side, self._role = side, role
+        facets = side.surface.facets
+        if facets.shape[1] not in ORDERS:
+            raise InputError(
+                f"{role}: formulation 'hertz' knows what facets of quadratic and cubic tetrahedra lack, of 6 and 10 "
+                f"nodes, got facets of {facets.shape[1]} nodes. Take fe_model(..., order=2), or "
+                "formulation='compliance' with facets that resolve the contact"
+            )
+        self._order = ORDERS[facets.shape[1]]
+        self.points: Array = side.kinematics.arms
+        corners = self.points[facet_corners(facets)]
+        self._middles = corners.mean(axis=1)
+        self._edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean(axis=1)
+        body = side.kinematics.body
+        self._skin = (body.points - body.centre_of_mass)[facet_corners(body.facets)[:, :3]]
+
+    def at(self, centre: Array, normal: Array) -> Spot:
+        """Spot at a point of the true surface, (3,) [m], with an outward unit normal; both in the body's axes."""
+        facets, widest = self._side.surface.facets, _WIDEST[self._order]
+        distance = np.linalg.norm(self._middles - centre, axis=1)
+        h = float(self._edges[distance.argmin()])
+        h = float(self._edges[distance <= max(widest * h, distance.min())].mean())
+        thickness = self._thickness(centre, normal)
+        radius = min(widest * h, max(thickness / _SOLID, _NARROWEST[self._order] * h), _THIN * thickness)
+        kernel = kernel_around(self.points, facets, centre, normal, radius)
+        modulus, whole = self.material.plane_strain_modulus, kernel.coverage > _COVERED
+        missed = self._missed(radius, h)
+        lacking = missed - NORMAL / (modulus * radius)
+        if thickness < _WALL * radius and whole:
+            wide = kernel_around(self.points, facets, centre, normal, 2 * radius)
+            whole = wide.coverage > _COVERED
+            narrow = self._static(kernel) - NORMAL / (modulus * radius) + missed
+            lacking += (narrow - self._static(wide) + NORMAL / (2 * modulus * radius) - self._missed(2 * radius, h)) / 3
+        nu = self.material.nu
+        across = (2 - nu) / (2 * (1 - nu)) * (missed - NORMAL / (modulus * radius))
+        return Spot(kernel, radius, h, np.array([lacking, across]), whole)
+
+    def check(self, spot: Spot) -> None:
+        """Raise InputError if a spot at the start cannot be computed."""
+        needed = _NARROWEST[self._order] * spot.size
+        if not spot.whole:
+            raise InputError(
+                f"{self._role}: formulation 'hertz' spreads the force over {spot.radius:.3g} m around the contact, and "
+                "over twice that on a wall, and the patch does not reach as far: "
+                f"{spot.kernel.coverage:.0%} of it lie on the patch. Take a larger radius of Partition.ball, or a "
+                "finer mesh there"
+            )
+        if spot.radius < needed:
+            raise InputError(
+                f"{self._role}: the wall at the contact is {spot.radius / _THIN:.3g} m thick, and formulation 'hertz' "
+                f"needs elements of at most {spot.radius / _NARROWEST[self._order]:.3g} m there, got {spot.size:.3g} "
+                "m. Refine the mesh at the contact"
+            )
+
+    def _missed(self, radius: float, h: float) -> float:
+        """Flexibility under a kernel that facets of size h miss [m/N]: their elements are stiffer than the body."""
+        return _MISSED[self._order] * (h / radius) ** 4 / (self.material.plane_strain_modulus * h)
+
+    def _static(self, kernel: Kernel) -> float:
+        """Static flexibility of the body under a kernel along its normal, without rigid motion [m/N]."""
+        side = self._side
+        motion: Kinematics = side.kinematics
+        nodal = kernel.weights[:, None] * kernel.normal
+        body = motion.body
+        nodes = motion.nodes[kernel.nodes]
+        row = np.asarray(body.rows(nodes).T @ nodal.ravel()).ravel()[: body.n_shapes]
+        omega = body.basis.omega
+        elastic = omega > 0
+        kept = float(np.sum((row[elastic] / omega[elastic]) ** 2))
+        assert side.flexibility is not None
+        if side.normal_only:
+            return kept + float(kernel.weights @ side.flexibility[np.ix_(kernel.nodes, kernel.nodes)] @ kernel.weights)
+        dofs = (3 * kernel.nodes[:, None] + np.arange(3)).ravel()
+        return kept + float(nodal.ravel() @ side.flexibility[np.ix_(dofs, dofs)] @ nodal.ravel())
+
+    def _thickness(self, centre: Array, normal: Array) -> float:
+        """Thickness of the wall behind a point of the surface [m]; infinite if nothing of the surface is behind it."""
+        a, b, c = (self._skin[:, k] for k in range(3))
+        first, second = b - a, c - a
+        facing = np.cross(first, second)
+        faces = facing @ normal < _BEHIND * np.linalg.norm(facing, axis=1)
+        across = np.cross(-normal, second)
+        determinant = np.einsum("fd,fd->f", first, across)
+        inverse = np.divide(1.0, determinant, out=np.zeros(len(a)), where=abs(determinant) > 0)
+        arm = centre - a
+        u = np.einsum("fd,fd->f", arm, across) * inverse
+        turned = np.cross(arm, first)
+        v = (turned @ -normal) * inverse
+        depth = np.einsum("fd,fd->f", turned, second) * inverse
+        hit = faces & (u >= 0) & (v >= 0) & (u + v <= 1) & (depth > 0) & (inverse != 0)
+        return float(depth[hit].min(initial=math.inf))

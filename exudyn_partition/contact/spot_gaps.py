@@ -1,0 +1,492 @@
+"""The gap of a contact at one point that the mesh does not resolve, between the true surfaces of both sides.
+
+One of both surfaces is a ball. The other one is a plane, a ball, a cylinder or a bore, of a body or rigid. The row of
+the contact is the mean over a kernel on each side (`surfaces.smooth_kernel`). It wanders over the patches with the
+point of contact: near its place it is tilted, further away it is made anew.
+
+Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..errors import InputError, PenetrationError
+from ..prediction.point_contact import PointContact
+from ..support.arrays import Array
+from ..surfaces.points import ContactPoints
+from ..surfaces.rows import PENETRATION_TOLERANCE
+from .gaps import Gaps, GapState, Present
+from .linear_gaps import LinearGaps
+from .rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
+from .side import Side
+from .spot import Spot, SpotMaker
+from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
+from .true_surface import TrueSurface, fitted
+
+_TILTED = 0.1  # of a kernel's radius: motion of the point of contact after which the kernel is made anew
+_ALONG = 1e-3  # difference of a direction from the normal of contact, with a flexibility along this direction alone
+
+
+class Pose(NamedTuple):
+    """Where the true surface of a side is: x = place + axes (X - body).
+
+    Parameters
+    ----------
+    place : (3,) array
+        Place in space, from the gaps' centre [m], of
+    body : (3,) array
+        this point of the body, in its axes [m].
+    axes : (3, 3) array
+        Axes of the body, as columns.
+    """
+
+    place: Array
+    body: Array
+    axes: Array
+
+    def out(self, point: Array) -> Array:
+        """Place of a point of the body, (3,) [m]."""
+        return np.asarray(self.place + self.axes @ (point - self.body))
+
+    def into(self, place: Array) -> Array:
+        """Point of the body at a place, (3,) [m]."""
+        return np.asarray(self.body + (place - self.place) @ self.axes)
+
+
+class Meeting(NamedTuple):
+    """Where two true surfaces are nearest.
+
+    Parameters
+    ----------
+    gap : float
+        [m]
+    normal : (3,) array
+        Outward unit normal of the master, in space.
+    points : list of (3,) arrays
+        Nearest point of the surface of each side that is a body, in its axes [m].
+    outward : list of (3,) arrays
+        Outward unit normals there, in its axes.
+    """
+
+    gap: float
+    normal: Array
+    points: list[Array]
+    outward: list[Array]
+
+
+class SpotRows(PresentRows):
+    """The row of a contact at a point, with the spots of its sides.
+
+    Parameters
+    ----------
+    points, leaves_at, sides
+        See `PresentRows`.
+    spots : list of Spot
+    anchor : Anchor
+        Where the spots were made.
+    """
+
+    spots: list[Spot]
+    made_at: Anchor
+
+    @property
+    def lacking(self) -> Array:
+        """Flexibility to be added to that of the row, along the normal and across it, (2,) [m/N]."""
+        return np.asarray(sum(spot.lacking for spot in self.spots))
+
+
+class SpotStage(Stage):
+    """Where the row of a contact at a point is.
+
+    Attributes
+    ----------
+    meeting : Meeting
+    """
+
+    meeting: Meeting
+
+
+class FrozenSpot(Frozen):
+    """The same, while the point of contact stays where it is on both sides.
+
+    Attributes
+    ----------
+    meeting : Meeting
+    """
+
+    meeting: Meeting
+
+
+class SpotGaps(Gaps):
+    """Gap of the true surfaces of one or two patches, at the point where they are nearest.
+
+    Parameters
+    ----------
+    sides : sequence of Side
+        Slave, and master if that is a patch too.
+    patches : sequence of int
+        Numbers of their patches.
+    surface : RigidPlane, RigidSphere or RigidCylinder, optional
+        The master, if it is rigid, in the frame of the body that carries it.
+    pose, motion
+        See `rigid.RigidGaps`.
+
+    Attributes
+    ----------
+    contact : PointContact
+        Hertz's contact of the two surfaces.
+    shear : float
+        G* of both bodies [Pa]: 4 / G* is the sum of their (2 - nu) / G.
+
+    Raises
+    ------
+    InputError
+        If a surface is none of these, neither is a ball, or the patches do not hold the kernel.
+    PenetrationError
+        If the surfaces overlap at the start.
+    """
+
+    def __init__(
+        self,
+        sides: Sequence[Side],
+        patches: Sequence[int],
+        surface: RigidSurface | None = None,
+        pose: Callable[[], tuple[Array, Array]] | None = None,
+        motion: Callable[[], tuple[Array, Array]] | None = None,
+    ) -> None:
+        self._surface, self._pose, self._motion = surface, pose, motion
+        self.carried = pose is not None
+        roles = ("slave", "master")
+        self._makers = [SpotMaker(*each) for each in zip(sides, patches, roles, strict=False)]
+        both = zip(sides, self._makers, roles, strict=False)
+        self._shapes = [fitted(maker.points, side.surface.facets, role) for side, maker, role in both]
+        if surface is not None:
+            if not isinstance(surface, RigidPlane | RigidSphere | RigidCylinder):
+                raise InputError(
+                    "master: formulation 'hertz' knows the curvatures of RigidPlane, RigidSphere and RigidCylinder, "
+                    f"got a {type(surface).__name__}; take formulation='compliance'"
+                )
+            self._shapes.append(TrueSurface(surface))
+        self._ball = next((n for n, shape in enumerate(self._shapes) if shape.ball is not None), -1)
+        if self._ball < 0:
+            kinds = " and a ".join(type(shape.shape).__name__.removeprefix("Rigid").lower() for shape in self._shapes)
+            raise InputError(
+                f"slave, master: formulation 'hertz' needs a ball that touches at a point, got a {kinds}. Round the "
+                "patch of one body, or take formulation='compliance' with facets that resolve the contact"
+            )
+        self.contact = PointContact(self._relative_curvatures(), self._modulus())
+        self.shear = 4 / sum((2 - maker.material.nu) / maker.material.shear_modulus for maker in self._makers)
+        self._prepare(sides)
+
+    def _relative_curvatures(self) -> tuple[float, float]:
+        first, second = (shape.curvatures for shape in self._shapes)
+        sums = first[0] + second[0], first[1] + second[1]
+        if min(sums) <= 0:
+            raise InputError(
+                "slave, master: formulation 'hertz' needs a ball that is smaller than the bore in which it is; these "
+                "touch all along a line. Take formulation='compliance' with facets that resolve the contact"
+            )
+        return sums
+
+    def _modulus(self) -> float:
+        return 1 / sum(1 / maker.material.plane_strain_modulus for maker in self._makers)
+
+    def _prepare(self, sides: Sequence[Side]) -> None:
+        """Find the spots at the start."""
+        self.sides = tuple(sides)
+        self._middles = [maker.points.mean(axis=0) for maker in self._makers]
+        self.n, self._loaded = sum(side.n for side in sides), {}
+        self._start_q = np.zeros(self.n)
+        meeting = self._meeting(self._rough_poses(self._start_q), self.carrier_pose)
+        if not self.carried:
+            self.sides = tuple(side.seen_from(self._contact_place(meeting)) for side in sides)
+        self.size = min(side.surface.facet_size for side in sides)
+        slave = self._makers[0].points
+        self._row_node = int(np.linalg.norm(slave - meeting.points[0], axis=1).argmin())
+        rows = self._rows_at(Anchor(self._start_q, self.carrier_pose))
+        stage, gap = self._stage_at(rows, self.places_of(rows.sides, self._start_q), self._start_q)
+        self._check_start(rows, stage, gap)
+        self._all, self.clearance, self.approach = rows.points, float(gap[0]), -stage.normals[0]
+        self._start = self._frozen(stage, gap) if self._may_freeze else stage
+        self._go_to_stage(self._start, self._start_q)
+        self._seen = rows
+
+    def _contact_place(self, meeting: Meeting) -> Array:
+        """Place of the point of contact on the slave at the start, (3,) [m]."""
+        return self._rough_poses(self._start_q)[0].out(meeting.points[0])
+
+    def _check_start(self, rows: SpotRows, stage: SpotStage, gap: Array) -> None:
+        for maker, spot, side in zip(self._makers, rows.spots, self.sides, strict=True):
+            if spot.covered or (side.kinematics.linear and not side.surface.wanders):
+                maker.check(spot)
+        for number, outward in enumerate(stage.meeting.outward):
+            self._check_flexibility(number, outward)
+        covered = all(spot.covered for spot in rows.spots)
+        if covered and stage.meeting.gap < -PENETRATION_TOLERANCE * self.size:
+            raise PenetrationError(
+                f"the true surfaces overlap by {-stage.meeting.gap:.4g} m at the start; facets are chords, so that a "
+                "ball is larger than its mesh. Move one body by at least that (referencePosition)"
+            )
+
+    def _check_flexibility(self, number: int, outward: Array) -> None:
+        """Raise InputError if a side has no flexibility along the line of contact; its normal is in its axes."""
+        side = self.sides[number]
+        if not side.normal_only or isinstance(self._shapes[number].shape, RigidPlane):
+            return
+        line = side.kinematics.frame(np.zeros(side.n))[1] @ outward
+        if side.surface.wanders or not side.kinematics.linear or 1 - line @ side.surface.direction > _ALONG:
+            raise InputError(
+                f"{('slave', 'master')[number]}: formulation 'hertz' needs the flexibility along the line of contact, "
+                f"{line}, and wherever that turns, but the patch has it along {side.surface.direction} or along the "
+                "normals of its nodes alone. Make the patch with axes='xyz'"
+            )
+
+    @property
+    def _may_freeze(self) -> bool:
+        """Whether the point of contact stays the same in the bodies, and gaps are linear in the coordinates."""
+        ball_on_plane = self._ball == 0 and isinstance(self._surface, RigidPlane) and not self.carried
+        return ball_on_plane and self.sides[0].kinematics.linear
+
+    def _frozen(self, stage: SpotStage, gap: Array) -> Frozen:
+        self.stage = stage
+        H = self.rows_on_coordinates(stage, self._start_q)
+        no_drift = np.zeros((0, self.n)), np.zeros(0)
+        frozen = FrozenSpot(stage.rows, stage.normals, stage.shares, LinearGaps(H, gap, *no_drift, 0.0))
+        frozen.meeting = stage.meeting
+        return frozen
+
+    # The true surfaces.
+
+    def _rough_poses(self, q: Array) -> list[Pose]:
+        """Poses of the sides by the mean motion of their patches, which depend on no spot."""
+        poses = []
+        for side, middle, part in zip(self.sides, self._middles, self.split(q), strict=True):
+            whole = replace(side, active=None)
+            poses.append(Pose(whole.place(part).mean(axis=0), middle, side.kinematics.frame(part)[1]))
+        return poses
+
+    def _poses(self, places: Sequence[Array], weights: Sequence[Array], rows: SpotRows, q: Array) -> list[Pose]:
+        """Poses of the sides by the mean motion of the nodes of spots, with their weights."""
+        poses = []
+        for number, (spot, part) in enumerate(zip(rows.spots, self.split(q), strict=True)):
+            nodes, share = spot.kernel.nodes, weights[number]
+            body = share @ self._makers[number].points[nodes]
+            axes = self.sides[number].kinematics.frame(part)[1]
+            poses.append(Pose(share @ places[number][nodes], body, axes))
+        return poses
+
+    def _meeting(self, poses: list[Pose], carried: Array) -> Meeting:
+        """Where the surfaces are nearest, with the sides at poses and the rigid surface's carrier at a pose, (12,)."""
+        poses = poses if self._surface is None else [*poses, self._rigid_pose(carried)]
+        ball, second = self._ball, 1 - self._ball
+        form = self._shapes[ball].ball
+        assert form is not None
+        centre, radius = form
+        place = poses[ball].out(centre)
+        gap, normal = self._shapes[second].shape.project(poses[second].into(place)[None])
+        outward = poses[second].axes @ normal[0]
+        foot = poses[second].into(place) - gap[0] * normal[0]
+        of_ball = -outward @ poses[ball].axes
+        points, normals = {second: foot, ball: centre + radius * of_ball}, {second: normal[0], ball: of_ball}
+        sides = range(len(self.sides))
+        return Meeting(
+            float(gap[0]) - radius,
+            outward if second == 1 else -outward,
+            [points[n] for n in sides],
+            [normals[n] for n in sides],
+        )
+
+    def _rigid_pose(self, carried: Array) -> Pose:
+        if not len(carried):
+            return Pose(-self.centre, np.zeros(3), np.eye(3))
+        return Pose(carried[:3] - self.centre, np.zeros(3), carried[3:].reshape(3, 3))
+
+    # Rows and stages.
+
+    def _rows_at(self, anchor: Anchor) -> SpotRows:
+        """The row with spots that are made where the surfaces are nearest at an anchor."""
+        meeting = self._meeting(self._rough_poses(anchor.q), anchor.pose)
+        where = zip(self._makers, meeting.points, meeting.outward, strict=True)
+        spots = [maker.at(point, outward) for maker, point, outward in where]
+        kernel, surface = spots[0].kernel, self.sides[0].surface
+        n, nf = len(surface.points), len(surface.facets)
+        points = ContactPoints(
+            nodes=kernel.nodes[None],
+            weights=kernel.weights[None],
+            mean=sp.csr_matrix(np.ones((1, 1))),
+            row_nodes=np.array([self._row_node]),
+            area=np.zeros(1),
+            pressures=sp.csr_matrix((n, n)),
+            facets=sp.csc_matrix((nf, 1)),
+        )
+        sides = self.with_nodes([spot.kernel.nodes for spot in spots])
+        rows = SpotRows(points, np.array([np.inf if all(spot.whole for spot in spots) else 0.0]), sides)
+        rows.spots, rows.made_at = spots, anchor
+        return rows
+
+    def _stage_at(
+        self, rows: SpotRows, places: list[Array], q: Array, pose: Array | None = None
+    ) -> tuple[SpotStage, Array]:
+        """Stage of a row with nodes at places, (np, 3) for each side [m], and its gap, (1,) [m].
+
+        `q`, (n,), are the coordinates, and `pose` is that of the surface's carrier, by default the present one.
+        """
+        pose = self.carrier_pose if pose is None else pose
+        weights = [spot.kernel.weights for spot in rows.spots]
+        meeting = self._meeting(self._poses(places, weights, rows, q), pose)
+        weights = [spot.kernel.around(point) for spot, point in zip(rows.spots, meeting.points, strict=True)]
+        meeting = self._meeting(self._poses(places, weights, rows, q), pose)
+        signs = (1.0, -1.0)
+        shares = tuple(
+            (spot.kernel.nodes[None], sign * share[None])
+            for spot, share, sign in zip(rows.spots, weights, signs, strict=False)
+        )
+        stage = SpotStage(rows, meeting.normal[None].copy(), shares)
+        stage.meeting, stage.places, stage.pose = meeting, places, pose
+        covered = all(spot.covered for spot in rows.spots)
+        return stage, np.array([meeting.gap if covered else max(abs(meeting.gap), self.size)])
+
+    def _reaches(self, rows: SpotRows, meeting: Meeting) -> bool:
+        """Whether the point of contact is near the centres of the spots."""
+        return all(
+            np.linalg.norm(point - spot.kernel.centre) <= _TILTED * spot.radius
+            for spot, point in zip(rows.spots, meeting.points, strict=True)
+        )
+
+    @property
+    def meeting(self) -> Meeting:
+        """Where the surfaces are nearest now."""
+        stage = self.stage
+        assert isinstance(stage, SpotStage | FrozenSpot)
+        return stage.meeting
+
+    def body_points(self, place: int) -> Array:
+        """Nodes of one side's patch in the body's axes, from its centre of mass, undeformed, (np, 3) [m]."""
+        return self._makers[place].points
+
+    @property
+    def spot_rows(self) -> SpotRows:
+        """The present row with its spots."""
+        rows = self.stage.rows
+        assert isinstance(rows, SpotRows)
+        return rows
+
+    def _go_to_start(self) -> None:
+        """See `Gaps`."""
+        self._go_to_stage(self._start.again(), self._start_q)
+        self.at(self._start_q)
+
+    def at(self, q: Array) -> Array:
+        """See `Gaps.at`."""
+        if isinstance(self.stage, Frozen):
+            self._go_to_stage(self.stage, q)
+            return self.stage.gap(q)
+        pose, rows = self.carrier_pose, self.spot_rows
+        stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
+        if not self._reaches(rows, stage.meeting):
+            rows = self._rows_at(Anchor(q.copy(), pose))
+            stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
+        self._go_to_stage(stage, q)
+        return gap
+
+    def of_present(self, q: Array) -> Array:
+        """See `Gaps.of_present`."""
+        if isinstance(self.stage, Frozen):
+            return self.at(q)
+        rows = self.spot_rows
+        stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q)
+        self._go_to_stage(stage, q)
+        return gap
+
+    def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
+        """See `Gaps.surface_gap`; it is the gap of the true surfaces."""
+        rows = self._seen
+        stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q)
+        if not self._reaches(rows, stage.meeting):
+            rows = self._seen = self._rows_at(Anchor(q.copy(), self.carrier_pose))
+            gap = self._stage_at(rows, self.places_of(rows.sides, q), q)[1]
+        return float(gap[0])
+
+    def return_to(self, present: Present) -> None:
+        """See `Gaps`."""
+        if present.stage.rows != self._loaded_rows:
+            self._loaded, self._loaded_rows = {}, present.stage.rows
+        super().return_to(present)
+
+    _loaded_rows: object = None
+
+    # State.
+
+    def after(self) -> GapState:
+        """See `Gaps`."""
+        return replace(super().after(), chosen=None if not self.moving else self.spot_rows.made_at)
+
+    def retry(self) -> None:
+        """See `Gaps`."""
+        super().retry()
+        self._restore_rows(self.accepted)
+
+    def _restore_rows(self, state: GapState) -> None:
+        """See `Gaps`."""
+        if state.chosen is not None and not self.spot_rows.made_at.equals(state.chosen):
+            rows = self._rows_at(state.chosen)
+            q = self.present.q
+            stage = self._stage_at(rows, self.places_of(rows.sides, q), q)[0]
+            self._put_stage(stage)
+
+    def _go_to_state(self, state: GapState) -> Array:
+        """See `Gaps`; the carrier may not be there yet."""
+        if not len(state.pose):
+            return self.at(state.q)
+        rows = self.spot_rows
+        stage, gap = self._stage_at(rows, self.places_of(rows.sides, state.q), state.q, state.pose)
+        self._go_to_stage(stage, state.q)
+        return gap
+
+    def stance(self) -> Array:
+        """See `Gaps.stance`: the point of contact on each side."""
+        return np.concatenate(self.meeting.points) / self.size
+
+    def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
+        """See `Gaps`."""
+        assert isinstance(rows, SpotRows)
+        stage = self._stage_at(rows, self.places_of(rows.sides, anchor.q), anchor.q, anchor.pose)[0]
+        stage.of_anchor = True
+        return stage
+
+    # The body that carries a rigid surface.
+
+    @property
+    def carrier_pose(self) -> Array:
+        """See `Gaps.carrier_pose`."""
+        if self._pose is None:
+            return NOTHING
+        place, axes = self._pose()
+        return np.concatenate([place, axes.ravel()])
+
+    @property
+    def carrier_motion(self) -> Array:
+        """See `Gaps.carrier_motion`."""
+        return NOTHING if self._motion is None else np.concatenate(self._motion())
+
+    def carrier_rows(self, index: Array) -> Array:
+        """See `Gaps.carrier_rows`."""
+        if self._pose is None:
+            raise InputError("carrier_rows: nothing carries the surface")
+        nodes, weights = self.shares[0]
+        arm = weights[0] @ self.places_now()[0][nodes[0]] + self.centre - self._pose()[0]
+        normal = self.normals[0]
+        return -np.concatenate([normal, np.cross(arm, normal)])[None][index]
+
+    def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
+        """See `Gaps.closing`; the accelerations of the surface's carrier are not known here, and left out."""
+        gap, rate, acceleration = super().closing(q, q_t, q_tt)
+        if self._motion is not None:
+            rate = rate + self.carrier_rows(np.arange(len(gap))) @ self.carrier_motion
+        return gap, rate, acceleration

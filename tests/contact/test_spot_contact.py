@@ -1,0 +1,319 @@
+"""Contact at a point that facets do not resolve: against Hertz, Mindlin and Maw, and by its own balances."""
+
+import math
+import warnings
+
+import exudyn as exu
+import netgen.occ as occ
+import numpy as np
+import pytest
+
+import exudyn_partition as ep
+from exudyn_partition.contact.formulations.hertz import HertzCurve
+from exudyn_partition.contact.formulations.hertz_friction import Springs
+from exudyn_partition.contact.true_surface import fitted
+from exudyn_partition.errors import InputError, PenetrationError
+from exudyn_partition.prediction.point_contact import PointContact
+from exudyn_partition.surfaces.smooth_kernel import kernel_around
+
+pytestmark = pytest.mark.filterwarnings("ignore::exudyn_partition.errors.YieldWarning")
+R, SPEED, MU = 10e-3, 0.5, 0.3
+
+
+@pytest.fixture(scope="module")
+def coarse():
+    """A steel ball about the origin whose facets are three and a half contact radii long at the south pole."""
+    shape = occ.Sphere(occ.Pnt(0, 0, 0), R).Rotate(occ.Axis(occ.Pnt(0, 0, 0), occ.Dir(1, 0.3, 0.1)), 50)
+    fem = ep.fe_model(shape, ep.STEEL, maxh=3.5e-3, refine=[ep.Refine((0, 0, -R), 5e-3, 1e-3)], grading=0.6)
+    part = ep.Partition.ball(fem, (0, 0, -R), 4.5e-3, axes="xyz", direction=(0, 0, -1))
+    return ep.reduce(fem, part, f_cut=150e3)
+
+
+def drop(body, line=(0.05, 0.03, -1), sliding=0.0, frame="inertial", carried=False, friction=None, **options):
+    """Body, contact and result of the ball hitting a plane along a line of its body, (3,)."""
+    n = np.array(line) / np.linalg.norm(line)
+    along = np.cross(n, [0.3, 1, 0.2])
+    mbs = exu.SystemContainer().AddSystem()
+    velocity = SPEED * n + sliding * along / np.linalg.norm(along)
+    ball = ep.CreatePartitionBody(mbs, body, frame=frame, initialVelocity=list(velocity))
+    place = {"masterBody": mbs.CreateGround()} if carried else {}
+    plane = ep.RigidPlane((R + 1e-7) * n, -n)
+    contact = ep.CreatePartitionContact(mbs, ball, plane, formulation="hertz", friction=friction, **place)
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=72e-6, step=0.1e-6, **options)
+    return ball, contact, result
+
+
+def energy_of(bodies, contact, result):
+    return sum(body.energy(result) for body in bodies) + contact.energy(result) + contact.dissipated_energy(result)
+
+
+@pytest.fixture(scope="module")
+def dropped(coarse):
+    return drop(coarse)
+
+
+# Static laws.
+
+
+def test_a_circular_contact_is_hertz_s():
+    contact = PointContact((1 / R, 1 / R), 1e11)
+    np.testing.assert_allclose(contact.semi_axes(50.0), (0.75 * 50.0 * R / 1e11) ** (1 / 3), rtol=1e-12)
+    assert contact.yielding == pytest.approx((9 / (16 * 1e22 * R)) ** (1 / 3), rel=1e-12)
+    assert contact.force(contact.semi_axes(50.0)[0]) == pytest.approx(50.0, rel=1e-12)
+
+
+def test_an_elliptic_contact_fits_both_curvatures():
+    """Displacements beneath Hertz's pressure on the ellipse follow both curvatures (Johnson, eq. 4.26)."""
+    from scipy.special import ellipe, ellipk
+
+    contact = PointContact((20.0, 90.0), 1e11)
+    a, b = contact.semi_axes(100.0)
+    square, pressure = 1 - (b / a) ** 2, 150.0 / (np.pi * a * b)
+    E, K, unit = ellipe(square), ellipk(square), pressure * b / (1e11 * square * a**2)
+    assert 2 * unit * (K - E) == pytest.approx(20.0, rel=1e-9)
+    assert 2 * unit * ((a / b) ** 2 * E - K) == pytest.approx(90.0, rel=1e-9)
+    assert contact.yielding * 100 ** (2 / 3) == pytest.approx(pressure / 1e11 * b * K, rel=1e-9)
+    nearly = PointContact((50.0, 50.01), 1e11)
+    assert nearly.yielding == pytest.approx(PointContact((50.005, 50.005), 1e11).yielding, rel=1e-6)
+
+
+@pytest.mark.parametrize("series", [-3e-9, -2e-10, 0.0, 2e-9])
+def test_the_force_is_the_derivative_of_the_stored_energy(series):
+    """Also beyond the largest contact, where bodies that are stiffer than rigid ones would have no answer."""
+    curve = HertzCurve(series, PointContact((100.0, 100.0), 1.15e11))
+    for approach in np.geomspace(1e-3, 3.0, 9) * curve.approach(curve.largest):
+        force, way = curve.force(approach), 1e-5 * approach
+        sides = [curve.force(approach + side * way) for side in (-1, 1)]
+        assert (curve.stored(sides[1]) - curve.stored(sides[0])) / (2 * way) == pytest.approx(force, rel=1e-6)
+        assert (sides[1] - sides[0]) / (2 * way) == pytest.approx(curve.stiffness(force), rel=1e-4)
+        if force < curve.largest:
+            assert curve.approach(force) == pytest.approx(approach, rel=1e-10)
+
+
+# Friction at a point.
+
+
+def stretched(springs, ways, force):
+    """Sums of the springs along ways [m] under a constant normal force [N], and the energy that they take [J]."""
+    k, bounds = springs.stiffness(springs.reach(force)), MU * springs.normal(springs.reach(force))
+    x, sums, last = np.zeros((len(k), 2)), [0.0], 0.0
+    work, stored = 0.0, 0.0
+    for way in ways:
+        held = springs.held(x + np.array([way - last, 0.0]), k, bounds)
+        x, sums, work = held.elongations, [*sums, held.force[0]], work + (way - last) * (held.force[0] + sums[-1]) / 2
+        last, stored = way, 0.5 * float(k @ x[:, 0] ** 2)
+    return np.array(sums[1:]), work - stored
+
+
+def test_springs_are_cattaneo_s_and_mindlin_s():
+    """Q = mu P (1 - (1 - way / slope)^(3/2)), slope = 3 mu P / (16 a G*), where 1 / G* is the sum of (2 - nu) / G."""
+    modulus, shear, P = 1.15e11, 4 * 81e9 / 1.7, 900.0
+    springs = Springs(R, modulus, shear)
+    a = springs.reach(P)
+    assert springs.normal(a).sum() == pytest.approx(P, rel=1e-12)
+    assert springs.stiffness(a).sum() == pytest.approx(8 * (81e9 / 1.7) * a, rel=1e-12)
+    slope = 3 * MU * P / (16 * (81e9 / 1.7) * a)
+    ways = np.linspace(0, 0.9, 60)[1:] * slope
+    sums, _ = stretched(springs, ways, P)
+    np.testing.assert_allclose(sums, MU * P * (1 - (1 - ways / slope) ** 1.5), atol=0.01 * MU * P)
+    sums, _ = stretched(springs, np.linspace(0, 1.2, 60) * slope, P)
+    assert sums[-1] == pytest.approx(MU * P, rel=1e-12)
+
+
+MAW = {0.5: 0.048, 1.0: -0.060, 2.0: -0.837, 3.0: -1.380, 4.0: -1.437, 4.5: -1.218, 6.0: 0.235}  # psi1: psi2, nu = 0.3
+
+
+@pytest.mark.parametrize("psi1", MAW)
+def test_rebound_of_a_rigid_ball_on_springs_is_maw_s(psi1):
+    """Maw, Barber and Fawcett, 1976, with kappa = 2 (1 - nu) / (2 - nu) and psi = kappa v_T / (mu v_N)."""
+    nu, G, mass = 0.3, 81e9, 0.0329
+    modulus, kappa = 2 * G / (1 - nu), 2 * (1 - nu) / (2 - nu)
+    springs = Springs(R, modulus, 4 * G / (2 - nu))
+    depth = (15 * mass * SPEED**2 / (16 * modulus * math.sqrt(R))) ** 0.4
+    dt = 2.943 * depth / SPEED / 400
+    d, v, slide, P, T = 0.0, SPEED, psi1 * MU * SPEED / kappa, 0.0, 0.0
+    x, k_before = np.zeros((len(springs.ends) - 1, 2)), springs.stiffness(0.0)
+    while True:
+        v, slide = v - 0.5 * dt * P / mass, slide - 1.75 * dt * T / mass
+        d += dt * v
+        if d <= 0:
+            break
+        P = 4 / 3 * modulus * math.sqrt(R) * d**1.5
+        reach = springs.reach(P)
+        k, bounds = springs.stiffness(reach), MU * springs.normal(reach)
+        kept = x * np.divide(np.minimum(k, k_before), k, out=np.zeros(len(k)), where=k > 0)[:, None]
+        held = springs.held(kept + np.array([dt * slide, 0.0]), k, bounds)
+        x, k_before, T = held.elongations, k, held.force[0]
+        v, slide = v - 0.5 * dt * P / mass, slide - 1.75 * dt * T / mass
+    assert slide * kappa / (MU * SPEED) == pytest.approx(MAW[psi1], abs=0.02)
+
+
+# Surfaces and kernels.
+
+
+def patch_of(shape, near, maxh=3e-3):
+    fem = ep.fe_model(shape, ep.STEEL, maxh=maxh)
+    patch = ep.Partition.surface(fem, near=near, axes="xyz").patches[0]
+    return fem.points, patch.facets
+
+
+def test_true_surfaces_are_found_and_others_refused():
+    ball, pin = occ.Sphere(occ.Pnt(1e-3, 2e-3, 0), R), occ.Cylinder(occ.Pnt(15e-3, 15e-3, 0), occ.Z, 8e-3, 0.01)
+    sphere = fitted(*patch_of(ball, (0, 0, -R)), "slave")
+    assert sphere.ball[1] == pytest.approx(R, rel=1e-9)
+    np.testing.assert_allclose(sphere.ball[0], [1e-3, 2e-3, 0], atol=1e-9)
+    drilled = occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(0.03, 0.03, 0.01)) - pin
+    bore = fitted(*patch_of(drilled, (0.023, 0.015, 5e-3)), "slave")
+    assert bore.curvatures == pytest.approx((-1 / 8e-3, 0.0), rel=1e-6)
+    flat = fitted(*patch_of(drilled, (0, 0, 0.01)), "slave")
+    assert flat.curvatures == (0.0, 0.0)
+    np.testing.assert_allclose(flat.shape.normal, [0, 0, 1], atol=1e-12)
+    points, facets = patch_of(ball, (0, 0, -R))
+    with pytest.raises(InputError, match="slave: formulation 'hertz' needs the true surface"):
+        fitted(points * [1.0, 1.0, 0.9], facets, "slave")
+
+
+def test_a_kernel_is_whole_centred_and_follows_small_ways(coarse):
+    points, facets = coarse.points, coarse.partition.patches[0].facets
+    n = np.array([0.06, -0.03, -1.0]) / np.linalg.norm([0.06, -0.03, -1.0])
+    kernel = kernel_around(points, facets, R * n, n, 2e-3)
+    assert kernel.weights.sum() == pytest.approx(1.0, abs=1e-12)
+    assert kernel.coverage == pytest.approx(1.0, abs=0.01)
+    across = np.linalg.svd(n[None])[2][1:]
+    for way in (np.zeros(2), np.array([1.5e-4, -0.7e-4])):
+        place = kernel.around(R * n + way @ across) @ points[kernel.nodes] - R * n
+        np.testing.assert_allclose(across @ place, way, atol=1e-9)
+        assert place @ n == pytest.approx(-(2e-3**2) / (5 * R), rel=0.15)  # sagitta of the mean place
+    slopes = kernel.slopes.T @ (points[kernel.nodes] @ [3.0, -1.0, 0.5])
+    np.testing.assert_allclose(across @ slopes, across @ [3.0, -1.0, 0.5], rtol=0.02)
+    assert kernel_around(points, facets, -R * n, -n, 2e-3).coverage == 0.0
+
+
+# Impacts.
+
+
+def test_the_impact_of_a_coarse_ball_is_hertz_s(coarse, dropped):
+    """A whole sphere is 1.4 % stiffer than Hertz's half-spaces here (`validation/contact/unresolved.py`)."""
+    ball, contact, result = dropped
+    hertz = ep.hertz.impact(coarse.total_mass, SPEED, R, math.inf, ep.STEEL)
+    force = contact.force(result)
+    assert force.max() == pytest.approx(1.014 * hertz.peak_force, rel=0.004)
+    assert np.trapezoid(force, result.t) == pytest.approx(2 * coarse.total_mass * SPEED, rel=1e-3)
+    assert np.ptp(energy_of([ball], contact, result)) < 1e-4 * ball.energy(result)[0]
+    other = drop(coarse, (-0.08, 0.02, -1))[1:]
+    assert other[0].force(other[1]).max() == pytest.approx(force.max(), rel=1e-3)
+    stress = contact.largest_stress(result)
+    radius = (0.75 * force.max() * R / ep.STEEL.plane_strain_modulus) ** (1 / 3)
+    assert stress.semi_axes == pytest.approx((radius, radius), rel=1e-9)
+    assert contact.radius(result).max() == pytest.approx(radius, rel=1e-9)
+    assert contact.pressure(result).max() == pytest.approx(stress.pressure, rel=1e-9)
+    assert any("facets do not resolve" in said for said in contact.left_out)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"frame": "floating"}, {"carried": True}, {"method": "implicit"}],
+    ids=["floating", "carried", "implicit"],
+)
+def test_frames_carriers_and_methods_agree(coarse, dropped, options):
+    expected = dropped[1].force(dropped[2])
+    _, contact, result = drop(coarse, **options)
+    np.testing.assert_allclose(contact.force(result), expected, atol=2e-3 * expected.max())
+
+
+def pair(coarse, along=0.0, frame="inertial", **options):
+    """Two balls, the upper one upside down."""
+    mbs = exu.SystemContainer().AddSystem()
+    velocities = [0.5 * along, 0, SPEED], [-0.5 * along, 0, -SPEED]
+    turned = {"referenceRotationMatrix": np.diag([1.0, -1, -1]).tolist(), "frame": "floating"}
+    lower = ep.CreatePartitionBody(mbs, coarse, initialVelocity=velocities[0], **turned)
+    place = {"referencePosition": [0, 0, 2 * R + 2e-7], "frame": frame}
+    upper = ep.CreatePartitionBody(mbs, coarse, initialVelocity=velocities[1], **place)
+    contact = ep.CreatePartitionContact(mbs, upper, lower, formulation="hertz", **options)
+    mbs.Assemble()
+    return [lower, upper], contact, ep.solve_dynamic(mbs, end_time=72e-6, step=0.1e-6)
+
+
+def test_two_balls_meet_as_one_meets_a_plane(coarse, dropped):
+    """By symmetry, with twice the speed."""
+    bodies, contact, result = pair(coarse)
+    expected = dropped[1].force(dropped[2])
+    assert contact.force(result).max() == pytest.approx(expected.max(), rel=2e-3)
+    np.testing.assert_allclose(sum(body.momentum(result)[:, :3] for body in bodies), 0, atol=1e-9 * SPEED)
+    assert np.ptp(energy_of(bodies, contact, result)) < 1e-4 * bodies[0].energy(result)[0]
+
+
+def test_balls_that_slide_past_each_other_keep_momenta_and_energy(coarse):
+    """The point of contact wanders by a tenth of the kernel and more, while friction slips."""
+    bodies, contact, result = pair(coarse, along=6.0, frame="floating", friction=MU)
+    momenta = sum(body.momentum(result) for body in bodies)
+    scale = coarse.total_mass * 3.0
+    np.testing.assert_allclose(momenta[:, :3], np.tile(momenta[0, :3], (len(momenta), 1)), atol=1e-9 * scale)
+    np.testing.assert_allclose(momenta[:, 3:], np.tile(momenta[0, 3:], (len(momenta), 1)), atol=1e-4 * scale * R)
+    energy = energy_of(bodies, contact, result)
+    assert np.ptp(energy) < 1e-4 * energy[0]
+    tangential = np.trapezoid(np.linalg.norm(contact.friction.tangential_force(result), axis=1), result.t)
+    assert tangential == pytest.approx(MU * np.trapezoid(contact.force(result), result.t), rel=1e-3)
+
+
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_a_ball_that_slides_is_turned_by_the_force_at_its_surface(coarse, frame):
+    """It slips all the time: the tangential impulse is mu times the normal one, and its lever is the radius."""
+    ball, contact, result = drop(coarse, (0, 0, -1), sliding=2.0, frame=frame, friction=MU)
+    normal = np.trapezoid(contact.force(result), result.t)
+    tangential = np.trapezoid(contact.friction.tangential_force(result), result.t, axis=0)
+    assert np.linalg.norm(tangential) == pytest.approx(MU * normal, rel=1e-3)
+    spin = ball.rigid_motion(ball.coordinates_t(result))[-1, 3:] if frame == "inertial" else ball.spin(result)
+    assert 0.4 * coarse.total_mass * R**2 * np.linalg.norm(spin) == pytest.approx(
+        R * np.linalg.norm(tangential), rel=5e-3
+    )
+    energy = energy_of([ball], contact, result)
+    assert np.ptp(energy) < 1e-4 * energy[0]
+
+
+@pytest.mark.parametrize("friction", [None, MU])
+def test_the_tangent_is_the_derivative_of_the_forces(coarse, friction):
+    mbs = exu.SystemContainer().AddSystem()
+    ball = ep.CreatePartitionBody(mbs, coarse)
+    plane = ep.RigidPlane((0, 0, -R - 1e-7))
+    contact = ep.CreatePartitionContact(mbs, ball, plane, formulation="hertz", friction=friction)
+    mechanics = contact.mechanics.for_run("implicit")
+    q = coarse.rigid @ [1e-6, 0.5e-6, -4e-6, 0, 0, 0]
+    mechanics.at(0 * q)
+    mechanics.accept(0.0, 1e-6)
+    tangent = mechanics.at(q).tangent()
+    rng = np.random.default_rng(1)
+    for way in rng.normal(size=(3, len(q))) * 1e-10:
+        sides = [mechanics.at(q + side * way).generalised for side in (-0.5, 0.5)]
+        change = sides[0] - sides[1]
+        np.testing.assert_allclose(change, tangent @ way, atol=2e-3 * abs(change).max())
+
+
+# What is refused.
+
+
+def test_what_cannot_be_is_refused_by_name(coarse, ball):
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, coarse)
+    plane = ep.RigidPlane((0, 0, -R - 1e-7))
+
+    def refused(match, master=plane, error=InputError, slave=item, **options):
+        with pytest.raises(error, match=match):
+            ep.CreatePartitionContact(mbs, slave, master, formulation="hertz", **options)
+
+    refused("has rows='spot'", rows="integrated")
+    refused("no interference", interference=1e-6)
+    refused("overlap by", ep.RigidPlane((0, 0, -R + 1e-5)), PenetrationError)
+    angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    curve = 5e-3 * np.column_stack([np.cos(angle), np.sin(angle)])
+    refused("got a RigidProfile", ep.RigidProfile(curve, (0, 0, -R - 6e-3), (0, 1, 0)))
+    refused("this one is elliptic", ep.RigidCylinder((0, 0, 0.3 * R), (0, 1, 0), 1.4 * R, hollow=True), friction=MU)
+    refused("smaller than the bore", ep.RigidCylinder((0, 0, 0), (0, 1, 0), R, hollow=True))
+    with pytest.raises(InputError, match="'spot'"):
+        ep.CreatePartitionContact(mbs, item, plane, rows="spot")
+    fem, partition = ball
+    small = ep.CreatePartitionBody(mbs, ep.reduce(fem, partition, f_cut=60e3), referencePosition=[0, 0, 1.0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        refused("does not reach as far", ep.RigidPlane((0, 0, 1.0 - 1e-7)), slave=small)

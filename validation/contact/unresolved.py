@@ -1,0 +1,287 @@
+"""Contacts that are smaller than the facets around them: formulation "hertz" against refined patches and series.
+
+Scenes: a ball on a rigid plane, two balls, a ball on a free thin plate, a ball in a rigid bore (an elliptic contact).
+The elements at the contact are one, two and four contact radii long, and the contact is at a node, at the middle of an edge
+and at the middle of a facet. Beside it, formulation "compliance" on the same meshes.
+References: of balls on planes and balls, the series solution of a whole elastic sphere (elastic_sphere.py); of plate and
+bore, formulation "compliance" on patches with three and a half elements in the contact radius.
+Quantities: peak of the force, impulse, duration between 5 % of the peak, the change of energy, and processor times.
+
+The ball also hits the plane at an angle, with friction. Reference: Maw, Barber and Fawcett (mindlin_ball.py), whose
+tangential flexibility is that of half-spaces, with two to four per cent less impulse where the ball sticks and rolls
+back. Quantity: tangential impulse. And a ball with a coarse skin rolls over its elements by its weight: the normal
+force should be the weight.
+Limits: peak, impulse and duration 1 %, on the plate 1.5 %, energy 1e-3 of its start; tangential impulse 3 %; force of
+the rolling ball 2 %, at rest 0.5 %.
+
+    python -m validation.contact.unresolved [--quick] [--out FILE]
+"""
+
+import argparse
+import time
+import warnings
+from functools import cache
+from pathlib import Path
+
+import exudyn as exu
+import netgen.occ as occ
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import exudyn_partition as ep
+from exudyn_partition.fe.shapes import shape_functions
+from validation.contact import scenes
+from validation.contact.elastic_sphere import ElasticSphere
+from validation.contact.mindlin_ball import oblique_impact
+
+RADIUS, SPEED, SMALL, F_CUT = 10e-3, 0.5, 5e-3, 200e3
+THICK, WIDTH = 3e-3, 40e-3  # of the plate [m]
+BORE = 15e-3
+SIZES = (1.0, 2.0, 4.0)  # of elements, by the radius of contact
+FINE = 1 / 3.5
+PLACES = ("node", "edge", "facet")
+LIMITS = {
+    "plane": 0.01, "two balls": 0.01, "plate": 0.015, "bore": 0.01, "energy": 1e-3,
+    "oblique": 0.03, "rolling": 0.02, "rest": 0.005,
+}  # fmt: skip
+FRICTION, SLIDING = 0.3, (0.3, 0.6, 1.5)  # m/s
+MARGIN = 2e-7  # gap at the start [m]
+
+
+def mass_of(radius):
+    """Mass of a steel ball [kg]."""
+    return scenes.STEEL.rho * 4 / 3 * np.pi * radius**3
+
+
+def contact_radius(scene):
+    """Largest contact radius of a scene by Hertz [m]."""
+    if scene == "plate":
+        return ep.hertz.impact(mass_of(SMALL), SPEED, SMALL, np.inf, scenes.STEEL, ep.ALUMINIUM).contact_radius
+    two = scene == "two balls"
+    masses = mass_of(RADIUS) / (2 if two else 1)
+    others = (RADIUS, scenes.STEEL) if two else (np.inf if scene == "plane" else -BORE, None)
+    return ep.hertz.impact(masses, SPEED, RADIUS, others[0], scenes.STEEL, others[1]).contact_radius
+
+
+@cache
+def ball(radius, h, fine):
+    """Ball about the origin with elements of size h at its south pole, reduced."""
+    shape = occ.Sphere(occ.Pnt(0, 0, 0), radius).Rotate(occ.Axis(occ.Pnt(0, 0, 0), occ.Dir(1, 0.3, 0.1)), 50)
+    fem = ep.fe_model(shape, scenes.STEEL, **mesh((0, 0, -radius), h, fine, 0.25 * radius))
+    part = ep.Partition.ball(fem, (0, 0, -radius), patch(h, fine), axes="xyz", direction=(0, 0, -1))
+    return ep.reduce(fem, part, f_cut=F_CUT)
+
+
+def mesh(place, h, fine, maxh):
+    """Options of a mesh with elements of size h around a place."""
+    return {"maxh": maxh, "refine": [ep.Refine(place, patch(h, fine) + 1.5 * h, h)], "grading": 0.4}
+
+
+def patch(h, fine):
+    """Radius of a patch: of a contact that elements resolve, or of the kernel of one that they do not."""
+    return 6.5 * h if fine else 5.2 * h
+
+
+@cache
+def plate(h, fine):
+    """Free aluminium plate with its upper face at z = 0."""
+    shape = occ.Box(occ.Pnt(-WIDTH / 2, -WIDTH / 2, -THICK), occ.Pnt(WIDTH / 2, WIDTH / 2, 0))
+    h = min(h, 0.4 * THICK)  # two elements through the thickness
+    fem = ep.fe_model(shape, ep.ALUMINIUM, **mesh((0, 0, 0), h, fine, 0.1 * WIDTH))
+    return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), patch(h, fine), axes="xyz"), f_cut=F_CUT)
+
+
+def place_of(body, near, kind):
+    """Node, middle of an edge or middle of a facet that is nearest to a point, (3,) [m], on the body's patch."""
+    facets, points = body.partition.patches[0].facets, body.points
+    local = {"node": [0, 0], "edge": [0.5, 0.5], "facet": [1 / 3, 1 / 3]}[kind]
+    x = shape_functions(np.array([local]), facets.shape[1])[0, 0] @ points[facets]
+    return x[np.linalg.norm(x - near, axis=1).argmin()]
+
+
+def impact(scene, size, kind, formulation):
+    """History of an impact: times, force, energy, and processor time of the run."""
+    fine, h = size < 1, size * contact_radius(scene)
+    mbs = exu.SystemContainer().AddSystem()
+    radius = SMALL if scene == "plate" else RADIUS
+    body = ball(radius, h, fine)
+    x = place_of(body, np.array([0, 0, -radius]), kind)
+    n = x / np.linalg.norm(x)  # direction of motion
+    first = ep.CreatePartitionBody(mbs, body, initialVelocity=list(SPEED * n))
+    bodies = [first]
+    if scene == "plane":
+        partner = ep.RigidPlane(point=(radius + MARGIN) * n, normal=-n)
+    elif scene == "bore":
+        axis = np.cross(n, [0.3, 1.0, 0.1])
+        partner = ep.RigidCylinder((radius + MARGIN - BORE) * n, axis, BORE, hollow=True)
+    elif scene == "two balls":
+        second = ball(radius, h, fine)
+        across = np.cross(n, [1.0, 0, 0]) / np.linalg.norm(np.cross(n, [1.0, 0, 0]))
+        flip = 2 * np.outer(across, across) - np.eye(3)  # a half turn, so that both balls meet with the same place
+        partner = ep.CreatePartitionBody(
+            mbs, second, frame="floating", referencePosition=list((2 * radius + MARGIN) * n),
+            referenceRotationMatrix=flip.tolist(),
+        )  # fmt: skip
+        bodies.append(partner)
+    else:
+        other = plate(h, fine)
+        y = place_of(other, np.zeros(3), kind)
+        up = np.array([0, 0, 1.0])
+        turn = _turn(n, -up)
+        mbs = exu.SystemContainer().AddSystem()
+        first = ep.CreatePartitionBody(
+            mbs, body, frame="floating", referencePosition=list(y + (radius + MARGIN) * up),
+            referenceRotationMatrix=turn.tolist(), initialVelocity=list(-SPEED * up),
+        )  # fmt: skip
+        partner = ep.CreatePartitionBody(mbs, other)
+        bodies = [first, partner]
+    contact = ep.CreatePartitionContact(mbs, first, partner, formulation=formulation)
+    mbs.Assemble()
+    end = 60e-6 if scene == "plate" else 75e-6
+    begin = time.process_time()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        result = ep.solve_dynamic(mbs, end_time=end, step=end / 1500)
+    taken = time.process_time() - begin
+    energy = sum(item.energy(result) for item in bodies) + contact.energy(result)
+    return result.t, contact.force(result), float(np.ptp(energy) / energy[0]), taken
+
+
+def _turn(a, b):
+    """Rotation matrix that turns unit vector a into b."""
+    axis, c = np.cross(a, b), a @ b
+    K = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.eye(3) + K + K @ K / (1 + c)
+
+
+def measures(t, force):
+    """Peak [N], impulse [N s] and duration between 5 % of the peak [s]."""
+    peak = force.max()
+    on = np.flatnonzero(force > 0.05 * peak)
+    if not len(on):
+        return {"peak": 0.0, "impulse": 0.0, "duration": 0.0}
+    i, j = on[0], on[-1]
+    start = np.interp(0.05 * peak, force[i - 1 : i + 1], t[i - 1 : i + 1])
+    stop = np.interp(-0.05 * peak, -force[j : j + 2], t[j : j + 2])
+    return {"peak": float(peak), "impulse": float(np.trapezoid(force, t)), "duration": float(stop - start)}
+
+
+@cache
+def reference(scene):
+    """Peak, impulse and duration between 5 % of the peak of the true impact."""
+    if scene in ("plate", "bore"):
+        return measures(*impact(scene, FINE, "node", "compliance")[:2])
+    two = scene == "two balls"
+    sphere = ElasticSphere(RADIUS, scenes.STEEL)
+    speed, mass = (SPEED / 2 if two else SPEED), mass_of(RADIUS)
+    t = np.linspace(0, 75e-6, 20_001)
+    way, rate, force = 0.0, speed, []
+    for dt in np.diff(t, prepend=0.0):  # each of two equal balls meets a plane
+        rate -= 0.5 * dt * float(sphere.force(way)) / mass
+        way += dt * rate
+        force.append(float(sphere.force(way)))
+        rate -= 0.5 * dt * force[-1] / mass
+    return measures(t, np.array(force))
+
+
+def errors(found, true):
+    """Relative errors of measures."""
+    return {what: found[what] / true[what] - 1 for what in true}
+
+
+def oblique(size, sliding):
+    """Tangential impulse of an impact at an angle, at the middle of a facet, that of the reference, and energy."""
+    body = ball(RADIUS, size * contact_radius("plane"), False)
+    x = place_of(body, np.array([0, 0, -RADIUS]), "facet")
+    n = x / np.linalg.norm(x)
+    along = np.cross(n, [0.3, 1, 0.2])
+    along /= np.linalg.norm(along)
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, body, initialVelocity=list(SPEED * n + sliding * along))
+    plane = ep.RigidPlane(point=(RADIUS + MARGIN) * n, normal=-n)
+    contact = ep.CreatePartitionContact(mbs, item, plane, formulation="hertz", friction=FRICTION)
+    mbs.Assemble()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        result = ep.solve_dynamic(mbs, end_time=75e-6, step=75e-6 / 1500)
+    impulse = np.trapezoid(contact.friction.tangential_force(result) @ along, result.t)
+    energy = item.energy(result) + contact.energy(result) + contact.dissipated_energy(result)
+    return float(impulse), float(np.ptp(energy) / energy[0]), float(contact.dissipated_energy(result)[-1])
+
+
+def rolling(speed):
+    """Largest difference of the normal force from the weight, by the weight, of a ball that rolls on its skin."""
+    gravity = 9.81
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), RADIUS), scenes.STEEL, maxh=0.3 * RADIUS)
+    body = ep.reduce(fem, ep.Partition.surface(fem, near=(0, 0, -RADIUS), axes="xyz"), f_cut=100e3)
+    weight = body.total_mass * gravity
+    depth = (9 * weight**2 / (16 * scenes.STEEL.plane_strain_modulus**2 * RADIUS)) ** (1 / 3)
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(
+        mbs, body, frame="floating", gravity=[0, 0, -gravity], referencePosition=[0, 0, RADIUS - depth],
+        initialVelocity=[speed, 0, 0], initialAngularVelocity=[0, speed / RADIUS, 0],
+    )  # fmt: skip
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), formulation="hertz", friction=FRICTION)
+    mbs.Assemble()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        result = ep.solve_dynamic(mbs, end_time=10e-3, step=1e-5, method="implicit")
+    return float(abs(contact.force(result) / weight - 1).max())
+
+
+def with_friction(sizes, failed):
+    """Oblique impacts, and a ball that rolls."""
+    rows = []
+    for sliding in SLIDING:
+        true = oblique_impact(RADIUS, scenes.STEEL, SPEED, sliding, FRICTION, 75e-6)
+        expected = -float(np.trapezoid(true[2], true[0]))
+        for size in sizes:
+            impulse, energy, taken = oblique(size, sliding)
+            off = impulse / expected - 1
+            rows.append({"sliding": sliding, "size": size, "impulse": off, "energy": energy,
+                         "taken": taken / true[3] - 1})  # fmt: skip
+            name = f"oblique, {sliding:g} m/s, {size:g} a"
+            failed += [f"{name}: tangential impulse {off:.2%}"] * (abs(off) > LIMITS["oblique"])
+            failed += [f"{name}: energy {energy:.1e}"] * (energy > LIMITS["energy"])
+    forces = {"rolling": rolling(0.5), "rest": rolling(0.0)}
+    failed += [f"{what}: force {off:.2%}" for what, off in forces.items() if off > LIMITS[what]]
+    return {"oblique": rows, **forces}
+
+
+def main(names, sizes, places, out):
+    """Run all scenes."""
+    console, result, failed = Console(width=120), {"scenes": {}, "limits": LIMITS}, []
+    for scene in names:
+        true, table = reference(scene), Table(title=f"{scene}: {contact_radius(scene) * 1e3:.3f} mm contact radius")
+        for column in ("elements", "place", "formulation", "peak", "impulse", "duration", "energy", "s"):
+            table.add_column(column)
+        rows = []
+        for size in sizes:
+            for place in places:
+                for formulation in ("hertz", "compliance"):
+                    t, force, energy, taken = impact(scene, size, place, formulation)
+                    off = errors(measures(t, force), true)
+                    rows.append({"size": size, "place": place, "formulation": formulation, **off, "energy": energy,
+                                 "time_s": taken})  # fmt: skip
+                    shown = [f"{100 * off[what]:+.2f} %" for what in true]
+                    table.add_row(f"{size:g} a", place, formulation, *shown, f"{energy:.1e}", f"{taken:.2f}")
+                    if formulation == "hertz":
+                        name = f"{scene}, {size:g} a, {place}"
+                        failed += [f"{name}: {what} {off[what]:.2%}" for what in true if abs(off[what]) > LIMITS[scene]]
+                        failed += [f"{name}: energy {energy:.1e}"] * (energy > LIMITS["energy"])
+        console.print(table)
+        result["scenes"][scene] = {"reference": true, "rows": rows}
+    result["friction"] = with_friction(sizes, failed)
+    console.print(result["friction"])
+    scenes.finish(__file__, result, failed, out)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="*", default=["plane", "two balls", "plate", "bore"])
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    sizes, places = ((2.0,), ("facet",)) if options.quick else (SIZES, PLACES)
+    main(options.only, sizes, places, options.out)
