@@ -48,7 +48,7 @@ def restitution_map(
     The first body flies at the second one, which rests, or at a rigid surface, and does not spin. Both are free,
     without gravity. Each impact is watched until no vibration can close the contact again.
 
-    Impacts in which bodies hardly turn are run by compiled steps in frames that do not move, in a sixth of the time,
+    Impacts in which bodies hardly turn are run by compiled steps in frames that do not move, in a quarter of the time,
     where these hold the impact: without friction and plastic flow, and as long as pairs of patches do not slide in
     contact. The others are run by Exudyn in floating frames. `info["compiled"]` of the map says which are which.
 
@@ -72,8 +72,8 @@ def restitution_map(
         Time to watch after the first touch [s]; if more contacts may come, up to eight times that. Default: 30
         crossings of a longitudinal wave through the larger body.
     largest_turn : float
-        Angle by which bodies may turn until the last contact opens, in frames that do not move [rad]. Restitution
-        then is off by up to about half of this angle. 0: all impacts are run by Exudyn in floating frames.
+        Angle by which bodies may turn until the last contact opens, in frames that do not move [rad]. Restitution then
+        differs by less than this angle. 0: all impacts are run by Exudyn in floating frames.
     file : path, optional
         Of JSON lines. Impacts are added as soon as they are known, and those that it holds are not computed again. It
         must be of the same bodies, or of a function of the same name.

@@ -5,8 +5,9 @@ bar of 100 mm, each watched until no contact can follow.
 Quantity: processor time of all processes over two cores, wall time, the largest change of energy, and the share of
 impacts that compiled steps ran, in frames that do not move.
 Old beside new, one process: eight impacts at a tilt of 40 degrees, slow enough that the bar turns by less than
-`largest_turn`, and of a ball on a plane, with `largest_turn=0`, in floating frames by Exudyn, and as the map does by
-itself. Quantity: processor time of new over old, and the largest difference of restitution.
+`largest_turn`, of a ball on a plane, and of two balls, with `largest_turn=0`, in floating frames by Exudyn, and as the
+map does by itself. Quantity: processor time of new over old, the largest difference of restitution, and the largest
+angle by which the first body turns in contact, spin times duration.
 Limits: 600 s of processor time by two cores; energy 1e-3; new over old 0.5, restitution 1e-3. Wall time is that of the
 machine with what else it did.
 
@@ -44,15 +45,15 @@ def pair(tilt):
     return ep.reduce(fem, part, f_cut=45e3), ep.RigidPlane()
 
 
-def ball():
-    """A ball on a plane."""
-    refine = [ep.Refine((0, 0, 0), radius=0.4e-3, h=0.15e-3)]
-    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0.01), 0.01), STEEL, maxh=5e-3, refine=refine)
-    return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), radius=0.5e-3), f_cut=80e3), ep.RigidPlane()
+def ball(side, radius):
+    """A ball above or below the origin, with a patch there of this radius [m]."""
+    refine = [ep.Refine((0, 0, 0), radius=0.8 * radius, h=0.3 * radius)]
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0.01 * side), 0.01), STEEL, maxh=5e-3, refine=refine)
+    return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), radius=radius), f_cut=80e3)
 
 
 def both_ways(bodies):
-    """Processor time of an impact by Exudyn and as a map does it [ms], their ratio, and difference of restitution."""
+    """Processor time of an impact by Exudyn and as a map does it [ms], their ratio, difference of restitution, turn."""
     spent, found = {}, {}
     for way, options in (("exudyn", {"largest_turn": 0.0}), ("map", {})):
         ep.restitution_map(bodies, speed=SLOW[0], **options)  # so that all is compiled
@@ -60,12 +61,16 @@ def both_ways(bodies):
         found[way] = ep.restitution_map(bodies, speed=SLOW, **options)
         spent[way] = 1e3 * (time.process_time() - begin) / len(SLOW)
     difference = float(abs(found["map"]["restitution"] - found["exudyn"]["restitution"]).max())
+    turn = float(abs(found["exudyn"]["spin"] * found["exudyn"]["span"]).max())
     compiled = int(found["map"].info["compiled"].sum())
-    return spent | {"ratio": spent["map"] / spent["exudyn"], "difference": difference, "compiled": compiled}
+    of_both = {"ratio": spent["map"] / spent["exudyn"], "difference": difference, "turn": turn, "compiled": compiled}
+    return spent | of_both
 
 
 def main():
-    ways = {"bar": both_ways(pair(40.0)), "ball": both_ways(ball())}
+    upper, plane = ball(1, 0.5e-3), ep.RigidPlane()
+    pairs = {"bar": pair(40.0), "ball": (upper, plane), "balls": (upper, ball(-1, 0.7e-3))}
+    ways = {name: both_ways(bodies) for name, bodies in pairs.items()}
     before = sum(os.times()[:4])
     begin = time.perf_counter()
     found = ep.restitution_map(pair, speed=SPEEDS, place=TILTS, workers=2)
