@@ -354,6 +354,7 @@ CASES = {
     "gears": Case("wandering/gears.py", gears, figures=("wandering_gears.png",)),
     "skin": Case("wandering/skin.py",
                  limits(("force", "momentum", "energy", "reduce", "memory_GB", "file_MB", "again_s", "step"))),
+    "ten_bodies": Case("wandering/ten_bodies.py", limits(("momentum", "energy", "asleep"))),
     "large_patch": Case("benchmarks/large_patch.py", limits(("memory_GB", "file_MB", "ratio"))),
     "huge_body": Case("benchmarks/huge_body.py", limits(("memory_GB", "frequencies"))),
     "thin_patch": Case("benchmarks/thin_patch.py", limits(("ratio", "frequency", "mobility"))),

@@ -31,7 +31,7 @@ _WALLS = 2.0  # largest element, by the mean thickness of walls
 _COARSEST, _FINEST = 12.0, 60.0  # elements along the part's diagonal
 _WAVES = 2.0  # shear waves of the highest frequency along the diagonal
 _WAY = 0.2  # of the diagonal: way at the speed of impact in the default duration
-_SCRIPT = '''"""Drop of {named} from {height:g} m on a rigid floor, made by `exudyn-partition impact`; run it with Python."""
+_SCRIPT = '''"""Drop of {named} from {height:g} m on a floor, made by `exudyn-partition impact`; run it with Python."""
 
 from pathlib import Path
 
@@ -71,12 +71,11 @@ def drop(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
     """Mesh and reduce a part with its skin, let it fall on the floor, and write body, script, pages and force."""
     _check(options)
     source = Path(options.source[0])
+    begin = time.perf_counter()
+    shape = read_step(source, scale=_MILLIMETRES if options.scale is None else options.scale).find(None)
     out = Path(f"{source.stem}-drop") if options.out is None else options.out
     with filling(out, ""):  # before the work: nothing is written yet
         pass
-    begin = time.perf_counter()
-    scale = _MILLIMETRES if options.scale is None else options.scale
-    shape = read_step(source, scale=scale).find(None)
     maxh = default_size(*_measured(shape)) if options.maxh is None else options.maxh
     fem = fe_model(shape, options.material[0] if options.material else STEEL, maxh=maxh)
     fem_s = time.perf_counter() - begin

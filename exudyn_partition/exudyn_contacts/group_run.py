@@ -142,7 +142,9 @@ class CoupledRun(GroupRun):
         self._whole = coupled
         self._broad: BroadPhase | None = None
         self._sleeps = sleeps and coupled.divides and any(member.mechanics.gaps.anywhere for member in members)
-        self._places = self._told_of = tuple(range(len(self.members)))  # of members that are awake, now and when told
+        self._places: tuple[int, ...] = tuple(range(len(self.members)))  # of members that are awake
+        self._always = [j for j, member in enumerate(self.members) if member.mechanics.damped]
+        self._told_of = self._places  # the same when values of sensors were written last
         self._frozen: FrozenContacts | None = None
         self._looped: tuple[float, Array] | None = None  # time and coordinates of the last answer, if loops found it
         self._told = False  # whether members have evaluations of that answer
@@ -174,8 +176,9 @@ class CoupledRun(GroupRun):
             self._broad = BroadPhase([member.mechanics for member in self.members], self._dofs, len(q))
             for member in self.members:
                 member.record.near = False
+            self._places, self._awake = (), []
         places = self._broad.look(q)
-        if places is not self._places:
+        if places != self._places:
             self._places, self._awake = places, [self.members[j] for j in places]
             for member in self._awake:
                 member.record.near = True
@@ -291,8 +294,7 @@ class CoupledRun(GroupRun):
         """Members with a sample to keep: those that are awake, and those whose energies are kept while open."""
         if not self._sleeps:
             return self.members
-        awake = {*self._places}
-        return [m for j, m in enumerate(self.members) if j in awake or m.mechanics.damped]
+        return [self.members[j] for j in sorted({*self._places, *self._always})]
 
     def _look_for_edges(self, t: float, frozen: FrozenContacts) -> None:
         """Let members whose closed rows leave their patch record it; then they look no more at the same rows."""

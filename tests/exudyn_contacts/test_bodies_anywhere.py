@@ -48,13 +48,13 @@ def lowest(body, turn):
     return (body.points @ turn.T)[:, 2].min()
 
 
-def falling(brick, pebble, **options):
+def falling(brick, pebble, damping=None, **options):
     """A tilted brick that falls on the floor, a pebble that hits it from above, and another one far away."""
     mbs = exu.SystemContainer().AddSystem()
     low, high = lowest(brick, TURN), (brick.points @ TURN.T)[:, 2].max()
     top = (brick.points @ TURN.T)[(brick.points @ TURN.T)[:, 2].argmax()]
     items = [
-        put(mbs, brick, (0, 0, 2e-6 - low), (0.2, 0, -1.0), TURN, name="brick"),
+        put(mbs, brick, (0, 0, 2e-6 - low), (0.2, 0, -1.0), TURN, name="brick", damping=damping),
         put(mbs, pebble, (top[0], top[1], high - low + R + 10e-6), (0, 0, -3.0), name="near"),
         put(mbs, pebble, (0.05, 0, R + 1e-3), (0, 0, 0), name="far"),
     ]
@@ -168,6 +168,21 @@ def test_forces_are_those_without_a_broad_phase(brick, pebble, friction, method,
     force, known = (np.array([c.force(r) for c in cs]) for r, cs in ((result, contacts), (whole, all_awake)))
     assert known.max() > 100.0
     np.testing.assert_allclose(force, known, rtol=0, atol=5e-3 * known.max())
+
+
+def test_viscous_flexibilities_sleep_when_they_are_at_rest(brick, pebble, monkeypatch):
+    """A row that was closed yields for a while; its energy counts also while others sleep."""
+    options = {"damping": ep.Rayleigh(0.0, 2e-7), "friction": 0.3}
+    found = []
+    for sleeps in (True, False):
+        if not sleeps:
+            monkeypatch.setattr(BroadPhase, "look", lambda phase, q: phase.awake)
+        result, _, contacts = run(falling(brick, pebble, **options), step=STEP / 4, end_time=24e-6)
+        found.append([sum(c.force(result) for c in contacts), sum(c.dissipated_energy(result) for c in contacts)])
+    (force, taken), (known_force, known_taken) = found
+    np.testing.assert_allclose(force, known_force, rtol=0, atol=5e-3 * known_force.max())
+    np.testing.assert_allclose(taken, known_taken, rtol=0, atol=5e-3 * known_taken.max())
+    assert known_taken.max() > 0.0
 
 
 def test_nobody_evaluates_what_sleeps(brick, pebble, monkeypatch):

@@ -117,7 +117,7 @@ def test_wrong_sequences_of_bodies(mbs, marble):
     for wrong, match in (
         ((5,), "slave: expected a list"),
         (([balls[0], "ball"],), "at index 1"),
-        (([balls[0]],), "at least two bodies"),
+        (([balls[0]],), "at least one body and something"),
         (([balls[0]] * 2,), "each of them once"),
         ((balls[0],), "master: expected"),
     ):

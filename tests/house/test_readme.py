@@ -49,7 +49,7 @@ def test_calls_in_the_table_of_commands_are_understood(tmp_path, monkeypatch, ca
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "examples" / "site" / "command-line.md").read_text()
     calls = re.findall(r"^\| `((?:reduce|info|estimate|impact|study|doctor)\b[^`]*)` \|", page, re.M)
-    assert len(calls) == 6
+    assert len(calls) == 7
     for call in calls:
         code = cli.main(call.split())
         assert code == {"reduce": 1, "info": 1, "impact": 1, "study": 2}.get(call.split()[0], 0)

@@ -137,10 +137,10 @@ def test_a_hidden_change_would_be_seen(bodies, changed, monkeypatch):
 
     publish = ModelRun.publish
 
-    def scribbling(run, mbs):
+    def scribbling(run, mbs, **options):
         note = Places(*np.zeros((4, 1)))
         note.seen = True
-        publish(run, mbs)
+        publish(run, mbs, **options)
 
     monkeypatch.setattr(ModelRun, "publish", scribbling)
     steps(bodies[1], ep.RigidPlane(), "explicit", formulation="lagrange")

@@ -29,6 +29,7 @@ PAGE = Path(__file__).parents[2] / "examples" / "site" / "wandering-contact.md"
 F_CUT, MU, GRAVITY = 40e3, 0.3, np.array([0.0, 0.0, -9.81])
 PITCH, END, STEP = 17e-3, 20e-3, 0.8e-6  # between bodies at the start [m]; [s]
 COSTS = {3: 300, 10: 300, 30: 100, 100: 40}  # bodies, and steps that are timed
+WITHIN = {100: 10e-3}  # how near bodies must be at the start for a contact [m]; by default any distance
 LIMITS = {"momentum": 1e-4, "energy": 2e-2, "asleep": 0.5}  # relative; times the step without the broad phase
 
 
@@ -90,7 +91,7 @@ def scene(bodies, n):
                               ((0, length, 0), (0, -1, 0)))
     ]  # fmt: skip
     begin = time.process_time()
-    contacts = ep.CreatePartitionContact(mbs, [*items, *walls], friction=MU)
+    contacts = ep.CreatePartitionContact(mbs, [*items, *walls], friction=MU, within=WITHIN.get(n))
     spent = time.process_time() - begin
     mbs.Assemble()
     return mbs, items, contacts, spent
@@ -153,7 +154,9 @@ def write_table(found):
         "|---|---|---|---|---|",
     ]
     for row in found["costs"]:
+        near = WITHIN.get(row["bodies"])
         what = f"{row['bodies']}" + (", none may sleep" if row["all_awake"] else "")
+        what += f", pairs within {1e3 * near:g} mm" if near else ""
         lines.append(
             f"| {what} | {row['contacts']} | {row['awake']:.3g} | {row['make_s']:.2g} s | {row['step_ms']:.2g} ms |"
         )
