@@ -103,6 +103,19 @@ def test_rigid_motion_is_not_damped(bar, frame, keeps_nodes):
     assert np.allclose(damping.force(any_motion), (damping.matrix() @ any_motion.T).T, atol=1e-6)
 
 
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize(("alpha", "beta"), [(4e4, 0.0), (4e4, 1e-9)])
+def test_the_largest_rate_of_kept_nodes_is_that_of_their_fastest_motion(bar, frame, alpha, beta):
+    kinematics = kinematics_of(bar[1], frame)
+    root = np.sqrt(kinematics.mass)
+    damping = damping_of(kinematics, ep.Rayleigh(alpha, beta))
+    fastest = np.sqrt(
+        np.linalg.eigvalsh(bar[1].stiffness.toarray() / np.outer(*2 * [np.sqrt(bar[1].mass.diagonal())]))[-1]
+    )
+    rates = np.linalg.eigvalsh(damping.matrix().toarray() / np.outer(root, root))
+    assert damping.largest_rate(fastest) == pytest.approx(rates[-1], rel=1e-6)
+
+
 @pytest.mark.filterwarnings("ignore:damping. a ratio of 2, above 1")
 @pytest.mark.parametrize("ratio", [0.0, 0.1, 2.0])
 def test_explicit_steps_are_stable_up_to_the_limit_and_not_beyond(bar, ratio):

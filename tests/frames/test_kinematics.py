@@ -5,6 +5,7 @@ import pytest
 from oracles import PLACE, TURNED, each_way, without_numba
 from scipy.spatial.transform import Rotation
 
+import exudyn_partition as ep
 from exudyn_partition.frames import loops
 from exudyn_partition.frames.floating import FloatingKinematics
 from exudyn_partition.frames.inertial import InertialKinematics
@@ -53,6 +54,23 @@ def test_coordinates_from_the_basis_and_forces_on_it(kinematics):
         np.testing.assert_allclose(to_coordinates @ motion, coordinates, atol=1e-12 * abs(coordinates).max())
         energy = motion @ (body.mass @ motion) / 2
         np.testing.assert_allclose(kinematics.kinetic_energy(start, coordinates), energy, rtol=1e-9)
+
+
+def test_nodes_that_rotation_moves_outwards_turn_where_they_are(plank, kept):
+    """Places and velocities have the growth by centrifugal forces: at a constant spin, one is the rate of the other."""
+    spinning = ep.reduce(*plank, f_cut=20e3, cache=kept)
+    kinematics = FloatingKinematics(spinning, PLACE, Rotation.from_matrix(TURNED).as_rotvec(), plank[1].patch_nodes)
+    q, q_t, dt = np.zeros(spinning.n_dofs), np.zeros(spinning.n_dofs), 1e-7
+    q_t[3:6] = [300.0, -200.0, 2e3]
+    still = kinematics.place(q)
+    kinematics.turn(q_t)
+    grown = np.linalg.norm(kinematics.place(q) - still, axis=1)
+    velocities = kinematics.velocities(q, q_t)
+    difference = kinematics.place(moved(kinematics, q, q_t, dt)) - kinematics.place(moved(kinematics, q, q_t, -dt))
+    error = np.linalg.norm(velocities - difference / (2 * dt), axis=1)
+    assert grown.min() > 1e-7
+    assert error.max() < 1e-2 * np.linalg.norm(q_t[3:6]) * grown.min()
+    kinematics.turn(None)
 
 
 def test_velocities_and_forces_of_nodes(kinematics):

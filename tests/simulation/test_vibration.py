@@ -47,6 +47,9 @@ def test_vibration_of_kept_nodes_counts_as_that_of_the_cut(mbs, marble, nodal):
     q[: nodal.n_dofs] = shape * np.sqrt(2 * energy / (shape @ (nodal.stiffness @ shape)))
     assert vibration.fastest(q, q_t, 0.99 * energy) == pytest.approx(nodal.f_cut)
     assert vibration.fastest(q, q_t, 1.01 * energy) == 0.0
+    q[:], q_t[: nodal.n_dofs] = 0.0, shape * np.sqrt(2 * energy / (shape @ (nodal.mass @ shape)))
+    assert vibration.fastest(q, q_t, 0.99 * energy) == pytest.approx(nodal.f_cut)
+    assert vibration.fastest(q, q_t, 1.01 * energy) == 0.0
     slow = int(np.argmin(marble.basis.omega[6:])) + 6
     q_t[nodal.n_dofs + slow] = np.sqrt(2 * energy)
     assert vibration.fastest(q, q_t, 1.01 * energy) == pytest.approx(marble.basis.omega[slow] / (2 * np.pi))

@@ -63,6 +63,8 @@ def test_the_impulse_along_the_surface_does_not_depend_on_which_body_is_named_fi
     for pair in ((round_body, flat_body), (flat_body, round_body)):
         found = free_impact(pair, point, np.array([1.0, 0, 0]), 20e-6)
         assert found["impulse_ratio"] == pytest.approx(0.1, rel=0.02)
+        lost = found["impulse_ratio"] * found["impulse"] * sum(1 / body.total_mass for body in pair)
+        assert found["centre_tangential"] == pytest.approx(1 - lost / (0.5 * np.sin(np.radians(60.0))), abs=1e-3)
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -141,25 +143,30 @@ def test_the_span_of_an_impact_is_from_its_first_contact_to_its_last(round_body)
     assert found["span"] > 1.1 * found["contact_time"]
 
 
-def is_over_in_flight(mbs, body, height, velocity, spin, deformation, rates):
-    """Whether the contact of a ball with a plane is over while the ball flies above it."""
+def is_over_in_flight(mbs, body, height, velocity, spin, deformation, rates, beneath=None):
+    """Whether the contact of a ball with a plane, or with a body that hit it from beneath, is over in its flight."""
     state = {"frame": "floating", "initialVelocity": velocity, "initialAngularVelocity": spin}
     ball = ep.CreatePartitionBody(mbs, body, referencePosition=[0, 0, height], **state)
-    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane())
+    second = ep.RigidPlane() if beneath is None else ep.CreatePartitionBody(mbs, beneath, frame="floating")
+    contact = ep.CreatePartitionContact(mbs, ball, second, passes="given")
     mbs.Assemble()
     data, initial = mbs.systemData, exu.ConfigurationType.Initial
-    data.SetODE2Coordinates(data.GetODE2Coordinates(initial) + np.r_[np.zeros(6), deformation], initial)
-    data.SetODE2Coordinates_t(data.GetODE2Coordinates_t(initial) + np.r_[np.zeros(6), rates], initial)
+    rest = np.zeros(0 if beneath is None else beneath.n_dofs)
+    data.SetODE2Coordinates(data.GetODE2Coordinates(initial) + np.r_[np.zeros(6), deformation, rest], initial)
+    data.SetODE2Coordinates_t(data.GetODE2Coordinates_t(initial) + np.r_[np.zeros(6), rates, rest], initial)
     result = ep.solve_dynamic(mbs, end_time=1e-9, step=1e-9)
-    return is_over([ball], contact, result, np.array([0, 0, -1.0]))
+    if beneath is None:
+        return is_over([ball], contact, result, np.array([0, 0, -1.0]))
+    return is_over([second, ball], contact, result, np.array([0, 0, 1.0]))
 
 
 @pytest.mark.parametrize("spin", [[0, 0, 0], [0, 90.0, 0], [0, -90.0, 0], [90.0, 0, 0], [-90.0, 0, 0]])
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_contact_is_over_only_if_the_bodies_part(mbs, round_body, sign, spin):
+@pytest.mark.parametrize("with_body", [False, True])
+def test_a_contact_is_over_only_if_the_bodies_part(mbs, round_body, flat_body, sign, spin, with_body):
     """Where they are nearest to each other: the border of the patch may do the opposite."""
-    still = np.zeros(round_body.n_dofs - 6)
-    assert is_over_in_flight(mbs, round_body, 1e-3, [0, 0, 0.03 * sign], spin, still, still) is (sign > 0)
+    still, beneath = np.zeros(round_body.n_dofs - 6), flat_body if with_body else None
+    assert is_over_in_flight(mbs, round_body, 1e-3, [0, 0, 0.03 * sign], spin, still, still, beneath) is (sign > 0)
 
 
 @pytest.mark.parametrize(

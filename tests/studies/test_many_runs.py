@@ -408,3 +408,14 @@ def test_other_wrong_arguments(marble):
     mbs, [ball], _ = fall(marble, damping=lambda f: 0.02 + 0 * f)
     with pytest.raises(InputError, match="whose damping is a function of frequency"):
         many(mbs, {ball: {"E": np.array([STEEL.E])}})
+
+
+@pytest.mark.parametrize(("speed", "step_of_start"), [(0.5, 27), (15.0, 1)])
+def test_a_contact_lasts_from_where_its_rows_close(marble, speed, step_of_start):
+    """Between steps, by a straight flight until then; also where rows close in the first step. It ends with the run."""
+    options = {"end_time": 12e-6, "step": 2 * STEP}
+    mbs, balls, [contact] = in_a_row([marble] * 2, speed)
+    start = ep.solve_dynamic(mbs, **options).sensor(contact["sForce"])[0, 5] / speed  # smallest gap of the rows
+    assert np.ceil(start / (2 * STEP)) == step_of_start
+    runs = many(mbs, {balls[1]: {"initialVelocity": np.array([[0, 0, -speed]])}}, **options)
+    assert runs.duration[0, 0] == pytest.approx(12e-6 - start, abs=0.05 * STEP)
