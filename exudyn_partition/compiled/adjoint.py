@@ -8,7 +8,7 @@ Where a row has neither force nor gap in a step, derivatives are one-sided.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -17,7 +17,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from ..support.arrays import Array
-from .loops import ContactParts
+from .loops import Adjoint, ContactParts, go_back
 from .plan import Bodies, FrozenPlan, StepPlan
 from .run import EqualSteps, Histories
 
@@ -31,8 +31,12 @@ class Weights(Protocol):
     def lam(self) -> sp.csr_matrix:
         """By forces on rows, (n, nr) [1/N], the same for all numbers."""
 
-    def at_sample(self, s: int) -> tuple[Array, Array]:
-        """By coordinates and velocities at a sample, (nq, k) each, or what broadcasts to it."""
+    @property
+    def count(self) -> int:
+        """Number of numbers, k."""
+
+    def of_block(self, block: slice) -> tuple[Array, Array]:
+        """By coordinates and velocities at m samples, new arrays, (m, nq, k) each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +56,15 @@ class OneNumber:
     q: Array
     v_end: Array
 
-    def at_sample(self, s: int) -> tuple[Array, Array]:
-        """See `Weights.at_sample`."""
-        v = self.v_end if s == len(self.q) - 1 else np.zeros_like(self.v_end)
-        return self.q[s][:, None], v[:, None]
+    count = 1
+
+    def of_block(self, block: slice) -> tuple[Array, Array]:
+        """See `Weights.of_block`."""
+        by_q, n = self.q[block][:, :, None].copy(), len(self.q)
+        by_v = np.zeros_like(by_q)
+        if block.stop == n:
+            by_v[-1, :, 0] = self.v_end
+        return by_q, by_v
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +86,15 @@ class Sums:
     q: Array
     v: Array
 
-    def at_sample(self, s: int) -> tuple[Array, Array]:
-        """See `Weights.at_sample`."""
-        return self.q[:, None] * self.samples[s], self.v[:, None] * self.samples[s]
+    @property
+    def count(self) -> int:
+        """See `Weights.count`."""
+        return int(self.samples.shape[1])
+
+    def of_block(self, block: slice) -> tuple[Array, Array]:
+        """See `Weights.of_block`."""
+        of_samples = self.samples[block][:, None, :]
+        return self.q[:, None] * of_samples, self.v[:, None] * of_samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,12 +142,10 @@ class _Closed:
         for end in range(stop, start, -_MOST):
             yield slice(max(end - _MOST, start), end)
 
-    def stiffness_with(self, stiffness: Array) -> Callable[[Array], Array]:
-        """Product of the stiffness of bodies, (nq,), and of closed rows with (nq, k) arrays."""
-        if not len(self.rows):
-            return lambda y: stiffness[:, None] * y
-        whole = np.diag(stiffness) + self.H.T @ self.solve(self.H)
-        return lambda y: whole @ y
+    @property
+    def stiffness(self) -> Array:
+        """Stiffness of the closed rows, (nq, nq); (0, nq) without."""
+        return self.H.T @ self.solve(self.H) if len(self.rows) else np.zeros((0, self.H.shape[1]))
 
     def by_flexibility(
         self, y: Array, given: Array, forces: Array, parts: Sequence[Sequence[Array]], starts: Array
@@ -175,31 +188,20 @@ def backwards(
     h, bodies, nq = steps.step, plan.bodies, made.q.shape[1]
     a, lam, starts = accelerations(plan, steps, made), _lam(made), plan.contacts.rows.starts
     middle = np.vstack([made.v[:1], made.v[1:] - 0.5 * h * a[1:]])
-    q = u = v = np.zeros((nq, 1))
-    sums, flexibility = Bodies(*np.zeros((4, 1, 1))), [np.zeros((len(of_contact), 1)) for of_contact in parts]
-    half_by_mass, damping = 0.5 * h / bodies.mass[:, None], bodies.damping[:, None]
+    adjoint, k = Adjoint(*np.zeros((3, nq, weights.count))), weights.count
+    sums, flexibility = Bodies(*np.zeros((4, nq, k))), [np.zeros((len(of_contact), k)) for of_contact in parts]
     for group in reversed(closed_rows(plan.contacts, lam, nq)):
-        answer = group.stiffness_with(bodies.stiffness)
+        stiffness = np.ascontiguousarray(group.stiffness)
         for block in group.blocks():
-            given = weights.lam[block][:, group.rows].toarray()
-            explicit, adjoint = group.solve(given.T).T @ group.H, list[Array]()  # weights of forces act on coordinates
-            for s in range(block.stop - 1, block.start - 1, -1):
-                by_q, by_v = weights.at_sample(s)
-                v = v + by_v
-                y = half_by_mass * (u + v if s else u)
-                adjoint.append(y)
-                q = q + by_q - explicit[s - block.start][:, None] - answer(y)
-                v = v - damping * y
-                if s:
-                    u = v = v + h * q
-            y = np.array(adjoint[::-1])
+            given, (by_q, by_v) = weights.lam[block][:, group.rows].toarray(), weights.of_block(block)
+            by_q -= (group.solve(given.T).T @ group.H)[:, :, None]  # weights of forces act on coordinates
+            y = go_back(bodies, stiffness, by_q, by_v, h, block.start == 0, adjoint)
             new = [-np.einsum("sik,si->ik", y, motion[block]) for motion in (a, made.q, middle)]
             sums = Bodies(*(part + more for part, more in zip(sums, [*new, y.sum(axis=0)], strict=True)))
             if len(group.rows) and any(map(len, parts)):
                 more = group.by_flexibility(y, given, lam[block][:, group.rows].toarray(), parts, starts)
                 flexibility = [part - by_parts for part, by_parts in zip(flexibility, more, strict=True)]
-    k = q.shape[1]
-    return Derivatives(q, v, sums, [np.broadcast_to(part, (len(part), k)) for part in flexibility])
+    return Derivatives(adjoint.q, adjoint.v, sums, flexibility)
 
 
 def accelerations(plan: StepPlan, steps: EqualSteps, made: Histories) -> Array:
@@ -223,13 +225,17 @@ def row_jacobian(contacts: FrozenPlan, n: int) -> Array:
 
 def closed_rows(contacts: FrozenPlan, lam: sp.csr_matrix, n: int) -> list[_Closed]:
     """Closed rows of samples with forces on rows, (m, nr), each set once as long as it stays; n coordinates."""
-    sets, H = np.split(lam.indices, lam.indptr[1:-1]), row_jacobian(contacts, n)
-    changes = [s for s, pair in enumerate(itertools.pairwise(sets), 1) if not np.array_equal(*pair)]
-    spans = zip([0, *changes], [*changes, len(sets)], strict=True)
-    return [
-        _Closed(sets[start], slice(start, stop), H[sets[start]], flexibility_between(contacts, sets[start]))
-        for start, stop in spans
-    ]
+    H, changes = row_jacobian(contacts, n), set_changes(lam).tolist()
+    spans = zip([0, *changes], [*changes, lam.shape[0]], strict=True)
+    sets = ((lam.indices[lam.indptr[start] : lam.indptr[start + 1]], slice(start, stop)) for start, stop in spans)
+    return [_Closed(rows, samples, H[rows], flexibility_between(contacts, rows)) for rows, samples in sets]
+
+
+def set_changes(lam: sp.csr_matrix) -> Array:
+    """Samples, (k,) int, at which other rows have a force than at the sample before, of forces on rows, (m, nr)."""
+    closed = np.zeros(lam.shape, dtype=bool)
+    closed[np.repeat(np.arange(len(closed)), np.diff(lam.indptr)), lam.indices] = True
+    return np.flatnonzero((closed[1:] != closed[:-1]).any(axis=1)) + 1
 
 
 def flexibility_between(contacts: FrozenPlan, rows: Array) -> Array:

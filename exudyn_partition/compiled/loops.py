@@ -14,7 +14,7 @@ from ..contact.loops import evaluate_frozen, flat_contacts
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..support.compiled import kernels
-from .plan import FrozenPlan, StepPlan
+from .plan import Bodies, FrozenPlan, StepPlan
 
 N_VALUES = 6  # of each contact, see `frozen.FrozenContacts`
 
@@ -343,3 +343,60 @@ def forces_of(plan: FrozenPlan, joint: BlockComplementarity, h: Array, active: A
     else:
         lam, pushed = [problem.solve(gaps[j]) for j, problem in enumerate(problems)], h.copy()
     return np.concatenate(lam), pushed, np.array([problem.iterations for problem in problems])
+
+
+class Adjoint(NamedTuple):
+    """Adjoints of k numbers between two samples; `go_back` writes to them.
+
+    Parameters
+    ----------
+    q, u, v : (nq, k) arrays
+        Of coordinates, of velocities in the middle of the step after the sample, and of velocities.
+    """
+
+    q: Array
+    u: Array
+    v: Array
+
+
+def go_back(
+    bodies: Bodies, by_rows: Array, by_q: Array, by_v: Array, h: float, starts: bool, adjoint: Adjoint
+) -> Array:
+    """Go back over the m samples of a block in which the same rows are closed.
+
+    Parameters
+    ----------
+    bodies : Bodies
+    by_rows : (nq, nq) array
+        Stiffness of the closed rows; (0, nq) without such rows.
+    by_q, by_v : (m, nq, k) arrays
+        Derivatives of the numbers by coordinates and velocities at the samples.
+    h : float
+        Step [s].
+    starts : bool
+        Whether the first sample of the block is that of the start.
+    adjoint : Adjoint
+
+    Returns
+    -------
+    (m, nq, k) array
+        Adjoint of the accelerations over the masses, at all samples.
+    """
+    y = np.empty_like(by_q)
+    if loops := kernels("compiled"):
+        loops.go_back(bodies, by_rows, by_q, by_v, h, starts, adjoint, y)
+        return y
+    share, stiffness, damping = 0.5 * h / bodies.mass[:, None], bodies.stiffness[:, None], bodies.damping[:, None]
+    q, u, v = adjoint
+    for s in range(len(y) - 1, -1, -1):
+        begins = starts and s == 0
+        v += by_v[s]
+        y[s] = share * (u if begins else u + v)
+        q += by_q[s] - stiffness * y[s]
+        if len(by_rows):
+            q -= by_rows @ y[s]
+        v -= damping * y[s]
+        if not begins:
+            v += h * q
+            u[:] = v
+    return y

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +12,7 @@ import scipy.sparse as sp
 
 from ..algebra.blas_threads import one_blas_thread
 from ..algebra.complementarity import regularised
-from ..compiled.adjoint import Derivatives, backwards, flexibility_between, row_jacobian
+from ..compiled.adjoint import Derivatives, backwards, flexibility_between, row_jacobian, set_changes
 from ..compiled.plan import StepPlan
 from ..compiled.run import EqualSteps, Histories, Start, run
 from ..errors import InputError, RunError
@@ -274,13 +273,11 @@ def _edges(plan: StepPlan, made: Histories) -> tuple[int, int]:
     """Steps in which closed rows change, and samples in which a row has neither a force nor a gap."""
     assert made.lam is not None
     lam, rows = made.lam, plan.contacts.rows
-    sets = np.split(lam.indices, lam.indptr[1:-1])
-    changes = sum(not np.array_equal(*pair) for pair in itertools.pairwise(sets))
     forces, yielding = lam.toarray(), lam @ flexibility_between(plan.contacts, np.arange(len(rows.start)))
     gaps = made.q @ row_jacobian(plan.contacts, made.q.shape[1]).T + rows.start + yielding
     small = (forces > 0.0) & (forces < _EDGE * forces.max())
     touching = (forces == 0.0) & (abs(gaps) < _EDGE * abs(yielding).max())
-    return changes, int(np.count_nonzero((small | touching).any(axis=1)))
+    return len(set_changes(lam)), int(np.count_nonzero((small | touching).any(axis=1)))
 
 
 class _Derivatives:

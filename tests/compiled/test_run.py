@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from oracles import each_way
 
-from exudyn_partition.compiled.adjoint import OneNumber, accelerations, backwards
+from exudyn_partition.compiled.adjoint import OneNumber, Sums, accelerations, backwards
 from exudyn_partition.compiled.plan import Bodies, FrozenPlan, StepPlan, joined_fields
 from exudyn_partition.compiled.run import EqualSteps, Start, run
 from exudyn_partition.contact.linear_gaps import FlatRows, LinearGaps
@@ -133,3 +134,19 @@ def test_fields_of_groups_that_exchange_nothing():
     assert [W.shape for W in fields] == [(2, 2), (3, 2), (4, 2)]
     assert [*core] == [(1, 2)]
     np.testing.assert_array_equal(core[1, 2], np.full((2, 2), 5.0))
+
+
+def test_compiled_and_plain_adjoints_agree():
+    """Of several sums at once, with closed and open rows."""
+    plan, steps = wall(load=7.0, stiffness=50.0, damping=30.0), EqualSteps(np.pi / OMEGA / 200, 250)
+    made = thrown(plan, steps)
+    samples = np.random.default_rng(0).normal(size=(251, 3))
+    weights = Sums(sp.csr_matrix(made.lam.shape), samples, np.array([0.3]), np.array([1.0]))
+
+    def found():
+        of_sums = backwards(plan, steps, made, weights, [[np.array([[F]])]])
+        return [of_sums.q, of_sums.v, *of_sums.bodies, *of_sums.flexibility]
+
+    for compiled, plain in zip(*each_way(found), strict=True):
+        assert compiled.shape[-1] == 3
+        np.testing.assert_allclose(compiled, plain, rtol=1e-11, atol=1e-12 * abs(plain).max())
