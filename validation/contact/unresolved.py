@@ -8,8 +8,8 @@ and bore, formulation "compliance" on patches with three and a half elements in 
 Quantities: peak of the force, impulse, duration between 5 % of the peak, the change of energy, and processor times.
 
 The ball also hits the plane at an angle, with friction. Reference: Maw, Barber and Fawcett (mindlin_ball.py), whose
-tangential flexibility is that of half-spaces. Quantity: tangential impulse. And a ball with a coarse skin rolls over its elements by its weight: the normal
-force should be the weight.
+tangential flexibility is that of half-spaces. Quantity: tangential impulse. And a ball with a coarse skin rolls over
+its elements by its weight: the normal force should be the weight.
 Limits: peak, impulse and duration 1 %, on the plate 1.5 %, energy 1e-3 of its start; tangential impulse 3 %; force of
 the rolling ball 2 %, at rest 0.5 %.
 
@@ -266,8 +266,8 @@ def page_table(result):
     return "\n".join(lines) + "\n"
 
 
-def main(names, sizes, places, out):
-    """Run all scenes."""
+def run(names, sizes, places, out):
+    """Run scenes, print tables, and write the result."""
     console, result, failed = Console(width=120), {"scenes": {}, "limits": LIMITS}, []
     for scene in names:
         true, table = reference(scene), Table(title=f"{scene}: {contact_radius(scene) * 1e3:.3f} mm contact radius")
@@ -296,11 +296,15 @@ def main(names, sizes, places, out):
     scenes.finish(__file__, result, failed, out)
 
 
-if __name__ == "__main__":
+def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="*", choices=SCENES, default=SCENES)
-    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--quick", action="store_true", help="elements of two contact radii, at the middle of a facet")
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     sizes, places = ((2.0,), ("facet",)) if options.quick else (SIZES, PLACES)
-    main(options.only, sizes, places, options.out)
+    run(options.only, sizes, places, options.out)
+
+
+if __name__ == "__main__":
+    main()
