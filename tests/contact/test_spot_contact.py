@@ -6,6 +6,7 @@ import exudyn as exu
 import netgen.occ as occ
 import numpy as np
 import pytest
+from oracles import add_springs
 
 import exudyn_partition as ep
 from exudyn_partition.contact.formulations.hertz import HertzCurve
@@ -241,6 +242,44 @@ def test_two_balls_meet_as_one_meets_a_plane(coarse, dropped):
     assert contact.force(result).max() == pytest.approx(expected.max(), rel=2e-3)
     np.testing.assert_allclose(sum(body.momentum(result)[:, :3] for body in bodies), 0, atol=1e-9 * SPEED)
     assert np.ptp(energy_of(bodies, contact, result)) < 1e-4 * bodies[0].energy(result)[0]
+
+
+def test_a_ball_in_an_elastic_groove_is_hertz_s_ellipse(coarse):
+    """Both are a little stiffer than half-spaces, by the order of the contact over their size."""
+    bore, speed = 14e-3, SPEED
+    block = occ.Box(occ.Pnt(-15e-3, -15e-3, -15e-3), occ.Pnt(15e-3, 15e-3, 3e-3))
+    fem = ep.fe_model(
+        block - occ.Cylinder(occ.Pnt(-20e-3, 0, bore), occ.X, bore, 40e-3),
+        ep.STEEL, maxh=6e-3, refine=[ep.Refine((0, 0, 0), 4e-3, 1e-3)], grading=0.6,
+    )  # fmt: skip
+    groove = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 3.5e-3, axes="xyz"), f_cut=100e3)
+    mbs = exu.SystemContainer().AddSystem()
+    place = {"referencePosition": [0, 0, R + 1e-7], "initialVelocity": [0, 0, -speed]}
+    bodies = [ep.CreatePartitionBody(mbs, coarse, **place), ep.CreatePartitionBody(mbs, groove)]
+    contact = ep.CreatePartitionContact(mbs, *bodies, formulation="hertz")
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=80e-6, step=0.2e-6)
+    point = PointContact((1 / R, 1 / R - 1 / bore), ep.STEEL.plane_strain_modulus / 2)
+    mass = ep.hertz.effective(coarse.total_mass, groove.total_mass)
+    approach = (1.25 * mass * speed**2 * point.yielding**1.5) ** 0.4
+    assert contact.force(result).max() == pytest.approx((approach / point.yielding) ** 1.5, rel=0.025)
+    assert np.trapezoid(contact.force(result), result.t) == pytest.approx(2 * mass * speed, rel=1e-3)
+    energy = energy_of(bodies, contact, result)
+    assert np.ptp(energy) < 1e-4 * energy[0]
+
+
+def test_a_static_press_is_hertz_s(coarse):
+    """The depth is Hertz's approach, less what the weight of the ball, spread over it, stiffens."""
+    mbs, load = exu.SystemContainer().AddSystem(), 800.0
+    ball = ep.CreatePartitionBody(mbs, coarse, gravity=[0, 0, -load / coarse.total_mass])
+    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane((0, 0, -R)), formulation="hertz", friction=MU)
+    add_springs(mbs, ball, 1e3 / coarse.total_mass)
+    mbs.Assemble()
+    result = ep.solve_static(mbs)
+    assert contact.force(result)[-1] == pytest.approx(load, rel=1e-4)
+    way = -ball.rigid_motion(ball.coordinates(result))[-1, 2]
+    hertz = (9 * load**2 / (16 * ep.STEEL.plane_strain_modulus**2 * R)) ** (1 / 3)
+    assert way == pytest.approx(hertz, rel=0.03)
 
 
 def test_balls_that_slide_past_each_other_keep_momenta_and_energy(coarse):

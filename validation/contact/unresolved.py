@@ -298,12 +298,12 @@ def run(names, sizes, places, out):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="*", choices=SCENES, default=SCENES)
-    parser.add_argument("--quick", action="store_true", help="elements of two contact radii, at the middle of a facet")
+    parser.add_argument("--only", nargs="*", choices=SCENES)
+    parser.add_argument("--quick", action="store_true", help="planes and balls, middle of a facet")
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     sizes, places = ((2.0,), ("facet",)) if options.quick else (SIZES, PLACES)
-    run(options.only, sizes, places, options.out)
+    run(options.only or (SCENES[:2] if options.quick else SCENES), sizes, places, options.out)
 
 
 if __name__ == "__main__":
