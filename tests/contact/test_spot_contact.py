@@ -12,7 +12,7 @@ import exudyn_partition as ep
 from exudyn_partition.contact.formulations.hertz import HertzCurve
 from exudyn_partition.contact.formulations.hertz_friction import Springs
 from exudyn_partition.contact.true_surface import fitted
-from exudyn_partition.errors import InputError, PartitionWarning, PenetrationError
+from exudyn_partition.errors import ContactPatchWarning, InputError, PartitionWarning, PenetrationError
 from exudyn_partition.prediction.point_contact import PointContact
 from exudyn_partition.surfaces.smooth_kernel import kernel_around
 
@@ -352,6 +352,19 @@ def test_default_steps_resolve_the_impact_also_with_friction(coarse, dropped):
         result = ep.solve_dynamic(mbs, end_time=40e-6)
         assert 20 < np.count_nonzero(contact.force(result)) < 1000
         assert contact.force(result).max() == pytest.approx(expected, rel=5e-3)
+
+
+def test_a_point_that_leaves_its_patch_is_told(coarse):
+    plate = occ.Box(occ.Pnt(-12e-3, -12e-3, -11e-3), occ.Pnt(12e-3, 12e-3, 0))
+    fem = ep.fe_model(plate, ep.STEEL, maxh=6e-3, refine=[ep.Refine((0, 0, 0), 3e-3, 1e-3)], grading=0.7)
+    body = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 3.2e-3, axes="xyz"), f_cut=60e3)
+    mbs = exu.SystemContainer().AddSystem()
+    ball = ep.CreatePartitionBody(mbs, coarse, referencePosition=[0, 0, R + 1e-7], initialVelocity=[70.0, 0, -SPEED])
+    contact = ep.CreatePartitionContact(mbs, ball, ep.CreatePartitionBody(mbs, body), formulation="hertz")
+    mbs.Assemble()
+    with pytest.warns(ContactPatchWarning, match="reached the edge of its patch"):
+        result = ep.solve_dynamic(mbs, end_time=45e-6, step=0.2e-6)
+    assert contact.edge_reached(result)[0] > 5e-6
 
 
 # What is refused.
