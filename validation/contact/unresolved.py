@@ -8,10 +8,11 @@ and bore, formulation "compliance" on patches with three and a half elements in 
 Quantities: peak of the force, impulse, duration between 5 % of the peak, the change of energy, and processor times.
 
 The ball also hits the plane at an angle, with friction. Reference: Maw, Barber and Fawcett (mindlin_ball.py), whose
-tangential flexibility is that of half-spaces. Quantity: tangential impulse. And a ball with a coarse skin rolls over
-its elements by its weight: the normal force should be the weight.
-Limits: peak, impulse and duration 1 %, on the plate 1.5 %, energy 1e-3 of its start; tangential impulse 3 %; force of
-the rolling ball 2 %, at rest 0.5 %.
+tangential flexibility is that of half-spaces. Quantity: tangential impulse, which is a small difference where the ball
+sticks and swings back. And a ball with a coarse skin rolls over its elements by its weight: the normal force should be
+the weight.
+Limits: peak, impulse and duration 1 %, on the plate 1.5 %, energy 1e-3 of its start; tangential impulse 3 %, of a ball
+that sticks 5 %; force of the rolling ball 2 %, at rest 0.5 %.
 
     python -m validation.contact.unresolved [--quick] [--out FILE]
 """
@@ -44,9 +45,10 @@ FINE = 1 / 3.5
 PLACES = ("node", "edge", "facet")
 LIMITS = {
     "plane": 0.01, "two balls": 0.01, "plate": 0.015, "bore": 0.01, "energy": 1e-3,
-    "oblique": 0.03, "rolling": 0.02, "rest": 0.005,
+    "oblique": 0.03, "sticks": 0.05, "rolling": 0.02, "rest": 0.005,
 }  # fmt: skip
-FRICTION, SLIDING = 0.3, (0.3, 0.6, 1.5)  # m/s
+STICKS = 0.2  # m/s: below it the ball sticks, and swings back
+FRICTION, SLIDING = 0.3, (0.1, 0.3, 0.6, 1.5)  # m/s
 MARGIN = 2e-7  # gap at the start [m]
 
 
@@ -243,7 +245,8 @@ def with_friction(sizes, failed):
             rows.append({"sliding": sliding, "size": size, "impulse": off, "energy": energy,
                          "taken": taken / true[3] - 1})  # fmt: skip
             name = f"oblique, {sliding:g} m/s, {size:g} a"
-            failed += [f"{name}: tangential impulse {off:.2%}"] * (abs(off) > LIMITS["oblique"])
+            limit = LIMITS["sticks" if sliding < STICKS else "oblique"]
+            failed += [f"{name}: tangential impulse {off:.2%}"] * (abs(off) > limit)
             failed += [f"{name}: energy {energy:.1e}"] * (energy > LIMITS["energy"])
     forces = {"rolling": rolling(0.5), "rest": rolling(0.0)}
     failed += [f"{what}: force {off:.2%}" for what, off in forces.items() if off > LIMITS[what]]
