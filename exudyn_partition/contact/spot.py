@@ -45,14 +45,17 @@ class Spot:
     lacking : (2,) array
         Flexibility to be added to that of the patch's nodes under the kernel, along the normal and across it [m/N]:
         what facets miss and what a thin wall bends, less the half-space's under the kernel.
+    reach : float
+        How far the patch should reach around it: s, on thin walls 2 s [m].
     whole : bool
-        Whether the kernel lies on the patch as a whole.
+        Whether the patch does.
     """
 
     kernel: Kernel
     radius: float
     size: float
     lacking: Array
+    reach: float
     whole: bool
 
     @property
@@ -123,24 +126,24 @@ class SpotMaker:
         modulus, whole = self.material.plane_strain_modulus, kernel.coverage > _COVERED
         missed = self._missed(radius, h)
         lacking = missed - NORMAL / (modulus * radius)
-        if thickness < _WALL * radius and whole:
+        thin = thickness < _WALL * radius
+        if thin and whole:
             wide = kernel_around(self.points, facets, centre, normal, 2 * radius)
             whole = wide.coverage > _COVERED
             narrow = self._static(kernel) - NORMAL / (modulus * radius) + missed
             lacking += (narrow - self._static(wide) + NORMAL / (2 * modulus * radius) - self._missed(2 * radius, h)) / 3
         nu = self.material.nu
         across = (2 - nu) / (2 * (1 - nu)) * (missed - NORMAL / (modulus * radius))
-        return Spot(kernel, radius, h, np.array([lacking, across]), whole)
+        return Spot(kernel, radius, h, np.array([lacking, across]), (2 if thin else 1) * radius, whole)
 
     def check(self, spot: Spot) -> None:
         """Raise InputError if a spot at the start cannot be computed."""
         needed = _NARROWEST[self._order] * spot.size
         if not spot.whole:
             raise InputError(
-                f"{self._role}: formulation 'hertz' spreads the force over {spot.radius:.3g} m around the contact, and "
-                "over twice that on a wall, and the patch does not reach as far: "
-                f"{spot.kernel.coverage:.0%} of it lie on the patch. Take a larger radius of Partition.ball, or a "
-                "finer mesh there"
+                f"{self._role}: formulation 'hertz' looks at {spot.reach:.3g} m around the point of contact, with "
+                f"facets of {spot.size:.3g} m, and the patch does not reach as far. Take a larger radius of "
+                "Partition.ball, or a finer mesh there"
             )
         if spot.radius < needed:
             raise InputError(

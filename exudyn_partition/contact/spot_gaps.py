@@ -30,6 +30,7 @@ from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
 from .true_surface import TrueSurface, fitted
 
 _TILTED = 0.1  # of a kernel's radius: motion of the point of contact after which the kernel is made anew
+_CONFORMING = 0.05  # smaller relative curvature by the larger one, below which surfaces touch along a line
 _ALONG = 1e-3  # difference of a direction from the normal of contact, with a flexibility along this direction alone
 
 
@@ -185,12 +186,13 @@ class SpotGaps(Gaps):
         self._prepare(sides)
 
     def _relative_curvatures(self) -> tuple[float, float]:
-        first, second = (shape.curvatures for shape in self._shapes)
+        first, second = sorted((shape.curvatures for shape in self._shapes), reverse=True)
         sums = first[0] + second[0], first[1] + second[1]
-        if min(sums) <= 0:
+        if min(sums) < _CONFORMING * max(sums):
             raise InputError(
-                "slave, master: formulation 'hertz' needs a ball that is smaller than the bore in which it is; these "
-                "touch all along a line. Take formulation='compliance' with facets that resolve the contact"
+                "slave, master: formulation 'hertz' needs a ball that is smaller than the bore in which it is, so that "
+                f"they touch at a point; their radii are {1 / max(first):.4g} m and {-1 / min(second):.4g} m. Take "
+                "formulation='compliance' with facets that resolve the contact"
             )
         return sums
 

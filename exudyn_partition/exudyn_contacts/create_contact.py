@@ -99,18 +99,20 @@ def CreatePartitionContact(
     slave : PartitionBody, or sequence of bodies and rigid surfaces
     master : PartitionBody, RigidPlane, RigidSphere, RigidCylinder, RigidProfile or RigidMesh
         Rigid surfaces are fixed in space, or to `masterBody`. Left out if a sequence is given.
-    formulation : {"compliance", "lagrange", "penalty"} or Formulation
+    formulation : {"compliance", "lagrange", "penalty", "hertz"} or Formulation
         "compliance" needs a basis with residual flexibility. "lagrange" needs a basis whose patch has mass: the
         paper's and Craig-Bampton's. It works in VelocityVerlet (`explicit_multipliers`) and in generalized-alpha
-        (`implicit_multipliers`). "penalty" works with any basis: an elastic layer on the slave's patch. For a
-        formulation of your own, see `contact.formulations.formulation`.
-    rows : {"integrated", "node-to-segment", "edges"}, optional
+        (`implicit_multipliers`). "penalty" works with any basis: an elastic layer on the slave's patch. "hertz" is for
+        a ball that touches at a point, with contacts smaller than the facets: Hertz's law in place of rows, see
+        `contact.formulations.hertz`. For a formulation of your own, see `contact.formulations.formulation`.
+    rows : {"integrated", "node-to-segment", "edges", "spot"}, optional
         Gaps that may not become negative, see `contact.points`. "integrated": the mean gap around each node of the
         slave's patch. Uniform pressure then passes through meshes that do not match. "node-to-segment": the gap of
         each node (paper, section 3). A mean over a convex tip closes later than the tip's lowest point, by the order of
         a facet's size squared over the radius. Default: "integrated", but "node-to-segment" with "lagrange", as in the
         paper: its implicit steps converge better. "edges": beside a contact of the same two patches by "compliance",
         the gaps of the nodes at sharp edges of its master, which is the slave here. These rows have no area.
+        "spot": the one row of formulation "hertz".
     passes : {"finer", "given"}
         Which body is the slave: the one with the smaller facets, or the one given as the slave. With "finer", a body
         whose sharp edge meets a face of the other comes first, because the master's edges have no rows.

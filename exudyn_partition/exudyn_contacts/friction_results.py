@@ -105,8 +105,13 @@ class FrictionResults:
         Raises
         ------
         InputError
-            See `states`.
+            See `states`; also with formulation "hertz".
         """
+        if self._contact.mechanics.law.semi_axes(1.0) is not None:
+            raise InputError(
+                "contact: with formulation 'hertz' facets do not resolve the traction; tangential_force(result) is its "
+                "sum"
+            )
         forces, means = self.row_forces(result), self._contact.mechanics.node_pressures
         value: Array = np.stack([(means @ forces[..., axis].T).T for axis in range(3)], axis=-1)
         return value

@@ -605,7 +605,7 @@ class PartitionContact(Item[Any]):
 def stress_by_rows(contact: PartitionContact, result: RunSamples, force: Array, rows: RowSamples) -> Stress | None:
     """See `PartitionContact.largest_stress`, by sums of normal forces, (n,) [N], and by forces of rows."""
     top = int(force.argmax()) if len(force) else 0
-    if len(force) and force[top] > 0 and (ellipse := contact.mechanics.law.semi_axes(force[top])) is not None:
+    if len(force) and force[top] > 0 and (ellipse := contact.mechanics.law.semi_axes(float(force[top]))) is not None:
         return Stress.beneath(float(force[top]), ellipse, contact.elastic_materials, time=float(result.t[top]))
     run, surface = result.kept(contact), contact.mechanics.gaps.slave.surface
     n, areas = len(surface.points), run.areas[: len(surface.points)]

@@ -279,7 +279,7 @@ def _tangential_fields(
         (slave, patch), *_ = contact.sides
         if slave == item and contact.friction:
             nodes = item.body.partition.patches[patch].nodes
-            if "contact_traction" in names:
+            if "contact_traction" in names and contact.mechanics.law.semi_axes(1.0) is None:  # else it is not resolved
                 found.append(("contact_traction", nodes, contact.friction.traction(result)))
             if "contact_state" in names:
                 found.append(("contact_state", nodes, contact.friction.states(result).astype(float)))

@@ -277,6 +277,18 @@ def test_contact_that_wanders_over_a_skin(rolling, friction, tmp_path):
 
 
 @pytest.mark.parametrize("friction", [None, MU])
+@pytest.mark.parametrize("where", ["plane", "carried", "plate"])
+def test_contact_at_a_point_that_wanders(pair, rolling, where, friction, tmp_path):
+    """Its kernels are made anew on the way, and springs of friction remember their elongations."""
+    options = {"frame": "floating", "friction": friction, "formulation": "hertz"}
+    if where == "plate":
+        make = lambda: on_plate((rolling, pair[1]), speed=(12.0, 0, -1.0), **options)  # noqa: E731
+    else:
+        make = lambda: on_surface(rolling, carried=where == "carried", speed=(20.0, 0, -1.0), **options)  # noqa: E731
+    assert_goes_on(make, 12e-6, tmp_path / "cut.npz")
+
+
+@pytest.mark.parametrize("friction", [None, MU])
 def test_a_skin_whose_flexibility_is_found_on_demand(rolling_parts, friction, tmp_path, monkeypatch):
     """Each model has a body from a file: it lacks what an earlier run has found."""
     monkeypatch.setattr(free_body, "SMALL", 100)

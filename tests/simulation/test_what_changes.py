@@ -102,6 +102,13 @@ def bodies():
     return made
 
 
+@pytest.fixture(scope="module")
+def coarse():
+    """A ball with its whole skin as a patch."""
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, R), R), ep.STEEL, maxh=R / 2)
+    return ep.reduce(fem, ep.Partition.surface(fem, near=(0, 0, 0), axes="xyz"), f_cut=60e3)
+
+
 def steps(body, other, method, frame="inertial", **options):
     """A few steps of a ball that slides on a surface."""
     mbs = exu.SystemContainer().AddSystem()
@@ -114,7 +121,7 @@ def steps(body, other, method, frame="inertial", **options):
     return ep.solve_dynamic(mbs, end_time=1.5e-6, step=0.03e-6, method=method)
 
 
-def test_what_changes_in_a_run_is_what_the_page_says(bodies, changed):
+def test_what_changes_in_a_run_is_what_the_page_says(bodies, coarse, changed):
     """At most four kinds of objects. What is no state and no record may be lost, as `test_state` holds."""
     soft, nodal, plate = bodies
     friction = {"friction": 0.3}
@@ -122,6 +129,8 @@ def test_what_changes_in_a_run_is_what_the_page_says(bodies, changed):
         assert steps(soft, ep.RigidPlane(), method, **friction).steps
         assert steps(nodal, ep.RigidPlane(), method, formulation="lagrange", **friction).steps
         assert steps(soft, plate, method, "floating", **friction).steps
+        for law in ({}, friction):
+            assert steps(coarse, ep.RigidPlane(), method, "floating", formulation="hertz", **law).steps
     kinds = table()
     assert list(kinds) == ["State", "Records", "Places", "Guesses"]
     listed = set.union(*kinds.values())

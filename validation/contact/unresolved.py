@@ -1,18 +1,18 @@
 """Contacts that are smaller than the facets around them: formulation "hertz" against refined patches and series.
 
 Scenes: a ball on a rigid plane, two balls, a ball on a free thin plate, a ball in a rigid bore (an elliptic contact).
-The elements at the contact are one, two and four contact radii long, and the contact is at a node, at the middle of an edge
-and at the middle of a facet. Beside it, formulation "compliance" on the same meshes.
-References: of balls on planes and balls, the series solution of a whole elastic sphere (elastic_sphere.py); of plate and
-bore, formulation "compliance" on patches with three and a half elements in the contact radius.
+The elements at the contact are one, two and four contact radii long, and the contact is at a node, at the middle of an
+edge and at the middle of a facet. Beside it, formulation "compliance" on the same meshes.
+References: of balls on planes and balls, the series solution of a whole elastic sphere (elastic_sphere.py); of plate
+and bore, formulation "compliance" on patches with three and a half elements in the contact radius.
 Quantities: peak of the force, impulse, duration between 5 % of the peak, the change of energy, and processor times.
 
 The ball also hits the plane at an angle, with friction. Reference: Maw, Barber and Fawcett (mindlin_ball.py), whose
-tangential flexibility is that of half-spaces, with two to four per cent less impulse where the ball sticks and rolls
-back. Quantity: tangential impulse. And a ball with a coarse skin rolls over its elements by its weight: the normal
-force should be the weight.
-Limits: peak, impulse and duration 1 %, on the plate 1.5 %, energy 1e-3 of its start; tangential impulse 3 %; force of
-the rolling ball 2 %, at rest 0.5 %.
+tangential flexibility is that of half-spaces. Quantity: tangential impulse, which is a small difference where the ball
+sticks and swings back. And a ball with a coarse skin rolls over its elements by its weight: the normal force should be
+the weight.
+Limits: peak, impulse and duration 1 %, on the plate 1.5 %, energy 1e-3 of its start; tangential impulse 3 %, of a ball
+that sticks 5 %; force of the rolling ball 2 %, at rest 0.5 %.
 
     python -m validation.contact.unresolved [--quick] [--out FILE]
 """
@@ -34,18 +34,21 @@ from exudyn_partition.fe.shapes import shape_functions
 from validation.contact import scenes
 from validation.contact.elastic_sphere import ElasticSphere
 from validation.contact.mindlin_ball import oblique_impact
+from validation.tables import PAGE, write_between
 
 RADIUS, SPEED, SMALL, F_CUT = 10e-3, 0.5, 5e-3, 200e3
 THICK, WIDTH = 3e-3, 40e-3  # of the plate [m]
 BORE = 15e-3
+SCENES = ["plane", "two balls", "plate", "bore"]
 SIZES = (1.0, 2.0, 4.0)  # of elements, by the radius of contact
 FINE = 1 / 3.5
 PLACES = ("node", "edge", "facet")
 LIMITS = {
     "plane": 0.01, "two balls": 0.01, "plate": 0.015, "bore": 0.01, "energy": 1e-3,
-    "oblique": 0.03, "rolling": 0.02, "rest": 0.005,
+    "oblique": 0.03, "sticks": 0.05, "rolling": 0.02, "rest": 0.005,
 }  # fmt: skip
-FRICTION, SLIDING = 0.3, (0.3, 0.6, 1.5)  # m/s
+STICKS = 0.2  # m/s: below it the ball sticks, and swings back
+FRICTION, SLIDING = 0.3, (0.1, 0.3, 0.6, 1.5)  # m/s
 MARGIN = 2e-7  # gap at the start [m]
 
 
@@ -242,15 +245,32 @@ def with_friction(sizes, failed):
             rows.append({"sliding": sliding, "size": size, "impulse": off, "energy": energy,
                          "taken": taken / true[3] - 1})  # fmt: skip
             name = f"oblique, {sliding:g} m/s, {size:g} a"
-            failed += [f"{name}: tangential impulse {off:.2%}"] * (abs(off) > LIMITS["oblique"])
+            limit = LIMITS["sticks" if sliding < STICKS else "oblique"]
+            failed += [f"{name}: tangential impulse {off:.2%}"] * (abs(off) > limit)
             failed += [f"{name}: energy {energy:.1e}"] * (energy > LIMITS["energy"])
     forces = {"rolling": rolling(0.5), "rest": rolling(0.0)}
     failed += [f"{what}: force {off:.2%}" for what, off in forces.items() if off > LIMITS[what]]
     return {"oblique": rows, **forces}
 
 
-def main(names, sizes, places, out):
-    """Run all scenes."""
+def page_table(result):
+    """Table of the site: largest errors over all elements and places, and mean processor times of a run."""
+    lines = [
+        "| scene | formulation | peak | impulse | duration | time of a run |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    for scene, found in result["scenes"].items():
+        for formulation in ("hertz", "compliance"):
+            rows = [row for row in found["rows"] if row["formulation"] == formulation]
+            worst = [max((row[what] for row in rows), key=abs) for what in found["reference"]]
+            mean = np.mean([row["time_s"] for row in rows])
+            shown = " | ".join(f"{100 * off:+.2f} %" for off in worst)
+            lines.append(f'| {scene} | `"{formulation}"` | {shown} | {mean:.2f} s |')
+    return "\n".join(lines) + "\n"
+
+
+def run(names, sizes, places, out):
+    """Run scenes, print tables, and write the result."""
     console, result, failed = Console(width=120), {"scenes": {}, "limits": LIMITS}, []
     for scene in names:
         true, table = reference(scene), Table(title=f"{scene}: {contact_radius(scene) * 1e3:.3f} mm contact radius")
@@ -274,14 +294,20 @@ def main(names, sizes, places, out):
         result["scenes"][scene] = {"reference": true, "rows": rows}
     result["friction"] = with_friction(sizes, failed)
     console.print(result["friction"])
+    if out is None and len(names) == len(SCENES) and not failed:
+        write_between(PAGE, "contact/unresolved.py", page_table(result))
     scenes.finish(__file__, result, failed, out)
 
 
-if __name__ == "__main__":
+def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="*", default=["plane", "two balls", "plate", "bore"])
-    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--only", nargs="*", choices=SCENES)
+    parser.add_argument("--quick", action="store_true", help="planes and balls, middle of a facet")
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     sizes, places = ((2.0,), ("facet",)) if options.quick else (SIZES, PLACES)
-    main(options.only, sizes, places, options.out)
+    run(options.only or (SCENES[:2] if options.quick else SCENES), sizes, places, options.out)
+
+
+if __name__ == "__main__":
+    main()

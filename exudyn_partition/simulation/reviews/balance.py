@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ...contact.formulations.choices import Compliance, Lagrange, Penalty
+from ...contact.formulations.choices import Compliance, Hertz, Lagrange, Penalty
 from ...errors import InputError
 from ...exudyn_bodies.item_work import Others
 from ...exudyn_bodies.joints import Joints
@@ -219,7 +219,7 @@ def _by_steps_or_impacts(mbs: MainSystem, result: Result, *, lost: bool) -> str:
     remedies = ["shorter ones"]
     if result.method == "implicit" and _runs_explicitly(mbs):
         remedies.append("method='explicit'")
-    library, foreign = (Compliance, Lagrange, Penalty), ""
+    library, foreign = (Compliance, Hertz, Lagrange, Penalty), ""
     others = [contact for contact in result.contacts if not isinstance(contact.formulation, Compliance)]
     if own := {
         type(contact.mechanics.law).__name__ for contact in others if not isinstance(contact.formulation, library)

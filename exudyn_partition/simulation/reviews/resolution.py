@@ -6,6 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...contact.formulations.hertz import WIDEST
+from ...contact.spot_gaps import SpotGaps
 from ..result import called, when
 from .reviewed_run import Finding, ReviewedRun
 
@@ -89,8 +91,25 @@ def few_rows(run: ReviewedRun) -> Iterator[Finding]:
             "it is too stiff. The force of an impact is too large then, by a quarter and more; one that a spring or a "
             f"load prescribes is right in the mean. Refine {'both meshes' if len(contact.sides) > 1 else 'the mesh'} "
             f"there, from facets of {contact.slave_facet_size:.3g} m to a third of the contact's radius, see "
-            "ep.hertz.contact_radius"
+            "ep.hertz.contact_radius. Where one of both is a ball, formulation='hertz' needs no finer mesh"
         )
+
+
+def wide_points(run: ReviewedRun) -> Iterator[Finding]:
+    """Contacts at a point, by formulation "hertz", that are not small beside the curvature of their surfaces."""
+    for history in run.contacts:
+        gaps, force = history.contact.mechanics.gaps, history.force
+        if not isinstance(gaps, SpotGaps) or not force.any():
+            continue
+        top = int(force.argmax())
+        radius = history.radius_at(top)
+        if radius > WIDEST * gaps.contact.radius:
+            yield Finding(
+                f"{called(history.contact)} at {when(run.result, run.result.t[top])}: the contact has a radius of "
+                f"{radius:.3g} m, more than {WIDEST:g} of the radius of its surfaces, {gaps.contact.radius:.3g} m. "
+                "Hertz's law is for smaller ones; beyond, its stiffness is kept. Check speed and units, or take "
+                "formulation='compliance' with facets that resolve the contact"
+            )
 
 
 def undamped_layers(run: ReviewedRun) -> Iterator[Finding]:
