@@ -416,7 +416,7 @@ CASES = {
     "compiled_runs": Case("benchmarks/compiled_runs.py", limits(("steps", "many", "compiled", "difference"))),
     "restitution_map": Case("benchmarks/restitution_map.py", limits(("cpu_s", "balance"))),
     "study": Case("benchmarks/study.py", limits(("loop", "workers"))),
-    "second_worker": Case("benchmarks/second_worker.py", limits(("processor",))),
+    "second_worker": Case("benchmarks/second_worker.py", limits(())),
     "tilted_bar_refined": Case("experiments/tilted_bar_refined.py", limits(("library", "beam"))),
     "size": Case("benchmarks/size.py", limits(
         ("reduce_s", "memory_GB", "bases_s", "exponent", "spread", "force_error")), limit_s=2 * HOUR),
