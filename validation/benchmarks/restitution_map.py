@@ -56,7 +56,7 @@ def both_ways(bodies):
     """Processor time of an impact by Exudyn and as a map does it [ms], their ratio, difference of restitution, turn."""
     spent, found = {}, {}
     for way, options in (("exudyn", {"largest_turn": 0.0}), ("map", {})):
-        ep.restitution_map(bodies, speed=SLOW[0], **options)  # so that all is compiled
+        ep.restitution_map(bodies, speed=SLOW, **options)  # so that all is compiled
         begin = time.process_time()
         found[way] = ep.restitution_map(bodies, speed=SLOW, **options)
         spent[way] = 1e3 * (time.process_time() - begin) / len(SLOW)
