@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -165,7 +166,7 @@ def uncounted_allocations() -> Iterator[None]:
 
     It comes after long runs, and no user can act on it.
     """
-    solver = require("exudyn.solver")
+    solver: Any = require("exudyn.solver")
     threshold, solver.solverCheckMemoryAllocationsThreshold = solver.solverCheckMemoryAllocationsThreshold, math.inf
     try:
         yield

@@ -364,7 +364,7 @@ class StepControl:
         if not all(pace.is_open):
             return shortest and self._explicit
         short = self._explicit or last <= _SHORT * self.step
-        return pace.waits >= 0 and short and (shortest or min(pace.foreseen) >= _FORESEEN * last)
+        return pace.waits >= 0 and short and (shortest or min(pace.foreseen, default=math.inf) >= _FORESEEN * last)
 
     def _judge(self, pace: Pacing, was_open: tuple[bool, ...], last: float, tolerance: float) -> Pacing:
         """Take the error of a step into account, and which contacts have opened or closed in it."""

@@ -52,6 +52,14 @@ def test_a_sample_that_is_asked_for_again_replaces_the_first():
     assert history.strain(history.numbers(np.array([0.5]))[0])[2, 3] == 0.0
 
 
+def test_samples_that_are_asked_for_again_take_no_more_memory(monkeypatch):
+    monkeypatch.setattr(strain_history, "MOST", 20)
+    history = StrainHistory(FIVE)
+    for again in range(4):
+        history.keep(1.0, state(1.0 + again))
+    assert history.strain(history.numbers(np.array([1.0]))[0])[1, 0] == 4.0
+
+
 def test_too_many_strains_are_not_kept(monkeypatch):
     monkeypatch.setattr(strain_history, "MOST", 20)
     history = StrainHistory(FIVE)

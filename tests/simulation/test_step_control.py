@@ -550,3 +550,15 @@ def test_a_contact_lasts_if_its_force_rises_again_or_it_is_closed_for_long(force
     for force in forces:
         closing = closing.after(1.0, force)
     assert closing.lasts == lasts
+
+
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+def test_adaptive_steps_need_no_contact(mbs, arm_body, method):
+    """An arm falls about its pin. With implicit steps the run stopped in its first growing steps."""
+    link = ep.CreatePartitionBody(mbs, arm_body, frame="floating", gravity=[0, -9.81, 0], damping=0.02)
+    ground = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.CreateGround()))
+    markers = [ground, link.CreateInterfaceMarker(mbs, "foot")]
+    mbs.AddObject(items.GenericJoint(markerNumbers=markers, constrainedAxes=[1, 1, 1, 0, 1, 1]))
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=2e-3, method=method, adaptive=True)
+    assert result.status == "finished"
