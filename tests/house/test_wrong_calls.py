@@ -125,7 +125,7 @@ def test_what_belongs_where(mbs, block, top, bodies):
     for call, message in (
         (
             lambda: ep.reduce(block, None, f_cut=8e4),
-            r"partition: expected what Partition.ball\(\) returns, .* NoneType",
+            r"partition: expected one, as of Partition.ball\(\), or skin=True .* got None",
         ),
         (
             lambda: ep.reduce(top, block, f_cut=8e4),

@@ -103,8 +103,7 @@ class CoupledFriction(Coupled):
 
     def _stay_open(self, gaps: list[Array]) -> bool:
         """Whether no row is closed at gaps, (nr,) [m] each, and none was in the last step."""
-        before = [contact.state for contact in self.contacts]
-        if self._pushing or any(state.memory.closed or state.creep.elastic for state in before):
+        if self._viscous or self._pushing or any(contact.state.memory.closed for contact in self.contacts):
             return False
         return all(smallest(gap) >= 0.0 for gap in gaps)
 
