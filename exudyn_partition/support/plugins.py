@@ -42,9 +42,10 @@ def added_choice(name: str, value: object, choices: Iterable[str], group: str) -
         If it is neither: the message has both.
     """
     known = list(choices)
-    if isinstance(value, str) and value not in known and (found := plugin(group, value)) is not None:
+    ours = isinstance(value, str) and value in known
+    if isinstance(value, str) and not ours and (found := plugin(group, value)) is not None:
         return found
-    added = [] if value in known else sorted({one.name for one in entry_points(group=_GROUPS + group)})
+    added = [] if ours else sorted({one.name for one in entry_points(group=_GROUPS + group)})
     validate_choice(name, value, [*known, *added])
     return None
 

@@ -10,6 +10,7 @@ import pytest
 
 import exudyn_partition as ep
 from exudyn_partition.errors import InputError
+from exudyn_partition.support.plugins import added_choice
 
 PROJECT = """
 [build-system]
@@ -85,3 +86,10 @@ def test_a_reader_by_the_ending_of_files(installed, block, tmp_path):
     (tmp_path / "block.tiny").rename(tmp_path / "block.none")
     with pytest.raises(InputError, match="meshio"):
         ep.fe_model(tmp_path / "block.none", ep.STEEL)
+
+
+def test_what_is_no_name_is_refused_as_a_wrong_choice():
+    """An array cannot be compared with names."""
+    for value in (np.zeros(3), ["free"], 5, None):
+        with pytest.raises(InputError, match="basis: expected one of 'free', 'coarse', got"):
+            added_choice("basis", value, ["free", "coarse"], "bases")
