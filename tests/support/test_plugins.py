@@ -91,5 +91,5 @@ def test_a_reader_by_the_ending_of_files(installed, block, tmp_path):
 def test_what_is_no_name_is_refused_as_a_wrong_choice():
     """An array cannot be compared with names."""
     for value in (np.zeros(3), ["free"], 5, None):
-        with pytest.raises(InputError, match="basis: expected one of 'free', .*got"):
+        with pytest.raises(InputError, match=r"basis: expected one of 'free', .*got"):
             added_choice("basis", value, ["free", "coarse"], "bases")
