@@ -65,10 +65,6 @@ class NormalRows:
         """Numbers of the directions of some rows, (na,)."""
         return index
 
-    def way(self) -> Array:
-        """How far rows have slid along their tangents, (nr, 0) [m]: there are no tangents."""
-        return np.empty((len(self.gaps.row_nodes), 0))
-
     def tractions(self, forces: Array) -> Array:
         """Tangential forces in space, (nr, 3) [N], from forces on rows, (nr, 1) [N]: zero."""
         return np.zeros((len(forces), 3))

@@ -296,17 +296,11 @@ class PatchContact:
         memory = self.state.law[self.gaps.row_nodes] if self.law.memory else None
         last = mu = find_way = None
         if isinstance(self.rows, TangentialRows):
-            last, mu, find_way = self.last, self.coefficients, functools.partial(self._way, self.rows, pushed)
+            last, mu, find_way = self.last, self.coefficients, functools.partial(_way, self.rows, pushed)
         return Places(
             gap, None, last, mu, motion=motion, since=self.since, memory=memory, find_rates=self._find_rates,
             find_way=find_way,
         )  # fmt: skip
-
-    @staticmethod
-    def _way(rows: TangentialRows, pushed: Array | None) -> Array:
-        """How far rows have slid along their tangents since the last accepted step, (nr, 2) [m]."""
-        way = rows.way()
-        return way if pushed is None else way + pushed[:, 1:]
 
     def answered(self, forces: Forces, gap: Array, least_gap: float, places: Places | None = None) -> Evaluation:
         """Answer with forces on the present rows that were found elsewhere.
@@ -534,6 +528,12 @@ class PatchContact:
         if isinstance(self.rows, TangentialRows):
             forces = np.column_stack([of_rows[:, 0], self.rows.along(np.ascontiguousarray(of_rows[:, 1:]))])
         return self.rows.nodal_forces(forces)
+
+
+def _way(rows: TangentialRows, pushed: Array | None) -> Array:
+    """How far rows have slid along their tangents since the last accepted step, (nr, 2) [m]."""
+    way = rows.way()
+    return way if pushed is None else way + pushed[:, 1:]
 
 
 def _rates(rows: NormalRows | TangentialRows, motion: Motion | None) -> Array:
