@@ -136,6 +136,10 @@ class StoredContactRun:
     friction : Coulomb or None
     kept : KeptRun or None
         Data that the contact kept; None if it kept none.
+    damped : bool
+        See `PatchContact`.
+    semi_axes : tuple of float
+        Semi-axes under a force of one newton of a contact at a point [m]; empty if rows tell where a contact is.
     """
 
     name: str
@@ -147,6 +151,7 @@ class StoredContactRun:
     friction: Coulomb | None
     kept: KeptRun | None
     damped: bool = False
+    semi_axes: tuple[float, ...] = ()
 
     @classmethod
     def of_contact(cls, contact: PartitionContact, kept: KeptRun | None) -> StoredContactRun:
@@ -162,6 +167,7 @@ class StoredContactRun:
             friction=contact.friction.coulomb,
             kept=kept,
             damped=mechanics.damped,
+            semi_axes=tuple(map(float, mechanics.law.semi_axes(1.0) or ())),
         )
 
 
@@ -234,13 +240,27 @@ FILE = Format(
 )
 
 
+class _StoredPoint:
+    """Law of a stored contact, as far as it is stored."""
+
+    def __init__(self, axes: tuple[float, ...]) -> None:
+        self._axes = axes
+
+    def semi_axes(self, force: float) -> tuple[float, float] | None:
+        """See `Law`."""
+        if not self._axes:
+            return None
+        first, second = (axis * float(np.cbrt(force)) for axis in self._axes)
+        return first, second
+
+
 class StoredLaw:
     """Mechanics of a stored contact, as far as they are stored; all else needs the model."""
 
     def __init__(self, run: StoredContactRun) -> None:
         self.ahead, self.elastic, self.compliant, self.friction = run.ahead, run.elastic, run.compliant, run.friction
         self.zones = _StoredZones(run.name) if run.yields else None
-        self.damped = run.damped
+        self.damped, self.law = run.damped, _StoredPoint(run.semi_axes)
         self._name, self._kept = run.name, run.kept
 
     @property

@@ -44,7 +44,7 @@ def test_a_group_keeps_what_each_member_has_once_a_time_and_notes_its_edge():
         h=-np.ones(4), stored=np.array([0.1, 0.2]), values=np.zeros((2, 6)),
         pushes=True, force=np.ones(1), evaluate=lambda q: True, kept=None,
     )  # fmt: skip
-    at_edge = SimpleNamespace(evaluation=SimpleNamespace(edge_reached=lambda: np.zeros(3)))
+    at_edge = SimpleNamespace(evaluation=SimpleNamespace(edge_reached=lambda: np.zeros(3)), damped=False)
     members = [
         SimpleNamespace(
             dofs=np.zeros(1, int), place=None, join=lambda group, place: None, acts_within=True, remembers=False,

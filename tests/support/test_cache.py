@@ -189,7 +189,7 @@ def test_no_input_is_forgotten_in_the_tests_above():
     assert PARTITIONS.keys() == {f.name for f in dataclasses.fields(ep.Partition)} - {"n_nodes", "mesh"}
     assert PATCHES.keys() == {f.name for f in dataclasses.fields(Patch)}
     assert INTERFACES.keys() == {f.name for f in dataclasses.fields(Interface)}
-    models = {"fem", "partition", "slave", "master", "patches"}  # patches are in the partitions, by number
+    models = {"fem", "partition", "skin", "slave", "master", "patches"}  # patches are in the partitions, by number
     told = OPTIONS.keys() | IMPACTS.keys() | SLIDING.keys() | models | {"progress", "cache"}
     for function in (ep.reduce, ep.reduce_pair):
         assert inspect.signature(function).parameters.keys() <= told
