@@ -414,7 +414,9 @@ CASES = {
     "feminterface": Case("benchmarks/feminterface.py", limits(("difference",))),
     "body_files": Case("benchmarks/body_files.py", limits(("whole", "ball_without_inside", "without_inside"))),
     "compiled_runs": Case("benchmarks/compiled_runs.py", limits(("steps", "many", "compiled", "difference"))),
-    "restitution_map": Case("benchmarks/restitution_map.py", limits(("cpu_s", "balance", "new_over_old", "difference"))),
+    "restitution_map": Case("benchmarks/restitution_map.py", limits(
+        ("cpu_s", "balance", "new_over_old", "difference"))),
+    "mechanisms": Case("benchmarks/mechanisms.py", limits(("force",))),
     "study": Case("benchmarks/study.py", limits(("loop", "workers"))),
     "second_worker": Case("benchmarks/second_worker.py", limits(())),
     "tilted_bar_refined": Case("experiments/tilted_bar_refined.py", limits(("library", "beam"))),

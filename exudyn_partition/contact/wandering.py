@@ -20,7 +20,7 @@ from ..surfaces.projection import Projection
 from ..surfaces.rows import ContactRows
 from ..surfaces.surface import Surface, closest_points
 from ..surfaces.witnesses import seen_from, spread
-from .followed import SEARCHED
+from .followed import SEARCHED, Followed
 from .gaps import GapState, Present
 from .patch_gaps import PatchGaps
 from .rigid import RigidGaps
@@ -60,8 +60,16 @@ class WanderingGaps(PatchGaps):
 
     def at(self, q: Array) -> Array:
         """See `Gaps.at`."""
+        if isinstance(self.stage, Followed):  # following rows finds how far the patches have moved
+            gap, stage = super().at(q), self.stage
+            if isinstance(stage, Followed) and self._is_near(stage.here):
+                return gap
         self._part_if_moved(q)
         return super().at(q)
+
+    def _is_near(self, here: Array) -> bool:
+        """Whether the parts are still those that are near each other, with the slave at a place, (3, 3) [m]."""
+        return self._parted_at is not None and largest_change(here, self._parted_at) <= self._part_reach
 
     def of_present(self, q: Array) -> Array:
         """See `Gaps.of_present`."""
@@ -76,7 +84,7 @@ class WanderingGaps(PatchGaps):
         """Find the parts that are near each other at coordinates q, (n,), unless they are known."""
         places = [three.place(part) for three, part in zip(self._three, self.split(q), strict=True)]
         here = seen_from(places, [_THREE, _THREE])
-        if self._parted_at is not None and largest_change(here, self._parted_at) <= self._part_reach:
+        if self._is_near(here):
             return
         near = self._near_parts(q)
         self._least, self._apart_by_far = near.least, not len(near.nodes)

@@ -211,6 +211,16 @@ def test_the_impact_of_a_coarse_ball_is_hertz_s(coarse, dropped):
     assert any("facets do not resolve" in said for said in contact.left_out)
 
 
+def test_a_stored_result_knows_the_ellipse(dropped, tmp_path):
+    """Area and radius of contact need no model."""
+    _, contact, result = dropped
+    result.save(tmp_path / "run.npz")
+    read = ep.Result.load(tmp_path / "run.npz")
+    (stored,) = read.contacts
+    assert stored.area(read) == pytest.approx(contact.area(result), rel=1e-12)
+    assert stored.radius(read) == pytest.approx(contact.radius(result), rel=1e-12)
+
+
 @pytest.mark.parametrize(
     "options",
     [{"frame": "floating"}, {"carried": True}, {"method": "implicit"}],
