@@ -155,6 +155,8 @@ class Gaps:
     accepted: GapState
     _stood: tuple[object, object, Array] = (None, None, NOTHING)  # stance of rows at an anchor
     _anchored: tuple[object, object, Stage | None] = (None, None, None)  # stage of rows at an anchor
+    _pose: Callable[[], tuple[Array, Array]] | None = None  # of the body that carries the rigid surface
+    _motion: Callable[[], tuple[Array, Array]] | None = None
     _all: ContactPoints  # of the slave
     _start: Stage
     _loaded: dict[int, LoadedNodes]
@@ -340,12 +342,15 @@ class Gaps:
     @property
     def carrier_pose(self) -> Array:
         """Place and axes of a carried rigid surface, (12,), on which gaps depend too; empty if no body carries it."""
-        return NOTHING
+        if self._pose is None:
+            return NOTHING
+        place, axes = self._pose()
+        return np.concatenate([place, axes.ravel()])
 
     @property
     def carrier_motion(self) -> Array:
         """Velocity and angular velocity of the body that carries the rigid surface, (6,) [m/s, rad/s]."""
-        return NOTHING
+        return NOTHING if self._motion is None else np.concatenate(self._motion())
 
     @property
     def constant_rows(self) -> object:
@@ -487,7 +492,10 @@ class Gaps:
         """
         gap = self.at(q)
         H = self.jacobian(np.arange(len(gap)))
-        return gap, H @ q_t, H @ q_tt
+        rate = H @ q_t
+        if self._motion is not None:  # the accelerations of the surface's carrier are not known here
+            rate = rate + self.carrier_rows(np.arange(len(gap))) @ self.carrier_motion
+        return gap, rate, H @ q_tt
 
     def widen(self, q: Array) -> Array:
         """Take all rows that can touch next at coordinates q, (n,), and return their gaps, (k,) [m]."""

@@ -267,19 +267,6 @@ class RigidGaps(Gaps):
         return stage, rows.points.average(gap)
 
     @property
-    def carrier_pose(self) -> Array:
-        """See `Gaps.carrier_pose`."""
-        if self._pose is None:
-            return super().carrier_pose
-        place, axes = self._pose()
-        return np.concatenate([place, axes.ravel()])
-
-    @property
-    def carrier_motion(self) -> Array:
-        """See `Gaps.carrier_motion`."""
-        return super().carrier_motion if self._motion is None else np.concatenate(self._motion())
-
-    @property
     def constant_rows(self) -> object:
         """See `Gaps.constant_rows`; only the normals of these rows depend on the place of the surface."""
         return self if self.slave.normal_only else super().constant_rows
@@ -328,13 +315,6 @@ class RigidGaps(Gaps):
     def whole(self) -> Side:
         """The slave with all facets of its patch."""
         return self.slave
-
-    def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
-        """See `Gaps.closing`; the accelerations of the surface's carrier are not known here, and left out."""
-        gap, rate, acceleration = super().closing(q, q_t, q_tt)
-        if self._motion is not None:
-            rate = rate + self.carrier_rows(np.arange(len(gap))) @ self.carrier_motion
-        return gap, rate, acceleration
 
     def carrier_rows(self, index: Array) -> Array:
         """Derivative of gap rates, (na, 6), with respect to velocity and angular velocity of the surface's carrier."""

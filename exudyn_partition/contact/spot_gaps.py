@@ -26,7 +26,7 @@ from .linear_gaps import LinearGaps
 from .rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from .side import Side
 from .spot import Spot, SpotMaker
-from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
+from .stages import Anchor, Frozen, PresentRows, Stage
 from .true_surface import TrueSurface, fitted
 
 _TILTED = 0.1  # of a kernel's radius: motion of the point of contact after which the kernel is made anew
@@ -152,6 +152,8 @@ class SpotGaps(Gaps):
     PenetrationError
         If the surfaces overlap at the start.
     """
+
+    _loaded_rows: object = None  # the rows to which `_loaded` belongs
 
     def __init__(
         self,
@@ -421,8 +423,6 @@ class SpotGaps(Gaps):
             self._loaded, self._loaded_rows = {}, present.stage.rows
         super().return_to(present)
 
-    _loaded_rows: object = None
-
     # State.
 
     def after(self) -> GapState:
@@ -464,19 +464,6 @@ class SpotGaps(Gaps):
 
     # The body that carries a rigid surface.
 
-    @property
-    def carrier_pose(self) -> Array:
-        """See `Gaps.carrier_pose`."""
-        if self._pose is None:
-            return NOTHING
-        place, axes = self._pose()
-        return np.concatenate([place, axes.ravel()])
-
-    @property
-    def carrier_motion(self) -> Array:
-        """See `Gaps.carrier_motion`."""
-        return NOTHING if self._motion is None else np.concatenate(self._motion())
-
     def carrier_rows(self, index: Array) -> Array:
         """See `Gaps.carrier_rows`."""
         if self._pose is None:
@@ -485,10 +472,3 @@ class SpotGaps(Gaps):
         arm = weights[0] @ self.places_now()[0][nodes[0]] + self.centre - self._pose()[0]
         normal = self.normals[0]
         return -np.concatenate([normal, np.cross(arm, normal)])[None][index]
-
-    def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
-        """See `Gaps.closing`; the accelerations of the surface's carrier are not known here, and left out."""
-        gap, rate, acceleration = super().closing(q, q_t, q_tt)
-        if self._motion is not None:
-            rate = rate + self.carrier_rows(np.arange(len(gap))) @ self.carrier_motion
-        return gap, rate, acceleration
