@@ -14,8 +14,10 @@ class SlipSecants:
     """Share of the secants of friction, forces by ways, in the Jacobian, beside its tangents.
 
     Secants lead to the equilibrium surely, tangents quickly once it is near: what friction dissipates is a sum of
-    lengths, which Weiszfeld's iteration minimises by secants. So their share is one at first and wherever the residual
-    has grown, and falls with its square root. See `PatchContact.slip_secants`.
+    lengths, which Weiszfeld's iteration minimises by secants. So their share is the residual over the largest one of
+    the load step. No iteration then moves a body by much more than the ways so far: a body that may slide freely,
+    since opposed slips leave it no stiffness, gets to where rows stick in a few iterations, and does not shoot past.
+    See `Evaluation.slip_secants`.
 
     References
     ----------
@@ -24,12 +26,12 @@ class SlipSecants:
     """
 
     def __init__(self) -> None:
-        self._share, self._residual = 1.0, 0.0
+        self._largest = 0.0
 
     def share(self, solver: MainSolver) -> float:
         """Share in the iteration of Newton's method that the static solver begins now; none in the first."""
         residual, first = solver.conv.residual, solver.it.newtonSteps == 1
-        falls = 0.0 < residual < self._residual and not first
-        self._share = self._share * (residual / self._residual) ** 0.5 if falls else 1.0
-        self._residual = residual
-        return 0.0 if first else self._share
+        self._largest = residual if first else max(self._largest, residual)
+        if first:
+            return 0.0
+        return residual / self._largest if self._largest else 1.0

@@ -362,7 +362,9 @@ def divide_load_steps(mbs: MainSystem, settings: SimulationSettings, start: floa
     """Repeat load steps in which contact forces do not settle, shorter; all load levels remain ends of steps.
 
     The model's own PostStep function runs first. A level is the end of a load step as the user asked for, from `start`
-    in steps of `step`. Lengths double after some steps that settle. Exudyn's own growth would step over levels.
+    in steps of `step`. Lengths double after some steps that settle. Exudyn's own growth would step over levels. Where
+    a step was divided, the later ones get a stiffness along slips: without it, bodies that slide at once on several
+    contacts would need ever shorter steps.
     """
     static, own_after_step = settings.staticSolver, user_function(mbs.GetPostStepUserFunction())
     run = runs_of(mbs).now(mbs)
@@ -377,6 +379,8 @@ def divide_load_steps(mbs: MainSystem, settings: SimulationSettings, start: floa
         go_on, it = own_after_step is None or own_after_step(mbs, t), mbs.sys["staticSolver"].it
         if it.currentStepSize < (1 - _OVER) * planned:  # Exudyn has divided this step
             length, settled = it.currentStepSize, 0
+            if run.slip_secants is None:
+                run.slip_secants = SlipSecants()
         settled += 1
         if settled >= _SETTLED and length < step:
             length, settled = min(2 * length, step), 0

@@ -72,6 +72,7 @@ _FINER = (
     "friction"
 )
 _SHORTEST = 2.0**-20  # of a load step: no further is it divided
+_MOST_NAMED = 4  # contacts in a message
 _FINER_STEPS = 4, 16  # parts of load steps in which a run that has ended too early begins again: friction has a path
 _UNSETTLED, _SINGULAR = "terminated due to errors", "Jacobian seems to be singular"  # what Exudyn says then
 _PARTS = 16  # of a load step of a press fit: shortest one before bodies are held by springs without forces
@@ -467,7 +468,7 @@ def _run(
         begin = time.perf_counter()
         made = _best_attempt(mbs, plan, partial(_attempt, mbs, plan, report))
         if made.error is not None and made.steps <= 1:
-            said = f"{cause(made.error)}. {_remedy(plan, made.error)}"
+            said = f"{cause(made.error)}. {_open_at_start(mbs)}{_remedy(plan, made.error)}"
             raise RunError(f"mbs: Exudyn finds no equilibrium: {said}") from made.error
         status, message = _ending(mbs, plan, made)
         time_s = time.perf_counter() - begin
@@ -562,6 +563,22 @@ def _helps(
     if any(contact.mechanics.friction is not None for contact in partition_items(mbs)[1]):
         yield "with a stiffness along slips", oppose_slips(mbs), (_UNSETTLED, _SINGULAR)
     yield "held by springs without forces", hold_by_springs(mbs, plan.settings), (_UNSETTLED,)
+
+
+def _open_at_start(mbs: MainSystem) -> str:
+    """Sentence that names the contacts that are open where the run began, and by how much; empty if there are none."""
+    q = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
+    said = []
+    for contact in partition_items(mbs)[1]:
+        if not contact.mechanics.gaps.carried:
+            own = np.concatenate([q[place] for place in contact.slices(mbs)])
+            gap = contact.mechanics.for_run("static").gaps.surface_gap(own)
+            if _TOUCHING * contact.slave_facet_size < gap < math.inf:
+                said.append(f"{contact.name!r} by {gap:.3g} m")
+    if not said:
+        return ""
+    named = said if len(said) <= _MOST_NAMED else [*said[:_MOST_NAMED], f"{len(said) - _MOST_NAMED} more"]
+    return f"Open at the start: contact {', '.join(named)}. "
 
 
 def _remedy(plan: _Plan, error: Exception) -> str:

@@ -20,6 +20,7 @@ _LOG = logging.getLogger(__name__)
 LONG = 2.0  # work that takes longer shows a bar [s]
 LOOK = 1.0  # time between two looks at how fast work goes on [s]
 _WORTH_TELLING = 10.0  # whole time from which a line tells it ahead [s]
+_NO_END = 1000 * 3600.0  # from this time left on, work hardly goes on [s]
 _FIRST_LINE, _SELDOM = 10.0, 300.0  # where there is no bar: time of the first line, and longest between two [s]
 
 
@@ -99,12 +100,13 @@ class _Lines:
         left = (1.0 - share) * (seconds - before) / (share - done)
         if self._looks == 1:
             return None
-        if not self._announced and seconds + left >= _WORTH_TELLING:
+        if not self._announced and _WORTH_TELLING <= seconds + left < _NO_END:
             self._announced = True
             return f"{self._title}: about {duration(seconds + left)} in all"
         if self._on_the_way and seconds >= self._next:
             self._next = min(2 * seconds, seconds + _SELDOM)
-            return f"{self._title}: {share:.0%} after {duration(seconds)}, about {duration(left)} left"
+            rest = f"about {duration(left)} left" if left < _NO_END else "it hardly goes on"
+            return f"{self._title}: {share:.0%} after {duration(seconds)}, {rest}"
         return None
 
 

@@ -84,6 +84,15 @@ def test_compiling_at_the_start_does_not_count(monkeypatch, capsys):
     assert capsys.readouterr().err.splitlines() == ["steps: about 33 s in all", "steps: 67% after 32 s, about 1 s left"]
 
 
+def test_work_that_hardly_goes_on_is_told_no_time(monkeypatch, capsys):
+    told(monkeypatch, "load steps", [(1.5, 0.05), (3.0, 0.1), (12.0, 0.1 + 1e-16), (30.0, 0.12)])
+    assert capsys.readouterr().err.splitlines() == [
+        "load steps: about 30 s in all",
+        "load steps: 10% after 12 s, it hardly goes on",
+        "load steps: 12% after 30 s, about 13 min left",
+    ]
+
+
 def test_short_work_says_nothing(monkeypatch, capsys):
     told(monkeypatch, "steps", [(0.1 * k, k / 90) for k in range(91)])
     assert not capsys.readouterr().err
