@@ -101,19 +101,17 @@ def test_contacts_without_a_name_are_named_by_their_bodies(mbs, bodies, items):
     names = [
         ep.CreatePartitionContact(mbs, first, second, **options).name
         for first, second, options in (
-            (ball, block, {"name": "ball on plane"}),
-            (nameless, block, {}),
-            (ball, floor, {}),
+            (ball, block, {}),
+            (ball, floor, {"name": "ball on plane 2"}),
             (ball, wall, {}),
             (nameless, wall, {}),
             (nameless, ep.RigidSphere((0, 0, -2), 1.0), {"masterBody": carrier}),
         )
     ]
     assert names == [
-        "ball on plane",
-        "body 2 on block",
-        "ball on plane (2)",  # for the name is taken
+        "ball on block",
         "ball on plane 2",
+        "ball on plane 2 (2)",  # for the name is taken
         "body 2 on plane 2",
         "body 2 on sphere",
     ]
