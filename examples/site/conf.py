@@ -12,7 +12,7 @@ from sphinx.ext import autosummary
 import exudyn_partition
 
 project = "exudyn_partition"
-author = "The exudyn_partition developers"
+author = copyright = "The exudyn_partition developers"
 release = exudyn_partition.__version__
 extensions = ["myst_nb", "numpydoc", "sphinx.ext.autosummary", "sphinx.ext.viewcode", "sphinx_design"]
 html_math_renderer = "mathml"  # which browsers show by themselves, without a script from elsewhere

@@ -13,13 +13,14 @@ import numpy as np
 from ..errors import CallError
 from ..fe.material import STEEL
 from ..fe.model import FEModel
+from ..meshing.mesh_size import first_size
+from ..meshing.netgen_mesh import measured
 from ..meshing.ngsolve_fem import fe_model
 from ..meshing.step_assembly import read_step
 from ..present.report_page import write_report
 from ..reduction.reduction import reduce
 from ..results.impacts import closed_spans
 from ..support.files import filling, replacing
-from ..support.foreign import Shape
 from .quoting import escaped, quoted
 
 _PROGRAM, _PAGE, _SCENE, _FORCE = "drop.py", "drop.html", "scene.html", "force.csv"
@@ -27,8 +28,6 @@ _MILLIMETRES = 1e-3  # unit of lengths in STEP files as they are read [m]
 _G = 9.81  # [m/s2]
 _FRICTION = 0.3
 _TILT = (3.0, 2.0, 0.0)  # [degrees]: nothing falls quite flat
-_WALLS = 2.0  # largest element, by the mean thickness of walls
-_COARSEST, _FINEST = 12.0, 60.0  # elements along the part's diagonal
 _WAVES = 2.0  # shear waves of the highest frequency along the diagonal
 _WAY = 0.2  # of the diagonal: way at the speed of impact in the default duration
 _SCRIPT = '''"""Drop of {named} from {height:g} m on a floor, made by `exudyn-partition impact`; run it with Python."""
@@ -76,7 +75,7 @@ def drop(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
     out = Path(f"{source.stem}-drop") if options.out is None else options.out
     with filling(out, ""):  # before the work: nothing is written yet
         pass
-    maxh = default_size(*_measured(shape)) if options.maxh is None else options.maxh
+    maxh = first_size(*measured(shape)) if options.maxh is None else options.maxh
     fem = fe_model(shape, options.material[0] if options.material else STEEL, maxh=maxh)
     fem_s = time.perf_counter() - begin
     diagonal = float(np.linalg.norm(np.ptp(fem.points, axis=0)))
@@ -138,21 +137,6 @@ def _check(options: argparse.Namespace) -> None:
     for name in ("speed", "contact", "normal", "tolerance"):
         if getattr(options, name) is not None:
             raise CallError(f"--{name}: belongs to an impact at a known point, not to --drop")
-
-
-def _measured(shape: Shape) -> tuple[float, float, float]:
-    """Diagonal [m], volume [m3] and surface [m2] of a shape."""
-    low, high = shape.bounding_box
-    diagonal = math.dist((low.x, low.y, low.z), (high.x, high.y, high.z))
-    return diagonal, float(abs(shape.mass)), sum(face.mass for face in shape.faces)
-
-
-def default_size(diagonal: float, volume: float, surface: float) -> float:
-    """Size of the largest elements of a part [m]: twice its walls are thick, within bounds by its diagonal.
-
-    A wall of thickness t has the volume t/2 for each area of its surface.
-    """
-    return float(np.clip(_WALLS * 2 * volume / surface, diagonal / _FINEST, diagonal / _COARSEST))
 
 
 def default_f_cut(fem: FEModel, diagonal: float) -> float:

@@ -143,12 +143,17 @@ def validate_new_name(mbs: MainSystem, name: object, kinds: Collection[str]) -> 
     """Return `name`, or raise if an item of the model of one of these kinds, such as "Object", already has it."""
     validate_text("name", name)
     for kind in kinds:
-        if name and int(getattr(mbs, f"Get{kind}Number")(name)) >= 0:
+        if name and is_taken(mbs, str(name), kind):
             raise InputError(
                 f"name: the model already has the {kind.lower()} {name!r}, and Exudyn takes each name once. Choose "
                 "another name. A notebook cell that is run again must first make a new model with AddSystem()"
             )
     return str(name)
+
+
+def is_taken(mbs: MainSystem, name: str, kind: str) -> bool:
+    """Whether an item of the model, of a kind such as "Object", has a name."""
+    return int(getattr(mbs, f"Get{kind}Number")(name)) >= 0
 
 
 def registered(mbs: MainSystem) -> Registry:

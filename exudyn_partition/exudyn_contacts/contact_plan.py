@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+import itertools
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol, get_args
 
@@ -24,7 +25,7 @@ from ..contact.spot_gaps import SpotGaps
 from ..contact.wandering import WanderingGaps, WanderingRigidGaps
 from ..errors import InputError, PenetrationError
 from ..exudyn_bodies.carriers import Carrier, motion, pose, validate_carrier
-from ..exudyn_bodies.model import registered, validate_new_name
+from ..exudyn_bodies.model import is_taken, registered, validate_new_name
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..fe.partition import number_of_patch
 from ..support.checks import validate_choice, validate_positive
@@ -39,6 +40,7 @@ PASSES: tuple[Passes, ...] = get_args(Passes)
 BodyPatch = tuple[PartitionBody, int]  # a body and the number of one of its patches
 
 RIGID = (RigidPlane, RigidSphere, RigidCylinder, RigidProfile, RigidMesh)
+_NAMED = ("Object", "Sensor")  # items of Exudyn that a contact has
 _DIGITS = 1e-5  # share of a facet's size: round-off of places in space above which gaps are not known
 _MEANT = "Or, if the overlap is meant, as that of a press fit, give interference=, which solve_static closes"
 _FINER = 0.9  # slave and master change places if the master's facets are smaller than this share of the slave's
@@ -49,6 +51,7 @@ class PlannedContact(Protocol):
 
     sides: tuple[BodyPatch, ...]
     rows: RowKind
+    master: PartitionBody | RigidSurface
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +114,7 @@ def plan_contact(
     """
     bodies = [*registered(mbs).bodies.values()]
     first, second, rigid = _partners(bodies, slave, master)
-    validate_new_name(mbs, name, ("Object", "Sensor"))
+    validate_new_name(mbs, name, _NAMED)
     chosen = formulation_of(formulation, stiffness)
     kind = validate_choice("rows", chosen.rows if rows is None else rows, ROW_KINDS)
     validate_choice("passes", passes, PASSES)
@@ -164,6 +167,7 @@ def plan_contact(
             "formulation='compliance' or 'penalty'"
         )
     carrier = None if masterBody is None else Carrier(mbs, masterBody)
+    name = name or _name_of(mbs, first, second, rigid, kind)
     return ContactPlan(name, tuple(sides), rigid, kind, chosen, mechanics, carrier, masterBody)
 
 
@@ -190,6 +194,29 @@ def _partners(
         if item is not None and item not in bodies:
             raise InputError(f"{role}: body {item.name!r} belongs to another model, or to this one before a Reset")
     return slave, body, rigid
+
+
+def _name_of(
+    mbs: MainSystem, slave: PartitionBody, master: PartitionBody | None, rigid: RigidSurface | None, rows: RowKind
+) -> str:
+    """Name of a contact that was given none, as "ball on plate"; no other contact of the model has it."""
+    held = registered(mbs)
+    numbers = {item: number for number, item in enumerate(held.bodies.values())}
+    of_slave, of_master = (item and (item.name or f"body {numbers[item]}") for item in (slave, master))
+    if master is slave:
+        of_master = "itself"
+    elif rigid is not None:
+        of_master = _name_of_surface(held.contacts.values(), rigid)
+    name = f"{of_slave} on {of_master}{' edges' if rows == 'edges' else ''}"
+    more = (name if i == 1 else f"{name} ({i})" for i in itertools.count(1))
+    return next(one for one in more if not any(is_taken(mbs, one, kind) for kind in _NAMED))
+
+
+def _name_of_surface(contacts: Iterable[PlannedContact], rigid: RigidSurface) -> str:
+    """Kind of a rigid surface, as "plane", with a number from the second one of a model on."""
+    alike = [contact.master for contact in contacts if isinstance(contact.master, type(rigid))]
+    number = [*dict.fromkeys(map(id, [*alike, rigid]))].index(id(rigid)) + 1
+    return type(rigid).__name__.removeprefix("Rigid").lower() + (f" {number}" if number > 1 else "")
 
 
 def _check_master(mbs: MainSystem, rigid: RigidSurface | None, patch: object, body: ObjectIndex | None) -> None:

@@ -137,7 +137,8 @@ def CreatePartitionContact(
         For a sequence of bodies: distance up to which two patches get a contact [m]. Default: the radius of the smaller
         patch, from its centre to its farthest node; for skins any distance.
     name : str
-        For a sequence of bodies, the number of the contact is added to it, from one.
+        For a sequence of bodies, the number of the contact is added to it, from one. Default: that of the bodies, as
+        "ball on plate". A body without a name is "body 0" by its number, a rigid surface "plane" by its kind.
 
     Returns
     -------
@@ -195,7 +196,7 @@ def _contacts_of(
             plan = plan_whole(slave, partner, **sides, name=named)
             contacts.append(_build(mbs, plan, joining.join))
             if anywhere and body and needs_edges(plan):
-                edges = plan_edges(slave, partner, **sides, name=named and f"{named} edges")
+                edges = plan_edges(slave, partner, **sides, name=f"{plan.name} edges")
                 contacts.append(_build(mbs, edges, joining.join))
     finally:  # a pair that cannot be leaves those before it
         joining.end()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,9 @@ _MOST_POINTS = 1e7  # of a ball's grid: no FE model in memory has so many nodes
 _A_VOLUME, _A_SURFACE = 4.5, 3.5
 # By order: nodes per element, and peak memory of an FE model per node [byte]; that of its mesh per element.
 _NODES = {1: 0.22, 2: 1.5, 3: 4.9}
-_LARGE = 3e4  # nodes of a mesh that takes a while, and its reduction longer
+_WALLS = 2.0  # largest element of a first mesh, by the mean thickness of walls
+_COARSEST, _FINEST = 12.0, 60.0  # elements along the diagonal of a first mesh
+LARGE = 3e4  # nodes of a mesh that takes a while, and its reduction longer
 _A_NODE, _AN_ELEMENT = {1: 19e3, 2: 19e3, 3: 30e3}, 1.2e3
 
 
@@ -129,8 +131,53 @@ def check_sizes(low: Array, high: Array, maxh: float, regions: Sequence[Refine])
     return size
 
 
+def first_size(diagonal: float, volume: float, surface: float) -> float:
+    """Size of the largest elements of a first mesh [m]: twice the walls are thick, within bounds by the diagonal.
+
+    A wall of thickness t has the volume t/2 for each area of its surface.
+    """
+    return float(np.clip(_WALLS * 2 * volume / surface, diagonal / _FINEST, diagonal / _COARSEST))
+
+
+@dataclass(frozen=True)
+class SurfaceSizes:
+    """Sizes of elements that a mesher takes at a surface, for curves, short edges and small faces.
+
+    Parameters
+    ----------
+    places : (n, 3) array
+        Points all over the surface [m].
+    areas : (n,) array
+        Of the surface around each [m2].
+    sizes : (n,) array
+        Of elements there [m].
+    """
+
+    places: Array
+    areas: Array
+    sizes: Array
+
+    def n_elements(self, maxh: float, grading: float) -> float:
+        """Approximate number of elements that it takes to grow from the surface up to size `maxh` inside [m]."""
+        growth: Array = self.areas * (self.sizes**-2 - maxh**-2) / (2 * grading)
+        return float(_A_VOLUME * growth.sum())
+
+    @property
+    def smallest(self) -> tuple[float, Array]:
+        """Least size [m], and its place, (3,) [m]."""
+        least = int(self.sizes.argmin())
+        return float(self.sizes[least]), self.places[least]
+
+
 def check_memory_of_mesh(
-    size: float, volume: float, surface: float, maxh: float, regions: Sequence[Refine], grading: float, order: int
+    size: float,
+    volume: float,
+    surface: float,
+    maxh: float,
+    regions: Sequence[Refine],
+    grading: float,
+    order: int,
+    surface_sizes: Callable[[], SurfaceSizes | None] = lambda: None,
 ) -> float:
     """Approximate number of elements of a mesh; refuse one that would not fit into memory, before it is made.
 
@@ -144,27 +191,49 @@ def check_memory_of_mesh(
         As `generate_mesh` takes them.
     order : {1, 2, 3}
         Of the FE model that is made of it.
+    surface_sizes : callable, optional
+        Returns the sizes of elements at the surface. It is asked after a first look that does not know them.
 
     Raises
     ------
     MemoryLimitError
         With the estimated number of elements.
     """
-    outside = max(_A_VOLUME * volume / maxh**3, _A_SURFACE * surface / maxh**2)
-    n = outside + sum(
+    inside, walls = _A_VOLUME * volume / maxh**3, _A_SURFACE * surface / maxh**2
+    balls = sum(
         min(region.n_elements(maxh, grading), _A_VOLUME * volume / min(region.h, maxh) ** 3) for region in regions
     )
-    needed, available = n * (_NODES[order] * _A_NODE[order] + _AN_ELEMENT), available_memory()[0]
-    if needed > available:
-        raise MemoryLimitError(
-            f"maxh: elements of {maxh:.4g} m in a body of {size:.4g} m would be about {n:.2g}"
-            f"{', refinement included,' if regions else ''} and take {_gb(needed)}, of {_gb(available)} that are free. "
-            "Take a larger maxh, or larger h and smaller radius in refine; is the shape in millimetres? Then give "
-            "scale=1e-3 of fe_model"
-        )
-    if (nodes := n * _NODES[order]) > _LARGE:
-        most = "fill the body: a larger maxh" if outside > n / 2 else "are in the balls of refine: a larger h"
-        say(f"mesh: some {_rounded(n)} elements with {_rounded(nodes)} nodes are to come. Most {most} makes fewer")
+
+    def checked(n: float) -> float:
+        needed, available = n * (_NODES[order] * _A_NODE[order] + _AN_ELEMENT), available_memory()[0]
+        if needed > available:
+            raise MemoryLimitError(
+                f"maxh: elements of {maxh:.4g} m in a body of {size:.4g} m would be about {n:.2g}"
+                f"{', refinement included,' if regions else ''} and take {_gb(needed)}, of {_gb(available)} that are "
+                "free. Take a larger maxh, or larger h and smaller radius in refine; is the shape in millimetres? Then "
+                "give scale=1e-3 of fe_model"
+            )
+        return n
+
+    n = checked(max(inside, walls) + balls)
+    at_surface = surface_sizes()
+    if at_surface is not None:
+        n = checked(max(n, inside + balls + at_surface.n_elements(maxh, grading)))
+    if (nodes := n * _NODES[order]) > LARGE:
+        if balls > n / 2:
+            most = "are in the balls of refine: a larger h makes fewer"
+        elif max(inside, walls) > n / 2 or at_surface is None:
+            power = 1 / 3 if inside > walls else 1 / 2
+            larger = maxh * (nodes / LARGE) ** power
+            most = f"fill the body: a larger maxh makes fewer, {larger:.2g} m some {_rounded(LARGE)} nodes"
+        else:
+            h, place = at_surface.smallest
+            where = ", ".join(f"{x:.3g}" for x in place)
+            most = (
+                f"are at curves, short edges and small faces of the shape, down to {h:.2g} m at ({where}) m; maxh does "
+                "not decide. Leave out small fillets and holes in CAD, or take grading=0.5"
+            )
+        say(f"mesh: some {_rounded(n)} elements with {_rounded(nodes)} nodes are to come. Most {most}")
     return n
 
 

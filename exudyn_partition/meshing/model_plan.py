@@ -16,13 +16,14 @@ from .deck_materials import material_of_deck
 from .file_bodies import FileBodies
 from .materials import GivenMaterial, Modulus
 from .mesh_files import DECKS, WITH_OTHERS, VolumeMesh, check_order, raised, read_bodies, volume_mesh
-from .mesh_size import Refine
+from .mesh_size import Refine, first_size
 from .netgen_mesh import (
     GRADING,
     ONE_AT_A_TIME,
     check_one_part,
     is_mesh,
     is_shape,
+    measured,
     regions_of,
     scaled,
     solids_alone,
@@ -197,7 +198,8 @@ def _plan_shape(
     with ONE_AT_A_TIME:
         shape = scaled(solids_alone(shape), scale)
         if maxh is None:
-            raise InputError("maxh: a shape needs a largest element size [m]")
+            first = first_size(*measured(shape))
+            raise InputError(f"maxh: a shape needs a largest element size [m]; {first:.2g} m would do for a first look")
         check_one_part(shape)
         given.check("shape", "solids", [solid.name or "default" for solid in shape.solids])
         maxh = validate_positive("maxh", maxh, "m")

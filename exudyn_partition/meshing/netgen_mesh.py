@@ -11,6 +11,7 @@ import tempfile
 import threading
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,7 @@ from ..support.optional import require
 from ..support.progress import pulsing
 from ..support.spelling import spelled
 from ..support.warn import warn
-from .mesh_size import Refine, check_memory_of_mesh, check_sizes
+from .mesh_size import Refine, SurfaceSizes, check_memory_of_mesh, check_sizes
 from .step_files import ENDINGS, check_readable, kind_of, solids_said
 from .trials import failure
 
@@ -40,6 +41,8 @@ CURVATURE = 2.0  # elements in a radius of curvature
 _OWN_SCALE = (1e-3, 1e4)  # sizes [m] of bodies for which Netgen's tolerances, which are lengths, are meant
 _OF_NETGEN = (".step", ".stp", ".iges", ".brep")  # endings that it knows, in small letters alone
 _GAP = 1e-5  # of the size of a shape, within which faces of a file belong together
+_LOOKS = 2000  # places all over a surface at which the mesher's sizes are asked for
+_SCALED_COPY = 2.0  # factor of a shape that shares nothing with the one it is made of
 _NO_SIZE = 1e98  # of elements on a face that was given none
 _SCALES = (1e-9, 1e9)  # beyond these, OCC raises errors of its own, or crashes
 _TRIAL = """
@@ -144,11 +147,12 @@ def meshed(
     low, high = (np.array([p.x, p.y, p.z]) for p in shape.bounding_box)
     size = check_sizes(low, high, maxh, regions)
     tip = _sharp_tip(shape, size)
-    surface = sum(face.mass for face in shape.faces)
-    elements = check_memory_of_mesh(size, abs(shape.mass), surface, maxh, regions, grading, order)
     unit = 1.0 if _OWN_SCALE[0] <= size <= _OWN_SCALE[1] else float(np.clip(size, *_SCALES))
-    geometry = occ.OCCGeometry(scaled(shape, 1 / unit))
     options = {"maxh": maxh / unit, "grading": grading, "curvaturesafety": curvature}
+    _, volume, surface = measured(shape)
+    at_surface = partial(_surface_sizes, shape, unit, maxh, grading, curvature)
+    elements = check_memory_of_mesh(size, volume, surface, maxh, regions, grading, order, at_surface)
+    geometry = occ.OCCGeometry(scaled(shape, 1 / unit))
     sizes = [(x / unit, y / unit, z / unit, region.h / unit) for region in regions for x, y, z in region.points()]
     if tip:
         _try_tip(tip, maxh, pickle.dumps((geometry, options, sizes)))
@@ -179,6 +183,38 @@ def meshed(
         "mesh: %d elements, %d vertices, elements up to %.4g m, finer in %d balls", mesh.ne, mesh.nv, maxh, len(regions)
     )
     return mesh, unit
+
+
+def measured(shape: Shape) -> tuple[float, float, float]:
+    """Diagonal [m], volume [m3] and surface [m2] of a shape."""
+    low, high = (np.array([*corner]) for corner in shape.bounding_box)
+    return float(np.linalg.norm(high - low)), float(abs(shape.mass)), float(sum(face.mass for face in shape.faces))
+
+
+def _surface_sizes(shape: Shape, unit: float, maxh: float, grading: float, curvature: float) -> SurfaceSizes | None:
+    """Sizes of elements at a surface, as Netgen finds them before it meshes; None if it does not tell."""
+    occ, meshing = require("netgen.occ"), require("netgen.meshing")
+    # A copy, for a shape that Netgen has looked at once gets another mesh. Only a scaled shape is one.
+    unit /= _SCALED_COPY
+    geometry = occ.OCCGeometry(scaled(shape, 1 / unit))
+    try:
+        parameters = meshing.MeshingParameters(maxh=maxh / unit, grading=grading, curvaturesafety=curvature)
+        field = geometry.GenerateMesh(mp=parameters, perfstepsend=meshing.MeshingStep.MESHEDGES).GetLocalH(1)
+        corners = np.array(geometry._visualizationData()["vertices"], float).reshape(-1, 3, 3)
+    except (meshing.NgException, RuntimeError, AttributeError, KeyError):  # the mesh itself will tell what is wrong
+        return None
+    sides = corners[:, 1:] - corners[:, :1]
+    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    # Triangles that draw the surface: each is asked once, long ones at many places.
+    times = np.ceil(_LOOKS * area / max(area.sum(), 1e-300)).astype(int)
+    triangle = np.repeat(np.arange(len(area)), times)
+    a, b = np.sort(np.random.default_rng(0).random((2, len(triangle))), axis=0)
+    places = corners[triangle, 0] + a[:, None] * sides[triangle, 0] + (b - a)[:, None] * sides[triangle, 1]
+    sizes = np.array([field.GetH(meshing.Pnt(*place)) for place in places.tolist()])
+    areas = area[triangle] / times[triangle]
+    if not len(sizes) or not (sizes > 0).all():
+        return None
+    return SurfaceSizes(unit * places, unit**2 * areas, np.minimum(unit * sizes, maxh))
 
 
 def _sharp_tip(shape: Shape, size: float) -> str:

@@ -247,7 +247,7 @@ def motion_of(
     InputError
         If an argument has a wrong type or is out of range, or stress is asked of a body without its FE model.
     """
-    force = {contact.name or f"contact {i}": contact.force(result) for i, contact in enumerate(result.contacts)}
+    force = {contact.name: contact.force(result) for contact in result.contacts}
     total = np.sum([*force.values()], axis=0) if force else np.zeros(len(result.t))
     if isinstance(frames, int | np.integer):
         frames = validate_integer("frames", frames, 2, _MOST_FRAMES)
@@ -334,7 +334,7 @@ def pressing_at(result: Result, time: float, scale: float = 1.0) -> list[tuple[A
 def _spots(result: Result, items: Sequence[PartitionBody]) -> list[Spot]:
     """Where each contact that presses does so at its peak; `items` are the bodies that are shown."""
     spots = []
-    for number, contact in enumerate(result.contacts):
+    for contact in result.contacts:
         force = abs(contact.force(result))
         if force.any():
             time = float(result.t[int(force.argmax())])
@@ -346,7 +346,7 @@ def _spots(result: Result, items: Sequence[PartitionBody]) -> list[Spot]:
             size = float(np.linalg.norm(push))
             spots.append(
                 Spot(
-                    name=contact.name or f"contact {number}",
+                    name=contact.name,
                     place=spot,
                     reach=float(far.max()),
                     push=push / size if size else np.array([0.0, 0.0, 1.0]),

@@ -92,7 +92,7 @@ def force(
         if len(run.contacts) > 1:
             for i, one in enumerate(run.contacts):
                 curve = {"linestyle": _DASHES[i % len(_DASHES)], "linewidth": 1.0}
-                axes.plot(1e3 * run.t, one.force(run), label=plain(name_of(one, f"contact {i}")), **curve)
+                axes.plot(1e3 * run.t, one.force(run), label=plain(one.name), **curve)
             return _finish(axes, "contact force [N]")
     for history, style in _layers(history_of(run, contact), reference):
         axes.plot(1e3 * history.t, history.force, label=label_of(history), **style)
@@ -233,7 +233,7 @@ def energy(
     if not bodies and not contacts:
         raise InputError("bodies, contacts: expected at least one of them, got none")
     curves = {name_of(item, f"body {i}"): item.energy(result) for i, item in enumerate(bodies)}
-    curves |= {name_of(item, f"contact {i}"): item.energy(result) for i, item in enumerate(contacts)}
+    curves |= {item.name: item.energy(result) for item in contacts}
     curves |= {f"taken by {what}": taken for what, taken in taken_by(bodies, contacts, result).items()}
     curves["sum"] = np.sum(list(curves.values()), axis=0)
     scale, prefix = _prefix(max(abs(curve).max() for curve in curves.values()))

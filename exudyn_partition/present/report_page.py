@@ -57,7 +57,7 @@ def write_report(path: str | Path, result: Result, *, title: str = "", note: str
         scene=_scene(result),
         bodies_head=_BODIES_HEAD,
         bodies=_bodies(result),
-        contacts=[_contact(i, contact, result) for i, contact in enumerate(result.contacts)],
+        contacts=[_contact(contact, result) for contact in result.contacts],
         balance=balance,
         balance_note=balance_note,
         left_out=_left_out(result),
@@ -112,8 +112,8 @@ def _bodies(result: Result) -> list[tuple[object, ...]]:
     return rows
 
 
-def _contact(number: int, contact: PartitionContact, result: Result) -> dict[str, object]:
-    name, force = contact.name or f"contact {number}", contact.force(result)
+def _contact(contact: PartitionContact, result: Result) -> dict[str, object]:
+    name, force = contact.name, contact.force(result)
     master = contact.sides[1][0].name or "a body" if len(contact.sides) > 1 else type(contact.master).__name__
     impacts = [] if result.method == "static" else contact.impacts(result)
     rows: list[tuple[str, object]] = [
@@ -259,9 +259,9 @@ def _left_out(result: Result) -> list[tuple[str, list[str]]]:
     for i, item in enumerate(result.bodies):
         for text in item.left_out:
             said.setdefault(text, []).append(item.name or f"body {i}")
-    for i, contact in enumerate(result.contacts):
+    for contact in result.contacts:
         for text in contact.left_out:
-            said.setdefault(text, []).append(contact.name or f"contact {i}")
+            said.setdefault(text, []).append(contact.name)
     return list(said.items())
 
 
@@ -269,9 +269,9 @@ def _figures(result: Result) -> list[dict[str, str]]:
     figures = []
     # Texts as texts: small, and sharp at any size. A fixed salt makes equal runs equal pages.
     with require("matplotlib").rc_context({"font.size": 9, "svg.fonttype": "none", "svg.hashsalt": "report"}):
-        for i, contact in enumerate(result.contacts):
+        for contact in result.contacts:
             axes = plot.force(None, result, contact=contact)
-            axes.set_title(plain(contact.name or f"contact {i}"))
+            axes.set_title(plain(contact.name))
             figures.append(_drawn(axes, "contact force over time"))
         if result.bodies:
             figures.append(_drawn(plot.energy(None, result), "energies over time"))

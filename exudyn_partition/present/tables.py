@@ -61,7 +61,7 @@ def _columns(name: str, unit: str, history: Array) -> dict[str, Array]:
 
 def _of_contacts(result: Result) -> dict[str, tuple[str, dict[str, Array]]]:
     """Unit of each quantity, and its history by the contacts that have it."""
-    known = {contact.name or f"contact {i}": contact for i, contact in enumerate(result.contacts)}
+    known = {contact.name: contact for contact in result.contacts}
     found = {
         "force": ("N", {name: contact.force(result) for name, contact in known.items()}),
         "force on slave": ("N", _each(known, lambda contact: contact.force_on_slave(result))),

@@ -21,7 +21,7 @@ LONG = 2.0  # work that takes longer shows a bar [s]
 LOOK = 1.0  # time between two looks at how fast work goes on [s]
 _WORTH_TELLING = 10.0  # whole time from which a line tells it ahead [s]
 _NO_END = 1000 * 3600.0  # from this time left on, work hardly goes on [s]
-_FIRST_LINE, _SELDOM = 10.0, 300.0  # where there is no bar: time of the first line, and longest between two [s]
+FIRST_LINE, _SELDOM = 10.0, 300.0  # where there is no bar: time of the first line, and longest between two [s]
 
 
 @contextlib.contextmanager
@@ -89,7 +89,7 @@ class _Lines:
 
     def __init__(self, title: str, on_the_way: bool) -> None:
         self._title, self._on_the_way = title, on_the_way
-        self._look, self._looks, self._announced, self._next = (0.0, 0.0), 0, False, _FIRST_LINE
+        self._look, self._looks, self._announced, self._next = (0.0, 0.0), 0, False, FIRST_LINE
 
     def at(self, seconds: float, share: float) -> str | None:
         """Line after some time [s], with this share done; None if there is nothing to tell."""
@@ -104,7 +104,7 @@ class _Lines:
             self._announced = True
             return f"{self._title}: about {duration(seconds + left)} in all"
         if self._on_the_way and seconds >= self._next:
-            self._next = min(2 * seconds, seconds + _SELDOM)
+            self._next = _next_line(seconds)
             rest = f"about {duration(left)} left" if left < _NO_END else "it hardly goes on"
             return f"{self._title}: {share:.0%} after {duration(seconds)}, {rest}"
         return None
@@ -112,20 +112,36 @@ class _Lines:
 
 @contextlib.contextmanager
 def pulsing(title: str) -> Iterator[None]:
-    """Show a bar that moves while something runs; for work that takes long and cannot tell the share done."""
-    bar = terminal_bar()
+    """Show a bar that moves while something runs; for work that takes long and cannot tell the share done.
+
+    Where stderr is no terminal, lines tell how long it has taken so far, see `progress`.
+    """
+    bar, ended = terminal_bar(), threading.Event()
     bar.add_task(title, total=None)
-    timer = threading.Timer(LONG, bar.start)
-    timer.daemon = True
-    if not bar.disable:
-        timer.start()
+
+    def watch() -> None:
+        if not bar.disable:
+            if not ended.wait(LONG):
+                bar.start()
+            return
+        begin, line = time.perf_counter(), FIRST_LINE
+        while not ended.wait(begin + line - time.perf_counter()):
+            _tell(bar, f"{title}: {duration(line)} so far")
+            line = _next_line(line)
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
     try:
         yield
     finally:
-        timer.cancel()
-        if timer.ident is not None:
-            timer.join()  # or it might start the bar after it was stopped
+        ended.set()
+        watcher.join()  # or it might start the bar after it was stopped
         _stop(bar)
+
+
+def _next_line(seconds: float) -> float:
+    """Time of the next line after one at some time, where there is no bar [s]."""
+    return min(2 * seconds, seconds + _SELDOM)
 
 
 def say(text: str) -> None:

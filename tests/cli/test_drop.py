@@ -10,7 +10,7 @@ import pytest
 
 import exudyn_partition as ep
 from exudyn_partition.cli import main
-from exudyn_partition.cli.drop import default_size
+from exudyn_partition.meshing.mesh_size import first_size
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # of coarse meshes, and of stresses
 SIZE = (12.0, 9.0, 6.0)  # [mm]
@@ -92,7 +92,7 @@ def test_elements_are_as_large_as_walls_ask(part):
     """Of a thin plate twice its thickness, within bounds by the diagonal of others."""
     plate, thick = (100.0, 80.0, 4.0), 100.0
     diagonal, area = np.linalg.norm(plate), 2 * (100 * 80 + 100 * 4 + 80 * 4)
-    assert default_size(diagonal, np.prod(plate), area) == pytest.approx(8.0, rel=0.1)
+    assert first_size(diagonal, np.prod(plate), area) == pytest.approx(8.0, rel=0.1)
     cube = thick * np.sqrt(3)
-    assert default_size(cube, thick**3, 6 * thick**2) == pytest.approx(cube / 12)
-    assert default_size(cube, 1e-3 * thick**3, 6 * thick**2) == pytest.approx(cube / 60)
+    assert first_size(cube, thick**3, 6 * thick**2) == pytest.approx(cube / 12)
+    assert first_size(cube, 1e-3 * thick**3, 6 * thick**2) == pytest.approx(cube / 60)

@@ -279,3 +279,12 @@ def test_a_single_body_and_its_floor(brick, mbs):
     mbs.Assemble()
     result = ep.solve_dynamic(mbs, end_time=20e-6)
     assert contact.force(result).max() > 0.0
+
+
+def test_contacts_of_a_list_are_named_by_their_bodies(brick, pebble, mbs):
+    """Two skins with sharp edges have two contacts, and the name of one says that it is of the edges."""
+    items = [put(mbs, brick, (0, 0, 0.1 * i), name=name) for i, name in enumerate(("low", "high"), 1)]
+    contacts = ep.CreatePartitionContact(mbs, [*items, put(mbs, pebble, (0.05, 0, R)), FLOOR])
+    names = [contact.name for contact in contacts]
+    assert len({*names}) == len(names)
+    assert {"low on high", "low on high edges", "low on body 2", "low on plane", "body 2 on plane"} <= {*names}

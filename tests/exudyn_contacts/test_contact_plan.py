@@ -90,3 +90,29 @@ def test_bodies_that_overlap_are_named(mbs, bodies):
     other = exu.SystemContainer().AddSystem()
     with pytest.raises(InputError, match="slave: body 'ball' belongs to another model"):
         plan_contact(other, low, block)
+
+
+def test_contacts_without_a_name_are_named_by_their_bodies(mbs, bodies, items):
+    """Each has a name of its own, by which results tell it from others; names that are given stay."""
+    ball, block = items
+    nameless = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=[1, 0, 0])
+    carrier = mbs.CreateRigidBody(inertia=InertiaCuboid(1.0, [1.0, 1.0, 1.0]))
+    floor, wall = ep.RigidPlane(point=(0, 0, -1)), ep.RigidPlane(point=(0, 0, -2))
+    names = [
+        ep.CreatePartitionContact(mbs, first, second, **options).name
+        for first, second, options in (
+            (ball, block, {}),
+            (ball, floor, {"name": "ball on plane 2"}),
+            (ball, wall, {}),
+            (nameless, wall, {}),
+            (nameless, ep.RigidSphere((0, 0, -2), 1.0), {"masterBody": carrier}),
+        )
+    ]
+    assert names == [
+        "ball on block",
+        "ball on plane 2",
+        "ball on plane 2 (2)",  # for the name is taken
+        "body 2 on plane 2",
+        "body 2 on sphere",
+    ]
+    assert all(int(mbs.GetSensorNumber(name)) >= 0 for name in names)

@@ -200,6 +200,15 @@ def test_no_name_is_broken_in_the_sidebar_and_phones_need_no_scrolling(site, ope
         assert faults == []
 
 
+@pytest.mark.parametrize("name", ["pictures-and-output", "damping", "twelve-names", "genindex"])
+def test_tables_of_words_fit_a_phone(site, opened, name):
+    """With long calls in their first column."""
+    page, faults = opened(site / f"{name}.html", width=390, ready="document.readyState === 'complete'")
+    cells = "[...document.querySelectorAll('article td')].map(cell => cell.getBoundingClientRect().right)"
+    assert max(page.evaluate(cells)) <= 390
+    assert faults == []
+
+
 def test_nothing_in_the_site_comes_from_elsewhere(site):
     """When a page is shown; formulas are MathML."""
     pages = {path.name: path.read_text() for path in site.rglob("*.html")}

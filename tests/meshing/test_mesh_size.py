@@ -1,7 +1,12 @@
 """What a mesh says of itself, what it would take, and what Netgen, meshio and threads must not do to the process."""
 
+import re
+
 import meshio
+import netgen.occ as occ
+import numpy as np
 import pytest
+from netgen.meshing import MeshingParameters
 from oracles import box
 
 import exudyn_partition as ep
@@ -44,6 +49,39 @@ def test_a_large_mesh_is_told_before_it_is_made(caplog, h, said):
         assert not caplog.text
         mesh_size.check_memory_of_mesh(1.0, 1.0, 6.0, 0.05, balls, 0.3, 2)
     assert said in caplog.text
+
+
+def with_fillets():
+    block = box(0.02, 0.03, 0.04)
+    return block.MakeFillet(block.edges, 2e-3)
+
+
+def test_a_mesh_that_fillets_decide_is_told_before_it_is_made(caplog, monkeypatch):
+    """Its size, and that `maxh` does not decide it; the mesh is the one that Netgen makes without that look."""
+    monkeypatch.setattr(mesh_size, "LARGE", 1e3)
+    with caplog.at_level("INFO"):
+        mesh = ep.generate_mesh(with_fillets(), maxh=5e-3)
+    said = next(record.getMessage() for record in caplog.records if "are to come" in record.getMessage())
+    assert "small faces of the shape, down to 0.001 m" in said
+    assert "maxh does not decide" in said
+    estimated = float(said.split("some ")[1].split()[0].replace(",", ""))
+    assert 0.5 < mesh.ne / estimated < 2
+    assert mesh.ne > 5 * 4.5 * 0.02 * 0.03 * 0.04 / 5e-3**3  # elements of 5 mm that fill the block
+    parameters = MeshingParameters(maxh=5e-3, grading=0.3, curvaturesafety=2.0)
+    plain = occ.OCCGeometry(with_fillets()).GenerateMesh(mp=parameters)
+    np.testing.assert_array_equal(mesh.ngmesh.Coordinates(), plain.Coordinates())
+
+
+def test_advice_on_maxh_comes_before_a_mesh(caplog, monkeypatch):
+    """The size that is named as a first choice, and the one that is named for fewer nodes, make such meshes."""
+    with pytest.raises(InputError, match=r"largest element size \[m\]; 0\.0031 m would do for a first look"):
+        ep.fe_model(BLOCK, ep.STEEL)
+    monkeypatch.setattr(mesh_size, "LARGE", 3e3)
+    with caplog.at_level("INFO"):
+        ep.fe_model(BLOCK, ep.STEEL, maxh=2e-3)
+    larger, nodes = re.search(r"fewer, (\S+) m some (\S+) nodes", caplog.text).groups()
+    fem = ep.fe_model(BLOCK, ep.STEEL, maxh=float(larger))
+    assert 0.5 < fem.n_nodes / float(nodes.replace(",", "")) < 2
 
 
 def test_elements_are_fine_in_an_ellipsoid_along_its_long_axis_and_estimated():

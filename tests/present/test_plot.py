@@ -155,11 +155,11 @@ def test_forces_of_all_contacts_are_drawn_if_none_is_named(mbs, bodies):
     mbs.Assemble()
     result = ep.solve_dynamic(mbs, end_time=4e-6)
     axes = ep.plot.force(None, result)
-    for contact, label in zip(contacts, ("a", "contact 1"), strict=True):
+    for contact, label in zip(contacts, ("a", "body 1 on plane 2"), strict=True):
         np.testing.assert_array_equal(line(axes, label)[:, 1], contact.force(result))
     assert len(ep.plot.force(None, result, contact=contacts[0]).lines) == 1
     with pytest.raises(
-        InputError, match=r"contact: expected one of the run's 2 contacts \('a', one without a name\), as CreatePart"
+        InputError, match=r"contact: expected one of the run's 2 contacts \('a', 'body 1 on plane 2'\), as CreatePart"
     ):
         ep.plot.force(None, result, result.history(contacts[0]))
     with pytest.raises(InputError, match="contact: expected one of the run's 2 contacts"):

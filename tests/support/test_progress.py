@@ -40,6 +40,19 @@ def test_what_takes_long_shows_that_it_runs(monkeypatch, long, expected):
     assert bar.calls == [("mesh", None), *expected]
 
 
+def test_work_without_a_share_tells_how_long_it_has_taken_where_there_is_no_bar(monkeypatch, capsys):
+    """Ever less often, and no more after its end."""
+    monkeypatch.setattr(progress, "FIRST_LINE", 0.02)
+    with progress.pulsing("mesh"):
+        told = ""
+        while told.count("so far") < 2:  # the watch of another thread
+            told += capsys.readouterr().err
+    assert told.splitlines()[:2] == ["mesh: 0.02 s so far", "mesh: 0.04 s so far"]
+    with progress.pulsing("quick"):
+        pass
+    assert "quick" not in capsys.readouterr().err
+
+
 class Clock:
     """A clock that a test sets."""
 
