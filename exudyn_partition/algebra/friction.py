@@ -181,7 +181,7 @@ class FrictionProblem:
 
     def _settle_many(self, h: Array, mu: Array) -> bool:
         """Find the forces of many rows from the last ones, see `many_rows`; return whether they settled."""
-        if max(len(self.index), np.count_nonzero(h[:, 0] < 0.0)) < MANY:
+        if len(self.index) < MANY and np.count_nonzero(h[:, 0] < 0.0) < MANY:
             return False
         if self._many is None:
             self._many = ManyRows(self.F, self._inverse)

@@ -30,9 +30,10 @@ from scipy.linalg import lapack
 from ..support.arrays import Array
 
 MOST_STEPS = 60
-_VECTORS = 30  # of GMRES, then new factors are cheaper
-_MANY_VECTORS = 15  # a step that needs more asks for new factors in the next
-_LOOSE, _TIGHT = 0.1, 1e-4  # shares of the residual that a step may leave
+_VECTORS = 15  # most of GMRES in a step: then new factors are cheaper
+_MANY_VECTORS = 12  # a step that needs more asks for new factors in the next
+_USELESS = 0.5  # share of the residual: steps that leave more are found again with new factors
+_LOOSE, _TIGHT = 0.3, 1e-4  # shares of the residual that a step may leave
 _TOLERANCE = 1e-10  # of the largest force
 _ROUNDING = 1e-12  # of the largest force
 
@@ -137,16 +138,22 @@ class ManyRows:
             through = (v - single @ v).reshape(-1, 3)
             return np.asarray(v - np.einsum("nij,nj->ni", blocks, through).ravel())
 
-        found = None
-        if self._factors is not None and not anew:
-            found = gmres(jacobian, self._factors.solve, rhs, left, _VECTORS)
-        if found is None:
-            self._factors = _Factors(single, blocks, now.closed)
-            self.factorisations += 1
-            found = gmres(jacobian, self._factors.solve, rhs, left, _VECTORS, best=True)
-        assert found is not None
-        step, n_vectors = found
+        def found() -> tuple[Array, int, float]:
+            assert self._factors is not None
+            return gmres(jacobian, self._factors.solve, rhs, left, _VECTORS)
+
+        fresh = self._factors is None or anew
+        if fresh:
+            self._factorise(blocks, now.closed)
+        step, n_vectors, rest = found()
+        if rest > _USELESS and not fresh:
+            self._factorise(blocks, now.closed)
+            step, n_vectors, _ = found()
         return size * step.astype(float), n_vectors > _MANY_VECTORS
+
+    def _factorise(self, blocks: Array, closed: Array) -> None:
+        self._factors = _Factors(self._single, blocks, closed)
+        self.factorisations += 1
 
 
 class _Factors:
@@ -180,15 +187,9 @@ class _Factors:
 
 
 def gmres(
-    apply: Callable[[Array], Array],
-    precondition: Callable[[Array], Array],
-    rhs: Array,
-    left: float,
-    most: int,
-    *,
-    best: bool = False,
-) -> tuple[Array, int] | None:
-    """Solution of a linear system by preconditioned Krylov vectors, and their number.
+    apply: Callable[[Array], Array], precondition: Callable[[Array], Array], rhs: Array, left: float, most: int
+) -> tuple[Array, int, float]:
+    """Solution of a linear system by preconditioned Krylov vectors, their number, and the share that is left.
 
     Parameters
     ----------
@@ -197,13 +198,11 @@ def gmres(
     precondition : callable
         From a vector, (n,), to what nearly solves for it.
     rhs : (n,) array
-        Its precision is that of all vectors.
+        Not zero. Its precision is that of all vectors.
     left : float
         Share of the right-hand side that may be left.
     most : int
         Most vectors.
-    best : bool
-        Whether the best solution is returned if these are too few; by default None is.
     """
     n, size = len(rhs), float(np.linalg.norm(rhs))
     V, Z = np.empty((most + 1, n), rhs.dtype), np.empty((most, n), rhs.dtype)
@@ -218,11 +217,8 @@ def gmres(
             H[: k + 1, k] += shares
         H[k + 1, k] = np.linalg.norm(w)
         weights = np.linalg.lstsq(H[: k + 2, : k + 1], goal[: k + 2], rcond=None)[0]
-        rest = np.linalg.norm(goal[: k + 2] - H[: k + 2, : k + 1] @ weights)
-        if rest <= left * size or H[k + 1, k] <= 0.0:
+        rest = float(np.linalg.norm(goal[: k + 2] - H[: k + 2, : k + 1] @ weights)) / size
+        if rest <= left or H[k + 1, k] <= 0.0:
             break
         V[k + 1] = w / H[k + 1, k]
-    else:
-        if not best:
-            return None
-    return weights.astype(rhs.dtype) @ Z[: k + 1], k + 1
+    return weights.astype(rhs.dtype) @ Z[: k + 1], k + 1, rest

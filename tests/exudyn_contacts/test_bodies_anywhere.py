@@ -273,6 +273,19 @@ def test_the_limit_is_that_of_a_flat_landing(brick, pebble, mbs):
         ep.solve_dynamic(mbs, end_time=60 * limit, step=1.05 * limit)
 
 
+@pytest.mark.parametrize("friction", [None, 0.3])
+def test_the_limit_is_the_same_for_contacts_by_two_names(brick, friction):
+    limits = []
+    for by_list in (True, False):
+        mbs = exu.SystemContainer().AddSystem()
+        item = put(mbs, brick, (0, 0, 20e-3), turn=TURN)
+        ep.CreatePartitionContact(mbs, *([[item, FLOOR]] if by_list else [item, ep.RigidPlane((0, 0, -0.02))]),
+                                  friction=friction)  # fmt: skip
+        mbs.Assemble()
+        limits.append(ep.stability_limit(mbs))
+    assert limits[0] == limits[1]
+
+
 def test_a_single_body_and_its_floor(brick, mbs):
     item = put(mbs, brick, (0, 0, 1e-6), (0, 0, -1.0))
     (contact,) = ep.CreatePartitionContact(mbs, [item, FLOOR])
