@@ -37,7 +37,7 @@ PAGE = Path(__file__).parents[2] / "examples" / "site" / "wandering-contact.md"
 MESHES = {"coarse": 5e-3, "fine": 3.2e-3}  # maxh [m]
 PLASTIC, F_CUT = ep.Material(E=2.3e9, nu=0.37, rho=1050), 8e3
 TILT, SPEED, MU, STEP, END = (2.0, 1.5, 0.0), 2.0, 0.3, 2e-6, 2.5e-3  # [degrees], [m/s], -, [s], [s]
-BOUNCING, SLOW, LATER, APART = 3e-3, 0.3, 16e-3, 2e-3  # maxh [m], [m/s], [s], free flight between bounces [s]
+BOUNCING, SLOW, LATER, APART = 3e-3, 0.3, 40e-3, 2e-3  # maxh [m], [m/s], [s], free flight between bounces [s]
 GRAVITY = np.array([0.0, 0.0, -9.81])
 LIMITS = {
     "force": 1e-6,  # of the largest force, against an array
