@@ -181,10 +181,6 @@ class ClosedBlocks(ClosedRows):
         self._amplitudes = consecutive([block.fields.shape[1] for block in self._blocks])
         self._core, self._G = F.core, np.zeros(F.core.shape)
 
-    def moved(self, lam: Array) -> Array:
-        """See `ClosedRows`."""
-        raise NotImplementedError("BlockFriction.moved_by finds it without the closed rows")
-
     def moved_open(self, lam: Array) -> Array:
         """See `ClosedRows`."""
         if not len(self.open):

@@ -16,6 +16,7 @@ from ..support.arrays import Array
 from .closed_rows import CHORD_STEPS, ClosedRows
 from .complementarity import Complementarity
 from .friction_sweeps import sweep
+from .many_rows import ManyRows
 from .products import Solved
 
 OPEN, STICK, SLIP = 0, 1, 2
@@ -26,6 +27,7 @@ NEWTON_STEPS = 30  # then sweeps begin
 _PROGRESS = 0.3  # a step that leaves a larger share of the residual asks for new factors
 _LEAST_STRIDE = 1e-3  # by which friction rises
 _SWEEPS = (5, 10, 20, 40, 80, 160, 320)  # before each further attempt of Newton's method
+MANY = 200  # rows that close from which `many_rows` is quicker
 
 
 class FrictionProblem:
@@ -112,6 +114,9 @@ class FrictionProblem:
 
     def _scale(self, diagonal: Array) -> None:
         """Scale slips and gaps to forces by the diagonal of F, (3 nr,)."""
+        nr = len(diagonal) // 3
+        self._many: ManyRows | None = None  # the problem of many rows, made when it is needed
+        self._asked = np.zeros((nr, 3)), np.zeros(nr)  # gaps and slips, and coefficients, of the last answer
         self._inverse = 1.0 / diagonal.reshape(-1, 3)
         self._inverse[:, 1:] = self._inverse[:, 1:].mean(axis=1, keepdims=True)
 
@@ -122,7 +127,15 @@ class FrictionProblem:
 
     def _close(self, index: Array) -> None:
         """Take these rows as the closed ones, (na,)."""
-        self.index, self._closed = index, self._equations(index)
+        self._rows: ClosedRows | None = None
+        self.index = index
+
+    @property
+    def _closed(self) -> ClosedRows:
+        """Equations of the closed rows, made when they are needed."""
+        if self._rows is None:
+            self._rows = self._equations(self.index)
+        return self._rows
 
     def _equations(self, index: Array) -> ClosedRows:
         """Equations of some closed rows, (na,)."""
@@ -157,7 +170,8 @@ class FrictionProblem:
             return np.zeros_like(h)
         if not self.index.size:
             self._close(np.flatnonzero(h[:, 0] < 0.0))
-        if self._newton(h, mu) or self._continue(h, mu) or self._sweep(h, mu):
+        self._asked = h, mu
+        if self._settle_many(h, mu) or self._newton(h, mu) or self._continue(h, mu) or self._sweep(h, mu):
             return self.lam
         raise ComplementarityError(
             f"the forces of {len(h)} contact rows with friction did not settle: not in {NEWTON_STEPS} Newton steps, "
@@ -165,12 +179,25 @@ class FrictionProblem:
             "nearly redundant, or friction is too high"
         )
 
+    def _settle_many(self, h: Array, mu: Array) -> bool:
+        """Find the forces of many rows from the last ones, see `many_rows`; return whether they settled."""
+        if len(self.index) < MANY and np.count_nonzero(h[:, 0] < 0.0) < MANY:
+            return False
+        if self._many is None:
+            self._many = ManyRows(self.F, self._inverse)
+        found = self._many.solve(h, mu, self.lam)
+        self.iterations += self._many.iterations
+        self.factorisations += self._many.factorisations
+        if found is None:
+            return False
+        self._close(np.flatnonzero(found.closed))
+        self.state = np.where(found.slips, SLIP, np.where(found.closed, STICK, OPEN)).astype(np.int8)
+        self.lam = found.forces
+        return True
+
     def moved_by(self, lam: Array) -> Array:
-        """How far forces, (nr, 3) [N], move the rows, F lambda, (nr, 3) [m]; most of them are on closed rows."""
-        closed = lam[self.index]
-        elsewhere = np.count_nonzero(lam) > np.count_nonzero(closed)
-        moved = self.F @ lam.ravel() if elsewhere else self._closed.moved(closed.ravel())
-        return np.asarray(moved).reshape(-1, 3)
+        """How far forces, (nr, 3) [N], move the rows, F lambda, (nr, 3) [m]."""
+        return np.asarray(self.F @ lam.ravel()).reshape(-1, 3)
 
     def _continue(self, h: Array, mu: Array) -> bool:
         """Let friction rise from zero in steps, each of which begins at the last answer; return whether it settled."""
@@ -263,11 +290,11 @@ class FrictionProblem:
 
     def tangent(self) -> Callable[[], Solved]:
         """Return what finds `derivative` at the present answer, also when another answer was found since."""
-        F, inverse, index, lam, asked = self.F, self._inverse, self.index, self.lam, self._closed.asked
+        F, inverse, index, lam, (h, mu) = self.F, self._inverse, self.index, self.lam, self._asked
 
         def tangent() -> Solved:
             closed, forces = ClosedRows(F, inverse, index), lam[index].ravel()
-            closed.ask_again(asked)
+            closed.load(h[index], mu[index])
             closed.residual(forces)
             closed.factorise(forces)
             return Solved(closed.response, len(forces))
@@ -277,7 +304,8 @@ class FrictionProblem:
     def linearise(self) -> None:
         """Factorise the Jacobian at the last answer, for `response`."""
         if self.index.size:
-            self._closed.factorise(self.lam[self.index].ravel(), wholly=True)
+            lam, _ = self._load(*self._asked)
+            self._closed.factorise(lam, wholly=True)
 
     def response(self, way: Array) -> Array:
         """Minus the change of the forces on the closed rows, (3 na, m) [N], if these move by ways, (3 na, m) [m].

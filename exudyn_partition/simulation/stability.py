@@ -16,6 +16,7 @@ import scipy.sparse.linalg
 from ..contact.landings import stiffest_landing
 from ..exudyn_bodies.held_damping import hold_damping
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.contact_pairs import is_skin
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..support.arrays import Array, as_slice, consecutive
 from ..support.foreign import MainSystem
@@ -28,11 +29,12 @@ _CLOSE = 1e-2  # relative change of the limit with which it is known
 def stability_limit(mbs: MainSystem) -> float:
     """Largest stable step of central differences for the partition bodies with all contact rows closed [s].
 
-    It is 2 / omega_max of K + H' F^-1 H and M, with the pairs and normals at the start. Skins of a list of bodies may
-    meet anywhere: then each body lies on each of its six sides, see `contact.landings`. Damping of the bodies lowers
-    the limit. This is computed by a bound that is exact if the highest mode has the largest damping.
-    Other items of the model are not included, nor is the mass of a body that carries a rigid surface. Multipliers of
-    the lagrange formulation do not lower the limit. Viscous flexibilities of contacts do, see `contact.viscosity`.
+    It is 2 / omega_max of K + H' F^-1 H and M, with the pairs and normals at the start. Contact through the residual
+    flexibility of a skin may be anywhere: then each body lies on each of its six sides, see `contact.landings`. Damping
+    of the bodies lowers the limit. This is computed by a bound that is exact if the highest mode has the largest
+    damping. Other items of the model are not included, nor is the mass of a body that carries a rigid surface.
+    Multipliers of the lagrange formulation do not lower the limit. Viscous flexibilities of contacts do, see
+    `contact.viscosity`.
 
     Parameters
     ----------
@@ -52,9 +54,8 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
     """Return the largest stable step of some bodies with some contacts [s], see `stability_limit`."""
     if not bodies:
         return float("inf")
-    placed = [contact for contact in contacts if not contact.mechanics.gaps.anywhere]
-    groups = _joined(bodies, placed)
-    anywhere = [contact for contact in contacts if contact.mechanics.gaps.anywhere]
+    anywhere = [contact for contact in contacts if _may_be_anywhere(contact)]
+    groups = _joined(bodies, [contact for contact in contacts if contact not in anywhere])
 
     def largest(step: float) -> float:
         return max(
@@ -77,6 +78,13 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
             break
         limit = shorter
     return min(limit, shorter)
+
+
+def _may_be_anywhere(contact: PartitionContact) -> bool:
+    """Whether nobody knows which rows will close: a side is a skin, or both sides may meet anywhere."""
+    mechanics = contact.mechanics
+    skins = (is_skin(item.body, patch) for item, patch in contact.sides)
+    return mechanics.gaps.anywhere or (mechanics.law.residual and any(skins))
 
 
 def _landing(contact: PartitionContact, step: float) -> float:

@@ -7,6 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
+from exudyn_partition.contact import followed, patch_gaps, wandering
+from exudyn_partition.contact.followed import SEARCHED
 from exudyn_partition.contact.landings import stiffest_landing
 from exudyn_partition.contact.patch_contact import PatchContact
 from exudyn_partition.contact.side import Side
@@ -160,7 +162,7 @@ def test_momentum_and_energy(brick, pebble):
 
 @pytest.mark.parametrize(("friction", "method"), [(None, "explicit"), (0.3, "explicit"), (0.3, "implicit")])
 def test_forces_are_those_without_a_broad_phase(brick, pebble, friction, method, monkeypatch):
-    """Flexibilities are found at other poses, within a hundredth of a facet; all else is the same."""
+    """Here all that touches is near from the start; see the next test for what wakes."""
     options = {"method": method, "step": STEP if method == "explicit" else 1e-6}
     result, _, contacts = run(falling(brick, pebble, friction=friction), **options)
     monkeypatch.setattr(BroadPhase, "look", lambda phase, q: phase.awake)
@@ -168,6 +170,35 @@ def test_forces_are_those_without_a_broad_phase(brick, pebble, friction, method,
     force, known = (np.array([c.force(r) for c in cs]) for r, cs in ((result, contacts), (whole, all_awake)))
     assert known.max() > 100.0
     np.testing.assert_allclose(force, known, rtol=0, atol=5e-3 * known.max())
+
+
+def test_contacts_that_wake_have_the_pairs_of_another_search(brick, pebble, monkeypatch):
+    """Pairs are found anew after a quarter of a facet. Between a ball and coarse facets, forces depend on when.
+
+    A contact that slept begins to search when it wakes. If all search in each step, sleeping changes nothing.
+    """
+    found = {}
+    for searched in (SEARCHED, 1e-9):
+        for module in (followed, patch_gaps, wandering):
+            monkeypatch.setattr(module, "SEARCHED", searched)
+        for sleeps in (True, False):
+            with monkeypatch.context() as patch:
+                if not sleeps:
+                    patch.setattr(BroadPhase, "look", lambda phase, q: phase.awake)
+                mbs = exu.SystemContainer().AddSystem()
+                items = [
+                    put(mbs, brick, (0, 0, 1e-9), (0, 0, -0.2), gravity=[0, 0, -1e5]),
+                    put(mbs, pebble, (3e-3, 2e-3, SIZE[2] + R + 1.5e-3), (2.0, 0, -40.0),
+                        initialAngularVelocity=[300, 500, 0]),
+                ]  # fmt: skip
+                contacts = ep.CreatePartitionContact(mbs, [*items, FLOOR])
+                mbs.Assemble()
+                result = ep.solve_dynamic(mbs, end_time=60e-6, step=STEP / 2)
+                found[searched, sleeps] = np.array([contact.force(result) for contact in contacts])
+    off = {key: abs(found[key, True] - found[key, False]).max() / found[key, False].max() for key in (SEARCHED, 1e-9)}
+    assert found[SEARCHED, True].max() > 1e4
+    assert off[1e-9] < 1e-6
+    assert off[SEARCHED] > 1e-3  # the pebble meets the brick by another pair
 
 
 def test_viscous_flexibilities_sleep_when_they_are_at_rest(brick, pebble, monkeypatch):
@@ -271,6 +302,19 @@ def test_the_limit_is_that_of_a_flat_landing(brick, pebble, mbs):
     np.testing.assert_allclose(floor.force(result)[100:].mean(), weight, rtol=0.05)
     with pytest.raises(ep.errors.StepSizeError):
         ep.solve_dynamic(mbs, end_time=60 * limit, step=1.05 * limit)
+
+
+@pytest.mark.parametrize("friction", [None, 0.3])
+def test_the_limit_is_the_same_for_contacts_by_two_names(brick, friction):
+    limits = []
+    for by_list in (True, False):
+        mbs = exu.SystemContainer().AddSystem()
+        item = put(mbs, brick, (0, 0, 20e-3), turn=TURN)
+        ep.CreatePartitionContact(mbs, *([[item, FLOOR]] if by_list else [item, ep.RigidPlane((0, 0, -0.02))]),
+                                  friction=friction)  # fmt: skip
+        mbs.Assemble()
+        limits.append(ep.stability_limit(mbs))
+    assert limits[0] == limits[1]
 
 
 def test_a_single_body_and_its_floor(brick, mbs):

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.linalg
 
 from ...algebra.complementarity import Complementarity, regularised
-from ...algebra.friction import OPEN, FrictionProblem
+from ...algebra.friction import MANY, OPEN, FrictionProblem
 from ...algebra.products import Solved, dense, smallest
 from ...support.arrays import Array
 from .. import loops
@@ -22,6 +22,7 @@ from ..law import Forces, Law, Places, RowDirections
 
 _MARGIN = 2 * BULGE  # of the deepest row's depth: rows with smaller gaps enter, so that the problem seldom changes
 _SPARE = 10  # far rows that may stay in the problem before rows are chosen again
+_FEW_SPARE = 1.3  # as many times the rows that can close are left if these are many: the rest costs time
 
 
 def compliance(rows: RowDirections) -> Law:
@@ -266,7 +267,8 @@ class ClosingRows:
         needed = (gap < -BULGE * least) | (last[:, 0] > 0)
         needed[self.index[: len(self.index) if more else 0]] = True
         many, same = needed.sum(), self._row_nodes is row_nodes
-        if not same or many != needed[self.index].sum() or len(self.index) >= 2 * many + _SPARE:
+        most = 2 * many + _SPARE if many < MANY else _FEW_SPARE * many
+        if not same or many != needed[self.index].sum() or len(self.index) >= most:
             self.index, self._row_nodes = np.flatnonzero(needed | (gap < -_MARGIN * least)), row_nodes
         return self.index
 
