@@ -98,10 +98,14 @@ class BlockFriction(FrictionProblem):
         """Flexibility of all rows as one matrix, (3 nr, 3 nr) [m/N]."""
         return self.blocks.whole
 
+    @property
+    def _dense(self) -> bool:
+        """See `FrictionProblem`."""
+        return bool(3 * self.blocks.starts[-1] <= _DENSE)
+
     def _equations(self, index: Array) -> ClosedRows:
         """See `FrictionProblem`."""
-        few = 3 * self.blocks.starts[-1] <= _DENSE
-        return super()._equations(index) if few else ClosedBlocks(self.blocks, self._inverse, index)
+        return super()._equations(index) if self._dense else ClosedBlocks(self.blocks, self._inverse, index)
 
     def moved_by(self, lam: Array) -> Array:
         """See `FrictionProblem`."""
@@ -180,10 +184,6 @@ class ClosedBlocks(ClosedRows):
             self._onto_others[j, k] = columns[self._blocks[j].gaps]
         self._amplitudes = consecutive([block.fields.shape[1] for block in self._blocks])
         self._core, self._G = F.core, np.zeros(F.core.shape)
-
-    def moved(self, lam: Array) -> Array:
-        """See `ClosedRows`."""
-        raise NotImplementedError("BlockFriction.moved_by finds it without the closed rows")
 
     def moved_open(self, lam: Array) -> Array:
         """See `ClosedRows`."""

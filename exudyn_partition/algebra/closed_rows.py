@@ -13,8 +13,7 @@ from scipy.linalg import lapack
 
 from ..support.arrays import Array
 from . import loops
-
-CHORD_STEPS = 10  # with the same factors
+from .flat_friction import CHORD_STEPS
 
 
 class Slip(NamedTuple):
@@ -103,7 +102,7 @@ class ClosedRows:
 
     def __init__(self, F: Array, inverse: Array, index: Array) -> None:
         self._take_rows(inverse, index)
-        self._columns = columns = F[:, directions(index)]
+        columns = F[:, directions(index)]
         self._onto_open = columns[3 * self.open]
         self._F = np.ascontiguousarray(self._inverse[:, None] * columns[directions(index)])
 
@@ -118,20 +117,6 @@ class ClosedRows:
         """Take gaps and slips, (na, 3), and coefficients, (na,)."""
         self._h, self._mu = self._inverse * h.ravel(), mu
         self.steps = 0
-
-    @property
-    def asked(self) -> tuple[Array, Array]:
-        """Gaps and slips, scaled to forces, (3 na,) [N], and coefficients, (na,), that were loaded last."""
-        return self._h, self._mu
-
-    def ask_again(self, asked: tuple[Array, Array]) -> None:
-        """Take gaps, slips and coefficients that the same rows had, see `asked`."""
-        self._h, self._mu = asked
-
-    def moved(self, lam: Array) -> Array:
-        """How far forces on the closed rows, (3 na,) [N], move all rows, (3 nr,) [m]."""
-        value: Array = self._columns @ lam
-        return value
 
     def moved_open(self, lam: Array) -> Array:
         """How far forces on the closed rows, (3 na,) [N], move the gaps of the others, (nr - na,) [m]."""
