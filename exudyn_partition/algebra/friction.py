@@ -239,6 +239,7 @@ class FrictionProblem:
             return None
         if self._flat is None:
             self._flat, self._closes = FlatFriction.of(len(h), self._by_rows.ravel(), self._inverse.ravel()), True
+            self._object = loops.friction_object(self._flat)
         flat, closes = self._flat, self._closes
         if closes:
             flat.counts[N_CLOSED] = len(self.index)
@@ -246,7 +247,7 @@ class FrictionProblem:
         flat.state[:], flat.lam[:] = self.state, self.lam.ravel()
         flat.counts[[ITERATIONS, FACTORISATIONS]] = 0
         limits = TOLERANCE, ROUNDING, PROGRESS, NEWTON_STEPS, CHORD_STEPS
-        settled = loops.newton_friction(flat, h, mu, closes, limits)
+        settled = loops.newton_friction(self._object, h, mu, closes, limits)
         self.iterations += int(flat.counts[ITERATIONS])
         self.factorisations += int(flat.counts[FACTORISATIONS])
         self.index, self._rows, self._closes = flat.closed[: flat.counts[N_CLOSED]].copy(), None, False

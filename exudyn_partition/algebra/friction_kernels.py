@@ -2,21 +2,61 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numba.experimental import structref
 
 from ..support.arrays import Array
 from ..support.compiled import compiled, external, inner
-
-if TYPE_CHECKING:
-    from .flat_friction import FlatFriction
+from ..support.struct_kernels import StructType
 
 FrictionLimits = tuple[float, float, float, int, int]  # see `flat_friction.FRICTION_LIMITS`
 
 N_ROWS, N_CLOSED, STALE, STEPS, ITERATIONS, FACTORISATIONS = range(6)  # see `flat_friction`
 OPEN, STICK, SLIP = 0, 1, 2
 _dgetrf = external("cython_lapack", "dgetrf", 6)
+
+
+@structref.register
+class FrictionObjectType(StructType):
+    """Type of `FrictionObject` in compiled loops."""
+
+
+class FrictionObject(structref.StructRefProxy):
+    """A `FlatFriction` as one object: to pass each of its arrays takes long, and longer to compile."""
+
+    counts: Array
+    F: Array
+    inverse: Array
+    state: Array
+    lam: Array
+    closed: Array
+    place: Array
+    scaled: Array
+    factors: Array
+    pivots: Array
+    factorised: Array
+    h: Array
+    value: Array
+    forces: Array
+    step: Array
+    mu: Array
+    x1: Array
+    x2: Array
+    length: Array
+    bound: Array
+    moves: Array
+    squares: Array
+
+
+structref.define_proxy(  # type: ignore[no-untyped-call]
+    FrictionObject, FrictionObjectType, [*FrictionObject.__annotations__]
+)
+
+
+@compiled
+def friction_object(*arrays: Array) -> FrictionObject:
+    """Make one of its arrays; unlike its own constructor, this is kept on disk."""
+    return FrictionObject(*arrays)  # type: ignore[no-untyped-call]
 
 
 @inner
@@ -102,7 +142,7 @@ def chord_step(
 
 
 @inner
-def close_rows(p: FlatFriction) -> None:
+def close_rows(p: FrictionObject) -> None:
     """Take the rows that are in `closed`, as many as the counts say."""
     n, na = p.counts[N_ROWS], p.counts[N_CLOSED]
     F, scaled = p.F[: 9 * n * n].reshape(3 * n, 3 * n), p.scaled[: 9 * na * na].reshape(3 * na, 3 * na)
@@ -121,7 +161,7 @@ def close_rows(p: FlatFriction) -> None:
 
 
 @inner
-def close_by_state(p: FlatFriction) -> None:
+def close_by_state(p: FrictionObject) -> None:
     """Take the rows whose state is not open."""
     na = 0
     for row in range(p.counts[N_ROWS]):
@@ -133,7 +173,7 @@ def close_by_state(p: FlatFriction) -> None:
 
 
 @inner
-def residual(p: FlatFriction) -> float:
+def residual(p: FrictionObject) -> float:
     """Largest force that the law leaves unbalanced."""
     na = p.counts[N_CLOSED]
     scaled, value = p.scaled[: 9 * na * na].reshape(3 * na, 3 * na), p.value[: 3 * na]
@@ -148,7 +188,7 @@ def residual(p: FlatFriction) -> float:
 
 
 @inner
-def load(p: FlatFriction, h: Array, mu: Array) -> float:
+def load(p: FrictionObject, h: Array, mu: Array) -> float:
     """Take the problem for the closed rows, with their last forces; return the largest residual."""
     p.counts[STEPS] = 0
     for i in range(p.counts[N_CLOSED]):
@@ -161,7 +201,7 @@ def load(p: FlatFriction, h: Array, mu: Array) -> float:
 
 
 @inner
-def factorise(p: FlatFriction) -> None:
+def factorise(p: FrictionObject) -> None:
     """Factorise the Jacobian at the last residual; unless forces were guessed, all rows stick."""
     na, guessed = p.counts[N_CLOSED], False
     m = 3 * na
@@ -198,7 +238,7 @@ def factorise(p: FlatFriction) -> None:
 
 
 @inner
-def keep_forces(p: FlatFriction) -> None:
+def keep_forces(p: FrictionObject) -> None:
     """Keep the forces, and the states that they show."""
     for row in range(p.counts[N_ROWS]):
         i = p.place[row]
@@ -211,7 +251,7 @@ def keep_forces(p: FlatFriction) -> None:
 
 
 @inner
-def exchange(p: FlatFriction, h: Array, leaves: float, enters: float) -> bool:
+def exchange(p: FrictionObject, h: Array, leaves: float, enters: float) -> bool:
     """Open closed rows whose forces are below a bound, close rows whose gaps are; whether there were any.
 
     Not all are opened.
@@ -250,7 +290,7 @@ def exchange(p: FlatFriction, h: Array, leaves: float, enters: float) -> bool:
 
 
 @inner
-def bring_within_law(p: FlatFriction) -> None:
+def bring_within_law(p: FrictionObject) -> None:
     """Take from forces the rounding by which they are beyond the law."""
     for i in range(p.counts[N_CLOSED]):
         k = 3 * i
@@ -262,7 +302,7 @@ def bring_within_law(p: FlatFriction) -> None:
 
 
 @inner
-def iterate_friction(p: FlatFriction, h: Array, mu: Array, limits: FrictionLimits) -> bool:
+def iterate_friction(p: FrictionObject, h: Array, mu: Array, limits: FrictionLimits) -> bool:
     """See `newton_friction`."""
     tolerance, rounding, progress, most, chord = limits
     deepest, share, size = 0.0, np.inf, load(p, h, mu)
@@ -302,12 +342,12 @@ def iterate_friction(p: FlatFriction, h: Array, mu: Array, limits: FrictionLimit
 
 
 @compiled
-def newton_friction(p: FlatFriction, h: Array, mu: Array, fresh: bool, limits: FrictionLimits) -> bool:
+def newton_friction(p: FrictionObject, h: Array, mu: Array, fresh: bool, limits: FrictionLimits) -> bool:
     """Iterate from the last forces; return whether they settled, see `friction.FrictionProblem`.
 
     Parameters
     ----------
-    p : FlatFriction
+    p : FrictionObject
     h : (n, 3) array
     mu : (n,) array
     fresh : bool
