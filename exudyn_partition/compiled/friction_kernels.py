@@ -249,6 +249,18 @@ def solve_near(f: Friction, top: int, end: int, fresh: bool, guess: bool, limits
 
 
 @inner
+def count_iterations(f: Friction, g: int, count: int) -> None:
+    """Count iterations for the contacts with friction of a group, of several for those with closed rows."""
+    several = f.groups[g + 1] - f.groups[g] > 1
+    for j in range(f.groups[g], f.groups[g + 1]):
+        closed = not several
+        for i in range(f.rows.starts[j], f.rows.starts[j + 1]):
+            closed = closed or f.status[i] != OPEN
+        if closed and f.frictional[j]:
+            f.iterations[j] += count
+
+
+@inner
 def solve_group(f: Friction, g: int, limits: FrictionLimits, choosing: Choosing) -> bool:
     """Find the forces of a group of contacts; whether they settle."""
     starts, first, last = f.rows.starts, f.groups[g], f.groups[g + 1]
@@ -280,8 +292,7 @@ def solve_group(f: Friction, g: int, limits: FrictionLimits, choosing: Choosing)
                 some = slice(starts[j], starts[j + 1])
                 missed = missed or misses_rows(f.pushed[some], f.near[some], choosing)
         if not missed:
-            for j in range(first, last):
-                f.iterations[j] += f.problem.counts[ITERATIONS] - before
+            count_iterations(f, g, f.problem.counts[ITERATIONS] - before)
             return True
     return False
 

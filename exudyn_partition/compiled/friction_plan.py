@@ -222,6 +222,10 @@ class FrictionPlan:
         laws = [law if mu is None else Coulomb(mu) for law, mu in zip(self.laws, changed, strict=True)]
         return replace(self, laws=tuple(laws))
 
+    def softened(self, flexibilities: Sequence[Array]) -> FrictionPlan:
+        """The same contacts with other flexibilities of each group."""
+        return replace(self, flexibilities=tuple(flexibilities))
+
     def flat(self) -> FlatFrictionRows:
         """The same in flat arrays, but coefficients."""
         ways, flexibilities = [np.ascontiguousarray(T.T).ravel() for T in self.ways], self.flexibilities

@@ -132,16 +132,20 @@ class FrictionSteps:
         ahead = 2.0 * last - before
         go_on = (last[:, 0] > 0.0) & (before[:, 0] > 0.0) & (ahead[:, 0] > 0.0)
         h = np.column_stack([s.gap[rows][near], s.way[rows][near] - (F @ last.ravel()).reshape(-1, 3)[:, 1:]])
-        lam, state = np.zeros((len(near), 3)), np.zeros(len(near), dtype=np.int8)
+        lam, state, iterations = np.zeros((len(near), 3)), np.zeros(len(near), dtype=np.int8), 0
         if len(near):
             problem = FrictionProblem(np.eye(3))
             problem.replace(F, s.status[rows][near], np.where(go_on[:, None], ahead, last))
             lam = problem.solve(h, s.mu[rows][near])
             state = problem.state
-            s.iterations[self._plan.contacts_of(group)] += problem.iterations
+            iterations = problem.iterations
         moved = (F @ lam.ravel()).reshape(-1, 3)
         self._answer(s, rows, near, lam, h + moved, state)
         s.energy[rows][near] = 0.5 * (lam * moved).sum(axis=1)
+        contacts = self._plan.contacts_of(group)
+        for j in contacts:
+            if self._plan.laws[j] is not None and (len(contacts) == 1 or s.status[self._parts[j].rows].any()):
+                s.iterations[j] += iterations
 
     @staticmethod
     def _answer(s: FrictionState, rows: slice, near: Array, lam: Array, w: Array, state: Array) -> None:
