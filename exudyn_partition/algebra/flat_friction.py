@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -72,6 +73,12 @@ class FlatFriction(NamedTuple):
     bound: Array
     moves: Array
     squares: Array
+
+    @classmethod
+    def pool(cls, sizes: Sequence[int]) -> FlatFriction:
+        """Room for several problems of these numbers of rows, one after the other in each array."""
+        parts = [cls.of(k) for k in sizes]
+        return cls(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     @classmethod
     def of(cls, k: int, F: Array | None = None, inverse: Array | None = None) -> FlatFriction:

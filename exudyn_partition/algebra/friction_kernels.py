@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numba.experimental import structref
 
@@ -9,9 +11,13 @@ from ..support.arrays import Array
 from ..support.compiled import compiled, external, inner
 from ..support.struct_kernels import StructType
 
+if TYPE_CHECKING:
+    from .flat_friction import FlatFriction
+
 FrictionLimits = tuple[float, float, float, int, int]  # see `flat_friction.FRICTION_LIMITS`
 
 N_ROWS, N_CLOSED, STALE, STEPS, ITERATIONS, FACTORISATIONS = range(6)  # see `flat_friction`
+N_COUNTS = 6
 OPEN, STICK, SLIP = 0, 1, 2
 _dgetrf = external("cython_lapack", "dgetrf", 6)
 
@@ -57,6 +63,34 @@ structref.define_proxy(  # type: ignore[no-untyped-call]
 def friction_object(*arrays: Array) -> FrictionObject:
     """Make one of its arrays; unlike its own constructor, this is kept on disk."""
     return FrictionObject(*arrays)  # type: ignore[no-untyped-call]
+
+
+@inner
+def turn_to(p: FrictionObject, pool: FlatFriction, number: int, row: int, square: int, k: int, chord: int) -> None:
+    """Take the problem with a number out of `FlatFriction.pool`: k rows, after so many rows, and entries of F."""
+    m = chord + 2
+    p.counts = pool.counts[N_COUNTS * number : N_COUNTS * (number + 1)]
+    p.F = pool.F[square : square + 9 * k * k]
+    p.scaled = pool.scaled[square : square + 9 * k * k]
+    p.factors = pool.factors[square : square + 9 * k * k]
+    p.inverse = pool.inverse[3 * row : 3 * (row + k)]
+    p.lam = pool.lam[3 * row : 3 * (row + k)]
+    p.pivots = pool.pivots[3 * row : 3 * (row + k)]
+    p.h = pool.h[3 * row : 3 * (row + k)]
+    p.value = pool.value[3 * row : 3 * (row + k)]
+    p.forces = pool.forces[3 * row : 3 * (row + k)]
+    p.step = pool.step[3 * row : 3 * (row + k)]
+    p.state = pool.state[row : row + k]
+    p.closed = pool.closed[row : row + k]
+    p.place = pool.place[row : row + k]
+    p.factorised = pool.factorised[row : row + k]
+    p.mu = pool.mu[row : row + k]
+    p.x1 = pool.x1[row : row + k]
+    p.x2 = pool.x2[row : row + k]
+    p.length = pool.length[row : row + k]
+    p.bound = pool.bound[row : row + k]
+    p.moves = pool.moves[3 * m * row : 3 * m * (row + k)]
+    p.squares = pool.squares[m * number : m * (number + 1)]
 
 
 @inner

@@ -8,13 +8,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba.experimental import structref
 
-from ..algebra.friction_kernels import FrictionLimits, FrictionObject, close_by_state, close_rows, iterate_friction
+from ..algebra.friction_kernels import (
+    FrictionLimits,
+    FrictionObject,
+    close_by_state,
+    close_rows,
+    iterate_friction,
+    turn_to,
+)
 from ..contact.kernels import choose_near, coordinates_of, gaps_of_contact, slid
 from ..support.arrays import Array
 from ..support.compiled import compiled, inner
 from ..support.struct_kernels import StructType
 
 if TYPE_CHECKING:
+    from ..algebra.flat_friction import FlatFriction
     from ..contact.linear_gaps import FlatRows
     from .friction_plan import Choosing
     from .loops import Peaks, Samples
@@ -57,6 +65,7 @@ class Friction(structref.StructRefProxy):
     near: Array
     chosen: Array
     owner: Array
+    fresh: Array
     h: Array
     mu_near: Array
     moved: Array
@@ -65,6 +74,7 @@ class Friction(structref.StructRefProxy):
     friction: Array
     stored: Array
     iterations: Array
+    pool: FlatFriction
     problem: FrictionObject
     limits: FrictionLimits
     choosing: Choosing
@@ -126,20 +136,20 @@ def set_up(f: Friction, g: int, choosing: Choosing) -> None:
     F_all = f.flexible[f.F_starts[g] :][: size * size].reshape(size, size)
     for i in range(top, end):
         if f.near[i]:
-            f.chosen[n] = i - top
+            f.chosen[top + n] = i - top
             n += 1
     F = p.F[: 9 * n * n].reshape(3 * n, 3 * n)
     for i in range(n):
         for a in range(3):
-            of_all, of_near = F_all[3 * f.chosen[i] + a], F[3 * i + a]
+            of_all, of_near = F_all[3 * f.chosen[top + i] + a], F[3 * i + a]
             for j in range(n):
                 for b in range(3):
-                    of_near[3 * j + b] = of_all[3 * f.chosen[j] + b]
-        p.state[i] = f.status[top + f.chosen[i]]
+                    of_near[3 * j + b] = of_all[3 * f.chosen[top + j] + b]
+        p.state[i] = f.status[top + f.chosen[top + i]]
     i = 0
     for contact in range(f.groups[g], f.groups[g + 1]):
         first, d, trace = i, 3 if f.frictional[contact] else 1, 0.0
-        while i < n and f.chosen[i] + top < starts[contact + 1]:
+        while i < n and f.chosen[top + i] + top < starts[contact + 1]:
             for a in range(d):
                 trace += F[3 * i + a, 3 * i + a]
             i += 1
@@ -150,7 +160,7 @@ def set_up(f: Friction, g: int, choosing: Choosing) -> None:
         u, v = 1.0 / F[3 * k + 1, 3 * k + 1], 1.0 / F[3 * k + 2, 3 * k + 2]
         p.inverse[3 * k] = 1.0 / F[3 * k, 3 * k]
         p.inverse[3 * k + 1] = p.inverse[3 * k + 2] = 0.5 * (u + v)
-    f.owner[0], p.counts[N_ROWS] = g, n
+    p.counts[N_ROWS], f.fresh[g] = n, False
     close_by_state(p)
 
 
@@ -203,12 +213,12 @@ def solve_near(f: Friction, top: int, end: int, fresh: bool, guess: bool, limits
     p, last, before, least = f.problem, f.forces, f.before, 0.0
     n = p.counts[N_ROWS]
     for i in range(n):
-        row = top + f.chosen[i]
+        row = top + f.chosen[top + i]
         for a in range(3):
             p.step[3 * i + a] = last[row, a]
     moved_by(p, p.step, f.moved)
     for i in range(n):
-        row = top + f.chosen[i]
+        row = top + f.chosen[top + i]
         f.h[i, 0], f.mu_near[i], least = f.gap[row], f.mu[row], min(least, f.gap[row])
         ahead = 2.0 * last[row, 0] - before[row, 0]
         go_on = guess and last[row, 0] > 0.0 and before[row, 0] > 0.0 and ahead > 0.0
@@ -239,7 +249,7 @@ def solve_near(f: Friction, top: int, end: int, fresh: bool, guess: bool, limits
     open_rows(f, top, end)
     moved_by(p, p.lam, f.moved)
     for i in range(n):
-        row = top + f.chosen[i]
+        row = top + f.chosen[top + i]
         f.status[row], f.energy[row] = p.state[i], 0.0
         for a in range(3):
             f.lam[row, a] = p.lam[3 * i + a]
@@ -274,9 +284,12 @@ def solve_group(f: Friction, g: int, limits: FrictionLimits, choosing: Choosing)
         return True
     if several and pushing:
         push_others(f, g)
+    if f.owner[0] != g:
+        turn_to(f.problem, f.pool, g, top, f.F_starts[g], end - top, limits[4])
+        f.owner[0] = g
     before = f.problem.counts[ITERATIONS]
     for number in range(choosing[4]):
-        fresh = f.owner[0] != g
+        fresh = f.fresh[g]
         for j in range(first, last):
             some = slice(starts[j], starts[j + 1])
             changed = choose_near(f.pushed[some], f.forces[some], f.near[some], number > 0, choosing[:3])

@@ -116,8 +116,10 @@ class FrictionState(NamedTuple):
     mu : (nr,) array
     near : (nr,) bool array
         Rows that can close.
-    chosen, owner : (k,), (1,) int arrays
-        Rows in `problem` among those of its group, and number of this group.
+    chosen : (nr,) int array
+        For each group from its first row on: numbers of the chosen rows in the group.
+    owner, fresh : (1,) int array, (ng,) bool array
+        Group whose problem compiled loops have at hand, and which problems must be set up.
     h, mu_near, moved : (k, 3), (k,), (3 k,) arrays
         Of these rows.
     taken : (nc,) array
@@ -125,8 +127,8 @@ class FrictionState(NamedTuple):
     values, friction, stored : (nc, 6), (nc, 7), (nc,) arrays
         As the sensors `sForce` and `sFriction` have them, and stored energy [J].
     iterations : (nc,) int array
-    problem : FlatFriction
-        Of one group; its factors are used again while no other group needs it.
+    pool : FlatFriction
+        Problems of all groups, see `FlatFriction.pool`.
     """
 
     memory: FrictionMemory
@@ -142,6 +144,7 @@ class FrictionState(NamedTuple):
     near: Array
     chosen: Array
     owner: Array
+    fresh: Array
     h: Array
     mu_near: Array
     moved: Array
@@ -150,7 +153,7 @@ class FrictionState(NamedTuple):
     friction: Array
     stored: Array
     iterations: Array
-    problem: FlatFriction
+    pool: FlatFriction
 
     def begin(self, plan: FrictionPlan, memory: FrictionMemory | None) -> None:
         """Begin a run of a plan from a memory; None is that of a new run."""
@@ -160,7 +163,12 @@ class FrictionState(NamedTuple):
         for own, given in zip(self.memory, memory or [np.zeros(())] * len(self.memory), strict=True):
             own[...] = given
         self._answer_as_memory()
-        self.near[:], self.owner[0], self.iterations[:] = False, -1, 0
+        self.near[:], self.iterations[:] = False, 0
+        self.forget()
+
+    def forget(self) -> None:
+        """Let all problems be set up anew."""
+        self.pool.counts[:], self.fresh[:], self.owner[:] = 0, True, -1
 
     def go_back(self, memory: FrictionMemory | None) -> None:
         """Go back to an earlier memory of the same run."""
@@ -238,12 +246,13 @@ class FrictionPlan:
     def state(self, values: Array, stored: Array) -> FrictionState:
         """Room for what changes; values of `sForce`, (nc, 6), and energies, (nc,), are written to given arrays."""
         nr, nc = self.n_rows, len(self.names)
-        k = max((last - first for first, last in pairwise(self.rows.starts[self.groups])), default=0)
+        sizes = [int(last - first) for first, last in pairwise(self.rows.starts[self.groups])]
+        k = max(sizes)
         return FrictionState(
             memory=FrictionMemory.none(nr, nc), coulomb=np.zeros((nc, 3)), gap=np.zeros(nr), pushed=np.zeros(nr),
             way=np.zeros((nr, 2)), lam=np.zeros((nr, 3)), status=np.zeros(nr, dtype=np.int8), slips=np.zeros((nr, 2)),
-            energy=np.zeros(nr), mu=np.zeros(nr), near=np.zeros(nr, dtype=bool), chosen=np.zeros(k, dtype=np.int64),
-            owner=np.full(1, -1), h=np.zeros((k, 3)), mu_near=np.zeros(k), moved=np.zeros(3 * k), taken=np.zeros(nc),
-            values=values, friction=np.zeros((nc, N_FRICTION)), stored=stored, iterations=np.zeros(nc, dtype=np.int64),
-            problem=FlatFriction.of(int(k)),
+            energy=np.zeros(nr), mu=np.zeros(nr), near=np.zeros(nr, dtype=bool), chosen=np.zeros(nr, dtype=np.int64),
+            owner=np.full(1, -1), fresh=np.ones(len(sizes), dtype=bool), h=np.zeros((k, 3)), mu_near=np.zeros(k),
+            moved=np.zeros(3 * k), taken=np.zeros(nc), values=values, friction=np.zeros((nc, N_FRICTION)),
+            stored=stored, iterations=np.zeros(nc, dtype=np.int64), pool=FlatFriction.pool(sizes),
         )  # fmt: skip

@@ -352,7 +352,7 @@ class Stepper:
         assert plan is not None
         if why := self._prevents(plan.names, self._friction_parts):
             return why
-        friction.owner[0] = -1  # the problem of compiled loops may be any
+        friction.forget()
         try:
             self._plain().find(friction, m.q, m.q_start, m.force)
         except ComplementarityError as error:
@@ -416,9 +416,9 @@ class Stepper:
 
 def friction_of(rows: FlatFrictionRows, state: FrictionState) -> Any:
     """All contacts with friction as compiled loops take them."""
-    found, problem = kernels("compiled", "friction_kernels"), friction_object(state.problem)
+    found, problem = kernels("compiled", "friction_kernels"), friction_object(state.pool)
     assert found is not None, "asked for what is only done at once"
-    return found.friction_of(*rows, *state.memory, *state[1:-1], problem, FRICTION_LIMITS, CHOICES)
+    return found.friction_of(*rows, *state.memory, *state[1:], problem, FRICTION_LIMITS, CHOICES)
 
 
 def forces_of(plan: FrozenPlan, joint: BlockComplementarity, h: Array, active: Array) -> tuple[Array, Array, Array]:
