@@ -222,10 +222,8 @@ def test_friction_varies(rough):
     force = right[2][0].force(result)
     np.testing.assert_allclose(runs.force[0, 0], force, rtol=0, atol=CLOSE * force.max())
     assert runs.dissipated[0, 0] == pytest.approx(right[2][0].friction.work(result)[-1], rel=CLOSE)
-    taken = runs.energy[:, 0].sum(axis=(1, 2)) - runs.energy[:, 1].sum(axis=(1, 2)) - runs.stored[:, 0]
-    np.testing.assert_allclose(
-        runs.dissipated[:, 0], taken, rtol=0, atol=2e-3 * runs.energy[:, 0].sum(axis=(1, 2)).min()
-    )
+    start, end = runs.energy.sum(axis=2).T
+    np.testing.assert_allclose(runs.dissipated[:, 0], start - end - runs.stored[:, 0], rtol=0, atol=2e-3 * start[0])
     assert (np.diff(runs.dissipated[:, 0]) != 0.0).all()
 
 
@@ -254,7 +252,7 @@ def test_entries_with_friction_go_on_in_a_file(rough, tmp_path):
     both = many(mbs, {contact: {"friction": [0.1, 0.2]}}, **options)
     assert both.dissipated[0] == first.dissipated[0]
     assert both.dissipated[1] != first.dissipated[0]
-    assert {"floor.friction": 0.2} in [entry.parameters for entry in ep.Study.load(options["file"])]
+    assert {"floor.friction": 0.2} in ep.Study.load(options["file"]).parameters
 
 
 @pytest.mark.parametrize(
