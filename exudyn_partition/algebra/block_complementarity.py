@@ -244,7 +244,7 @@ class BlockComplementarity:
         fields : sequence of (k, m) arrays
             W.
         """
-        sizes = np.array([len(F) for F in own])
+        sizes = np.array([len(F) for F in own], dtype=np.int64)
         starts, places = (np.concatenate([[0], np.cumsum(each)]) for each in (sizes, sizes**2))
         (numbers, at), (n, m), nr = (
             pooled([*(F.T for F in own), *(W.T for W in fields)]),

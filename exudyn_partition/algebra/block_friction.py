@@ -98,10 +98,14 @@ class BlockFriction(FrictionProblem):
         """Flexibility of all rows as one matrix, (3 nr, 3 nr) [m/N]."""
         return self.blocks.whole
 
+    @property
+    def _dense(self) -> bool:
+        """See `FrictionProblem`."""
+        return bool(3 * self.blocks.starts[-1] <= _DENSE)
+
     def _equations(self, index: Array) -> ClosedRows:
         """See `FrictionProblem`."""
-        few = 3 * self.blocks.starts[-1] <= _DENSE
-        return super()._equations(index) if few else ClosedBlocks(self.blocks, self._inverse, index)
+        return super()._equations(index) if self._dense else ClosedBlocks(self.blocks, self._inverse, index)
 
     def moved_by(self, lam: Array) -> Array:
         """See `FrictionProblem`."""

@@ -13,8 +13,7 @@ from scipy.linalg import lapack
 
 from ..support.arrays import Array
 from . import loops
-
-CHORD_STEPS = 10  # with the same factors
+from .flat_friction import CHORD_STEPS
 
 
 class Slip(NamedTuple):

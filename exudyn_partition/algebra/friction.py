@@ -13,18 +13,26 @@ import numpy as np
 
 from ..errors import ComplementarityError
 from ..support.arrays import Array
-from .closed_rows import CHORD_STEPS, ClosedRows
+from . import loops
+from .closed_rows import ClosedRows
 from .complementarity import Complementarity
+from .flat_friction import (
+    CHORD_STEPS,
+    FACTORISATIONS,
+    ITERATIONS,
+    N_CLOSED,
+    NEWTON_STEPS,
+    PROGRESS,
+    ROUNDING,
+    TOLERANCE,
+    FlatFriction,
+)
 from .friction_sweeps import sweep
 from .many_rows import ManyRows
-from .products import Solved
+from .products import Solved, weighted_rows
 
 OPEN, STICK, SLIP = 0, 1, 2
 
-_TOLERANCE = 1e-10  # of the largest force
-_ROUNDING = 1e-12  # of the largest force or gap
-NEWTON_STEPS = 30  # then sweeps begin
-_PROGRESS = 0.3  # a step that leaves a larger share of the residual asks for new factors
 _LEAST_STRIDE = 1e-3  # by which friction rises
 _SWEEPS = (5, 10, 20, 40, 80, 160, 320)  # before each further attempt of Newton's method
 MANY = 200  # rows that close from which `many_rows` is quicker
@@ -115,6 +123,7 @@ class FrictionProblem:
     def _scale(self, diagonal: Array) -> None:
         """Scale slips and gaps to forces by the diagonal of F, (3 nr,)."""
         nr = len(diagonal) // 3
+        self._flat: FlatFriction | None = None  # the problem as compiled loops take it, made when it is needed
         self._many: ManyRows | None = None  # the problem of many rows, made when it is needed
         self._asked = np.zeros((nr, 3)), np.zeros(nr)  # gaps and slips, and coefficients, of the last answer
         self._inverse = 1.0 / diagonal.reshape(-1, 3)
@@ -128,18 +137,29 @@ class FrictionProblem:
     def _close(self, index: Array) -> None:
         """Take these rows as the closed ones, (na,)."""
         self._rows: ClosedRows | None = None
-        self.index = index
+        self.index, self._closes = index, True
 
     @property
     def _closed(self) -> ClosedRows:
-        """Equations of the closed rows, made when they are needed."""
+        """Equations of the closed rows, which compiled loops do not need."""
         if self._rows is None:
             self._rows = self._equations(self.index)
         return self._rows
 
+    @property
+    def _dense(self) -> bool:
+        """Whether the flexibility is one matrix."""
+        return True
+
     def _equations(self, index: Array) -> ClosedRows:
         """Equations of some closed rows, (na,)."""
         return ClosedRows(self.F, self._inverse, index)
+
+    @property
+    def _by_rows(self) -> Array:
+        """F, row after row in memory; F is symmetric."""
+        F = self.F
+        return F if F.flags.c_contiguous else np.ascontiguousarray(F.T)
 
     def extrapolate(self, before: Array) -> None:
         """Guess that forces change again as they have from `before`, (nr, 3) [N], to the last answer."""
@@ -196,8 +216,8 @@ class FrictionProblem:
         return True
 
     def moved_by(self, lam: Array) -> Array:
-        """How far forces, (nr, 3) [N], move the rows, F lambda, (nr, 3) [m]."""
-        return np.asarray(self.F @ lam.ravel()).reshape(-1, 3)
+        """How far forces, (nr, 3) [N], move the rows, F lambda, (nr, 3) [m]; most of them are on closed rows."""
+        return weighted_rows(lam.ravel(), self._by_rows).reshape(-1, 3)
 
     def _continue(self, h: Array, mu: Array) -> bool:
         """Let friction rise from zero in steps, each of which begins at the last answer; return whether it settled."""
@@ -229,15 +249,41 @@ class FrictionProblem:
 
     def _newton(self, h: Array, mu: Array) -> bool:
         """Iterate from the last forces; return whether they settled."""
+        settled = self._loop(h, mu)
+        return self._iterate(h, mu) if settled is None else settled
+
+    def _loop(self, h: Array, mu: Array) -> bool | None:
+        """Iterate by compiled loops; None if there are none for this problem."""
+        if not (self._dense and loops.newton_at_once()):
+            return None
+        if self._flat is None:
+            self._flat, self._closes = FlatFriction.of(len(h), self._by_rows.ravel(), self._inverse.ravel()), True
+            self._object = loops.friction_object(self._flat)
+        flat, closes = self._flat, self._closes
+        if closes:
+            flat.counts[N_CLOSED] = len(self.index)
+            flat.closed[: len(self.index)] = self.index
+        flat.state[:], flat.lam[:] = self.state, self.lam.ravel()
+        flat.counts[[ITERATIONS, FACTORISATIONS]] = 0
+        limits = TOLERANCE, ROUNDING, PROGRESS, NEWTON_STEPS, CHORD_STEPS
+        settled = loops.newton_friction(self._object, h, mu, closes, limits)
+        self.iterations += int(flat.counts[ITERATIONS])
+        self.factorisations += int(flat.counts[FACTORISATIONS])
+        self.index, self._rows, self._closes = flat.closed[: flat.counts[N_CLOSED]].copy(), None, False
+        self.state, self.lam = flat.state.copy(), flat.lam.reshape(-1, 3).copy()
+        return settled
+
+    def _iterate(self, h: Array, mu: Array) -> bool:
+        """See `_newton`; by NumPy and LAPACK."""
         deepest = abs(h[:, 0]).max()
         lam, size = self._load(h, mu)
         share = np.inf  # of the residual, by which the next step will move the largest force
         for _ in range(NEWTON_STEPS + 1):
             closed, largest = self._closed, abs(lam).max()
-            settled = size <= _ROUNDING * largest or share * size <= _TOLERANCE * largest
+            settled = size <= ROUNDING * largest or share * size <= TOLERANCE * largest
             if settled or closed.steps == 1:
-                leaving = lam[::3] < -_ROUNDING * largest
-                entering = h[closed.open, 0] + closed.moved_open(lam) < -_ROUNDING * deepest
+                leaving = lam[::3] < -ROUNDING * largest
+                entering = h[closed.open, 0] + closed.moved_open(lam) < -ROUNDING * deepest
                 if leaving.any() or entering.any():
                     self._keep(lam)
                     self._exchange(leaving, entering, h)
@@ -254,7 +300,7 @@ class FrictionProblem:
             lam = lam + step
             before, size = size, closed.residual(lam)
             share = largest / before if before else 0.0
-            slow = closed.steps > 1 and size > _PROGRESS * before
+            slow = closed.steps > 1 and size > PROGRESS * before
             # Steps with the factors of other states may lead back to those, again and again.
             closed.stale = slow or closed.steps > CHORD_STEPS or closed.changed
         return False

@@ -5,12 +5,18 @@ Of this folder, only this module and `products` know which. `kernels` and `frict
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import lapack
 
 from ..support.arrays import Array
 from ..support.compiled import kernels
+
+if TYPE_CHECKING:
+    from .flat_friction import FlatFriction
+    from .friction_kernels import FrictionObject
 
 
 def check_active(
@@ -119,6 +125,42 @@ def solve_blocks(
     if compiled := kernels("algebra"):
         return bool(compiled.solve_blocks(blocks, h, rounding, settled, steps, patience))
     return False
+
+
+def newton_at_once() -> bool:
+    """Whether `newton_friction` is there; else `friction.FrictionProblem` goes step by step."""
+    return kernels("algebra", "friction_kernels") is not None
+
+
+def friction_object(problem: FlatFriction) -> FrictionObject:
+    """The same arrays as one object, as `newton_friction` takes it."""
+    compiled = kernels("algebra", "friction_kernels")
+    assert compiled is not None, "asked for what is only done at once"
+    found: FrictionObject = compiled.friction_object(*problem)
+    return found
+
+
+def newton_friction(
+    problem: FrictionObject, h: Array, mu: Array, fresh: bool, limits: tuple[float, float, float, int, int]
+) -> bool:
+    """Make the steps of Newton's method for contact with friction; return whether forces have settled.
+
+    Parameters
+    ----------
+    problem : FrictionObject
+        With n rows. Its forces and states are a guess, then the answer.
+    h : (n, 3) array
+        Gaps and slips without the forces [m].
+    mu : (n,) array
+        Coefficients of friction.
+    fresh : bool
+        Whether other rows are in `closed` than before.
+    limits
+        See `flat_friction.FRICTION_LIMITS`.
+    """
+    compiled = kernels("algebra", "friction_kernels")
+    assert compiled is not None, "asked for what is only done at once"
+    return bool(compiled.newton_friction(problem, h, mu, fresh, limits))
 
 
 def friction_residual(places: Array, lam: Array, mu: Array) -> tuple[Array, Array, Array, Array, Array, float]:

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 from ..contact.kernels import FlatContacts, evaluate_frozen
 from ..support.arrays import Array
 from ..support.compiled import inlined, unlocked
+from .friction_kernels import accept_friction, find_friction, keep_friction, watch_friction
 
 if TYPE_CHECKING:
+    from .friction_kernels import Friction
     from .loops import Adjoint, Motion, Peaks, Samples
     from .plan import Bodies
 
@@ -57,6 +59,7 @@ def keep(contacts: FlatContacts, m: Motion, samples: Samples, place: int) -> Non
 def advance(
     bodies: Bodies,
     contacts: FlatContacts,
+    friction: Friction | None,
     m: Motion,
     samples: Samples,
     peaks: Peaks,
@@ -69,7 +72,7 @@ def advance(
     """Make steps with the numbers `first` to `count`, from 1, see `loops.Stepper.advance`.
 
     Return the number of the first step whose forces are not found, `count` + 1 if all are. Coordinates and velocities
-    are then those with which the forces would be found.
+    are then those with which the forces would be found. Without friction nothing is compiled for it.
     """
     n, (rounding, settled, steps, patience) = len(m.q), limits
     for step in range(first, count + 1):
@@ -79,12 +82,20 @@ def advance(
             m.q[k] += h * m.v[k]
         if evaluate_frozen(contacts, m.q, m.force, rounding, settled, steps, patience) < 0:
             return step
+        if friction is not None:
+            if not find_friction(friction, m.q, m.q_start, m.force):
+                return step
+            accept_friction(friction, h)
         accelerate(bodies, m)
         for k in range(n):
             m.v[k] += 0.5 * h * m.a[k]
         watch(contacts, peaks, m.q)
+        if friction is not None:
+            watch_friction(friction, peaks, m.q)
         if step % between == 0:
             keep(contacts, m, samples, step // between - 1)
+            if friction is not None:
+                keep_friction(friction, samples, step // between - 1)
     return count + 1
 
 

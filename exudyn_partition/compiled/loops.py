@@ -5,15 +5,20 @@ No other module of `compiled` knows which. Module `kernels` beside it has the co
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from ..algebra.block_complementarity import LIMITS, BlockComplementarity
+from ..algebra.flat_friction import FRICTION_LIMITS
+from ..algebra.loops import friction_object
 from ..contact.loops import evaluate_frozen, flat_contacts
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..support.compiled import kernels
+from .friction_plan import CHOICES, N_FRICTION, FlatFrictionRows, FrictionMemory, FrictionPlan, FrictionState
+from .friction_steps import FrictionSteps
 from .plan import Bodies, FrozenPlan, StepPlan
 
 N_VALUES = 6  # of each contact, see `frozen.FrozenContacts`
@@ -70,7 +75,11 @@ class Samples(NamedTuple):
     stored : (n, nc) array
         Energy that each contact stores [J].
     lam : (n, nr) array
-        Forces on all rows [N].
+        Normal forces on all rows [N].
+    friction : (n, nf, 7) array
+        Of each contact with friction, see `contact_run.ContactRun.friction_values`.
+    along, status : (n, 2 k), (n, k) arrays
+        Tangential forces on the rows of these contacts [N], and whether they stick or slip.
     """
 
     q: Array
@@ -78,13 +87,18 @@ class Samples(NamedTuple):
     values: Array
     stored: Array
     lam: Array
+    friction: Array
+    along: Array
+    status: Array
 
     @classmethod
     def of(cls, plan: StepPlan, n: int, *, motion: bool, rows: bool) -> Samples:
         """Room for n samples; `motion` and `rows` say whether coordinates and forces on rows are kept."""
-        nq, nc, nr = len(plan.bodies.mass), len(plan.contacts.names), len(plan.contacts.rows.start)
-        (q, v), kept = np.empty((2, n if motion else 0, nq)), n if rows else 0
-        return cls(q, v, np.empty((n, nc, N_VALUES)), np.empty((kept, nc)), np.empty((kept, nr)))
+        contacts, friction, nq = plan.contacts, plan.contacts.friction, len(plan.bodies.mass)
+        nc, nr, (q, v), kept = len(contacts.all_names), contacts.n_rows, np.empty((2, n if motion else 0, nq)), n * rows
+        nf, k = (0, 0) if friction is None else (len(friction.names), friction.n_rows)
+        of_friction = np.empty((n, nf, N_FRICTION)), np.empty((kept, 2 * k)), np.empty((kept, k), dtype=np.int8)
+        return cls(q, v, np.empty((n, nc, N_VALUES)), np.empty((kept, nc)), np.empty((kept, nr)), *of_friction)
 
 
 class Peaks(NamedTuple):
@@ -95,7 +109,7 @@ class Peaks(NamedTuple):
     force : (nc,) array
         [N]
     lam : (nr,) array
-        Forces on the rows of each contact then [N].
+        Normal forces on the rows of each contact then [N].
     q : (nc, nq) array
         Coordinates then.
     """
@@ -107,8 +121,8 @@ class Peaks(NamedTuple):
     @classmethod
     def of(cls, contacts: FrozenPlan, n: int) -> Peaks:
         """Room for some contacts and n coordinates, without a force."""
-        nc = len(contacts.names)
-        return cls(np.zeros(nc), np.zeros(len(contacts.rows.start)), np.zeros((nc, n)))
+        nc = len(contacts.all_names)
+        return cls(np.zeros(nc), np.zeros(contacts.n_rows), np.zeros((nc, n)))
 
 
 class ContactParts(NamedTuple):
@@ -140,11 +154,12 @@ class ContactParts(NamedTuple):
     reach: float
 
     @classmethod
-    def of(cls, plan: FrozenPlan, j: int) -> ContactParts:
+    def of(cls, plan: FrozenPlan | FrictionPlan, j: int) -> ContactParts:
         """Parts of contact j."""
         flat = plan.rows
         rows, dofs = slice(*flat.starts[j : j + 2]), flat.dofs[slice(*flat.places[j : j + 2])]
-        start, (n, nr) = flat.drift_start[slice(*flat.drift_starts[j : j + 2])], (len(dofs), len(plan.own[j]))
+        start = flat.drift_start[slice(*flat.drift_starts[j : j + 2])]
+        n, nr = len(dofs), rows.stop - rows.start
 
         def matrix(begin: int, k: int, m: int) -> Array:
             return flat.numbers[begin:][: k * m].reshape(k, m)
@@ -175,8 +190,8 @@ class Stepper:
     ----------
     motion : Motion
     peaks : Peaks
-    stored : (nc,) array
-        Energy that each contact stores [J].
+    values, stored : (nc, 6), (nc,) arrays
+        Values of each contact, see `frozen.FrozenContacts`, and the energy that it stores [J].
     iterations : int
         Of the closed rows of all contacts since the start.
     """
@@ -185,37 +200,56 @@ class Stepper:
     _joint: BlockComplementarity | None
 
     def __init__(self, contacts: FrozenPlan, n: int) -> None:
-        self.contacts, self._kernels, count = contacts, kernels("compiled"), len(contacts.names)
+        self.contacts, self._kernels, nc = contacts, kernels("compiled"), len(contacts.names)
         self.motion, self.peaks, self._blocks = Motion.of(n), Peaks.of(contacts, n), contacts.fresh_blocks()
+        count = len(contacts.all_names)
         self._h, self.stored = np.zeros(len(contacts.rows.start)), np.zeros(count)
-        self._values = np.zeros((count, N_VALUES))
-        self._parts = [ContactParts.of(contacts, j) for j in range(count)]
+        self.values = np.zeros((count, N_VALUES))
+        self._parts = [ContactParts.of(contacts, j) for j in range(nc)]
         self._flat: Any = None
         if self._kernels:
-            self._flat = flat_contacts(contacts.rows, self._blocks, self._h, self._values, self.stored)
+            of_frozen = self.values[:nc], self.stored[:nc]
+            self._flat = flat_contacts(contacts.rows, self._blocks, self._h, *of_frozen)
+        self._friction: FrictionState | None = None
+        self._loop: Any = None  # the same, as compiled loops take it
+        if contacts.friction is not None:
+            self._friction = contacts.friction.state(self.values[nc:], self.stored[nc:])
+            if self._kernels:
+                self._loop = friction_of(contacts.friction.flat(), self._friction)
+            self._friction_parts = [ContactParts.of(contacts.friction, j) for j in range(count - nc)]
 
     @property
     def iterations(self) -> int:
         """See the class."""
-        return int(self._blocks.iterations.sum())
+        of_friction = 0 if self._friction is None else self._friction.iterations.sum()
+        return int(self._blocks.iterations.sum() + of_friction)
 
     @property
     def closed(self) -> Array:
         """Whether each contact has closed rows, (nc,) bool."""
-        return np.asarray(self._values[:, 1] > 0.0)
+        return np.asarray(self.values[:, 1] > 0.0)
 
-    def begin(self, plan: StepPlan, q: Array, v: Array, a: Array | None = None) -> Stop | None:
+    def begin(
+        self, plan: StepPlan, q: Array, v: Array, a: Array | None = None, memory: FrictionMemory | None = None
+    ) -> Stop | None:
         """Begin a plan at coordinates and velocities, (nq,), with accelerations, (nq,), or those that forces give.
 
+        `memory` is what rows with friction remember. With accelerations, it has the forces that the plan begins with.
         Return what prevents it, see `advance`.
         """
         self._plan, self._joint, m = plan, None, self.motion
         self._blocks.forget()
         self._blocks.iterations[:] = 0
         self.peaks.force[:] = 0.0
-        m.q[:], m.v[:] = q, v
+        m.q[:], m.v[:], m.q_start[:] = q, v, q
+        if self._friction is not None:
+            assert plan.contacts.friction is not None
+            self._friction.begin(plan.contacts.friction, memory)
         by_loops = self._kernels is not None and evaluate_frozen(self._flat, m.q, m.force) >= 0
-        if not by_loops and (why := self._find()):
+        if not by_loops and (why := self._find_frozen()):
+            return why
+        known = a is not None and memory is not None
+        if self._friction is not None and (why := self._begin_friction(known=known)):
             return why
         if a is None:
             self._accelerate()
@@ -224,15 +258,37 @@ class Stepper:
         self._watch()
         return None
 
+    def _begin_friction(self, *, known: bool) -> Stop | None:
+        """Find the forces of contacts with friction with which a run begins, see `begin`; return what prevents it."""
+        m, friction = self.motion, self._friction
+        if known:
+            assert friction is not None
+            self._plain().recall(friction, m.q, m.force)
+            return None
+        if self._kernels is not None and self._kernels.find_friction(self._loop, m.q, m.q_start, m.force):
+            return None
+        return self._find_friction()
+
+    def _plain(self) -> FrictionSteps:
+        """Contacts with friction by NumPy."""
+        assert self._plan.contacts.friction is not None
+        return FrictionSteps(self._plan.contacts.friction)
+
+    def memory(self) -> FrictionMemory | None:
+        """What rows with friction remember; None without friction."""
+        return None if self._friction is None else self._friction.memory.copy()
+
     def state(self) -> tuple[Array, Array, Array]:
         """Present coordinates, velocities and accelerations, (nq,) each."""
         m = self.motion
         return m.q.copy(), m.v.copy(), m.a.copy()
 
-    def go_back(self, state: tuple[Array, Array, Array]) -> None:
-        """Go back to an earlier state of this run."""
+    def go_back(self, state: tuple[Array, Array, Array], memory: FrictionMemory | None) -> None:
+        """Go back to an earlier state of this run, and what rows with friction remembered there."""
         m = self.motion
         m.q[:], m.v[:], m.a[:] = state
+        if self._friction is not None:
+            self._friction.go_back(memory)
 
     def advance(self, h: float, first: int, count: int, between: int, samples: Samples) -> tuple[int, Stop | None]:
         """Make steps of length h [s] with the numbers `first` to `count`, from 1 on.
@@ -251,7 +307,7 @@ class Stepper:
         the start of a step.
         """
         m = self.motion
-        for_loops = self._plan.bodies, self._flat, m, samples, self.peaks, LIMITS, h
+        for_loops = self._plan.bodies, self._flat, self._loop, m, samples, self.peaks, LIMITS, h
         while first <= count:
             if self._kernels:
                 first = self._kernels.advance(*for_loops, first, count, between)
@@ -264,6 +320,8 @@ class Stepper:
             if why := self._find():  # compiled loops give up where closed rows do not settle soon
                 m.q[:], m.v[:] = m.q_start, m.v_start
                 return first - 1, why
+            if self._friction is not None:
+                FrictionSteps.accept(self._friction, h)
             self._accelerate()
             m.v[:] += 0.5 * h * m.a
             self._watch()
@@ -274,12 +332,39 @@ class Stepper:
 
     def _find(self) -> Stop | None:
         """Find the forces at the present coordinates by NumPy; return what prevents it."""
-        m, plan, blocks = self.motion, self.contacts, self._blocks
-        if not np.isfinite(m.q).all():
+        why = self._find_frozen()
+        return self._find_friction() if why is None and self._friction is not None else why
+
+    def _prevents(self, names: Sequence[str], parts: Sequence[ContactParts]) -> Stop | None:
+        """What prevents that forces of some contacts are found at the present coordinates."""
+        q = self.motion.q
+        if not np.isfinite(q).all():
             return Stop("unstable", "the gaps are not finite: the run has become unstable")
-        for name, part in zip(plan.names, self._parts, strict=True):
-            if part.slide(m.q):
+        for name, part in zip(names, parts, strict=True):
+            if part.slide(q):
                 return Stop("slides", f"pairs of contact {name!r} begin to slide, which compiled steps do not follow")
+        return None
+
+    def _find_friction(self) -> Stop | None:
+        """Add the forces of contacts with friction, see `_find`."""
+        m, friction, plan = self.motion, self._friction, self.contacts.friction
+        assert friction is not None
+        assert plan is not None
+        if why := self._prevents(plan.names, self._friction_parts):
+            return why
+        friction.forget()
+        try:
+            self._plain().find(friction, m.q, m.q_start, m.force)
+        except ComplementarityError as error:
+            return Stop("unsettled", str(error))
+        return None
+
+    def _find_frozen(self) -> Stop | None:
+        """Find the forces of contacts without friction, see `_find`."""
+        m, plan, blocks = self.motion, self.contacts, self._blocks
+        if why := self._prevents(plan.names, self._parts):
+            return why
+        for part in self._parts:
             self._h[part.rows] = plan.rows.start[part.rows] + m.q[part.dofs] @ part.H
         self._joint = self._joint or plan.joint()
         try:
@@ -292,7 +377,7 @@ class Stepper:
         for j, part in enumerate(self._parts):
             push, gap = lam[part.rows], pushed[part.rows]
             m.force[part.dofs] += part.H @ push
-            self._values[j] = [push.sum(), np.count_nonzero(push), *(push @ part.normals), gap.min(initial=np.inf)]
+            self.values[j] = [push.sum(), np.count_nonzero(push), *(push @ part.normals), gap.min(initial=np.inf)]
             self.stored[j] = -0.5 * push @ self._h[part.rows]
         return None
 
@@ -303,18 +388,37 @@ class Stepper:
 
     def _watch(self) -> None:
         """Keep the largest force of each contact."""
-        for j, part in enumerate(self._parts):
-            if self._values[j, 0] > self.peaks.force[j]:
-                self.peaks.force[j], self.peaks.q[j] = self._values[j, 0], self.motion.q
-                self.peaks.lam[part.rows] = self._blocks.lam[part.rows]
+        starts = self.contacts.all_starts
+        for j, force in enumerate(self.values[:, 0]):
+            if force > self.peaks.force[j]:
+                rows = slice(*starts[j : j + 2])
+                self.peaks.force[j], self.peaks.q[j] = force, self.motion.q
+                self.peaks.lam[rows] = self._lam()[rows]
+
+    def _lam(self) -> Array:
+        """Normal forces on all rows, (nr,) [N]."""
+        lam: Array = self._blocks.lam
+        return lam if self._friction is None else np.concatenate([lam, self._friction.lam[:, 0]])
 
     def keep(self, samples: Samples, place: int) -> None:
         """Write the present state to a place of samples."""
         if len(samples.q):
             samples.q[place], samples.v[place] = self.motion.q, self.motion.v
-        samples.values[place] = self._values
+        samples.values[place] = self.values
         if len(samples.stored):
-            samples.stored[place], samples.lam[place] = self.stored, self._blocks.lam
+            samples.stored[place], samples.lam[place] = self.stored, self._lam()
+        if self._friction is not None:
+            s = self._friction
+            samples.friction[place] = s.friction
+            if len(samples.stored):
+                samples.along[place], samples.status[place] = s.lam[:, 1:].ravel(), s.status
+
+
+def friction_of(rows: FlatFrictionRows, state: FrictionState) -> Any:
+    """All contacts with friction as compiled loops take them."""
+    found, problem = kernels("compiled", "friction_kernels"), friction_object(state.pool)
+    assert found is not None, "asked for what is only done at once"
+    return found.friction_of(*rows, *state.memory, *state[1:], problem, FRICTION_LIMITS, CHOICES)
 
 
 def forces_of(plan: FrozenPlan, joint: BlockComplementarity, h: Array, active: Array) -> tuple[Array, Array, Array]:

@@ -16,6 +16,7 @@ from ..algebra.block_complementarity import BlockComplementarity, FlatBlocks
 from ..algebra.complementarity import Complementarity
 from ..contact.linear_gaps import FlatRows
 from ..support.arrays import Array
+from .friction_plan import FrictionPlan
 
 Core = Mapping[tuple[int, int], Array]
 
@@ -39,12 +40,12 @@ class Bodies(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FrozenPlan:
-    """Contacts by compliance without friction, with frozen pairs.
+    """Contacts by compliance with frozen pairs: those without friction, and after them groups with friction.
 
     Parameters
     ----------
     names : tuple of str
-        Of the contacts.
+        Of the contacts without friction.
     rows : FlatRows
         Gaps of all rows.
     own, fields : tuples of arrays
@@ -52,6 +53,8 @@ class FrozenPlan:
         bodies exchange, (nr, m).
     core : dict of (int, int) to (m, m) array
         What contacts exchange, see `BlockComplementarity`.
+    friction : FrictionPlan or None
+        Contacts with friction, and those that they move.
     """
 
     names: tuple[str, ...]
@@ -59,6 +62,23 @@ class FrozenPlan:
     own: tuple[Array, ...]
     fields: tuple[Array, ...]
     core: Core
+    friction: FrictionPlan | None = None
+
+    @property
+    def all_names(self) -> tuple[str, ...]:
+        """Names of all contacts."""
+        return self.names if self.friction is None else self.names + self.friction.names
+
+    @property
+    def all_starts(self) -> Array:
+        """Where the rows of each of all contacts begin, and their end, (n + 1,)."""
+        starts: Array = self.rows.starts
+        return starts if self.friction is None else np.r_[starts, starts[-1] + self.friction.rows.starts[1:]]
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows of all contacts."""
+        return int(self.all_starts[-1])
 
     def joint(self) -> BlockComplementarity:
         """Return a solver of the forces by NumPy, which knows no run yet; compiled loops take `fresh_blocks`."""

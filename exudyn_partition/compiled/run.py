@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..support.arrays import Array
+from .friction_plan import FrictionMemory
 from .loops import Peaks, Samples, Stepper, Stop
 from .plan import StepPlan
 
@@ -26,11 +27,14 @@ class Start:
         Coordinates and velocities.
     a : (nq,) array, optional
         Accelerations at the end of an earlier run, from which this one goes on. Default: those that forces give.
+    friction : FrictionMemory, optional
+        What rows with friction remember. Default: nothing.
     """
 
     q: Array
     v: Array
     a: Array | None = None
+    friction: FrictionMemory | None = None
 
 
 @dataclass(frozen=True)
@@ -64,13 +68,17 @@ class Histories:
     stored : (n, nc) array
         Energy that each contact stores [J]; n is 0 if it was not asked for.
     lam : (n, nr) csr matrix or None
-        Forces on all rows [N]; None if they were not asked for.
+        Normal forces on all rows [N]; None if they were not asked for.
+    friction : (n, nf, 7) array
+        Samples of each contact with friction, see `loops.Samples`.
+    along, status : (n, 2 k), (n, k) csr matrices or None
+        Tangential forces on the rows of these contacts, and states, see there; None if they were not asked for.
     start : Start
         State before the first step, with accelerations.
     end : Start
         State after the last whole step, with accelerations.
-    end_stored : (nc,) array
-        Energy that each contact stores there [J].
+    end_values, end_stored : (nc, 6), (nc,) arrays
+        Values of each contact there, and the energy that it stores [J].
     peaks : Peaks
         Largest force of each contact.
     iterations : int
@@ -86,8 +94,12 @@ class Histories:
     values: Array
     stored: Array
     lam: sp.csr_matrix | None
+    friction: Array
+    along: sp.csr_matrix | None
+    status: sp.csr_matrix | None
     start: Start
     end: Start
+    end_values: Array
     end_stored: Array
     peaks: Peaks
     iterations: int
@@ -124,9 +136,9 @@ def run(
     Histories
     """
     stepper, between, made = stepper or Stepper(plan.contacts, len(plan.bodies.mass)), steps.between, 0
-    stopped = stepper.begin(plan, start.q, start.v, start.a)
+    stopped = stepper.begin(plan, start.q, start.v, start.a, start.friction)
     record = Record(plan, stepper, motion=motion, rows=rows)
-    chunk = min(_STEPS, max(_MOST // max(len(plan.contacts.rows.start), 1), 1)) if rows else _STEPS
+    chunk = min(_STEPS, max(_MOST // max(plan.contacts.n_rows, 1), 1)) if rows else _STEPS
     while made < steps.count and not stopped:
         count, phase = min(chunk, steps.count - made), made % between
         samples = record.room((phase + count) // between)
@@ -151,7 +163,8 @@ class Record:
 
     def __init__(self, plan: StepPlan, stepper: Stepper, *, motion: bool = True, rows: bool = True) -> None:
         self._plan, self._stepper, self._motion, self._rows = plan, stepper, motion, rows
-        self._start, self._kept, self._lams = stepper.state(), list[Samples](), list[sp.csr_matrix]()
+        self._start, self._kept = Start(*stepper.state(), stepper.memory()), list[Samples]()
+        self._on_rows: tuple[list[sp.csr_matrix], ...] = [], [], []
         first = self.room(1)
         stepper.keep(first, 0)
         self.add(first, 1)
@@ -162,17 +175,21 @@ class Record:
 
     def add(self, samples: Samples, n: int) -> None:
         """Add the first n samples."""
-        self._kept.append(Samples(*(part[:n] for part in samples)))
+        some, none = Samples(*(part[:n] for part in samples)), np.empty((0, 0))
+        self._kept.append(some._replace(lam=none, along=none, status=none))
         if self._rows:
-            self._lams.append(sp.csr_matrix(self._kept[-1].lam))
+            for kept, of_rows in zip(self._on_rows, (some.lam, some.along, some.status), strict=True):
+                kept.append(sp.csr_matrix(of_rows))
 
     def histories(self, made: int, stopped: Stop | None) -> Histories:
         """All that was added; `made` is the number of steps, `stopped` what stopped them."""
         stepper = self._stepper
-        q, v, values, stored = (np.concatenate(parts) for parts in [*zip(*self._kept, strict=True)][:4])
+        q, v, values, stored, _, friction, *_ = (np.concatenate(parts) for parts in zip(*self._kept, strict=True))
+        lam, along, status = (sp.vstack(parts, format="csr") if self._rows else None for parts in self._on_rows)
         return Histories(
-            q, v, values, stored, sp.vstack(self._lams, format="csr") if self._rows else None,
-            start=Start(*self._start), end=Start(*stepper.state()), end_stored=stepper.stored.copy(),
+            q, v, values, stored, lam, friction, along, status,
+            start=self._start, end=Start(*stepper.state(), stepper.memory()), end_values=stepper.values.copy(),
+            end_stored=stepper.stored.copy(),
             peaks=Peaks(*(part.copy() for part in stepper.peaks)),
             iterations=stepper.iterations, made=made, stopped=stopped,
         )  # fmt: skip

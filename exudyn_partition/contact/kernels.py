@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
     from .linear_gaps import FlatRows
 
+Choosing = tuple[float, float, int, int, float]  # see `formulations.compliance.CHOOSING`
+
 
 @compiled
 def row_gaps(
@@ -203,6 +205,32 @@ def tangents_of(normals: Array, axis: Array) -> tuple[Array, Array]:
         tangents[i, 0, 0], tangents[i, 0, 1], tangents[i, 0, 2] = u, v, w
         tangents[i, 1, 0], tangents[i, 1, 1], tangents[i, 1, 2] = y * w - z * v, z * u - x * w, x * v - y * u
     return tangents, cosines
+
+
+@inner
+def choose_near(gap: Array, last: Array, near: Array, more: bool, choosing: Choosing) -> bool:
+    """See `loops.choose_rows`."""
+    bulge, margin, spare, most, few_spare = choosing
+    least, many, inside, size = 0.0, 0, 0, 0
+    for i in range(len(gap)):
+        least = min(least, gap[i])
+    for i in range(len(gap)):
+        needed = gap[i] < -bulge * least or last[i, 0] > 0.0 or (more and near[i])
+        many += needed
+        inside += needed and near[i]
+        size += near[i]
+    if many == inside and size < (2.0 * many + spare if many < most else few_spare * many):
+        return False
+    for i in range(len(gap)):
+        needed = gap[i] < -bulge * least or last[i, 0] > 0.0 or (more and near[i])
+        near[i] = needed or gap[i] < -margin * least
+    return True
+
+
+@compiled
+def choose_rows(gap: Array, last: Array, near: Array, more: bool, choosing: Choosing) -> bool:
+    """See `loops.choose_rows`."""
+    return choose_near(gap, last, near, more, choosing)
 
 
 @inlined

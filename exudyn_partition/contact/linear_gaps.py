@@ -79,13 +79,13 @@ class FlatRows(NamedTuple):
             _starts([g.start for g in frozen]),
             _starts(dofs),
             _starts([g.drift_start for g in frozen]),
-            np.concatenate(dofs),
+            np.concatenate([np.empty(0, dtype=np.int64), *dofs]),
             numbers,
             H,
             drift,
             normal,
-            np.concatenate([g.start for g in frozen]),
-            np.concatenate([g.drift_start for g in frozen]),
+            np.concatenate([np.empty(0), *(g.start for g in frozen)]),
+            np.concatenate([np.empty(0), *(g.drift_start for g in frozen)]),
             np.array([_CLEARLY * g.reach for g in frozen]),
         )
 

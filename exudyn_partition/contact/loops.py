@@ -144,6 +144,37 @@ def rows_below(h: Array, limit: float, last: Array | None) -> Array:
     return last if last is not None and np.array_equal(below, last) else below
 
 
+def choose_rows(
+    gap: Array, last: Array, near: Array, more: bool, choosing: tuple[float, float, int, int, float]
+) -> bool:
+    """Choose the rows that can close; rows that were near stay near for a while. Return whether the choice changes.
+
+    Parameters
+    ----------
+    gap : (nr,) array
+        [m]
+    last : (nr, 3) array
+        Forces at the end of the last step [N].
+    near : (nr,) bool array
+        Rows that were chosen; it is changed.
+    more : bool
+        Whether rows that were chosen are needed.
+    choosing
+        Shares of the deepest row's depth below which rows are needed, and chosen; how many rows too many may stay; the
+        number of rows that can close from which only so many times as many may stay.
+    """
+    if compiled := kernels("contact"):
+        return bool(compiled.choose_rows(gap, last, near, more, choosing))
+    bulge, margin, spare, most, few_spare = choosing
+    least = float(gap.min(initial=0.0))
+    needed = (gap < -bulge * least) | (last[:, 0] > 0.0) | (near & more)
+    many = needed.sum()
+    if many == (needed & near).sum() and near.sum() < (2 * many + spare if many < most else few_spare * many):
+        return False
+    near[:] = needed | (gap < -margin * least)
+    return True
+
+
 # Several steps in one call, only if `at_once()`.
 
 

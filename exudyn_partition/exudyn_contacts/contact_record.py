@@ -149,6 +149,32 @@ class ContactRecord:
         if self._carried:
             self.on_nodes[t] = answer.nodal_forces()
 
+    def keep_rows(
+        self, t: float, nodes: Array, lam: Array, stored: float, tangential: tuple[Array, Array] | None
+    ) -> None:
+        """Keep a sample of closed rows, which compiled steps have made.
+
+        Parameters
+        ----------
+        t : float
+            [s]
+        nodes, lam : (na,) arrays
+            Patch nodes of the rows, and the normal forces on them [N].
+        stored : float
+            Energy that the contact stores [J].
+        tangential : ((na, 3) array, (na,) int8 array) or None
+            With friction: tangential forces in space [N], and whether the rows stick or slip.
+        """
+        self._samples.append((t, nodes, lam))
+        if self._elastic:
+            self._stored[t] = stored
+        if tangential is not None:
+            self.tangential[t] = tangential
+
+    def end_with(self, memory: RowMemory) -> None:
+        """Keep what rows remember at the end of a run that compiled steps have made."""
+        self._memory = memory
+
     def look_for_edge(self, t: float, answer: Evaluation) -> None:
         """Record the time t [s] and the place at which a closed row first leaves its patch."""
         if self.edge is None and (reached := answer.edge_reached()) is not None:

@@ -10,12 +10,14 @@ from ..contact.evaluation import Evaluation
 from ..contact.formulations.coupled import Coupled
 from ..contact.formulations.formulation import Together
 from ..contact.frozen import FrozenContacts
+from ..contact.state import ContactState
 from ..exudyn_bodies.model import start_of_step
 from ..support.arrays import Array
 from ..support.foreign import MainSystem
 from .broad_phase import BroadPhase
 from .contact_record import LoopedSamples
 from .contact_run import N_VALUES, ContactRun
+from .run_state import MemberState
 
 
 class GroupRun:
@@ -44,6 +46,13 @@ class GroupRun:
         self.pushes = self._any_pushes()
         for place, member in enumerate(members):
             member.join(self, place)
+
+    def begin(self, states: Sequence[ContactState], t: float) -> None:
+        """Take states of the members, with their forces, at time t [s]: they are not found again there."""
+        for member, state in zip(self.members, states, strict=True):
+            member.begin(MemberState(0, state, None), t)
+        self._known_at = t
+        self.pushes = self._any_pushes()
 
     @property
     def acts_within(self) -> bool:

@@ -7,13 +7,19 @@ from typing import cast
 
 import numpy as np
 
+from ..algebra.complementarity import Complementarity, regularised
+from ..algebra.products import dense
+from ..compiled.friction_plan import FrictionMemory, FrictionPlan
 from ..compiled.plan import Bodies, FrozenPlan, StepPlan, joined_fields
 from ..compiled.run import Start
 from ..contact.formulations.choices import Compliance
 from ..contact.formulations.coupled import CoupledContacts, SharedPatches
+from ..contact.formulations.coupled_friction import CoupledFriction, SharedFriction
 from ..contact.formulations.formulation import Together
 from ..contact.linear_gaps import FlatRows, LinearGaps
+from ..contact.memory import on_rows
 from ..contact.patch_contact import PatchContact
+from ..contact.tangential import TangentialRows
 from ..errors import CompiledRunError
 from ..exudyn_bodies.model import coordinate_slices, registered, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
@@ -37,7 +43,7 @@ def check_held(mbs: MainSystem, options: Sequence[str] = ()) -> None:
     if reasons:
         listed = "".join(f"\n- {reason}" for reason in reasons)
         raise CompiledRunError(
-            "compiled runs hold partition bodies in inertial frames, their contacts by compliance without friction, "
+            "compiled runs hold partition bodies in inertial frames, their contacts by compliance, "
             f"rigid planes, gravity, constant loads on coordinates and damping of modes. This one has more:{listed}\n"
             "Leave it out, or run the model by solve_dynamic(..., solver='exudyn')"
         )
@@ -69,8 +75,8 @@ def _of_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
         named, mechanics = _called("contact", contact, place), contact.mechanics
         if not isinstance(contact.formulation, Compliance):
             yield f"{named} has formulation {type(contact.formulation).__name__}"
-        if mechanics.friction is not None:
-            yield f"{named} has friction"
+        if mechanics.friction is not None and mechanics.gaps.on_demand:
+            yield f"{named} has friction on a large skin"
         if mechanics.zones is not None:
             yield f"{named} has plastic zones"
         if contact.carrier is not None:
@@ -83,7 +89,7 @@ def _of_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
             yield f"{named} is of a body that touches itself"
         if contact.moment_about is not None:
             yield f"{named} has a sensor of its moment"
-        if isinstance(contact.together, SharedPatches):
+        if isinstance(contact.together, SharedPatches | SharedFriction):
             yield f"{named} shares a patch with another contact"
         elif not mechanics.gaps.may_freeze:
             yield (
@@ -126,7 +132,8 @@ def own_sensors(mbs: MainSystem) -> set[int]:
     (bodies, contacts), damping = partition_items(mbs), registered(mbs).damping
     numbers = {int(n) for item in bodies for key in ("sCoordinates", "sCoordinates_t") for n in item[key]}
     of_damping = set() if damping is None else {int(damping.number)}
-    return numbers | {int(contact["sForce"]) for contact in contacts} | of_damping
+    of_contacts = {int(contact[key]) for contact in contacts for key in ("sForce", "sFriction") if key in contact}
+    return numbers | of_contacts | of_damping
 
 
 def _of_sensors(mbs: MainSystem) -> Iterator[str]:
@@ -173,8 +180,14 @@ def read_plan(mbs: MainSystem, groups: Sequence[tuple[Together, Sequence[PatchCo
 
 
 def in_groups(contacts: Sequence[PartitionContact]) -> list[list[PartitionContact]]:
-    """Contacts that are solved together, in the order of a plan."""
-    return [*{id(contact.group): contact.group for contact in contacts}.values()]
+    """Contacts that are solved together, in the order of a plan: groups with friction come last."""
+    groups = [*{id(contact.group): contact.group for contact in contacts}.values()]
+    return sorted(groups, key=has_friction)
+
+
+def has_friction(group: Sequence[PartitionContact]) -> bool:
+    """Whether a contact of a group has friction."""
+    return any(contact.mechanics.friction is not None for contact in group)
 
 
 def at_start(contacts: Sequence[PartitionContact]) -> list[tuple[Together, list[PatchContact]]]:
@@ -192,20 +205,79 @@ def _contacts_plan(
     groups: Sequence[tuple[Together, Sequence[PatchContact]]],
 ) -> FrozenPlan:
     """Plan of all contacts, group by group."""
-    ordered = [contact for group in in_groups(contacts) for contact in group]
-    gaps, linear = [contact.gaps for _, members in groups for contact in members], list[LinearGaps]()
-    for contact, rows in zip(ordered, gaps, strict=True):
-        if rows.linear is None:
+    ordered = in_groups(contacts)
+    n = sum(not has_friction(group) for group in ordered)
+    members = [gaps for _, some in groups[:n] for gaps in some]
+    blocks = [cast("CoupledContacts", together).blocks() for together, _ in groups[:n]]
+    fields, core = joined_fields([(of_group, core) for _, of_group, core in blocks])
+    own = tuple(F for flexibilities, _, _ in blocks for F in flexibilities)
+    without = [contact for group in ordered[:n] for contact in group]
+    flat = _rows(mbs, without, members)
+    friction = None if n == len(ordered) else _friction_plan(mbs, ordered[n:], groups[n:])
+    return FrozenPlan(tuple(contact.name for contact in without), flat, own, fields, core, friction)
+
+
+def _rows(mbs: MainSystem, contacts: Sequence[PartitionContact], members: Sequence[PatchContact]) -> FlatRows:
+    """Gaps of the rows of some contacts."""
+    linear = list[LinearGaps]()
+    for contact, mechanics in zip(contacts, members, strict=True):
+        if mechanics.gaps.linear is None:
             raise CompiledRunError(
                 f"pairs of contact {contact.name!r} slide where this run begins; take solver='exudyn'"
             )
-        linear.append(rows.linear)
-    dofs = [np.concatenate([np.r_[part] for part in contact.slices(mbs)]) for contact in ordered]
-    blocks = [cast("CoupledContacts", together).blocks() for together, _ in groups]
-    fields, core = joined_fields([(of_group, core) for _, of_group, core in blocks])
-    own = tuple(F for flexibilities, _, _ in blocks for F in flexibilities)
-    flat = FlatRows.of(linear, [of_contact.normal for of_contact in gaps], dofs)
-    return FrozenPlan(tuple(contact.name for contact in ordered), flat, own, fields, core)
+        linear.append(mechanics.gaps.linear)
+    dofs = [np.concatenate([np.r_[part] for part in contact.slices(mbs)]) for contact in contacts]
+    return FlatRows.of(linear, [mechanics.gaps.normal for mechanics in members], dofs)
+
+
+def _friction_plan(
+    mbs: MainSystem,
+    ordered: Sequence[Sequence[PartitionContact]],
+    groups: Sequence[tuple[Together, Sequence[PatchContact]]],
+) -> FrictionPlan:
+    """Plan of groups of contacts with friction."""
+    contacts, members = [one for group in ordered for one in group], [one for _, some in groups for one in some]
+    rows, ways, tangents, flexibilities = _rows(mbs, contacts, members), list[Array](), list[Array](), list[Array]()
+    for mechanics in members:
+        of_contact, nr = mechanics.rows, len(mechanics.gaps.row_nodes)
+        if isinstance(of_contact, TangentialRows):
+            derivative = dense(of_contact.jacobian(np.arange(nr)))
+            ways.append(derivative.reshape(nr, 3, -1)[:, 1:].reshape(2 * nr, -1))
+            tangents.append(of_contact.tangents)
+        else:  # nothing moves them along tangents
+            ways.append(np.zeros((2 * nr, mechanics.gaps.n)))
+            tangents.append(np.zeros((nr, 2, 3)))
+    for together, some in groups:
+        every = np.arange(len(some[0].gaps.row_nodes))
+        if isinstance(together, CoupledFriction):
+            F = together.whole_flexibility()
+        else:
+            F = some[0].rows.flexibility(every)
+        Complementarity(regularised(F))  # which checks it
+        flexibilities.append(F)
+    starts = np.cumsum([0, *(len(some) for _, some in groups)])
+    laws = tuple(mechanics.friction for mechanics in members)
+    names = tuple(contact.name for contact in contacts)
+    return FrictionPlan(names, rows, tuple(ways), np.concatenate(tangents), starts, tuple(flexibilities), laws)
+
+
+def friction_memory(groups: Sequence[Sequence[PatchContact]]) -> FrictionMemory:
+    """What the rows of groups of contacts remember, as `compiled.run` takes it."""
+    members = [one for some in groups for one in some]
+    forces, slipped, speed, path = list[Array](), list[Array](), list[Array](), list[Array]()
+    for mechanics in members:
+        memory, nodes = mechanics.state.memory, mechanics.gaps.row_nodes
+        of_rows = np.zeros((len(nodes), 3))
+        found = on_rows(mechanics.rows, memory.forces)
+        of_rows[:, : found.shape[1]] = found
+        forces.append(of_rows)
+        for kept, values in ((slipped, memory.slipped), (speed, memory.speed), (path, memory.path)):
+            kept.append(values[nodes])
+    all_forces = np.concatenate(forces)
+    return FrictionMemory(
+        all_forces, np.zeros_like(all_forces), np.concatenate(slipped), np.concatenate(speed), np.concatenate(path),
+        np.array([mechanics.state.memory.dissipated for mechanics in members]),
+    )  # fmt: skip
 
 
 def initial_start(mbs: MainSystem) -> Start:

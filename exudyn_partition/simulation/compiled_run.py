@@ -6,6 +6,7 @@ import contextlib
 import logging
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,7 +26,8 @@ from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
 from .compiled_adaptive import put, run_adaptive
-from .compiled_plan import in_groups, own_sensors, read_plan
+from .compiled_friction import FrictionGroups
+from .compiled_plan import friction_memory, has_friction, in_groups, own_sensors, read_plan
 from .continuation import keep_compiled_end, undo_if_refused
 from .result import Result
 from .run_plan import RunPlan
@@ -60,6 +62,12 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
             model_run.others.keep(mbs, times.start)
         groups = [model_run.group_run(group[0]) for group in in_groups(contacts)]
         step_plan = read_plan(mbs, [(group.together, [run.mechanics for run in group.members]) for group in groups])
+        friction = None
+        if (friction_plan := step_plan.contacts.friction) is not None:
+            of_friction = [group for group, some in zip(groups, in_groups(contacts), strict=True) if has_friction(some)]
+            friction = FrictionGroups(friction_plan, of_friction)
+            mechanics = [[run.mechanics for run in group.members] for group in of_friction]
+            start = replace(start, friction=friction_memory(mechanics))
         if plan.control is None:
             steps = EqualSteps(times.step, times.steps, times.between)
             made = run(step_plan, start, steps, report=_told(times.steps, report, interrupt))
@@ -70,14 +78,16 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
         else:
             told = _told(times.end - times.start, report, interrupt)
             ends, made, pace = run_adaptive(
-                mbs, step_plan, start, plan, plan.control, model_run, lambda t: told(t - times.start)
+                mbs, step_plan, start, plan, plan.control, model_run, friction, lambda t: told(t - times.start)
             )
             t = ends
         if made.stopped and not made.made:
             raise RunError(f"mbs: a compiled run cannot make its first step: {made.stopped.text}")
         sensors = _of_bodies(mbs, made) | _of_contacts(mbs, made) | _replayed(mbs, t, made)
         _keep_rows(mbs, model_run, step_plan, made, t)
-        _go_to_end(mbs, model_run, float(ends[-1]), made.end)
+        if friction is not None:
+            friction.keep(made, t)
+        _go_to_end(mbs, model_run, float(ends[-1]), made, friction)
         time_s = time.perf_counter() - begin
     end = keep_compiled_end(mbs, times.step, pace)
     status, message = _ending(plan, made, float(ends[-1]))
@@ -136,8 +146,14 @@ def _of_bodies(mbs: MainSystem, made: Histories) -> dict[int, Array]:
 
 def _of_contacts(mbs: MainSystem, made: Histories) -> dict[int, Array]:
     """Samples of the contacts' sensors, by their numbers."""
-    ordered = [contact for group in in_groups(partition_items(mbs)[1]) for contact in group]
-    return {int(contact["sForce"]): made.values[:, place].copy() for place, contact in enumerate(ordered)}
+    groups = in_groups(partition_items(mbs)[1])
+    ordered = [contact for group in groups for contact in group]
+    found = {int(contact["sForce"]): made.values[:, place].copy() for place, contact in enumerate(ordered)}
+    with_friction = [contact for group in groups if has_friction(group) for contact in group]
+    for place, contact in enumerate(with_friction):
+        if "sFriction" in contact:
+            found[int(contact["sFriction"])] = made.friction[:, place].copy()
+    return found
 
 
 def _replayed(mbs: MainSystem, t: Array, made: Histories) -> dict[int, Array]:
@@ -153,10 +169,12 @@ def _replayed(mbs: MainSystem, t: Array, made: Histories) -> dict[int, Array]:
 
 
 def _keep_rows(mbs: MainSystem, model_run: ModelRun, plan: StepPlan, made: Histories, t: Array) -> None:
-    """Let contacts keep the forces on their rows at all samples, (n,) [s], and where they reached a patch's edge."""
+    """Let contacts without friction keep the forces on their rows at all samples, (n,) [s], and edges of patches."""
     assert made.lam is not None
     first, starts = 0, plan.contacts.rows.starts
     for contacts in in_groups(partition_items(mbs)[1]):
+        if has_friction(contacts):
+            continue
         group = model_run.group_run(contacts[0])
         assert isinstance(group, CoupledRun)
         of_group = slice(first, first := first + len(contacts))
@@ -187,9 +205,14 @@ def _look_for_edges(mbs: MainSystem, group: GroupRun, lam: sp.csc_matrix, starts
             member.record.look_for_edge(float(t[sample]), group.evaluation(place))
 
 
-def _go_to_end(mbs: MainSystem, model_run: ModelRun, t: float, end: Start) -> None:
+def _go_to_end(
+    mbs: MainSystem, model_run: ModelRun, t: float, made: Histories, friction: FrictionGroups | None
+) -> None:
     """Put the model, and its contacts, into the state at the end of the run."""
+    end = made.end
     put(mbs, t, end.q, end.v, end.a)
+    if friction is not None:
+        friction.stand(end, made.end_values, made.end_stored, t)
     model_run.force(mbs, t)
 
 

@@ -6,17 +6,21 @@ import threading
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from ..compiled.plan import StepPlan
 from ..compiled.run import Start
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.partition_contact import PartitionContact
 from ..support.archive import digest
 from ..support.foreign import JSON
 from .points import Parameters, key_of
 from .run_records import Record, RecordFile
 from .varied_model import VariedModel
+
+T = TypeVar("T", PartitionBody, PartitionContact)
 
 
 class EntryFile:
@@ -32,7 +36,8 @@ class EntryFile:
 
     def __init__(self, path: Path, model: VariedModel, end_time: float) -> None:
         self._model = model
-        self._names = _names_of([*model.places])
+        self._names = _names_of([*model.places], "body")
+        self._contacts = _names_of(model.contacts, "contact")
         fixed = {"model": _digest(*model.entries.model), "end_time": end_time, "step": model.times.step}
         self._file = RecordFile(path, {"function": "exudyn_partition.run_many", "fixed": fixed})
         self._lock = threading.Lock()
@@ -59,15 +64,18 @@ class EntryFile:
             f"{self._names[item]}.{name}": np.asarray(values[entry]).tolist()
             for item, of_body in self._model.variations.values.items()
             for name, values in of_body.items()
+        } | {
+            f"{self._contacts[contact]}.friction": float(values[entry])
+            for contact, values in self._model.variations.friction.items()
         }
 
 
-def _names_of(bodies: Sequence[PartitionBody]) -> dict[PartitionBody, str]:
-    """Names of bodies; those that have none of their own are told by their place."""
-    counts = Counter(item.name for item in bodies)
+def _names_of(items: Sequence[T], kind: str) -> dict[T, str]:
+    """Names of bodies or contacts; those that have none of their own are told by their place."""
+    counts = Counter(item.name for item in items)
     return {
-        item: item.name if item.name and counts[item.name] == 1 else f"body {place}"
-        for place, item in enumerate(bodies)
+        item: item.name if item.name and counts[item.name] == 1 else f"{kind} {place}"
+        for place, item in enumerate(items)
     }
 
 
@@ -75,5 +83,8 @@ def _digest(plan: StepPlan, start: Start) -> str:
     """Digest of a model as it is."""
     contacts = plan.contacts
     blocks = [*contacts.own, *contacts.fields, *contacts.core.values(), start.q, start.v]
+    if (friction := contacts.friction) is not None:
+        laws = [0.0 if law is None else (law.static, law.kinetic, law.decay or 0.0) for law in friction.laws]
+        blocks += [*friction.rows, *friction.ways, friction.tangents, *friction.flexibilities, *map(np.array, laws)]
     whole = np.concatenate([np.ravel(part) for part in (*plan.bodies, *contacts.rows, *blocks)])
-    return digest({"numbers": whole, "contacts": contacts.names})
+    return digest({"numbers": whole, "contacts": contacts.all_names})

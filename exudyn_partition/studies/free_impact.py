@@ -83,7 +83,7 @@ def free_impact(
     PartitionWarning
         As the last of its runs does; shorter ones are not told of.
     """
-    compiled, found = not point.friction and largest_turn > 0.0, dict[str, float]()
+    compiled, found = largest_turn > 0.0, dict[str, float]()
     for again in range(_TWICE + 1):
         lasts = duration * 2**again
         with warnings.catch_warnings(record=True) as caught:

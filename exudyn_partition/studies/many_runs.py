@@ -34,7 +34,7 @@ from .variations import Variations, Vary
 from .varied_model import VariedModel
 
 HISTORIES = ("force", "coordinates")
-OF_CONTACTS = "peak", "impulse", "duration", "counts", "restitution", "stored"
+OF_CONTACTS = "peak", "impulse", "duration", "counts", "restitution", "stored", "dissipated"
 _MOST = 0.5  # share of the free memory that histories may take
 
 
@@ -62,11 +62,13 @@ class ManyRuns:
         Number of times of contact.
     restitution : (B, nc) array
         Speed of separation at the end of the entry over that of approach at its start, of rigid bodies with the same
-        momenta, at the centre of the largest force along the impulse. It is nan without contact.
+        momenta, at the centre of the largest force along the impulse of the normal forces. It is nan without contact.
     energy : (B, 2, nb) array
         Kinetic and strain energy of each body at start and end [J].
     stored : (B, nc) array
         Energy that contacts store at the end [J].
+    dissipated : (B, nc) array
+        Energy that friction has taken by then [J].
     momentum : (B, 2, nb, 3) array
         Linear momentum of each body at start and end [N s].
     force : (B, nc, n) array or None
@@ -88,6 +90,7 @@ class ManyRuns:
     restitution: Array
     energy: Array
     stored: Array
+    dissipated: Array
     momentum: Array
     force: Array | None
     q: Array | None
@@ -128,7 +131,7 @@ def run_many(
         The model, assembled.
     end_time : float
         Time at which all runs end [s]; they begin at zero.
-    vary : dict of PartitionBody to dict of str to array
+    vary : dict of PartitionBody or PartitionContact to dict of str to array
         For each body, arrays of B values by name; what is not there is as in the model:
 
         - "initialVelocity", "initialAngularVelocity", (B, 3) [m/s, rad/s]: as of `CreatePartitionBody`;
@@ -137,6 +140,8 @@ def run_many(
         - "damping", (B,) or (B, k): ratio of all modes, or of each of the k elastic modes;
         - "E", "rho", (B,) [Pa, kg/m3]: of the body's one material, without a new reduction. Shapes stay, stiffness goes
           with E, mass with rho, the contact's flexibility with 1 / E, and ratios of damping stay.
+
+        For a contact that has friction, "friction", (B,): the coefficient, the same in stick and slip.
     step : float, optional
         Time step of all runs [s]. Default: that of `solve_dynamic` for the model as it is, or 0.9 of the smallest
         stability limit of the entries, if that is less.
@@ -173,7 +178,7 @@ def run_many(
     kept = _validated(histories)
     workers = validate_integer("workers", workers, least=1)
     bodies, contacts = partition_items(mbs)
-    model = VariedModel.of(mbs, end_time, step, Variations.checked(vary, bodies), progress)
+    model = VariedModel.of(mbs, end_time, step, Variations.checked(vary, bodies, contacts), progress)
     room = _Room.of(model.variations.count, model, bodies, contacts, kept)
     measures = Measures(model.places, model.contacts, model.gaps, model.variations, room.t)
     with contextlib.ExitStack() as stack:

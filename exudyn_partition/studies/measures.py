@@ -59,7 +59,10 @@ class Measures:
             "counts": np.array([float(len(of_contact)) for of_contact in spans]),
             "restitution": np.array([self._restitution(j, made) for j in range(len(force))]),
             "stored": made.end_stored,
+            "dissipated": np.zeros(len(force)),
         }
+        if made.friction.shape[1]:
+            found["dissipated"][-made.friction.shape[1] :] = made.friction[-1, :, 5]
         energy = np.array([self._energies(bodies, state) for state in (made.start, made.end)])
         momentum = np.array([self._momenta(entry, state) for state in (made.start, made.end)])
         return found, energy, momentum
@@ -79,7 +82,7 @@ class Measures:
     def _restitution(self, j: int, made: Histories) -> float:
         """See `ManyRuns`."""
         contact, rows = self._contacts[j], self._gaps[j]
-        impulse = np.trapezoid(made.values[:, j, 2:5], self._t[: made.made + 1], axis=0)
+        impulse = np.trapezoid(self._normal_forces(j, made), self._t[: made.made + 1], axis=0)
         if not (size := np.linalg.norm(impulse)):
             return np.nan
         normal = impulse / size
@@ -96,6 +99,13 @@ class Measures:
 
         before = separation(made.start)
         return -separation(made.end) / before if before else np.nan
+
+    @staticmethod
+    def _normal_forces(j: int, made: Histories) -> Array:
+        """Resultant of the normal forces of a contact, (n, 3) [N]."""
+        place = j - made.values.shape[1] + made.friction.shape[1]  # contacts with friction come last
+        resultant: Array = made.values[:, j, 2:5]
+        return resultant if place < 0 else resultant - made.friction[:, place, :3]
 
     def _energies(self, bodies: Bodies, state: Start) -> list[float]:
         """Kinetic and strain energy of each body [J]."""

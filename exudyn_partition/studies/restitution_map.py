@@ -49,8 +49,8 @@ def restitution_map(
     without gravity. Each impact is watched until no vibration can close the contact again.
 
     Impacts in which bodies hardly turn are run by compiled steps in frames that do not move, in a quarter of the time,
-    where these hold the impact: without friction and plastic flow, and as long as pairs of patches do not slide in
-    contact. The others are run by Exudyn in floating frames. `info["compiled"]` of the map says which are which.
+    where these hold the impact: without plastic flow, and as long as pairs of patches do not slide in contact. The
+    others are run by Exudyn in floating frames. `info["compiled"]` of the map says which are which.
 
     Parameters
     ----------

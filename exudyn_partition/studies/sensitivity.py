@@ -133,7 +133,8 @@ def sensitivity(
         If the step is above the stability limit.
     """
     validate_model(mbs)
-    check_held(mbs)
+    frictional = [contact.name for contact in partition_items(mbs)[1] if contact.mechanics.friction is not None]
+    check_held(mbs, [f"contact {name!r} has friction, which has no derivatives yet" for name in frictional])
     validate_choice("of", of, NUMBERS)
     bodies, contacts = partition_items(mbs)
     expected = contacts if of in OF_CONTACT else bodies
@@ -193,7 +194,7 @@ def _variations(values: object, bodies: Sequence[PartitionBody]) -> Variations:
             f"values: expected a dict of body: dict of name: value, such as {{beam: {{'E': 2e11}}}}, got {values!r:.60}"
         )
     entry = {item: {name: [value] for name, value in of_body.items()} for item, of_body in values.items()}
-    return Variations.checked(entry, bodies, "values")
+    return Variations.checked(entry, bodies, argument="values")
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..algebra.complementarity import regularised
+from ..algebra.coulomb import Coulomb
 from ..compiled.plan import Bodies, FrozenPlan, StepPlan
 from ..compiled.run import Start
-from ..contact.gaps import Gaps
+from ..contact.normal_rows import NormalRows
+from ..contact.tangential import TangentialRows
 from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
@@ -24,7 +26,7 @@ VECTORS = ("initialVelocity", "initialAngularVelocity", "referencePosition", "gr
 POSITIVE = ("E", "rho")
 QUANTITIES = (*VECTORS, "damping", *POSITIVE)
 
-Vary = Mapping[PartitionBody, Mapping[str, Array]]
+Vary = Mapping[PartitionBody | PartitionContact, Mapping[str, Array]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +39,22 @@ class Variations:
         Number of entries, B.
     values : dict of PartitionBody to dict of str to (B,) or (B, 3) array
         By body and name, see `run_many`; damping of each mode is (B, k).
+    friction : dict of PartitionContact to (B,) array
+        Coefficients of friction of some contacts.
     """
 
     count: int
     values: Mapping[PartitionBody, Mapping[str, Array]]
+    friction: Mapping[PartitionContact, Array] = field(default_factory=dict)
 
     @classmethod
-    def checked(cls, vary: object, bodies: Sequence[PartitionBody], argument: str = "vary") -> Variations:
+    def checked(
+        cls,
+        vary: object,
+        bodies: Sequence[PartitionBody],
+        contacts: Sequence[PartitionContact] = (),
+        argument: str = "vary",
+    ) -> Variations:
         """Check what the user gives as an argument.
 
         Raises
@@ -55,8 +66,13 @@ class Variations:
         if not isinstance(vary, Mapping) or not vary:
             raise InputError(f"{expected}, got {'an empty one' if vary == {} else type(vary).__name__}")
         found: dict[PartitionBody, dict[str, Array]] = {}
+        friction: dict[PartitionContact, Array] = {}
         count = None
         for item, of_body in vary.items():
+            if item in contacts:
+                friction[item] = _checked_friction(item, of_body, argument, count)
+                count = len(friction[item])
+                continue
             if item not in bodies:
                 raise InputError(f"{expected}, got the key {item!r:.60}, which is no body of this model")
             if not isinstance(of_body, Mapping) or not of_body:
@@ -74,7 +90,7 @@ class Variations:
                 found[item][name], count = array, len(array)
             _check_material(item, found[item], argument)
         assert count is not None
-        return cls(count, found)
+        return cls(count, found, friction)
 
     def of(self, item: PartitionBody, name: str, entry: int) -> Array | None:
         """Value of an entry, (3,), (k,) or (); None if it does not vary."""
@@ -87,6 +103,23 @@ class Variations:
         if value is None or item.body.material is None:
             return 1.0
         return float(value / getattr(item.body.material, name))
+
+
+def _checked_friction(contact: PartitionContact, given: object, argument: str, count: int | None) -> Array:
+    """Coefficients of friction of a contact, (B,)."""
+    if not isinstance(given, Mapping) or [*given] != ["friction"]:
+        raise InputError(f"{argument}: for contact {contact.name!r} expected {{'friction': array}}, got {given!r:.60}")
+    if contact.mechanics.friction is None:
+        raise InputError(
+            f"{argument}: contact {contact.name!r} has no friction in the model; create it with friction=, whose "
+            "coefficient then varies"
+        )
+    coefficients = validate_array(f"{argument}: friction", given["friction"], (count,))
+    if not len(coefficients):
+        raise InputError(f"{argument}: friction has no entries; expected at least one")
+    for coefficient in (coefficients.min(), coefficients.max()):
+        Coulomb(float(coefficient))  # which checks it
+    return coefficients
 
 
 def _shape(item: PartitionBody, name: str, value: object, count: int | None) -> tuple[int | None, ...]:
@@ -121,7 +154,7 @@ class Entries:
         Numbers of the coordinates of each body.
     contacts : sequence of PartitionContact
         In the order of the plan.
-    gaps : sequence of Gaps
+    rows : sequence of NormalRows or TangentialRows
         Of these contacts at the start.
     variations : Variations
     """
@@ -132,12 +165,12 @@ class Entries:
         start: Start,
         places: Mapping[PartitionBody, Array],
         contacts: Sequence[PartitionContact],
-        gaps: Sequence[Gaps],
+        rows: Sequence[NormalRows | TangentialRows],
         variations: Variations,
     ) -> None:
         self._plan, self._start, self._places, self._contacts = plan, start, places, contacts
-        self._gaps, self._variations = gaps, variations
-        if self._differ() and plan.contacts.core:
+        self._rows, self._variations = rows, variations
+        if self._differ() and _move_each_other(plan.contacts):
             raise InputError(
                 "vary: E of bodies whose contacts move each other through them: give each body the same factor of E "
                 "in an entry, or run entries by solve_dynamic"
@@ -165,18 +198,21 @@ class Entries:
 
     def contacts(self, entry: int) -> FrozenPlan:
         """Contacts of an entry, whose flexibility goes with 1 / E of each body."""
-        contacts, factors = self._plan.contacts, dict(zip(self._places, self.flexibility_key(entry), strict=True))
-        if all(factor == 1.0 for factor in factors.values()):
+        contacts, key = self._plan.contacts, self.flexibility_key(entry)
+        if all(factor == 1.0 for factor in key):
             return contacts
-        if contacts.core:
-            factor = next(iter(factors.values()))
-            core = {pair: block / factor for pair, block in contacts.core.items()}
-            return replace(contacts, own=tuple(F / factor for F in contacts.own), core=core)
-        own = []
+        if _move_each_other(contacts):  # then all factors are the same
+            core = {pair: block / key[0] for pair, block in contacts.core.items()}
+            friction = contacts.friction and contacts.friction.softened(
+                [F / key[0] for F in contacts.friction.flexibilities]
+            )
+            return replace(contacts, own=tuple(F / key[0] for F in contacts.own), core=core, friction=friction)
+        factors, parts = dict(zip(self._places, key, strict=True)), list[Array]()
         for contact, sides in zip(self._contacts, self._sides, strict=True):
-            parts = [F / factors[item] for (item, _), F in zip(contact.sides, sides, strict=True)]
-            own.append(regularised(np.sum(parts, axis=0)))
-        return replace(contacts, own=tuple(own))
+            parts.append(np.sum([F / factors[item] for (item, _), F in zip(contact.sides, sides, strict=True)], axis=0))
+        n = len(contacts.names)
+        friction = contacts.friction and contacts.friction.softened(parts[n:])
+        return replace(contacts, own=tuple(map(regularised, parts[:n])), friction=friction)
 
     @cached_property
     def of_ratio_one(self) -> dict[PartitionBody, Array]:
@@ -185,8 +221,8 @@ class Entries:
 
     @cached_property
     def _sides(self) -> list[list[Array]]:
-        """Flexibility of each side at the rows of each contact, (nr, nr) [m/N]."""
-        return [[gaps.side_flexibility(place) for place in range(len(gaps.sides))] for gaps in self._gaps]
+        """Flexibility of each side at the rows of each contact, (d nr, d nr) [m/N]."""
+        return [[rows.side_flexibility(place) for place in range(len(rows.gaps.sides))] for rows in self._rows]
 
     def plan(self, entry: int, contacts: FrozenPlan) -> StepPlan:
         """Plan of an entry with its contacts.
@@ -208,7 +244,16 @@ class Entries:
             before = np.zeros(len(dofs)) if item.weight is None else item.weight
             after = before if gravity is None else item.kinematics.weight(gravity)
             bodies.load[dofs] += rho * after - before
-        return StepPlan(bodies, contacts)
+        return StepPlan(bodies, self._with_friction(entry, contacts))
+
+    def _with_friction(self, entry: int, contacts: FrozenPlan) -> FrozenPlan:
+        """Contacts with the coefficients of an entry."""
+        coefficients = self._variations.friction
+        if contacts.friction is None or not coefficients:
+            return contacts
+        with_friction = self._contacts[len(contacts.names) :]
+        mu = [float(coefficients[one][entry]) if one in coefficients else None for one in with_friction]
+        return replace(contacts, friction=contacts.friction.with_coefficients(mu))
 
     def start(self, entry: int) -> Start:
         """Start of an entry."""
@@ -224,6 +269,12 @@ class Entries:
             parts = (motion[:3] if velocity is None else velocity), (motion[3:] if turning is None else turning)
             v[dofs] = item.body.rigid @ np.concatenate(parts)
         return Start(q, v)
+
+
+def _move_each_other(contacts: FrozenPlan) -> bool:
+    """Whether contacts move each other through their bodies."""
+    friction = contacts.friction
+    return bool(contacts.core) or (friction is not None and len(friction.groups) <= len(friction.names))
 
 
 def damping_power(ratios: Ratios | None) -> tuple[float, float]:

@@ -61,8 +61,9 @@ class VariedModel:
         times = _times(mbs, end_time, step, bodies, variations, progress)
         hold_damping(mbs)
         groups, planned = at_start(contacts), [contact for group in in_groups(contacts) for contact in group]
-        places, gaps = {item: dofs_of(mbs, item) for item in bodies}, [one.gaps for _, some in groups for one in some]
-        entries = Entries(read_plan(mbs, groups), initial_start(mbs), places, planned, gaps, variations)
+        places, members = {item: dofs_of(mbs, item) for item in bodies}, [one for _, some in groups for one in some]
+        rows, gaps = [one.rows for one in members], [one.gaps for one in members]
+        entries = Entries(read_plan(mbs, groups), initial_start(mbs), places, planned, rows, variations)
         return cls(places, planned, gaps, variations, times, entries)
 
 

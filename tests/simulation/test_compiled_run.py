@@ -28,6 +28,18 @@ def marble():
     return ep.reduce(fem, patches[0] | patches[1], f_cut=200e3)
 
 
+@pytest.fixture(scope="module")
+def rough():
+    """A smaller marble with patches that carry friction, each with dozens of rows in contact."""
+    fem = ep.fe_model(
+        occ.Sphere(occ.Pnt(0, 0, 0), R), ep.STEEL, maxh=4e-3, grading=0.6,
+        refine=[ep.Refine(p, 0.4e-3, 0.12e-3) for p in ((0, 0, -R), (0, 0, R))],
+    )  # fmt: skip
+    ends = (-R, "south"), (R, "north")
+    patches = [ep.Partition.ball(fem, (0, 0, z), 0.3e-3, name=name, axes="xyz") for z, name in ends]
+    return ep.reduce(fem, patches[0] | patches[1], f_cut=300e3)
+
+
 def fall(marble, *, along=0.0, friction=None, loaded=False, **options):
     """A marble that falls on a plane; `loaded`: also pushed by a load on a coordinate."""
     mbs = exu.SystemContainer().AddSystem()
@@ -41,7 +53,7 @@ def fall(marble, *, along=0.0, friction=None, loaded=False, **options):
     return mbs, [ball], [contact]
 
 
-def in_a_row(marble, count=3, *, along=0.0, **options):
+def in_a_row(marble, count=3, *, along=0.0, frictions=(None,) * 3, **options):
     """Marbles in a row, the last of which hits the others: contacts that move each other."""
     mbs, balls = exu.SystemContainer().AddSystem(), []
     for i in range(count):
@@ -50,21 +62,23 @@ def in_a_row(marble, count=3, *, along=0.0, **options):
         balls.append(ep.CreatePartitionBody(mbs, marble, name=str(i), **place, **options))
     patches = {"slavePatch": "south", "masterPatch": "north"}
     contacts = [
-        ep.CreatePartitionContact(mbs, balls[i + 1], balls[i], name=f"contact {i}", **patches) for i in range(count - 1)
+        ep.CreatePartitionContact(mbs, balls[i + 1], balls[i], name=f"contact {i}", friction=frictions[i], **patches)
+        for i in range(count - 1)
     ]
     mbs.Assemble()
     return mbs, balls, contacts
 
 
-def two_pairs(marble):
+def two_pairs(marble, *, along=0.0, frictions=(None, None)):
     """Two pairs of marbles that know nothing of each other."""
     mbs, balls, contacts = exu.SystemContainer().AddSystem(), [], []
     for i, speed in enumerate((0.5, 1.5)):
         for z, velocity in ((0.0, 0.0), (2 * R + 1e-7, -speed)):
-            at = {"referencePosition": [4 * R * i, 0, z], "initialVelocity": [0, 0, velocity]}
+            at = {"referencePosition": [4 * R * i, 0, z], "initialVelocity": [-along * velocity, 0, velocity]}
             balls.append(ep.CreatePartitionBody(mbs, marble, name=f"{i} {z:.0e}", **at))
         patches = {"slavePatch": "south", "masterPatch": "north"}
-        contacts.append(ep.CreatePartitionContact(mbs, balls[-1], balls[-2], name=f"pair {i}", **patches))
+        rub = {"friction": frictions[i], "name": f"pair {i}"}
+        contacts.append(ep.CreatePartitionContact(mbs, balls[-1], balls[-2], **rub, **patches))
     mbs.Assemble()
     return mbs, balls, contacts
 
@@ -80,10 +94,25 @@ SCENES = {
 }
 
 
+SWINGING = {"gravity": [6e4, 2e4, -2e4], "initialVelocity": [-0.15, 0.1, -1.0]}  # the ball turns round in contact
+ROUGH = {
+    "sliding": lambda m: fall(m, along=1.0, friction=0.2),
+    "turning round": lambda m: fall(m, friction=0.3, damping=0.02, **SWINGING),
+    "falling coefficient": lambda m: fall(m, along=0.3, friction=ep.Coulomb(0.5, 0.2, 0.1)),
+    "falling at once": lambda m: fall(m, along=0.3, friction=ep.Coulomb(0.5, 0.2)),
+    "spinning": lambda m: fall(m, along=0.1, friction=0.4, initialAngularVelocity=[100.0, 50.0, 900.0]),
+    "two": lambda m: in_a_row(m, 2, along=0.05, frictions=[0.3]),
+    "three": lambda m: in_a_row(m, 3, along=0.02, frictions=[0.3, 0.3], damping=0.02),
+    "some without": lambda m: in_a_row(m, 4, along=0.02, frictions=[None, 0.2, None]),
+    "two pairs": lambda m: two_pairs(m, along=0.02, frictions=[0.3, None]),
+    "two rough pairs": lambda m: two_pairs(m, along=0.02, frictions=[0.3, 0.1]),
+}
+
+
 def assert_same(one, other, bodies, contacts):
     """Two results of the same model say the same."""
     assert (one.status, one.message, one.steps, one.step) == (other.status, other.message, other.steps, other.step)
-    np.testing.assert_array_equal(one.t, other.t)
+    np.testing.assert_allclose(one.t, other.t, rtol=1e-14)
     assert one.sensors.keys() == other.sensors.keys()
     for number, right in one.sensors.items():
         finite = np.isfinite(right)
@@ -115,6 +144,85 @@ def test_equal_to_exudyn(marble, scene):
     right = ep.solve_dynamic(mbs, end_time=END)
     assert all(contact.force(right).any() for contact in contacts)
     assert_same(right, ep.solve_dynamic(mbs, end_time=END, solver="compiled"), bodies, contacts)
+
+
+@pytest.mark.parametrize("scene", ROUGH)
+def test_friction_is_equal_to_exudyn(rough, scene):
+    mbs, bodies, contacts = ROUGH[scene](rough)
+    right = ep.solve_dynamic(mbs, end_time=END)
+    found = ep.solve_dynamic(mbs, end_time=END, solver="compiled")
+    assert any(contact.force(right).any() for contact in contacts)
+    assert_same(right, found, bodies, contacts)
+    for contact in contacts:
+        if not contact.friction:
+            continue
+        for name in ("tangential_force", "row_forces", "slip_path", "work"):
+            value = getattr(contact.friction, name)(right)
+            error = abs(getattr(contact.friction, name)(found) - value).max()
+            scale = abs(contact.energy(right)).max() if name == "work" else abs(value).max()
+            assert error <= CLOSE * scale
+        np.testing.assert_array_equal(contact.friction.states(found), contact.friction.states(right))
+
+
+def test_rows_stick_slip_and_turn_round(rough):
+    """The scenes above have all that friction can do; what it takes leaves the bodies."""
+    mbs, [ball], [contact] = ROUGH["turning round"](rough)
+    result = ep.solve_dynamic(mbs, end_time=END, solver="compiled")
+    assert {0, 1, 2} == set(contact.friction.states(result).ravel())
+    force = contact.friction.tangential_force(result)[:, 0]
+    assert force.min() < -0.1 * force.max() < 0.0
+    mbs, [ball], [contact] = ROUGH["sliding"](rough)
+    result = ep.solve_dynamic(mbs, end_time=END, solver="compiled")
+    work = contact.friction.work(result)
+    energy = ball.energy(result) + contact.energy(result) + work
+    assert work[-1] > 0.02 * energy[0]
+    assert (np.diff(work) >= -1e-12 * work[-1]).all()
+    np.testing.assert_allclose(energy, energy[0], rtol=2e-3)
+    slid = abs(contact.friction.tangential_force(result)[:, 0]) / np.maximum(contact.force(result), 1e-300)
+    assert slid.max() == pytest.approx(0.2, rel=0.01)
+    assert slid.max() <= 0.2 * (1 + CLOSE)
+
+
+def test_adaptive_steps_with_friction(rough):
+    mbs, _, contacts = fall(rough, along=0.3, gravity=[1e4, 0, -4e4], damping=0.02, friction=0.2)
+    options = {"end_time": 100e-6, "step": 0.2e-6, "adaptive": True}
+    right, found = (ep.solve_dynamic(mbs, solver=name, **options) for name in ("exudyn", "compiled"))
+    assert_adaptive_same(right, found, contacts)
+
+
+@pytest.mark.parametrize("later", ["exudyn", "compiled"])
+@pytest.mark.parametrize("first", ["exudyn", "compiled"])
+def test_runs_with_friction_go_on(rough, first, later, tmp_path):
+    """Rows go on with their forces, slip and what friction has taken; also from a file."""
+    step = {"step": 0.1e-6}
+    whole_model, model, read = (ROUGH["turning round"](rough) for _ in range(3))
+    whole = ep.solve_dynamic(whole_model[0], end_time=END, **step)
+    first_part = ep.solve_dynamic(model[0], end_time=12e-6, solver=first, **step)
+    first_part.save(tmp_path / "cut.npz")
+    results = [
+        ep.solve_dynamic(mbs, end_time=END, solver=later, go_on=go_on, **step)
+        for mbs, go_on in ((model[0], True), (read[0], ep.Result.load(tmp_path / "cut.npz", read[0])))
+    ]
+    right, [of_whole] = whole.at(whole.t[120:]), whole_model[2]
+    for result, [contact] in zip(results, (model[2], read[2]), strict=True):
+        for name in ("tangential_force", "work"):
+            value = getattr(of_whole.friction, name)(right)
+            found = getattr(contact.friction, name)(result)
+            np.testing.assert_allclose(found, value, rtol=0, atol=CLOSE * abs(value).max())
+        path = of_whole.friction.slip_path(whole)
+        np.testing.assert_allclose(contact.friction.slip_path(result), path, rtol=0, atol=CLOSE * path.max())
+
+
+@pytest.mark.parametrize("scene", ["turning round", "three"])
+def test_friction_by_numpy_is_the_same(rough, scene):
+    def forces():
+        mbs, _, contacts = ROUGH[scene](rough)
+        result = ep.solve_dynamic(mbs, end_time=6e-6, step=0.1e-6, solver="compiled")
+        return np.array([contact.friction.tangential_force(result) for contact in contacts])
+
+    compiled, plain = each_way(forces)
+    assert compiled.any()
+    np.testing.assert_allclose(plain, compiled, rtol=0, atol=CLOSE * abs(compiled).max())
 
 
 def test_rare_samples(marble):
@@ -315,22 +423,9 @@ def test_all_reasons_are_listed(marble):
         assert part in said
 
 
-@pytest.mark.parametrize(
-    ("options", "reason"),
-    [
-        ({"damping": ep.Rayleigh(0.0, 2e-7)}, "'floor' has a viscous flexibility"),
-        ({"gravity": [0, 0, -1.0], "friction": 0.3}, "friction"),
-    ],
-)
-def test_a_single_reason(marble, options, reason):
-    if options.pop("friction", None):  # bodies need tangential flexibility for it
-        pytest.importorskip("netgen")
-        fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), ep.STEEL, maxh=5e-3)
-        part = ep.Partition.ball(fem, (0, 0, -R), 2.5e-3, name="south", axes="xyz")
-        mbs, _, _ = fall(ep.reduce(fem, part, f_cut=100e3), friction=0.3, **options)
-    else:
-        mbs, _, _ = fall(marble, **options)
-    with pytest.raises(CompiledRunError, match=reason):
+def test_a_single_reason(marble):
+    mbs, _, _ = fall(marble, damping=ep.Rayleigh(0.0, 2e-7))
+    with pytest.raises(CompiledRunError, match="'floor' has a viscous flexibility"):
         ep.solve_dynamic(mbs, end_time=END, solver="compiled")
 
 

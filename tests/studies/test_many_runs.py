@@ -35,17 +35,28 @@ def marble():
     return reduced(STEEL)
 
 
-def fall(marble, **options):
+@pytest.fixture(scope="module")
+def rough():
+    """A marble whose patches carry friction."""
+    refine = [ep.Refine(p, 0.5e-3, 0.2e-3) for p in ((0, 0, -R), (0, 0, R))]
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), STEEL, maxh=4e-3, refine=refine, grading=0.6)
+    ends = (-R, "south"), (R, "north")
+    patches = [ep.Partition.ball(fem, (0, 0, z), 0.5e-3, name=name, axes="xyz") for z, name in ends]
+    return ep.reduce(fem, patches[0] | patches[1], f_cut=200e3)
+
+
+def fall(marble, *, friction=None, **options):
     """A marble that falls on a plane."""
     mbs = exu.SystemContainer().AddSystem()
     at = {"referencePosition": [0, 0, R + 1e-6], "initialVelocity": [0, 0, -1.0]}
     ball = ep.CreatePartitionBody(mbs, marble, name="ball", **(at | options))
-    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="south", name="floor")
+    rub = {"friction": friction, "name": "floor"}
+    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="south", **rub)
     mbs.Assemble()
     return mbs, [ball], [contact]
 
 
-def in_a_row(marbles, speed=0.5, aside=0.0):
+def in_a_row(marbles, speed=0.5, aside=0.0, friction=None):
     """Marbles in a row, the last of which hits the others."""
     mbs, balls = exu.SystemContainer().AddSystem(), []
     for i, marble in enumerate(marbles):
@@ -54,6 +65,7 @@ def in_a_row(marbles, speed=0.5, aside=0.0):
         balls.append(ep.CreatePartitionBody(mbs, marble, name=str(i), **place))
     patches = {"slavePatch": "south", "masterPatch": "north"}
     pairs = zip(balls[1:], balls[:-1], strict=True)
+    patches["friction"] = friction
     contacts = [ep.CreatePartitionContact(mbs, *pair, name=f"contact {i}", **patches) for i, pair in enumerate(pairs)]
     mbs.Assemble()
     return mbs, balls, contacts
@@ -163,6 +175,7 @@ def same_bits(one, other, entries):
         "restitution",
         "energy",
         "stored",
+        "dissipated",
         "momentum",
         "force",
     ):
@@ -190,6 +203,77 @@ def test_a_single_compiled_run_has_these_bits(marble):
         np.testing.assert_array_equal(runs.q[entry], ball.coordinates(result))
         np.testing.assert_array_equal(runs.q_t[entry], ball.coordinates_t(result))
     np.testing.assert_allclose(runs.t, result.t, rtol=0, atol=1e-18)
+
+
+ASIDE = {"initialVelocity": [0.5, 0.0, -1.0]}
+
+
+def test_friction_varies(rough):
+    """Each entry is the run of its own model, and has the same bits whatever the others are."""
+    mbs, [ball], [contact] = fall(rough, friction=ep.Coulomb(0.3, 0.1), **ASIDE)
+    mu, E = np.array([0.05, 0.2, 0.4]), STEEL.E * np.array([1.0, 0.8, 0.8])
+    vary = {contact: {"friction": mu}, ball: {"E": E}}
+    runs = many(mbs, vary)
+    for some in ([2], [1, 0], [2, 1, 0]):
+        part = {contact: {"friction": mu[some]}, ball: {"E": E[some]}}
+        same_bits(many(mbs, part, workers=len(some)), runs, some)
+    right = fall(rough, friction=mu[0], **ASIDE)
+    result = ep.solve_dynamic(right[0], end_time=END, step=STEP)
+    force = right[2][0].force(result)
+    np.testing.assert_allclose(runs.force[0, 0], force, rtol=0, atol=CLOSE * force.max())
+    assert runs.dissipated[0, 0] == pytest.approx(right[2][0].friction.work(result)[-1], rel=CLOSE)
+    start, end = runs.energy.sum(axis=2).T
+    np.testing.assert_allclose(runs.dissipated[:, 0], start - end - runs.stored[:, 0], rtol=0, atol=2e-3 * start[0])
+    assert (np.diff(runs.dissipated[:, 0]) != 0.0).all()
+
+
+def test_friction_of_the_model_is_kept_where_it_does_not_vary(rough):
+    mbs, [ball], [contact] = fall(rough, friction=0.3, **ASIDE)
+    result = ep.solve_dynamic(mbs, end_time=END, step=STEP, solver="compiled")
+    runs = many(mbs, {ball: {"gravity": np.zeros((2, 3))}})
+    np.testing.assert_array_equal(runs.force[1, 0], contact.force(result))
+    assert runs.dissipated[1, 0] == contact.friction.work(result)[-1]
+
+
+def test_stiffness_of_rough_marbles_that_move_each_other_varies(rough):
+    """With E and rho by the same factor, bodies move the same, and all forces go with it."""
+    mbs, balls, _ = in_a_row([rough] * 3, aside=0.02, friction=0.2)
+    vary = {item: {"E": STEEL.E * np.array([1.0, 0.5]), "rho": STEEL.rho * np.array([1.0, 0.5])} for item in balls}
+    runs = many(mbs, vary)
+    np.testing.assert_allclose(runs.force[1], 0.5 * runs.force[0], rtol=0, atol=1e-9 * runs.force[0].max())
+    with pytest.raises(InputError, match="E of bodies whose contacts move each other"):
+        many(mbs, {balls[0]: {"E": [1e11]}})
+
+
+def test_entries_with_friction_go_on_in_a_file(rough, tmp_path):
+    mbs, _, [contact] = fall(rough, friction=0.3, **ASIDE)
+    options = {"file": tmp_path / "runs.jsonl", "histories": ()}
+    first = many(mbs, {contact: {"friction": [0.1]}}, **options)
+    both = many(mbs, {contact: {"friction": [0.1, 0.2]}}, **options)
+    assert both.dissipated[0] == first.dissipated[0]
+    assert both.dissipated[1] != first.dissipated[0]
+    assert {"floor.friction": 0.2} in ep.Study.load(options["file"]).parameters
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"E": [1.0]}, "for contact 'floor' expected {'friction': array}"),
+        ({"friction": [-0.1]}, "expected a coefficient of friction, 0 to 10"),
+        ({"friction": []}, "friction has no entries"),
+        ({"friction": 0.3}, "friction"),
+    ],
+)
+def test_wrong_frictions(rough, given, said):
+    mbs, _, [contact] = fall(rough, friction=0.3)
+    with pytest.raises(InputError, match=said):
+        many(mbs, {contact: given})
+
+
+def test_friction_of_a_contact_without(marble):
+    mbs, _, [contact] = fall(marble)
+    with pytest.raises(InputError, match="contact 'floor' has no friction in the model; create it with friction="):
+        many(mbs, {contact: {"friction": [0.3]}})
 
 
 def test_failures_are_entries(marble):

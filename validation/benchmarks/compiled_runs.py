@@ -1,13 +1,14 @@
-"""Compiled runs beside Exudyn's: README's two balls, one run and many, and the wait for the compiler.
+"""Compiled runs beside Exudyn's: README's two balls, without friction and with it, and the wait for the compiler.
 
 Reference: `solve_dynamic` by Exudyn, of the same 500 steps. Quantity: processor time of one process and one thread, the
 least of five repetitions, over that of the reference: of `solve_dynamic(solver="compiled")`, with all its checks and
 reviews; of its steps alone, `compiled.run.run`, which keep all samples and forces on rows; and of an entry of
-`run_many` with 64 speeds. Also the largest difference of the force, over the largest force.
+`run_many` with 64 speeds. Also the largest difference of the force, over the largest force. With friction, the balls
+have coarser patches of some 60 rows, and one flies aside, so that rows stick and slip.
 The wait for the compiler: processor time of a new process that loads the balls from files, makes the model and runs it
 compiled, without compiled code on disk, and with it.
-Limits: the steps alone take at most 0.25 of the reference, an entry of `run_many` 0.25, a compiled run 0.9; the
-difference is at most 1e-9.
+Limits: the steps alone take at most 0.25 of the reference, an entry of `run_many` 0.25, a compiled run 0.9, with
+friction 0.25, 0.25 and 0.6; differences are at most 1e-9.
 
     python -m validation.benchmarks.compiled_runs
 """
@@ -35,24 +36,28 @@ from validation.contact import scenes
 
 R, SPEED, END, STEP, MANY, REPETITIONS = 0.010, 0.5, 100e-6, 2e-7, 64, 5
 LIMITS = {"steps": 0.25, "many": 0.25, "compiled": 0.9, "difference": 1e-9}
+LIMITS |= {"rough_steps": 0.25, "rough_many": 0.25, "rough_compiled": 0.6, "rough_difference": 1e-9}
+FRICTION, ASIDE = 0.3, 0.03  # of SPEED
 
 
-def balls():
-    """Both balls, reduced, as in the README."""
+def balls(*, rough=False):
+    """Both balls, reduced, as in the README; `rough`: for friction, with coarser patches."""
+    h, axes = (0.18e-3, "xyz") if rough else (0.1e-3, "normal")
     bodies = []
     for side in (1, -1):
         ball = occ.Sphere(occ.Pnt(0, 0, side * R), R)
-        fem = ep.fe_model(ball, ep.STEEL, maxh=3e-3, refine=[ep.Refine((0, 0, 0), radius=0.3e-3, h=0.1e-3)])
-        part = ep.Partition.ball(fem, center=(0, 0, 0), radius=0.5e-3 if side == 1 else 0.7e-3)
+        fem = ep.fe_model(ball, ep.STEEL, maxh=3e-3, refine=[ep.Refine((0, 0, 0), radius=0.3e-3, h=h)])
+        part = ep.Partition.ball(fem, center=(0, 0, 0), radius=0.5e-3 if side == 1 else 0.7e-3, axes=axes)
         bodies.append(ep.reduce(fem, part, f_cut=200e3))
     return bodies
 
 
-def model(bodies):
+def model(bodies, *, rough=False):
     """Model of their impact: the ball that flies, and the contact."""
-    mbs = exu.SystemContainer().AddSystem()
-    upper = ep.CreatePartitionBody(mbs, bodies[0], name="upper", initialVelocity=[0, 0, -SPEED])
-    contact = ep.CreatePartitionContact(mbs, upper, ep.CreatePartitionBody(mbs, bodies[1], name="lower"))
+    mbs, velocity = exu.SystemContainer().AddSystem(), [SPEED * ASIDE * rough, 0, -SPEED]
+    upper = ep.CreatePartitionBody(mbs, bodies[0], name="upper", initialVelocity=velocity)
+    lower = ep.CreatePartitionBody(mbs, bodies[1], name="lower")
+    contact = ep.CreatePartitionContact(mbs, upper, lower, friction=FRICTION if rough else None)
     mbs.Assemble()
     return mbs, upper, contact
 
@@ -93,11 +98,11 @@ def waits(bodies):
 
 
 @one_blas_thread()
-def times(bodies):
+def times(bodies, *, rough=False):
     """Times [ms], by what is timed, and the largest difference of the force over the largest force."""
-    mbs, upper, contact = model(bodies)
+    mbs, upper, contact = model(bodies, rough=rough)
     options, velocities = {"end_time": END, "step": STEP, "progress": lambda share: None}, np.zeros((MANY, 3))
-    velocities[:, 2] = -SPEED * np.linspace(1.0, 1.2, MANY)
+    velocities[:, 2], velocities[:, 0] = -SPEED * np.linspace(1.0, 1.2, MANY), SPEED * ASIDE * rough
     vary = {upper: {"initialVelocity": velocities}}
     right, found = (ep.solve_dynamic(mbs, solver=solver, **options) for solver in ("exudyn", "compiled"))
     force = contact.force(right)
@@ -119,9 +124,19 @@ def main():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", YieldWarning)  # steel would dent
         spent, difference = times(bodies)
+        rough, rough_difference = times(balls(rough=True), rough=True)
     found = {name: spent[name] / spent["exudyn"] for name in ("steps", "many", "compiled")} | {"difference": difference}
+    found |= {f"rough_{name}": rough[name] / rough["exudyn"] for name in ("steps", "many", "compiled")}
+    found["rough_difference"] = rough_difference
     first, second = waits(bodies)
-    result = {"ms": spent, "found": found, "limits": LIMITS, "first_process_s": first, "second_process_s": second}
+    result = {
+        "ms": spent,
+        "rough_ms": rough,
+        "found": found,
+        "limits": LIMITS,
+        "first_process_s": first,
+        "second_process_s": second,
+    }
     Console().print(result)
     failed = [f"{name} {found[name]:.3g}" for name, limit in LIMITS.items() if found[name] > limit]
     scenes.finish(__file__, result, failed)

@@ -1,10 +1,12 @@
 """Compiled runs against Exudyn's, in the random scenes of `random_scenes` as far as compiled runs hold them.
 
-Of each scene, formulation, frame, friction, plastic flow and spin are replaced by those that compiled runs hold. A
-random acceleration of gravity of some thousand m/s2 is added, so that bodies also move aside.
+Of each scene, formulation, frame, plastic flow and spin are replaced by those that compiled runs hold. A random
+acceleration of gravity of some thousand m/s2 is added, so that bodies also move aside. Where there is friction, every
+other scene is of the upper body on a rigid plane, so that it slides on, and of every third the coefficient falls.
 Reference: `solve_dynamic` by Exudyn's VelocityVerlet. Quantity: largest difference of each sensor (coordinates,
-velocities, and of the contact its force, resultant, number of closed rows and smallest gap), over its largest value;
-and the share of samples until pairs begin to slide, where a compiled run ends. Limit: 1e-9.
+velocities, of the contact its force, resultant, number of closed rows and smallest gap, and of friction its force, rows
+that stick and slip, work and stored energy), over its largest value; and the share of samples until pairs begin to
+slide, where a compiled run ends. Limit: 1e-9.
 
     python -m validation.stability.compiled_runs [--count N] [--out FILE]
 """
@@ -19,6 +21,7 @@ import numpy as np
 from rich.console import Console
 
 import exudyn_partition as ep
+from exudyn_partition.algebra.friction import SLIP, STICK
 from validation.contact import scenes
 from validation.stability import random_scenes
 
@@ -26,27 +29,48 @@ COUNT, LIMITS = 200, {"difference": 1e-9}
 HELD = ("contact-adapted", "residual")
 
 
-def drawn(seed):
-    """The scene of a seed, as compiled runs hold it."""
+def drawn(seed, *, friction=True):
+    """The scene of a seed, as compiled runs hold it; with its friction or without."""
     scene = random_scenes.drawn(seed)
-    basis = scene.basis if scene.basis in HELD else HELD[seed % 2]
-    return replace(
-        scene, formulation="compliance", frame="inertial", friction=None, yields=False, spin=(0.0,) * 3, basis=basis
-    )
+    basis, mu = scene.basis if scene.basis in HELD else HELD[seed % 2], scene.friction if friction else None
+    held = {"formulation": "compliance", "frame": "inertial", "yields": False, "spin": (0.0,) * 3}
+    return replace(scene, friction=mu, basis=basis, **held)
 
 
-def model(seed):
+def law_of(scene, seed):
+    """Friction of the scene of a seed; the coefficient may fall."""
+    if scene.friction is None or seed % 3:
+        return scene.friction
+    return ep.Coulomb(scene.friction, 0.5 * scene.friction, 0.2 * np.linalg.norm(scene.velocity))
+
+
+def model(seed, *, friction=True):
     """Model of the scene, its bodies and contact, and how long it runs [s]."""
-    scene, mbs = drawn(seed), exu.SystemContainer().AddSystem()
+    scene, mbs = drawn(seed, friction=friction), exu.SystemContainer().AddSystem()
     (upper, _), (lower, _) = random_scenes.bodies_of(scene)
     place = (*scene.aside, 0.0) if scene.shapes == ("block", "block") else (0.0, 0.0, 0.0)
     motion = {"initialVelocity": scene.velocity, "referencePosition": place}
     gravity = 1e3 * np.random.default_rng(seed).normal(size=3)
     thrown = ep.CreatePartitionBody(mbs, upper, name="upper", damping=scene.damping, gravity=gravity, **motion)
-    rests = ep.CreatePartitionBody(mbs, lower, name="lower", damping=scene.damping)
-    contact = ep.CreatePartitionContact(mbs, thrown, rests, name="contact")
+    on_plane = scene.friction is not None and seed % 2 == 0
+    rests = ep.RigidPlane() if on_plane else ep.CreatePartitionBody(mbs, lower, name="lower", damping=scene.damping)
+    contact = ep.CreatePartitionContact(mbs, thrown, rests, name="contact", friction=law_of(scene, seed))
     mbs.Assemble()
     return mbs, (thrown, rests), contact, random_scenes.duration(scene)
+
+
+def columns_of(values):
+    """Columns of a sensor that have a largest value in common: of friction, forces, counts and energies."""
+    if values.shape[1] != 7:
+        return [values]
+    return np.split(values, [3, 5], axis=1)
+
+
+def reverses(contact, right):
+    """Whether the friction force turns round in a run."""
+    force = contact.friction.tangential_force(right)
+    some = force[np.linalg.norm(force, axis=1) > 0.1 * np.linalg.norm(force, axis=1).max()]
+    return len(some) > 0 and bool((some @ some[0]).min() < 0.0)
 
 
 def both(seed):
@@ -59,20 +83,23 @@ def both(seed):
 
 def checked(seed):
     """The row of a seed."""
-    right, found = both(seed)
-    n, difference = len(found.t), 0.0
+    (right, found), scene = both(seed), drawn(seed)
+    n, difference, contact = len(found.t), 0.0, right.contacts[0]
     for number, values in right.sensors.items():
-        finite = np.isfinite(values[:n])
-        scale = abs(values[:n][finite]).max(initial=0.0)
-        error = abs(found.sensors[number][finite] - values[:n][finite]).max(initial=0.0)
-        difference = max(difference, error / scale if scale else error)
-    touched = bool(right.contacts[0].force(right)[:n].any())
+        for one, other in zip(columns_of(values[:n]), columns_of(found.sensors[number]), strict=True):
+            finite = np.isfinite(one)
+            scale, error = abs(one[finite]).max(initial=0.0), abs(other[finite] - one[finite]).max(initial=0.0)
+            difference = max(difference, error / scale if scale else error)
+    states = contact.friction.states(right)[:n] if scene.friction else np.zeros(1)
     return {
         "seed": seed,
-        "scene": str(drawn(seed)),
+        "scene": str(scene),
         "difference": difference,
         "share": n / len(right.t),
-        "hit": touched,
+        "hit": bool(contact.force(right)[:n].any()),
+        "sticks": bool((states == STICK).any()),
+        "slips": bool((states == SLIP).any()),
+        "reverses": bool(scene.friction) and reverses(contact, right),
     }
 
 
@@ -90,6 +117,7 @@ def main():
     result = {
         "scenes": len(rows),
         "touched": sum(row["hit"] for row in rows),
+        **{f"with_friction_{name}": sum(row[name] for row in rows) for name in ("sticks", "slips", "reverses")},
         "until_the_end": sum(row["share"] == 1.0 for row in rows),
         "worst": worst,
         "found": {"difference": worst["difference"], "median": float(np.median([row["difference"] for row in rows]))},

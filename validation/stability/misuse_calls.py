@@ -613,6 +613,8 @@ CALLS = {
                 "text in it": Made(lambda s: {s.striker: {"rho": ["x"]}}),
                 "vectors of two": Made(lambda s: {s.striker: {"gravity": np.zeros((2, 2))}}),
                 "other lengths": Made(lambda s: {s.striker: {"gravity": np.zeros((2, 3)), "E": [1e11]}}),
+                "friction of a body": Made(lambda s: {s.striker: {"friction": [0.3]}}),
+                "friction of a foreign contact": Made(lambda s: {s.foreign.contact: {"friction": [0.3]}}),
             },
             Made(lambda s: {s.striker: {"initialVelocity": np.zeros((2, 3))}}),
         ),

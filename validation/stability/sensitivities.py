@@ -1,4 +1,4 @@
-"""Derivatives by the adjoint against differences of runs, in the random scenes of `compiled_runs`.
+"""Derivatives by the adjoint against differences of runs, in the random scenes of `compiled_runs`, without friction.
 
 Reference: central differences of `run_many`, whose parameters change by a share of a usual size: 1 m/s, 10 rad/s, 1 um,
 1e4 m/s2, a damping ratio of 0.02, E and rho of steel. The share is 1e-5 or 1e-6, whichever agrees better: where a row
@@ -32,7 +32,7 @@ SIZES = {
 
 def values(seed, item, name):
     """Present value of a parameter, of a body of the scene."""
-    scene = drawn(seed)
+    scene = drawn(seed, friction=False)
     if name in ("E", "rho"):
         return np.array(SIZES[name])
     if name == "damping":
@@ -53,7 +53,7 @@ def changed(value, name, share):
 
 def checked(seed):
     """Largest difference of the scene, and whether bodies touch at the start; None if pairs slide."""
-    mbs, bodies, contact, end = model(seed)
+    mbs, bodies, contact, end = model(seed, friction=False)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:

@@ -23,6 +23,7 @@ from ..law import Forces, Law, Places, RowDirections
 _MARGIN = 2 * BULGE  # of the deepest row's depth: rows with smaller gaps enter, so that the problem seldom changes
 _SPARE = 10  # far rows that may stay in the problem before rows are chosen again
 _FEW_SPARE = 1.3  # as many times the rows that can close are left if these are many: the rest costs time
+CHOOSING = BULGE, _MARGIN, _SPARE, MANY, _FEW_SPARE  # as `loops.choose_rows` takes them
 
 
 def compliance(rows: RowDirections) -> Law:
@@ -252,6 +253,7 @@ class ClosingRows:
         self.rows = rows
         n = len(rows.gaps.slave.surface.points)
         self.index, self._row_nodes = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+        self._near = np.empty(0, dtype=bool)  # which of the present rows are chosen
         self._F: Array = np.empty((0, 0))
         self._regularised = self._F
         self._states = np.zeros(n, dtype=np.int8)  # at the slave's nodes
@@ -263,19 +265,17 @@ class ClosingRows:
 
         With `more`, those that were chosen stay.
         """
-        least, row_nodes = float(gap.min(initial=0.0)), self.rows.gaps.row_nodes
-        needed = (gap < -BULGE * least) | (last[:, 0] > 0)
-        needed[self.index[: len(self.index) if more else 0]] = True
-        many, same = needed.sum(), self._row_nodes is row_nodes
-        most = 2 * many + _SPARE if many < MANY else _FEW_SPARE * many
-        if not same or many != needed[self.index].sum() or len(self.index) >= most:
-            self.index, self._row_nodes = np.flatnonzero(needed | (gap < -_MARGIN * least)), row_nodes
+        row_nodes = self.rows.gaps.row_nodes
+        if self._row_nodes is not row_nodes:
+            self._row_nodes, self._near = row_nodes, np.zeros(len(row_nodes), dtype=bool)
+            self.index = np.empty(0, dtype=np.int64)
+        if loops.choose_rows(gap, last, self._near, more, CHOOSING):
+            self.index = np.flatnonzero(self._near)
         return self.index
 
     def misses(self, gap: Array) -> bool:
         """Whether rows can close at gaps, (nr,) [m], that were not chosen."""
-        needed = gap < -BULGE * gap.min(initial=0.0)
-        return bool(needed.sum() != needed[self.index].sum())
+        return bool((~self._near & (gap < -BULGE * gap.min(initial=0.0))).any())
 
     def flexibility(self) -> tuple[Array, bool]:
         """Regularised flexibility of the rows, (d k, d k) [m/N], and whether it is another than last time."""

@@ -43,6 +43,22 @@ class CoupledFriction(Coupled):
         self._versions: list[int] = []  # how often the rows between contacts were found for the problem
         self._pushing: dict[int, Any] = {}  # what the last forces on each contact push others with
 
+    def whole_flexibility(self) -> Array:
+        """Flexibility of all rows of all contacts while pairs are frozen, (3 n, 3 n) [m/N], not regularised.
+
+        Rows of contacts without friction have tangents too, which nothing moves.
+        """
+        rows = [contact.rows for contact in self.contacts]
+        every = [np.arange(len(of_contact.gaps.row_nodes)) for of_contact in rows]
+        parts, fields = consecutive([3 * len(index) for index in every]), []
+        F = np.zeros((parts[-1].stop,) * 2)
+        for j, (part, own, contact, index) in enumerate(zip(self._parts, parts, rows, every, strict=True)):
+            F[own, own] = part.in_three(contact.flexibility(index))
+            fields.append(part.spread(self._fields.fields(j)))
+        for (j, k), S in self._fields.core.items():
+            F[parts[j], parts[k]] = fields[j] @ S @ fields[k].T
+        return F
+
     def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
         """See `Coupled`; unsymmetric where rows slip."""
         assert self._problem is not None
@@ -272,11 +288,15 @@ class _Part:
         if len(F) and not self._checked:
             Complementarity(F)  # which checks it
             self._checked = True
+        return self.in_three(F), is_new
+
+    def in_three(self, F: Array) -> Array:
+        """Flexibility with three directions for each row, (3 k, 3 k), from that with d, (d k, d k) [m/N]."""
         if self.contact.rows.d == 3:
-            return F, is_new
+            return F
         wide = np.diag(np.full(3 * len(F), F.diagonal().mean() if len(F) else 1.0))
         wide[::3, ::3] = F
-        return wide, is_new
+        return wide
 
     @property
     def _law(self) -> FrictionalCompliance:

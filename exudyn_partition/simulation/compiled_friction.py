@@ -1,0 +1,114 @@
+"""Contacts with friction of a compiled run: their records, and their state where Exudyn's model stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..compiled.friction_plan import FrictionMemory, FrictionPlan
+from ..compiled.run import Histories, Start
+from ..contact.law import Forces
+from ..contact.memory import RowMemory, by_nodes, normal_by_nodes
+from ..contact.state import ContactState
+from ..contact.tangential import TangentialRows
+from ..exudyn_contacts.contact_run import ContactRun
+from ..exudyn_contacts.group_run import GroupRun
+from ..support.arrays import Array
+
+_AT_ONCE = 1000  # samples whose rows are dense arrays
+
+
+class FrictionGroups:
+    """Contacts with friction of a run, and those that they move.
+
+    Parameters
+    ----------
+    plan : FrictionPlan
+    groups : sequence of GroupRun
+        In the order of the plan.
+    """
+
+    def __init__(self, plan: FrictionPlan, groups: Sequence[GroupRun]) -> None:
+        self._plan, self._groups = plan, groups
+        self._members = [member for group in groups for member in group.members]
+
+    def stand(self, state: Start, values: Array, stored: Array, t: float) -> None:
+        """Let the contacts be where a run is at a time t [s].
+
+        Parameters
+        ----------
+        state : Start
+        values, stored : (n, 6), (n,) arrays
+            Of the sensors of all contacts of the run, and their energies [J]; those with friction come last.
+        t : float
+        """
+        memory, first = state.friction, len(stored) - len(self._members)
+        assert memory is not None
+        states = iter([
+            self._state(j, member, memory, float(values[first + j, 5]), float(stored[first + j]), state.q)
+            for j, member in enumerate(self._members)
+        ])  # fmt: skip
+        for group in self._groups:
+            group.begin([next(states) for _ in group.members], t)
+
+    def _state(
+        self, j: int, member: ContactRun, memory: FrictionMemory, least_gap: float, stored: float, q: Array
+    ) -> ContactState:
+        """State of a contact at the end of a step."""
+        mechanics = member.mechanics
+        mechanics.gaps.at(member.coordinates_in(q))
+        return ContactState(
+            mechanics.gaps.after(), self._memory(j, member, memory), mechanics.state.creep, opening=mechanics.opening,
+            stored=stored, least_gap=least_gap, law=mechanics.state.law,
+        )  # fmt: skip
+
+    def _memory(self, j: int, member: ContactRun, memory: FrictionMemory) -> RowMemory:
+        """What the rows of a contact remember, by the nodes of its patch."""
+        rows, mechanics, some = member.mechanics.rows, member.mechanics, slice(*self._plan.rows.starts[j : j + 2])
+        forces, n = memory.forces[some], len(mechanics.state.memory.path)
+        if not isinstance(rows, TangentialRows):
+            return mechanics.state.memory.with_forces(normal_by_nodes(rows.gaps.row_nodes, forces[:, :1], n))
+        slipped, speed, path = np.zeros(n, dtype=bool), np.zeros(n), mechanics.state.memory.path.copy()
+        for own, found in ((slipped, memory.slipped), (speed, memory.speed), (path, memory.path)):
+            own[rows.gaps.row_nodes] = found[some]
+        on_nodes = by_nodes(rows, forces[:, 0], rows.tractions(forces), n)
+        return RowMemory(on_nodes, slipped, speed, path, float(memory.dissipated[j]))
+
+    def keep(self, made: Histories, t: Array) -> None:
+        """Let contacts keep the forces on their rows at all samples, (n,) [s], and where they reached an edge."""
+        assert made.lam is not None
+        assert made.along is not None
+        assert made.status is not None
+        assert made.end.friction is not None
+        first, place = made.lam.shape[1] - self._plan.n_rows, made.values.shape[1] - len(self._members)
+        for begin in range(0, len(t), _AT_ONCE):
+            some = slice(begin, begin + _AT_ONCE)
+            parts = made.lam[some, first:].toarray(), made.along[some].toarray(), made.status[some].toarray()
+            for j, member in enumerate(self._members):
+                start, end = self._plan.rows.starts[j : j + 2]
+                lam, along, status = parts[0][:, start:end], parts[1][:, 2 * start : 2 * end], parts[2][:, start:end]
+                traction = np.einsum("irk,rkd->ird", along.reshape(*lam.shape, 2), self._plan.tangents[start:end])
+                for i in np.flatnonzero(status.any(axis=1)).tolist():
+                    closed = np.flatnonzero(status[i])
+                    tangential = (traction[i, closed], status[i, closed]) if self._plan.laws[j] is not None else None
+                    kept = lam[i, closed], float(made.stored[begin + i, place + j]), tangential
+                    self._keep(member, float(t[begin + i]), made.q[begin + i], closed, *kept)
+        for j, member in enumerate(self._members):
+            member.record.end_with(self._memory(j, member, made.end.friction))
+
+    @staticmethod
+    def _keep(
+        member: ContactRun, t: float, q: Array, closed: Array, lam: Array, stored: float,
+        tangential: tuple[Array, Array] | None,
+    ) -> None:  # fmt: skip
+        """Let a contact keep a sample of its closed rows, (na,)."""
+        mechanics, record, gaps = member.mechanics, member.record, member.mechanics.gaps
+        record.keep_rows(t, gaps.row_nodes[closed], lam, stored, tangential)
+        leaves_at = gaps.leaves_at[closed]
+        if record.edge is None and np.isfinite(leaves_at).any():
+            gap = gaps.at(member.coordinates_in(q))
+            if (np.maximum(-gap[closed], 0.0) >= leaves_at).any():
+                forces = np.zeros((len(gap), mechanics.rows.d))
+                forces[closed, 0] = lam
+                record.look_for_edge(t, mechanics.answered(Forces(forces, closed), gap, float(gap.min())))
