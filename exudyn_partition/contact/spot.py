@@ -17,6 +17,7 @@ from ..frames.kinematics import Kinematics
 from ..support.arrays import Array
 from ..surfaces.smooth_kernel import Kernel, kernel_around
 from .side import Side
+from .true_surface import TrueSurface, fitted
 
 NORMAL = 0.6  # E' s times the mean normal displacement of a half-space under the kernel, weighted by the kernel
 ORDERS = {6: 2, 10: 3}  # of elements, by the nodes of their facets
@@ -45,6 +46,9 @@ class Spot:
     lacking : (2,) array
         Flexibility to be added to that of the patch's nodes under the kernel, along the normal and across it [m/N]:
         what facets miss and what a thin wall bends, less the half-space's under the kernel.
+    curved : (3, 3) array
+        Tangential flexibility that the curvature of the body adds for each factor of e by which the contact is smaller
+        than the kernel, as a tensor in the body's axes [m/N].
     reach : float
         How far the patch should reach around it: s, on thin walls 2 s [m].
     whole : bool
@@ -55,6 +59,7 @@ class Spot:
     radius: float
     size: float
     lacking: Array
+    curved: Array
     reach: float
     whole: bool
 
@@ -108,6 +113,7 @@ class SpotMaker:
             )
         self._order = ORDERS[facets.shape[1]]
         self.points: Array = side.kinematics.arms
+        self.surface: TrueSurface = fitted(self.points, facets, role)
         corners = self.points[facet_corners(facets)]
         self._middles = corners.mean(axis=1)
         self._edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean(axis=1)
@@ -134,7 +140,8 @@ class SpotMaker:
             lacking += (narrow - self._static(wide) + NORMAL / (2 * modulus * radius) - self._missed(2 * radius, h)) / 3
         nu = self.material.nu
         across = (2 - nu) / (2 * (1 - nu)) * (missed - NORMAL / (modulus * radius))
-        return Spot(kernel, radius, h, np.array([lacking, across]), (2 if thin else 1) * radius, whole)
+        lacks, curved = np.array([lacking, across]), self._curved(normal)
+        return Spot(kernel, radius, h, lacks, curved, (2 if thin else 1) * radius, whole)
 
     def check(self, spot: Spot) -> None:
         """Raise InputError if a spot at the start cannot be computed."""
@@ -155,6 +162,19 @@ class SpotMaker:
     def _missed(self, radius: float, h: float) -> float:
         """Flexibility under a kernel that facets of size h miss [m/N]: their elements are stiffer than the body."""
         return _MISSED[self._order] * (h / radius) ** 4 / (self.material.plane_strain_modulus * h)
+
+    def _curved(self, normal: Array) -> Array:
+        """See `Spot`: the surface that curves away lacks the energy of a half-space's there, of a tangential force.
+
+        On a half-space, the product of stress and strain at a distance r along the surface is ((Q / (2 pi G r^2))^2 G)
+        (2 (1 + nu) cos^2 + (1 - 2 nu)^2 sin^2) of the direction from the force Q, and the depth of what lacks is r^2/2
+        times the curvature there.
+        """
+        bending, nu = self.surface.bending(normal), self.material.nu
+        even = np.trace(bending) / 2 * (np.eye(3) - np.outer(normal, normal))
+        along, across = 2 * (1 + nu), (1 - 2 * nu) ** 2
+        turned = (along + across) * even + (along - across) / 2 * (bending - even)
+        return np.asarray(turned / (8 * np.pi * self.material.shear_modulus))
 
     def _static(self, kernel: Kernel) -> float:
         """Static flexibility of the body under a kernel along its normal, without rigid motion [m/N]."""

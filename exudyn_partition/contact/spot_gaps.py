@@ -9,6 +9,7 @@ Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -27,9 +28,10 @@ from .rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from .side import Side
 from .spot import Spot, SpotMaker
 from .stages import Anchor, Frozen, PresentRows, Stage
-from .true_surface import TrueSurface, fitted
+from .true_surface import TrueSurface
 
 _TILTED = 0.1  # of a kernel's radius: motion of the point of contact after which the kernel is made anew
+_STUCK = 0.25  # means of the logarithm of distances, under the kernel's pressure less under the traction of what sticks
 _CONFORMING = 0.05  # smaller relative curvature by the larger one, below which surfaces touch along a line
 _ALONG = 1e-3  # difference of a direction from the normal of contact, with a flexibility along this direction alone
 
@@ -142,8 +144,8 @@ class SpotGaps(Gaps):
     ----------
     contact : PointContact
         Hertz's contact of the two surfaces.
-    shear : float
-        G* of both bodies [Pa]: 4 / G* is the sum of their (2 - nu) / G.
+    shear : (float, float)
+        Tangential moduli of both bodies along the ellipse of contact and across it, see `PointContact` [Pa].
 
     Raises
     ------
@@ -167,8 +169,7 @@ class SpotGaps(Gaps):
         self.carried = pose is not None
         roles = ("slave", "master")
         self._makers = [SpotMaker(*each) for each in zip(sides, patches, roles, strict=False)]
-        both = zip(sides, self._makers, roles, strict=False)
-        self._shapes = [fitted(maker.points, side.surface.facets, role) for side, maker, role in both]
+        self._shapes = [maker.surface for maker in self._makers]
         if surface is not None:
             if not isinstance(surface, RigidPlane | RigidSphere | RigidCylinder):
                 raise InputError(
@@ -184,7 +185,7 @@ class SpotGaps(Gaps):
                 "patch of one body, or take formulation='compliance' with facets that resolve the contact"
             )
         self.contact = PointContact(self._relative_curvatures(), self._modulus())
-        self.shear = 4 / sum((2 - maker.material.nu) / maker.material.shear_modulus for maker in self._makers)
+        self.shear = self.contact.shear_moduli([maker.material for maker in self._makers])
         self._prepare(sides)
 
     def _relative_curvatures(self) -> tuple[float, float]:
@@ -219,7 +220,6 @@ class SpotGaps(Gaps):
         self._all, self.clearance, self.approach = rows.points, float(gap[0]), -stage.normals[0]
         self._start = self._frozen(stage, gap) if self._may_freeze else stage
         self._go_to_stage(self._start, self._start_q)
-        self._seen = rows
 
     def _contact_place(self, meeting: Meeting) -> Array:
         """Place of the point of contact on the slave at the start, (3,) [m]."""
@@ -370,6 +370,40 @@ class SpotGaps(Gaps):
         assert isinstance(stage, SpotStage | FrozenSpot)
         return stage.meeting
 
+    @property
+    def mismatch(self) -> float:
+        """Dundurs' constant beta of both bodies: how much normal forces move their surfaces along each other."""
+        materials = [maker.material for maker in self._makers]
+        along = [(1 - 2 * material.nu) / material.shear_modulus for material in materials]
+        normal = sum((1 - material.nu) / material.shear_modulus for material in materials)
+        return (along[0] - sum(along[1:])) / (2 * normal)
+
+    @property
+    def long_axis(self) -> Array:
+        """Unit vector along the major semi-axis of the ellipse of contact, in space, (3,); any tangent of a circle."""
+        poses = [side.kinematics.frame(q)[1] for side, q in zip(self.sides, self.coordinates, strict=True)]
+        if self._surface is not None:
+            poses.append(self._rigid_pose(self.evaluated_pose).axes)
+        normal = self.meeting.normal
+        parts = zip(self._shapes, poses, strict=True)
+        bent = sum(axes @ shape.bending(axes.T @ normal) @ axes.T for shape, axes in parts)
+        size = 2 * max(self.contact.curvatures)
+        return np.asarray(np.linalg.eigh(bent + size * np.outer(normal, normal))[1][:, 0])
+
+    def curved(self, tangents: Array) -> tuple[Array, Array]:
+        """Tangential flexibility that curved bodies add between their kernels and a contact of mean semi-axis a.
+
+        It is a factor, (2, 2) [m/N], times - log(a / 1 m), plus a part that is fixed, (2, 2) [m/N]. The tangents are
+        (2, 3), in space.
+        """
+        factor, fixed = np.zeros((2, 2)), np.zeros((2, 2))
+        for side, q, spot in zip(self.sides, self.coordinates, self.spot_rows.spots, strict=True):
+            turned = tangents @ side.kinematics.frame(q)[1]
+            curved = turned @ spot.curved @ turned.T
+            factor += curved
+            fixed += (math.log(spot.radius) - _STUCK) * curved
+        return factor, fixed
+
     def body_points(self, place: int) -> Array:
         """Nodes of one side's patch in the body's axes, from its centre of mass, undeformed, (np, 3) [m]."""
         return self._makers[place].points
@@ -410,10 +444,10 @@ class SpotGaps(Gaps):
 
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; it is the gap of the true surfaces."""
-        rows = self._seen
+        rows = self.spot_rows
         stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q)
         if not self._reaches(rows, stage.meeting):
-            rows = self._seen = self._rows_at(Anchor(q.copy(), self.carrier_pose))
+            rows = self._rows_at(Anchor(q.copy(), self.carrier_pose))
             gap = self._stage_at(rows, self.places_of(rows.sides, q), q)[1]
         return float(gap[0])
 

@@ -50,6 +50,14 @@ class TrueSurface:
             return math.copysign(1 / self.shape.radius, -1 if self.shape.hollow else 1), 0.0
         return 0.0, 0.0
 
+    def bending(self, normal: Array) -> Array:
+        """Curvatures at the place with an outward unit normal, (3,), as a tensor in the tangent plane, (3, 3) [1/m]."""
+        first = self.curvatures[0]
+        tangential = np.eye(3) - np.outer(normal, normal)
+        if not isinstance(self.shape, RigidCylinder):
+            return np.asarray(first * tangential)
+        return np.asarray(first * (tangential - np.outer(self.shape.axis, self.shape.axis)))
+
 
 def fitted(points: Array, facets: Array, role: str) -> TrueSurface:
     """Surface on which the corners of facets lie.
