@@ -17,10 +17,10 @@ from ..frames.kinematics import Kinematics
 from ..support.arrays import Array
 from ..surfaces.smooth_kernel import Kernel, kernel_around
 from .side import Side
-from .true_surface import TrueSurface, fitted
+from .touching import ORDERS
+from .true_surface import TrueSurface
 
 NORMAL = 0.6  # E' s times the mean normal displacement of a half-space under the kernel, weighted by the kernel
-ORDERS = {6: 2, 10: 3}  # of elements, by the nodes of their facets
 _WIDEST = {2: 2.0, 3: 1.0}  # radius of the kernel by the length of edges, for each order
 _NARROWEST = {2: 1.0, 3: 0.6}
 _MISSED = {2: 0.0225, 3: 0.0}  # E' h times what facets miss of the flexibility under a kernel of radius h
@@ -69,51 +69,23 @@ class Spot:
         return self.kernel.coverage > 1 - _COVERED
 
 
-def material_of(side: Side, patch: int, role: str) -> Material:
-    """Material of a patch.
-
-    Raises
-    ------
-    InputError
-        If it is not known.
-    """
-    body = side.kinematics.body
-    material = body.partition.patches[patch].material or body.material
-    if material is None:
-        raise InputError(f"{role}: formulation 'hertz' needs the body's material; reduce it anew, its file has none")
-    return material
-
-
 class SpotMaker:
     """Makes spots on one side's patch.
 
     Parameters
     ----------
     side : Side
-    patch : int
-        Its number on the body.
+    surface : TrueSurface
+    material : Material
     role : str
         "slave" or "master", for messages.
-
-    Raises
-    ------
-    InputError
-        If its facets are not those of quadratic or cubic tetrahedra, or its material is not known.
     """
 
-    def __init__(self, side: Side, patch: int, role: str) -> None:
-        self.material = material_of(side, patch, role)
-        self._side, self._role = side, role
+    def __init__(self, side: Side, surface: TrueSurface, material: Material, role: str) -> None:
+        self._side, self.surface, self.material, self._role = side, surface, material, role
         facets = side.surface.facets
-        if facets.shape[1] not in ORDERS:
-            raise InputError(
-                f"{role}: formulation 'hertz' knows what facets of quadratic and cubic tetrahedra lack, of 6 and 10 "
-                f"nodes, got facets of {facets.shape[1]} nodes. Take fe_model(..., order=2), or "
-                "formulation='compliance' with facets that resolve the contact"
-            )
         self._order = ORDERS[facets.shape[1]]
         self.points: Array = side.kinematics.arms
-        self.surface: TrueSurface = fitted(self.points, facets, role)
         corners = self.points[facet_corners(facets)]
         self._middles = corners.mean(axis=1)
         self._edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean(axis=1)

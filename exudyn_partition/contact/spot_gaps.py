@@ -18,21 +18,19 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import InputError, PenetrationError
-from ..prediction.point_contact import PointContact
 from ..support.arrays import Array
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from .gaps import Gaps, GapState, Present
 from .linear_gaps import LinearGaps
-from .rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
+from .rigid import RigidPlane, RigidSurface
 from .side import Side
 from .spot import Spot, SpotMaker
 from .stages import Anchor, Frozen, PresentRows, Stage
-from .true_surface import TrueSurface
+from .touching import ROLES, touching
 
 _TILTED = 0.1  # of a kernel's radius: motion of the point of contact after which the kernel is made anew
 _STUCK = 0.25  # means of the logarithm of distances, under the kernel's pressure less under the traction of what sticks
-_CONFORMING = 0.05  # smaller relative curvature by the larger one, below which surfaces touch along a line
 _ALONG = 1e-3  # difference of a direction from the normal of contact, with a flexibility along this direction alone
 
 
@@ -167,40 +165,12 @@ class SpotGaps(Gaps):
     ) -> None:
         self._surface, self._pose, self._motion = surface, pose, motion
         self.carried = pose is not None
-        roles = ("slave", "master")
-        self._makers = [SpotMaker(*each) for each in zip(sides, patches, roles, strict=False)]
-        self._shapes = [maker.surface for maker in self._makers]
-        if surface is not None:
-            if not isinstance(surface, RigidPlane | RigidSphere | RigidCylinder):
-                raise InputError(
-                    "master: formulation 'hertz' knows the curvatures of RigidPlane, RigidSphere and RigidCylinder, "
-                    f"got a {type(surface).__name__}; take formulation='compliance'"
-                )
-            self._shapes.append(TrueSurface(surface))
-        self._ball = next((n for n, shape in enumerate(self._shapes) if shape.ball is not None), -1)
-        if self._ball < 0:
-            kinds = " and a ".join(type(shape.shape).__name__.removeprefix("Rigid").lower() for shape in self._shapes)
-            raise InputError(
-                f"slave, master: formulation 'hertz' needs a ball that touches at a point, got a {kinds}. Round the "
-                "patch of one body, or take formulation='compliance' with facets that resolve the contact"
-            )
-        self.contact = PointContact(self._relative_curvatures(), self._modulus())
-        self.shear = self.contact.shear_moduli([maker.material for maker in self._makers])
+        found = touching(sides, patches, surface)
+        parts = zip(sides, found.shapes, found.materials, ROLES, strict=False)
+        self._makers = [SpotMaker(*each) for each in parts]
+        self._shapes, self._ball, self.contact = found.shapes, found.ball, found.contact
+        self.shear = self.contact.shear_moduli(found.materials)
         self._prepare(sides)
-
-    def _relative_curvatures(self) -> tuple[float, float]:
-        first, second = sorted((shape.curvatures for shape in self._shapes), reverse=True)
-        sums = first[0] + second[0], first[1] + second[1]
-        if min(sums) < _CONFORMING * max(sums):
-            raise InputError(
-                "slave, master: formulation 'hertz' needs a ball that is smaller than the bore in which it is, so that "
-                f"they touch at a point; their radii are {1 / max(first):.4g} m and {-1 / min(second):.4g} m. Take "
-                "formulation='compliance' with facets that resolve the contact"
-            )
-        return sums
-
-    def _modulus(self) -> float:
-        return 1 / sum(1 / maker.material.plane_strain_modulus for maker in self._makers)
 
     def _prepare(self, sides: Sequence[Side]) -> None:
         """Find the spots at the start."""
@@ -246,7 +216,7 @@ class SpotGaps(Gaps):
         line = side.kinematics.frame(np.zeros(side.n))[1] @ outward
         if side.surface.wanders or not side.kinematics.linear or 1 - line @ side.surface.direction > _ALONG:
             raise InputError(
-                f"{('slave', 'master')[number]}: formulation 'hertz' needs the flexibility along the line of contact, "
+                f"{ROLES[number]}: formulation 'hertz' needs the flexibility along the line of contact, "
                 f"{line}, and wherever that turns, but the patch has it along {side.surface.direction} or along the "
                 "normals of its nodes alone. Make the patch with axes='xyz'"
             )

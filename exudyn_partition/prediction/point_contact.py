@@ -135,6 +135,10 @@ class PointContact:
         a, b = self._axes_of_unit
         return a * force ** (1 / 3), b * force ** (1 / 3)
 
+    def mean_axis(self, force: float) -> float:
+        """Mean semi-axis sqrt(a b) under a force [N]: [m]."""
+        return math.sqrt(math.prod(self.semi_axes(force)))
+
     def force(self, radius: float) -> float:
         """Force under which the mean semi-axis, sqrt(a b), is a radius [m]: [N]."""
         a, b = self._axes_of_unit

@@ -17,7 +17,7 @@ from ..spot_gaps import SpotGaps
 
 WIDEST = 0.2  # radius of contact by the effective radius of the surfaces, up to which the law is Hertz's
 LEFT_OUT = [
-    "how pressure is spread over the contact: its facets do not resolve it, so that Hertz's law stands for them, with "
+    "how pressure is spread over the contact: Hertz's law stands for that, whether facets resolve it or not, with "
     f"radii that are small beside those of the surfaces (up to {WIDEST:g} of them)",
     "the residual flexibility between this contact and others on the same body",
 ]
