@@ -1,7 +1,8 @@
 """The gap of a contact at one point that the mesh does not resolve, between the true surfaces of both sides.
 
-One of both surfaces is a ball. The other one is a plane, a ball, a cylinder or a bore, of a body or rigid. The row of
-the contact is the mean over a kernel on each side (`surfaces.smooth_kernel`). It wanders over the patches with the
+One of both surfaces is a ball. The other one is a plane, a ball, a cylinder, a bore or a torus, of a body or rigid.
+Or a torus touches a plane: the nearest point is that of the tube there, which is a ball for this. The row of the
+contact is the mean over a kernel on each side (`surfaces.smooth_kernel`). It wanders over the patches with the
 point of contact: near its place it is tilted, further away it is made anew.
 
 Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
@@ -18,6 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import InputError, PenetrationError
+from ..prediction.point_contact import PointContact
 from ..support.arrays import Array
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import PENETRATION_TOLERANCE
@@ -89,12 +91,15 @@ class SpotRows(PresentRows):
     points, leaves_at, sides
         See `PresentRows`.
     spots : list of Spot
-    anchor : Anchor
+    made_at : Anchor
         Where the spots were made.
+    contact : PointContact
+        Hertz's contact there.
     """
 
     spots: list[Spot]
     made_at: Anchor
+    contact: PointContact
 
     @property
     def lacking(self) -> Array:
@@ -138,13 +143,6 @@ class SpotGaps(Gaps):
     pose, motion
         See `rigid.RigidGaps`.
 
-    Attributes
-    ----------
-    contact : PointContact
-        Hertz's contact of the two surfaces.
-    shear : (float, float)
-        Tangential moduli of both bodies along the ellipse of contact and across it, see `PointContact` [Pa].
-
     Raises
     ------
     InputError
@@ -168,9 +166,18 @@ class SpotGaps(Gaps):
         found = touching(sides, patches, surface)
         parts = zip(sides, found.shapes, found.materials, ROLES, strict=False)
         self._makers = [SpotMaker(*each) for each in parts]
-        self._shapes, self._ball, self.contact = found.shapes, found.ball, found.contact
-        self.shear = self.contact.shear_moduli(found.materials)
+        self._found, self._shapes, self._ball = found, found.shapes, found.ball
         self._prepare(sides)
+
+    @property
+    def contact(self) -> PointContact:
+        """Hertz's contact of the two surfaces, where the present row was made."""
+        return self.spot_rows.contact
+
+    @property
+    def shear(self) -> tuple[float, float]:
+        """Tangential moduli of both bodies along the ellipse of contact and across it, see `PointContact` [Pa]."""
+        return self.contact.shear_moduli(self._found.materials)
 
     def _prepare(self, sides: Sequence[Side]) -> None:
         """Find the spots at the start."""
@@ -259,11 +266,13 @@ class SpotGaps(Gaps):
         """Where the surfaces are nearest, with the sides at poses and the rigid surface's carrier at a pose, (12,)."""
         poses = poses if self._surface is None else [*poses, self._rigid_pose(carried)]
         ball, second = self._ball, 1 - self._ball
-        form = self._shapes[ball].ball
+        facing = self._shapes[second].shape
+        towards = facing.normal if isinstance(facing, RigidPlane) else np.zeros(3)
+        form = self._shapes[ball].ball_at(-(poses[second].axes @ towards) @ poses[ball].axes)
         assert form is not None
         centre, radius = form
         place = poses[ball].out(centre)
-        gap, normal = self._shapes[second].shape.project(poses[second].into(place)[None])
+        gap, normal = facing.project(poses[second].into(place)[None])
         outward = poses[second].axes @ normal[0]
         foot = poses[second].into(place) - gap[0] * normal[0]
         of_ball = -outward @ poses[ball].axes
@@ -302,6 +311,7 @@ class SpotGaps(Gaps):
         sides = self.with_nodes([spot.kernel.nodes for spot in spots])
         rows = SpotRows(points, np.array([np.inf if all(spot.whole for spot in spots) else 0.0]), sides)
         rows.spots, rows.made_at = spots, anchor
+        rows.contact = self._found.contact(self._axes(anchor.q, anchor.pose), meeting.normal)
         return rows
 
     def _stage_at(
@@ -351,14 +361,15 @@ class SpotGaps(Gaps):
     @property
     def long_axis(self) -> Array:
         """Unit vector along the major semi-axis of the ellipse of contact, in space, (3,); any tangent of a circle."""
-        poses = [side.kinematics.frame(q)[1] for side, q in zip(self.sides, self.coordinates, strict=True)]
-        if self._surface is not None:
-            poses.append(self._rigid_pose(self.evaluated_pose).axes)
         normal = self.meeting.normal
-        parts = zip(self._shapes, poses, strict=True)
-        bent = sum(axes @ shape.bending(axes.T @ normal) @ axes.T for shape, axes in parts)
+        bent = self._found.bending(self._axes(self.q, self.evaluated_pose), normal)
         size = 2 * max(self.contact.curvatures)
         return np.asarray(np.linalg.eigh(bent + size * np.outer(normal, normal))[1][:, 0])
+
+    def _axes(self, q: Array, carried: Array) -> list[Array]:
+        """Axes of both sides as columns, (3, 3), at coordinates and the pose of the rigid surface's carrier, (12,)."""
+        axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.split(q), strict=True)]
+        return axes if self._surface is None else [*axes, self._rigid_pose(carried).axes]
 
     def curved(self, tangents: Array) -> tuple[Array, Array]:
         """Tangential flexibility that curved bodies add between their kernels and a contact of mean semi-axis a.

@@ -7,13 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
 
 from ..errors import InputError
 from ..fe.material import Material
 from ..prediction.point_contact import PointContact
+from ..support.arrays import Array
 from .rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from .side import Side
-from .true_surface import TrueSurface, fitted
+from .true_surface import Torus, TrueSurface, fitted
 
 ROLES = ("slave", "master")
 ORDERS = {6: 2, 10: 3}  # of elements, by the nodes of their facets
@@ -31,15 +35,39 @@ class Touching:
     materials : list of Material
         Of the sides that are bodies.
     ball : int
-        Number of a shape that is a ball.
-    contact : PointContact
-        Hertz's contact of both.
+        Number of a shape that is a ball, or a torus that meets a plane.
+    modulus : float
+        E* of both bodies [Pa].
     """
 
     shapes: list[TrueSurface]
     materials: list[Material]
     ball: int
-    contact: PointContact
+    modulus: float
+
+    @cached_property
+    def round(self) -> PointContact | None:
+        """Hertz's contact of both; None where it depends on the place, as on a torus."""
+        if any(isinstance(shape.shape, Torus) for shape in self.shapes):
+            return None
+        return PointContact(_relative_curvatures(self.shapes), self.modulus)
+
+    def contact(self, axes: Sequence[Array], normal: Array) -> PointContact:
+        """Hertz's contact where the master's normal is `normal`, (3,); axes of both sides are columns, (3, 3)."""
+        if self.round is not None:
+            return self.round
+        curvatures = np.linalg.eigvalsh(self.bending(axes, normal))[1:]
+        return PointContact((float(curvatures[0]), float(curvatures[1])), self.modulus)
+
+    def bending(self, axes: Sequence[Array], normal: Array) -> Array:
+        """Sum of the curvatures of both sides, see `contact`, as a tensor in space, (3, 3) [1/m]."""
+        parts = zip(self.shapes, axes, strict=True)
+        return np.asarray(
+            sum(
+                turn @ shape.bending(turn.T @ outward) @ turn.T
+                for (shape, turn), outward in zip(parts, (-normal, normal), strict=True)
+            )
+        )
 
 
 def touching(sides: Sequence[Side], patches: Sequence[int], surface: RigidSurface | None) -> Touching:
@@ -58,7 +86,8 @@ def touching(sides: Sequence[Side], patches: Sequence[int], surface: RigidSurfac
     ------
     InputError
         If the facets are not those of quadratic or cubic tetrahedra, a material is not known, a surface is neither a
-        plane, a ball, a cylinder nor a bore, none is a ball, or a ball fits its bore too closely.
+        plane, a ball, a cylinder, a bore nor a torus, none is a ball or a torus on a plane, or a ball fits its bore
+        too closely.
     """
     materials, shapes = [], []
     for side, patch, role in zip(sides, patches, ROLES, strict=False):
@@ -78,15 +107,25 @@ def touching(sides: Sequence[Side], patches: Sequence[int], surface: RigidSurfac
                 f"got a {type(surface).__name__}; take formulation='compliance'"
             )
         shapes.append(TrueSurface(surface))
-    ball = next((n for n, shape in enumerate(shapes) if shape.ball is not None), -1)
-    if ball < 0:
-        kinds = " and a ".join(type(shape.shape).__name__.removeprefix("Rigid").lower() for shape in shapes)
-        raise InputError(
-            f"slave, master: formulation 'hertz' needs a ball that touches at a point, got a {kinds}. Round the "
-            "patch of one body, or take formulation='compliance' with facets that resolve the contact"
-        )
     modulus = 1 / sum(1 / material.plane_strain_modulus for material in materials)
-    return Touching(shapes, materials, ball, PointContact(_relative_curvatures(shapes), modulus))
+    found = Touching(shapes, materials, _ball(shapes), modulus)
+    _ = found.round
+    return found
+
+
+def _ball(shapes: list[TrueSurface]) -> int:
+    """Number of a shape that touches as a ball does, wherever the other one is."""
+    for number, shape in enumerate(shapes):
+        if shape.ball is not None:
+            return number
+    for number, shape in enumerate(shapes):
+        if isinstance(shape.shape, Torus) and isinstance(shapes[1 - number].shape, RigidPlane):
+            return number
+    kinds = " and a ".join(type(shape.shape).__name__.removeprefix("Rigid").lower() for shape in shapes)
+    raise InputError(
+        "slave, master: formulation 'hertz' needs a ball that touches at a point, or a torus on a plane, got a "
+        f"{kinds}. Round the patch of one body, or take formulation='compliance' with facets that resolve the contact"
+    )
 
 
 def _material(side: Side, patch: int, role: str) -> Material:

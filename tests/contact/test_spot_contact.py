@@ -234,6 +234,53 @@ def test_true_surfaces_are_found_and_others_refused():
         fitted(points * [1.0, 1.0, 0.9], facets, "slave")
 
 
+@pytest.fixture(scope="module")
+def rounded():
+    """A steel block whose corner is rounded, a torus with a ring and a tube of 4 mm, and a normal in its middle."""
+    block = occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(20e-3, 20e-3, 10e-3))
+    block = block.MakeFillet([edge for edge in block.edges if min(edge.center.x, edge.center.y) > 0.019], 8e-3)
+    block = block.MakeFillet([edge for edge in block.edges if edge.center.z > 0.0099], 4e-3)
+    n, middle = np.full(3, 3**-0.5), np.array([12e-3, 12e-3, 6e-3])
+    place = middle + 4e-3 * n + 4e-3 * np.array([0.5**0.5, 0.5**0.5, 0.0])
+    fem = ep.fe_model(block, ep.STEEL, maxh=3e-3, refine=[ep.Refine(place, 2e-3, 0.5e-3)], grading=0.5)
+    partition = ep.Partition.ball(fem, place, 2e-3, axes="xyz", direction=n)
+    return ep.reduce(fem, partition, f_cut=100e3), middle, place, n
+
+
+def test_the_torus_of_a_rounded_corner_is_found(rounded):
+    body, middle, place, n = rounded
+    surface = fitted(body.points, body.partition.patches[0].facets, "slave")
+    np.testing.assert_allclose(surface.shape.centre, middle, atol=1e-9)
+    np.testing.assert_allclose(abs(surface.shape.axis), [0, 0, 1], atol=1e-8)
+    assert (surface.shape.ring, surface.shape.tube) == pytest.approx((4e-3, 4e-3), rel=1e-6)
+    bending, step = surface.bending(n), 1e-7
+    for along in np.linalg.svd(n[None])[2][1:]:  # curvature is the change of the normal
+        sides = [surface.shape.project((place + side * step * along)[None])[1][0] for side in (1, -1)]
+        np.testing.assert_allclose((sides[0] - sides[1]) / (2 * step), bending @ along, atol=1e-3 * abs(bending).max())
+    np.testing.assert_allclose(bending @ n, 0, atol=1e-9)
+
+
+def test_a_rounded_corner_hits_a_plane_by_hertz_s_law_of_both_curvatures(rounded):
+    """The force of a rigid body with its inertia; the block is stiffer than half-spaces by a few per cent."""
+    body, _, place, n = rounded
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, body, frame="floating", initialVelocity=list(SPEED * n))
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(place + 1e-7 * n, -n), formulation="hertz")
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=80e-6, step=0.1e-6)
+    cosine = math.sqrt(2 / 3)
+    point = PointContact((1 / 4e-3, cosine / (4e-3 + 4e-3 * cosine)), ep.STEEL.plane_strain_modulus)
+    motion = np.r_[n, np.cross(place - body.centre_of_mass, n)]
+    inertia = body.rigid.T @ (body.mass @ body.rigid)
+    mass = 1 / (motion @ np.linalg.solve(inertia, motion))
+    approach = (1.25 * mass * SPEED**2 * point.yielding**1.5) ** 0.4
+    force = contact.force(result)
+    assert force.max() == pytest.approx((approach / point.yielding) ** 1.5, rel=0.04)
+    assert np.trapezoid(force, result.t) == pytest.approx(2 * mass * SPEED, rel=0.04)
+    assert np.ptp(energy_of([item], contact, result)) < 1e-4 * item.energy(result)[0]
+    assert contact.radius(result).max() == pytest.approx(point.mean_axis(force.max()), rel=0.01)
+
+
 def test_a_kernel_is_whole_centred_and_follows_small_ways(coarse):
     points, facets = coarse.points, coarse.partition.patches[0].facets
     n = np.array([0.06, -0.03, -1.0]) / np.linalg.norm([0.06, -0.03, -1.0])
@@ -497,7 +544,7 @@ def test_a_point_that_leaves_its_patch_is_told(coarse):
 # What is refused.
 
 
-def test_what_cannot_be_is_refused_by_name(coarse, ball):
+def test_what_cannot_be_is_refused_by_name(coarse, ball, rounded):
     mbs = exu.SystemContainer().AddSystem()
     item = ep.CreatePartitionBody(mbs, coarse)
     plane = ep.RigidPlane((0, 0, -R - 1e-7))
@@ -512,6 +559,9 @@ def test_what_cannot_be_is_refused_by_name(coarse, ball):
     angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
     curve = 5e-3 * np.column_stack([np.cos(angle), np.sin(angle)])
     refused("got a RigidProfile", ep.RigidProfile(curve, (0, 0, -R - 6e-3), (0, 1, 0)))
+    barrel = ep.RigidCylinder((0, 0, -2 * R), (0, 1, 0), R - 1e-6)
+    torus = ep.CreatePartitionBody(mbs, rounded[0], referencePosition=[0.0, 0.0, 0.1])
+    refused("or a torus on a plane, got a torus and a cylinder", barrel, slave=torus)
     refused("smaller than the bore", ep.RigidCylinder((0, 0, 0), (0, 1, 0), R, hollow=True))
     with pytest.raises(InputError, match="'spot'"):
         ep.CreatePartitionContact(mbs, item, plane, rows="spot")

@@ -25,6 +25,7 @@ import numpy as np
 
 from ...algebra.friction import OPEN, SLIP, STICK
 from ...algebra.products import dense
+from ...prediction.point_contact import PointContact
 from ...support.arrays import Array
 from ..law import Forces, Law, Places, RowDirections
 from ..spot_directions import SpotDirections
@@ -96,6 +97,11 @@ class Springs:
         covered = self.lengths(reach)
         return np.asarray(covered / covered.sum()) if reach else covered
 
+    def elongations(self, forces: Array, lengths: Array) -> Array:
+        """Elongations of springs, (n, 2) [m], under forces, (n, 2) [N]; zero where they have no length."""
+        own = lengths[:, None] * self.shear
+        return np.asarray(np.divide(forces, own, out=np.zeros_like(own), where=own > 0.0))
+
     def held(self, elongations: Array, lengths: Array, bounds: Array) -> Held:
         """Springs that would have elongations, (n, 2) [m], along the ellipse and across it, by forces up to bounds.
 
@@ -137,6 +143,7 @@ class Yielding(NamedTuple):
     Parameters
     ----------
     normal : HertzCurve
+    springs : Springs
     between : (2,) array
         Tangential motion under a unit normal force, and the reverse [m/N].
     across : (2, 2) array
@@ -148,6 +155,7 @@ class Yielding(NamedTuple):
     """
 
     normal: HertzCurve
+    springs: Springs
     between: Array
     across: Array
     curved: Array
@@ -171,26 +179,29 @@ class HertzFriction(Law):
 
     def __init__(self, rows: RowDirections) -> None:
         assert isinstance(rows, SpotDirections)
-        self.rows, self.gaps, contact = rows, rows.gaps, rows.gaps.contact
-        self.springs = Springs(contact.sphere, contact.modulus, rows.gaps.shear)
-        self._known: tuple[Array, HertzCurve] | None = None
+        self.rows, self.gaps = rows, rows.gaps
+        self._known: tuple[Array, PointContact, HertzCurve, Springs] | None = None
 
     def fresh(self, rows: RowDirections) -> Law:
         """See `Law`."""
         return HertzFriction(rows)
 
-    def _curve(self) -> tuple[HertzCurve, Array]:
-        """Force by approach, and flexibility in three directions without that of the point, (3, 3) [m/N]."""
+    def _curve(self) -> tuple[HertzCurve, Array, Springs]:
+        """Force by approach, flexibility in three directions without that of the point, (3, 3) [m/N], and springs."""
         F, lacking = self.rows.flexibility(_ONE), self.gaps.spot_rows.lacking
         series = F + np.diag([lacking[0], lacking[1], lacking[1]])
-        if self._known is None or not np.array_equal(self._known[0], series):
-            self._known = series, HertzCurve(float(series[0, 0]), self.gaps.contact)
-        return self._known[1], series
+        contact, known = self.gaps.contact, self._known
+        if known is None or known[1] != contact or not np.array_equal(known[0], series):
+            springs = Springs(contact.sphere, contact.modulus, self.gaps.shear)
+            known = self._known = series, contact, HertzCurve(float(series[0, 0]), contact), springs
+        return known[2], series, known[3]
 
     def _yielding(self) -> Yielding:
-        curve, F = self._curve()
+        curve, F, springs = self._curve()
         turn, curved, fixed = self.gaps.stage.once(("point", self.rows.axis), self._axes)
-        return Yielding(curve, turn @ F[1:, 0], turn @ (F[1:, 1:] + fixed) @ turn.T, turn @ curved @ turn.T, turn)
+        return Yielding(
+            curve, springs, turn @ F[1:, 0], turn @ (F[1:, 1:] + fixed) @ turn.T, turn @ curved @ turn.T, turn
+        )
 
     def _axes(self) -> tuple[Array, Array, Array]:
         """Axes of the ellipse as rows, (2, 2), and what curved bodies add, (2, 2) [m/N], see `SpotGaps.curved`."""
@@ -219,10 +230,10 @@ class HertzFriction(Law):
     def answer(self, places: Places) -> Forces:
         """See `Law`."""
         yielding = self._yielding()
-        curve, between, curved, turn = yielding.normal, yielding.between, yielding.curved, yielding.turn
+        curve, springs, between, _, curved, turn = yielding
         gap, mu = float(places.gap[0]), float(places.mu[0])
         before, last = float(places.last[0, 0]), turn @ places.last[0, 1:]
-        covered = self.springs.lengths(self.springs.reach(before))
+        covered = springs.lengths(springs.reach(before))
         carried = _turned(places.memory[0].reshape(-1, 2) @ turn.T, last)
         rest = turn @ places.way[0] - between * before - self._across(yielding, before) @ last
         P, T = before, last
@@ -231,19 +242,19 @@ class HertzFriction(Law):
             if approach <= 0.0:
                 return self._opened()
             P = curve.force(approach)
-            reach = self.springs.reach(P)
-            lengths, bounds = self.springs.lengths(reach), mu * self.springs.normal(reach)
+            reach = springs.reach(P)
+            lengths, bounds = springs.lengths(reach), mu * springs.normal(reach)
             # Where the contact grows, new parts of springs have no elongation.
-            kept = self._elongations(carried, np.maximum(covered, lengths))
+            kept = springs.elongations(carried, np.maximum(covered, lengths))
             F = self._across(yielding, P)
-            stretch, held = self._stretched(kept, lengths, bounds, F, rest + between * P)
+            stretch, held = _stretched(springs, kept, lengths, bounds, F, rest + between * P)
             T = -held.total
-        stored = 0.5 * float(np.sum(held.forces * self._elongations(held.forces, lengths)))
-        lost, mean = 0.5 * float(np.sum(carried * self._elongations(carried, covered))) - stored, (T + last) / 2
+        stored = 0.5 * float(np.sum(held.forces * springs.elongations(held.forces, lengths)))
+        lost, mean = 0.5 * float(np.sum(carried * springs.elongations(carried, covered))) - stored, (T + last) / 2
         taken, size = lost - mean @ stretch, mean @ mean
         status = SLIP if np.linalg.norm(T) >= _SLIPS * mu * P else STICK
         stored += float(0.5 * T @ F @ T - T @ curved @ T / 6 + P * (between @ T))
-        slopes = mu * self.springs.normal_slope(reach) @ held.by_bounds
+        slopes = mu * springs.normal_slope(reach) @ held.by_bounds
         moved = between - curved @ T / (3 * P)
         return Forces(
             np.array([[P, *(turn.T @ T)]]),
@@ -255,11 +266,6 @@ class HertzFriction(Law):
             stiffness=lambda: _stiffness(curve.stiffness(P), slopes, held.stiffness, F, moved, turn),
         )
 
-    def _elongations(self, forces: Array, lengths: Array) -> Array:
-        """Elongations of springs, (n, 2) [m], under forces, (n, 2) [N]; zero where they have no length."""
-        own = lengths[:, None] * self.springs.shear
-        return np.asarray(np.divide(forces, own, out=np.zeros_like(own), where=own > 0.0))
-
     def _opened(self) -> Forces:
         """Answer without contact."""
         none = np.zeros((1, 3))
@@ -267,27 +273,11 @@ class HertzFriction(Law):
             none, _ONE[:0], np.array([OPEN], dtype=np.int8), none[:, 1:], memory=np.zeros((1, self.memory)), stored=0.0
         )
 
-    def _stretched(
-        self, elongations: Array, lengths: Array, bounds: Array, F: Array, rest: Array
-    ) -> tuple[Array, Held]:
-        """How far springs are stretched, (2,) [m], if bodies of a flexibility F, (2, 2) [m/N], leave `rest` to both."""
-        stretch = rest.copy()
-        held = self.springs.held(elongations + stretch, lengths, bounds)
-        scale = float(np.abs(elongations).max(initial=0.0) + np.abs(rest).max()) or 1.0
-        for _ in range(_MOST):
-            off = stretch - rest + F @ held.total
-            step = np.linalg.solve(np.eye(2) + F @ held.stiffness, off)
-            stretch = stretch - step
-            held = self.springs.held(elongations + stretch, lengths, bounds)
-            if np.abs(step).max() <= _SETTLED * scale:
-                break
-        return stretch, held
-
     def closed_stiffness(self, rows: RowDirections) -> Array:
         """See `Law`; that at the largest contact for which the law is Hertz's."""
         H, yielding = dense(rows.jacobian(_ONE)), self._yielding()
-        largest, turn = yielding.normal.largest, yielding.turn
-        k = np.diag(self.springs.lengths(self.springs.reach(largest)).sum() * self.springs.shear)
+        largest, turn, springs = yielding.normal.largest, yielding.turn, yielding.springs
+        k = np.diag(springs.lengths(springs.reach(largest)).sum() * springs.shear)
         F = self._across(yielding, largest)
         K = _stiffness(yielding.normal.stiffest, np.zeros(2), k, F, np.zeros(2), turn)
         return np.asarray(H.T @ ((K + K.T) / 2) @ H)
@@ -329,6 +319,23 @@ def _stiffness(normal: float, slopes: Array, own: Array, F: Array, moved: Array,
     K[0, 0], K[1:, 1:] = normal, turn.T @ eased @ own @ turn
     K[1:, 0] = -normal * turn.T @ eased @ (slopes - own @ moved)
     return K
+
+
+def _stretched(
+    springs: Springs, elongations: Array, lengths: Array, bounds: Array, F: Array, rest: Array
+) -> tuple[Array, Held]:
+    """How far springs are stretched, (2,) [m], if bodies of a flexibility F, (2, 2) [m/N], leave `rest` to both."""
+    stretch = rest.copy()
+    held = springs.held(elongations + stretch, lengths, bounds)
+    scale = float(np.abs(elongations).max(initial=0.0) + np.abs(rest).max()) or 1.0
+    for _ in range(_MOST):
+        off = stretch - rest + F @ held.total
+        step = np.linalg.solve(np.eye(2) + F @ held.stiffness, off)
+        stretch = stretch - step
+        held = springs.held(elongations + stretch, lengths, bounds)
+        if np.abs(step).max() <= _SETTLED * scale:
+            break
+    return stretch, held
 
 
 def _turned(forces: Array, last: Array) -> Array:

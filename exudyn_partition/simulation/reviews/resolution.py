@@ -101,7 +101,9 @@ def few_rows(run: ReviewedRun) -> Iterator[Finding]:
 def _has_few_rows(history: ContactHistory, top: int, result: Result) -> bool:
     """Whether a contact has few closed rows at its peak, of more, and does not just begin."""
     contact, closed = history.contact, history.closed_rows[top]
-    if not 0 < closed <= _SOME_ROWS or not contact.compliant or contact.n_rows <= closed:
+    if history.force[top] <= 0.0 or not 0 < closed <= _SOME_ROWS:
+        return False
+    if not contact.compliant or contact.n_rows <= closed:
         return False
     if top == len(history.force) - 1 and result.method != "static":
         return False  # a growing contact begins with one row
@@ -127,7 +129,7 @@ def _point(contact: PartitionContact) -> PointContact | None:
     """Hertz's contact of the true surfaces; None if they do not touch at a point."""
     gaps, surface = contact.mechanics.gaps, None if len(contact.sides) > 1 else cast(RigidSurface, contact.master)
     try:
-        return touching(gaps.sides, [patch for _, patch in contact.sides], surface).contact
+        return touching(gaps.sides, [patch for _, patch in contact.sides], surface).round
     except InputError:
         return None
 
