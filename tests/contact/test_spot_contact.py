@@ -281,6 +281,18 @@ def test_a_rounded_corner_hits_a_plane_by_hertz_s_law_of_both_curvatures(rounded
     assert contact.radius(result).max() == pytest.approx(point.mean_axis(force.max()), rel=0.01)
 
 
+def test_a_rounded_corner_on_a_ball_has_the_curvatures_of_both(rounded):
+    body, _, place, n = rounded
+    mbs, radius = exu.SystemContainer().AddSystem(), 7e-3
+    item, ball = ep.CreatePartitionBody(mbs, body), ep.RigidSphere(place + (radius + 1e-7) * n, radius)
+    gaps = ep.CreatePartitionContact(mbs, item, ball, formulation="hertz", friction=MU).mechanics.gaps
+    cosine = math.sqrt(2 / 3)
+    expected = 1 / radius + np.array([cosine / (4e-3 + 4e-3 * cosine), 1 / 4e-3])
+    np.testing.assert_allclose(gaps.contact.curvatures, expected, rtol=1e-4)
+    assert gaps.clearance == pytest.approx(1e-7, rel=1e-3)
+    np.testing.assert_allclose(abs(gaps.long_axis), [0.5**0.5, 0.5**0.5, 0.0], atol=1e-3)  # around the ring
+
+
 def test_a_kernel_is_whole_centred_and_follows_small_ways(coarse):
     points, facets = coarse.points, coarse.partition.patches[0].facets
     n = np.array([0.06, -0.03, -1.0]) / np.linalg.norm([0.06, -0.03, -1.0])
