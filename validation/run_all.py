@@ -119,11 +119,10 @@ def unresolved(d):
         by_law = [row for row in of_scene["rows"] if row["formulation"] == "hertz"]
         found[scene] = max(abs(row[what]) for row in by_law for what in ("peak", "impulse", "duration"))
     friction = d["friction"]
-    slips, sticks = ([row for row in friction["oblique"] if (row["sliding"] < 0.2) == low] for low in (False, True))
-    found["oblique"], found["sticks"] = (max(abs(row["impulse"]) for row in rows) for rows in (slips, sticks))
+    found["oblique"] = max(abs(row["impulse"]) for row in friction["oblique"])
     found |= {what: friction[what] for what in ("rolling", "rest")}
-    maw = "Maw, Barber and Fawcett"
-    said = {"oblique": maw, "sticks": maw, "rolling": "weight", "rest": "weight"}
+    maw = "Maw, Barber and Fawcett, whole sphere; refined patches"
+    said = {"oblique": maw, "rolling": "weight", "rest": "weight"}
     reference = "series of spheres, refined patches"
     return [
         Row(f"contact that the mesh does not resolve, {what}: worst", said.get(what, reference), d["limits"][what], off)

@@ -17,9 +17,10 @@ from ..frames.kinematics import Kinematics
 from ..support.arrays import Array
 from ..surfaces.smooth_kernel import Kernel, kernel_around
 from .side import Side
+from .touching import ORDERS
+from .true_surface import TrueSurface
 
 NORMAL = 0.6  # E' s times the mean normal displacement of a half-space under the kernel, weighted by the kernel
-ORDERS = {6: 2, 10: 3}  # of elements, by the nodes of their facets
 _WIDEST = {2: 2.0, 3: 1.0}  # radius of the kernel by the length of edges, for each order
 _NARROWEST = {2: 1.0, 3: 0.6}
 _MISSED = {2: 0.0225, 3: 0.0}  # E' h times what facets miss of the flexibility under a kernel of radius h
@@ -45,6 +46,9 @@ class Spot:
     lacking : (2,) array
         Flexibility to be added to that of the patch's nodes under the kernel, along the normal and across it [m/N]:
         what facets miss and what a thin wall bends, less the half-space's under the kernel.
+    curved : (3, 3) array
+        Tangential flexibility that the curvature of the body adds for each factor of e by which the contact is smaller
+        than the kernel, as a tensor in the body's axes [m/N].
     reach : float
         How far the patch should reach around it: s, on thin walls 2 s [m].
     whole : bool
@@ -55,6 +59,7 @@ class Spot:
     radius: float
     size: float
     lacking: Array
+    curved: Array
     reach: float
     whole: bool
 
@@ -64,48 +69,21 @@ class Spot:
         return self.kernel.coverage > 1 - _COVERED
 
 
-def material_of(side: Side, patch: int, role: str) -> Material:
-    """Material of a patch.
-
-    Raises
-    ------
-    InputError
-        If it is not known.
-    """
-    body = side.kinematics.body
-    material = body.partition.patches[patch].material or body.material
-    if material is None:
-        raise InputError(f"{role}: formulation 'hertz' needs the body's material; reduce it anew, its file has none")
-    return material
-
-
 class SpotMaker:
     """Makes spots on one side's patch.
 
     Parameters
     ----------
     side : Side
-    patch : int
-        Its number on the body.
+    surface : TrueSurface
+    material : Material
     role : str
         "slave" or "master", for messages.
-
-    Raises
-    ------
-    InputError
-        If its facets are not those of quadratic or cubic tetrahedra, or its material is not known.
     """
 
-    def __init__(self, side: Side, patch: int, role: str) -> None:
-        self.material = material_of(side, patch, role)
-        self._side, self._role = side, role
+    def __init__(self, side: Side, surface: TrueSurface, material: Material, role: str) -> None:
+        self._side, self.surface, self.material, self._role = side, surface, material, role
         facets = side.surface.facets
-        if facets.shape[1] not in ORDERS:
-            raise InputError(
-                f"{role}: formulation 'hertz' knows what facets of quadratic and cubic tetrahedra lack, of 6 and 10 "
-                f"nodes, got facets of {facets.shape[1]} nodes. Take fe_model(..., order=2), or "
-                "formulation='compliance' with facets that resolve the contact"
-            )
         self._order = ORDERS[facets.shape[1]]
         self.points: Array = side.kinematics.arms
         corners = self.points[facet_corners(facets)]
@@ -134,7 +112,8 @@ class SpotMaker:
             lacking += (narrow - self._static(wide) + NORMAL / (2 * modulus * radius) - self._missed(2 * radius, h)) / 3
         nu = self.material.nu
         across = (2 - nu) / (2 * (1 - nu)) * (missed - NORMAL / (modulus * radius))
-        return Spot(kernel, radius, h, np.array([lacking, across]), (2 if thin else 1) * radius, whole)
+        lacks, curved = np.array([lacking, across]), self._curved(normal)
+        return Spot(kernel, radius, h, lacks, curved, (2 if thin else 1) * radius, whole)
 
     def check(self, spot: Spot) -> None:
         """Raise InputError if a spot at the start cannot be computed."""
@@ -155,6 +134,19 @@ class SpotMaker:
     def _missed(self, radius: float, h: float) -> float:
         """Flexibility under a kernel that facets of size h miss [m/N]: their elements are stiffer than the body."""
         return _MISSED[self._order] * (h / radius) ** 4 / (self.material.plane_strain_modulus * h)
+
+    def _curved(self, normal: Array) -> Array:
+        """See `Spot`: the surface that curves away lacks the energy of a half-space's there, of a tangential force.
+
+        On a half-space, the product of stress and strain at a distance r along the surface is ((Q / (2 pi G r^2))^2 G)
+        (2 (1 + nu) cos^2 + (1 - 2 nu)^2 sin^2) of the direction from the force Q, and the depth of what lacks is r^2/2
+        times the curvature there.
+        """
+        bending, nu = self.surface.bending(normal), self.material.nu
+        even = np.trace(bending) / 2 * (np.eye(3) - np.outer(normal, normal))
+        along, across = 2 * (1 + nu), (1 - 2 * nu) ** 2
+        turned = (along + across) * even + (along - across) / 2 * (bending - even)
+        return np.asarray(turned / (8 * np.pi * self.material.shear_modulus))
 
     def _static(self, kernel: Kernel) -> float:
         """Static flexibility of the body under a kernel along its normal, without rigid motion [m/N]."""

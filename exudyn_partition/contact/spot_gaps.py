@@ -1,7 +1,8 @@
 """The gap of a contact at one point that the mesh does not resolve, between the true surfaces of both sides.
 
-One of both surfaces is a ball. The other one is a plane, a ball, a cylinder or a bore, of a body or rigid. The row of
-the contact is the mean over a kernel on each side (`surfaces.smooth_kernel`). It wanders over the patches with the
+One of both surfaces is a ball. The other one is a plane, a ball, a cylinder, a bore or a torus, of a body or rigid.
+Or a torus touches a plane: the nearest point is that of the tube there, which is a ball for this. The row of the
+contact is the mean over a kernel on each side (`surfaces.smooth_kernel`). It wanders over the patches with the
 point of contact: near its place it is tilted, further away it is made anew.
 
 Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
@@ -9,6 +10,7 @@ Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -23,14 +25,14 @@ from ..surfaces.points import ContactPoints
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from .gaps import Gaps, GapState, Present
 from .linear_gaps import LinearGaps
-from .rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
+from .rigid import RigidPlane, RigidSurface
 from .side import Side
 from .spot import Spot, SpotMaker
 from .stages import Anchor, Frozen, PresentRows, Stage
-from .true_surface import TrueSurface, fitted
+from .touching import ROLES, touching
 
 _TILTED = 0.1  # of a kernel's radius: motion of the point of contact after which the kernel is made anew
-_CONFORMING = 0.05  # smaller relative curvature by the larger one, below which surfaces touch along a line
+_STUCK = 0.25  # means of the logarithm of distances, under the kernel's pressure less under the traction of what sticks
 _ALONG = 1e-3  # difference of a direction from the normal of contact, with a flexibility along this direction alone
 
 
@@ -89,12 +91,15 @@ class SpotRows(PresentRows):
     points, leaves_at, sides
         See `PresentRows`.
     spots : list of Spot
-    anchor : Anchor
+    made_at : Anchor
         Where the spots were made.
+    contact : PointContact
+        Hertz's contact there.
     """
 
     spots: list[Spot]
     made_at: Anchor
+    contact: PointContact
 
     @property
     def lacking(self) -> Array:
@@ -138,13 +143,6 @@ class SpotGaps(Gaps):
     pose, motion
         See `rigid.RigidGaps`.
 
-    Attributes
-    ----------
-    contact : PointContact
-        Hertz's contact of the two surfaces.
-    shear : float
-        G* of both bodies [Pa]: 4 / G* is the sum of their (2 - nu) / G.
-
     Raises
     ------
     InputError
@@ -165,41 +163,21 @@ class SpotGaps(Gaps):
     ) -> None:
         self._surface, self._pose, self._motion = surface, pose, motion
         self.carried = pose is not None
-        roles = ("slave", "master")
-        self._makers = [SpotMaker(*each) for each in zip(sides, patches, roles, strict=False)]
-        both = zip(sides, self._makers, roles, strict=False)
-        self._shapes = [fitted(maker.points, side.surface.facets, role) for side, maker, role in both]
-        if surface is not None:
-            if not isinstance(surface, RigidPlane | RigidSphere | RigidCylinder):
-                raise InputError(
-                    "master: formulation 'hertz' knows the curvatures of RigidPlane, RigidSphere and RigidCylinder, "
-                    f"got a {type(surface).__name__}; take formulation='compliance'"
-                )
-            self._shapes.append(TrueSurface(surface))
-        self._ball = next((n for n, shape in enumerate(self._shapes) if shape.ball is not None), -1)
-        if self._ball < 0:
-            kinds = " and a ".join(type(shape.shape).__name__.removeprefix("Rigid").lower() for shape in self._shapes)
-            raise InputError(
-                f"slave, master: formulation 'hertz' needs a ball that touches at a point, got a {kinds}. Round the "
-                "patch of one body, or take formulation='compliance' with facets that resolve the contact"
-            )
-        self.contact = PointContact(self._relative_curvatures(), self._modulus())
-        self.shear = 4 / sum((2 - maker.material.nu) / maker.material.shear_modulus for maker in self._makers)
+        found = touching(sides, patches, surface)
+        parts = zip(sides, found.shapes, found.materials, ROLES, strict=False)
+        self._makers = [SpotMaker(*each) for each in parts]
+        self._found, self._shapes, self._ball = found, found.shapes, found.ball
         self._prepare(sides)
 
-    def _relative_curvatures(self) -> tuple[float, float]:
-        first, second = sorted((shape.curvatures for shape in self._shapes), reverse=True)
-        sums = first[0] + second[0], first[1] + second[1]
-        if min(sums) < _CONFORMING * max(sums):
-            raise InputError(
-                "slave, master: formulation 'hertz' needs a ball that is smaller than the bore in which it is, so that "
-                f"they touch at a point; their radii are {1 / max(first):.4g} m and {-1 / min(second):.4g} m. Take "
-                "formulation='compliance' with facets that resolve the contact"
-            )
-        return sums
+    @property
+    def contact(self) -> PointContact:
+        """Hertz's contact of the two surfaces, where the present row was made."""
+        return self.spot_rows.contact
 
-    def _modulus(self) -> float:
-        return 1 / sum(1 / maker.material.plane_strain_modulus for maker in self._makers)
+    @property
+    def shear(self) -> tuple[float, float]:
+        """Tangential moduli of both bodies along the ellipse of contact and across it, see `PointContact` [Pa]."""
+        return self.contact.shear_moduli(self._found.materials)
 
     def _prepare(self, sides: Sequence[Side]) -> None:
         """Find the spots at the start."""
@@ -219,7 +197,6 @@ class SpotGaps(Gaps):
         self._all, self.clearance, self.approach = rows.points, float(gap[0]), -stage.normals[0]
         self._start = self._frozen(stage, gap) if self._may_freeze else stage
         self._go_to_stage(self._start, self._start_q)
-        self._seen = rows
 
     def _contact_place(self, meeting: Meeting) -> Array:
         """Place of the point of contact on the slave at the start, (3,) [m]."""
@@ -246,7 +223,7 @@ class SpotGaps(Gaps):
         line = side.kinematics.frame(np.zeros(side.n))[1] @ outward
         if side.surface.wanders or not side.kinematics.linear or 1 - line @ side.surface.direction > _ALONG:
             raise InputError(
-                f"{('slave', 'master')[number]}: formulation 'hertz' needs the flexibility along the line of contact, "
+                f"{ROLES[number]}: formulation 'hertz' needs the flexibility along the line of contact, "
                 f"{line}, and wherever that turns, but the patch has it along {side.surface.direction} or along the "
                 "normals of its nodes alone. Make the patch with axes='xyz'"
             )
@@ -289,11 +266,13 @@ class SpotGaps(Gaps):
         """Where the surfaces are nearest, with the sides at poses and the rigid surface's carrier at a pose, (12,)."""
         poses = poses if self._surface is None else [*poses, self._rigid_pose(carried)]
         ball, second = self._ball, 1 - self._ball
-        form = self._shapes[ball].ball
+        facing = self._shapes[second].shape
+        towards = facing.normal if isinstance(facing, RigidPlane) else np.zeros(3)
+        form = self._shapes[ball].ball_at(-(poses[second].axes @ towards) @ poses[ball].axes)
         assert form is not None
         centre, radius = form
         place = poses[ball].out(centre)
-        gap, normal = self._shapes[second].shape.project(poses[second].into(place)[None])
+        gap, normal = facing.project(poses[second].into(place)[None])
         outward = poses[second].axes @ normal[0]
         foot = poses[second].into(place) - gap[0] * normal[0]
         of_ball = -outward @ poses[ball].axes
@@ -332,6 +311,7 @@ class SpotGaps(Gaps):
         sides = self.with_nodes([spot.kernel.nodes for spot in spots])
         rows = SpotRows(points, np.array([np.inf if all(spot.whole for spot in spots) else 0.0]), sides)
         rows.spots, rows.made_at = spots, anchor
+        rows.contact = self._found.contact(self._axes(anchor.q, anchor.pose), meeting.normal)
         return rows
 
     def _stage_at(
@@ -369,6 +349,41 @@ class SpotGaps(Gaps):
         stage = self.stage
         assert isinstance(stage, SpotStage | FrozenSpot)
         return stage.meeting
+
+    @property
+    def mismatch(self) -> float:
+        """Dundurs' constant beta of both bodies: how much normal forces move their surfaces along each other."""
+        materials = [maker.material for maker in self._makers]
+        along = [(1 - 2 * material.nu) / material.shear_modulus for material in materials]
+        normal = sum((1 - material.nu) / material.shear_modulus for material in materials)
+        return (along[0] - sum(along[1:])) / (2 * normal)
+
+    @property
+    def long_axis(self) -> Array:
+        """Unit vector along the major semi-axis of the ellipse of contact, in space, (3,); any tangent of a circle."""
+        normal = self.meeting.normal
+        bent = self._found.bending(self._axes(self.q, self.evaluated_pose), normal)
+        size = 2 * max(self.contact.curvatures)
+        return np.asarray(np.linalg.eigh(bent + size * np.outer(normal, normal))[1][:, 0])
+
+    def _axes(self, q: Array, carried: Array) -> list[Array]:
+        """Axes of both sides as columns, (3, 3), at coordinates and the pose of the rigid surface's carrier, (12,)."""
+        axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.split(q), strict=True)]
+        return axes if self._surface is None else [*axes, self._rigid_pose(carried).axes]
+
+    def curved(self, tangents: Array) -> tuple[Array, Array]:
+        """Tangential flexibility that curved bodies add between their kernels and a contact of mean semi-axis a.
+
+        It is a factor, (2, 2) [m/N], times - log(a / 1 m), plus a part that is fixed, (2, 2) [m/N]. The tangents are
+        (2, 3), in space.
+        """
+        factor, fixed = np.zeros((2, 2)), np.zeros((2, 2))
+        for side, q, spot in zip(self.sides, self.coordinates, self.spot_rows.spots, strict=True):
+            turned = tangents @ side.kinematics.frame(q)[1]
+            curved = turned @ spot.curved @ turned.T
+            factor += curved
+            fixed += (math.log(spot.radius) - _STUCK) * curved
+        return factor, fixed
 
     def body_points(self, place: int) -> Array:
         """Nodes of one side's patch in the body's axes, from its centre of mass, undeformed, (np, 3) [m]."""
@@ -410,10 +425,10 @@ class SpotGaps(Gaps):
 
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; it is the gap of the true surfaces."""
-        rows = self._seen
+        rows = self.spot_rows
         stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q)
         if not self._reaches(rows, stage.meeting):
-            rows = self._seen = self._rows_at(Anchor(q.copy(), self.carrier_pose))
+            rows = self._rows_at(Anchor(q.copy(), self.carrier_pose))
             gap = self._stage_at(rows, self.places_of(rows.sides, q), q)[1]
         return float(gap[0])
 

@@ -1,4 +1,4 @@
-"""The true surface of a contact patch, whose facets are only chords of it: a plane, a ball, a cylinder or a bore.
+"""The true surface of a contact patch, whose facets are only chords of it: plane, ball, cylinder, bore or round edge.
 
 It is fitted to the corners of the facets, which lie on the surface in any mesh of a shape.
 """
@@ -21,16 +21,63 @@ _FITS = 2e-3  # of the sagitta of a patch: corners that lie nearer to a curved s
 _ROUNDING = 1e-7  # of a patch's size, of places from a file
 _WIDEST = 1e3  # radius by the size of a patch, above which no curvature can be told
 
-Shape = RigidPlane | RigidSphere | RigidCylinder
+_FEWEST = 12  # corners of facets from which a torus is found
+_TRIES = 60  # steps to a torus from one start
+_SLANTS = (0.3, 0.8, 1.3, -0.3, -0.8, -1.3)  # angles from the ring's plane with which a torus is looked for
+
+
+@dataclass(frozen=True, eq=False)
+class Torus:
+    """Outer half of a torus, the rounded edge of a round body or corner.
+
+    Parameters
+    ----------
+    centre : (3,) array
+        [m]
+    axis : (3,) array
+        Unit vector.
+    ring, tube : float
+        Radius of the circle in the middle of the tube, and of the tube [m].
+    """
+
+    centre: Array
+    axis: Array
+    ring: float
+    tube: float
+
+    def project(self, x: Array) -> tuple[Array, Array]:
+        """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3)."""
+        arm = x - self.centre
+        flat = arm - np.outer(arm @ self.axis, self.axis)
+        arm = arm - self.ring * flat / np.linalg.norm(flat, axis=1)[:, None]
+        size = np.linalg.norm(arm, axis=1)
+        return size - self.tube, arm / size[:, None]
+
+    def middle(self, normal: Array) -> Array:
+        """Middle of the tube beneath the place with an outward unit normal, (3,) [m]."""
+        flat = normal - (normal @ self.axis) * self.axis
+        return np.asarray(self.centre + self.ring * flat / np.linalg.norm(flat))
+
+    def bending(self, normal: Array) -> Array:
+        """See `TrueSurface.bending`."""
+        around = np.cross(self.axis, normal)
+        cosine = float(np.linalg.norm(around))
+        around /= cosine
+        across = np.cross(normal, around)
+        second = cosine / (self.ring + self.tube * cosine)
+        return np.asarray(np.outer(across, across) / self.tube + second * np.outer(around, around))
+
+
+Shape = RigidPlane | RigidSphere | RigidCylinder | Torus
 
 
 @dataclass(frozen=True, eq=False)
 class TrueSurface:
-    """A surface of constant curvatures.
+    """A surface whose curvatures are known.
 
     Parameters
     ----------
-    shape : RigidPlane, RigidSphere or RigidCylinder
+    shape : RigidPlane, RigidSphere, RigidCylinder or Torus
         It gives the distance of points.
     """
 
@@ -41,14 +88,31 @@ class TrueSurface:
         """Centre, (3,) [m], and radius [m] of a ball; None of other surfaces."""
         return (self.shape.center, self.shape.radius) if isinstance(self.shape, RigidSphere) else None
 
+    def ball_at(self, normal: Array) -> tuple[Array, float] | None:
+        """Centre, (3,) [m], and radius [m] of a ball that touches as the surface does, where it has an outward normal.
+
+        It is a ball itself, or the tube of a torus; None of other surfaces.
+        """
+        return (self.shape.middle(normal), self.shape.tube) if isinstance(self.shape, Torus) else self.ball
+
     @property
     def curvatures(self) -> tuple[float, float]:
-        """Principal curvatures [1/m], below zero where the surface is hollow."""
+        """Principal curvatures [1/m], below zero where the surface is hollow; they are the same all over."""
         if isinstance(self.shape, RigidSphere):
             return (1 / self.shape.radius,) * 2
         if isinstance(self.shape, RigidCylinder):
             return math.copysign(1 / self.shape.radius, -1 if self.shape.hollow else 1), 0.0
         return 0.0, 0.0
+
+    def bending(self, normal: Array) -> Array:
+        """Curvatures at the place with an outward unit normal, (3,), as a tensor in the tangent plane, (3, 3) [1/m]."""
+        if isinstance(self.shape, Torus):
+            return self.shape.bending(normal)
+        first = self.curvatures[0]
+        tangential = np.eye(3) - np.outer(normal, normal)
+        if not isinstance(self.shape, RigidCylinder):
+            return np.asarray(first * tangential)
+        return np.asarray(first * (tangential - np.outer(self.shape.axis, self.shape.axis)))
 
 
 def fitted(points: Array, facets: Array, role: str) -> TrueSurface:
@@ -66,7 +130,7 @@ def fitted(points: Array, facets: Array, role: str) -> TrueSurface:
     Raises
     ------
     InputError
-        If it is neither a plane, nor a ball, nor a cylinder or bore.
+        If it is neither a plane, nor a ball, a cylinder, a bore nor the outside of a torus.
     """
     corners = np.unique(facet_corners(facets))
     x, outward = points[corners], area_vectors(points, facets)
@@ -76,17 +140,17 @@ def fitted(points: Array, facets: Array, role: str) -> TrueSurface:
     if deviation <= _FLAT * size:
         return TrueSurface(RigidPlane(middle, plane if plane @ outward.sum(axis=0) > 0 else -plane))
     middles = points[facet_corners(facets)].mean(axis=1)
-    found: list[RigidSphere | RigidCylinder] = [*_balls(x, outward, middles), *_cylinders(x, middles, outward)]
-    for shape in found:
-        off = float(abs(shape.project(x)[0]).max())
-        sagitta = min(size**2 / (8 * shape.radius), shape.radius)
-        if off <= max(_FITS * sagitta, _ROUNDING * size) and shape.radius < _WIDEST * size:
-            return TrueSurface(shape)
+    for find in (_balls, _cylinders, _tori):
+        for shape in find(x, outward, middles):
+            radius = shape.tube if isinstance(shape, Torus) else shape.radius
+            off, sagitta = float(abs(shape.project(x)[0]).max()), min(size**2 / (8 * radius), radius)
+            if off <= max(_FITS * sagitta, _ROUNDING * size) and radius < _WIDEST * size:
+                return TrueSurface(shape)
     raise InputError(
-        f"{role}: formulation 'hertz' needs the true surface of the patch, a plane, a ball, a cylinder or a bore, but "
-        f"the corners of its {len(facets)} facets lie on none of them: they are {deviation:.3g} m from a plane over "
-        f"{size:.3g} m. Choose a patch within one face (Partition.ball, Partition.surface), or take "
-        "formulation='compliance' with facets that resolve the contact"
+        f"{role}: formulation 'hertz' needs the true surface of the patch, a plane, a ball, a cylinder, a bore or the "
+        f"outside of a torus, but the corners of its {len(facets)} facets lie on none of them: they are "
+        f"{deviation:.3g} m from a plane over {size:.3g} m. Choose a patch within one face (Partition.ball, "
+        "Partition.surface), or take formulation='compliance' with facets that resolve the contact"
     )
 
 
@@ -104,7 +168,7 @@ def _balls(x: Array, outward: Array, middles: Array) -> list[RigidSphere]:
     return [RigidSphere(centre, math.sqrt(square))] if convex else []
 
 
-def _cylinders(x: Array, middles: Array, outward: Array) -> list[RigidCylinder]:
+def _cylinders(x: Array, outward: Array, middles: Array) -> list[RigidCylinder]:
     """Cylinder or bore through points x, (k, 3) [m], by least squares."""
     normals = outward / np.linalg.norm(outward, axis=1)[:, None]
     axis = np.linalg.svd(normals, full_matrices=False)[2][-1]
@@ -130,3 +194,50 @@ def _cylinders(x: Array, middles: Array, outward: Array) -> list[RigidCylinder]:
     arm = middles - centre
     hollow = bool(np.einsum("fd,fd->", arm - np.outer(arm @ along, along), outward) < 0)
     return [RigidCylinder(centre, along, float(radius), hollow=hollow)]
+
+
+def _tori(x: Array, outward: Array, middles: Array) -> list[Torus]:
+    """Outer half of a torus through points x, (k, 3) [m], that face one way, by least squares from several slants.
+
+    The start has the curvatures of a paraboloid through the points; the ring's place is not known from these.
+    """
+    normal = outward.sum(axis=0)
+    if len(x) < _FEWEST or (outward @ normal).min() <= 0.0:
+        return []
+    normal = normal / np.linalg.norm(normal)
+    tangents, middle = np.linalg.svd(normal[None])[2][1:], x.mean(axis=0)
+    size = float(np.linalg.norm(np.ptp(x, axis=0)))
+    arms = (x - middle) / size
+    u, v = (arms @ tangents.T).T
+    terms = np.column_stack([np.ones(len(x)), u, v, u**2, u * v, v**2])
+    height, _, rank, _ = np.linalg.lstsq(terms, arms @ normal, rcond=None)
+    curvatures, along = np.linalg.eigh(-np.array([[2 * height[3], height[4]], [height[4], 2 * height[5]]]))
+    if rank < terms.shape[1] or curvatures[0] <= 0:
+        return []
+    steep, tube = along[:, 1] @ tangents, 1 / curvatures[1]
+
+    def torus(values: Array) -> Torus:
+        axis = values[3:6] / np.linalg.norm(values[3:6])
+        return Torus(values[:3], axis, float(values[6]), float(values[7]))
+
+    def off(values: Array) -> Array:
+        return torus(values).project(arms)[0]
+
+    shape, least = None, math.inf
+    for slant in _SLANTS:
+        ring = math.cos(slant) * (1 / curvatures[0] - tube)
+        radial = math.cos(slant) * normal - math.sin(slant) * steep
+        axis = math.sin(slant) * normal + math.cos(slant) * steep
+        start = [*((height[0] - tube) * normal - ring * radial), *axis, ring, tube]
+        best = scipy.optimize.least_squares(off, start, xtol=1e-14, ftol=1e-14, max_nfev=_TRIES)
+        if best.cost < least:
+            shape, least = torus(best.x), best.cost
+        if least < len(arms) * _ROUNDING**2:
+            break
+    assert shape is not None
+    facing = shape.project((middles - middle) / size)[1]
+    from_axis = np.linalg.norm(np.cross(shape.axis, (middles - middle) / size - shape.centre), axis=1)
+    outside = min(shape.ring, shape.tube) > 0 and from_axis.min() > shape.ring
+    if not outside or np.einsum("fd,fd->", facing, outward) <= 0:
+        return []
+    return [Torus(middle + size * shape.centre, shape.axis, size * shape.ring, size * shape.tube)]

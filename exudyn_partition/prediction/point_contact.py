@@ -5,11 +5,15 @@ Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 References
 ----------
 K.L. Johnson, Contact Mechanics, 1985, section 4.2.
+
+P.J. Vermeulen, K.L. Johnson, Contact of nonspherical elastic bodies transmitting tangential forces, Journal of Applied
+Mechanics 31 (1964) 338; H. Deresiewicz, Oblique contact of nonspherical elastic bodies, ibid. 24 (1957) 623.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,8 +21,10 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 from ..errors import InputError
+from ..fe.material import Material
 
 _ROUND = 1e-6  # relative difference of curvatures up to which a contact is circular: the ellipse is 0 / 0 there
+_NEARLY_ROUND = 1e-5  # the same for the ratio of the semi-axes, where shares of directions would be 0 / 0
 _LONGEST = 1e-4  # smallest ratio of the semi-axes that is looked for
 
 
@@ -90,10 +96,48 @@ class PointContact:
         K = math.pi / 2 if self.ratio == 1.0 else _elliptic(self.ratio)[1]
         return 3 / (2 * math.pi * a * self.modulus) * K
 
+    @property
+    def sphere(self) -> float:
+        """Radius of the ball on a plane that yields as much under any force [m]."""
+        return 9 / (16 * self.modulus**2 * self.yielding**3)
+
+    def shear_moduli(self, materials: Sequence[Material]) -> tuple[float, float]:
+        """Tangential stiffness by the normal one, times E*, along the major semi-axis and the minor one [Pa].
+
+        Both stiffnesses are those of a contact whose ellipse stays as it is. In round contacts this is G*, with 4 / G*
+        the sum of (2 - nu) / G. In elliptic ones, the tangential displacement under the traction of a sliding contact
+        follows both curvatures as the normal one does, so that partial slip is that of round contacts with these
+        moduli (Vermeulen and Johnson, Deresiewicz).
+
+        Parameters
+        ----------
+        materials : sequence of Material
+            Of the bodies that yield.
+        """
+        along, across = self._shares
+        first, second = (
+            2 / sum((1 - material.nu * share) / material.shear_modulus for material in materials)
+            for share in (along, across)
+        )
+        return first, second
+
+    @cached_property
+    def _shares(self) -> tuple[float, float]:
+        """Integrals of sin^2 and cos^2 over the directions of the ellipse, B and D, by their sum K."""
+        if self.ratio > 1 - _NEARLY_ROUND:
+            return 0.5, 0.5
+        E, K = _elliptic(self.ratio)
+        across = (1 - E / K) / (1 - self.ratio**2)
+        return 1 - across, across
+
     def semi_axes(self, force: float) -> tuple[float, float]:
         """Semi-axes of the ellipse of contact under a force [N], the larger first [m]."""
         a, b = self._axes_of_unit
         return a * force ** (1 / 3), b * force ** (1 / 3)
+
+    def mean_axis(self, force: float) -> float:
+        """Mean semi-axis sqrt(a b) under a force [N]: [m]."""
+        return math.sqrt(math.prod(self.semi_axes(force)))
 
     def force(self, radius: float) -> float:
         """Force under which the mean semi-axis, sqrt(a b), is a radius [m]: [N]."""

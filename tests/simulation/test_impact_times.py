@@ -107,7 +107,7 @@ def test_a_contact_of_one_row_says_so(marble):
     """Slowly, the marble touches with less than a facet."""
     mbs, _, contact = on_a_plane(marble, 0.005, gap=MARBLE_RADIUS, name="slow")
     with pytest.warns(
-        ModelLimitWarning, match=r"contact 'slow' .*: 1 of \d+ rows is closed at the peak .* Refine the mesh there"
+        ModelLimitWarning, match=r"contact 'slow' .*: 1 of \d+ rows is closed at the peak .* [Rr]efine the mesh there"
     ):
         result = ep.solve_dynamic(mbs, end_time=150e-6)
     assert contact.closed_rows(result).max() == 1

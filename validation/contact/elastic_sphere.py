@@ -60,7 +60,7 @@ class ElasticSphere:
 
     def _influence(self, edges, at):
         """Motion of points at angles `at` away from the plane by unit vertical pressure on each ring [m/Pa]."""
-        mu, lam, nu, n = self.material.shear_modulus, self.material.lame, self.material.nu, np.arange(TERMS)
+        n = np.arange(TERMS)
         x, w = np.polynomial.legendre.leggauss(GAUSS)
         theta = (edges[:-1, None] + edges[1:, None] + np.diff(edges)[:, None] * x) / 2
         weight = np.diff(edges)[:, None] / 2 * w * np.sin(theta)
@@ -70,6 +70,16 @@ class ElasticSphere:
         sigma = -np.einsum("nrg,rg->nr", P[:, :m].reshape(ring), weight * np.cos(theta)) * (n + 0.5)[:, None]
         tau = np.einsum("nrg,rg->nr", dP[:, :m].reshape(ring), weight * np.sin(theta))
         tau[1:] *= ((n + 0.5) / np.maximum(n * (n + 1), 1))[1:, None]
+        radial, along = self._answers(sigma, tau)
+        down = (P[:, m:] * np.cos(at)).T @ radial - (dP[:, m:] * np.sin(at)).T @ along
+        return -self.radius * down
+
+    def _answers(self, sigma, tau):
+        """Motion along r and along the surface by radius, (TERMS, k), from the tractions of each degree, (TERMS, k).
+
+        They are factors of a surface harmonic and of its gradient; which one of its degree is all the same.
+        """
+        mu, lam, nu, n = self.material.shear_modulus, self.material.lame, self.material.nu, np.arange(TERMS)
         # Solutions grad(r^n P_n) and Lurie's second one, from the tractions of degree n.
         A, B = np.zeros_like(sigma), np.zeros_like(sigma)
         k = n[2:, None].astype(float)
@@ -85,8 +95,30 @@ class ElasticSphere:
         b = (tau[1] / (2 * mu) - c) / (2 + 2 * nu)
         shift = -0.6 * c - 2 * b
         radial[1], along[1] = c + 2 * (4 * nu - 1) * b + shift, c + (6 - 4 * nu) * b + shift
-        down = (P[:, m:] * np.cos(at)).T @ radial - (dP[:, m:] * np.sin(at)).T @ along
-        return -self.radius * down
+        return radial, along
+
+    def rest(self, contact_radius):
+        """Tangential flexibility of the sphere beyond a half-space's [m/N], under and over Hertz's pressure.
+
+        The traction has the shape of that pressure over the contact radius [m], and follows the surface of the sphere.
+        Of each degree, its part that is a gradient is Lurie's solution, and the other one turns shells.
+        """
+        R, nu, mu, n = self.radius, self.material.nu, self.material.shear_modulus, np.arange(TERMS, dtype=float)
+        x, w = np.polynomial.legendre.leggauss(200)
+        psi = np.pi / 4 * (x + 1)
+        theta, traction = contact_radius / R * np.sin(psi), np.cos(psi)
+        weight = traction * w * np.pi / 4 * contact_radius / R * np.cos(psi) * np.sin(theta)
+        total = np.pi * R**2 * np.sum(weight * (np.cos(theta) + 1))
+        P, dP = _legendre(theta)
+        both = dP * ((1 - np.cos(theta)) / np.sin(theta)) - (n * (n + 1))[:, None] * P
+        size = np.maximum(2 * np.pi * (n * (n + 1)) ** 2 / (2 * n + 1), 1.0)
+        shares = np.pi * (both @ weight) / size
+        shares[0] = 0.0
+        along = self._answers(np.zeros((TERMS, 1)), shares[:, None])[1][:, 0]
+        turning = np.r_[0.0, shares[1] / 7, shares[2:] / (n[2:] - 1)] / mu
+        whole = R**3 * np.sum(size * shares * (along + turning)) / total**2
+        half_space = 0.6 * (2 - nu) / (2 - 2 * nu) / (self.material.plane_strain_modulus * contact_radius)
+        return float(whole - half_space)
 
     def impact(self, speed, *, two=False):
         """Peak force [N], approach [m] and duration [s] of a sphere hitting a plane, or another one like it.

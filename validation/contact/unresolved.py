@@ -1,18 +1,22 @@
 """Contacts that are smaller than the facets around them: formulation "hertz" against refined patches and series.
 
-Scenes: a ball on a rigid plane, two balls, a ball on a free thin plate, a ball in a rigid bore (an elliptic contact).
-The elements at the contact are one, two and four contact radii long, and the contact is at a node, at the middle of an
-edge and at the middle of a facet. Beside it, formulation "compliance" on the same meshes.
-References: of balls on planes and balls, the series solution of a whole elastic sphere (elastic_sphere.py); of plate
-and bore, formulation "compliance" on patches with three and a half elements in the contact radius.
+Scenes: a ball on a rigid plane, two balls, a ball on a free thin plate, a ball in a rigid bore (an elliptic contact),
+and the rounded corner of a block on a rigid plane (a torus, with two curvatures that depend on the place).
+The elements at the contact are one, two and four contact radii long, on the plane also down to where they resolve the
+contact. It is at a node, at the middle of an edge and at the middle of a facet. Beside it, formulation "compliance" on
+the same meshes.
+References: of balls on planes and balls, the series solution of a whole elastic sphere (elastic_sphere.py); of plate,
+bore and corner, formulation "compliance" on patches with three and a half elements in the contact radius.
 Quantities: peak of the force, impulse, duration between 5 % of the peak, the change of energy, and processor times.
 
-The ball also hits the plane at an angle, with friction. Reference: Maw, Barber and Fawcett (mindlin_ball.py), whose
-tangential flexibility is that of half-spaces. Quantity: tangential impulse, which is a small difference where the ball
-sticks and swings back. And a ball with a coarse skin rolls over its elements by its weight: the normal force should be
-the weight.
-Limits: peak, impulse and duration 1 %, on the plate 1.5 %, energy 1e-3 of its start; tangential impulse 3 %, of a ball
-that sticks 5 %; force of the rolling ball 2 %, at rest 0.5 %.
+The ball also hits the plane at an angle, with friction. Reference: Maw, Barber and Fawcett with the flexibility of a
+whole sphere (mindlin_ball.py). And balls hit each other and a bore, along its axis and across it (an elliptic contact),
+against rows on refined patches. In the bore they are of nu = 0.45, for with a rigid surface normal forces cause slip
+at the edge of the contact, which rows have and the law has not. What that makes is told by rows on the plane.
+Quantity: tangential impulse. And a ball with a coarse skin rolls over its elements by its weight: the normal force
+should be the weight.
+Limits: peak, impulse and duration 1 %, on the plate 1.5 %, energy 1e-3 of its start; tangential impulse 3 %; force of
+the rolling ball 2 %, at rest 0.5 %.
 
     python -m validation.contact.unresolved [--quick] [--out FILE]
 """
@@ -39,16 +43,19 @@ from validation.tables import PAGE, write_between
 RADIUS, SPEED, SMALL, F_CUT = 10e-3, 0.5, 5e-3, 200e3
 THICK, WIDTH = 3e-3, 40e-3  # of the plate [m]
 BORE = 15e-3
-SCENES = ["plane", "two balls", "plate", "bore"]
+CORNER = (8e-3, 4e-3)  # radii of the block's upright edge and of the fillet around its top: a torus [m]
+SCENES = ["plane", "two balls", "plate", "bore", "corner"]
 SIZES = (1.0, 2.0, 4.0)  # of elements, by the radius of contact
 FINE = 1 / 3.5
+RESOLVED = (FINE, 0.5)  # of a ball on a plane: the law needs no switch to rows where facets resolve the contact
 PLACES = ("node", "edge", "facet")
 LIMITS = {
-    "plane": 0.01, "two balls": 0.01, "plate": 0.015, "bore": 0.01, "energy": 1e-3,
-    "oblique": 0.03, "sticks": 0.05, "rolling": 0.02, "rest": 0.005,
+    "plane": 0.01, "two balls": 0.01, "plate": 0.015, "bore": 0.01, "corner": 0.01, "energy": 1e-3,
+    "oblique": 0.03, "rolling": 0.02, "rest": 0.005,
 }  # fmt: skip
-STICKS = 0.2  # m/s: below it the ball sticks, and swings back
 FRICTION, SLIDING = 0.3, (0.1, 0.3, 0.6, 1.5)  # m/s
+SLOW = 0.1  # m/s, at which the ball sticks, and swings back
+ALIKE = ep.Material(E=210e9, nu=0.45, rho=7850.0)  # its normal forces hardly slide on a rigid surface
 MARGIN = 2e-7  # gap at the start [m]
 
 
@@ -61,6 +68,8 @@ def contact_radius(scene):
     """Largest contact radius of a scene by Hertz [m]."""
     if scene == "plate":
         return ep.hertz.impact(mass_of(SMALL), SPEED, SMALL, np.inf, scenes.STEEL, ep.ALUMINIUM).contact_radius
+    if scene == "corner":
+        return ep.hertz.impact(0.02, SPEED, 6e-3, np.inf, scenes.STEEL).contact_radius
     two = scene == "two balls"
     masses = mass_of(RADIUS) / (2 if two else 1)
     others = (RADIUS, scenes.STEEL) if two else (np.inf if scene == "plane" else -BORE, None)
@@ -68,10 +77,10 @@ def contact_radius(scene):
 
 
 @cache
-def ball(radius, h, fine):
+def ball(radius, h, fine, material=scenes.STEEL):
     """Ball about the origin with elements of size h at its south pole, reduced."""
     shape = occ.Sphere(occ.Pnt(0, 0, 0), radius).Rotate(occ.Axis(occ.Pnt(0, 0, 0), occ.Dir(1, 0.3, 0.1)), 50)
-    fem = ep.fe_model(shape, scenes.STEEL, **mesh((0, 0, -radius), h, fine, 0.25 * radius))
+    fem = ep.fe_model(shape, material, **mesh((0, 0, -radius), h, fine, 0.25 * radius))
     part = ep.Partition.ball(fem, (0, 0, -radius), patch(h, fine), axes="xyz", direction=(0, 0, -1))
     return ep.reduce(fem, part, f_cut=F_CUT)
 
@@ -95,6 +104,21 @@ def plate(h, fine):
     return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), patch(h, fine), axes="xyz"), f_cut=F_CUT)
 
 
+CORNER_NORMAL = np.full(3, 3**-0.5)
+CORNER_PLACE = np.array([12e-3, 12e-3, 6e-3]) + CORNER[1] * CORNER_NORMAL + 4e-3 * np.array([0.5**0.5, 0.5**0.5, 0.0])
+
+
+@cache
+def corner(h, fine):
+    """Block of steel whose corner is rounded."""
+    block = occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(20e-3, 20e-3, 10e-3))
+    block = block.MakeFillet([e for e in block.edges if min(e.center.x, e.center.y) > 0.019], CORNER[0])
+    block = block.MakeFillet([e for e in block.edges if e.center.z > 0.0099], CORNER[1])
+    fem = ep.fe_model(block, scenes.STEEL, **mesh(tuple(CORNER_PLACE), h, fine, 3e-3))
+    near = {"axes": "xyz", "direction": CORNER_NORMAL}
+    return ep.reduce(fem, ep.Partition.ball(fem, CORNER_PLACE, patch(h, fine), **near), f_cut=F_CUT)
+
+
 def place_of(body, near, kind):
     """Node, middle of an edge or middle of a facet that is nearest to a point, (3,) [m], on the body's patch."""
     facets, points = body.partition.patches[0].facets, body.points
@@ -106,6 +130,8 @@ def place_of(body, near, kind):
 def impact(scene, size, kind, formulation):
     """History of an impact: times, force, energy, and processor time of the run."""
     fine, h = size < 1, size * contact_radius(scene)
+    if scene == "corner":
+        return corner_impact(corner(h, fine), formulation)
     mbs = exu.SystemContainer().AddSystem()
     radius = SMALL if scene == "plate" else RADIUS
     body = ball(radius, h, fine)
@@ -141,7 +167,11 @@ def impact(scene, size, kind, formulation):
         bodies = [first, partner]
     contact = ep.CreatePartitionContact(mbs, first, partner, formulation=formulation)
     mbs.Assemble()
-    end = 60e-6 if scene == "plate" else 75e-6
+    return solved(mbs, bodies, contact, 60e-6 if scene == "plate" else 75e-6)
+
+
+def solved(mbs, bodies, contact, end):
+    """Times, force, relative change of energy, and processor time of a run."""
     begin = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -149,6 +179,17 @@ def impact(scene, size, kind, formulation):
     taken = time.process_time() - begin
     energy = sum(item.energy(result) for item in bodies) + contact.energy(result)
     return result.t, contact.force(result), float(np.ptp(energy) / energy[0]), taken
+
+
+def corner_impact(body, formulation):
+    """The same of a rounded corner that comes along its normal there, at one place, wherever facets are."""
+    mbs, n = exu.SystemContainer().AddSystem(), CORNER_NORMAL
+    item = ep.CreatePartitionBody(mbs, body, frame="floating", initialVelocity=list(SPEED * n))
+    contact = ep.CreatePartitionContact(
+        mbs, item, ep.RigidPlane(CORNER_PLACE + MARGIN * n, -n), formulation=formulation
+    )
+    mbs.Assemble()
+    return solved(mbs, [item], contact, 90e-6)
 
 
 def _turn(a, b):
@@ -173,7 +214,7 @@ def measures(t, force):
 @cache
 def reference(scene):
     """Peak, impulse and duration between 5 % of the peak of the true impact."""
-    if scene in ("plate", "bore"):
+    if scene in ("plate", "bore", "corner"):
         return measures(*impact(scene, FINE, "node", "compliance")[:2])
     two = scene == "two balls"
     sphere = ElasticSphere(RADIUS, scenes.STEEL)
@@ -193,24 +234,42 @@ def errors(found, true):
     return {what: found[what] / true[what] - 1 for what in true}
 
 
-def oblique(size, sliding):
-    """Tangential impulse of an impact at an angle, at the middle of a facet, that of the reference, and energy."""
-    body = ball(RADIUS, size * contact_radius("plane"), False)
+def oblique(scene, size, sliding, across=False):
+    """Tangential impulse of an impact at an angle, at the middle of a facet, change of energy, and what friction took.
+
+    By rows on a refined patch if `size` is below one; the ball slides along the bore, or `across` it.
+    """
+    fine, material = size < 1, ALIKE if scene == "bore" else scenes.STEEL
+    body = ball(RADIUS, size * contact_radius("plane"), fine, material)
     x = place_of(body, np.array([0, 0, -RADIUS]), "facet")
     n = x / np.linalg.norm(x)
     along = np.cross(n, [0.3, 1, 0.2])
     along /= np.linalg.norm(along)
     mbs = exu.SystemContainer().AddSystem()
-    item = ep.CreatePartitionBody(mbs, body, initialVelocity=list(SPEED * n + sliding * along))
-    plane = ep.RigidPlane(point=(RADIUS + MARGIN) * n, normal=-n)
-    contact = ep.CreatePartitionContact(mbs, item, plane, formulation="hertz", friction=FRICTION)
+    velocity = SPEED * n + sliding * along
+    items = [ep.CreatePartitionBody(mbs, body, initialVelocity=list(velocity))]
+    if scene == "two balls":
+        flip = 2 * np.outer(along, along) - np.eye(3)
+        items.append(ep.CreatePartitionBody(
+            mbs, body, frame="floating", referencePosition=list((2 * RADIUS + MARGIN) * n),
+            referenceRotationMatrix=flip.tolist(), initialVelocity=list(-velocity),
+        ))  # fmt: skip
+    elif scene == "bore":
+        axis = np.cross(n, along) if across else along
+        items.append(ep.RigidCylinder((RADIUS + MARGIN - BORE) * n, axis, BORE, hollow=True))
+    else:
+        items.append(ep.RigidPlane(point=(RADIUS + MARGIN) * n, normal=-n))
+    formulation = "compliance" if fine else "hertz"
+    contact = ep.CreatePartitionContact(mbs, *items, formulation=formulation, friction=FRICTION)
     mbs.Assemble()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        result = ep.solve_dynamic(mbs, end_time=75e-6, step=75e-6 / 1500)
+        result = ep.solve_dynamic(mbs, end_time=80e-6, step=80e-6 / 1600)
     impulse = np.trapezoid(contact.friction.tangential_force(result) @ along, result.t)
-    energy = item.energy(result) + contact.energy(result) + contact.dissipated_energy(result)
-    return float(impulse), float(np.ptp(energy) / energy[0]), float(contact.dissipated_energy(result)[-1])
+    taken = contact.dissipated_energy(result)
+    energy = contact.energy(result) + taken
+    energy += sum(item.energy(result) for item in items if isinstance(item, ep.PartitionBody))
+    return float(impulse), float(np.ptp(energy) / energy[0]), float(taken[-1])
 
 
 def rolling(speed):
@@ -233,24 +292,34 @@ def rolling(speed):
     return float(abs(contact.force(result) / weight - 1).max())
 
 
-def with_friction(sizes, failed):
+def with_friction(sizes, failed, quick):
     """Oblique impacts, and a ball that rolls."""
     rows = []
+
+    def judge(scene, size, sliding, expected, across=False):
+        impulse, energy, _ = oblique(scene, size, sliding, across)
+        name = f"{scene}{', across' * across}, oblique, {sliding:g} m/s, {size:g} a"
+        off = impulse / expected - 1
+        rows.append({"scene": scene, "across": across, "sliding": sliding, "size": size, "impulse": off,
+                     "energy": energy})  # fmt: skip
+        failed.extend([f"{name}: tangential impulse {off:.2%}"] * (abs(off) > LIMITS["oblique"]))
+        failed.extend([f"{name}: energy {energy:.1e}"] * (energy > LIMITS["energy"]))
+
     for sliding in SLIDING:
         true = oblique_impact(RADIUS, scenes.STEEL, SPEED, sliding, FRICTION, 75e-6)
-        expected = -float(np.trapezoid(true[2], true[0]))
         for size in sizes:
-            impulse, energy, taken = oblique(size, sliding)
-            off = impulse / expected - 1
-            rows.append({"sliding": sliding, "size": size, "impulse": off, "energy": energy,
-                         "taken": taken / true[3] - 1})  # fmt: skip
-            name = f"oblique, {sliding:g} m/s, {size:g} a"
-            limit = LIMITS["sticks" if sliding < STICKS else "oblique"]
-            failed += [f"{name}: tangential impulse {off:.2%}"] * (abs(off) > limit)
-            failed += [f"{name}: energy {energy:.1e}"] * (energy > LIMITS["energy"])
+            judge("plane", size, sliding, -float(np.trapezoid(true[2], true[0])))
+    edge = {}
+    if not quick:
+        for scene, across in (("two balls", False), ("bore", False), ("bore", True)):
+            refined = oblique(scene, FINE, SLOW, across)[0]
+            for size in sizes:
+                judge(scene, size, SLOW, refined, across)
+        for sliding in SLIDING:  # between a ball and a rigid plane
+            edge[f"{sliding:g} m/s"] = oblique("plane", 2.0, sliding)[0] / oblique("plane", FINE, sliding)[0] - 1
     forces = {"rolling": rolling(0.5), "rest": rolling(0.0)}
     failed += [f"{what}: force {off:.2%}" for what, off in forces.items() if off > LIMITS[what]]
-    return {"oblique": rows, **forces}
+    return {"oblique": rows, "rigid_plane_against_rows": edge, **forces}
 
 
 def page_table(result):
@@ -269,6 +338,14 @@ def page_table(result):
     return "\n".join(lines) + "\n"
 
 
+def at(scene, sizes, places):
+    """Sizes of elements by the radius of contact, and places in the mesh, of the runs of a scene."""
+    if scene == "corner":  # longer elements than two radii leave its round face
+        return [(size, "any") for size in sizes if size <= 2.0]
+    more = RESOLVED if scene == "plane" and len(places) > 1 else ()
+    return [(size, place) for size in (*more, *sizes) for place in places]
+
+
 def run(names, sizes, places, out):
     """Run scenes, print tables, and write the result."""
     console, result, failed = Console(width=120), {"scenes": {}, "limits": LIMITS}, []
@@ -277,22 +354,21 @@ def run(names, sizes, places, out):
         for column in ("elements", "place", "formulation", "peak", "impulse", "duration", "energy", "s"):
             table.add_column(column)
         rows = []
-        for size in sizes:
-            for place in places:
-                for formulation in ("hertz", "compliance"):
-                    t, force, energy, taken = impact(scene, size, place, formulation)
-                    off = errors(measures(t, force), true)
-                    rows.append({"size": size, "place": place, "formulation": formulation, **off, "energy": energy,
-                                 "time_s": taken})  # fmt: skip
-                    shown = [f"{100 * off[what]:+.2f} %" for what in true]
-                    table.add_row(f"{size:g} a", place, formulation, *shown, f"{energy:.1e}", f"{taken:.2f}")
-                    if formulation == "hertz":
-                        name = f"{scene}, {size:g} a, {place}"
-                        failed += [f"{name}: {what} {off[what]:.2%}" for what in true if abs(off[what]) > LIMITS[scene]]
-                        failed += [f"{name}: energy {energy:.1e}"] * (energy > LIMITS["energy"])
+        for size, place in at(scene, sizes, places):
+            for formulation in ("hertz", "compliance"):
+                t, force, energy, taken = impact(scene, size, place, formulation)
+                off = errors(measures(t, force), true)
+                rows.append({"size": size, "place": place, "formulation": formulation, **off, "energy": energy,
+                             "time_s": taken})  # fmt: skip
+                shown = [f"{100 * off[what]:+.2f} %" for what in true]
+                table.add_row(f"{size:.3g} a", place, formulation, *shown, f"{energy:.1e}", f"{taken:.2f}")
+                if formulation == "hertz":
+                    name = f"{scene}, {size:.3g} a, {place}"
+                    failed += [f"{name}: {what} {off[what]:.2%}" for what in true if abs(off[what]) > LIMITS[scene]]
+                    failed += [f"{name}: energy {energy:.1e}"] * (energy > LIMITS["energy"])
         console.print(table)
         result["scenes"][scene] = {"reference": true, "rows": rows}
-    result["friction"] = with_friction(sizes, failed)
+    result["friction"] = with_friction(sizes, failed, len(places) == 1)
     console.print(result["friction"])
     if out is None and len(names) == len(SCENES) and not failed:
         write_between(PAGE, "contact/unresolved.py", page_table(result))

@@ -171,14 +171,7 @@ class Hertz(Formulation):
     def law(self, rows: RowDirections) -> Law:
         """See `Formulation`."""
         assert isinstance(rows.gaps, SpotGaps)
-        if rows.d == 1:
-            return HertzPoint(rows)
-        if not rows.gaps.contact.circular:
-            raise InputError(
-                "friction: formulation 'hertz' has it in circular contacts, of balls on planes and balls; this one is "
-                "elliptic. Leave friction out, or take formulation='compliance' with facets that resolve the contact"
-            )
-        return HertzFriction(rows)
+        return HertzPoint(rows) if rows.d == 1 else HertzFriction(rows)
 
 
 def formulation_of(choice: FormulationName | Formulation, stiffness: float | None = None) -> Formulation:

@@ -17,7 +17,7 @@ from ..spot_gaps import SpotGaps
 
 WIDEST = 0.2  # radius of contact by the effective radius of the surfaces, up to which the law is Hertz's
 LEFT_OUT = [
-    "how pressure is spread over the contact: its facets do not resolve it, so that Hertz's law stands for them, with "
+    "how pressure is spread over the contact: Hertz's law stands for that, whether facets resolve it or not, with "
     f"radii that are small beside those of the surfaces (up to {WIDEST:g} of them)",
     "the residual flexibility between this contact and others on the same body",
 ]
@@ -106,7 +106,7 @@ class HertzPoint(Law):
     def __init__(self, rows: RowDirections) -> None:
         assert isinstance(rows.gaps, SpotGaps)
         self.rows, self.gaps = rows, rows.gaps
-        self._known: tuple[float, HertzCurve] | None = None
+        self._known: tuple[tuple[float, PointContact], HertzCurve] | None = None
 
     def fresh(self, rows: RowDirections) -> Law:
         """See `Law`."""
@@ -115,8 +115,9 @@ class HertzPoint(Law):
     def curve(self) -> HertzCurve:
         """Force by approach at the present spots."""
         series = float(self.rows.flexibility(np.zeros(1, dtype=np.int64))[0, 0]) + self.gaps.spot_rows.lacking[0]
-        if self._known is None or self._known[0] != series:
-            self._known = series, HertzCurve(series, self.gaps.contact)
+        key = series, self.gaps.contact
+        if self._known is None or self._known[0] != key:
+            self._known = key, HertzCurve(*key)
         return self._known[1]
 
     def answer(self, places: Places) -> Forces:

@@ -4,6 +4,9 @@ The method of dimensionality reduction is exact for circular contacts of similar
 row of independent springs, of stiffness E* along the normal and G* across it per length, under the profile x^2 / R.
 Each spring slips by itself. So partial slip needs no case for each history of forces.
 
+An elliptic contact has a G* along each semi-axis, and R is that of the ball that yields as much. This too is exact for
+forces along one of them: what slips and what sticks are ellipses of one shape.
+
 Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 
 References
@@ -15,20 +18,23 @@ R.D. Mindlin, Compliance of elastic bodies in contact, Journal of Applied Mechan
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from ...algebra.friction import OPEN, SLIP, STICK
 from ...algebra.products import dense
+from ...prediction.point_contact import PointContact
 from ...support.arrays import Array
 from ..law import Forces, Law, Places, RowDirections
-from ..spot_gaps import SpotGaps
+from ..spot_directions import SpotDirections
 from .hertz import LEFT_OUT, WIDEST, HertzCurve
 
 _SPRINGS = 24
 _INNERMOST = 1 / 30  # of the largest radius of contact: where the first spring ends
 _MOST, _SETTLED = 60, 1e-13  # steps of Newton's method, and relative change of the last one
+_ALIKE = 0.02  # Dundurs' constant of bodies whose normal forces hardly move the springs
 _SLIPS = 1 - 1e-9  # share of the largest tangential force with which all springs slip
 _PASSES = 3  # by which normal and tangential forces settle with each other: each leaves a ten-thousandth
 _ONE = np.zeros(1, dtype=np.int64)
@@ -39,43 +45,46 @@ class Held(NamedTuple):
 
     Parameters
     ----------
-    elongations : (n, 2) array
-        Of the springs [m].
-    force : (2,) array
-        Their sum, which opposes the way of the slave [N].
+    forces : (n, 2) array
+        Of the springs; they oppose the way of the slave [N].
+    total : (2,) array
+        Their sum [N].
     stiffness : (2, 2) array
         Derivative of the sum by the way [N/m].
-    slipping : (n,) bool array
+    by_bounds : (n, 2) array
+        Derivative of the force of each spring by its largest one; zero where it sticks.
     """
 
-    elongations: Array
-    force: Array
+    forces: Array
+    total: Array
     stiffness: Array
-    slipping: Array
+    by_bounds: Array
 
 
 class Springs:
-    """Springs beneath a circular contact, by their places x from its middle; each stands for both x and -x.
+    """Springs beneath a contact, by their places x from its middle; each stands for both x and -x.
 
     Parameters
     ----------
-    radius, modulus, shear : float
-        R [m], E* and G* [Pa], where 4 / G* is the sum of (2 - nu) / G of both bodies.
+    radius, modulus : float
+        R [m] and E* [Pa].
+    shear : (float, float)
+        G* along the ellipse of contact and across it [Pa], see `PointContact.shear_moduli`.
     """
 
-    def __init__(self, radius: float, modulus: float, shear: float) -> None:
-        self.radius, self.modulus, self.shear = radius, modulus, shear
+    def __init__(self, radius: float, modulus: float, shear: tuple[float, float]) -> None:
+        self.radius, self.modulus, self.shear = radius, modulus, np.array(shear)
         self.ends = WIDEST * radius * np.r_[0.0, np.geomspace(_INNERMOST, 1.0, _SPRINGS)]
 
     def reach(self, force: float) -> float:
-        """Radius of contact under a force [N]: [m]."""
+        """Half the length that springs cover under a force [N]: [m]; in a round contact its radius."""
         return float((0.75 * force * self.radius / self.modulus) ** (1 / 3))
 
-    def stiffness(self, reach: float) -> Array:
-        """Tangential stiffness of the springs, (n,) [N/m], with a contact of a radius [m]; the last has all beyond."""
+    def lengths(self, reach: float) -> Array:
+        """Length that each spring stands for, (n,) [m], up to a reach [m]; the last one has all beyond."""
         ends = np.minimum(self.ends, reach)
         ends[-1] = max(ends[-1], reach)
-        return np.asarray(2 * self.shear * np.diff(ends))
+        return np.asarray(2 * np.diff(ends))
 
     def normal(self, reach: float) -> Array:
         """Normal forces of the springs, (n,) [N]."""
@@ -85,19 +94,72 @@ class Springs:
 
     def normal_slope(self, reach: float) -> Array:
         """Derivative of the normal forces of springs by their sum, (n,)."""
-        covered = self.stiffness(reach)
+        covered = self.lengths(reach)
         return np.asarray(covered / covered.sum()) if reach else covered
 
-    def held(self, elongations: Array, k: Array, bounds: Array) -> Held:
-        """Springs of stiffness k, (n,) [N/m], that would have elongations, (n, 2) [m], by forces up to bounds, (n,)."""
-        size = np.maximum(np.sqrt(np.einsum("nk,nk->n", elongations, elongations)), 1e-300)
-        trial = k * size
-        slipping = trial > bounds
-        share = np.divide(bounds, trial, out=np.ones(len(k)), where=slipping)
-        direction = elongations / size[:, None]
-        turning = np.einsum("n,nk,nl->kl", np.where(slipping, k * share, 0.0), direction, direction)
-        stays = elongations * share[:, None]
-        return Held(stays, k @ stays, np.eye(2) * float(k @ share) - turning, slipping)
+    def elongations(self, forces: Array, lengths: Array) -> Array:
+        """Elongations of springs, (n, 2) [m], under forces, (n, 2) [N]; zero where they have no length."""
+        own = lengths[:, None] * self.shear
+        return np.asarray(np.divide(forces, own, out=np.zeros_like(own), where=own > 0.0))
+
+    def held(self, elongations: Array, lengths: Array, bounds: Array) -> Held:
+        """Springs that would have elongations, (n, 2) [m], along the ellipse and across it, by forces up to bounds.
+
+        A spring that slips moves against its force, whatever its stiffness along both axes. With `lengths` and
+        `bounds`, (n,) [m] and [N], its force f has |f| = bound and f (1 / (G* length) + slip / bound) = elongation.
+        """
+        stiffness = lengths[:, None] * self.shear
+        forces, by_bounds = stiffness * elongations, np.zeros_like(elongations)
+        slipping = np.einsum("nk,nk->n", forces, forces) > bounds**2
+        forces[slipping & (bounds <= 0.0)] = stiffness[slipping & (bounds <= 0.0)] = 0.0
+        slipping &= bounds > 0.0
+        limit, yielding = bounds[slipping, None], 1 / stiffness[slipping]
+        yielding += _slips(elongations[slipping], yielding, limit)
+        forces[slipping], stiffness[slipping] = elongations[slipping] / yielding, 1 / yielding
+        turns = forces[slipping] / yielding
+        size = np.einsum("nk,nk->n", turns, forces[slipping])[:, None]
+        by_bounds[slipping] = turns * limit / size
+        return Held(forces, forces.sum(axis=0), np.diag(stiffness.sum(axis=0)) - (turns / size).T @ turns, by_bounds)
+
+
+def _slips(elongations: Array, yielding: Array, bounds: Array) -> Array:
+    """Slip by the largest force of springs that slip, (k, 1) [m/N], by Newton's method from below."""
+    slips = np.zeros_like(bounds)
+    for _ in range(_MOST):
+        forces = elongations / (yielding + slips)
+        square = (forces**2).sum(axis=1, keepdims=True)
+        slope = (forces**2 / (yielding + slips)).sum(axis=1, keepdims=True)
+        # The inverse of the force's size is nearly linear in the slip, and linear with one G*.
+        more = (np.sqrt(square) / bounds - 1) * square / slope
+        slips = slips + more
+        if (abs(more) <= _SETTLED * (yielding[:, :1] + slips)).all():
+            break
+    return slips
+
+
+class Yielding(NamedTuple):
+    """How bodies yield beside the contact itself, in the axes of the ellipse.
+
+    Parameters
+    ----------
+    normal : HertzCurve
+    springs : Springs
+    between : (2,) array
+        Tangential motion under a unit normal force, and the reverse [m/N].
+    across : (2, 2) array
+        Tangential flexibility where the contact has a radius of 1 m [m/N].
+    curved : (2, 2) array
+        What curved bodies add to it for each factor of e by which the contact is smaller [m/N].
+    turn : (2, 2) array
+        The axes of the ellipse in the tangents of the row, as rows.
+    """
+
+    normal: HertzCurve
+    springs: Springs
+    between: Array
+    across: Array
+    curved: Array
+    turn: Array
 
 
 class HertzFriction(Law):
@@ -105,64 +167,103 @@ class HertzFriction(Law):
 
     The tangential way of the kernels, less what the tangential flexibility of the bodies yields, stretches springs.
     From the flexibility under the kernels a half-space's is taken away, (2 - nu) / (2 (1 - nu)) times that along the
-    normal. Normal forces do not move the springs themselves, as in bodies of the same material.
+    normal. What curved bodies add to a half-space's grows with the logarithm of kernel by contact, so that it has the
+    present contact. Normal forces do not move the springs themselves, as in bodies of the same material.
 
     Parameters
     ----------
-    rows : RowDirections
+    rows : SpotDirections
     """
 
     elastic, memory = False, 2 * _SPRINGS
 
     def __init__(self, rows: RowDirections) -> None:
-        assert isinstance(rows.gaps, SpotGaps)
-        self.rows, self.gaps, contact = rows, rows.gaps, rows.gaps.contact
-        self.springs = Springs(contact.radius, contact.modulus, rows.gaps.shear)
-        self._known: tuple[Array, HertzCurve, Array] | None = None
+        assert isinstance(rows, SpotDirections)
+        self.rows, self.gaps = rows, rows.gaps
+        self._known: tuple[Array, PointContact, HertzCurve, Springs] | None = None
 
     def fresh(self, rows: RowDirections) -> Law:
         """See `Law`."""
         return HertzFriction(rows)
 
-    def _series(self) -> tuple[HertzCurve, Array]:
-        """Force by approach, and flexibility in three directions without that of the point, (3, 3) [m/N]."""
+    def _curve(self) -> tuple[HertzCurve, Array, Springs]:
+        """Force by approach, flexibility in three directions without that of the point, (3, 3) [m/N], and springs."""
         F, lacking = self.rows.flexibility(_ONE), self.gaps.spot_rows.lacking
-        if self._known is None or not np.array_equal(self._known[0], F):
-            series = F + np.diag([lacking[0], lacking[1], lacking[1]])
-            self._known = F, HertzCurve(float(series[0, 0]), self.gaps.contact), series
-        return self._known[1:]
+        series = F + np.diag([lacking[0], lacking[1], lacking[1]])
+        contact, known = self.gaps.contact, self._known
+        if known is None or known[1] != contact or not np.array_equal(known[0], series):
+            springs = Springs(contact.sphere, contact.modulus, self.gaps.shear)
+            known = self._known = series, contact, HertzCurve(float(series[0, 0]), contact), springs
+        return known[2], series, known[3]
+
+    def _yielding(self) -> Yielding:
+        curve, F, springs = self._curve()
+        turn, curved, fixed = self.gaps.stage.once(("point", self.rows.axis), self._axes)
+        return Yielding(
+            curve, springs, turn @ F[1:, 0], turn @ (F[1:, 1:] + fixed) @ turn.T, turn @ curved @ turn.T, turn
+        )
+
+    def _axes(self) -> tuple[Array, Array, Array]:
+        """Axes of the ellipse as rows, (2, 2), and what curved bodies add, (2, 2) [m/N], see `SpotGaps.curved`."""
+        tangents = self.rows.tangents[0]
+        curved, fixed = self.gaps.curved(tangents)
+        if self.gaps.contact.circular:
+            return np.eye(2), curved, fixed
+        along = tangents @ self.gaps.long_axis
+        along /= np.linalg.norm(along)
+        return np.array([along, [-along[1], along[0]]]), curved, fixed
+
+    def _across(self, yielding: Yielding, force: float) -> Array:
+        """Tangential flexibility of bodies, (2, 2) [m/N], where the contact is as large as under a normal force [N]."""
+        if not force:
+            return yielding.across
+        a, b = self.gaps.contact.semi_axes(force)
+        return np.asarray(yielding.across - 0.5 * math.log(a * b) * yielding.curved)
+
+    def beside(self, force: float) -> Array:
+        """Residual flexibility of the bodies beside the contact, along the ellipse and across it, (2, 2) [m/N].
+
+        It is that beyond half-spaces, with a contact under a normal force [N].
+        """
+        return self._across(self._yielding(), force)
 
     def answer(self, places: Places) -> Forces:
         """See `Law`."""
-        curve, F = self._series()
-        gap, mu, last = float(places.gap[0]), float(places.mu[0]), places.last[0]
-        before = self.springs.stiffness(self.springs.reach(last[0]))
-        elongations = _turned(places.memory[0].reshape(-1, 2), before, last[1:])
-        T = last[1:]
+        yielding = self._yielding()
+        curve, springs, between, _, curved, turn = yielding
+        gap, mu = float(places.gap[0]), float(places.mu[0])
+        before, last = float(places.last[0, 0]), turn @ places.last[0, 1:]
+        covered = springs.lengths(springs.reach(before))
+        carried = _turned(places.memory[0].reshape(-1, 2) @ turn.T, last)
+        rest = turn @ places.way[0] - between * before - self._across(yielding, before) @ last
+        P, T = before, last
         for _ in range(_PASSES):
-            approach = -gap - float(F[0, 1:] @ T)
+            approach = -gap - float(between @ T) + float(T @ curved @ T) / (6 * P or 1.0)
             if approach <= 0.0:
                 return self._opened()
             P = curve.force(approach)
-            reach = self.springs.reach(P)
-            k, bounds = self.springs.stiffness(reach), mu * self.springs.normal(reach)
+            reach = springs.reach(P)
+            lengths, bounds = springs.lengths(reach), mu * springs.normal(reach)
             # Where the contact grows, new parts of springs have no elongation.
-            kept = elongations * np.divide(np.minimum(before, k), k, out=np.zeros(len(k)), where=k > 0)[:, None]
-            way = places.way[0] + F[1:, 0] * (P - last[0])
-            stretch, held = self._stretched(kept, k, bounds, F[1:, 1:], way, last[1:])
-            T = -held.force
-        lost, mean = before @ (elongations**2).sum(axis=1) - k @ (held.elongations**2).sum(axis=1), (T + last[1:]) / 2
-        taken, size = 0.5 * lost - mean @ stretch, mean @ mean
+            kept = springs.elongations(carried, np.maximum(covered, lengths))
+            F = self._across(yielding, P)
+            stretch, held = _stretched(springs, kept, lengths, bounds, F, rest + between * P)
+            T = -held.total
+        stored = 0.5 * float(np.sum(held.forces * springs.elongations(held.forces, lengths)))
+        lost, mean = 0.5 * float(np.sum(carried * springs.elongations(carried, covered))) - stored, (T + last) / 2
+        taken, size = lost - mean @ stretch, mean @ mean
         status = SLIP if np.linalg.norm(T) >= _SLIPS * mu * P else STICK
-        across = 0.5 * (T @ F[1:, 1:] @ T + k @ (held.elongations**2).sum(axis=1)) + P * (F[0, 1:] @ T)
+        stored += float(0.5 * T @ F @ T - T @ curved @ T / 6 + P * (between @ T))
+        slopes = mu * springs.normal_slope(reach) @ held.by_bounds
+        moved = between - curved @ T / (3 * P)
         return Forces(
-            np.array([[P, *T]]),
+            np.array([[P, *(turn.T @ T)]]),
             _ONE,
             np.array([status], dtype=np.int8),
-            -taken * mean[None] / size if size > 0 else np.zeros((1, 2)),
-            memory=held.elongations.reshape(1, -1),
-            stored=curve.stored(P) + float(across),
-            stiffness=lambda: self._stiffness(curve.stiffness(P), mu * self.springs.normal_slope(reach), held, F),
+            -taken * (turn.T @ mean)[None] / size if size > 0 else np.zeros((1, 2)),
+            memory=(held.forces @ turn).reshape(1, -1),
+            stored=curve.stored(P) + stored,
+            stiffness=lambda: _stiffness(curve.stiffness(P), slopes, held.stiffness, F, moved, turn),
         )
 
     def _opened(self) -> Forces:
@@ -172,56 +273,77 @@ class HertzFriction(Law):
             none, _ONE[:0], np.array([OPEN], dtype=np.int8), none[:, 1:], memory=np.zeros((1, self.memory)), stored=0.0
         )
 
-    @staticmethod
-    def _stiffness(normal: float, bounds: Array, held: Held, F: Array) -> Array:
-        """See `Forces`, (3, 3) [N/m]; `bounds` are derivatives of the springs' largest forces by the normal force."""
-        K, eased = np.zeros((3, 3)), np.linalg.inv(np.eye(2) + held.stiffness @ F[1:, 1:])
-        K[0, 0], K[1:, 1:] = normal, eased @ held.stiffness
-        direction = held.elongations / np.maximum(np.linalg.norm(held.elongations, axis=1), 1e-300)[:, None]
-        K[1:, 0] = -normal * eased @ ((held.slipping * bounds) @ direction - held.stiffness @ F[1:, 0])
-        return K
-
-    def _stretched(
-        self, elongations: Array, k: Array, bounds: Array, F: Array, way: Array, last: Array
-    ) -> tuple[Array, Held]:
-        """How far springs are stretched by a way of the kernels, (2,) [m], with forces before of `last`, (2,) [N]."""
-        stretch = way.copy()
-        held = self.springs.held(elongations + stretch, k, bounds)
-        scale = float(np.abs(elongations).max(initial=0.0) + np.abs(way).max()) or 1.0
-        for _ in range(_MOST):
-            off = stretch - way + F @ (held.force + last)
-            step = np.linalg.solve(np.eye(2) + F @ held.stiffness, off)
-            stretch = stretch - step
-            held = self.springs.held(elongations + stretch, k, bounds)
-            if np.abs(step).max() <= _SETTLED * scale:
-                break
-        return stretch, held
-
     def closed_stiffness(self, rows: RowDirections) -> Array:
         """See `Law`; that at the largest contact for which the law is Hertz's."""
-        H = dense(rows.jacobian(_ONE))
-        curve, F = self._series()
-        k = float(self.springs.stiffness(self.springs.reach(curve.largest)).sum()) * np.eye(2)
-        K = np.zeros((3, 3))
-        K[0, 0], K[1:, 1:] = curve.stiffest, np.linalg.inv(np.eye(2) + k @ F[1:, 1:]) @ k
+        H, yielding = dense(rows.jacobian(_ONE)), self._yielding()
+        largest, turn, springs = yielding.normal.largest, yielding.turn, yielding.springs
+        k = np.diag(springs.lengths(springs.reach(largest)).sum() * springs.shear)
+        F = self._across(yielding, largest)
+        K = _stiffness(yielding.normal.stiffest, np.zeros(2), k, F, np.zeros(2), turn)
         return np.asarray(H.T @ ((K + K.T) / 2) @ H)
 
     @property
     def left_out(self) -> list[str]:
         """See `Law`."""
-        return [*LEFT_OUT, "friction against spin about the line of contact"]
+        said, mismatch = [*LEFT_OUT, "friction against spin about the line of contact"], abs(self.gaps.mismatch)
+        if mismatch > _ALIKE:
+            said.append(
+                "the slip at the contact's edge that normal forces cause between bodies of different stiffness, rigid "
+                f"ones too (Dundurs' constant {mismatch:.2g}): where it would stick, it is too stiff along the surface"
+            )
+        return said
 
     def semi_axes(self, force: float) -> tuple[float, float]:
         """See `Law`."""
         return self.gaps.contact.semi_axes(force)
 
 
-def _turned(elongations: Array, k: Array, last: Array) -> Array:
-    """Elongations, (n, 2) [m], in the present tangents, in which the force on the slave was `last`, (2,) [N]."""
-    remembered = -(k @ elongations)
+def _stiffness(normal: float, slopes: Array, own: Array, F: Array, moved: Array, turn: Array) -> Array:
+    """See `Forces`, (3, 3) [N/m].
+
+    Parameters
+    ----------
+    normal : float
+        Of the normal force [N/m].
+    slopes : (2,) array
+        Derivative of the tangential force of the springs by the normal one, where they slip.
+    own : (2, 2) array
+        Tangential stiffness of the springs [N/m].
+    F, moved : (2, 2) and (2,) arrays
+        Tangential flexibility of the bodies, and their tangential motion under a unit normal force [m/N].
+    turn : (2, 2) array
+        From the tangents of the row to the axes of all these.
+    """
+    eased = np.linalg.inv(np.eye(2) + own @ F)
+    K = np.zeros((3, 3))
+    K[0, 0], K[1:, 1:] = normal, turn.T @ eased @ own @ turn
+    K[1:, 0] = -normal * turn.T @ eased @ (slopes - own @ moved)
+    return K
+
+
+def _stretched(
+    springs: Springs, elongations: Array, lengths: Array, bounds: Array, F: Array, rest: Array
+) -> tuple[Array, Held]:
+    """How far springs are stretched, (2,) [m], if bodies of a flexibility F, (2, 2) [m/N], leave `rest` to both."""
+    stretch = rest.copy()
+    held = springs.held(elongations + stretch, lengths, bounds)
+    scale = float(np.abs(elongations).max(initial=0.0) + np.abs(rest).max()) or 1.0
+    for _ in range(_MOST):
+        off = stretch - rest + F @ held.total
+        step = np.linalg.solve(np.eye(2) + F @ held.stiffness, off)
+        stretch = stretch - step
+        held = springs.held(elongations + stretch, lengths, bounds)
+        if np.abs(step).max() <= _SETTLED * scale:
+            break
+    return stretch, held
+
+
+def _turned(forces: Array, last: Array) -> Array:
+    """Forces of springs, (n, 2) [N], in the present axes, in which the force on the slave was `last`, (2,) [N]."""
+    remembered = -forces.sum(axis=0)
     size = np.hypot(*remembered) * np.hypot(*last)
     if size == 0.0:
-        return elongations
+        return forces
     c = float(remembered @ last) / size
     s = float(remembered[0] * last[1] - remembered[1] * last[0]) / size
-    return np.asarray(elongations @ np.array([[c, s], [-s, c]]))
+    return np.asarray(forces @ np.array([[c, s], [-s, c]]))

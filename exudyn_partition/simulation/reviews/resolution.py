@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import cast
 
 import numpy as np
 
 from ...contact.formulations.hertz import WIDEST
+from ...contact.rigid import RigidSurface
 from ...contact.spot_gaps import SpotGaps
-from ..result import called, when
-from .reviewed_run import Finding, ReviewedRun
+from ...contact.touching import touching
+from ...errors import InputError
+from ...exudyn_contacts.partition_contact import PartitionContact
+from ...prediction.point_contact import PointContact
+from ..result import Result, called, when
+from .reviewed_run import ContactHistory, Finding, ReviewedRun
 
 _LARGE = 0.1  # share of the largest impulse: smaller impacts are not checked
 _STEPS_AN_IMPACT = 8  # fewer implicit steps do not resolve an impact
 _SAMPLES_AN_IMPACT = 4  # with fewer samples, the force of the impact is not known
 _FEW_ROWS = 2  # so few closed rows at the peak of a force do not resolve it
+_SOME_ROWS = 8  # more of them resolve a contact at a point
+_COARSE = 1.5  # size of facets by the radius of a contact at a point, above which rows are off by some per cent
 
 
 def short_impacts(run: ReviewedRun) -> Iterator[Finding]:
@@ -63,36 +71,67 @@ def rare_samples(run: ReviewedRun) -> Iterator[Finding]:
 
 
 def few_rows(run: ReviewedRun) -> Iterator[Finding]:
-    """Contacts smaller than the facets around them: they have a row or two, whatever their true area is."""
-    result = run.result
+    """Contacts smaller than the facets around them: they have a few rows, whatever their true area is."""
     for history in run.contacts:
-        contact, force, closed = history.contact, history.force, history.closed_rows
-        top = int(force.argmax())
-        if not 0 < closed[top] <= _FEW_ROWS or not contact.compliant or contact.n_rows <= closed[top]:
+        top = int(history.force.argmax())
+        if not _has_few_rows(history, top, run.result):
             continue
-        if top == len(force) - 1 and result.method != "static":
-            continue  # a growing contact begins with one row
-        if contact.beside is not None and contact.beside.force(result)[top] > force[top]:
+        contact, force, closed = history.contact, float(history.force[top]), int(history.closed_rows[top])
+        point, size = _point(contact), contact.slave_facet_size
+        if closed > _FEW_ROWS and (point is None or size < _COARSE * point.mean_axis(force)):
             continue
         nodes, forces = history.rows.at_sample(top)
-        peak = f"{called(contact)} at {when(result, result.t[top])}"
+        peak = f"{called(contact)} at {when(run.result, run.result.t[top])}"
         if np.isin(nodes[forces != 0], contact.mechanics.gaps.slave.surface.sharp).all():
             yield Finding(
-                f"{peak}: only a sharp corner or edge touches at the peak of the force, {force[top]:.4g} N. The stress "
+                f"{peak}: only a sharp corner or edge touches at the peak of the force, {force:.4g} N. The stress "
                 "there has no limit, so that no mesh resolves it: with finer facets the corner is softer. Impulse and "
-                "motion are right; peak and duration are those of facets of "
-                f"{contact.slave_facet_size:.3g} m. Where they matter, round the corner, by a radius that facets "
-                "resolve"
+                f"motion are right; peak and duration are those of facets of {size:.3g} m. Where they matter, round "
+                "the corner, by a radius that facets resolve"
             )
             continue
         yield Finding(
-            f"{peak}: {closed[top]} of {contact.n_rows} rows {'is' if closed[top] == 1 else 'are'} closed at the peak "
-            f"of the force, {force[top]:.4g} N. The contact is smaller than the facets that should resolve it, so that "
-            "it is too stiff. The force of an impact is too large then, by a quarter and more; one that a spring or a "
-            f"load prescribes is right in the mean. Refine {'both meshes' if len(contact.sides) > 1 else 'the mesh'} "
-            f"there, from facets of {contact.slave_facet_size:.3g} m to a third of the contact's radius, see "
-            "ep.hertz.contact_radius. Where one of both is a ball, formulation='hertz' needs no finer mesh"
+            f"{peak}: {closed} of {contact.n_rows} rows {'is' if closed == 1 else 'are'} closed at the peak of the "
+            f"force, {force:.4g} N. {_why_few(point, force)}efine "
+            f"{'both meshes' if len(contact.sides) > 1 else 'the mesh'} there, from facets of {size:.3g} m to a third "
+            "of the contact's radius, see ep.hertz.contact_radius"
         )
+
+
+def _has_few_rows(history: ContactHistory, top: int, result: Result) -> bool:
+    """Whether a contact has few closed rows at its peak, of more, and does not just begin."""
+    contact, closed = history.contact, history.closed_rows[top]
+    if history.force[top] <= 0.0 or not 0 < closed <= _SOME_ROWS:
+        return False
+    if not contact.compliant or contact.n_rows <= closed:
+        return False
+    if top == len(history.force) - 1 and result.method != "static":
+        return False  # a growing contact begins with one row
+    return contact.beside is None or bool(contact.beside.force(result)[top] <= history.force[top])
+
+
+def _why_few(point: PointContact | None, force: float) -> str:
+    """What a few rows mean under a force [N], and how to go on, up to the first letter of 'Refine'."""
+    if point is None:
+        return (
+            "The contact is smaller than the facets that should resolve it, so that it is too stiff. The force of an "
+            "impact is too large then, by a quarter and more; one that a spring or a load prescribes is right in the "
+            "mean. R"
+        )
+    return (
+        f"By Hertz's law the contact has a radius of {point.mean_axis(force):.3g} m, which the facets do not resolve, "
+        "so that the force of an impact depends on where in a facet it is. Take formulation='hertz', which needs no "
+        "finer mesh, or r"
+    )
+
+
+def _point(contact: PartitionContact) -> PointContact | None:
+    """Hertz's contact of the true surfaces; None if they do not touch at a point."""
+    gaps, surface = contact.mechanics.gaps, None if len(contact.sides) > 1 else cast(RigidSurface, contact.master)
+    try:
+        return touching(gaps.sides, [patch for _, patch in contact.sides], surface).round
+    except InputError:
+        return None
 
 
 def wide_points(run: ReviewedRun) -> Iterator[Finding]:

@@ -1,0 +1,149 @@
+"""Which contacts touch at a point: the true surfaces of both sides, and Hertz's contact between them.
+
+Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import InputError
+from ..fe.material import Material
+from ..prediction.point_contact import PointContact
+from ..support.arrays import Array
+from .rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
+from .side import Side
+from .true_surface import Torus, TrueSurface, fitted
+
+ROLES = ("slave", "master")
+ORDERS = {6: 2, 10: 3}  # of elements, by the nodes of their facets
+_CONFORMING = 0.05  # smaller relative curvature by the larger one, below which surfaces touch along a line
+
+
+@dataclass(frozen=True, eq=False)
+class Touching:
+    """Two true surfaces that touch at a point.
+
+    Parameters
+    ----------
+    shapes : list of TrueSurface
+        Of the slave, and of the master; those of bodies in their axes, from the centre of mass.
+    materials : list of Material
+        Of the sides that are bodies.
+    ball : int
+        Number of a shape that is a ball, or a torus that meets a plane.
+    modulus : float
+        E* of both bodies [Pa].
+    """
+
+    shapes: list[TrueSurface]
+    materials: list[Material]
+    ball: int
+    modulus: float
+
+    @cached_property
+    def round(self) -> PointContact | None:
+        """Hertz's contact of both; None where it depends on the place, as on a torus."""
+        if any(isinstance(shape.shape, Torus) for shape in self.shapes):
+            return None
+        return PointContact(_relative_curvatures(self.shapes), self.modulus)
+
+    def contact(self, axes: Sequence[Array], normal: Array) -> PointContact:
+        """Hertz's contact where the master's normal is `normal`, (3,); axes of both sides are columns, (3, 3)."""
+        if self.round is not None:
+            return self.round
+        curvatures = np.linalg.eigvalsh(self.bending(axes, normal))[1:]
+        return PointContact((float(curvatures[0]), float(curvatures[1])), self.modulus)
+
+    def bending(self, axes: Sequence[Array], normal: Array) -> Array:
+        """Sum of the curvatures of both sides, see `contact`, as a tensor in space, (3, 3) [1/m]."""
+        parts = zip(self.shapes, axes, strict=True)
+        return np.asarray(
+            sum(
+                turn @ shape.bending(turn.T @ outward) @ turn.T
+                for (shape, turn), outward in zip(parts, (-normal, normal), strict=True)
+            )
+        )
+
+
+def touching(sides: Sequence[Side], patches: Sequence[int], surface: RigidSurface | None) -> Touching:
+    """Find the true surfaces of two sides that touch at a point.
+
+    Parameters
+    ----------
+    sides : sequence of Side
+        Slave, and master if that is a patch too.
+    patches : sequence of int
+        Numbers of their patches.
+    surface : RigidSurface, optional
+        The master, if it is rigid.
+
+    Raises
+    ------
+    InputError
+        If the facets are not those of quadratic or cubic tetrahedra, a material is not known, a surface is neither a
+        plane, a ball, a cylinder, a bore nor a torus, none is a ball or a torus on a plane, or a ball fits its bore
+        too closely.
+    """
+    materials, shapes = [], []
+    for side, patch, role in zip(sides, patches, ROLES, strict=False):
+        materials.append(_material(side, patch, role))
+        facets = side.surface.facets
+        if facets.shape[1] not in ORDERS:
+            raise InputError(
+                f"{role}: formulation 'hertz' knows what facets of quadratic and cubic tetrahedra lack, of 6 and 10 "
+                f"nodes, got facets of {facets.shape[1]} nodes. Take fe_model(..., order=2), or "
+                "formulation='compliance' with facets that resolve the contact"
+            )
+        shapes.append(fitted(side.kinematics.arms, facets, role))
+    if surface is not None:
+        if not isinstance(surface, RigidPlane | RigidSphere | RigidCylinder):
+            raise InputError(
+                "master: formulation 'hertz' knows the curvatures of RigidPlane, RigidSphere and RigidCylinder, "
+                f"got a {type(surface).__name__}; take formulation='compliance'"
+            )
+        shapes.append(TrueSurface(surface))
+    modulus = 1 / sum(1 / material.plane_strain_modulus for material in materials)
+    found = Touching(shapes, materials, _ball(shapes), modulus)
+    _ = found.round
+    return found
+
+
+def _ball(shapes: list[TrueSurface]) -> int:
+    """Number of a shape that touches as a ball does, wherever the other one is."""
+    for number, shape in enumerate(shapes):
+        if shape.ball is not None:
+            return number
+    for number, shape in enumerate(shapes):
+        if isinstance(shape.shape, Torus) and isinstance(shapes[1 - number].shape, RigidPlane):
+            return number
+    kinds = " and a ".join(type(shape.shape).__name__.removeprefix("Rigid").lower() for shape in shapes)
+    raise InputError(
+        "slave, master: formulation 'hertz' needs a ball that touches at a point, or a torus on a plane, got a "
+        f"{kinds}. Round the patch of one body, or take formulation='compliance' with facets that resolve the contact"
+    )
+
+
+def _material(side: Side, patch: int, role: str) -> Material:
+    """Material of a patch."""
+    body = side.kinematics.body
+    material = body.partition.patches[patch].material or body.material
+    if material is None:
+        raise InputError(f"{role}: formulation 'hertz' needs the body's material; reduce it anew, its file has none")
+    return material
+
+
+def _relative_curvatures(shapes: list[TrueSurface]) -> tuple[float, float]:
+    first, second = sorted((shape.curvatures for shape in shapes), reverse=True)
+    sums = first[0] + second[0], first[1] + second[1]
+    if min(sums) < _CONFORMING * max(sums):
+        raise InputError(
+            "slave, master: formulation 'hertz' needs a ball that is smaller than the bore in which it is, so that "
+            f"they touch at a point; their radii are {1 / max(first):.4g} m and {-1 / min(second):.4g} m. Take "
+            "formulation='compliance' with facets that resolve the contact"
+        )
+    return sums
