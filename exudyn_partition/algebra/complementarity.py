@@ -18,7 +18,7 @@ from . import loops
 from .products import Solved
 from .products import smallest as least_of
 
-_REGULARISATION = 1e-9  # of the mean diagonal
+REGULARISATION = 1e-9  # of the mean diagonal
 ROUNDING = 1e-12  # of the largest entry of h, by which w may be negative
 _FEW = 60  # active rows up to which compiled loops are faster than LAPACK
 PATIENCE = 10  # block steps without progress before single pivots begin
@@ -32,7 +32,7 @@ def regularised(F: Array) -> Array:
     sum and their effect on the bodies by about a billionth.
     """
     result = F.copy()
-    result.flat[:: len(F) + 1] += _REGULARISATION * np.trace(F) / max(len(F), 1)
+    result.flat[:: len(F) + 1] += REGULARISATION * np.trace(F) / max(len(F), 1)
     return result
 
 

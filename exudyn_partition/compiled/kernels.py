@@ -9,8 +9,8 @@ from ..support.arrays import Array
 from ..support.compiled import inlined, unlocked
 
 if TYPE_CHECKING:
-    from .loops import Adjoint, Motion, Peaks, Samples
-    from .plan import Bodies
+    from .loops import Adjoint, Peaks, Samples
+    from .plan import Bodies, Motion
 
 Limits = tuple[float, float, int, int]  # see `block_complementarity.LIMITS`
 

@@ -5,16 +5,20 @@ No other module of `compiled` knows which. Module `kernels` beside it has the co
 
 from __future__ import annotations
 
+from functools import cached_property
+from types import ModuleType
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ..algebra.block_complementarity import LIMITS, BlockComplementarity
+from ..algebra.block_complementarity import LIMITS, BlockComplementarity, FlatBlocks
 from ..contact.loops import evaluate_frozen, flat_contacts
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..support.compiled import kernels
-from .plan import Bodies, FrozenPlan, StepPlan
+from .moving import Anchors, MovingPlan
+from .plain_moving import PlainMoving
+from .plan import Bodies, FrozenPlan, Motion, StepPlan
 
 N_VALUES = 6  # of each contact, see `frozen.FrozenContacts`
 
@@ -31,32 +35,6 @@ class Stop(NamedTuple):
 
     kind: Literal["slides", "unstable", "unsettled"]
     text: str
-
-
-class Motion(NamedTuple):
-    """State of a run within a step; the loop writes to its arrays.
-
-    Parameters
-    ----------
-    q, v, a : (nq,) arrays
-        Coordinates, velocities and accelerations.
-    q_start, v_start : (nq,) arrays
-        Coordinates and velocities at the start of the step.
-    force : (nq,) array
-        Generalised forces of all contacts.
-    """
-
-    q: Array
-    v: Array
-    a: Array
-    q_start: Array
-    v_start: Array
-    force: Array
-
-    @classmethod
-    def of(cls, n: int) -> Motion:
-        """Room for n coordinates."""
-        return cls(*np.zeros((6, n)))
 
 
 class Samples(NamedTuple):
@@ -157,6 +135,58 @@ class ContactParts(NamedTuple):
         return bool(not abs(self.drift @ q[self.dofs] - self.drift_start).max(initial=0.0) <= self.reach)
 
 
+def _moving_kernels() -> ModuleType:
+    found = kernels("compiled", "moving_kernels")
+    assert found is not None
+    return found
+
+
+class MovingSteps:
+    """Bodies in floating frames and moving contacts in a run.
+
+    Parameters
+    ----------
+    plan : MovingPlan
+    blocks : FlatBlocks
+        Of the run.
+    n : int
+        Number of coordinates.
+
+    Attributes
+    ----------
+    step : float
+        Length of the last step [s].
+    """
+
+    def __init__(self, plan: MovingPlan, blocks: FlatBlocks, n: int) -> None:
+        self.plan, self.step, self._blocks = plan, 0.0, blocks
+        self._state = plan.state(int(blocks.starts[-1]), n)
+
+    @cached_property
+    def for_loops(self) -> tuple[Any, Any, Any]:
+        """Bodies, contacts and state as compiled loops take them."""
+        kernel, plan = _moving_kernels(), self.plan
+        return kernel.flat_frames(plan.frames), kernel.flat_surfaces(plan.surfaces), kernel.flat_state(self._state)
+
+    @cached_property
+    def plain(self) -> PlainMoving:
+        """The same by NumPy."""
+        return PlainMoving(self.plan, self._state, self._blocks)
+
+    def begin(self, anchors: Anchors | None) -> None:
+        """Begin a run with anchors; without any, contacts have none."""
+        state, self.step = self._state, 0.0
+        state.anchored[:], state.found[:], state.added[:] = False, False, -1.0
+        self._blocks.n_closed[:] = -1
+        if anchors is not None:
+            state.anchored[:], state.anchors[:], state.along[:] = anchors.anchored, anchors.q, anchors.along
+
+    def anchors(self) -> Anchors:
+        """Present anchors."""
+        state = self._state
+        return Anchors(state.anchored.copy(), state.anchors.copy(), state.along.copy())
+
+
 class Stepper:
     """Explicit steps of a plan, as Exudyn's VelocityVerlet makes them.
 
@@ -190,6 +220,7 @@ class Stepper:
         self._h, self.stored = np.zeros(len(contacts.rows.start)), np.zeros(count)
         self._values = np.zeros((count, N_VALUES))
         self._parts = [ContactParts.of(contacts, j) for j in range(count)]
+        self._moving = None if contacts.moving is None else MovingSteps(contacts.moving, self._blocks, n)
         self._flat: Any = None
         if self._kernels:
             self._flat = flat_contacts(contacts.rows, self._blocks, self._h, self._values, self.stored)
@@ -204,35 +235,67 @@ class Stepper:
         """Whether each contact has closed rows, (nc,) bool."""
         return np.asarray(self._values[:, 1] > 0.0)
 
-    def begin(self, plan: StepPlan, q: Array, v: Array, a: Array | None = None) -> Stop | None:
+    def begin(
+        self,
+        plan: StepPlan,
+        q: Array,
+        v: Array,
+        a: Array | None = None,
+        turning: Array | None = None,
+        anchors: Anchors | None = None,
+    ) -> Stop | None:
         """Begin a plan at coordinates and velocities, (nq,), with accelerations, (nq,), or those that forces give.
 
-        Return what prevents it, see `advance`.
+        For the other arguments see `run.Start`. Return what prevents it, see `advance`.
         """
         self._plan, self._joint, m = plan, None, self.motion
         self._blocks.forget()
         self._blocks.iterations[:] = 0
         self.peaks.force[:] = 0.0
         m.q[:], m.v[:] = q, v
-        by_loops = self._kernels is not None and evaluate_frozen(self._flat, m.q, m.force) >= 0
-        if not by_loops and (why := self._find()):
+        if self._moving:
+            self._moving.begin(anchors)
+        turning = m.v if turning is None else turning
+        if not self._evaluated(turning) and (why := self._find(turning)):
             return why
         if a is None:
-            self._accelerate()
+            self._accelerate(0.0)
         else:
             m.a[:] = a
         self._watch()
         return None
+
+    def _evaluated(self, turning: Array) -> bool:
+        """Find the forces at the present coordinates by compiled loops; return whether that was done.
+
+        `turning`, (nq,), are velocities by which bodies in floating frames grow.
+        """
+        if self._kernels is None:
+            return False
+        if self._moving is None:
+            return evaluate_frozen(self._flat, self.motion.q, self.motion.force) >= 0
+        moving, m = self._moving, self.motion
+        where = *moving.for_loops, m.q, turning, m.force
+        return int(_moving_kernels().evaluate_moving(self._flat, *where, LIMITS, moving.plan.bounds)) >= 0
+
+    def moving_state(self) -> tuple[Array | None, Anchors | None]:
+        """Velocities by which bodies in floating frames grow now, and anchors, see `run.Start`."""
+        if self._moving is None:
+            return None, None
+        m = self.motion
+        return m.v - 0.5 * self._moving.step * m.a, self._moving.anchors()
 
     def state(self) -> tuple[Array, Array, Array]:
         """Present coordinates, velocities and accelerations, (nq,) each."""
         m = self.motion
         return m.q.copy(), m.v.copy(), m.a.copy()
 
-    def go_back(self, state: tuple[Array, Array, Array]) -> None:
-        """Go back to an earlier state of this run."""
+    def go_back(self, state: tuple[Array, Array, Array], anchors: Anchors | None = None) -> None:
+        """Go back to an earlier state of this run, with the anchors of `moving_state` there."""
         m = self.motion
         m.q[:], m.v[:], m.a[:] = state
+        if self._moving:
+            self._moving.begin(anchors)
 
     def advance(self, h: float, first: int, count: int, between: int, samples: Samples) -> tuple[int, Stop | None]:
         """Make steps of length h [s] with the numbers `first` to `count`, from 1 on.
@@ -251,20 +314,23 @@ class Stepper:
         the start of a step.
         """
         m = self.motion
-        for_loops = self._plan.bodies, self._flat, m, samples, self.peaks, LIMITS, h
+        if self._moving:
+            self._moving.step = h
         while first <= count:
             if self._kernels:
-                first = self._kernels.advance(*for_loops, first, count, between)
+                first = self._advanced(h, first, count, between, samples)
                 if first > count:
                     break
             else:
                 m.q_start[:], m.v_start[:] = m.q, m.v
                 m.v[:] += 0.5 * h * m.a
                 m.q[:] += h * m.v
-            if why := self._find():  # compiled loops give up where closed rows do not settle soon
+                if self._moving:
+                    self._moving.plain.turn_on(m, h)
+            if why := self._find(m.v):  # compiled loops give up where closed rows do not settle soon
                 m.q[:], m.v[:] = m.q_start, m.v_start
                 return first - 1, why
-            self._accelerate()
+            self._accelerate(0.5 * h)
             m.v[:] += 0.5 * h * m.a
             self._watch()
             if not first % between:
@@ -272,8 +338,18 @@ class Stepper:
             first += 1
         return count, None
 
-    def _find(self) -> Stop | None:
-        """Find the forces at the present coordinates by NumPy; return what prevents it."""
+    def _advanced(self, h: float, first: int, count: int, between: int, samples: Samples) -> int:
+        """Make steps by compiled loops; return the first that they have not made."""
+        bodies, m, steps = self._plan.bodies, self.motion, (h, first, count, between)
+        if self._moving is None:
+            assert self._kernels is not None
+            return int(self._kernels.advance(bodies, self._flat, m, samples, self.peaks, LIMITS, *steps))
+        moving = self._moving
+        results = m, samples, self.peaks, LIMITS, moving.plan.bounds
+        return int(_moving_kernels().advance_moving(bodies, self._flat, *moving.for_loops, *results, *steps))
+
+    def _find(self, turning: Array) -> Stop | None:
+        """Find the forces at the present coordinates by NumPy, see `_evaluated`; return what prevents it."""
         m, plan, blocks = self.motion, self.contacts, self._blocks
         if not np.isfinite(m.q).all():
             return Stop("unstable", "the gaps are not finite: the run has become unstable")
@@ -283,7 +359,12 @@ class Stepper:
             self._h[part.rows] = plan.rows.start[part.rows] + m.q[part.dofs] @ part.H
         self._joint = self._joint or plan.joint()
         try:
-            lam, pushed, iterations = forces_of(plan, self._joint, self._h, blocks.active)
+            if self._moving:
+                self._moving.plain.gaps(m.q, turning, self._h)
+                lam, pushed = self._moving.plain.settle(m.q, self._h, self._joint, plan)
+                iterations = np.zeros(len(plan.names), dtype=np.int64)
+            else:
+                lam, pushed, iterations = forces_of(plan, self._joint, self._h, blocks.active)
         except ComplementarityError as error:
             return Stop("unsettled", str(error))
         blocks.lam[:], blocks.pushed[:], blocks.active[:], blocks.n_closed[:] = lam, pushed, lam > 0.0, -1
@@ -294,12 +375,21 @@ class Stepper:
             m.force[part.dofs] += part.H @ push
             self._values[j] = [push.sum(), np.count_nonzero(push), *(push @ part.normals), gap.min(initial=np.inf)]
             self.stored[j] = -0.5 * push @ self._h[part.rows]
+        if self._moving:
+            self._moving.plain.push(m.q, lam, m.force, self._values)
         return None
 
-    def _accelerate(self) -> None:
-        """Set accelerations from coordinates, velocities and contact forces."""
+    def _accelerate(self, half_step: float) -> None:
+        """Set accelerations from coordinates, velocities half a step [s] before, and contact forces."""
         m, bodies = self.motion, self._plan.bodies
+        if self._moving and self._kernels:
+            _moving_kernels().accelerate_moving(bodies, self._moving.for_loops[0], m, half_step)
+            return
+        if self._moving:
+            self._moving.plain.inertia(bodies, m, half_step)
         m.a[:] = (m.force + bodies.load - (bodies.stiffness * m.q + bodies.damping * m.v)) / bodies.mass
+        if self._moving:
+            self._moving.plain.turn_accelerations(bodies, m)
 
     def _watch(self) -> None:
         """Keep the largest force of each contact."""

@@ -10,6 +10,7 @@ import scipy.sparse as sp
 
 from ..support.arrays import Array
 from .loops import Peaks, Samples, Stepper, Stop
+from .moving import Anchors
 from .plan import StepPlan
 
 _STEPS = 2000  # in one call; then progress is told, and the user may stop
@@ -26,11 +27,22 @@ class Start:
         Coordinates and velocities.
     a : (nq,) array, optional
         Accelerations at the end of an earlier run, from which this one goes on. Default: those that forces give.
+    turning : (nq,) array, optional
+        Velocities by which bodies in floating frames grow at the start. Default: `v`.
+    anchors : Anchors, optional
+        Where moving contacts have found their flexibility. Default: nowhere.
     """
 
     q: Array
     v: Array
     a: Array | None = None
+    turning: Array | None = None
+    anchors: Anchors | None = None
+
+    @property
+    def parts(self) -> tuple[Array, Array, Array | None, Array | None, Anchors | None]:
+        """All of it, as `Stepper.begin` takes it."""
+        return self.q, self.v, self.a, self.turning, self.anchors
 
 
 @dataclass(frozen=True)
@@ -124,7 +136,7 @@ def run(
     Histories
     """
     stepper, between, made = stepper or Stepper(plan.contacts, len(plan.bodies.mass)), steps.between, 0
-    stopped = stepper.begin(plan, start.q, start.v, start.a)
+    stopped = stepper.begin(plan, *start.parts)
     record = Record(plan, stepper, motion=motion, rows=rows)
     chunk = min(_STEPS, max(_MOST // max(len(plan.contacts.rows.start), 1), 1)) if rows else _STEPS
     while made < steps.count and not stopped:
@@ -172,7 +184,7 @@ class Record:
         q, v, values, stored = (np.concatenate(parts) for parts in [*zip(*self._kept, strict=True)][:4])
         return Histories(
             q, v, values, stored, sp.vstack(self._lams, format="csr") if self._rows else None,
-            start=Start(*self._start), end=Start(*stepper.state()), end_stored=stepper.stored.copy(),
-            peaks=Peaks(*(part.copy() for part in stepper.peaks)),
+            start=Start(*self._start), end=Start(*stepper.state(), *stepper.moving_state()),
+            end_stored=stepper.stored.copy(), peaks=Peaks(*(part.copy() for part in stepper.peaks)),
             iterations=stepper.iterations, made=made, stopped=stopped,
         )  # fmt: skip

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ..compiled.loops import Stepper
+from ..compiled.moving import Following
 from ..compiled.plan import StepPlan
 from ..compiled.run import Histories, Record, Start
 from ..exudyn_contacts.model_run import ModelRun
 from ..support.arrays import Array
 from ..support.foreign import MainSystem
+from .compiled_plan import give_anchors
 from .run_plan import RunPlan
 from .step_control import Pace, StepControl
 
@@ -25,6 +27,7 @@ def run_adaptive(
     start: Start,
     plan: RunPlan,
     control: StepControl,
+    following: Sequence[Following],
     model_run: ModelRun,
     report: Callable[[float], bool],
 ) -> tuple[Array, Histories, Pace]:
@@ -38,6 +41,8 @@ def run_adaptive(
     start : Start
     plan : RunPlan
     control : StepControl
+    following : sequence of Following
+        Contacts whose rows follow the motion.
     model_run : ModelRun
         The present run.
     report : callable
@@ -48,12 +53,14 @@ def run_adaptive(
     Times of the samples, (n,) [s], what the run leaves, and what the control knows at its end.
     """
     end, times, stepper = plan.times.end, [plan.times.start], Stepper(step_plan.contacts, len(step_plan.bodies.mass))
-    stopped = stepper.begin(step_plan, start.q, start.v, start.a)
+    stopped = stepper.begin(step_plan, *start.parts)
     record, last = Record(step_plan, stepper), plan.times.step
     pace = control.begin(None if plan.origin is None else plan.origin.pace)
     while not stopped:
         t = times[-1]
         put(mbs, t, *stepper.state())
+        anchors = stepper.moving_state()[1]
+        give_anchors(following, anchors)
         model_run.force(mbs, t)
         pace = control.after_step(pace, last)
         if end - t <= _OVER * plan.times.step or not report(t):
@@ -66,7 +73,7 @@ def run_adaptive(
         made, stopped = stepper.advance(step, 1, count, 1, samples)
         changed = np.flatnonzero(((samples.values[:made, :, 1] > 0.0) != closed).any(axis=1))
         if len(changed) and changed[0] + 1 < made:  # the control looks at the step in which a contact opens or closes
-            stepper.go_back(before)
+            stepper.go_back(before, anchors)
             samples = record.room(int(changed[0]) + 1)
             made, stopped = stepper.advance(step, 1, len(samples.values), 1, samples)
         record.add(samples, made)

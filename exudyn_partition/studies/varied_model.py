@@ -12,7 +12,15 @@ from ..exudyn_bodies.held_damping import hold_damping
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..prediction.default_step import SAFETY
-from ..simulation.compiled_plan import at_start, dofs_of, in_groups, initial_start, read_plan
+from ..simulation.compiled_plan import (
+    at_start,
+    dofs_of,
+    in_groups,
+    initial_start,
+    moving_contacts,
+    read_plan,
+    with_anchors,
+)
 from ..simulation.run_plan import RunOptions, RunTimes, plan_run
 from ..simulation.stability import stability_limit
 from ..support.arrays import Array
@@ -62,7 +70,9 @@ class VariedModel:
         hold_damping(mbs)
         groups, planned = at_start(contacts), [contact for group in in_groups(contacts) for contact in group]
         places, gaps = {item: dofs_of(mbs, item) for item in bodies}, [one.gaps for _, some in groups for one in some]
-        entries = Entries(read_plan(mbs, groups), initial_start(mbs), places, planned, gaps, variations)
+        following = moving_contacts(mbs, groups)
+        start = with_anchors(initial_start(mbs), following)
+        entries = Entries(read_plan(mbs, groups), start, places, planned, gaps, variations, following)
         return cls(places, planned, gaps, variations, times, entries)
 
 
