@@ -413,7 +413,8 @@ CASES = {
     "crank_slider": Case("joints/crank_slider.py", lambda d: []),
     "feminterface": Case("benchmarks/feminterface.py", limits(("difference",))),
     "body_files": Case("benchmarks/body_files.py", limits(("whole", "ball_without_inside", "without_inside"))),
-    "compiled_runs": Case("benchmarks/compiled_runs.py", limits(("steps", "many", "compiled", "difference"))),
+    "compiled_runs": Case("benchmarks/compiled_runs.py", limits(
+        ("steps", "many", "compiled", "difference", "tumbling_steps", "tumbling", "tumbling_difference"))),
     "restitution_map": Case("benchmarks/restitution_map.py", limits(
         ("cpu_s", "balance", "new_over_old", "difference"))),
     "mechanisms": Case("benchmarks/mechanisms.py", limits(("force",))),

@@ -1,7 +1,9 @@
 """Compiled runs against Exudyn's, in the random scenes of `random_scenes` as far as compiled runs hold them.
 
 Of each scene, formulation, frame, friction, plastic flow and spin are replaced by those that compiled runs hold. A
-random acceleration of gravity of some thousand m/s2 is added, so that bodies also move aside.
+random acceleration of gravity of some thousand m/s2 is added, so that bodies also move aside. With the other seeds, the
+upper body alone flies at a rigid plane, sphere or cylinder, in a floating frame with a random spin of some thousand
+rad/s, or in an inertial frame on a curved surface.
 Reference: `solve_dynamic` by Exudyn's VelocityVerlet. Quantity: largest difference of each sensor (coordinates,
 velocities, and of the contact its force, resultant, number of closed rows and smallest gap), over its largest value;
 and the share of samples until pairs begin to slide, where a compiled run ends. Limit: 1e-9.
@@ -35,8 +37,38 @@ def drawn(seed):
     )
 
 
+def surface_of(seed):
+    """A rigid surface below the origin, which its highest point touches."""
+    rng = np.random.default_rng(seed)
+    radius, (x, y, _) = rng.uniform(0.02, 0.2), rng.normal(size=3)
+    surfaces = (
+        ep.RigidPlane(),
+        ep.RigidSphere((0, 0, -radius), radius),
+        ep.RigidCylinder((0, 0, -radius), (x, y, 0), radius),
+        ep.RigidCylinder((0, 0, radius), (x, y, 0), radius, hollow=True),
+    )
+    return surfaces[seed % 4]
+
+
+def on_surface(seed):
+    """Model of a body that flies at a rigid surface, its body and contact, and how long it runs [s]."""
+    scene, mbs = replace(drawn(seed), shapes=("ball", "ball")), exu.SystemContainer().AddSystem()
+    rng, ((upper, _), _) = np.random.default_rng(seed), random_scenes.bodies_of(scene)
+    frame = "inertial" if seed % 4 and rng.random() < 0.3 else "floating"
+    spin = {"initialAngularVelocity": 2e3 * rng.normal(size=3)} if frame == "floating" else {}
+    thrown = ep.CreatePartitionBody(
+        mbs, upper, name="upper", damping=scene.damping, gravity=1e3 * rng.normal(size=3), frame=frame,
+        initialVelocity=scene.velocity, **spin,
+    )  # fmt: skip
+    contact = ep.CreatePartitionContact(mbs, thrown, surface_of(seed), name="contact")
+    mbs.Assemble()
+    return mbs, (thrown,), contact, random_scenes.duration(scene)
+
+
 def model(seed):
     """Model of the scene, its bodies and contact, and how long it runs [s]."""
+    if seed % 2:
+        return on_surface(seed // 2)
     scene, mbs = drawn(seed), exu.SystemContainer().AddSystem()
     (upper, _), (lower, _) = random_scenes.bodies_of(scene)
     place = (*scene.aside, 0.0) if scene.shapes == ("block", "block") else (0.0, 0.0, 0.0)
@@ -69,7 +101,7 @@ def checked(seed):
     touched = bool(right.contacts[0].force(right)[:n].any())
     return {
         "seed": seed,
-        "scene": str(drawn(seed)),
+        "scene": str(drawn(seed // 2 if seed % 2 else seed)) + (" on a rigid surface" if seed % 2 else ""),
         "difference": difference,
         "share": n / len(right.t),
         "hit": touched,
