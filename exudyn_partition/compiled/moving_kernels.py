@@ -206,37 +206,32 @@ def rows_on_nodes(surfaces: Surfaces, state: MovingState, s: int) -> Array:
 def find_flexibility(blocks: FlatBlocks, surfaces: Surfaces, state: MovingState, s: int) -> None:
     """Set flexibility and fields of the rows of a moving contact, as they are at its anchor."""
     k, _, _, nr, _, d, n_fields = sizes_of(surfaces, s)
-    j, rows = surfaces.contact[s], rows_on_nodes(surfaces, state, s)
-    F = matrix_at(surfaces.numbers, surfaces.flexibility[s], d * k, d * k)
+    j, rows, n = surfaces.contact[s], rows_on_nodes(surfaces, state, s), d * k
+    F, on_nodes = matrix_at(surfaces.numbers, surfaces.flexibility[s], n, n), surfaces.numbers[surfaces.fields[s] :]
     own, start = matrix_at(blocks.numbers, blocks.own[j], nr, nr), blocks.starts[j]
-    used, moved = np.empty(d * k, np.int64), np.empty(d * k)
-    for row in range(nr):
-        count = 0
-        for c in range(d * k):
+    fields = matrix_at(blocks.numbers, blocks.fields[j], n_fields, nr)
+    used, ends, moved = np.empty(nr * n, np.int64), np.zeros(nr + 1, np.int64), np.empty(n)
+    for row in range(nr):  # few entries of a row are not zero
+        ends[row + 1] = ends[row]
+        for c in range(n):
             moved[c] = 0.0
             if rows[row, c] != 0.0:
-                used[count] = c
-                count += 1
-        for i in range(count):
-            share = rows[row, used[i]]
-            for c in range(d * k):
-                moved[c] += share * F[used[i], c]
+                used[ends[row + 1]] = c
+                ends[row + 1] += 1
+        for f in range(n_fields):
+            fields[f, row] = 0.0
+        for i in range(ends[row], ends[row + 1]):
+            share, place = rows[row, used[i]], used[i]
+            for c in range(n):
+                moved[c] += share * F[place, c]
+            for f in range(n_fields):
+                fields[f, row] += share * on_nodes[place * n_fields + f]
         for other in range(row + 1):
             total = 0.0
-            for c in range(d * k):
-                total += rows[other, c] * moved[c]
+            for i in range(ends[other], ends[other + 1]):
+                total += rows[other, used[i]] * moved[used[i]]
             own[row, other], own[other, row] = total, total
         state.diagonal[start + row] = own[row, row]
-    if n_fields > 0:
-        on_nodes = matrix_at(surfaces.numbers, surfaces.fields[s], d * k, n_fields)
-        fields = matrix_at(blocks.numbers, blocks.fields[j], n_fields, nr)
-        for row in range(nr):
-            for f in range(n_fields):
-                fields[f, row] = 0.0
-            for c in range(d * k):
-                if rows[row, c] != 0.0:
-                    for f in range(n_fields):
-                        fields[f, row] += rows[row, c] * on_nodes[c, f]
     state.found[s], blocks.n_closed[j], state.added[s] = True, -1, -1.0
 
 
