@@ -6,8 +6,8 @@ Quantity: processor time of all processes over two cores, wall time, the largest
 impacts that compiled steps ran, in either frame.
 Old beside new, one process: eight impacts at a tilt of 40 degrees, slow enough that the bar turns by less than
 `largest_turn`, of a ball on a plane, and of two balls, with `largest_turn=0`, in floating frames by Exudyn, as if
-compiled steps held none of them, and as the map does by itself. Quantity: processor time of new over old, the largest difference of restitution, and the largest
-angle by which the first body turns in contact, spin times duration.
+compiled steps held none of them, and as the map does by itself. Quantity: processor time of new over old, the largest
+difference of restitution, and the largest angle by which the first body turns in contact, spin times duration.
 Limits: 600 s of processor time by two cores; energy 1e-3; new over old 0.5, restitution 1e-3. Wall time is that of the
 machine with what else it did.
 
