@@ -414,6 +414,7 @@ CASES = {
     "body_files": Case("benchmarks/body_files.py", limits(("whole", "ball_without_inside", "without_inside"))),
     "compiled_runs": Case("benchmarks/compiled_runs.py", limits((
         "steps", "many", "compiled", "difference", "rough_steps", "rough_many", "rough_compiled", "rough_difference",
+        "tumbling_steps", "tumbling", "tumbling_difference",
     ))),
     "restitution_map": Case("benchmarks/restitution_map.py", limits(
         ("cpu_s", "balance", "new_over_old", "difference"))),

@@ -102,7 +102,7 @@ class FrictionSteps:
         for number in range(CHOICES[-1]):
             for j in contacts:
                 part = self._parts[j].rows
-                choose_rows(s.pushed[part], s.memory.forces[part], s.near[part], number > 0, CHOICES[:3])
+                choose_rows(s.pushed[part], s.memory.forces[part], s.near[part], number > 0, CHOICES[:5])
             self._solve_near(s, group)
             if several:
                 s.pushed[rows] = self._pushed(s, group, F)

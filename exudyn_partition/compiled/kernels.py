@@ -8,21 +8,27 @@ from ..contact.kernels import FlatContacts, evaluate_frozen
 from ..support.arrays import Array
 from ..support.compiled import inlined, unlocked
 from .friction_kernels import accept_friction, find_friction, keep_friction, watch_friction
+from .moving_kernels import add_inertia, evaluate_moving, turn_accelerations, turn_on
 
 if TYPE_CHECKING:
     from .friction_kernels import Friction
-    from .loops import Adjoint, Motion, Peaks, Samples
-    from .plan import Bodies
+    from .loops import Adjoint, Peaks, Samples
+    from .moving_kernels import Moving
+    from .plan import Bodies, Motion
 
 Limits = tuple[float, float, int, int]  # see `block_complementarity.LIMITS`
 
 
 @inlined
-def accelerate(bodies: Bodies, m: Motion) -> None:
-    """Set accelerations from coordinates, velocities and contact forces."""
+def accelerate(bodies: Bodies, moving: Moving | None, m: Motion, half_step: float) -> None:
+    """Set accelerations from coordinates, velocities half a step before, and contact forces."""
+    if moving is not None:
+        add_inertia(bodies, moving.frames, m, half_step)
     for k in range(len(m.q)):
         inner = bodies.stiffness[k] * m.q[k] + bodies.damping[k] * m.v[k]
         m.a[k] = (m.force[k] + bodies.load[k] - inner) / bodies.mass[k]
+    if moving is not None:
+        turn_accelerations(bodies, moving.frames, m)
 
 
 @inlined
@@ -60,6 +66,7 @@ def advance(
     bodies: Bodies,
     contacts: FlatContacts,
     friction: Friction | None,
+    moving: Moving | None,
     m: Motion,
     samples: Samples,
     peaks: Peaks,
@@ -72,7 +79,7 @@ def advance(
     """Make steps with the numbers `first` to `count`, from 1, see `loops.Stepper.advance`.
 
     Return the number of the first step whose forces are not found, `count` + 1 if all are. Coordinates and velocities
-    are then those with which the forces would be found. Without friction nothing is compiled for it.
+    are then those with which the forces would be found. What a plan does not have is not compiled for it.
     """
     n, (rounding, settled, steps, patience) = len(m.q), limits
     for step in range(first, count + 1):
@@ -80,13 +87,18 @@ def advance(
             m.q_start[k], m.v_start[k] = m.q[k], m.v[k]
             m.v[k] += 0.5 * h * m.a[k]
             m.q[k] += h * m.v[k]
-        if evaluate_frozen(contacts, m.q, m.force, rounding, settled, steps, patience) < 0:
+        if moving is None:
+            pushing = evaluate_frozen(contacts, m.q, m.force, rounding, settled, steps, patience)
+        else:
+            turn_on(moving.frames, m, h)
+            pushing = evaluate_moving(contacts, moving, m.q, m.v, m.force, limits)
+        if pushing < 0:
             return step
         if friction is not None:
             if not find_friction(friction, m.q, m.q_start, m.force):
                 return step
             accept_friction(friction, h)
-        accelerate(bodies, m)
+        accelerate(bodies, moving, m, 0.5 * h)
         for k in range(n):
             m.v[k] += 0.5 * h * m.a[k]
         watch(contacts, peaks, m.q)

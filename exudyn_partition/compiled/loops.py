@@ -6,20 +6,24 @@ No other module of `compiled` knows which. Module `kernels` beside it has the co
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ..algebra.block_complementarity import LIMITS, BlockComplementarity
+from ..algebra.block_complementarity import LIMITS, BlockComplementarity, FlatBlocks
 from ..algebra.flat_friction import FRICTION_LIMITS
 from ..algebra.loops import friction_object
 from ..contact.loops import evaluate_frozen, flat_contacts
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..support.compiled import kernels
-from .friction_plan import CHOICES, N_FRICTION, FlatFrictionRows, FrictionMemory, FrictionPlan, FrictionState
+from .friction_plan import CHOICES, N_FRICTION, FlatFrictionRows, FrictionPlan, FrictionState
 from .friction_steps import FrictionSteps
-from .plan import Bodies, FrozenPlan, StepPlan
+from .moving import Anchors, MovingPlan
+from .plain_moving import PlainMoving
+from .plan import Bodies, FrozenPlan, Motion, StepPlan
+from .start import Start
 
 N_VALUES = 6  # of each contact, see `frozen.FrozenContacts`
 
@@ -36,32 +40,6 @@ class Stop(NamedTuple):
 
     kind: Literal["slides", "unstable", "unsettled"]
     text: str
-
-
-class Motion(NamedTuple):
-    """State of a run within a step; the loop writes to its arrays.
-
-    Parameters
-    ----------
-    q, v, a : (nq,) arrays
-        Coordinates, velocities and accelerations.
-    q_start, v_start : (nq,) arrays
-        Coordinates and velocities at the start of the step.
-    force : (nq,) array
-        Generalised forces of all contacts.
-    """
-
-    q: Array
-    v: Array
-    a: Array
-    q_start: Array
-    v_start: Array
-    force: Array
-
-    @classmethod
-    def of(cls, n: int) -> Motion:
-        """Room for n coordinates."""
-        return cls(*np.zeros((6, n)))
 
 
 class Samples(NamedTuple):
@@ -172,6 +150,58 @@ class ContactParts(NamedTuple):
         return bool(not abs(self.drift @ q[self.dofs] - self.drift_start).max(initial=0.0) <= self.reach)
 
 
+class MovingSteps:
+    """Bodies in floating frames and moving contacts in a run.
+
+    Parameters
+    ----------
+    plan : MovingPlan
+    blocks : FlatBlocks
+        Of the run.
+    n : int
+        Number of coordinates.
+    """
+
+    def __init__(self, plan: MovingPlan, blocks: FlatBlocks, n: int) -> None:
+        self._plan, self._blocks = plan, blocks
+        self._state, self._step = plan.state(int(blocks.starts[-1]), n), 0.0
+        self._turning: Array | None = None  # at the start, until a step is made
+
+    @cached_property
+    def for_loops(self) -> Any:
+        """Bodies, contacts and state as compiled loops take them."""
+        found = kernels("compiled", "moving_kernels")
+        assert found is not None, "asked for what is only done at once"
+        return found.moving_of(self._plan, self._state)
+
+    @cached_property
+    def plain(self) -> PlainMoving:
+        """The same by NumPy."""
+        return PlainMoving(self._plan, self._state, self._blocks)
+
+    def begin(self, start: Start) -> None:
+        """Begin a run, or go back to its state; without anchors, contacts have none."""
+        state = self._state
+        self._step, self._turning = 0.0, start.turning
+        state.anchored[:], state.found[:], state.added[:] = False, False, -1.0
+        self._blocks.n_closed[:] = -1
+        if (anchors := start.anchors) is not None:
+            state.anchored[:], state.anchors[:], state.along[:] = anchors.anchored, anchors.q, anchors.along
+
+    def step(self, h: float) -> None:
+        """Know that steps of a length h [s] follow."""
+        self._step, self._turning = h, None
+
+    def turning(self, m: Motion) -> Array:
+        """Velocities by which bodies grow now, see `Start`: those in the middle of the last step."""
+        return m.v - 0.5 * self._step * m.a if self._turning is None else self._turning
+
+    def anchors(self) -> Anchors:
+        """Present anchors."""
+        state = self._state
+        return Anchors(state.anchored.copy(), state.anchors.copy(), state.along.copy())
+
+
 class Stepper:
     """Explicit steps of a plan, as Exudyn's VelocityVerlet makes them.
 
@@ -210,6 +240,7 @@ class Stepper:
         if self._kernels:
             of_frozen = self.values[:nc], self.stored[:nc]
             self._flat = flat_contacts(contacts.rows, self._blocks, self._h, *of_frozen)
+        self._moving = None if contacts.moving is None else MovingSteps(contacts.moving, self._blocks, n)
         self._friction: FrictionState | None = None
         self._loop: Any = None  # the same, as compiled loops take it
         if contacts.friction is not None:
@@ -229,34 +260,46 @@ class Stepper:
         """Whether each contact has closed rows, (nc,) bool."""
         return np.asarray(self.values[:, 1] > 0.0)
 
-    def begin(
-        self, plan: StepPlan, q: Array, v: Array, a: Array | None = None, memory: FrictionMemory | None = None
-    ) -> Stop | None:
-        """Begin a plan at coordinates and velocities, (nq,), with accelerations, (nq,), or those that forces give.
+    def begin(self, plan: StepPlan, start: Start) -> Stop | None:
+        """Begin a plan; return what prevents it, see `advance`.
 
-        `memory` is what rows with friction remember. With accelerations, it has the forces that the plan begins with.
-        Return what prevents it, see `advance`.
+        With accelerations and a memory of rows with friction, that memory has the forces that the plan begins with.
         """
         self._plan, self._joint, m = plan, None, self.motion
         self._blocks.forget()
         self._blocks.iterations[:] = 0
         self.peaks.force[:] = 0.0
-        m.q[:], m.v[:], m.q_start[:] = q, v, q
+        m.q[:], m.v[:], m.q_start[:] = start.q, start.v, start.q
         if self._friction is not None:
             assert plan.contacts.friction is not None
-            self._friction.begin(plan.contacts.friction, memory)
-        by_loops = self._kernels is not None and evaluate_frozen(self._flat, m.q, m.force) >= 0
-        if not by_loops and (why := self._find_frozen()):
+            self._friction.begin(plan.contacts.friction, start.friction)
+        if self._moving is not None:
+            self._moving.begin(start)
+        turning = m.v if start.turning is None else start.turning
+        if not self._evaluated(turning) and (why := self._find_others(turning)):
             return why
-        known = a is not None and memory is not None
+        known = start.a is not None and start.friction is not None
         if self._friction is not None and (why := self._begin_friction(known=known)):
             return why
-        if a is None:
-            self._accelerate()
+        if start.a is None:
+            self._accelerate(0.0)
         else:
-            m.a[:] = a
+            m.a[:] = start.a
         self._watch()
         return None
+
+    def _evaluated(self, turning: Array) -> bool:
+        """Find the forces of contacts without friction by compiled loops; return whether that was done.
+
+        `turning`, (nq,), are velocities by which bodies in floating frames grow.
+        """
+        m = self.motion
+        if self._kernels is None:
+            return False
+        if self._moving is None:
+            return evaluate_frozen(self._flat, m.q, m.force) >= 0
+        where = self._moving.for_loops, m.q, turning, m.force
+        return int(self._kernels.evaluate_moving(self._flat, *where, LIMITS)) >= 0
 
     def _begin_friction(self, *, known: bool) -> Stop | None:
         """Find the forces of contacts with friction with which a run begins, see `begin`; return what prevents it."""
@@ -274,21 +317,24 @@ class Stepper:
         assert self._plan.contacts.friction is not None
         return FrictionSteps(self._plan.contacts.friction)
 
-    def memory(self) -> FrictionMemory | None:
-        """What rows with friction remember; None without friction."""
-        return None if self._friction is None else self._friction.memory.copy()
+    def state(self) -> Start:
+        """Present state, in arrays of its own."""
+        m, friction, moving = self.motion, self._friction, self._moving
+        return Start(
+            m.q.copy(), m.v.copy(), m.a.copy(),
+            friction=None if friction is None else friction.memory.copy(),
+            turning=None if moving is None else moving.turning(m).copy(),
+            anchors=None if moving is None else moving.anchors(),
+        )  # fmt: skip
 
-    def state(self) -> tuple[Array, Array, Array]:
-        """Present coordinates, velocities and accelerations, (nq,) each."""
+    def go_back(self, state: Start) -> None:
+        """Go back to an earlier state of this run."""
         m = self.motion
-        return m.q.copy(), m.v.copy(), m.a.copy()
-
-    def go_back(self, state: tuple[Array, Array, Array], memory: FrictionMemory | None) -> None:
-        """Go back to an earlier state of this run, and what rows with friction remembered there."""
-        m = self.motion
-        m.q[:], m.v[:], m.a[:] = state
+        m.q[:], m.v[:], m.a[:] = state.q, state.v, state.a
         if self._friction is not None:
-            self._friction.go_back(memory)
+            self._friction.go_back(state.friction)
+        if self._moving is not None:
+            self._moving.begin(state)
 
     def advance(self, h: float, first: int, count: int, between: int, samples: Samples) -> tuple[int, Stop | None]:
         """Make steps of length h [s] with the numbers `first` to `count`, from 1 on.
@@ -307,7 +353,11 @@ class Stepper:
         the start of a step.
         """
         m = self.motion
-        for_loops = self._plan.bodies, self._flat, self._loop, m, samples, self.peaks, LIMITS, h
+        moving = None
+        if self._moving is not None:
+            self._moving.step(h)
+            moving = self._moving.for_loops if self._kernels else None
+        for_loops = self._plan.bodies, self._flat, self._loop, moving, m, samples, self.peaks, LIMITS, h
         while first <= count:
             if self._kernels:
                 first = self._kernels.advance(*for_loops, first, count, between)
@@ -317,12 +367,14 @@ class Stepper:
                 m.q_start[:], m.v_start[:] = m.q, m.v
                 m.v[:] += 0.5 * h * m.a
                 m.q[:] += h * m.v
+                if self._moving is not None:
+                    self._moving.plain.turn_on(m, h)
             if why := self._find():  # compiled loops give up where closed rows do not settle soon
                 m.q[:], m.v[:] = m.q_start, m.v_start
                 return first - 1, why
             if self._friction is not None:
                 FrictionSteps.accept(self._friction, h)
-            self._accelerate()
+            self._accelerate(0.5 * h)
             m.v[:] += 0.5 * h * m.a
             self._watch()
             if not first % between:
@@ -332,7 +384,7 @@ class Stepper:
 
     def _find(self) -> Stop | None:
         """Find the forces at the present coordinates by NumPy; return what prevents it."""
-        why = self._find_frozen()
+        why = self._find_others(self.motion.v)
         return self._find_friction() if why is None and self._friction is not None else why
 
     def _prevents(self, names: Sequence[str], parts: Sequence[ContactParts]) -> Stop | None:
@@ -359,8 +411,8 @@ class Stepper:
             return Stop("unsettled", str(error))
         return None
 
-    def _find_frozen(self) -> Stop | None:
-        """Find the forces of contacts without friction, see `_find`."""
+    def _find_others(self, turning: Array) -> Stop | None:
+        """Find the forces of contacts without friction by NumPy, see `_evaluated`; return what prevents it."""
         m, plan, blocks = self.motion, self.contacts, self._blocks
         if why := self._prevents(plan.names, self._parts):
             return why
@@ -368,7 +420,11 @@ class Stepper:
             self._h[part.rows] = plan.rows.start[part.rows] + m.q[part.dofs] @ part.H
         self._joint = self._joint or plan.joint()
         try:
-            lam, pushed, iterations = forces_of(plan, self._joint, self._h, blocks.active)
+            if self._moving is not None:
+                self._moving.plain.gaps(m.q, turning, self._h)
+                lam, pushed, iterations = self._moving.plain.settle(m.q, self._h, self._joint, plan)
+            else:
+                lam, pushed, iterations = forces_of(plan, self._joint, self._h, blocks.active)
         except ComplementarityError as error:
             return Stop("unsettled", str(error))
         blocks.lam[:], blocks.pushed[:], blocks.active[:], blocks.n_closed[:] = lam, pushed, lam > 0.0, -1
@@ -379,12 +435,18 @@ class Stepper:
             m.force[part.dofs] += part.H @ push
             self.values[j] = [push.sum(), np.count_nonzero(push), *(push @ part.normals), gap.min(initial=np.inf)]
             self.stored[j] = -0.5 * push @ self._h[part.rows]
+        if self._moving is not None:
+            self._moving.plain.push(m.q, lam, m.force, self.values)
         return None
 
-    def _accelerate(self) -> None:
-        """Set accelerations from coordinates, velocities and contact forces."""
+    def _accelerate(self, half_step: float) -> None:
+        """Set accelerations from coordinates, velocities half a step [s] before, and contact forces."""
         m, bodies = self.motion, self._plan.bodies
+        if self._moving is not None:
+            self._moving.plain.inertia(bodies, m, half_step)
         m.a[:] = (m.force + bodies.load - (bodies.stiffness * m.q + bodies.damping * m.v)) / bodies.mass
+        if self._moving is not None:
+            self._moving.plain.turn_accelerations(bodies, m)
 
     def _watch(self) -> None:
         """Keep the largest force of each contact."""

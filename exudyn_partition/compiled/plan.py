@@ -1,6 +1,7 @@
 """What an explicit run of bodies and contacts needs, as one frozen value of arrays.
 
-Bodies move by modes. The pairs of contacts are frozen, so that gaps are linear in the coordinates.
+Bodies move by modes. Where pairs of contacts are frozen, and frames do not turn, gaps are linear in the coordinates.
+Module `moving` has all else.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from ..algebra.complementarity import Complementarity
 from ..contact.linear_gaps import FlatRows
 from ..support.arrays import Array
 from .friction_plan import FrictionPlan
+from .moving import MovingPlan
 
 Core = Mapping[tuple[int, int], Array]
 
@@ -38,9 +40,37 @@ class Bodies(NamedTuple):
     load: Array
 
 
+class Motion(NamedTuple):
+    """State of a run within a step; the loop writes to its arrays.
+
+    Parameters
+    ----------
+    q, v, a : (nq,) arrays
+        Coordinates, velocities and accelerations.
+    q_start, v_start : (nq,) arrays
+        Coordinates and velocities at the start of the step.
+    force : (nq,) array
+        Generalised forces of all contacts.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    q_start: Array
+    v_start: Array
+    force: Array
+
+    @classmethod
+    def of(cls, n: int) -> Motion:
+        """Room for n coordinates."""
+        return cls(*np.zeros((6, n)))
+
+
 @dataclass(frozen=True, eq=False)
 class FrozenPlan:
-    """Contacts by compliance with frozen pairs: those without friction, and after them groups with friction.
+    """Contacts by compliance: those without friction, and after them groups with friction.
+
+    Pairs are frozen but for those of `moving`.
 
     Parameters
     ----------
@@ -53,8 +83,11 @@ class FrozenPlan:
         bodies exchange, (nr, m).
     core : dict of (int, int) to (m, m) array
         What contacts exchange, see `BlockComplementarity`.
-    friction : FrictionPlan or None
+    friction : FrictionPlan, optional
         Contacts with friction, and those that they move.
+    moving : MovingPlan, optional
+        Bodies in floating frames, and contacts whose rows follow the motion. In all else these contacts have rows
+        without coordinates, and no flexibility.
     """
 
     names: tuple[str, ...]
@@ -63,6 +96,7 @@ class FrozenPlan:
     fields: tuple[Array, ...]
     core: Core
     friction: FrictionPlan | None = None
+    moving: MovingPlan | None = None
 
     @property
     def all_names(self) -> tuple[str, ...]:
@@ -97,7 +131,8 @@ class FrozenPlan:
         """The problem in flat arrays, with room of its own for what changes in a run; matrices are shared."""
         blocks = self._blocks
         changing = "active", "closed", "n_closed", "factors", "responses", "G", "amplitudes", "lam", "pushed"
-        return blocks._replace(**{name: getattr(blocks, name).copy() for name in (*changing, "iterations")})
+        fresh = blocks._replace(**{name: getattr(blocks, name).copy() for name in (*changing, "iterations")})
+        return fresh if self.moving is None else self.moving.with_room(fresh)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,32 +9,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..support.arrays import Array
-from .friction_plan import FrictionMemory
 from .loops import Peaks, Samples, Stepper, Stop
 from .plan import StepPlan
+from .start import Start
 
 _STEPS = 2000  # in one call; then progress is told, and the user may stop
 _MOST = 1 << 22  # numbers of the forces on rows that a call keeps: 32 MB
-
-
-@dataclass(frozen=True, eq=False)
-class Start:
-    """Where a run begins.
-
-    Parameters
-    ----------
-    q, v : (nq,) arrays
-        Coordinates and velocities.
-    a : (nq,) array, optional
-        Accelerations at the end of an earlier run, from which this one goes on. Default: those that forces give.
-    friction : FrictionMemory, optional
-        What rows with friction remember. Default: nothing.
-    """
-
-    q: Array
-    v: Array
-    a: Array | None = None
-    friction: FrictionMemory | None = None
 
 
 @dataclass(frozen=True)
@@ -136,7 +116,7 @@ def run(
     Histories
     """
     stepper, between, made = stepper or Stepper(plan.contacts, len(plan.bodies.mass)), steps.between, 0
-    stopped = stepper.begin(plan, start.q, start.v, start.a, start.friction)
+    stopped = stepper.begin(plan, start)
     record = Record(plan, stepper, motion=motion, rows=rows)
     chunk = min(_STEPS, max(_MOST // max(plan.contacts.n_rows, 1), 1)) if rows else _STEPS
     while made < steps.count and not stopped:
@@ -163,7 +143,7 @@ class Record:
 
     def __init__(self, plan: StepPlan, stepper: Stepper, *, motion: bool = True, rows: bool = True) -> None:
         self._plan, self._stepper, self._motion, self._rows = plan, stepper, motion, rows
-        self._start, self._kept = Start(*stepper.state(), stepper.memory()), list[Samples]()
+        self._start, self._kept = stepper.state(), list[Samples]()
         self._on_rows: tuple[list[sp.csr_matrix], ...] = [], [], []
         first = self.room(1)
         stepper.keep(first, 0)
@@ -188,8 +168,7 @@ class Record:
         lam, along, status = (sp.vstack(parts, format="csr") if self._rows else None for parts in self._on_rows)
         return Histories(
             q, v, values, stored, lam, friction, along, status,
-            start=self._start, end=Start(*stepper.state(), stepper.memory()), end_values=stepper.values.copy(),
-            end_stored=stepper.stored.copy(),
+            start=self._start, end=stepper.state(), end_values=stepper.values.copy(), end_stored=stepper.stored.copy(),
             peaks=Peaks(*(part.copy() for part in stepper.peaks)),
             iterations=stepper.iterations, made=made, stopped=stopped,
         )  # fmt: skip

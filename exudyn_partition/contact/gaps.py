@@ -659,6 +659,11 @@ class Gaps:
             self._anchored = self.anchor, self.stage.rows, self.stage  # pairs that are followed need no projection anew
         return self.anchor
 
+    def go_on_at(self, q: Array) -> None:
+        """Go on from an anchor at coordinates q, (n,), that others have found, without a carrier."""
+        self.anchor = Anchor(q.copy(), NOTHING)
+        self.accepted = replace(self.accepted, anchor=self.anchor)
+
     def stance_at(self, anchor: Anchor) -> Array:
         """`stance` of the present rows at an anchor."""
         if self._stood[:2] != (anchor, self.stage.rows):

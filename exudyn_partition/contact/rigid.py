@@ -201,7 +201,7 @@ class RigidGaps(Gaps):
             middle = slave.surface.points.mean(axis=0)
             on_plane = middle - ((middle - surface.point) @ surface.normal) * surface.normal
             slave, self._seen = slave.seen_from(on_plane), RigidPlane(np.zeros(3), surface.normal)
-        self._primitive = self._seen.primitive if isinstance(self._seen, Primitives) else None
+        self.primitive = self._seen.primitive if isinstance(self._seen, Primitives) else None
         self.sides = (slave,)
         self.n, self.size = slave.n, slave.surface.facet_size
         self._all = points_of(slave, kind) if slave.surface.wanders else contact_points(slave.surface, kind)
@@ -339,8 +339,8 @@ class RigidGaps(Gaps):
 
         `pose` is `carrier_pose`.
         """
-        if self._primitive is not None and loops.at_once():
-            return loops.projected(self._primitive, x, pose)
+        if self.primitive is not None and loops.at_once():
+            return loops.projected(self.primitive, x, pose)
         if not len(pose):
             return self._seen.project(x)
         place, axes = pose[:3], pose[3:].reshape(3, 3)

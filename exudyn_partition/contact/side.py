@@ -69,7 +69,7 @@ class Side:
         return None if self.active is None else self.kinematics.some(self.active)
 
     @cached_property
-    def _seen(self) -> Kinematics:
+    def seen(self) -> Kinematics:
         """Kinematics of the nodes that are followed, seen from the centre."""
         return (self.kinematics if self.near is None else self.near).seen_from(self.centre)
 
@@ -140,10 +140,10 @@ class Side:
         They count from `centre`.
         """
         if self.active is None:
-            return self._seen.place(q)
+            return self.seen.place(q)
         places = np.empty(self.surface.points.shape)
         places.fill(np.nan)
-        places[self.active] = self._seen.place(q)
+        places[self.active] = self.seen.place(q)
         return places
 
     def dent(self, strain: Array) -> Array:

@@ -240,6 +240,7 @@ def _add_floating(mbs: MainSystem, plan: BodyPlan, kinematics: FloatingKinematic
     if "coupling" in terms:
         said.append("where joints, springs or loads act: the change of the body's inertia by its deformation")
     item = PartitionBody(body, plan.name, kinematics, tuple(said), **indices)
+    item.inertia_terms = terms
     mass = sp.block_diag(
         [body.total_mass * sp.identity(3), inertia.tensor, sp.identity(body.n_dofs - RIGID)], format="csr"
     )

@@ -12,6 +12,7 @@ from ..fe.partition import interface_named
 from ..fe.places import interpolation
 from ..frames.damping import Damping, Ratios
 from ..frames.floating import FloatingKinematics
+from ..frames.inertia_forces import InertiaTerm
 from ..frames.kinematics import Frame
 from ..plasticity.flow import PlasticState
 from ..reduction.body import ReducedBody
@@ -41,12 +42,12 @@ class PartitionBody(BodyResults):
     `point_markers` has the points of node and point markers outside of rigid interfaces, by the markers' numbers.
     `offset_markers` names the interfaces whose markers have offsets. `frame_markers` hold the rigid node of an inertial
     frame. `as_made` has what no run may find changed. `kinematics` is the motion of the body in space;
-    `kinematics.at(nodes)` is that of nodes.
+    `kinematics.at(nodes)` is that of nodes. `inertia_terms` are those that a floating frame keeps.
     """
 
     _inside = frozenset(
-        {"as_made", "dampings", "frame_left_out", "frame_markers", "is_in", "kinematics", "mobility", "node_sizes",
-         "offset_markers", "plastic_states", "point_markers", "ratios", "weight"}
+        {"as_made", "dampings", "frame_left_out", "frame_markers", "inertia_terms", "is_in", "kinematics", "mobility",
+         "node_sizes", "offset_markers", "plastic_states", "point_markers", "ratios", "weight"}
     )  # fmt: skip
 
     def __init__(
@@ -65,6 +66,7 @@ class PartitionBody(BodyResults):
         self.mobility: Array | None = None
         self.dampings: tuple[tuple[float, Damping], ...] = ()
         self.weight: Array | None = None
+        self.inertia_terms: tuple[InertiaTerm, ...] = ()
         self.plastic_states: dict[int, PlasticState] = {}
         self.frame_markers: list[int] = []
         self.offset_markers: set[str] = set()

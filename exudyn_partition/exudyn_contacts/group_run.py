@@ -36,9 +36,12 @@ class GroupRun:
     members : list of ContactRun
     pushes : bool
         Whether any force was not zero in the last evaluation.
+    samples : LoopedSamples
+        What compiled loops have found.
     """
 
     def __init__(self, members: Sequence[ContactRun], together: Together) -> None:
+        self.samples = LoopedSamples()
         self.members, self.together = [*members], together
         self._within = [member for member in members if member.acts_within]
         all_found = all(member.force is not None for member in self._within)
@@ -46,6 +49,7 @@ class GroupRun:
         self.pushes = self._any_pushes()
         for place, member in enumerate(members):
             member.join(self, place)
+            member.record.share(self.samples, place)
 
     def begin(self, states: Sequence[ContactState], t: float) -> None:
         """Take states of the members, with their forces, at time t [s]: they are not found again there."""
@@ -138,11 +142,6 @@ class CoupledRun(GroupRun):
         Finds their forces.
     sleeps : bool
         Whether contacts may sleep.
-
-    Attributes
-    ----------
-    samples : LoopedSamples
-        What compiled loops have found.
     """
 
     def __init__(self, members: Sequence[ContactRun], coupled: Coupled, *, sleeps: bool = False) -> None:
@@ -163,10 +162,7 @@ class CoupledRun(GroupRun):
         readers = [(j, member.place) for j, member in enumerate(members) if member.place is not None]
         starts = np.reshape(readers, (-1, 2)).astype(int) * [N_VALUES, 1]
         self._from, self._to = np.add.outer(starts.T, np.arange(N_VALUES)).reshape(2, -1)  # places, from and to
-        self.samples = LoopedSamples()
         self._at_edge = np.empty(0, dtype=np.int64)  # closed rows whose depth is watched, see `_look_for_edges`
-        for place, member in enumerate(members):
-            member.record.share(self.samples, place)
 
     def _find(self, mbs: MainSystem, t: float, q: Array) -> None:
         """See `evaluate`."""

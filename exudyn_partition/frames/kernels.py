@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from ..support.arrays import Array
-from ..support.compiled import compiled, inlined
+from ..support.compiled import compiled, exact, inlined
 
 
 @inlined
-def _axes(q: Array, rotation: Array, node_axes: Array) -> Array:
+def body_axes(q: Array, rotation: Array, node_axes: Array) -> Array:
     """Axes of the body in space, (3, 3), see `FloatingKinematics.frame`."""
     x, y, z = rotation[0] + q[3], rotation[1] + q[4], rotation[2] + q[5]
     angle = math.sqrt(x * x + y * y + z * z)
@@ -29,6 +29,29 @@ def _axes(q: Array, rotation: Array, node_axes: Array) -> Array:
             for k in range(3):
                 axes[i, j] += turn[i, k] * node_axes[j, k]
     return axes
+
+
+@exact
+def compose(v: Array, way: Array, result: Array) -> None:
+    """Set a rotation vector, (3,), see `rotations.composed`; Exudyn rounds as this does, without fused products."""
+    before, turn = 0.0, 0.0
+    along = v[0] * way[0] + v[1] * way[1] + v[2] * way[2]
+    for i in range(3):
+        before += v[i] * v[i]
+        turn += way[i] * way[i]
+    before, turn = math.sqrt(before) / 2, math.sqrt(turn) / 2
+    a, b = math.cos(before), math.cos(turn)
+    s = math.sin(before) / before / 2 if before > 0.0 else 0.5
+    t = math.sin(turn) / turn / 2 if turn > 0.0 else 0.5
+    size = 0.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        result[i] = s * b * v[i] + t * a * way[i] + s * t * (v[j] * way[k] - v[k] * way[j])
+        size += result[i] * result[i]
+    if size > 0.0:
+        angle = 2 * math.acos(min(max(a * b - s * t * along, -1.0), 1.0))
+        for i in range(3):
+            result[i] *= angle / math.sqrt(size)
 
 
 @inlined
@@ -101,7 +124,7 @@ def _sines(part: float, before: float, after: float, longer: float) -> tuple[flo
 
 @inlined
 def _change_of_axes(q: Array, rotation: Array, node_axes: Array) -> Array:
-    """Change of `_axes` from q = 0, (3, 3), see `rotations.rotation_change`."""
+    """Change of `body_axes` from q = 0, (3, 3), see `rotations.rotation_change`."""
     u, v, w = rotation[0], rotation[1], rotation[2]
     p, r, s = q[3], q[4], q[5]
     x, y, z = u + p, v + r, w + s
@@ -130,7 +153,7 @@ def _change_of_axes(q: Array, rotation: Array, node_axes: Array) -> Array:
 @compiled
 def places(q: Array, start: Array, rotation: Array, node_axes: Array, arms: Array, rows: Array) -> Array:
     """Places of nodes, (k, 3) [m], see `loops.places`."""
-    axes, change = _axes(q, rotation, node_axes), _change_of_axes(q, rotation, node_axes)
+    axes, change = body_axes(q, rotation, node_axes), _change_of_axes(q, rotation, node_axes)
     result = np.empty((len(arms), 3))
     for node in range(len(arms)):
         x = y = z = 0.0
@@ -148,7 +171,7 @@ def places(q: Array, start: Array, rotation: Array, node_axes: Array, arms: Arra
 @compiled
 def generalised(q: Array, rotation: Array, node_axes: Array, arms: Array, rows: Array, forces: Array) -> Array:
     """Generalised forces, (n,), of forces on nodes, (k, 3), see `FloatingKinematics.generalised`."""
-    axes, n = _axes(q, rotation, node_axes), rows.shape[1]
+    axes, n = body_axes(q, rotation, node_axes), rows.shape[1]
     result, tx, ty, tz = np.zeros(6 + n), 0.0, 0.0, 0.0
     for node in range(len(arms)):
         f, g, h = forces[node, 0], forces[node, 1], forces[node, 2]

@@ -78,6 +78,20 @@ def _sines(part: float, before: float, after: Array, longer: Array) -> tuple[flo
     return of_start, of_end, np.where(little, (sine - of_start * longer) / size, more)
 
 
+def composed(v: Array, way: Array) -> Array:
+    """Rotation vector, (3,), after a turn `way`, (3,), about the body's axes from a rotation vector v, (3,) [rad].
+
+    Its angle is below 2 pi. It is rounded as by Exudyn's NodeRigidBodyRotVecLG: near zero it keeps half the digits.
+    """
+    before, turn = float(np.linalg.norm(v)) / 2, float(np.linalg.norm(way)) / 2
+    a, b, s, t = math.cos(before), math.cos(turn), 0.5 * np.sinc(before / np.pi), 0.5 * np.sinc(turn / np.pi)
+    axis = s * b * v + t * a * way + s * t * np.cross(v, way)
+    size = float(np.linalg.norm(axis))
+    angle = 2 * math.acos(min(max(a * b - s * t * float(v @ way), -1.0), 1.0))
+    result: Array = axis * (angle / size) if size else axis
+    return result
+
+
 def total_moment(arms: Array, forces: Array) -> Array:
     """Sum of arms x forces, (3,), of k arms and forces, (k, 3); without the single products, which np.cross makes."""
     (_, xy, xz), (yx, _, yz), (zx, zy, _) = (arms.T @ forces).tolist()

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ..compiled.loops import Stepper
+from ..compiled.moving import Following
 from ..compiled.plan import StepPlan
-from ..compiled.run import Histories, Record, Start
+from ..compiled.run import Histories, Record
+from ..compiled.start import Start
 from ..exudyn_contacts.model_run import ModelRun
 from ..support.arrays import Array
 from ..support.foreign import MainSystem
 from .compiled_friction import FrictionGroups
+from .compiled_plan import give_anchors
 from .run_plan import RunPlan
 from .step_control import Pace, StepControl
 
@@ -26,6 +29,7 @@ def run_adaptive(
     start: Start,
     plan: RunPlan,
     control: StepControl,
+    following: Sequence[Following],
     model_run: ModelRun,
     friction: FrictionGroups | None,
     report: Callable[[float], bool],
@@ -40,6 +44,8 @@ def run_adaptive(
     start : Start
     plan : RunPlan
     control : StepControl
+    following : sequence of Following
+        Contacts whose rows follow the motion.
     model_run : ModelRun
         The present run.
     friction : FrictionGroups or None
@@ -52,14 +58,16 @@ def run_adaptive(
     Times of the samples, (n,) [s], what the run leaves, and what the control knows at its end.
     """
     end, times, stepper = plan.times.end, [plan.times.start], Stepper(step_plan.contacts, len(step_plan.bodies.mass))
-    stopped = stepper.begin(step_plan, start.q, start.v, start.a, start.friction)
+    stopped = stepper.begin(step_plan, start)
     record, last = Record(step_plan, stepper), plan.times.step
     pace = control.begin(None if plan.origin is None else plan.origin.pace)
     while not stopped:
         t = times[-1]
-        put(mbs, t, *stepper.state())
+        before = stepper.state()
+        put(mbs, t, before.q, before.v, before.a)
         if friction is not None:
-            friction.stand(Start(*stepper.state(), stepper.memory()), stepper.values, stepper.stored, t)
+            friction.stand(before, stepper.values, stepper.stored, t)
+        give_anchors(following, before.anchors)
         model_run.force(mbs, t)
         pace = control.after_step(pace, last)
         if end - t <= _OVER * plan.times.step or not report(t):
@@ -68,11 +76,11 @@ def run_adaptive(
         closed = stepper.closed.copy()
         in_contact = closed.any() and step == last == control.step and control.gap_tolerance is None
         count = max(min(_AT_ONCE, int((end - t) / step) - 1), 1) if in_contact else 1
-        before, samples = (stepper.state(), stepper.memory()), record.room(count)
+        samples = record.room(count)
         made, stopped = stepper.advance(step, 1, count, 1, samples)
         changed = np.flatnonzero(((samples.values[:made, :, 1] > 0.0) != closed).any(axis=1))
         if len(changed) and changed[0] + 1 < made:  # the control looks at the step in which a contact opens or closes
-            stepper.go_back(*before)
+            stepper.go_back(before)
             samples = record.room(int(changed[0]) + 1)
             made, stopped = stepper.advance(step, 1, len(samples.values), 1, samples)
         record.add(samples, made)

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..compiled.friction_plan import FrictionMemory, FrictionPlan
-from ..compiled.run import Histories, Start
+from ..compiled.run import Histories
+from ..compiled.start import Start
 from ..contact.law import Forces
 from ..contact.memory import RowMemory, by_nodes, normal_by_nodes
 from ..contact.state import ContactState

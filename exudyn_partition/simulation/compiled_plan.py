@@ -2,29 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import cast
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from ..algebra.complementarity import Complementarity, regularised
+from ..algebra.complementarity import REGULARISATION, Complementarity, regularised
 from ..algebra.products import dense
 from ..compiled.friction_plan import FrictionMemory, FrictionPlan
+from ..compiled.moving import (
+    Anchors,
+    Following,
+    MovingPlan,
+    Turning,
+    anchors_of,
+    can_follow,
+    frames_of,
+    surfaces_of,
+)
 from ..compiled.plan import Bodies, FrozenPlan, StepPlan, joined_fields
-from ..compiled.run import Start
+from ..compiled.start import Start
+from ..contact.followed import BULGE
 from ..contact.formulations.choices import Compliance
 from ..contact.formulations.coupled import CoupledContacts, SharedPatches
 from ..contact.formulations.coupled_friction import CoupledFriction, SharedFriction
 from ..contact.formulations.formulation import Together
+from ..contact.gaps import SAME
 from ..contact.linear_gaps import FlatRows, LinearGaps
 from ..contact.memory import on_rows
 from ..contact.patch_contact import PatchContact
+from ..contact.rigid import RigidGaps
 from ..contact.tangential import TangentialRows
 from ..errors import CompiledRunError
+from ..exudyn_bodies.item_work import acts_on_constant_mass
 from ..exudyn_bodies.model import coordinate_slices, registered, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..frames.damping import ModeDamping
+from ..frames.floating import FloatingKinematics
+from ..frames.inertia_forces import TERMS
 from ..support.arrays import Array
 from ..support.foreign import ItemEntry, MainSystem
 from ..support.optional import require
@@ -43,8 +59,9 @@ def check_held(mbs: MainSystem, options: Sequence[str] = ()) -> None:
     if reasons:
         listed = "".join(f"\n- {reason}" for reason in reasons)
         raise CompiledRunError(
-            "compiled runs hold partition bodies in inertial frames, their contacts by compliance, "
-            f"rigid planes, gravity, constant loads on coordinates and damping of modes. This one has more:{listed}\n"
+            "compiled runs hold partition bodies, their contacts by compliance, rigid planes, spheres and cylinders, "
+            "gravity, constant loads on coordinates and damping of modes; two bodies in contact, and friction, as long "
+            f"as frames do not turn and pairs of bodies do not slide. This one has more:{listed}\n"
             "Leave it out, or run the model by solve_dynamic(..., solver='exudyn')"
         )
 
@@ -57,8 +74,8 @@ def _of_bodies(bodies: Sequence[PartitionBody]) -> Iterator[str]:
     """Reasons by bodies."""
     for place, item in enumerate(bodies):
         named = _called("body", item, place)
-        if item.frame == "floating":
-            yield f"{named} has a floating frame"
+        if item.frame == "floating" and not {*TERMS} - {"coupling"} <= {*item.inertia_terms}:
+            yield f"{named} leaves out inertia forces by inertiaTerms"
         if len(item.body.basis.nodal):
             yield f"{named} keeps nodes, by basis {item.body.basis.name!r}"
         if item.body.stiffening is not None:
@@ -91,11 +108,23 @@ def _of_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
             yield f"{named} has a sensor of its moment"
         if isinstance(contact.together, SharedPatches | SharedFriction):
             yield f"{named} shares a patch with another contact"
-        elif not mechanics.gaps.may_freeze:
-            yield (
-                f"{named} has pairs that follow the motion: of curved rigid surfaces, patches of Partition.surface, "
-                "floating frames, or patches that do not face each other at the start"
-            )
+        else:
+            yield from _of_pairs(named, contact)
+
+
+def _of_pairs(named: str, contact: PartitionContact) -> Iterator[str]:
+    """Reasons by pairs that follow the motion."""
+    gaps = contact.mechanics.gaps
+    if gaps.may_freeze:
+        return
+    if not can_follow(gaps):
+        yield (
+            f"{named} has pairs that follow the motion: of two bodies in floating frames, a RigidMesh, patches of "
+            "Partition.surface, or patches that do not face each other at the start"
+        )
+    elif has_friction(contact.group):
+        has = "friction" if contact.mechanics.friction is not None else "a body in common with a contact with friction"
+        yield f"{named} has {has}, and pairs that follow the motion: of a floating frame, or a curved rigid surface"
 
 
 def _of_items(mbs: MainSystem, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact]) -> Iterator[str]:
@@ -169,6 +198,8 @@ def read_plan(mbs: MainSystem, groups: Sequence[tuple[Together, Sequence[PatchCo
     for item in bodies:
         dofs = dofs_of(mbs, item)
         mass[dofs], stiffness[dofs] = item.kinematics.mass, item.body.stiffness.diagonal()
+        if item.frame == "floating":
+            stiffness[dofs] = np.r_[np.zeros(6), item.body.basis.omega[6:] ** 2]
         if item.damping is not None:
             damping[dofs] = item.damping.matrix().diagonal()
         if len(pushed := np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"))):
@@ -207,27 +238,35 @@ def _contacts_plan(
     """Plan of all contacts, group by group."""
     ordered = in_groups(contacts)
     n = sum(not has_friction(group) for group in ordered)
-    members = [gaps for _, some in groups[:n] for gaps in some]
-    blocks = [cast("CoupledContacts", together).blocks() for together, _ in groups[:n]]
+    blocks = [_blocks(together, members) for together, members in groups[:n]]
     fields, core = joined_fields([(of_group, core) for _, of_group, core in blocks])
     own = tuple(F for flexibilities, _, _ in blocks for F in flexibilities)
     without = [contact for group in ordered[:n] for contact in group]
-    flat = _rows(mbs, without, members)
+    flat = _rows(mbs, without, [member for _, some in groups[:n] for member in some])
     friction = None if n == len(ordered) else _friction_plan(mbs, ordered[n:], groups[n:])
-    return FrozenPlan(tuple(contact.name for contact in without), flat, own, fields, core, friction)
+    names = tuple(contact.name for contact in without)
+    return FrozenPlan(names, flat, own, fields, core, friction, _moving(mbs, groups))
 
 
 def _rows(mbs: MainSystem, contacts: Sequence[PartitionContact], members: Sequence[PatchContact]) -> FlatRows:
-    """Gaps of the rows of some contacts."""
-    linear = list[LinearGaps]()
+    """Gaps of the rows of some contacts; rows that follow the motion have no coordinates in them."""
+    linear, normals, dofs = list[LinearGaps](), list[Array](), list[Array]()
     for contact, mechanics in zip(contacts, members, strict=True):
-        if mechanics.gaps.linear is None:
+        gaps = mechanics.gaps
+        if gaps.linear is not None:
+            linear.append(gaps.linear)
+            normals.append(gaps.normal)
+            dofs.append(np.concatenate([np.r_[part] for part in contact.slices(mbs)]))
+        elif can_follow(gaps):
+            n = len(gaps.row_nodes)
+            linear.append(LinearGaps(np.zeros((n, 0)), np.zeros(n), np.zeros((0, 0)), np.zeros(0), np.inf))
+            normals.append(np.zeros((n, 3)))
+            dofs.append(np.zeros(0, dtype=np.int64))
+        else:
             raise CompiledRunError(
                 f"pairs of contact {contact.name!r} slide where this run begins; take solver='exudyn'"
             )
-        linear.append(mechanics.gaps.linear)
-    dofs = [np.concatenate([np.r_[part] for part in contact.slices(mbs)]) for contact in contacts]
-    return FlatRows.of(linear, [mechanics.gaps.normal for mechanics in members], dofs)
+    return FlatRows.of(linear, normals, dofs)
 
 
 def _friction_plan(
@@ -278,6 +317,65 @@ def friction_memory(groups: Sequence[Sequence[PatchContact]]) -> FrictionMemory:
         all_forces, np.zeros_like(all_forces), np.concatenate(slipped), np.concatenate(speed), np.concatenate(path),
         np.array([mechanics.state.memory.dissipated for mechanics in members]),
     )  # fmt: skip
+
+
+def _blocks(
+    together: Together, members: Sequence[PatchContact]
+) -> tuple[Sequence[Array], Sequence[Array], Mapping[tuple[int, int], Array]]:
+    """See `CoupledContacts.blocks`; a contact alone whose rows move exchanges nothing."""
+    if isinstance(together, CoupledContacts):
+        return together.blocks()
+    sizes = [len(member.gaps.row_nodes) for member in members]
+    return [np.zeros((n, n)) for n in sizes], [np.zeros((n, 0)) for n in sizes], {}
+
+
+def _moving(mbs: MainSystem, groups: Sequence[tuple[Together, Sequence[PatchContact]]]) -> MovingPlan | None:
+    """Bodies in floating frames and moving contacts; None if there are none."""
+    turning, following = _turning(mbs), moving_contacts(mbs, groups)
+    if not turning and not following:
+        return None
+    return MovingPlan(frames_of(turning), surfaces_of(following), (BULGE, SAME, REGULARISATION))
+
+
+def _turning(mbs: MainSystem) -> list[Turning]:
+    """Bodies in floating frames."""
+    found = []
+    for item in partition_items(mbs)[0]:
+        if isinstance(item.kinematics, FloatingKinematics):
+            constant = acts_on_constant_mass(mbs, item, item.kinematics.acting)
+            coupled = "coupling" in item.inertia_terms and not constant
+            found.append(Turning(item.kinematics, dofs_of(mbs, item), coupled))
+    return found
+
+
+def moving_contacts(mbs: MainSystem, groups: Sequence[tuple[Together, Sequence[PatchContact]]]) -> list[Following]:
+    """Contacts whose rows follow the motion, of the same groups as `read_plan` takes."""
+    bodies, contacts = partition_items(mbs)
+    floating = [item for item in bodies if item.frame == "floating"]
+    found, number = list[Following](), 0
+    for of_group, (together, members) in zip(in_groups(contacts), groups, strict=True):
+        for j, (contact, mechanics) in enumerate(zip(of_group, members, strict=True)):
+            if isinstance(mechanics.gaps, RigidGaps) and mechanics.gaps.moving:
+                item, fields = contact.slave, np.zeros((0, 0))
+                if isinstance(together, CoupledContacts):
+                    fields = together.patch_fields(j)
+                body = floating.index(item) if item in floating else -1
+                found.append(Following(number, body, dofs_of(mbs, item), mechanics.gaps, fields))
+            number += 1
+    return found
+
+
+def with_anchors(start: Start, following: Sequence[Following]) -> Start:
+    """Return the start of a run with the anchors of its moving contacts."""
+    return replace(start, anchors=anchors_of(following, len(start.q))) if following else start
+
+
+def give_anchors(following: Sequence[Following], anchors: Anchors | None) -> None:
+    """Let contacts go on from the anchors of compiled steps."""
+    for s, one in enumerate(following if anchors is not None else ()):
+        assert anchors is not None
+        if anchors.anchored[s]:
+            one.gaps.go_on_at(anchors.q[s, one.dofs])
 
 
 def initial_start(mbs: MainSystem) -> Start:

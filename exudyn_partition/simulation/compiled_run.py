@@ -13,10 +13,11 @@ import scipy.sparse as sp
 
 from ..algebra.blas_threads import one_blas_thread
 from ..compiled.plan import StepPlan
-from ..compiled.run import EqualSteps, Histories, Start, run
+from ..compiled.run import EqualSteps, Histories, run
+from ..compiled.start import Start
 from ..errors import RunError
 from ..exudyn_bodies.model import coordinate_slices, registered
-from ..exudyn_contacts.group_run import CoupledRun, GroupRun
+from ..exudyn_contacts.group_run import GroupRun
 from ..exudyn_contacts.model_run import ModelRun, runs_of
 from ..exudyn_contacts.partition_contact import partition_items
 from ..support.arrays import Array
@@ -27,7 +28,16 @@ from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
 from .compiled_adaptive import put, run_adaptive
 from .compiled_friction import FrictionGroups
-from .compiled_plan import friction_memory, has_friction, in_groups, own_sensors, read_plan
+from .compiled_plan import (
+    friction_memory,
+    give_anchors,
+    has_friction,
+    in_groups,
+    moving_contacts,
+    own_sensors,
+    read_plan,
+    with_anchors,
+)
 from .continuation import keep_compiled_end, undo_if_refused
 from .result import Result
 from .run_plan import RunPlan
@@ -61,8 +71,9 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
         if model_run.others:
             model_run.others.keep(mbs, times.start)
         groups = [model_run.group_run(group[0]) for group in in_groups(contacts)]
-        step_plan = read_plan(mbs, [(group.together, [run.mechanics for run in group.members]) for group in groups])
-        friction = None
+        parts = [(group.together, [run.mechanics for run in group.members]) for group in groups]
+        step_plan, following = read_plan(mbs, parts), moving_contacts(mbs, parts)
+        start, friction = with_anchors(start, following), None
         if (friction_plan := step_plan.contacts.friction) is not None:
             of_friction = [group for group, some in zip(groups, in_groups(contacts), strict=True) if has_friction(some)]
             friction = FrictionGroups(friction_plan, of_friction)
@@ -78,8 +89,9 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
         else:
             told = _told(times.end - times.start, report, interrupt)
             ends, made, pace = run_adaptive(
-                mbs, step_plan, start, plan, plan.control, model_run, friction, lambda t: told(t - times.start)
-            )
+                mbs, step_plan, start, plan, plan.control, following, model_run, friction,
+                lambda t: told(t - times.start),
+            )  # fmt: skip
             t = ends
         if made.stopped and not made.made:
             raise RunError(f"mbs: a compiled run cannot make its first step: {made.stopped.text}")
@@ -87,6 +99,7 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
         _keep_rows(mbs, model_run, step_plan, made, t)
         if friction is not None:
             friction.keep(made, t)
+        give_anchors(following, made.end.anchors)
         _go_to_end(mbs, model_run, float(ends[-1]), made, friction)
         time_s = time.perf_counter() - begin
     end = keep_compiled_end(mbs, times.step, pace)
@@ -121,7 +134,11 @@ def _start(mbs: MainSystem, plan: RunPlan) -> Start:
     if (damping := registered(mbs).damping) is not None:
         damping.begin(mbs)
     q, q_t = np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t())
-    return Start(q, q_t, None if plan.origin is None else plan.origin.q_tt)
+    if plan.origin is None:
+        return Start(q, q_t)
+    earlier = plan.origin.contacts
+    turning = None if earlier is None or not len(earlier.turning) else earlier.turning
+    return Start(q, q_t, plan.origin.q_tt, turning=turning)
 
 
 def _told(whole: float, report: Progress, interrupt: Interrupt) -> Callable[[float], bool]:
@@ -176,7 +193,6 @@ def _keep_rows(mbs: MainSystem, model_run: ModelRun, plan: StepPlan, made: Histo
         if has_friction(contacts):
             continue
         group = model_run.group_run(contacts[0])
-        assert isinstance(group, CoupledRun)
         of_group = slice(first, first := first + len(contacts))
         bounds_of_rows = starts[of_group.start : of_group.stop + 1] - starts[of_group.start]
         lam = made.lam[:, starts[of_group.start] : starts[of_group.stop]]
@@ -186,22 +202,33 @@ def _keep_rows(mbs: MainSystem, model_run: ModelRun, plan: StepPlan, made: Histo
                 rows = lam.indices[begin:end]
                 bounds = np.searchsorted(rows, bounds_of_rows).tolist()
                 group.samples.add(float(t[i]), nodes[rows], bounds, lam.data[begin:end], made.stored[i, of_group])
-        _look_for_edges(mbs, group, lam.tocsc(), bounds_of_rows, t, made.q)
+        _look_for_edges(mbs, model_run, group, lam.tocsc(), bounds_of_rows, t, made)
 
 
-def _look_for_edges(mbs: MainSystem, group: GroupRun, lam: sp.csc_matrix, starts: Array, t: Array, q: Array) -> None:
-    """Let members whose closed rows leave their patch record it, from forces on rows, (n, nr), and states, (n, nq)."""
+def _look_for_edges(
+    mbs: MainSystem,
+    model_run: ModelRun,
+    group: GroupRun,
+    lam: sp.csc_matrix,
+    starts: Array,
+    t: Array,
+    made: Histories,
+) -> None:
+    """Let members whose closed rows leave their patch record it, from forces on rows, (n, nr), and all states."""
     for place, (member, begin) in enumerate(zip(group.members, starts[:-1], strict=True)):
         gaps = member.mechanics.gaps
         at_edge = np.flatnonzero(np.isfinite(gaps.leaves_at))
-        closed = lam[:, begin + at_edge].toarray() > 0.0
-        if not closed.any() or gaps.linear is None:
+        leaving = lam[:, begin + at_edge].toarray() > 0.0
+        if not leaving.any():
             continue
-        h = gaps.linear.start[at_edge] + q[:, member.dofs] @ gaps.linear.H[at_edge].T
-        leaving = (closed & (np.maximum(-h, 0.0) >= gaps.leaves_at[at_edge])).any(axis=1)
-        if leaving.any():
-            sample = int(leaving.argmax())
-            group.evaluate(mbs, float(t[sample]), q[sample])
+        if gaps.linear is not None:
+            h = gaps.linear.start[at_edge] + made.q[:, member.dofs] @ gaps.linear.H[at_edge].T
+            leaving &= np.maximum(-h, 0.0) >= gaps.leaves_at[at_edge]
+        at = leaving.any(axis=1)  # moving rows are those of a patch's rim, which leave it at once
+        if at.any():
+            sample = int(at.argmax())
+            put(mbs, float(t[sample]), made.q[sample], made.v[sample])
+            model_run.force(mbs, float(t[sample]))
             member.record.look_for_edge(float(t[sample]), group.evaluation(place))
 
 
@@ -210,10 +237,13 @@ def _go_to_end(
 ) -> None:
     """Put the model, and its contacts, into the state at the end of the run."""
     end = made.end
-    put(mbs, t, end.q, end.v, end.a)
+    # Exudyn evaluates contacts at velocities in the middle of a step.
+    put(mbs, t, end.q, end.v if end.turning is None else end.turning, end.a)
     if friction is not None:
         friction.stand(end, made.end_values, made.end_stored, t)
     model_run.force(mbs, t)
+    if end.turning is not None:
+        put(mbs, t, end.q, end.v, end.a)
 
 
 def _ending(plan: RunPlan, made: Histories, t: float) -> tuple[str, str]:

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from ..compiled.plan import StepPlan
-from ..compiled.run import Start
+from ..compiled.start import Start
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..support.archive import digest

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from ..contact.rigid import RigidSurface
-from ..errors import InputError, PartitionError, PartitionWarning
+from ..errors import CompiledRunError, InputError, PartitionError, PartitionWarning
 from ..exudyn_bodies.create_body import CreatePartitionBody
 from ..exudyn_bodies.model import coordinate_slices
 from ..exudyn_bodies.partition_body import PartitionBody
@@ -19,10 +19,12 @@ from ..exudyn_contacts.partition_contact import PartitionContact
 from ..frames.kinematics import Frame
 from ..reduction.body import ReducedBody
 from ..results.impacts import SubImpact
+from ..simulation.compiled_plan import check_held
 from ..simulation.result import Result
 from ..simulation.solve import Solver, solve_dynamic
 from ..simulation.step_control import time_to_contact
 from ..support.arrays import Array
+from ..support.foreign import MainSystem
 from ..support.optional import require
 from ..support.warn import warn
 from .impact_setup import Pair, Point, approach, sideways
@@ -59,8 +61,8 @@ def free_impact(
 ) -> dict[str, float]:
     """Run one impact until no contact can follow.
 
-    Where compiled steps hold the impact, and frames that do not move are near enough, it is run by them; else by Exudyn
-    in floating frames.
+    Where frames that do not move are near enough, and compiled steps hold the impact, it is run so; else in floating
+    frames, by compiled steps where they hold it, and by Exudyn where not.
 
     Parameters
     ----------
@@ -83,17 +85,18 @@ def free_impact(
     PartitionWarning
         As the last of its runs does; shorter ones are not told of.
     """
-    compiled, found = largest_turn > 0.0, dict[str, float]()
+    hardly, compiled, found = largest_turn > 0.0, True, dict[str, float]()
     for again in range(_TWICE + 1):
         lasts = duration * 2**again
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            by_steps = _compiled(pair, point, along, lasts, largest_turn) if compiled else None
+            by_steps = _hardly_turning(pair, point, along, lasts, largest_turn) if hardly else None
         if by_steps is None:
-            compiled = False
+            hardly = False
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
-                by_steps = _measured(_watched(pair, point, along, lasts, "floating"), point)
+                run = _watched(pair, point, along, lasts, "floating")
+                by_steps, compiled = _measured(run, point), run.compiled
         found = by_steps
         if found["over"]:
             break
@@ -103,10 +106,13 @@ def free_impact(
     return found | {"compiled": float(compiled)}
 
 
-def _compiled(
+def _hardly_turning(
     pair: Pair, point: Point, along: Array | None, duration: float, largest_turn: float
 ) -> dict[str, float] | None:
-    """What follows from compiled steps of this length; None if these cannot hold the impact, or bodies turn too far."""
+    """What follows from compiled steps in frames that do not move, over this time [s].
+
+    None if these cannot hold the impact, or bodies turn too far.
+    """
     try:
         run = _watched(pair, point, along, duration, "inertial")
     except PartitionError:  # if the impact is wrong itself, Exudyn's run tells
@@ -127,9 +133,13 @@ def _turned(run: _Watched, end: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Watched:
-    """A run of an impact, with its model; the first body flies along `normal`, and aside along `beside`."""
+    """A run of an impact, with its model; the first body flies along `normal`, and aside along `beside`.
+
+    `compiled` is whether compiled steps have made it.
+    """
 
     result: Result
+    compiled: bool
     items: list[PartitionBody]
     contact: PartitionContact
     normal: Array
@@ -142,7 +152,15 @@ class _Watched:
 
 
 def _watched(pair: Pair, point: Point, along: Array | None, duration: float, frame: Frame) -> _Watched:
-    """Run an impact for this time after the first touch [s]: compiled if frames do not move, else by Exudyn."""
+    """Run an impact for this time after the first touch [s].
+
+    In frames that do not move it is compiled. In floating ones it is where compiled steps hold it, else by Exudyn.
+
+    Raises
+    ------
+    CompiledRunError
+        If compiled steps cannot hold it in frames that do not move.
+    """
     normal = approach(pair)
     beside = sideways(normal, along)
     velocity = point.speed * (math.cos(point.angle) * normal + math.sin(point.angle) * beside)
@@ -171,9 +189,19 @@ def _watched(pair: Pair, point: Point, along: Array | None, duration: float, fra
             f"bodies: expected a pair that touches as it is placed, or nearly so; flying along {normal.round(6)}, the "
             f"first body needs {flight:.3g} s until it touches"
         )
-    solver: Solver = "compiled" if frame == "inertial" else "exudyn"
-    result = solve_dynamic(mbs, end_time=duration + flight, solver=solver, progress=lambda share: None)
-    return _Watched(result, items, contact, normal, beside)
+    held, end = frame == "inertial" or _is_held(mbs), duration + flight
+    solver: Solver = "compiled" if held else "exudyn"
+    result = solve_dynamic(mbs, end_time=end, solver=solver, progress=lambda share: None)
+    return _Watched(result, held, items, contact, normal, beside)
+
+
+def _is_held(mbs: MainSystem) -> bool:
+    """Whether compiled runs hold a model."""
+    try:
+        check_held(mbs)
+    except CompiledRunError:
+        return False
+    return True
 
 
 def _measured(run: _Watched, point: Point) -> dict[str, float]:

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..compiled.plan import Bodies
-from ..compiled.run import Histories, Start
+from ..compiled.run import Histories
+from ..compiled.start import Start
 from ..contact.gaps import Gaps
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
@@ -25,7 +26,7 @@ class Measures:
         Numbers of the coordinates of each body.
     contacts : sequence of PartitionContact
     gaps : sequence of Gaps
-        Of these contacts, with frozen pairs.
+        Of these contacts.
     variations : Variations
     t : (n,) array
         Times of all steps [s].
@@ -86,8 +87,12 @@ class Measures:
         if not (size := np.linalg.norm(impulse)):
             return np.nan
         normal = impulse / size
+        at_peak = made.peaks.q[j][self._places[contact.slave]]
+        if rows.moving:  # their normals are those of the peak; threads may work with others
+            rows = rows.fresh()
+            rows.at(at_peak)
         weights = rows.nodal_forces(made.peaks.lam[self._rows[j]])[0] @ normal
-        at_nodes = self._slaves[j].place(made.peaks.q[j][self._places[contact.slave]])
+        at_nodes = self._slaves[j].place(at_peak)
         centre = weights @ at_nodes / weights.sum()
 
         def separation(state: Start) -> float:
@@ -109,8 +114,14 @@ class Measures:
 
     def _energies(self, bodies: Bodies, state: Start) -> list[float]:
         """Kinetic and strain energy of each body [J]."""
-        twice = bodies.mass * state.v**2 + bodies.stiffness * state.q**2
-        return [0.5 * float(twice[dofs].sum()) for dofs in self._places.values()]
+        kinetic, strain = bodies.mass * state.v**2, bodies.stiffness * state.q**2
+        energies = []
+        for item, dofs in self._places.items():
+            of_motion = 0.5 * float(kinetic[dofs].sum())
+            if item.frame == "floating":  # whose inertia is no diagonal
+                of_motion = float(item.kinematics.kinetic_energy(state.q[dofs], state.v[dofs]))
+            energies.append(of_motion + 0.5 * float(strain[dofs].sum()))
+        return energies
 
     def _momenta(self, entry: int, state: Start) -> list[Array]:
         """Linear momentum of each body, (3,) [N s]."""

@@ -50,7 +50,8 @@ def restitution_map(
 
     Impacts in which bodies hardly turn are run by compiled steps in frames that do not move, in a quarter of the time,
     where these hold the impact: without plastic flow, and as long as pairs of patches do not slide in contact. The
-    others are run by Exudyn in floating frames. `info["compiled"]` of the map says which are which.
+    others are run in floating frames: without friction on a rigid plane, sphere or cylinder by compiled steps too,
+    which equal Exudyn's, else by Exudyn. `info["compiled"]` of the map says which impacts were run by compiled steps.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ def restitution_map(
         crossings of a longitudinal wave through the larger body.
     largest_turn : float
         Angle by which bodies may turn until the last contact opens, in frames that do not move [rad]. Restitution then
-        differs by less than this angle. 0: all impacts are run by Exudyn in floating frames.
+        differs by less than this angle. 0: all impacts are run in floating frames.
     file : path, optional
         Of JSON lines. Impacts are added as soon as they are known, and those that it holds are not computed again. It
         must be of the same bodies, or of a function of the same name.

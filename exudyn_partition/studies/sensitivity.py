@@ -14,8 +14,9 @@ from ..algebra.blas_threads import one_blas_thread
 from ..algebra.complementarity import regularised
 from ..compiled.adjoint import Derivatives, backwards, flexibility_between, row_jacobian, set_changes
 from ..compiled.plan import StepPlan
-from ..compiled.run import EqualSteps, Histories, Start, run
-from ..errors import InputError, RunError
+from ..compiled.run import EqualSteps, Histories, run
+from ..compiled.start import Start
+from ..errors import CompiledRunError, InputError, RunError
 from ..exudyn_bodies.model import validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
@@ -124,7 +125,8 @@ def sensitivity(
     Raises
     ------
     CompiledRunError
-        If compiled runs cannot hold the model; the message lists all reasons.
+        If compiled runs cannot hold the model, or a frame is floating, or a rigid surface curved; the message lists all
+        reasons.
     InputError
         If an argument is wrong, or nothing touches.
     RunError
@@ -144,6 +146,7 @@ def sensitivity(
     history = _History.checked(of, at, direction, point, rows, times, weights)
     model = VariedModel.of(mbs, end_time, step, _variations(values, bodies), None)
     plan = model.entries.plan(0, model.entries.contacts(0))
+    _check_adjoint(model, plan)
     steps = EqualSteps(model.times.step, model.times.steps)
     with one_blas_thread():
         plan, made = _run(plan, model.entries.start(0), steps)
@@ -159,6 +162,20 @@ def sensitivity(
     by = {item: {name: _shown(value, single) for name, value in derivatives.by(item).items()} for item in bodies}
     value = _shown(number.values, single)
     return Sensitivity(of, value, by, *_edges(plan, made))
+
+
+def _check_adjoint(model: VariedModel, plan: StepPlan) -> None:
+    """Raise an error that names the bodies and contacts which the adjoint does not have."""
+    moving = plan.contacts.moving
+    if moving is None:
+        return
+    bodies = [f"body {item.name!r} has a floating frame" for item in model.places if item.frame == "floating"]
+    rows = [f"contact {plan.contacts.names[j]!r} has rows that follow the motion" for j in moving.surfaces.contact]
+    listed = "".join(f"\n- {reason}" for reason in (*bodies, *rows))
+    raise CompiledRunError(
+        f"sensitivity: derivatives are those of steps in which gaps are linear in the coordinates:{listed}\nTake "
+        "frame='inertial' and rigid planes, or differences of ep.run_many"
+    )
 
 
 def _run(plan: StepPlan, start: Start, steps: EqualSteps) -> tuple[StepPlan, Histories]:

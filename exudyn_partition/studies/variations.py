@@ -11,14 +11,16 @@ import numpy as np
 
 from ..algebra.complementarity import regularised
 from ..algebra.coulomb import Coulomb
+from ..compiled.moving import Following, anchors_at
 from ..compiled.plan import Bodies, FrozenPlan, StepPlan
-from ..compiled.run import Start
+from ..compiled.start import Start
 from ..contact.normal_rows import NormalRows
 from ..contact.tangential import TangentialRows
 from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..frames.damping import Ratios, Rayleigh, damping_of
+from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array
 from ..support.checks import validate_array
 
@@ -97,6 +99,10 @@ class Variations:
         values = self.values.get(item, {}).get(name)
         return None if values is None else np.asarray(values[entry])
 
+    def varies(self, item: PartitionBody, name: str) -> bool:
+        """Whether a value of a body varies."""
+        return name in self.values.get(item, {})
+
     def factor(self, item: PartitionBody, name: str, entry: int) -> float:
         """E or rho of an entry over that of the body."""
         value = self.of(item, name, entry)
@@ -157,6 +163,8 @@ class Entries:
     rows : sequence of NormalRows or TangentialRows
         Of these contacts at the start.
     variations : Variations
+    following : sequence of Following
+        Contacts whose rows follow the motion.
     """
 
     def __init__(
@@ -167,14 +175,29 @@ class Entries:
         contacts: Sequence[PartitionContact],
         rows: Sequence[NormalRows | TangentialRows],
         variations: Variations,
+        following: Sequence[Following] = (),
     ) -> None:
         self._plan, self._start, self._places, self._contacts = plan, start, places, contacts
-        self._rows, self._variations = rows, variations
+        self._rows, self._variations, self._following = rows, variations, following
+        self._check_turning()
         if self._differ() and _move_each_other(plan.contacts):
             raise InputError(
                 "vary: E of bodies whose contacts move each other through them: give each body the same factor of E "
                 "in an entry, or run entries by solve_dynamic"
             )
+
+    def _check_turning(self) -> None:
+        """Raise an error if E or rho varies of a body whose inertia forces or moving rows go with them."""
+        moving = self._plan.contacts.moving
+        follow = [] if moving is None else [self._contacts[j].slave for j in moving.surfaces.contact.tolist()]
+        for item in self._places:
+            named = [name for name in POSITIVE if self._variations.varies(item, name)]
+            if named and (item.frame == "floating" or item in follow):
+                raise InputError(
+                    f"vary: {named[0]} of body {item.name!r}, which has a floating frame, or touches a curved rigid "
+                    "surface: compiled runs have no factor for its growth and its rows. Reduce a body of each "
+                    "material, or take frame='inertial' and a RigidPlane"
+                )
 
     def _differ(self) -> bool:
         """Whether bodies have different factors of E in an entry."""
@@ -261,14 +284,34 @@ class Entries:
         for item, dofs in self._places.items():
             place = values.of(item, "referencePosition", entry)
             if place is not None:
-                q[dofs] += item.body.rigid[:, :3] @ (place - item.position)
+                q[dofs] += _moved(item, place - item.position)
             velocity, turning = (values.of(item, name, entry) for name in VECTORS[:2])
-            if velocity is None and turning is None:
-                continue
-            motion = item.kinematics.rigid_motion(v[dofs])
-            parts = (motion[:3] if velocity is None else velocity), (motion[3:] if turning is None else turning)
-            v[dofs] = item.body.rigid @ np.concatenate(parts)
-        return Start(q, v)
+            if velocity is not None or turning is not None:
+                v[dofs] = _thrown(item, q[dofs], v[dofs], velocity, turning)
+        placed = self._following and any("referencePosition" in given for given in values.values.values())
+        return replace(self._start, q=q, v=v, anchors=anchors_at(self._following, q) if placed else self._start.anchors)
+
+
+def _moved(item: PartitionBody, way: Array) -> Array:
+    """Change of a body's coordinates, (n_dofs,), that moves it by a way, (3,) [m]."""
+    if item.frame == "floating":
+        return np.concatenate([way, np.zeros(item.body.n_dofs - 3)])
+    return np.asarray(item.body.rigid[:, :3] @ way)
+
+
+def _thrown(item: PartitionBody, q: Array, v: Array, velocity: Array | None, turning: Array | None) -> Array:
+    """Velocities of a body, (n_dofs,), with another velocity [m/s] or angular velocity [rad/s], if any."""
+    kinematics = item.kinematics
+    if isinstance(kinematics, FloatingKinematics):
+        thrown = v.copy()
+        if velocity is not None:
+            thrown[:3] = velocity
+        if turning is not None:
+            thrown[3:6] = turning @ (kinematics.frame(q)[1] @ kinematics.node_axes)
+        return thrown
+    motion = kinematics.rigid_motion(v)
+    parts = (motion[:3] if velocity is None else velocity), (motion[3:] if turning is None else turning)
+    return np.asarray(item.body.rigid @ np.concatenate(parts))
 
 
 def _move_each_other(contacts: FrozenPlan) -> bool:

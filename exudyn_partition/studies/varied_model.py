@@ -12,7 +12,15 @@ from ..exudyn_bodies.held_damping import hold_damping
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..prediction.default_step import SAFETY
-from ..simulation.compiled_plan import at_start, dofs_of, in_groups, initial_start, read_plan
+from ..simulation.compiled_plan import (
+    at_start,
+    dofs_of,
+    in_groups,
+    initial_start,
+    moving_contacts,
+    read_plan,
+    with_anchors,
+)
 from ..simulation.run_plan import RunOptions, RunTimes, plan_run
 from ..simulation.stability import stability_limit
 from ..support.arrays import Array
@@ -63,7 +71,9 @@ class VariedModel:
         groups, planned = at_start(contacts), [contact for group in in_groups(contacts) for contact in group]
         places, members = {item: dofs_of(mbs, item) for item in bodies}, [one for _, some in groups for one in some]
         rows, gaps = [one.rows for one in members], [one.gaps for one in members]
-        entries = Entries(read_plan(mbs, groups), initial_start(mbs), places, planned, rows, variations)
+        following = moving_contacts(mbs, groups)
+        start = with_anchors(initial_start(mbs), following)
+        entries = Entries(read_plan(mbs, groups), start, places, planned, rows, variations, following)
         return cls(places, planned, gaps, variations, times, entries)
 
 

@@ -76,6 +76,11 @@ def inner(function: F) -> F:
     return _compiled(function, **_OPTIONS, **_NO_DOOR)
 
 
+def exact(function: F) -> F:
+    """Return an `inner` function whose sums are made in the order in which they are written, rounded one by one."""
+    return _compiled(function, error_model="numpy", **_NO_DOOR)
+
+
 def inlined(function: F) -> F:
     """Return an `inner` function whose code is put where it is called: calls with arrays cost more than small sums."""
     return _compiled(function, forceinline=True, **_OPTIONS, **_NO_DOOR)

@@ -7,7 +7,8 @@ from oracles import each_way
 
 from exudyn_partition.compiled.adjoint import OneNumber, Sums, accelerations, backwards
 from exudyn_partition.compiled.plan import Bodies, FrozenPlan, StepPlan, joined_fields
-from exudyn_partition.compiled.run import EqualSteps, Start, run
+from exudyn_partition.compiled.run import EqualSteps, run
+from exudyn_partition.compiled.start import Start
 from exudyn_partition.contact.linear_gaps import FlatRows, LinearGaps
 
 M, F, SPEED = 2.0, 1e-4, 3.0  # [kg], flexibility of the wall [m/N], [m/s]

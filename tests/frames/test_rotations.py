@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from exudyn_partition.frames.rotations import rotation_change, rotation_matrix, total_moment
+from exudyn_partition.frames.rotations import composed, rotation_change, rotation_matrix, total_moment
 
 
 def test_rotation_matrices_are_scipys_one_by_one_and_together():
@@ -25,6 +25,23 @@ def test_the_change_of_a_rotation_matrix_is_as_exact_as_the_way(size):
     ways = np.array([way, 30 * way, -v, -0.5 * v, 1e-9 * way - v, 0 * v])
     np.testing.assert_allclose(rotation_change(v, ways), rotation_matrix(v + ways) - rotation_matrix(v), atol=2e-15)
     np.testing.assert_allclose([rotation_change(v, each) for each in ways], rotation_change(v, ways), atol=1e-15)
+
+
+def test_composed_rotations_turn_about_the_axes_of_the_body():
+    """By any angle; near zero, where the cosine has lost half its digits, to 1e-8."""
+    rng = np.random.default_rng(1)
+    for size, turn, close in ((1.0, 0.3, 1e-14), (3.1, 3.1, 1e-14), (6.2, 1e-3, 1e-13), (0.02, 1e-4, 1e-13)):
+        v, way = (
+            length * direction / np.linalg.norm(direction)
+            for length, direction in zip((size, turn), rng.normal(size=(2, 3)), strict=True)
+        )
+        both = composed(v, way)
+        np.testing.assert_allclose(rotation_matrix(both), rotation_matrix(v) @ rotation_matrix(way), atol=close)
+        assert np.linalg.norm(both) < 2 * np.pi
+    np.testing.assert_allclose(composed(v, np.zeros(3)), v, atol=1e-13)
+    np.testing.assert_allclose(composed(np.zeros(3), v), v, atol=1e-13)
+    assert np.linalg.norm(composed(v, -v)) < 1e-7
+    assert not composed(np.zeros(3), np.zeros(3)).any()
 
 
 def test_a_rotation_that_is_not_finite_gives_no_number():

@@ -1,8 +1,10 @@
 """Compiled runs against Exudyn's, in the random scenes of `random_scenes` as far as compiled runs hold them.
 
 Of each scene, formulation, frame, plastic flow and spin are replaced by those that compiled runs hold. A random
-acceleration of gravity of some thousand m/s2 is added, so that bodies also move aside. Where there is friction, every
-other scene is of the upper body on a rigid plane, so that it slides on, and of every third the coefficient falls.
+acceleration of gravity of some thousand m/s2 is added, so that bodies also move aside. Even seeds are of two bodies.
+Where these have friction, every other scene is of the upper body on a rigid plane, so that it slides on, and of every
+third the coefficient falls. With odd seeds, the upper body alone flies at a rigid plane, sphere or cylinder without
+friction, in a floating frame with a random spin of some thousand rad/s, or in an inertial frame on a curved surface.
 Reference: `solve_dynamic` by Exudyn's VelocityVerlet. Quantity: largest difference of each sensor (coordinates,
 velocities, of the contact its force, resultant, number of closed rows and smallest gap, and of friction its force, rows
 that stick and slip, work and stored energy), over its largest value; and the share of samples until pairs begin to
@@ -29,32 +31,60 @@ COUNT, LIMITS = 200, {"difference": 1e-9}
 HELD = ("contact-adapted", "residual")
 
 
-def drawn(seed, *, friction=True):
-    """The scene of a seed, as compiled runs hold it; with its friction or without."""
-    scene = random_scenes.drawn(seed)
-    basis, mu = scene.basis if scene.basis in HELD else HELD[seed % 2], scene.friction if friction else None
+def drawn(number, *, friction=True):
+    """A scene, as compiled runs hold it; with its friction or without."""
+    scene = random_scenes.drawn(number)
+    basis, mu = scene.basis if scene.basis in HELD else HELD[number % 2], scene.friction if friction else None
     held = {"formulation": "compliance", "frame": "inertial", "yields": False, "spin": (0.0,) * 3}
     return replace(scene, friction=mu, basis=basis, **held)
 
 
-def law_of(scene, seed):
-    """Friction of the scene of a seed; the coefficient may fall."""
-    if scene.friction is None or seed % 3:
+def law_of(scene, number):
+    """Friction of a scene; the coefficient may fall."""
+    if scene.friction is None or number % 3:
         return scene.friction
     return ep.Coulomb(scene.friction, 0.5 * scene.friction, 0.2 * np.linalg.norm(scene.velocity))
 
 
-def model(seed, *, friction=True):
-    """Model of the scene, its bodies and contact, and how long it runs [s]."""
-    scene, mbs = drawn(seed, friction=friction), exu.SystemContainer().AddSystem()
+def surface_of(number):
+    """A rigid surface below the origin, which its highest point touches."""
+    rng = np.random.default_rng(number)
+    radius, (x, y, _) = rng.uniform(0.02, 0.2), rng.normal(size=3)
+    surfaces = (
+        ep.RigidPlane(),
+        ep.RigidSphere((0, 0, -radius), radius),
+        ep.RigidCylinder((0, 0, -radius), (x, y, 0), radius),
+        ep.RigidCylinder((0, 0, radius), (x, y, 0), radius, hollow=True),
+    )
+    return surfaces[number % 4]
+
+
+def on_surface(number):
+    """Model of a body that flies at a rigid surface, its body and contact, and how long it runs [s]."""
+    scene, mbs = replace(drawn(number), shapes=("ball", "ball")), exu.SystemContainer().AddSystem()
+    rng, ((upper, _), _) = np.random.default_rng(number), random_scenes.bodies_of(scene)
+    frame = "inertial" if number % 4 and rng.random() < 0.3 else "floating"
+    spin = {"initialAngularVelocity": 2e3 * rng.normal(size=3)} if frame == "floating" else {}
+    thrown = ep.CreatePartitionBody(
+        mbs, upper, name="upper", damping=scene.damping, gravity=1e3 * rng.normal(size=3), frame=frame,
+        initialVelocity=scene.velocity, **spin,
+    )  # fmt: skip
+    contact = ep.CreatePartitionContact(mbs, thrown, surface_of(number), name="contact")
+    mbs.Assemble()
+    return mbs, (thrown,), contact, random_scenes.duration(scene)
+
+
+def of_two(number, *, friction=True):
+    """Model of a scene, its bodies and contact, and how long it runs [s]."""
+    scene, mbs = drawn(number, friction=friction), exu.SystemContainer().AddSystem()
     (upper, _), (lower, _) = random_scenes.bodies_of(scene)
     place = (*scene.aside, 0.0) if scene.shapes == ("block", "block") else (0.0, 0.0, 0.0)
     motion = {"initialVelocity": scene.velocity, "referencePosition": place}
-    gravity = 1e3 * np.random.default_rng(seed).normal(size=3)
+    gravity = 1e3 * np.random.default_rng(number).normal(size=3)
     thrown = ep.CreatePartitionBody(mbs, upper, name="upper", damping=scene.damping, gravity=gravity, **motion)
-    on_plane = scene.friction is not None and seed % 2 == 0
+    on_plane = scene.friction is not None and number % 2 == 0
     rests = ep.RigidPlane() if on_plane else ep.CreatePartitionBody(mbs, lower, name="lower", damping=scene.damping)
-    contact = ep.CreatePartitionContact(mbs, thrown, rests, name="contact", friction=law_of(scene, seed))
+    contact = ep.CreatePartitionContact(mbs, thrown, rests, name="contact", friction=law_of(scene, number))
     mbs.Assemble()
     return mbs, (thrown, rests), contact, random_scenes.duration(scene)
 
@@ -75,7 +105,7 @@ def reverses(contact, right):
 
 def both(seed):
     """Results of the scene by Exudyn and by compiled steps."""
-    mbs, _, _, end = model(seed)
+    mbs, _, _, end = on_surface(seed // 2) if seed % 2 else of_two(seed // 2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return [ep.solve_dynamic(mbs, end_time=end, solver=solver) for solver in ("exudyn", "compiled")]
@@ -83,7 +113,7 @@ def both(seed):
 
 def checked(seed):
     """The row of a seed."""
-    (right, found), scene = both(seed), drawn(seed)
+    (right, found), scene = both(seed), drawn(seed // 2, friction=not seed % 2)
     n, difference, contact = len(found.t), 0.0, right.contacts[0]
     for number, values in right.sensors.items():
         for one, other in zip(columns_of(values[:n]), columns_of(found.sensors[number]), strict=True):
@@ -93,7 +123,7 @@ def checked(seed):
     states = contact.friction.states(right)[:n] if scene.friction else np.zeros(1)
     return {
         "seed": seed,
-        "scene": str(scene),
+        "scene": str(scene) + (" on a rigid surface" if seed % 2 else ""),
         "difference": difference,
         "share": n / len(right.t),
         "hit": bool(contact.force(right)[:n].any()),

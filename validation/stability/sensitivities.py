@@ -20,7 +20,7 @@ from rich.console import Console
 import exudyn_partition as ep
 from exudyn_partition.errors import RunError
 from validation.contact import scenes
-from validation.stability.compiled_runs import drawn, model
+from validation.stability.compiled_runs import drawn, of_two
 
 COUNT, LIMITS, SHARES = 100, {"difference": 1e-6}, (1e-5, 1e-6)
 NUMBERS = {"peak_force": "peak", "impulse": "impulse", "duration": "duration"}
@@ -53,7 +53,7 @@ def changed(value, name, share):
 
 def checked(seed):
     """Largest difference of the scene, and whether bodies touch at the start; None if pairs slide."""
-    mbs, bodies, contact, end = model(seed, friction=False)
+    mbs, bodies, contact, end = of_two(seed, friction=False)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:

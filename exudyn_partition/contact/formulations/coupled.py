@@ -296,17 +296,32 @@ class CoupledContacts(Coupled):
         return last
 
     def blocks(self) -> tuple[list[Array], list[Array], Mapping[tuple[int, int], Array]]:
-        """Problem of the forces while all pairs are frozen, see `BlockComplementarity`.
+        """Problem of the forces while pairs are frozen, see `BlockComplementarity`; zero for contacts whose rows move.
 
         Returns
         -------
         Flexibility of each contact's rows, (nr, nr) [m/N]; displacements of these rows in the fields that contacts
         exchange, (nr, m); and what amplitudes of fields one contact causes in another, (m, m) [m/N].
         """
-        for law in self._laws:
-            law.renew_problem()
-        fields = [self._fields.fields(j) for j in range(len(self.contacts))]
-        return [law.problem.F for law in self._laws], fields, self._exchange.core
+        n_fields = max(map(len, self._exchange.core.values()), default=0)
+        own, fields = list[Array](), list[Array]()
+        for j, (law, contact) in enumerate(zip(self._laws, self.contacts, strict=True)):
+            if contact.gaps.moving:
+                n_rows = len(contact.gaps.row_nodes)
+                own.append(np.zeros((n_rows, n_rows)))
+                fields.append(np.zeros((n_rows, n_fields)))
+            else:
+                law.renew_problem()
+                own.append(law.problem.F)
+                fields.append(self._fields.fields(j))
+        return own, fields, self._exchange.core
+
+    def patch_fields(self, j: int) -> Array:
+        """Fields of the slave's patch of contact j that contacts exchange, (d np, m), see `between.Exchange`."""
+        of_sides = dict(self._exchange.fields.get(j, ()))
+        side = self.contacts[j].gaps.slave
+        none = np.zeros((0 if side.flexibility is None else len(side.flexibility), 0))
+        return of_sides.get(0, none)
 
     @property
     def _laws(self) -> list[NormalCompliance]:

@@ -1,0 +1,359 @@
+"""Bodies in floating frames, and contacts with rigid surfaces whose rows follow the motion, as arrays of a plan.
+
+Gaps of such rows are not linear in the coordinates. The flexibility of the rows changes with the normals, in the body's
+axes. It is found again when these have changed by `gaps.SAME` since it was found last, at the anchor, as in `Gaps`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..algebra.block_complementarity import FlatBlocks, pooled
+from ..contact.gaps import Gaps
+from ..contact.loops import Primitive
+from ..contact.rigid import RigidGaps
+from ..frames.floating import FloatingKinematics
+from ..reduction.inertia import InertiaIntegrals
+from ..support.arrays import Array
+
+K, P, M, NR, N, D, FIELDS = range(7)  # columns of `Surfaces.sizes`
+_NONE = np.zeros(0)
+
+
+class Frames(NamedTuple):
+    """The nb bodies in floating frames; see `FloatingKinematics`, `Spin` and `InertiaForces`.
+
+    Parameters
+    ----------
+    places : (nb + 1,) int array
+        Where the coordinates of each begin in `dofs`.
+    dofs : array of int
+        Numbers of their coordinates in the model.
+    rotation : (nb, 3) array
+        Rotation vectors of the nodes at q = 0.
+    node_axes : (nb, 3, 3) array
+    tensor, inverse : (nb, 3, 3) arrays
+        Inertia of the undeformed bodies in the nodes' axes, and its inverse.
+    numbers : array
+    integrals, cross : (nb,) int arrays
+        Where the integrals of each begin in `numbers`, see `InertiaIntegrals`.
+    coupled, constant : (nb,) bool arrays
+        Whether inertia forces have the term "coupling", and whether forces act on the constant mass.
+    largest : (nb, 6) array
+    least, slow : (nb,) arrays
+        When rotation makes a body grow, see `Spin`; `slow` is infinite if it never does.
+    """
+
+    places: Array
+    dofs: Array
+    rotation: Array
+    node_axes: Array
+    tensor: Array
+    inverse: Array
+    numbers: Array
+    integrals: Array
+    cross: Array
+    coupled: Array
+    constant: Array
+    largest: Array
+    least: Array
+    slow: Array
+
+
+class Surfaces(NamedTuple):
+    """The ns contacts with rigid surfaces whose rows follow the motion.
+
+    Parameters
+    ----------
+    contact : (ns,) int array
+        Numbers of the contacts in the plan.
+    body : (ns,) int array
+        Numbers of the bodies among `Frames`; -1 for those in inertial frames.
+    places : (ns + 1,) int array
+        Where the coordinates of each body begin in `dofs`.
+    dofs : array of int
+    kind : (ns,) int array
+    point, axis : (ns, 3) arrays
+    radius, sign : (ns,) arrays
+        The surfaces, see `loops.Primitive`.
+    sizes : (ns, 7) int array
+        Of each: nodes k, points p, nodes of a point, rows nr, shapes n, values of a node d in the flexibility, and
+        fields that contacts on common bodies exchange.
+    firsts : (ns + 1,) int array
+        Where the points of each begin among those of all.
+    numbers, indices : arrays
+        All matrices, one after the other.
+    start, arms, rows, growth, weights, mean, flexibility, fields : (ns,) int arrays
+        Where those of each begin in `numbers`: of the nodes, (k, 3), (k, 3), (3k, n) and (3k, 6); of the points,
+        (p, m); of the rows; and of the nodes again, (dk, dk) and (dk, fields). `growth` is -1 where there is none.
+    nodes, begins, columns : (ns,) int arrays
+        Where those of each begin in `indices`: nodes of points, and places and points of rows.
+    axes : (ns, 3, 3) array
+        Axes of the body at q = 0.
+    """
+
+    contact: Array
+    body: Array
+    places: Array
+    dofs: Array
+    kind: Array
+    point: Array
+    axis: Array
+    radius: Array
+    sign: Array
+    sizes: Array
+    firsts: Array
+    numbers: Array
+    indices: Array
+    start: Array
+    arms: Array
+    rows: Array
+    growth: Array
+    weights: Array
+    mean: Array
+    flexibility: Array
+    fields: Array
+    nodes: Array
+    begins: Array
+    columns: Array
+    axes: Array
+
+
+class MovingState(NamedTuple):
+    """What changes of moving contacts in a run; loops write to it.
+
+    Parameters
+    ----------
+    products : (nb, 6) array
+    grows : (nb,) bool array
+        Products of angular velocities that bodies grow by, and whether they do.
+    normals : (np, 3) array
+        At the points of all contacts.
+    anchored : (ns,) bool array
+        Whether contacts have an anchor.
+    anchors : (ns, nq) array
+        Coordinates there.
+    along : (np, 3) array
+        Normals there, in the body's axes.
+    found : (ns,) bool array
+        Whether the flexibility in `blocks` is that of the anchor.
+    diagonal : (nr,) array
+        Diagonal of the flexibility of all rows, not regularised [m/N].
+    added : (ns,) array
+        What regularisation adds to it [m/N].
+    near : (nr,) bool array
+        Rows that can close.
+    """
+
+    products: Array
+    grows: Array
+    normals: Array
+    anchored: Array
+    anchors: Array
+    along: Array
+    found: Array
+    diagonal: Array
+    added: Array
+    near: Array
+
+
+NAMES = Frames._fields, Surfaces._fields, MovingState._fields
+
+
+@dataclass(frozen=True, eq=False)
+class Anchors:
+    """Where moving contacts found their flexibility; of no meaning where a contact is not `anchored`.
+
+    Parameters
+    ----------
+    anchored : (ns,) bool array
+    q : (ns, nq) array
+        Coordinates of the model.
+    along : (np, 3) array
+        Normals at the points of all contacts in the bodies' axes.
+    """
+
+    anchored: Array
+    q: Array
+    along: Array
+
+
+@dataclass(frozen=True, eq=False)
+class MovingPlan:
+    """What moves in a plan besides frozen pairs of bodies in inertial frames.
+
+    Parameters
+    ----------
+    frames : Frames
+    surfaces : Surfaces
+    bounds : (float, float, float)
+        `followed.BULGE`, `gaps.SAME`, and what regularisation adds, by the mean diagonal.
+    """
+
+    frames: Frames
+    surfaces: Surfaces
+    bounds: tuple[float, float, float]
+
+    def state(self, n_rows: int, n: int) -> MovingState:
+        """Room for the state of a run with all its rows and n coordinates."""
+        nb, ns, points = len(self.frames.rotation), len(self.surfaces.contact), int(self.surfaces.firsts[-1])
+        return MovingState(
+            np.zeros((nb, 6)), np.zeros(nb, dtype=bool), np.zeros((points, 3)), np.zeros(ns, dtype=bool),
+            np.zeros((ns, n)), np.zeros((points, 3)), np.zeros(ns, dtype=bool), np.zeros(n_rows), np.zeros(ns),
+            np.zeros(n_rows, dtype=bool),
+        )  # fmt: skip
+
+    def with_room(self, blocks: FlatBlocks) -> FlatBlocks:
+        """Return blocks in which each moving contact has matrices of its own, for they change in a run."""
+        numbers, own, fields, end = [blocks.numbers], blocks.own.copy(), blocks.fields.copy(), len(blocks.numbers)
+        for j, size in zip(self.surfaces.contact, self.surfaces.sizes, strict=True):
+            n_fields = blocks.amplitudes.shape[1]
+            before = blocks.numbers[blocks.fields[j] :][: n_fields * size[NR]]
+            numbers += [np.zeros(size[NR] ** 2), before]
+            own[j], fields[j] = end, end + size[NR] ** 2
+            end += size[NR] ** 2 + len(before)
+        return blocks._replace(numbers=np.concatenate(numbers), own=own, fields=fields)
+
+
+class Turning(NamedTuple):
+    """A body in a floating frame.
+
+    Parameters
+    ----------
+    kinematics : FloatingKinematics
+    dofs : (n_dofs,) int array
+        Numbers of its coordinates in the model.
+    coupled : bool
+        Whether its inertia forces have the term "coupling".
+    """
+
+    kinematics: FloatingKinematics
+    dofs: Array
+    coupled: bool
+
+
+class Following(NamedTuple):
+    """A contact with a rigid surface whose rows follow the motion.
+
+    Parameters
+    ----------
+    contact : int
+        Its number in the plan.
+    body : int
+        That of its body among those in floating frames; -1 for others.
+    dofs : (n,) int array
+        Numbers of its coordinates in the model.
+    gaps : RigidGaps
+    fields : (d np, m) array
+        Fields of the patch that contacts exchange, see `between.Exchange`.
+    """
+
+    contact: int
+    body: int
+    dofs: Array
+    gaps: RigidGaps
+    fields: Array
+
+
+def can_follow(gaps: Gaps) -> bool:
+    """Whether compiled steps can follow the rows: those of a patch to a plane, sphere or cylinder at rest."""
+    if not isinstance(gaps, RigidGaps) or gaps.carried or gaps.primitive is None:
+        return False
+    (side,) = gaps.sides
+    return not side.surface.wanders and side.zone is None and isinstance(side.flexibility, np.ndarray)
+
+
+def frames_of(bodies: Sequence[Turning]) -> Frames:
+    """Put bodies in floating frames one after the other."""
+    kinematics, parts = [body.kinematics for body in bodies], list[Array]()
+    for motion in kinematics:
+        assert isinstance(motion.inertia, InertiaIntegrals)
+        parts += [motion.inertia.inertia, motion.inertia.cross]
+    numbers, places = pooled(parts)
+    spins = [motion.spin for motion in kinematics]
+    tensor = np.array([motion.inertia.tensor for motion in kinematics]).reshape(-1, 3, 3)
+    return Frames(
+        _starts([body.dofs for body in bodies]),
+        np.concatenate([body.dofs for body in bodies]) if bodies else np.zeros(0, dtype=np.int64),
+        np.array([motion.rotation for motion in kinematics]).reshape(-1, 3),
+        np.array([motion.node_axes for motion in kinematics]).reshape(-1, 3, 3),
+        tensor, np.linalg.inv(tensor), numbers, places[::2].copy(), places[1::2].copy(),
+        np.array([body.coupled for body in bodies], dtype=bool),
+        np.array([motion.acting.constant for motion in kinematics], dtype=bool),
+        np.array([np.zeros(6) if spin is None else spin.largest for spin in spins], dtype=float).reshape(-1, 6),
+        np.array([0.0 if spin is None else spin.least for spin in spins]),
+        np.array([np.inf if spin is None else spin.slow for spin in spins]),
+    )  # fmt: skip
+
+
+def surfaces_of(contacts: Sequence[Following]) -> Surfaces:
+    """Put moving contacts one after the other."""
+    primitives, sizes, axes = list[Primitive](), list[tuple[int, ...]](), list[Array]()
+    numbers, indices = [list[Array]() for _ in range(8)], [list[Array]() for _ in range(3)]
+    for _, _, _, gaps, fields in contacts:
+        (side,), points, motion = gaps.sides, gaps.points, gaps.slave.seen
+        assert gaps.primitive is not None
+        primitives.append(gaps.primitive)
+        axes.append(motion.frame(np.zeros(side.n))[1])
+        growth = motion.growth if isinstance(motion, FloatingKinematics) and motion.growth is not None else _NONE
+        d = 1 if side.normal_only else 3
+        rows, mean = np.asarray(motion.rows), points.mean
+        of_numbers = motion.start, motion.arms, rows, growth, points.weights, mean.data, side.flexibility, fields
+        for kept, array in zip(numbers, of_numbers, strict=True):
+            kept.append(np.asarray(array))
+        for kept, array in zip(indices, (points.nodes, mean.indptr, mean.indices), strict=True):
+            kept.append(np.asarray(array).ravel())
+        sizes.append((len(motion.start), *points.nodes.shape, mean.shape[0], rows.shape[1], d, fields.shape[1]))
+    all_numbers, places = pooled([array for kept in numbers for array in kept])
+    start, arms, rows_at, growth_at, weights, means, flexibility, fields_at = places.reshape(8, -1)
+    flat = [array for kept in indices for array in kept]
+    nodes, begins, columns = np.cumsum([0, *map(len, flat)])[:-1].reshape(3, -1)
+    grows = np.array([array.size > 0 for array in numbers[3]], dtype=bool)
+    sizes_of = np.array(sizes, dtype=np.int64).reshape(-1, 7)
+    return Surfaces(
+        np.array([one.contact for one in contacts], dtype=np.int64),
+        np.array([one.body for one in contacts], dtype=np.int64),
+        _starts([one.dofs for one in contacts]),
+        np.concatenate([one.dofs for one in contacts]) if contacts else np.zeros(0, dtype=np.int64),
+        np.array([one.kind for one in primitives], dtype=np.int64),
+        np.array([one.point for one in primitives], dtype=float).reshape(-1, 3),
+        np.array([one.axis for one in primitives], dtype=float).reshape(-1, 3),
+        np.array([one.radius for one in primitives]), np.array([one.sign for one in primitives]),
+        sizes_of, np.cumsum(np.r_[0, sizes_of[:, P]]), all_numbers,
+        np.concatenate([np.zeros(0), *flat]).astype(np.int64),
+        start.copy(), arms.copy(), rows_at.copy(), np.where(grows, growth_at, -1), weights.copy(), means.copy(),
+        flexibility.copy(), fields_at.copy(), nodes.copy(), begins.copy(), columns.copy(),
+        np.array(axes).reshape(-1, 3, 3),
+    )  # fmt: skip
+
+
+def anchors_of(contacts: Sequence[Following], n: int) -> Anchors:
+    """Where moving contacts found their flexibility; n is the number of the model's coordinates."""
+    anchored, q = np.zeros(len(contacts), dtype=bool), np.zeros((len(contacts), n))
+    along = [np.zeros((len(one.gaps.points.nodes), 3)) for one in contacts]
+    for s, one in enumerate(contacts):
+        if (anchor := one.gaps.anchor) is not None:
+            anchored[s], q[s, one.dofs] = True, anchor.q
+            if not one.gaps.slave.normal_only:
+                along[s] = one.gaps.stance_at(anchor)
+    return Anchors(anchored, q, np.concatenate([np.zeros((0, 3)), *along]))
+
+
+def anchors_at(contacts: Sequence[Following], q: Array) -> Anchors:
+    """Anchors at coordinates of the model, (nq,): those of a model that is placed there."""
+    along = [np.zeros((len(one.gaps.points.nodes), 3)) for one in contacts]
+    for s, one in enumerate(contacts):
+        if not one.gaps.slave.normal_only:
+            there = one.gaps.fresh()  # threads may work with others
+            there.at(q[one.dofs])
+            along[s] = there.stance()
+    at_q = np.tile(q, (len(contacts), 1))
+    return Anchors(np.ones(len(contacts), dtype=bool), at_q, np.concatenate([np.zeros((0, 3)), *along]))
+
+
+def _starts(arrays: Sequence[Array]) -> Array:
+    return np.cumsum([0, *map(len, arrays)])

@@ -1,0 +1,491 @@
+"""Compiled steps of bodies in floating frames, and of contacts with rigid surfaces whose rows follow the motion.
+
+`plain_moving` does the same by NumPy. What contacts are evaluated is one sequence: gaps of frozen pairs, gaps of moving
+rows, forces on all rows together, generalised forces of frozen pairs, and those of moving rows.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numba.experimental import structref
+
+from ..algebra.kernels import settle_blocks
+from ..contact.kernels import FlatContacts, forces_of_frozen, gaps_of_frozen, projected
+from ..frames.kernels import (
+    body_axes,
+    compose,
+    end_velocities,
+    generalised,
+    inertia_force,
+    moved_places,
+    on_constant_mass,
+    on_shapes,
+    places,
+)
+from ..support.arrays import Array
+from ..support.compiled import compiled, inlined, inner
+from ..support.struct_kernels import StructType
+from .moving import NAMES
+
+if TYPE_CHECKING:
+    from ..algebra.block_complementarity import FlatBlocks
+    from .moving import Frames, MovingPlan, MovingState, Surfaces
+    from .plan import Bodies, Motion
+
+Limits = tuple[float, float, int, int]  # see `block_complementarity.LIMITS`
+Bounds = tuple[float, float, float]  # see `MovingPlan`
+_PASSES = 100  # in which contacts press each other
+
+
+@structref.register
+class FramesType(StructType):
+    """Type of `FlatFrames` in compiled loops."""
+
+
+@structref.register
+class SurfacesType(StructType):
+    """Type of `FlatSurfaces` in compiled loops."""
+
+
+@structref.register
+class StateType(StructType):
+    """Type of `FlatState` in compiled loops."""
+
+
+class FlatFrames(structref.StructRefProxy):
+    """`Frames` as one object: code that hands on each array takes long to compile."""
+
+
+class FlatSurfaces(structref.StructRefProxy):
+    """`Surfaces` as one object."""
+
+
+class FlatState(structref.StructRefProxy):
+    """`MovingState` as one object."""
+
+
+structref.define_proxy(FlatFrames, FramesType, [*NAMES[0]])  # type: ignore[no-untyped-call]
+structref.define_proxy(FlatSurfaces, SurfacesType, [*NAMES[1]])  # type: ignore[no-untyped-call]
+structref.define_proxy(FlatState, StateType, [*NAMES[2]])  # type: ignore[no-untyped-call]
+
+
+@compiled
+def flat_frames(frames: Frames) -> Any:
+    """Make one object of bodies in floating frames."""
+    return FlatFrames(*frames)  # type: ignore[no-untyped-call]
+
+
+@compiled
+def flat_surfaces(surfaces: Surfaces) -> Any:
+    """Make one object of moving contacts."""
+    return FlatSurfaces(*surfaces)  # type: ignore[no-untyped-call]
+
+
+@compiled
+def flat_state(state: MovingState) -> Any:
+    """Make one object of what changes; it has the same arrays."""
+    return FlatState(*state)  # type: ignore[no-untyped-call]
+
+
+class Moving(NamedTuple):
+    """All that moves in a run as one argument of loops, each part as one object; `bounds` as in `MovingPlan`."""
+
+    frames: Frames
+    surfaces: Surfaces
+    state: MovingState
+    bounds: Bounds
+
+
+def moving_of(plan: MovingPlan, state: MovingState) -> Moving:
+    """What moves in a run of a plan; loops write to the state's arrays."""
+    return Moving(flat_frames(plan.frames), flat_surfaces(plan.surfaces), flat_state(state), plan.bounds)
+
+
+@inlined
+def gathered(dofs: Array, first: int, end: int, values: Array) -> Array:
+    """Values of some coordinates, (n,)."""
+    result = np.empty(end - first)
+    for i in range(end - first):
+        result[i] = values[dofs[first + i]]
+    return result
+
+
+@inlined
+def matrix_at(numbers: Array, place: int, rows: int, columns: int) -> Array:
+    """A matrix among numbers."""
+    return numbers[place:][: rows * columns].reshape(rows, columns)
+
+
+@inlined
+def sizes_of(surfaces: Surfaces, s: int) -> tuple[int, int, int, int, int, int, int]:
+    """See `Surfaces.sizes`."""
+    size = surfaces.sizes[s]
+    return size[0], size[1], size[2], size[3], size[4], size[5], size[6]
+
+
+# Contacts.
+
+
+@inner
+def turn_frames(frames: Frames, state: MovingState, v: Array) -> None:
+    """Set by what products of angular velocities bodies grow at the model's velocities, see `turn`."""
+    for b in range(len(frames.rotation)):
+        first, products, axes = frames.places[b] + 3, state.products[b], frames.node_axes[b]
+        omega, square = np.zeros(3), 0.0
+        for i in range(3):
+            square += v[frames.dofs[first + i]] ** 2
+            for k in range(3):
+                omega[i] += axes[i, k] * v[frames.dofs[first + k]]
+        x, y, z = omega
+        products[0], products[1], products[2] = x * x, y * y, z * z
+        products[3], products[4], products[5] = y * z, x * z, x * y
+        growth = 0.0
+        for c in range(6):
+            growth += abs(products[c]) * frames.largest[b, c]
+        state.grows[b] = not square <= frames.slow[b] and not growth <= frames.least[b]
+
+
+@inner
+def nodes_of_surface(frames: Frames, surfaces: Surfaces, state: MovingState, s: int, q_s: Array) -> Array:
+    """Places of the nodes of a moving contact, (k, 3) [m], at its coordinates."""
+    numbers, k, n, b = surfaces.numbers, surfaces.sizes[s, 0], surfaces.sizes[s, 4], surfaces.body[s]
+    start, rows = matrix_at(numbers, surfaces.start[s], k, 3), matrix_at(numbers, surfaces.rows[s], 3 * k, n)
+    if b < 0:
+        return moved_places(start, rows, q_s)
+    arms = matrix_at(numbers, surfaces.arms[s], k, 3)
+    if state.grows[b] and surfaces.growth[s] >= 0:
+        growth, axes = matrix_at(numbers, surfaces.growth[s], 3 * k, 6), surfaces.axes[s]
+        start, arms, grown = start.copy(), arms.copy(), np.empty(3)
+        for node in range(k):
+            for i in range(3):
+                grown[i] = 0.0
+                for c in range(6):
+                    grown[i] += growth[3 * node + i, c] * state.products[b, c]
+                arms[node, i] += grown[i]
+            for i in range(3):
+                start[node, i] += axes[i, 0] * grown[0] + axes[i, 1] * grown[1] + axes[i, 2] * grown[2]
+    return places(q_s, start, frames.rotation[b], frames.node_axes[b], arms, rows)
+
+
+@inner
+def gaps_of_surface(frames: Frames, surfaces: Surfaces, state: MovingState, s: int, q_s: Array, gap: Array) -> None:
+    """Set the gaps of the rows of a moving contact, (nr,), and the normals at its points."""
+    x_nodes, first = nodes_of_surface(frames, surfaces, state, s, q_s), surfaces.firsts[s]
+    p, m = surfaces.sizes[s, 1], surfaces.sizes[s, 2]
+    nodes = matrix_at(surfaces.indices, surfaces.nodes[s], p, m)
+    weights = matrix_at(surfaces.numbers, surfaces.weights[s], p, m)
+    x = np.zeros((p, 3))
+    for i in range(p):
+        for k in range(m):
+            for a in range(3):
+                x[i, a] += weights[i, k] * x_nodes[nodes[i, k], a]
+    of_points, normals = projected(
+        surfaces.kind[s], surfaces.point[s], surfaces.axis[s], surfaces.radius[s], surfaces.sign[s], x, np.empty(0)
+    )
+    for i in range(p):
+        for a in range(3):
+            state.normals[first + i, a] = normals[i, a]
+    begins, columns = surfaces.indices[surfaces.begins[s] :], surfaces.indices[surfaces.columns[s] :]
+    mean = surfaces.numbers[surfaces.mean[s] :]
+    for i in range(len(gap)):
+        gap[i] = 0.0
+        for k in range(begins[i], begins[i + 1]):
+            gap[i] += mean[k] * of_points[columns[k]]
+
+
+@inner
+def rows_on_nodes(surfaces: Surfaces, state: MovingState, s: int) -> Array:
+    """Rows of a moving contact on the values of its nodes that its flexibility has, (nr, d k), at the anchor."""
+    k, p, m, nr, _, d, _ = sizes_of(surfaces, s)
+    nodes = matrix_at(surfaces.indices, surfaces.nodes[s], p, m)
+    weights = matrix_at(surfaces.numbers, surfaces.weights[s], p, m)
+    begins, columns = surfaces.indices[surfaces.begins[s] :], surfaces.indices[surfaces.columns[s] :]
+    mean, first, result = surfaces.numbers[surfaces.mean[s] :], surfaces.firsts[s], np.zeros((nr, d * k))
+    for row in range(nr):
+        for i in range(begins[row], begins[row + 1]):
+            point = columns[i]
+            for j in range(m):
+                weight = mean[i] * weights[point, j]
+                for a in range(d):
+                    along = -1.0 if d == 1 else state.along[first + point, a]
+                    result[row, d * nodes[point, j] + a] += weight * along
+    return result
+
+
+@inner
+def find_flexibility(blocks: FlatBlocks, surfaces: Surfaces, state: MovingState, s: int) -> None:
+    """Set flexibility and fields of the rows of a moving contact, as they are at its anchor."""
+    k, _, _, nr, _, d, n_fields = sizes_of(surfaces, s)
+    j, rows, n = surfaces.contact[s], rows_on_nodes(surfaces, state, s), d * k
+    F, on_nodes = matrix_at(surfaces.numbers, surfaces.flexibility[s], n, n), surfaces.numbers[surfaces.fields[s] :]
+    own, start = matrix_at(blocks.numbers, blocks.own[j], nr, nr), blocks.starts[j]
+    fields = matrix_at(blocks.numbers, blocks.fields[j], n_fields, nr)
+    used, ends, moved = np.empty(nr * n, np.int64), np.zeros(nr + 1, np.int64), np.empty(n)
+    for row in range(nr):  # few entries of a row are not zero
+        ends[row + 1] = ends[row]
+        for c in range(n):
+            moved[c] = 0.0
+            if rows[row, c] != 0.0:
+                used[ends[row + 1]] = c
+                ends[row + 1] += 1
+        for f in range(n_fields):
+            fields[f, row] = 0.0
+        for i in range(ends[row], ends[row + 1]):
+            share, place = rows[row, used[i]], used[i]
+            for c in range(n):
+                moved[c] += share * F[place, c]
+            for f in range(n_fields):
+                fields[f, row] += share * on_nodes[place * n_fields + f]
+        for other in range(row + 1):
+            total = 0.0
+            for i in range(ends[other], ends[other + 1]):
+                total += rows[other, used[i]] * moved[used[i]]
+            own[row, other], own[other, row] = total, total
+        state.diagonal[start + row] = own[row, row]
+    state.found[s], blocks.n_closed[j], state.added[s] = True, -1, -1.0
+
+
+@inner
+def anchor_surface(
+    blocks: FlatBlocks, frames: Frames, surfaces: Surfaces, state: MovingState, s: int, q: Array, same: float
+) -> bool:
+    """Find the flexibility of a moving contact if it is not that of its anchor, or that is far; see `Gaps.anchored`.
+
+    Return whether it was found.
+    """
+    first, end, b, d = surfaces.firsts[s], surfaces.firsts[s + 1], surfaces.body[s], surfaces.sizes[s, 5]
+    here = np.empty((end - first, 3))
+    most = 0.0 if state.anchored[s] else np.inf
+    if d > 1:
+        axes = np.eye(3)
+        if b >= 0:
+            q_s = gathered(surfaces.dofs, surfaces.places[s], surfaces.places[s + 1], q)
+            axes = body_axes(q_s, frames.rotation[b], frames.node_axes[b])
+        for i in range(first, end):
+            for a in range(3):
+                along = 0.0
+                for c in range(3):
+                    along += state.normals[i, c] * axes[c, a]
+                here[i - first, a] = along
+                most = max(most, abs(along - state.along[i, a]))
+    if not most <= same:
+        state.anchored[s], state.found[s] = True, False
+        for i in range(len(q)):
+            state.anchors[s, i] = q[i]
+        if d > 1:
+            for i in range(first, end):
+                for a in range(3):
+                    state.along[i, a] = here[i - first, a]
+    if state.found[s]:
+        return False
+    find_flexibility(blocks, surfaces, state, s)
+    return True
+
+
+@inner
+def regularise_surface(
+    blocks: FlatBlocks, surfaces: Surfaces, state: MovingState, s: int, gap: Array, bulge: float, share: float
+) -> None:
+    """Choose the rows of a moving contact that can close at some gaps, and regularise by them; see `regularised`."""
+    j = surfaces.contact[s]
+    start, nr = blocks.starts[j], len(gap)
+    own, least, total, count = matrix_at(blocks.numbers, blocks.own[j], nr, nr), np.inf, 0.0, 0
+    for i in range(nr):
+        least = min(least, gap[i])
+    for i in range(nr):
+        state.near[start + i] = gap[i] < -bulge * least
+        if state.near[start + i]:
+            total += state.diagonal[start + i]
+            count += 1
+    added = share * total / max(count, 1)
+    if added != state.added[s]:
+        state.added[s], blocks.n_closed[j] = added, -1
+        for i in range(nr):
+            own[i, i] = state.diagonal[start + i] + added
+
+
+@inner
+def presses(blocks: FlatBlocks, j: int, gap: Array, near: Array) -> bool:
+    """Whether rows of a contact have negative gaps that are not among those that may close."""
+    found = False
+    for i in range(blocks.starts[j], blocks.starts[j + 1]):
+        found |= gap[i] < 0.0 and not near[i]
+    return found
+
+
+@inner
+def settle_moving(
+    blocks: FlatBlocks,
+    frames: Frames,
+    surfaces: Surfaces,
+    state: MovingState,
+    q: Array,
+    h: Array,
+    limits: Limits,
+    bounds: Bounds,
+) -> bool:
+    """Find the forces on all rows. Moving contacts enter as they press, or are pressed by others.
+
+    Flexibilities are looked at of those that enter, and of those that are moved by contacts which press.
+    """
+    (rounding, settled, steps, patience), (bulge, same, share) = limits, bounds
+    starts, ns, gaps = blocks.starts, len(surfaces.contact), h.copy()
+    pressing, enters, again = np.zeros(len(blocks.own), np.bool_), np.zeros(ns, np.bool_), True
+    for i in range(len(h)):
+        state.near[i] = False
+    for j in range(len(pressing)):
+        pressing[j] = presses(blocks, j, h, state.near)
+    for s in range(ns):
+        enters[s] = pressing[surfaces.contact[s]]
+    passes = 0
+    while again and passes < _PASSES:
+        passes += 1
+        for s in range(ns):
+            j, looks = surfaces.contact[s], enters[s]
+            for i in range(blocks.core.starts[j], blocks.core.starts[j + 1]):
+                looks |= pressing[blocks.core.sources[i]]
+            if looks and (anchor_surface(blocks, frames, surfaces, state, s, q, same) or enters[s]):
+                regularise_surface(blocks, surfaces, state, s, gaps[starts[j] : starts[j + 1]], bulge, share)
+        if not settle_blocks(blocks, h, rounding, settled, steps, patience):
+            return False
+        again = False
+        for j in range(len(pressing)):
+            for i in range(starts[j], starts[j + 1]):
+                if not pressing[j] and blocks.lam[i] > 0.0:
+                    pressing[j] = again = True
+        for s in range(ns):
+            j = surfaces.contact[s]
+            enters[s] = presses(blocks, j, blocks.pushed, state.near)
+            if enters[s]:
+                again = pressing[j] = True
+                for i in range(starts[j], starts[j + 1]):
+                    gaps[i] = blocks.pushed[i]
+    return not again
+
+
+@inner
+def forces_of_surface(
+    frames: Frames, surfaces: Surfaces, state: MovingState, s: int, q: Array, lam: Array, force: Array, values: Array
+) -> None:
+    """Add the generalised forces of a moving contact, and set its resultant, by forces on its rows, (nr,)."""
+    first, numbers, (k, p, m, _, n, _, _) = surfaces.firsts[s], surfaces.numbers, sizes_of(surfaces, s)
+    begins, columns = surfaces.indices[surfaces.begins[s] :], surfaces.indices[surfaces.columns[s] :]
+    nodes, weights = matrix_at(surfaces.indices, surfaces.nodes[s], p, m), matrix_at(numbers, surfaces.weights[s], p, m)
+    mean, on_nodes = numbers[surfaces.mean[s] :], np.zeros((k, 3))
+    for row in range(len(lam)):
+        if lam[row] != 0.0:
+            for i in range(begins[row], begins[row + 1]):
+                point = columns[i]
+                for a in range(3):
+                    push = mean[i] * lam[row] * state.normals[first + point, a]
+                    values[2 + a] += push
+                    for j in range(m):
+                        on_nodes[nodes[point, j], a] += weights[point, j] * push
+    begin, end, b = surfaces.places[s], surfaces.places[s + 1], surfaces.body[s]
+    rows = matrix_at(numbers, surfaces.rows[s], 3 * k, n)
+    if b < 0:
+        pushed = on_shapes(rows, on_nodes)
+    else:
+        q_s, arms = gathered(surfaces.dofs, begin, end, q), matrix_at(numbers, surfaces.arms[s], k, 3)
+        pushed = generalised(q_s, frames.rotation[b], frames.node_axes[b], arms, rows, on_nodes)
+    for i in range(end - begin):
+        force[surfaces.dofs[begin + i]] += pushed[i]
+
+
+@inner
+def act_on_masses(frames: Frames, q: Array, force: Array) -> None:
+    """Replace forces of contacts on bodies in floating frames by those on the constant mass, see `on_constant_mass`."""
+    for b in range(len(frames.rotation)):
+        first, end, some = frames.places[b], frames.places[b + 1], False
+        for i in range(first, end):
+            some |= force[frames.dofs[i]] != 0.0
+        if some and not frames.constant[b]:
+            q_b, pushed = gathered(frames.dofs, first, end, q), gathered(frames.dofs, first, end, force)
+            n = end - first - 6
+            integrals = frames.numbers[frames.integrals[b] :][: 6 * (n + 1) ** 2].reshape(6, n + 1, n + 1)
+            cross = frames.numbers[frames.cross[b] :][: 3 * n * n].reshape(3, n, n)
+            pushed = on_constant_mass(integrals, cross, frames.tensor[b], q_b[6:], pushed)
+            for i in range(first, end):
+                force[frames.dofs[i]] = pushed[i - first]
+
+
+@compiled
+def evaluate_moving(contacts: FlatContacts, moving: Moving, q: Array, v: Array, force: Array, limits: Limits) -> int:
+    """Find forces of all contacts at coordinates, with bodies that grow as they turn at velocities.
+
+    Return how many contacts push, or -1 if pairs slide or none settle.
+    """
+    rows, blocks, h, (frames, surfaces, state, bounds) = contacts.rows, contacts.blocks, contacts.h, moving
+    turn_frames(frames, state, v)
+    if not gaps_of_frozen(rows, q, h):
+        return -1
+    for s in range(len(surfaces.contact)):
+        q_s, j = gathered(surfaces.dofs, surfaces.places[s], surfaces.places[s + 1], q), surfaces.contact[s]
+        gaps_of_surface(frames, surfaces, state, s, q_s, h[rows.starts[j] : rows.starts[j + 1]])
+    if not settle_moving(blocks, frames, surfaces, state, q, h, limits, bounds):
+        return -1
+    pushing = forces_of_frozen(rows, h, blocks.lam, blocks.pushed, force, contacts.values, contacts.stored)
+    for s in range(len(surfaces.contact)):
+        j = surfaces.contact[s]
+        if contacts.values[j, 1] > 0.0:
+            lam = blocks.lam[rows.starts[j] : rows.starts[j + 1]]
+            forces_of_surface(frames, surfaces, state, s, q, lam, force, contacts.values[j])
+    act_on_masses(frames, q, force)
+    return pushing
+
+
+# Steps.
+
+
+@inner
+def turn_on(frames: Frames, m: Motion, h: float) -> None:
+    """Compose the rotations at the start of a step with those of the step; Exudyn adds up everything else."""
+    v, way, result = np.empty(3), np.empty(3), np.empty(3)
+    for b in range(len(frames.rotation)):
+        first = frames.places[b] + 3
+        for i in range(3):
+            dof = frames.dofs[first + i]
+            v[i], way[i] = frames.rotation[b, i] + m.q_start[dof], h * m.v[dof]
+        compose(v, way, result)
+        for i in range(3):
+            m.q[frames.dofs[first + i]] = result[i] - frames.rotation[b, i]
+
+
+@inner
+def add_inertia(bodies: Bodies, frames: Frames, m: Motion, half_step: float) -> None:
+    """Add inertia forces of floating frames to those of contacts, see `user_functions.inertia_functions`.
+
+    `half_step` is that since the middle of the step, to which velocities belong; zero if they belong to its end.
+    """
+    for b in range(len(frames.rotation)):
+        first, end = frames.places[b], frames.places[b + 1]
+        n, moves = end - first - 6, False
+        v, z = gathered(frames.dofs, first + 3, end, m.v), gathered(frames.dofs, first + 6, end, m.q)
+        for i in range(len(v)):
+            moves |= v[i] != 0.0
+        if not moves:
+            continue
+        integrals = frames.numbers[frames.integrals[b] :][: 6 * (n + 1) ** 2].reshape(6, n + 1, n + 1)
+        cross = frames.numbers[frames.cross[b] :][: 3 * n * n].reshape(3, n, n)
+        stiffness = gathered(frames.dofs, first + 6, end, bodies.stiffness)
+        if half_step > 0.0:
+            way = z - gathered(frames.dofs, first + 6, end, m.q_start)
+            q_t, q_tt = gathered(frames.dofs, first + 3, end, m.v_start), gathered(frames.dofs, first + 3, end, m.a)
+            v = end_velocities(cross, v, stiffness * way, q_t, q_tt, half_step)
+        found = inertia_force(integrals, cross, frames.tensor[b], stiffness * z, frames.coupled[b], v[:3], z, v[3:])
+        for i in range(len(found)):
+            m.force[frames.dofs[first + 3 + i]] += found[i]
+
+
+@inner
+def turn_accelerations(bodies: Bodies, frames: Frames, m: Motion) -> None:
+    """Set the angular accelerations, whose inertia is no diagonal."""
+    for b in range(len(frames.rotation)):
+        first = frames.places[b] + 3
+        for i in range(3):
+            m.a[frames.dofs[first + i]] = 0.0
+            for k in range(3):
+                dof = frames.dofs[first + k]
+                m.a[frames.dofs[first + i]] += frames.inverse[b, i, k] * (m.force[dof] + bodies.load[dof])

@@ -1,0 +1,304 @@
+"""What `moving_kernels` does, by NumPy, for those who have no numba and where compiled loops give up."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..algebra.block_complementarity import BlockComplementarity, FlatBlocks
+from ..algebra.complementarity import Complementarity
+from ..errors import ComplementarityError
+from ..frames import loops
+from ..frames.inertia_forces import TERMS, InertiaForces
+from ..frames.kinematics import node_fields
+from ..frames.rotations import composed, rotation_matrix
+from ..reduction.inertia import PAIRS, InertiaIntegrals
+from ..support.arrays import Array
+from .moving import Frames, MovingPlan, MovingState, Surfaces
+from .plan import Bodies, FrozenPlan, Motion
+
+_FIRST, _SECOND = np.array(PAIRS).T
+_PASSES = 100
+
+
+class PlainBody:
+    """A body in a floating frame.
+
+    Parameters
+    ----------
+    frames : Frames
+    b : int
+        Its number.
+    bodies : Bodies or None
+        Stiffness is that of these; None if only contacts are evaluated.
+    """
+
+    def __init__(self, frames: Frames, b: int) -> None:
+        self.dofs, self.b, self._frames = frames.dofs[slice(*frames.places[b : b + 2])], b, frames
+        n = len(self.dofs) - 6
+        integrals = frames.numbers[frames.integrals[b] :][: 6 * (n + 1) ** 2].reshape(6, n + 1, n + 1)
+        cross = frames.numbers[frames.cross[b] :][: 3 * n * n].reshape(3, n, n)
+        self.inertia = InertiaIntegrals(integrals.copy(), cross.copy())
+        self.terms = tuple(term for term in TERMS if term != "coupling" or frames.coupled[b])
+        self.rotation, self.node_axes = frames.rotation[b], frames.node_axes[b]
+
+    def grow(self, state: MovingState, v: Array) -> None:
+        """Set by what products of angular velocities it grows at the model's velocities."""
+        frames, b = self._frames, self.b
+        of_node = v[self.dofs[3:6]]
+        omega = self.node_axes @ of_node
+        state.products[b] = omega[_FIRST] * omega[_SECOND]
+        fast, large = (
+            not of_node @ of_node <= frames.slow[b],
+            not abs(state.products[b]) @ frames.largest[b] <= frames.least[b],
+        )
+        state.grows[b] = fast and large
+
+    def turn_on(self, m: Motion, h: float) -> None:
+        """Compose its rotation with that of a step."""
+        rotation = self.dofs[3:6]
+        m.q[rotation] = composed(self.rotation + m.q_start[rotation], h * m.v[rotation]) - self.rotation
+
+    def inertia_force(self, bodies: Bodies, m: Motion, half_step: float) -> Array:
+        """Inertia forces on all but the translations, (3 + n,); for the arguments see `add_inertia`."""
+        own, modes = self.dofs[3:], self.dofs[6:]
+        z, v, stiffness = m.q[modes], m.v[own], bodies.stiffness[modes]
+        if not v.any():
+            return np.zeros(len(v))
+        forces = InertiaForces(self.inertia, stiffness.__mul__, self.terms)
+        if half_step > 0.0:
+            v = forces.end_velocities(v, z - m.q_start[modes], m.v_start[own], m.a[own], half_step)
+        return forces.force(v[:3], z, v[3:])
+
+    def act(self, q: Array, force: Array) -> None:
+        """Replace forces of contacts, (nq,), by those on the constant mass."""
+        pushed = force[self.dofs]
+        if pushed.any() and not self._frames.constant[self.b]:
+            force[self.dofs] = loops.on_constant_mass(self.inertia, q[self.dofs[6:]], pushed)
+
+
+class PlainSurface:
+    """A contact with a rigid surface whose rows follow the motion.
+
+    Parameters
+    ----------
+    surfaces : Surfaces
+    s : int
+        Its number.
+    body : PlainBody or None
+        Its body; None if that is in an inertial frame.
+    """
+
+    def __init__(self, surfaces: Surfaces, s: int, body: PlainBody | None) -> None:
+        k, p, m, nr, n, d, n_fields = surfaces.sizes[s].tolist()
+        self.contact, self.s, self.body, self.d = int(surfaces.contact[s]), s, body, d
+        self.dofs, self.points = surfaces.dofs[slice(*surfaces.places[s : s + 2])], slice(*surfaces.firsts[s : s + 2])
+
+        def matrix(name: str, rows: int, columns: int) -> Array:
+            return surfaces.numbers[getattr(surfaces, name)[s] :][: rows * columns].reshape(rows, columns)
+
+        self._start, self._arms = matrix("start", k, 3), matrix("arms", k, 3)
+        self._rows, self._axes = matrix("rows", 3 * k, n), surfaces.axes[s]
+        self._growth = matrix("growth", 3 * k, 6) if surfaces.growth[s] >= 0 else None
+        self._F, self._fields = matrix("flexibility", d * k, d * k), matrix("fields", d * k, n_fields)
+        nodes = surfaces.indices[surfaces.nodes[s] :][: p * m].reshape(p, m)
+        self._on_points = np.zeros((p, k))
+        np.add.at(self._on_points, (np.arange(p)[:, None], nodes), matrix("weights", p, m))
+        begins = surfaces.indices[surfaces.begins[s] :][: nr + 1]
+        columns, mean = surfaces.indices[surfaces.columns[s] :], surfaces.numbers[surfaces.mean[s] :]
+        self._mean = np.zeros((nr, p))
+        for row in range(nr):
+            some = slice(begins[row], begins[row + 1])
+            self._mean[row, columns[some]] = mean[some]
+        self._surface = surfaces.kind[s], surfaces.point[s], surfaces.axis[s], surfaces.radius[s], surfaces.sign[s]
+
+    def gaps(self, state: MovingState, q: Array) -> Array:
+        """Gaps of its rows, (nr,) [m]; sets the normals at its points."""
+        q_s, start, arms = q[self.dofs], self._start, self._arms
+        if self.body is None:
+            x = loops.moved_places(start, self._rows, q_s)
+        else:
+            if state.grows[self.body.b] and self._growth is not None:
+                grown = node_fields(self._growth, state.products[self.body.b])
+                start, arms = start + grown @ self._axes.T, arms + grown
+            x = loops.places(q_s, start, self.body.rotation, self.body.node_axes, arms, self._rows)
+        kind, point, axis, radius, sign = self._surface
+        arm = self._on_points @ x - point
+        along = arm @ axis
+        if kind == 0:
+            gap, state.normals[self.points] = along, axis
+        else:
+            arm = arm - along[:, None] * axis
+            distance = np.sqrt(np.einsum("pa,pa->p", arm, arm))
+            gap = sign * (distance - radius)
+            state.normals[self.points] = sign * arm / np.maximum(distance, 1e-300)[:, None]
+        return np.asarray(self._mean @ gap)
+
+    def anchor(self, blocks: FlatBlocks, state: MovingState, q: Array, same: float) -> bool:
+        """See `anchor_surface`."""
+        s, here = self.s, state.normals[self.points]
+        far = not state.anchored[s]
+        if self.d > 1:
+            if self.body is not None:
+                turned = rotation_matrix(self.body.rotation + q[self.dofs[3:6]])
+                here = here @ turned @ self.body.node_axes.T
+            far = far or not abs(here - state.along[self.points]).max() <= same
+        if far:
+            state.anchored[s], state.found[s], state.anchors[s] = True, False, q
+            if self.d > 1:
+                state.along[self.points] = here
+        if state.found[s]:
+            return False
+        j, nr, k = self.contact, len(self._mean), len(self._start)
+        along = state.along[self.points] if self.d > 1 else np.full((len(self._on_points), 1), -1.0)
+        rows = np.einsum("rp,pk,pa->rka", self._mean, self._on_points, along).reshape(nr, self.d * k)
+        own = rows @ self._F @ rows.T
+        self.own(blocks)[:], state.diagonal[self.rows(blocks)] = 0.5 * (own + own.T), own.diagonal()
+        n_fields = self._fields.shape[1]
+        blocks.numbers[blocks.fields[j] :][: n_fields * nr] = (rows @ self._fields).T.ravel()
+        state.found[s], blocks.n_closed[j], state.added[s] = True, -1, -1.0
+        return True
+
+    def rows(self, blocks: FlatBlocks) -> slice:
+        """Its rows among all."""
+        return slice(*blocks.starts[self.contact : self.contact + 2])
+
+    def own(self, blocks: FlatBlocks) -> Array:
+        """Its flexibility, (nr, nr), regularised; a view."""
+        nr = len(self._mean)
+        return blocks.numbers[blocks.own[self.contact] :][: nr * nr].reshape(nr, nr)
+
+    def fields(self, blocks: FlatBlocks) -> Array:
+        """Its fields, (nr, m)."""
+        n_fields, nr = self._fields.shape[1], len(self._mean)
+        return blocks.numbers[blocks.fields[self.contact] :][: n_fields * nr].reshape(n_fields, nr).T
+
+    def regularise(self, blocks: FlatBlocks, state: MovingState, gap: Array, bulge: float, share: float) -> None:
+        """See `regularise_surface`."""
+        rows = self.rows(blocks)
+        near, diagonal = gap < -bulge * gap.min(), state.diagonal[rows]
+        state.near[rows] = near
+        added = share * diagonal[near].sum() / max(np.count_nonzero(near), 1)
+        if added != state.added[self.s]:
+            state.added[self.s], blocks.n_closed[self.contact] = added, -1
+            np.fill_diagonal(self.own(blocks), diagonal + added)
+
+    def push(self, state: MovingState, q: Array, lam: Array, force: Array, values: Array) -> None:
+        """See `forces_of_surface`."""
+        pushes = (self._mean.T @ lam)[:, None] * state.normals[self.points]
+        values[2:5] = pushes.sum(axis=0)
+        on_nodes = np.ascontiguousarray(self._on_points.T @ pushes)
+        if self.body is None:
+            force[self.dofs] += loops.on_shapes(self._rows, on_nodes)
+        else:
+            frame = self.body.rotation, self.body.node_axes
+            force[self.dofs] += loops.generalised(q[self.dofs], *frame, self._arms, self._rows, on_nodes)
+
+
+class PlainMoving:
+    """Moving contacts and bodies of a plan.
+
+    Parameters
+    ----------
+    plan : MovingPlan
+    state : MovingState
+        Of a run, which this writes to.
+    blocks : FlatBlocks
+        Of the run.
+    """
+
+    def __init__(self, plan: MovingPlan, state: MovingState, blocks: FlatBlocks) -> None:
+        self._plan, self._state, self._blocks = plan, state, blocks
+        self.bodies = [PlainBody(plan.frames, b) for b in range(len(plan.frames.rotation))]
+        of_contacts = enumerate(plan.surfaces.body.tolist())
+        self.surfaces = [PlainSurface(plan.surfaces, s, self.bodies[b] if b >= 0 else None) for s, b in of_contacts]
+
+    def gaps(self, q: Array, v: Array, h: Array) -> None:
+        """Set the gaps of moving rows among those of all, (nr,) [m], with bodies that grow as they turn."""
+        for body in self.bodies:
+            body.grow(self._state, v)
+        for surface in self.surfaces:
+            h[surface.rows(self._blocks)] = surface.gaps(self._state, q)
+
+    def settle(self, q: Array, h: Array, joint: BlockComplementarity, plan: FrozenPlan) -> tuple[Array, Array, Array]:
+        """Forces on all rows, (nr,) [N], gaps with displacements by other contacts, (nr,) [m], and iterations, (n,).
+
+        `plan` has the contacts with frozen pairs, and `joint` is its solver in this run.
+
+        Raises
+        ------
+        ComplementarityError
+            If no closed rows settle.
+        """
+        blocks, state, (bulge, same, share) = self._blocks, self._state, self._plan.bounds
+        ends = blocks.starts[1:-1]
+        gaps, state.near[:] = np.split(h, ends), False
+        iterations = np.zeros(len(gaps), dtype=np.int64)
+        pushed, pressing, chosen = [*gaps], {j for j, gap in enumerate(gaps) if gap.min(initial=0.0) < 0.0}, set[int]()
+        sources = {j: {k for i, k in plan.core if i == j} for j in range(len(gaps))}
+        for surface in self.surfaces:
+            if surface.contact in pressing:
+                surface.anchor(blocks, state, q, same)
+                surface.regularise(blocks, state, gaps[surface.contact], bulge, share)
+        for _ in range(_PASSES):
+            for surface in self.surfaces:
+                j = surface.contact
+                if sources[j] & pressing and surface.anchor(blocks, state, q, same):
+                    surface.regularise(blocks, state, pushed[j] if j in chosen else gaps[j], bulge, share)
+            lam, pushed = self._solved(gaps, joint, plan, pressing, iterations)
+            before = {*pressing}
+            pressing |= {j for j, forces in enumerate(lam) if forces.any()}
+            again = pressing != before
+            for surface in self.surfaces:
+                j = surface.contact
+                if (pushed[j][~state.near[surface.rows(blocks)]] < 0.0).any():
+                    again = True
+                    chosen.add(j)
+                    pressing.add(j)
+                    surface.anchor(blocks, state, q, same)
+                    surface.regularise(blocks, state, pushed[j], bulge, share)
+            if not again:
+                return np.concatenate(lam), np.concatenate(pushed), iterations
+        raise ComplementarityError(f"the rows that close in {len(gaps)} contacts did not settle in {_PASSES} passes")
+
+    def _solved(
+        self, gaps: list[Array], joint: BlockComplementarity, plan: FrozenPlan, pressing: set[int], iterations: Array
+    ) -> tuple[list[Array], list[Array]]:
+        """Forces and gaps of each contact with the present flexibilities; adds to the iterations of each."""
+        if not pressing:
+            return [np.zeros(len(gap)) for gap in gaps], [*gaps]
+        blocks, of_moving = self._blocks, {surface.contact: surface for surface in self.surfaces}
+        known = [j for j in range(len(gaps)) if j not in of_moving or self._state.found[of_moving[j].s]]
+        own = {j: of_moving[j].own(blocks).copy() if j in of_moving else plan.own[j] for j in known}
+        fields = {j: of_moving[j].fields(blocks) if j in of_moving else plan.fields[j] for j in known}
+        problems = {j: Complementarity(own[j]) for j in known}
+        if plan.core:
+            found = joint.solve(problems, {j: gaps[j] for j in known}, fields)
+            moved = joint.pushed
+        else:
+            found, moved = {j: problem.solve(gaps[j]) for j, problem in problems.items()}, {}
+        iterations[known] += [problems[j].iterations for j in known]
+        lam = [found.get(j, np.zeros(len(gap))) for j, gap in enumerate(gaps)]
+        return lam, [moved.get(j, gap) for j, gap in enumerate(gaps)]
+
+    def push(self, q: Array, lam: Array, force: Array, values: Array) -> None:
+        """Add generalised forces, (nq,), of moving contacts, and set their resultants in values, (nc, 6)."""
+        for surface in self.surfaces:
+            surface.push(self._state, q, lam[surface.rows(self._blocks)], force, values[surface.contact])
+        for body in self.bodies:
+            body.act(q, force)
+
+    def turn_on(self, m: Motion, h: float) -> None:
+        """Compose rotations in a step of length h [s]."""
+        for body in self.bodies:
+            body.turn_on(m, h)
+
+    def inertia(self, bodies: Bodies, m: Motion, half_step: float) -> None:
+        """Add inertia forces to those of contacts, see `add_inertia`."""
+        for body in self.bodies:
+            m.force[body.dofs[3:]] += body.inertia_force(bodies, m, half_step)
+
+    def turn_accelerations(self, bodies: Bodies, m: Motion) -> None:
+        """Set the angular accelerations, whose inertia is no diagonal."""
+        for body in self.bodies:
+            rotation = body.dofs[3:6]
+            m.a[rotation] = self._plan.frames.inverse[body.b] @ (m.force + bodies.load)[rotation]

@@ -1,0 +1,232 @@
+"""Compiled runs of bodies in floating frames and on curved rigid surfaces are those of Exudyn, up to round-off."""
+
+import exudyn as exu
+import exudyn.itemInterface as items
+import netgen.occ as occ
+import numpy as np
+import pytest
+from oracles import each_way
+
+import exudyn_partition as ep
+from exudyn_partition.errors import CompiledRunError, InputError
+
+pytestmark = pytest.mark.filterwarnings("ignore::exudyn_partition.errors.PartitionWarning")
+R, CLOSE, END = 0.01, 1e-9, 30e-6
+SPIN = (2000.0, -1500.0, 1000.0)  # 0.08 rad in a run: flexibility is found several times
+AXES = ("normal", "xyz")
+ASIDE = np.array([0.5, 0.0, -np.sqrt(0.75)])  # from the centre to a second patch
+
+
+@pytest.fixture(scope="module")
+def marbles():
+    """A marble with three patches, by the axes of its flexibility."""
+    places = {"south": (0, 0, -R), "slope": tuple(R * ASIDE), "north": (0, 0, R)}
+    refine = [ep.Refine(p, 0.7e-3, 0.3e-3) for p in places.values()]
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), ep.STEEL, maxh=4e-3, refine=refine, grading=0.7)
+    found = {}
+    for axes in AXES:
+        parts = [ep.Partition.ball(fem, place, 0.8e-3, name=name, axes=axes) for name, place in places.items()]
+        found[axes] = ep.reduce(fem, parts[0] | parts[1] | parts[2], f_cut=120e3)
+    return found
+
+
+def thrown(body, *surfaces, frame="floating", loaded=False, name="ball", mbs=None, place=(0.0, 0.0), **options):
+    """A marble between rigid surfaces: model, body and contacts."""
+    mbs = exu.SystemContainer().AddSystem() if mbs is None else mbs
+    motion = {"referencePosition": [*place, R + 5e-7], "initialVelocity": [0.2, 0.1, -1.0], "damping": 0.02}
+    if frame == "floating":
+        motion["initialAngularVelocity"] = SPIN
+    ball = ep.CreatePartitionBody(mbs, body, name=name, frame=frame, **(motion | options))
+    contacts = [
+        ep.CreatePartitionContact(mbs, ball, surface, slavePatch=patch, name=f"{name} {patch}")
+        for surface, patch in zip(surfaces, ("south", "slope"), strict=False)
+    ]
+    if loaded:
+        marker = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=ball["nRigid"], coordinate=2))
+        mbs.AddLoad(items.LoadCoordinate(markerNumber=marker, load=-50.0))
+    mbs.Assemble()
+    return mbs, [ball], contacts
+
+
+PLANE, SLOPE = ep.RigidPlane(), ep.RigidPlane((0, 0, R) + (R + 2e-7) * ASIDE, -ASIDE)
+HILL, BORE = ep.RigidSphere((0, 0, -2 * R), 2 * R), ep.RigidCylinder((0, 0, 3 * R), (0, 1, 0), 3 * R, hollow=True)
+ROLL = ep.RigidCylinder((0, 0, -2 * R), (1, 0, 0), 2 * R)
+
+
+def beside(marbles):
+    """A marble that spins beside two that do not and touch each other, with frozen pairs."""
+    mbs, balls, contacts = thrown(marbles["xyz"], PLANE)
+    for i, speed in enumerate((0.0, -0.5)):
+        at = {"referencePosition": [5 * R, 0, (2 * R + 1e-7) * i], "initialVelocity": [0, 0, speed]}
+        balls.append(ep.CreatePartitionBody(mbs, marbles["normal"], name=str(i), **at))
+    contacts.append(ep.CreatePartitionContact(mbs, balls[2], balls[1], slavePatch="south", masterPatch="north"))
+    mbs.Assemble()
+    return mbs, balls, contacts
+
+
+SCENES = {
+    "plane": lambda m: thrown(m["normal"], PLANE, gravity=[10.0, 0.0, -2e4]),
+    "plane, all directions": lambda m: thrown(m["xyz"], PLANE),
+    "plane, load": lambda m: thrown(m["xyz"], PLANE, loaded=True),
+    "sphere": lambda m: thrown(m["xyz"], HILL),
+    "cylinder": lambda m: thrown(m["normal"], ROLL),
+    "bore": lambda m: thrown(m["xyz"], BORE),
+    "without coupling": lambda m: thrown(m["xyz"], PLANE, inertiaTerms=("gyroscopic", "coriolis", "centrifugal")),
+    "two planes": lambda m: thrown(m["xyz"], PLANE, SLOPE),
+    "two planes, normals": lambda m: thrown(m["normal"], PLANE, SLOPE),
+    "inertial, sphere": lambda m: thrown(m["xyz"], HILL, frame="inertial"),
+    "inertial, bore and plane": lambda m: thrown(m["normal"], BORE, SLOPE, frame="inertial"),
+    "beside frozen pairs": beside,
+}
+
+
+def assert_same(right, found, bodies, contacts):
+    """Two results of a model say the same."""
+    assert (found.status, found.message, found.steps, found.step) == (
+        right.status,
+        right.message,
+        right.steps,
+        right.step,
+    )
+    np.testing.assert_allclose(found.t, right.t, rtol=1e-14)
+    assert found.sensors.keys() == right.sensors.keys()
+    for number, values in right.sensors.items():
+        finite = np.isfinite(values)
+        np.testing.assert_array_equal(np.isfinite(found.sensors[number]), finite)
+        scale = np.where(finite, abs(values), 0.0).max()
+        assert abs(np.where(finite, found.sensors[number] - values, 0.0)).max() <= CLOSE * max(scale, 1e-300)
+    for contact in contacts:
+        for name in ("force", "energy", "gap"):
+            values = getattr(contact, name)(right)
+            np.testing.assert_allclose(getattr(contact, name)(found), values, rtol=0, atol=1e-8 * abs(values).max())
+        rows = contact.row_forces(right)
+        assert abs(contact.row_forces(found) - rows).max() <= 1e-8 * abs(rows).max()
+        of_nodes = zip(contact.nodal_forces(found), contact.nodal_forces(right), strict=True)
+        for one, other in of_nodes:
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-8 * abs(other).max())
+        assert len(contact.impacts(found)) == len(contact.impacts(right))
+    for item in bodies:
+        for name in ("energy", "momentum", "dissipated_energy"):
+            values = getattr(item, name)(right)
+            np.testing.assert_allclose(
+                getattr(item, name)(found), values, rtol=0, atol=CLOSE * abs(values).max() + 1e-18
+            )
+    assert [text[:60] for text in found.warnings] == [text[:60] for text in right.warnings]
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_equal_to_exudyn(marbles, scene):
+    mbs, bodies, contacts = SCENES[scene](marbles)
+    right = ep.solve_dynamic(mbs, end_time=END)
+    assert all(contact.force(right).any() for contact in contacts)
+    assert_same(right, ep.solve_dynamic(mbs, end_time=END, solver="compiled"), bodies, contacts)
+
+
+@pytest.mark.parametrize("scene", ["plane, all directions", "sphere", "two planes"])
+def test_steps_by_numpy_are_the_same(marbles, scene):
+    def found():
+        mbs, [ball], contacts = SCENES[scene](marbles)
+        result = ep.solve_dynamic(mbs, end_time=12e-6, solver="compiled")
+        return np.array([contact.force(result) for contact in contacts]), ball.coordinates(result)
+
+    (compiled, q), (plain, q_plain) = each_way(found)
+    assert compiled.any(axis=1).all()
+    np.testing.assert_allclose(plain, compiled, rtol=0, atol=CLOSE * compiled.max())
+    np.testing.assert_allclose(q_plain, q, rtol=0, atol=CLOSE * abs(q).max())
+
+
+@pytest.mark.parametrize(("first", "later"), [("compiled", "exudyn"), ("exudyn", "compiled"), ("compiled", "compiled")])
+def test_go_on(marbles, first, later):
+    """Also the place at which the flexibility was found goes on."""
+    options = {"step": 0.15e-6}
+    mbs, _, [contact] = thrown(marbles["xyz"], HILL)
+    whole = contact.force(ep.solve_dynamic(mbs, end_time=24e-6, **options))
+    mbs, _, [contact] = thrown(marbles["xyz"], HILL)
+    parts = [
+        contact.force(ep.solve_dynamic(mbs, end_time=end, solver=solver, go_on=goes_on, **options))
+        for end, solver, goes_on in ((12e-6, first, False), (24e-6, later, True))
+    ]
+    assert parts[0].any()
+    np.testing.assert_allclose(np.r_[parts[0], parts[1][1:]], whole, rtol=0, atol=CLOSE * whole.max())
+
+
+def test_adaptive_steps_are_those_of_exudyn(marbles):
+    mbs, _, contacts = thrown(marbles["xyz"], PLANE, referencePosition=[0, 0, R + 8e-6])
+    right, found = (ep.solve_dynamic(mbs, end_time=40e-6, adaptive=True, solver=s) for s in ("exudyn", "compiled"))
+    assert np.ptp(np.diff(right.t)) > 0.0
+    np.testing.assert_allclose(found.t, right.t, rtol=1e-7)
+    force = contacts[0].force(right)
+    assert force.any()
+    np.testing.assert_allclose(contacts[0].force(found), force, rtol=0, atol=1e-6 * force.max())
+
+
+def test_an_impact_keeps_momentum_and_energy(marbles):
+    """Of a body that spins: what the plane gives, and nothing else; compared with no other run."""
+    mbs, [ball], [contact] = thrown(marbles["xyz"], PLANE, damping=None)
+    result = ep.solve_dynamic(mbs, end_time=60e-6, solver="compiled")
+    force = contact.force(result)
+    assert force.any()
+    assert not force[-1]
+    momentum, impulse = ball.momentum(result), np.trapezoid(force, result.t)
+    np.testing.assert_allclose(momentum[-1] - momentum[0], [0, 0, impulse], rtol=0, atol=1e-6 * impulse)
+    kinetic = ball.energy(result) + contact.energy(result)
+    np.testing.assert_allclose(kinetic, kinetic[0], rtol=2e-4)
+    spin = ball.kinematics.angular_momentum(ball.coordinates(result), ball.coordinates_t(result), np.zeros(3))
+    assert abs(spin[:, 2] - spin[0, 2]).max() < 1e-6 * np.linalg.norm(spin[0])
+
+
+def test_many_runs_have_the_bits_of_single_ones(marbles):
+    mbs, [ball], _ = thrown(marbles["xyz"], HILL)
+    vary = {
+        ball: {
+            "initialVelocity": np.array([[0.0, 0, -0.5], [0.1, 0, -1.0], [0.0, 0.2, -1.5]]),
+            "initialAngularVelocity": np.array([[0.0, 0, 0], [3e3, 0, 0], SPIN]),
+            "referencePosition": np.array([[0, 0, R + 3e-7], [1e-5, 0, R + 3e-7], [0, 2e-5, R + 4e-7]]),
+        }
+    }
+    options = {"end_time": END, "step": 0.1e-6, "histories": ("force", "coordinates")}
+    runs = ep.run_many(mbs, vary=vary, workers=2, **options)
+    assert not runs.failures
+    for entry in range(3):
+        alone = ep.run_many(mbs, vary={ball: {k: v[entry : entry + 1] for k, v in vary[ball].items()}}, **options)
+        for name in ("force", "q", "q_t", "peak", "restitution", "energy", "momentum"):
+            np.testing.assert_array_equal(getattr(alone, name)[0], getattr(runs, name)[entry])
+    place, velocity, spin = (
+        vary[ball][k][2] for k in ("referencePosition", "initialVelocity", "initialAngularVelocity")
+    )
+    other, [same], [contact] = thrown(
+        marbles["xyz"], HILL, referencePosition=place, initialVelocity=velocity, initialAngularVelocity=spin
+    )
+    result = ep.solve_dynamic(other, end_time=END, step=0.1e-6)
+    force, energy = contact.force(result), same.energy(result)
+    np.testing.assert_allclose(runs.force[2, 0], force, rtol=0, atol=1e-7 * force.max())
+    np.testing.assert_allclose(runs.energy[2].sum(axis=0), energy[[0, -1]].sum(), rtol=1e-7)
+
+
+def test_what_cannot_vary(marbles):
+    mbs, [ball], _ = thrown(marbles["normal"], PLANE)
+    with pytest.raises(InputError, match="vary: E of body 'ball', which has a floating frame"):
+        ep.run_many(mbs, end_time=END, vary={ball: {"E": [2e11]}})
+    mbs, [ball], _ = thrown(marbles["normal"], HILL, frame="inertial")
+    with pytest.raises(InputError, match="vary: rho of body 'ball', which has a floating frame, or touches a curved"):
+        ep.run_many(mbs, end_time=END, vary={ball: {"rho": [7e3]}})
+
+
+def test_no_derivatives(marbles):
+    mbs, _, [contact] = thrown(marbles["normal"], HILL)
+    with pytest.raises(CompiledRunError) as raised:
+        ep.sensitivity(mbs, end_time=END, of="peak_force", at=contact)
+    assert "- body 'ball' has a floating frame" in str(raised.value)
+    assert "- contact 'ball south' has rows that follow the motion" in str(raised.value)
+
+
+def test_what_is_refused(marbles):
+    mbs, _, _ = thrown(marbles["normal"], PLANE, inertiaTerms=("gyroscopic",))
+    with pytest.raises(CompiledRunError, match="body 'ball' leaves out inertia forces by inertiaTerms"):
+        ep.solve_dynamic(mbs, end_time=END, solver="compiled")
+    mbs, [ball], _ = thrown(marbles["normal"])
+    rests = ep.CreatePartitionBody(mbs, marbles["normal"], name="rests", referencePosition=[0, 0, -R - 1e-6])
+    ep.CreatePartitionContact(mbs, ball, rests, slavePatch="south", masterPatch="north", name="pair")
+    mbs.Assemble()
+    with pytest.raises(CompiledRunError, match="contact 'pair' has pairs that follow the motion: of two bodies"):
+        ep.solve_dynamic(mbs, end_time=END, solver="compiled")
