@@ -64,6 +64,17 @@ def beside(marbles):
     return mbs, balls, contacts
 
 
+def beside_friction(marbles):
+    """A marble in an inertial frame that rubs on a plane, one that tumbles, and one that is fixed to its frame."""
+    mbs = exu.SystemContainer().AddSystem()
+    at = {"referencePosition": [5 * R, 0, R + 5e-7], "initialVelocity": [0.3, 0.1, -1.0], "damping": 0.02}
+    rubs = ep.CreatePartitionBody(mbs, marbles["xyz"], name="rubs", **at)
+    rough = ep.CreatePartitionContact(mbs, rubs, PLANE, slavePatch="south", friction=0.2, name="rough")
+    _, [tumbles], [smooth] = thrown(marbles["xyz"], PLANE, mbs=mbs)
+    _, [stays], [hill] = thrown(marbles["normal"], HILL, mbs=mbs, frame="inertial", name="stays")
+    return mbs, [rubs, tumbles, stays], [rough, smooth, hill]
+
+
 SCENES = {
     "plane": lambda m: thrown(m["normal"], PLANE, gravity=[10.0, 0.0, -2e4]),
     "plane, all directions": lambda m: thrown(m["xyz"], PLANE),
@@ -77,6 +88,7 @@ SCENES = {
     "inertial, sphere": lambda m: thrown(m["xyz"], HILL, frame="inertial"),
     "inertial, bore and plane": lambda m: thrown(m["normal"], BORE, SLOPE, frame="inertial"),
     "beside frozen pairs": beside,
+    "beside friction": beside_friction,
 }
 
 
@@ -122,10 +134,10 @@ def test_equal_to_exudyn(marbles, scene):
     assert_same(right, ep.solve_dynamic(mbs, end_time=END, solver="compiled"), bodies, contacts)
 
 
-@pytest.mark.parametrize("scene", ["plane, all directions", "sphere", "two planes"])
+@pytest.mark.parametrize("scene", ["plane, all directions", "sphere", "two planes", "beside friction"])
 def test_steps_by_numpy_are_the_same(marbles, scene):
     def found():
-        mbs, [ball], contacts = SCENES[scene](marbles)
+        mbs, [ball, *_], contacts = SCENES[scene](marbles)
         result = ep.solve_dynamic(mbs, end_time=12e-6, solver="compiled")
         return np.array([contact.force(result) for contact in contacts]), ball.coordinates(result)
 
@@ -148,6 +160,36 @@ def test_go_on(marbles, first, later):
     ]
     assert parts[0].any()
     np.testing.assert_allclose(np.r_[parts[0], parts[1][1:]], whole, rtol=0, atol=CLOSE * whole.max())
+
+
+@pytest.mark.parametrize(("first", "later"), [("compiled", "exudyn"), ("exudyn", "compiled"), ("compiled", "compiled")])
+def test_friction_beside_what_moves_goes_on(marbles, first, later):
+    """Rows remember what stuck and slipped, and moving contacts their anchors."""
+    options = {"step": 0.15e-6}
+    mbs, _, contacts = beside_friction(marbles)
+    result = ep.solve_dynamic(mbs, end_time=24e-6, **options)
+    whole, work = [contact.force(result) for contact in contacts], contacts[0].friction.work(result)
+    mbs, _, contacts = beside_friction(marbles)
+    ep.solve_dynamic(mbs, end_time=12e-6, solver=first, **options)
+    result = ep.solve_dynamic(mbs, end_time=24e-6, solver=later, go_on=True, **options)
+    for contact, right in zip(contacts, whole, strict=True):
+        force = contact.force(result)
+        np.testing.assert_allclose(force, right[-len(force) :], rtol=0, atol=CLOSE * right.max())
+    found = contacts[0].friction.work(result)
+    assert work[-1]
+    np.testing.assert_allclose(found, work[-len(found) :], rtol=0, atol=CLOSE * abs(work).max())
+
+
+def test_adaptive_steps_of_friction_beside_what_moves(marbles):
+    mbs, _, contacts = beside_friction(marbles)
+    right, found = (ep.solve_dynamic(mbs, end_time=30e-6, adaptive=True, solver=s) for s in ("exudyn", "compiled"))
+    np.testing.assert_allclose(found.t, right.t, rtol=1e-7)
+    for contact in contacts:
+        force = contact.force(right)
+        assert force.any()
+        np.testing.assert_allclose(contact.force(found), force, rtol=0, atol=1e-6 * force.max())
+    work = contacts[0].friction.work(right)
+    np.testing.assert_allclose(contacts[0].friction.work(found), work, rtol=0, atol=1e-6 * abs(work).max())
 
 
 def test_adaptive_steps_are_those_of_exudyn(marbles):
@@ -218,6 +260,28 @@ def test_no_derivatives(marbles):
         ep.sensitivity(mbs, end_time=END, of="peak_force", at=contact)
     assert "- body 'ball' has a floating frame" in str(raised.value)
     assert "- contact 'ball south' has rows that follow the motion" in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("frame", "surface"), [("floating", PLANE), ("floating", BORE), ("inertial", HILL), ("inertial", ROLL)]
+)
+def test_friction_on_what_moves_is_refused(marbles, frame, surface):
+    mbs, [ball], _ = thrown(marbles["xyz"], frame=frame)
+    ep.CreatePartitionContact(mbs, ball, surface, slavePatch="south", friction=0.2, name="rough")
+    mbs.Assemble()
+    with pytest.raises(CompiledRunError, match="contact 'rough' has friction, and pairs that follow the motion"):
+        ep.solve_dynamic(mbs, end_time=END, solver="compiled")
+
+
+def test_rows_that_move_in_one_problem_with_friction_are_refused(marbles):
+    """Of two contacts on one body, which move each other."""
+    mbs, [ball], _ = thrown(marbles["xyz"], HILL, frame="inertial")
+    ep.CreatePartitionContact(mbs, ball, SLOPE, slavePatch="slope", friction=0.2, name="rough")
+    mbs.Assemble()
+    with pytest.raises(CompiledRunError) as raised:
+        ep.solve_dynamic(mbs, end_time=END, solver="compiled")
+    assert "- contact 'ball south' has a body in common with a contact with friction, and pairs" in str(raised.value)
+    assert "'rough'" not in str(raised.value)
 
 
 def test_what_is_refused(marbles):
