@@ -203,7 +203,7 @@ def _name_of(
     held = registered(mbs)
     numbers = {item: number for number, item in enumerate(held.bodies.values())}
     of_slave, of_master = (item and (item.name or f"body {numbers[item]}") for item in (slave, master))
-    if master is slave:
+    if master == slave:
         of_master = "itself"
     elif rigid is not None:
         of_master = _name_of_surface(held.contacts.values(), rigid)

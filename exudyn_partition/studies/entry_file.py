@@ -86,5 +86,7 @@ def _digest(plan: StepPlan, start: Start) -> str:
     if (friction := contacts.friction) is not None:
         laws = [0.0 if law is None else (law.static, law.kinetic, law.decay or 0.0) for law in friction.laws]
         blocks += [*friction.rows, *friction.ways, friction.tangents, *friction.flexibilities, *map(np.array, laws)]
+    if (moving := contacts.moving) is not None:
+        blocks += [*moving.frames, *moving.surfaces]
     whole = np.concatenate([np.ravel(part) for part in (*plan.bodies, *contacts.rows, *blocks)])
     return digest({"numbers": whole, "contacts": contacts.all_names})

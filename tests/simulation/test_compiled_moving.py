@@ -245,6 +245,18 @@ def test_many_runs_have_the_bits_of_single_ones(marbles):
     np.testing.assert_allclose(runs.energy[2].sum(axis=0), energy[[0, -1]].sum(), rtol=1e-7)
 
 
+def test_a_file_of_entries_is_of_one_surface(marbles, tmp_path):
+    options = {"end_time": 12e-6, "step": 0.15e-6, "file": tmp_path / "map.jsonl", "histories": ()}
+    for radius in (2 * R, 2.1 * R):
+        mbs, [ball], _ = thrown(marbles["normal"], ep.RigidSphere((0, 0, -radius), radius))
+        vary = {ball: {"initialVelocity": [[0.0, 0.0, -0.5]]}}
+        if radius == 2 * R:
+            assert ep.run_many(mbs, vary=vary, **options).peak.item() > 0.0
+        else:
+            with pytest.raises(InputError, match="is of other model"):
+                ep.run_many(mbs, vary=vary, **options)
+
+
 def test_what_cannot_vary(marbles):
     mbs, [ball], _ = thrown(marbles["normal"], PLANE)
     with pytest.raises(InputError, match="vary: E of body 'ball', which has a floating frame"):

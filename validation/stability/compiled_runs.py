@@ -27,7 +27,7 @@ from exudyn_partition.algebra.friction import SLIP, STICK
 from validation.contact import scenes
 from validation.stability import random_scenes
 
-COUNT, LIMITS = 200, {"difference": 1e-9}
+COUNT, LIMITS = 400, {"difference": 1e-9}
 HELD = ("contact-adapted", "residual")
 
 
