@@ -245,6 +245,22 @@ def test_many_runs_have_the_bits_of_single_ones(marbles):
     np.testing.assert_allclose(runs.energy[2].sum(axis=0), energy[[0, -1]].sum(), rtol=1e-7)
 
 
+def test_many_runs_of_friction_beside_what_moves(marbles):
+    """The second entry is the model as it is."""
+    mbs, [_, tumbles, _], contacts = beside_friction(marbles)
+    options = {"end_time": END, "step": 0.15e-6}
+    vary = {tumbles: {"initialAngularVelocity": [[0.0] * 3, SPIN]}, contacts[0]: {"friction": [0.1, 0.2]}}
+    runs = ep.run_many(mbs, vary=vary, histories=("force",), **options)
+    assert not runs.failures
+    result = ep.solve_dynamic(mbs, **options)
+    forces = np.array([contact.force(result) for contact in contacts])
+    np.testing.assert_allclose(runs.force[1], forces, rtol=0, atol=CLOSE * forces.max())
+    assert runs.dissipated[1, 0] == pytest.approx(contacts[0].friction.work(result)[-1], rel=1e-9)
+    assert runs.dissipated[0, 0] > 1.2 * runs.dissipated[1, 0] > 0.0  # slips longer
+    assert not runs.dissipated[:, 1:].any()
+    assert abs(runs.force[0, 1] - forces[1]).max() > 1e-3 * forces[1].max()
+
+
 def test_a_file_of_entries_is_of_one_surface(marbles, tmp_path):
     options = {"end_time": 12e-6, "step": 0.15e-6, "file": tmp_path / "map.jsonl", "histories": ()}
     for radius in (2 * R, 2.1 * R):
