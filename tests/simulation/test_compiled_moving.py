@@ -203,6 +203,15 @@ def test_many_runs_have_the_bits_of_single_ones(marbles):
     np.testing.assert_allclose(runs.energy[2].sum(axis=0), energy[[0, -1]].sum(), rtol=1e-7)
 
 
+def test_gravity_and_damping_vary_too(marbles):
+    mbs, [ball], _ = thrown(marbles["xyz"], PLANE)
+    vary = {ball: {"gravity": np.array([[0.0, 50.0, -3e4]]), "damping": np.array([0.1])}}
+    runs = ep.run_many(mbs, vary=vary, end_time=END, step=0.1e-6, histories=("force",))
+    other, _, [contact] = thrown(marbles["xyz"], PLANE, gravity=[0.0, 50.0, -3e4], damping=0.1)
+    force = contact.force(ep.solve_dynamic(other, end_time=END, step=0.1e-6))
+    np.testing.assert_allclose(runs.force[0, 0], force, rtol=0, atol=1e-9 * force.max())
+
+
 def test_what_cannot_vary(marbles):
     mbs, [ball], _ = thrown(marbles["normal"], PLANE)
     with pytest.raises(InputError, match="vary: E of body 'ball', which has a floating frame"):
