@@ -150,6 +150,18 @@ def test_go_on(marbles, first, later):
     np.testing.assert_allclose(np.r_[parts[0], parts[1][1:]], whole, rtol=0, atol=CLOSE * whole.max())
 
 
+def test_go_on_from_a_file(marbles, tmp_path):
+    """In a new model, which knows nothing of the first run."""
+    options = {"step": 0.15e-6, "solver": "compiled"}
+    mbs, _, [contact] = thrown(marbles["xyz"], PLANE)
+    whole = contact.force(ep.solve_dynamic(mbs, end_time=24e-6, **options))
+    ep.solve_dynamic(mbs, end_time=12e-6, **options).save(tmp_path / "cut.npz")
+    fresh, _, [contact] = thrown(marbles["xyz"], PLANE)
+    later = ep.solve_dynamic(fresh, end_time=24e-6, go_on=ep.Result.load(tmp_path / "cut.npz", fresh), **options)
+    force = contact.force(later)
+    np.testing.assert_allclose(force, whole[-len(force) :], rtol=0, atol=CLOSE * whole.max())
+
+
 def test_adaptive_steps_are_those_of_exudyn(marbles):
     mbs, _, contacts = thrown(marbles["xyz"], PLANE, referencePosition=[0, 0, R + 8e-6])
     right, found = (ep.solve_dynamic(mbs, end_time=40e-6, adaptive=True, solver=s) for s in ("exudyn", "compiled"))
