@@ -49,7 +49,7 @@ class RestitutionMap:
         - "over": 1 if no contact can follow.
     info : dict
         What it was computed with; "new": impacts that were not in the file; "compiled": a bool array of the shape of
-        the values, True where compiled steps ran the impact, in frames that do not move.
+        the values, True where compiled steps ran the impact.
     """
 
     place: Array

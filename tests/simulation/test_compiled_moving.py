@@ -192,6 +192,18 @@ def test_adaptive_steps_of_friction_beside_what_moves(marbles):
     np.testing.assert_allclose(contacts[0].friction.work(found), work, rtol=0, atol=1e-6 * abs(work).max())
 
 
+def test_go_on_from_a_file(marbles, tmp_path):
+    """In a new model, which knows nothing of the first run."""
+    options = {"step": 0.15e-6, "solver": "compiled"}
+    mbs, _, [contact] = thrown(marbles["xyz"], PLANE)
+    whole = contact.force(ep.solve_dynamic(mbs, end_time=24e-6, **options))
+    ep.solve_dynamic(mbs, end_time=12e-6, **options).save(tmp_path / "cut.npz")
+    fresh, _, [contact] = thrown(marbles["xyz"], PLANE)
+    later = ep.solve_dynamic(fresh, end_time=24e-6, go_on=ep.Result.load(tmp_path / "cut.npz", fresh), **options)
+    force = contact.force(later)
+    np.testing.assert_allclose(force, whole[-len(force) :], rtol=0, atol=CLOSE * whole.max())
+
+
 def test_adaptive_steps_are_those_of_exudyn(marbles):
     mbs, _, contacts = thrown(marbles["xyz"], PLANE, referencePosition=[0, 0, R + 8e-6])
     right, found = (ep.solve_dynamic(mbs, end_time=40e-6, adaptive=True, solver=s) for s in ("exudyn", "compiled"))
@@ -271,6 +283,15 @@ def test_a_file_of_entries_is_of_one_surface(marbles, tmp_path):
         else:
             with pytest.raises(InputError, match="is of other model"):
                 ep.run_many(mbs, vary=vary, **options)
+
+
+def test_gravity_and_damping_vary_too(marbles):
+    mbs, [ball], _ = thrown(marbles["xyz"], PLANE)
+    vary = {ball: {"gravity": np.array([[0.0, 50.0, -3e4]]), "damping": np.array([0.1])}}
+    runs = ep.run_many(mbs, vary=vary, end_time=END, step=0.1e-6, histories=("force",))
+    other, _, [contact] = thrown(marbles["xyz"], PLANE, gravity=[0.0, 50.0, -3e4], damping=0.1)
+    force = contact.force(ep.solve_dynamic(other, end_time=END, step=0.1e-6))
+    np.testing.assert_allclose(runs.force[0, 0], force, rtol=0, atol=1e-9 * force.max())
 
 
 def test_what_cannot_vary(marbles):
