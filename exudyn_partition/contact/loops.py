@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ..surfaces.moving_kernels import Followed
     from .kernels import FlatContacts
     from .linear_gaps import FlatRows
+    from .triangle_tree import TriangleTree
 
 _Gaps: TypeAlias = tuple[Array, Array, Array, Array, Array, float, bool]  # see `followed_gaps`
 
@@ -176,6 +177,24 @@ def choose_rows(
 
 
 # Several steps in one call, only if `at_once()`.
+
+
+def closest_triangles(x: Array, corners: Array, tree: TriangleTree) -> tuple[Array, Array, Array]:
+    """Closest triangle of each point, (k,), the closest place on it, (k, 3), and its feature, see `RigidMesh`.
+
+    Parameters
+    ----------
+    x : (k, 3) array
+        [m]
+    corners : (m, 3, 3) array
+        Of the triangles [m].
+    tree : TriangleTree
+    """
+    compiled = kernels("contact", "triangle_kernels")
+    assert compiled is not None, "asked for what is only done at once"
+    found = np.zeros(len(x), dtype=np.int64), np.empty((len(x), 3)), np.zeros(len(x), dtype=np.int64)
+    compiled.closest_triangles(np.ascontiguousarray(x), corners, *tree, *found)
+    return found
 
 
 class Primitive(NamedTuple):

@@ -32,6 +32,8 @@ from ..support.checks import validate_array, validate_path, validate_positive
 from ..support.foreign import Shape
 from ..support.warn import warn
 from ..surfaces.surface import nearest_places
+from . import loops
+from .triangle_tree import TriangleTree
 
 _SAME = 1e-9  # of the size of the mesh: corners that are nearer to each other are merged
 _FLAT = 1e-10  # of the squared longest edge: triangles with a smaller area are left out
@@ -147,6 +149,10 @@ class RigidMesh:
         return np.asarray(self.points[self.triangles])
 
     @cached_property
+    def _tree(self) -> TriangleTree:
+        return TriangleTree.of(self._corners)
+
+    @cached_property
     def _classes(self) -> list[tuple[float, Array, cKDTree]]:
         """Triangles of similar size: their largest radius about the centroid [m], their numbers, and centroids."""
         centroid = self._corners.mean(axis=1)
@@ -237,8 +243,10 @@ class RigidMesh:
         """Closest triangle of each point, (k,), the closest place on it, (k, 3), and its feature, (k,), see `_normals`.
 
         A triangle cannot be nearer than the distance to its centroid less its radius. So all triangles are tried that
-        may be nearer than the ones with the nearest centroids.
+        may be nearer than the ones with the nearest centroids. Compiled loops go through a tree of boxes.
         """
+        if loops.at_once():
+            return loops.closest_triangles(x, self._corners, self._tree)
         bound = np.full(len(x), np.inf)
         for _, group, tree in self._classes:
             place, _ = _on_triangles(x, self._corners[group[nearest_places(tree, x)[:, 0]]])

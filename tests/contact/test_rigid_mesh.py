@@ -7,7 +7,7 @@ import meshio
 import netgen.occ as occ
 import numpy as np
 import pytest
-from oracles import compliant, floating, moved
+from oracles import compliant, floating, moved, without_numba
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
@@ -260,3 +260,19 @@ def test_a_row_meets_the_rim_of_a_thin_disc_that_its_body_has_come_through():
         assert left[0] == np.inf
         assert gap[0] == pytest.approx(-0.04, abs=2e-3)  # the sag of its edges
         assert normals[0, 0] > 0.99
+
+
+@pytest.mark.parametrize("count", [1, 5, 1000])
+def test_a_tree_finds_the_triangles_that_all_distances_find(count):
+    """Of triangles anywhere, one of them much larger, for points near and far; NumPy tries all that are near."""
+    numbers = np.random.default_rng(count)
+    corners = numbers.uniform(-1, 1, (count, 1, 3)) + 0.1 * numbers.uniform(-1, 1, (count, 3, 3))
+    corners[0] *= 5.0
+    mesh = ep.RigidMesh(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
+    x = np.vstack([numbers.uniform(-2, 2, (200, 3)), corners.mean(axis=1)[:200], corners[:200, 0]])
+    with without_numba():
+        gap, normals = mesh.project(x)
+    by_tree = mesh.project(x)
+    np.testing.assert_allclose(by_tree[0], gap, atol=1e-14)
+    apart = abs(gap) > 1e-12  # on an edge of two triangles either normal is right
+    np.testing.assert_allclose(by_tree[1][apart], normals[apart], atol=1e-9)

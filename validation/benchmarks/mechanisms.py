@@ -1,7 +1,8 @@
-"""Time of a step in four mechanisms: Exudyn's own part, and the part of bodies and contacts.
+"""Time of a step in mechanisms: Exudyn's own part, and the part of bodies and contacts.
 
-A slider crank whose rod has a clearance joint, three balls in a drum, the cam of `examples/cam_follower.py`, and the
-gears of `examples/gear_pair.py`, with coarse meshes. Each runs in a process of its own.
+A slider crank whose rod has a clearance joint, three balls in a drum, the cam of `examples/cam_follower.py`, the gears
+of `examples/gear_pair.py`, the pawl of a ratchet, a compressed strut that a ball hits, and a valve that falls on its
+seat, with coarse meshes. Each runs in a process of its own.
 Quantity: processor time of a step; Exudyn's own part of it, found by a profile of the run, which does not slow compiled
 code; evaluations of contact in a step; peak force. With `--old`, the same by another checkout, and the ratio of both.
 Reference: the other checkout. Limit: peak forces differ by at most 1 %, which the step of the crank leaves open.
@@ -156,7 +157,118 @@ def gears():
     return lambda: mechanism.run(1.5e-3, 1e-5)
 
 
-MECHANISMS = {"slider crank": slider_crank, "balls in a drum": drum, "cam and follower": cam, "gear pair": gears}
+def ratchet():
+    """A pawl on a hinge, pressed by a spring, falls from tooth to tooth of a rigid wheel that turns."""
+    import exudyn as exu
+    import exudyn.itemInterface as items
+    from exudyn.utilities import InertiaCuboid
+    from netgen.occ import Axis, Box, Cylinder, Pnt, Z
+
+    import exudyn_partition as ep
+
+    hinge, depth, slope = np.array([0.03, 0.012, 0.0]), 4e-3, 12.0
+    wheel = Cylinder(Pnt(0, 0, -depth), Z, r=9e-3, h=2 * depth)
+    for tooth in range(8):  # a face along the radius, and a back that falls
+        step = Box(Pnt(0, 0, -depth), Pnt(12e-3, 4e-3, depth)).Rotate(Axis((12e-3, 0, 0), Z), slope)
+        wheel += step.Rotate(Axis((0, 0, 0), Z), 45.0 * tooth)
+    arm = Box(Pnt(10e-3, 9e-3, -3e-3), Pnt(34e-3, 14e-3, 3e-3)) - Cylinder(Pnt(*hinge[:2], -3e-3), Z, r=1.5e-3, h=6e-3)
+    nose = arm + Cylinder(Pnt(10e-3, 10e-3, -3e-3), Z, r=2e-3, h=6e-3)
+    fem = ep.fe_model(nose, ep.STEEL, maxh=2e-3)
+    tip = ep.Partition.ball(fem, (9e-3, 8.5e-3, 0), 3e-3, axes="xyz")
+    eye = ep.Partition.interface(fem, "eye", cylinder=(hinge, (0, 0, 1), 1.5e-3))
+    body = ep.reduce(fem, tip | eye, f_cut=30e3)
+
+    mbs = exu.SystemContainer().AddSystem()
+    ground, turning = mbs.CreateGround(), {"nodeType": exu.NodeType.RotationRotationVector}
+    shaft = mbs.CreateRigidBody(inertia=InertiaCuboid(7800, [0.02] * 3), initialAngularVelocity=[0, 0, 40.0], **turning)
+    pawl = ep.CreatePartitionBody(mbs, body, frame="floating", damping=0.02)
+
+    def marker(number, place=(0, 0, 0)):
+        return mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=number, localPosition=[*place]))
+
+    mbs.AddObject(items.ObjectJointRevoluteZ(markerNumbers=[marker(ground), marker(shaft)]))
+    fixed = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0))
+    turn = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=mbs.GetObject(shaft)["nodeNumber"], coordinate=5))
+    mbs.AddObject(items.CoordinateConstraint(markerNumbers=[fixed, turn], offset=40.0, velocityLevel=True))
+    ends = [marker(ground, hinge), pawl.CreateInterfaceMarker(mbs, "eye")]
+    mbs.AddObject(items.GenericJoint(markerNumbers=ends, constrainedAxes=[1, 1, 1, 1, 1, 0]))
+    mbs.AddObject(items.TorsionalSpringDamper(markerNumbers=ends, stiffness=1.0, damping=0.0, offset=0.2))
+    profile = ep.RigidMesh.of(wheel, maxh=2e-3)
+    ep.CreatePartitionContact(mbs, pawl, profile, masterBody=shaft, friction=0.1, name="pawl")
+    mbs.Assemble()
+    return lambda: ep.solve_dynamic(mbs, end_time=1e-3, step=2e-6, method="implicit", spectral_radius=0.6)
+
+
+def strut():
+    """A ball hits the side of a strut that bears a third of the load at which it buckles."""
+    import exudyn as exu
+    import exudyn.itemInterface as items
+    from netgen.occ import Box, Pnt, Sphere
+
+    import exudyn_partition as ep
+
+    length, width, radius = 0.2, 8e-3, 6e-3
+    middle = (0, width / 2, length / 2)
+    shape = Box(Pnt(-width / 2, -width / 2, 0), Pnt(width / 2, width / 2, length))
+    fem = ep.fe_model(shape, ep.ALUMINIUM, maxh=8e-3, refine=[ep.Refine(middle, 1.5e-3, 0.6e-3)])
+    part = ep.Partition.ball(fem, middle, 1.5e-3, axes="xyz")
+    for name, at in (("foot", 0.0), ("head", length)):
+        part |= ep.Partition.interface(fem, name, plane=((0, 0, at), (0, 0, 1 if at else -1)))
+    body = ep.reduce(fem, part, f_cut=20e3, geometric_stiffness=True)
+    near = (0, middle[1] + 2e-6, middle[2])
+    sphere = Sphere(Pnt(0, near[1] + radius, near[2]), radius)
+    ball = ep.fe_model(sphere, ep.STEEL, maxh=4e-3, refine=[ep.Refine(near, 1.2e-3, 0.5e-3)])
+    striker = ep.reduce(ball, ep.Partition.ball(ball, near, 1.2e-3, axes="xyz"), f_cut=60e3)
+
+    mbs = exu.SystemContainer().AddSystem()
+    column = ep.CreatePartitionBody(mbs, body, frame="floating", name="strut")
+    hits = ep.CreatePartitionBody(mbs, striker, initialVelocity=[0, -1.0, 0])
+    for name, axes, at in (("foot", [1, 1, 1, 0, 1, 1], 0.0), ("head", [1, 1, 0, 0, 1, 1], length)):
+        place = items.MarkerBodyRigid(bodyNumber=mbs.CreateGround(), localPosition=[0, 0, at])
+        ends = [mbs.AddMarker(place), column.CreateInterfaceMarker(mbs, name)]
+        mbs.AddObject(items.GenericJoint(markerNumbers=ends, constrainedAxes=axes))
+    buckles = np.pi**2 * ep.ALUMINIUM.E * width**4 / 12 / length**2
+    mbs.AddLoad(items.Force(markerNumber=ends[1], loadVector=[0, 0, -buckles / 3]))
+    ep.CreatePartitionContact(mbs, hits, column, name="ball")
+    mbs.Assemble()
+    ep.solve_static(mbs, update_initial=True)
+    return lambda: ep.solve_dynamic(mbs, end_time=100e-6)
+
+
+def valve():
+    """A disc on a spring falls on its seat, a rigid plane, and rebounds."""
+    import exudyn as exu
+    import exudyn.itemInterface as items
+    from netgen.occ import Cylinder, Pnt, Z
+
+    import exudyn_partition as ep
+
+    disc = Cylinder(Pnt(0, 0, 0), Z, r=12e-3, h=2e-3) - Cylinder(Pnt(0, 0, 0), Z, r=9e-3, h=0.3e-3)
+    shape = disc + Cylinder(Pnt(0, 0, 2e-3), Z, r=3e-3, h=20e-3)
+    fem = ep.fe_model(shape, ep.STEEL, maxh=2.5e-3)
+    seat = ep.Partition.surface(fem, plane=((11e-3, 0, 0), (0, 0, -1)))
+    stem = ep.Partition.interface(fem, "stem", plane=((0, 0, 22e-3), (0, 0, 1)))
+    body = ep.reduce(fem, seat | stem, f_cut=40e3)
+    mbs = exu.SystemContainer().AddSystem()
+    poppet = ep.CreatePartitionBody(mbs, body, referencePosition=[0, 0, 5e-6], initialVelocity=[0, 0, -0.3])
+    place = items.MarkerBodyRigid(bodyNumber=mbs.CreateGround(), localPosition=[0, 0, 22e-3 + 5e-6])
+    ends = [mbs.AddMarker(place), poppet.CreateInterfaceMarker(mbs, "stem")]
+    mbs.AddObject(items.GenericJoint(markerNumbers=ends, constrainedAxes=[1, 1, 0, 1, 1, 1]))
+    mbs.AddObject(items.CartesianSpringDamper(markerNumbers=ends, stiffness=[0, 0, 2e4], offset=[0, 0, -2e-3]))
+    ep.CreatePartitionContact(mbs, poppet, ep.RigidPlane(), name="seat")
+    mbs.Assemble()
+    return lambda: ep.solve_dynamic(mbs, end_time=1e-3, step=1e-6, method="implicit", spectral_radius=0.8)
+
+
+MECHANISMS = {
+    "slider crank": slider_crank,
+    "balls in a drum": drum,
+    "cam and follower": cam,
+    "gear pair": gears,
+    "ratchet": ratchet,
+    "strut and ball": strut,
+    "valve": valve,
+}
 
 
 def sparse_settings():
