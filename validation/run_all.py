@@ -412,6 +412,7 @@ CASES = {
     "crank_slider": Case("joints/crank_slider.py", lambda d: []),
     "feminterface": Case("benchmarks/feminterface.py", limits(("difference",))),
     "body_files": Case("benchmarks/body_files.py", limits(("whole", "ball_without_inside", "without_inside"))),
+    "large_cad": Case("benchmarks/large_cad.py", limits(("most_off", "over_mesh"))),
     "compiled_runs": Case("benchmarks/compiled_runs.py", limits((
         "steps", "many", "compiled", "difference", "rough_steps", "rough_many", "rough_compiled", "rough_difference",
         "tumbling_steps", "tumbling", "tumbling_difference",

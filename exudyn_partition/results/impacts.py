@@ -12,6 +12,7 @@ from scipy.signal import find_peaks
 
 from ..support.arrays import Array
 
+_TRACE = 1e-10  # of the largest force: what round-off makes of bodies that lie on each other
 _LOOKED_AT = 200  # samples beside an impact, until its surface has opened
 _PROMINENT = 0.2  # of an impact's mean force: how far a maximum of the force stands out
 _MAXIMA = 3  # fewest in an impact that rings
@@ -103,9 +104,17 @@ class Ringing:
 
 
 def closed_spans(force: Array) -> list[tuple[int, int]]:
-    """First and last sample with a force, of each time of uninterrupted contact."""
+    """First and last sample with a force, of each time of uninterrupted contact.
+
+    Times with no more than a trace of the largest force of all are none: bodies that lie on each other touch by
+    round-off.
+    """
     edges = np.diff(np.r_[0, force > 0, 0].astype(int))
-    return [*zip(np.flatnonzero(edges > 0).tolist(), (np.flatnonzero(edges < 0) - 1).tolist(), strict=True)]
+    firsts, lasts = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) - 1
+    if len(firsts) > 1:
+        real = np.maximum.reduceat(force, firsts) > _TRACE * force.max()
+        firsts, lasts = firsts[real], lasts[real]
+    return [*zip(firsts.tolist(), lasts.tolist(), strict=True)]
 
 
 def joined(spans: list[tuple[float, float]], apart: float) -> list[list[int]]:

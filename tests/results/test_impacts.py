@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from exudyn_partition.results.impacts import SubImpact, at_border, crossing
+from exudyn_partition.results.impacts import SubImpact, at_border, closed_spans, crossing
 
 
 @pytest.mark.parametrize("way", [-1, 1])
@@ -47,3 +47,13 @@ def test_the_mean_force_times_the_duration_is_the_impulse():
 )
 def test_restitution_is_separation_over_approach(before, after, e):
     assert SubImpact(0.0, 1.0, 1.0, 2.0, speed_before=before, speed_after=after).restitution == e
+
+
+def test_touches_by_round_off_are_no_impacts():
+    """A body that lies on another one before it is hit; a touch that is weak, and none by round-off, stays."""
+    force = np.zeros(30)
+    force[[2, 7]], force[10:15], force[20:22] = 3e-9, 1000.0, 1e-3
+    assert closed_spans(force) == [(10, 14), (20, 21)]
+    assert closed_spans(1e-12 * force) == [(10, 14), (20, 21)]
+    assert closed_spans(np.zeros(3)) == []
+    assert closed_spans(np.full(3, 1e-9)) == [(0, 2)]
