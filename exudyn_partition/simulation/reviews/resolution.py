@@ -21,8 +21,8 @@ _LARGE = 0.1  # share of the largest impulse: smaller impacts are not checked
 _STEPS_AN_IMPACT = 8  # fewer implicit steps do not resolve an impact
 _SAMPLES_AN_IMPACT = 4  # with fewer samples, the force of the impact is not known
 _FEW_ROWS = 2  # so few closed rows at the peak of a force do not resolve it
-_SOME_ROWS = 8  # more of them resolve a contact at a point
-_COARSE = 1.5  # size of facets by the radius of a contact at a point, above which rows are off by some per cent
+_SOME_ROWS = 3  # as many may close at a point on facets as long as its diameter, with a force that is off by a tenth
+_COARSE = 1.8  # size of facets by the radius of a contact at a point, above which that is so
 
 
 def short_impacts(run: ReviewedRun) -> Iterator[Finding]:
