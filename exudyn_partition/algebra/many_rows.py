@@ -11,6 +11,8 @@ Factors of n rows take as long as many products with F. So a step is found by GM
 earlier Jacobian, which may be one of the time step before. All this is done in single precision: it needs half of the
 time, and residuals in double precision correct it.
 
+Theory: examples/site/theory.md, "Friction".
+
 References
 ----------
 S. Hüeber, G. Stadler, B.I. Wohlmuth, A primal-dual active set algorithm for three-dimensional contact problems with
