@@ -45,6 +45,8 @@ from ..support.arrays import Array
 from ..support.foreign import ItemEntry, MainSystem
 from ..support.optional import require
 
+MOST_ROWS = 700  # of contacts with friction that are solved together: their matrices take 100 MB
+
 
 def check_held(mbs: MainSystem, options: Sequence[str] = ()) -> None:
     """Raise an error with all reasons why a compiled run cannot hold a model; `options` are further reasons.
@@ -94,6 +96,9 @@ def _of_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
             yield f"{named} has formulation {type(contact.formulation).__name__}"
         if mechanics.friction is not None and mechanics.gaps.on_demand:
             yield f"{named} has friction on a large skin"
+        rows = sum(len(other.mechanics.gaps.row_nodes) for other in contact.group)
+        if has_friction(contact.group) and rows > MOST_ROWS:
+            yield f"{named} is solved together with {rows} rows of which some have friction, more than {MOST_ROWS}"
         if mechanics.zones is not None:
             yield f"{named} has plastic zones"
         if contact.carrier is not None:

@@ -12,7 +12,9 @@ from oracles import MARBLE_RADIUS as R
 from oracles import each_way, press_ctrl_c
 
 import exudyn_partition as ep
+from exudyn_partition.compiled import loops
 from exudyn_partition.errors import CompiledRunError, InputError, RunError, StoppedRunWarning
+from exudyn_partition.simulation import compiled_plan
 
 pytestmark = pytest.mark.filterwarnings("ignore::exudyn_partition.errors.PartitionWarning")
 CLOSE = 1e-9  # of the largest value
@@ -223,6 +225,38 @@ def test_friction_by_numpy_is_the_same(rough, scene):
     compiled, plain = each_way(forces)
     assert compiled.any()
     np.testing.assert_allclose(plain, compiled, rtol=0, atol=CLOSE * abs(compiled).max())
+
+
+def test_steps_in_which_compiled_loops_do_not_settle(rough, monkeypatch):
+    """They are made by NumPy."""
+    mbs, _, [contact] = ROUGH["turning round"](rough)
+    options = {"end_time": 6e-6, "step": 0.1e-6, "solver": "compiled"}
+    right = contact.friction.tangential_force(ep.solve_dynamic(mbs, **options))
+    monkeypatch.setattr(loops, "FRICTION_LIMITS", (*loops.FRICTION_LIMITS[:3], 3, loops.FRICTION_LIMITS[4]))
+    found = contact.friction.tangential_force(ep.solve_dynamic(mbs, **options))
+    assert (found != right).any()
+    np.testing.assert_allclose(found, right, rtol=0, atol=CLOSE * abs(right).max())
+
+
+def test_rough_pairs_that_slide_end_the_run_and_exudyn_goes_on(rough):
+    mbs, _, [contact] = in_a_row(rough, 2, along=1.5, frictions=[0.1])
+    options = {"step": 0.1e-6}
+    whole = ep.solve_dynamic(mbs, end_time=END, **options)
+    with pytest.warns(StoppedRunWarning, match="pairs of contact .contact 0. begin to slide"):
+        first = ep.solve_dynamic(mbs, end_time=END, solver="compiled", **options)
+    assert contact.force(first).any()
+    later = ep.solve_dynamic(mbs, end_time=END, go_on=True, **options)
+    for value in (contact.friction.tangential_force, contact.friction.work):
+        right = value(whole)
+        found = np.concatenate([value(result) for result in (first, later.at(later.t[1:]))])
+        np.testing.assert_allclose(found, right, rtol=0, atol=CLOSE * abs(right).max())
+
+
+def test_rows_with_friction_are_not_too_many(rough, monkeypatch):
+    monkeypatch.setattr(compiled_plan, "MOST_ROWS", 10)
+    mbs, _, _ = fall(rough, friction=0.3)
+    with pytest.raises(CompiledRunError, match=r"'floor' is solved together with .* rows of which some have friction"):
+        ep.solve_dynamic(mbs, end_time=END, solver="compiled")
 
 
 def test_rare_samples(marble):
