@@ -14,10 +14,14 @@ class SlipSecants:
     """Share of the secants of friction, forces by ways, in the Jacobian, beside its tangents.
 
     Secants lead to the equilibrium surely, tangents quickly once it is near: what friction dissipates is a sum of
-    lengths, which Weiszfeld's iteration minimises by secants. So their share is the residual over the largest one of
-    the load step. No iteration then moves a body by much more than the ways so far: a body that may slide freely,
-    since opposed slips leave it no stiffness, gets to where rows stick in a few iterations, and does not shoot past.
-    See `Evaluation.slip_secants`.
+    lengths, which Weiszfeld's iteration minimises by secants. See `Evaluation.slip_secants`.
+
+    Parameters
+    ----------
+    lasting : bool
+        How long secants last. Where no load step has settled, their share is one at first and wherever the residual
+        has grown, and falls with its square root. Else it is the residual over the largest one of the load step: a
+        body that slides on all its contacts gets in a few iterations to where rows stick, and not far past that.
 
     References
     ----------
@@ -25,13 +29,16 @@ class SlipSecants:
     Operations Research 167 (2009) 7.
     """
 
-    def __init__(self) -> None:
-        self._largest = 0.0
+    def __init__(self, *, lasting: bool = True) -> None:
+        self._lasting, self._share, self._residual, self._largest = lasting, 1.0, 0.0, 0.0
 
     def share(self, solver: MainSolver) -> float:
         """Share in the iteration of Newton's method that the static solver begins now; none in the first."""
         residual, first = solver.conv.residual, solver.it.newtonSteps == 1
+        falls = 0.0 < residual < self._residual and not first
         self._largest = residual if first else max(self._largest, residual)
+        self._share = self._share * (residual / self._residual) ** 0.5 if falls else 1.0
+        self._residual = residual
         if first:
             return 0.0
-        return residual / self._largest if self._largest else 1.0
+        return self._share if self._lasting or not self._largest else residual / self._largest

@@ -380,7 +380,7 @@ def divide_load_steps(mbs: MainSystem, settings: SimulationSettings, start: floa
         if it.currentStepSize < (1 - _OVER) * planned:  # Exudyn has divided this step
             length, settled = it.currentStepSize, 0
             if run.slip_secants is None:
-                run.slip_secants = SlipSecants()
+                run.slip_secants = SlipSecants(lasting=False)
         settled += 1
         if settled >= _SETTLED and length < step:
             length, settled = min(2 * length, step), 0
