@@ -295,7 +295,7 @@ EXPERIMENTS = (
     "lame",
 )  # scripts of experiments/
 SCENES = ("rod_on_plate", "block_on_block", "two_spheres", "crank_slider")  # of error_against_time
-CUT = ("explicit", "multipliers", "zones", "implicit")  # kinds of cut_runs
+CUT = ("explicit", "multipliers", "floating", "zones", "implicit")  # kinds of cut_runs
 CASES = {
     "stability": Case("stability/stability.py", stability, ("--quick", "--out", "{out}/stability_quick.json")),
     "compiled_scenes": Case("stability/compiled_runs.py", limits(("difference",)),

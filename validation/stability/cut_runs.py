@@ -5,10 +5,12 @@ run is made in one piece. It is made again up to the middle of the contact, and 
 model of the same bodies reads it and goes on: new items, new contacts, nothing that was kept. Both ends are compared.
 
 Quantities: difference of the next force, by the largest force; of the forces until the end; of the velocities at the
-end, by the speed of the impact. Limits: 1e-9 in explicit steps, and a hundred times that for what grows until the end.
-Plastic zones have products in single precision there: 1e-6, and 1e-3 until the end, for a zone may settle in another
-iteration, which changes a force by its tolerance of 1e-4. Implicit steps end where Newton's method ends: 1e-6 and 1e-4.
-The first force of multipliers is left out: it is a mean over both sides of the cut.
+end, by the speed of the impact. Steps are short binary fractions: their sums are exact, so that both runs have the same
+step to the last digit. Limits: 1e-12 in explicit steps, and a hundred times that for what grows until the end. In
+floating frames 1e-9 and 1e-7: a run begins with the velocities at its start, where a run on its way has those that
+Verlet's method expected. Plastic zones have products in single precision: 1e-6, and 1e-3 until the end, for a zone may
+settle in another iteration, which changes a force by its tolerance of 1e-4. Implicit steps end where Newton's method
+ends: 1e-6 and 1e-4. The first force of multipliers is left out: it is a mean over both sides of the cut.
 
     python -m validation.stability.cut_runs [--count N] [--only SEED ...] [--out FILE]
 """
@@ -28,8 +30,29 @@ from validation.contact import scenes
 from validation.stability.random_scenes import bodies_of, drawn, duration
 
 COUNT = 40
-LIMITS = {"explicit": (1e-9, 1e-7), "multipliers": (1e-9, 1e-7), "zones": (1e-6, 1e-3), "implicit": (1e-6, 1e-4)}
+LIMITS = {
+    "explicit": (1e-12, 1e-10), "multipliers": (1e-11, 1e-9), "floating": (1e-9, 1e-7), "zones": (1e-6, 1e-3),
+    "implicit": (1e-6, 1e-4),
+}  # fmt: skip
 STEPS = 400  # in a scene
+DIGITS = 20  # binary ones of a step
+
+
+def kind_of(scene, method):
+    """Name of the limits that a run has."""
+    if method == "implicit":
+        return method
+    if scene.yields:
+        return "zones"
+    if scene.frame == "floating":
+        return scene.frame
+    return "multipliers" if scene.formulation == "lagrange" else method
+
+
+def short(step):
+    """The step, no longer than the given one, with few binary digits: multiples of it are exact numbers."""
+    mantissa, exponent = np.frexp(step)
+    return float(np.ldexp(np.floor(np.ldexp(mantissa, DIGITS)), exponent - DIGITS))
 
 
 def made(scene):
@@ -57,17 +80,17 @@ def ends(items, contact, result):
 def compared(seed, method):
     """Row of a seed: differences between the run in two pieces and that in one."""
     scene, begin = drawn(seed), time.perf_counter()
-    kind = "zones" if scene.yields else "multipliers" if scene.formulation == "lagrange" else "explicit"
-    row = {"seed": seed, "method": method, "scene": str(scene), "kind": method if method == "implicit" else kind}
-    last = duration(scene)
+    row = {"seed": seed, "method": method, "scene": str(scene), "kind": kind_of(scene, method)}
     with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
         warnings.simplefilter("ignore")
         mbs, items, contact = made(scene)
-        step = last / STEPS
+        whole = duration(scene)
+        step = whole / STEPS
         if method == "explicit":
             step = min(step, 0.9 * ep.stability_limit(mbs))
-        count = int(np.ceil(last / step))
-        step = last / count
+        count = int(np.ceil(whole / step))
+        step = short(whole / count)
+        last = count * step
         options = {"step": step, "method": method}
         force, velocity = ends(items, contact, ep.solve_dynamic(mbs, end_time=last, **options))
         at = int(np.median(np.flatnonzero(force > 0.0))) if force.any() else count // 2
