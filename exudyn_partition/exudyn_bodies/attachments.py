@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import InputError, RunError
+from ..frames.inertial import InertialKinematics
 from ..support.arrays import Array
 from ..support.foreign import MainSystem, ObjectIndex
 from ..support.optional import require
@@ -32,9 +33,6 @@ class AttachableBody(BodyItem, Protocol):
     @property
     def frame(self) -> str:
         """The frame, "inertial" or "floating"."""
-
-    def rigid_motion(self, q: Array) -> Array:
-        """Rigid motion in coordinates q, (n, n_dofs): (n, 6)."""
 
     def __contains__(self, key: object) -> bool:
         """Whether the body has an Exudyn index with this name."""
@@ -141,7 +139,7 @@ def add_guard(mbs: MainSystem, item: AttachableBody, check: Callable[[MainSystem
     not the body, so that they would tear it.
     """
     latest, name, node, n = math.inf, item.name, item.nodes[0], item.body.n_dofs
-    turning = item.rigid_motion(np.eye(n))[:, 3:].T if item.frame == "inertial" else None
+    turning = item.kinematics.projection[:, 3:].T if isinstance(item.kinematics, InertialKinematics) else None
 
     def value(mbs: MainSystem, t: float, *unused: object) -> list[float]:
         nonlocal latest

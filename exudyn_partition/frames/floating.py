@@ -190,7 +190,7 @@ class FloatingKinematics:
     def from_basis(self) -> LinearOperator:
         """See `Kinematics.from_basis`."""
         n, mass = self.body.n_dofs, self.body.mass.diagonal()
-        rigid = InertialKinematics(self.body, self.position).rigid_motion(np.eye(n)).T
+        rigid = InertialKinematics(self.body, self.position).projection.T
         rigid = np.vstack([self.frame(np.zeros(n))[1] @ rigid[:3], self.node_axes.T @ rigid[3:]])
 
         def coordinates(v: Array) -> Array:

@@ -163,11 +163,11 @@ class InertialKinematics:
 
     def rigid_motion(self, q: Array) -> Array:
         """See `Kinematics.rigid_motion`; found by projection with the mass matrix."""
-        motion: Array = q @ self._projection
+        motion: Array = q @ self.projection
         return motion
 
     @cached_property
-    def _projection(self) -> Array:
+    def projection(self) -> Array:
         """Rigid motion by coordinates, transposed, (n_dofs, 6)."""
         M_rigid = self.body.mass @ self.body.rigid
         return np.linalg.solve(self.body.rigid.T @ M_rigid, M_rigid.T).T

@@ -23,6 +23,7 @@ from ..result import called, when
 from .reviewed_run import Finding, ReviewedRun, evenly
 
 _FACETS, _SAMPLES = 4000, 32  # largest number of facets, and of samples, that are looked at
+_BOUNDED = 4 * _SAMPLES  # coordinates up to which a bound costs little more than the stress in these samples
 _AROUND = 1.0  # width around a patch where its contact decides, by the patch's size
 _MASS = 0.05  # share by which mass may differ from volume times density: bodies of several materials differ by more
 _FLAT = 1e-3  # height of a facet by its first edge below which its strain is round-off
@@ -37,7 +38,7 @@ def bending(run: ReviewedRun) -> Iterator[Finding]:
         facets = free_facets(body)
         if not len(facets):
             continue
-        bound = abs(history.deformed) @ largest_stresses(body)
+        bound = stress_bounds(body, history.deformed)
         if bound.max() <= material.yield_stress:
             continue
         energy = history.strain_energy
@@ -57,6 +58,16 @@ def bending(run: ReviewedRun) -> Iterator[Finding]:
             "or take a stronger shape or material",
             YieldWarning,
         )
+
+
+def stress_bounds(body: ReducedBody, deformed: Array) -> Array:
+    """Bounds of the von Mises stress of the free facets, (m,) [Pa], at coordinates of the deformation, (m, n_dofs).
+
+    Infinite for a body of many coordinates, as one with all its nodes: their bound would need a matrix of gigabytes.
+    """
+    if body.n_dofs > _BOUNDED:
+        return np.full(len(deformed), np.inf)
+    return np.asarray(abs(deformed) @ largest_stresses(body))
 
 
 @once

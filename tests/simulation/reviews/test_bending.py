@@ -1,6 +1,8 @@
 """A link that would yield in bending or torsion, away from contacts, against beam theory."""
 
+import tracemalloc
 import warnings
+from dataclasses import replace
 
 import exudyn as exu
 import exudyn.itemInterface as items
@@ -96,3 +98,19 @@ def test_what_has_no_yield_stress_or_several_materials_is_not_judged():
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             loaded(body, [2 * BENDS, 0, 0], "floating")
+
+
+def test_a_body_of_all_its_nodes_is_reviewed_in_little_memory():
+    """A matrix of facets and coordinates would take 200 MB for each of its parts."""
+    fem = ep.fe_model(box(WIDTH, HEIGHT, LENGTH), ep.ALUMINIUM, maxh=4e-3)
+    end = ep.Partition.ball(fem, (0, 0, LENGTH), 4e-3)
+    body = ep.reduce(fem, replace(end, nodes=np.arange(fem.n_nodes)), basis="free", f_cut=5e3)
+    assert body.n_dofs > 1500
+    mbs = exu.SystemContainer().AddSystem()
+    ep.CreatePartitionBody(mbs, body, name="link")
+    mbs.Assemble()
+    tracemalloc.start()
+    ep.solve_dynamic(mbs, end_time=1e-6, step=1e-8)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 50e6
