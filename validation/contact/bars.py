@@ -6,7 +6,8 @@ lasts 385.4 us, force 1270.8 N, the velocity is reversed.
 Quantity: for several f_cut, the mean force over the middle half of the contact, its start (error over the duration),
 the time from first to last force, and the velocities of the centres of mass afterwards. The table also has impulse,
 energy, run times and the ripple of the force on its plateau.
-Limits: force, duration and velocities within 1 % at the highest f_cut.
+Limits, at the highest f_cut: force and start within 0.5 %, duration and velocities within 1.5 %. Contact ends at some
+phase of the ripple, whose period is 5 % of the contact: steps, meshes and f_cut change both by up to 1.3 %.
 
 The ripple does not fall with f_cut. Each bar feels the other through the mobility of its end, 1 / Z for a wave
 impedance Z. If modes above f_cut are replaced by their static flexibility, the mobility at x = f / f_cut > 1 is
@@ -32,9 +33,9 @@ from rich.table import Table
 import exudyn_partition as ep
 from validation.contact import scenes
 
-LIMIT = 0.01
+LIMITS = {"force": 0.005, "start": 0.005, "duration": 0.015, "velocity": 0.015}
 ROWS = ("node-to-segment", "integrated")
-QUANTITIES = ("force", "start", "duration", "velocity")
+QUANTITIES = tuple(LIMITS)
 
 
 def bar(side, length, material, cells, *, up):
@@ -192,10 +193,12 @@ def main():
         for r in runs:
             if r["f_cut_Hz"] == case["f_cuts"][-1] and r["solver"] == "explicit":
                 failed += [
-                    f"{name}, {r['kind']}: {q} {r['error'][q]:+.2%}" for q in QUANTITIES if abs(r["error"][q]) > LIMIT
+                    f"{name}, {r['kind']}: {q} {r['error'][q]:+.2%}"
+                    for q, limit in LIMITS.items()
+                    if abs(r["error"][q]) > limit
                 ]
     draw(cases)
-    scenes.finish(__file__, {"limit": LIMIT, "cases": cases}, failed)
+    scenes.finish(__file__, {"limits": LIMITS, "cases": cases}, failed)
 
 
 if __name__ == "__main__":
