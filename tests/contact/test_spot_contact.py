@@ -422,6 +422,29 @@ def test_a_ball_in_an_elastic_groove_is_hertz_s_ellipse(coarse):
     assert np.ptp(energy) < 1e-4 * energy[0]
 
 
+def test_a_ball_in_a_groove_touches_each_face_as_a_plane():
+    """Two contacts of one body: each is that of a fall on a plane at the speed along its normal, but for 0.8 %."""
+    faces = np.array([[1.0, 0.0, -1.0], [-1.0, 0.0, -1.0]]) / math.sqrt(2)
+    refine = [ep.Refine(tuple(R * n), 4e-3, 1.1e-3) for n in faces]
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), ep.STEEL, maxh=3.5e-3, refine=refine, grading=0.6)
+    first, second = (ep.Partition.ball(fem, R * n, 3.8e-3, axes="xyz", direction=n) for n in faces)
+    mbs, body = exu.SystemContainer().AddSystem(), ep.reduce(fem, first | second, f_cut=150e3)
+    item = ep.CreatePartitionBody(mbs, body, initialVelocity=[0, 0, -SPEED])
+    contacts = [
+        ep.CreatePartitionContact(mbs, item, ep.RigidPlane((R + 1e-7) * n, -n), formulation="hertz", slavePatch=i)
+        for i, n in enumerate(faces)
+    ]
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=80e-6, step=0.2e-6)
+    peak = ElasticSphere(R, ep.STEEL).impact(SPEED / math.sqrt(2))[0]
+    for contact in contacts:
+        assert contact.force(result).max() == pytest.approx(peak, rel=1e-2)
+        impulse = np.trapezoid(contact.force(result), result.t)
+        assert impulse == pytest.approx(math.sqrt(2) * body.total_mass * SPEED, rel=2e-3)
+    energy = item.energy(result) + sum(contact.energy(result) for contact in contacts)
+    assert np.ptp(energy) < 1e-4 * energy[0]
+
+
 def test_a_static_press_is_hertz_s(coarse):
     """The depth is Hertz's approach, less what the weight of the ball, spread over it, and friction stiffen."""
     mbs, load = exu.SystemContainer().AddSystem(), 800.0
