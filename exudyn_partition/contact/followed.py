@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the surface bulges around a contact
 NEAR = 1.0  # of a facet's size: rows with larger gaps are not followed, as closest points jump there
 SEARCHED = 0.25  # of a facet's size: motion after which all points are searched again
+MET = 0.1  # of a facet's size: sides that may meet anywhere have no rows, and no past, while they are further apart
 _AHEAD = 0.006  # of a facet's size: rows are followed up to this margin above the gaps that matter now
 
 
@@ -55,6 +56,11 @@ class Apart(Stage):
         """See `Stage.advance`."""
         here = seen_from(pair.places_of(self.rows.sides, q), pair.witnesses)
         return (self, NOTHING) if largest_change(here, self.here) <= self.reach else pair.search(q)
+
+    def with_more_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
+        """See `Stage.with_more_rows`."""
+        stage, gap = pair.search(q, pair.furthest)
+        return stage.with_more_rows(pair, q) if isinstance(stage, Followed) else (stage, gap)
 
 
 class Search:

@@ -128,6 +128,8 @@ class Gaps:
         Gap at which forces begin [m]. Rows with smaller gaps are present.
     anywhere : bool
         Whether the sides may meet anywhere, and be far from each other for long.
+    furthest : float
+        Distance above which there are no rows [m].
     yielding : tuple of float or None
         Share of each side's flexibility that yields within the present step, see `viscosity`; None if all of it does.
     anchor : Anchor or None
@@ -149,6 +151,7 @@ class Gaps:
     pressed: bool = False
     reach: float = 0.0
     anywhere: bool = False
+    furthest: float = np.inf
     yielding: tuple[float, ...] | None = None
     searches: int = 0
     anchor: Anchor | None = None
@@ -274,6 +277,11 @@ class Gaps:
     def moving(self) -> bool:
         """Whether rows follow the motion. If not, their gaps are linear in the coordinates."""
         return self.stage.moving
+
+    @property
+    def has_past(self) -> bool:
+        """Whether the rows depend on earlier evaluations while the sides are apart: then these may not be left out."""
+        return False
 
     @property
     def may_freeze(self) -> bool:

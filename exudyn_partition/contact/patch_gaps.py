@@ -26,7 +26,7 @@ from ..surfaces.projection import Projection
 from ..surfaces.rows import ContactRows, facing, rows_of
 from ..surfaces.surface import Surface, closest_points
 from ..surfaces.witnesses import seen_from, witnesses_of
-from .followed import NEAR, SEARCHED, Apart, Followed, Search
+from .followed import MET, NEAR, SEARCHED, Apart, Followed, Search
 from .gaps import Gaps, GapState, Present
 from .linear_gaps import LinearGaps
 from .pairings import Pairing, drift_rows
@@ -79,6 +79,7 @@ class PatchGaps(Gaps):
         self._all, self._start_q, self._loaded = pairing.points, pairing.pose, {}
         self.n, self.faced = len(pairing.pose), not pairing.pose.any()
         self.size, self.approach = pairing.rows.facet_size, pairing.rows.approach
+        self.furthest = NEAR * self.size
         self.clearance, self.pressed = float(pairing.rows.gap.min(initial=np.inf)), pressed
         self.witnesses = [witnesses_of(side.surface) for side in self.sides]
         self._start = self._at_start()
@@ -244,6 +245,11 @@ class PatchGaps(Gaps):
         return kept[1]
 
     @property
+    def has_past(self) -> bool:
+        """See `Gaps.has_past`."""
+        return isinstance(self.stage, Followed)
+
+    @property
     def longest_reach(self) -> float:
         """See `Gaps.longest_reach`. Rows with larger gaps may be new at the next search."""
         return (NEAR - 2 * SEARCHED) * self.size
@@ -309,16 +315,22 @@ class PatchGaps(Gaps):
         """Closest points of some points of the slave on the master."""
         return closest_points(points.at(slave.points), master.points[master.facets])
 
-    def search(self, q: Array) -> tuple[Stage, Array]:
-        """Find the pairs of all points at coordinates q, (n,); return the stage of rows that can close, and gaps."""
+    def search(self, q: Array, within: float | None = None) -> tuple[Stage, Array]:
+        """See `Pair`.
+
+        Of sides that may meet anywhere, pairs begin in the first evaluation that finds them near each other, and end
+        when they are apart again. So nothing depends on whether others asked for their gaps while they were apart.
+        """
         self.searches += 1
         places = self.places(q)
         here = seen_from(places, self.witnesses)
         every, least = self.project(*places)
+        near, at_least = (MET, 0.0) if self.anywhere else (NEAR, SEARCHED)
+        within = near * self.size if within is None else within
+        if least <= within:
+            return Search(self, every, places[0], here, SEARCHED * self.size).choose(self, places, here)
         # If the patches are far apart, the next search waits until they may be near.
-        reach = max(SEARCHED * self.size, 0.25 * (least - NEAR * self.size))
-        if least <= NEAR * self.size:
-            return Search(self, every, places[0], here, reach).choose(self, places, here)
+        reach = max(at_least * self.size, 0.25 * (least - within))
         points, index = every.points.of_rows(np.empty(0, dtype=np.int64))
         shares = (points.nodes, points.weights), (every.master[index], -every.weights[index])
         rows = PresentRows(points, every.leaves_at[:0], self.with_nodes(self.witnesses), every.unpaired)

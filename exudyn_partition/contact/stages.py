@@ -44,6 +44,7 @@ class Pair(Protocol):
     sides: tuple[Side, ...]
     size: float
     reach: float
+    furthest: float
     witnesses: list[Array]
 
     def places(self, q: Array) -> list[Array]:
@@ -55,8 +56,11 @@ class Pair(Protocol):
     def sides_with(self, points: ContactPoints, facets: Array) -> tuple[Side, ...]:
         """The sides with the nodes of these points, and the master's nodes around facets, (p,) int array."""
 
-    def search(self, q: Array) -> tuple[Stage, Array]:
-        """Find the pairs of all points at coordinates q, (n,); return the stage of rows that can close, and gaps."""
+    def search(self, q: Array, within: float | None = None) -> tuple[Stage, Array]:
+        """Find the pairs of all points at coordinates q, (n,); return the stage of rows that can close, and gaps.
+
+        There are none if the patches are further apart than `within` [m], by default as far as rows are followed.
+        """
 
 
 @dataclass(frozen=True, eq=False)

@@ -80,13 +80,28 @@ class WanderingGaps(PatchGaps):
         """See `Gaps.longest_reach`."""
         return (LIMIT - 2 * SEARCHED) * self.size
 
+    def search(self, q: Array, within: float | None = None) -> tuple[Stage, Array]:
+        """See `PatchGaps.search`; the parts are found where pairs of sides that may meet anywhere begin."""
+        stage, gap = super().search(q, within)
+        begins = self.anywhere and within is None and isinstance(stage, Followed) and not self.has_past
+        if begins and (self._seen(q) != self._parted_at).any():
+            self._part(q)
+            return super().search(q)
+        return stage, gap
+
+    def _seen(self, q: Array) -> Array:
+        """Place of the slave relative to the master at coordinates q, (n,): (3, 3) [m]."""
+        places = [three.place(part) for three, part in zip(self._three, self.split(q), strict=True)]
+        return seen_from(places, [_THREE, _THREE])
+
     def _part_if_moved(self, q: Array) -> None:
         """Find the parts that are near each other at coordinates q, (n,), unless they are known."""
-        places = [three.place(part) for three, part in zip(self._three, self.split(q), strict=True)]
-        here = seen_from(places, [_THREE, _THREE])
-        if self._is_near(here):
-            return
-        near = self._near_parts(q)
+        if not self._is_near(self._seen(q)):
+            self._part(q)
+
+    def _part(self, q: Array) -> None:
+        """Find the parts that are near each other at coordinates q, (n,)."""
+        near, here = self._near_parts(q), self._seen(q)
         self._least, self._apart_by_far = near.least, not len(near.nodes)
         if not self._apart_by_far:
             self._near_points = near.points(self._all)

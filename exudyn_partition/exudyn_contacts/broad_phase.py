@@ -73,14 +73,25 @@ class BroadPhase:
                 self.awake = awake
         return self.awake
 
+    def closing(self, j: int, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
+        """Bounds of the gap of a contact that sleeps, its rate and acceleration, (1,) each, at its coordinates q, (n,).
+
+        These are what `PatchContact.closing` returns.
+        """
+        changes = np.zeros((len(self._from), 3))
+        changes[self._dofs[j]] = abs(np.column_stack([q - self._from[self._dofs[j]], q_t, q_tt]))
+        moved, rate, acceleration = (self._motion @ changes)[self._sides[j]].sum(axis=0)
+        gap = self._left[j] + _MARGIN * self._contacts[j].gaps.size - moved
+        return np.array([gap]), np.array([-rate]), np.array([-acceleration])
+
     def _look_at(self, j: int, q: Array) -> None:
         """Bound the distance of a contact's sides, and by how much they may move until the next look."""
         contact, self.looks = self._contacts[j], self.looks + 1
         size = contact.gaps.size
         least = contact.gaps.least_distance(q[self._dofs[j]])
         apart = least - _MARGIN * size
-        still_flows = bool(contact.state.creep.elastic)
-        self._sleeps[j] = apart > (_SPARE if self._sleeps[j] else _AGAIN) * size and not still_flows
+        at_rest = not contact.gaps.has_past and not contact.state.creep.elastic
+        self._sleeps[j] = apart > (_SPARE if self._sleeps[j] else _AGAIN) * size and at_rest
         self._left[j] = apart if self._sleeps[j] else max(_AGAIN * size - apart, _SPARE * size)
         if self._sleeps[j]:
             contact.opened(contact.evaluation.h, least)

@@ -43,6 +43,9 @@ class Group(Protocol):
     def evaluation(self, place: int) -> Evaluation:
         """Last answer of the contact at a place of the group."""
 
+    def closing(self, place: int, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
+        """See `PatchContact.closing`, of the contact at a place of the group."""
+
 
 class ContactRun:
     """A contact in a run.
@@ -124,7 +127,10 @@ class ContactRun:
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """See `PatchContact.closing`."""
-        return self.mechanics.closing(q, q_t, q_tt)
+        group = self._group_of()
+        if group is None:
+            return self.mechanics.closing(q, q_t, q_tt)
+        return group.closing(self._place, q, q_t, q_tt)
 
     @property
     def normal_force(self) -> float:

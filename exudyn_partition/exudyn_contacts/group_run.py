@@ -101,6 +101,10 @@ class GroupRun:
         """Last answer of the contact at a place of the group."""
         return self.members[place].mechanics.evaluation
 
+    def closing(self, place: int, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
+        """See `PatchContact.closing`, of the contact at a place of the group."""
+        return self.members[place].mechanics.closing(q, q_t, q_tt)
+
     def end(self) -> None:
         """Drop the data that only the run needed."""
 
@@ -197,6 +201,12 @@ class CoupledRun(GroupRun):
         number = {place: i for i, place in enumerate(self._places)}
         found = self._coupled.stiffness({number[j]: H for j, H in rows.items()})
         return {(self._places[j], self._places[k]): K for (j, k), K in found.items()}
+
+    def closing(self, place: int, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
+        """See `GroupRun`; a contact that sleeps is not asked."""
+        if self._broad is None or place in self._places:
+            return super().closing(place, q, q_t, q_tt)
+        return self._broad.closing(place, q, q_t, q_tt)
 
     def step_back(self, mbs: MainSystem, t: float, q: Array) -> bool:
         """See `GroupRun`."""

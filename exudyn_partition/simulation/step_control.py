@@ -120,6 +120,8 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
     known = law.elastic or law.semi_axes(1.0) is not None  # friction at a point leaves the normal forces as they are
     if not contact.compliant or contact.mechanics.ahead or not known or contact.mechanics.reach:
         return math.inf  # the contact has no flexibility of its own, or no force at a depth tells of its energy
+    if contact.mechanics.gaps.least_distance(q) > contact.mechanics.gaps.furthest:
+        return math.inf
     mechanics = contact.mechanics.for_run("explicit")
     time, speed = _first_touch(*mechanics.closing(q, q_t, q_tt))
     # Rows that follow the motion are few: forces need only these. A deep impact closes all rows that can touch next.

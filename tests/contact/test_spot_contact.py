@@ -7,6 +7,8 @@ import netgen.occ as occ
 import numpy as np
 import pytest
 from oracles import add_springs
+from scipy.optimize import brentq
+from scipy.special import ellipk
 
 import exudyn_partition as ep
 from exudyn_partition.contact.formulations.hertz import HertzCurve
@@ -120,6 +122,29 @@ def test_springs_are_cattaneo_s_and_mindlin_s():
     np.testing.assert_allclose(sums, MU * P * (1 - (1 - ways / slope) ** 1.5), atol=0.01 * MU * P)
     sums = stretched(springs, np.linspace(0, 1.2, 60) * slope, P)
     assert sums[-1, 0] == pytest.approx(MU * P, rel=1e-12)
+
+
+@pytest.mark.parametrize("friction", [0.6, 0.8, 1.05])  # by Dundurs' constant
+def test_pressure_between_unlike_bodies_slides_as_spence_says(friction):
+    """Nothing slips inside of the radius c with (1 / 2 c) ln((1 + c) / (1 - c)) = mu / beta K(1 - c^2)."""
+    radius = brentq(lambda c: math.atanh(c) / c - friction * ellipk(1 - c**2), 0.01, 1 - 1e-9)
+    beta = 0.25
+    springs = Springs(R, 1.15e11, (1e11, 1e11), beta)
+    a = springs.ends[-2]
+    force = (a / springs.reach(1.0)) ** 3
+    x, before, reach = np.zeros((len(springs.lengths(a)), 2)), springs.lengths(0.0), 0.0
+    for share in np.linspace(0, 1, 800)[1:]:
+        now = springs.reach(force * share**3)
+        lengths = springs.lengths(now)
+        x *= np.divide(np.minimum(lengths, before), lengths, out=np.zeros_like(lengths), where=lengths > 0)[:, None]
+        bounds = friction * beta * springs.normal(now)
+        held = springs.held(x + springs.driven(reach, now, force * share**3).change, lengths, bounds)
+        x, before, reach = springs.elongations(held.forces, lengths), lengths, now
+    np.testing.assert_allclose(held.total, 0.0, atol=1e-12 * force)
+    slips = np.linalg.norm(held.forces, axis=1) > (1 - 1e-9) * bounds
+    rings = slips.reshape(-1, springs.spokes).any(axis=1)[:-1]  # all but the last one, which does not touch
+    stuck = springs.ends[1:-1][~rings].max() / a
+    assert stuck == pytest.approx(radius, abs=0.15)  # as wide as the rings are
 
 
 MAW = {0.5: 0.048, 1.0: -0.060, 2.0: -0.837, 3.0: -1.380, 4.0: -1.437, 4.5: -1.218, 6.0: 0.235}  # psi1: psi2, nu = 0.3
@@ -397,8 +422,31 @@ def test_a_ball_in_an_elastic_groove_is_hertz_s_ellipse(coarse):
     assert np.ptp(energy) < 1e-4 * energy[0]
 
 
+def test_a_ball_in_a_groove_touches_each_face_as_a_plane():
+    """Two contacts of one body: each is that of a fall on a plane at the speed along its normal, but for 0.8 %."""
+    faces = np.array([[1.0, 0.0, -1.0], [-1.0, 0.0, -1.0]]) / math.sqrt(2)
+    refine = [ep.Refine(tuple(R * n), 4e-3, 1.1e-3) for n in faces]
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), ep.STEEL, maxh=3.5e-3, refine=refine, grading=0.6)
+    first, second = (ep.Partition.ball(fem, R * n, 3.8e-3, axes="xyz", direction=n) for n in faces)
+    mbs, body = exu.SystemContainer().AddSystem(), ep.reduce(fem, first | second, f_cut=150e3)
+    item = ep.CreatePartitionBody(mbs, body, initialVelocity=[0, 0, -SPEED])
+    contacts = [
+        ep.CreatePartitionContact(mbs, item, ep.RigidPlane((R + 1e-7) * n, -n), formulation="hertz", slavePatch=i)
+        for i, n in enumerate(faces)
+    ]
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=80e-6, step=0.2e-6)
+    peak = ElasticSphere(R, ep.STEEL).impact(SPEED / math.sqrt(2))[0]
+    for contact in contacts:
+        assert contact.force(result).max() == pytest.approx(peak, rel=1e-2)
+        impulse = np.trapezoid(contact.force(result), result.t)
+        assert impulse == pytest.approx(math.sqrt(2) * body.total_mass * SPEED, rel=2e-3)
+    energy = item.energy(result) + sum(contact.energy(result) for contact in contacts)
+    assert np.ptp(energy) < 1e-4 * energy[0]
+
+
 def test_a_static_press_is_hertz_s(coarse):
-    """The depth is Hertz's approach, less what the weight of the ball, spread over it, stiffens."""
+    """The depth is Hertz's approach, less what the weight of the ball, spread over it, and friction stiffen."""
     mbs, load = exu.SystemContainer().AddSystem(), 800.0
     ball = ep.CreatePartitionBody(mbs, coarse, gravity=[0, 0, -load / coarse.total_mass])
     contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane((0, 0, -R)), formulation="hertz", friction=MU)
@@ -408,7 +456,7 @@ def test_a_static_press_is_hertz_s(coarse):
     assert contact.force(result)[-1] == pytest.approx(load, rel=1e-4)
     way = -ball.rigid_motion(ball.coordinates(result))[-1, 2]
     hertz = (9 * load**2 / (16 * ep.STEEL.plane_strain_modulus**2 * R)) ** (1 / 3)
-    assert way == pytest.approx(hertz, rel=0.03)
+    assert way == pytest.approx(hertz, rel=0.035)
 
 
 @pytest.mark.parametrize("along", [1, 0], ids=["across the groove", "along it"])
@@ -481,6 +529,20 @@ def test_a_ball_that_slides_is_turned_by_the_force_at_its_surface(coarse, frame)
     assert np.ptp(energy) < 1e-4 * energy[0]
 
 
+def test_a_ball_that_hits_a_stiffer_body_slips_towards_the_middle(coarse):
+    """Without any tangential motion of the bodies friction takes energy, and the rebound is slower by that."""
+    ball, contact, result = drop(coarse, (0, 0, -1), friction=MU)
+    taken, energy = contact.dissipated_energy(result), energy_of([ball], contact, result)
+    assert np.ptp(energy) < 2e-4 * energy[0]
+    assert 3e-4 * energy[0] < taken[-1] < 3e-3 * energy[0]
+    assert np.diff(taken).min() > -1e-6 * energy[0]
+    assert np.linalg.norm(contact.friction.tangential_force(result), axis=1).max() < 1e-3 * contact.force(result).max()
+    _, smooth, without = drop(coarse, (0, 0, -1))
+    stiffer = contact.force(result).max() / smooth.force(without).max() - 1
+    beta = (1 - 2 * ep.STEEL.nu) / (2 - 2 * ep.STEEL.nu)
+    assert 0.0 < stiffer < 0.4 * (beta**2 / 3 + beta**4 / 5)  # of a flat punch that sticks as a whole, after Spence
+
+
 @pytest.mark.parametrize("friction", [None, MU])
 def test_the_tangent_is_the_derivative_of_the_forces(coarse, friction):
     mbs = exu.SystemContainer().AddSystem()
@@ -537,7 +599,8 @@ def test_default_steps_resolve_the_impact_also_with_friction(coarse, dropped):
         mbs.Assemble()
         result = ep.solve_dynamic(mbs, end_time=40e-6)
         assert 20 < np.count_nonzero(contact.force(result)) < 1000
-        assert contact.force(result).max() == pytest.approx(expected, rel=5e-3)
+        # With friction, the stiffer plane holds the ball's surface, which would move towards the middle.
+        assert contact.force(result).max() == pytest.approx(expected, rel=5e-3 if friction is None else 1e-2)
 
 
 def test_a_point_that_leaves_its_patch_is_told(coarse):

@@ -7,11 +7,17 @@ Each spring slips by itself. So partial slip needs no case for each history of f
 An elliptic contact has a G* along each semi-axis, and R is that of the ball that yields as much. This too is exact for
 forces along one of them: what slips and what sticks are ellipses of one shape.
 
+Between bodies of different stiffness, pressure also moves the surfaces along each other, towards the middle of the
+softer one. In round contacts each spring then has spokes, one for each direction from the middle, whose ends are moved
+so. By projection of the half-space's equations on a line, this motion is the Hilbert transform of the pressure there.
+
 Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 
 References
 ----------
 V.L. Popov, M. Hess, Method of Dimensionality Reduction in Contact Mechanics and Friction, 2015, chapter 5.
+
+D.A. Spence, The Hertz contact problem with finite friction, Journal of Elasticity 5 (1975) 297.
 
 R.D. Mindlin, Compliance of elastic bodies in contact, Journal of Applied Mechanics 16 (1949) 259.
 """
@@ -32,9 +38,13 @@ from ..spot_directions import SpotDirections
 from .hertz import LEFT_OUT, WIDEST, HertzCurve
 
 _SPRINGS = 24
+_SPOKES = 6
 _INNERMOST = 1 / 30  # of the largest radius of contact: where the first spring ends
 _MOST, _SETTLED = 60, 1e-13  # steps of Newton's method, and relative change of the last one
 _ALIKE = 0.02  # Dundurs' constant of bodies whose normal forces hardly move the springs
+_GAUSS = np.polynomial.legendre.leggauss(4)
+_SMALL = 1e-5  # change by which a derivative is found
+_EDGE = 1 - 1e-12  # of the contact's radius: places nearer to its edge are put there
 _SLIPS = 1 - 1e-9  # share of the largest tangential force with which all springs slip
 _PASSES = 3  # by which normal and tangential forces settle with each other: each leaves a ten-thousandth
 _ONE = np.zeros(1, dtype=np.int64)
@@ -53,16 +63,34 @@ class Held(NamedTuple):
         Derivative of the sum by the way [N/m].
     by_bounds : (n, 2) array
         Derivative of the force of each spring by its largest one; zero where it sticks.
+    of_each : (n, 2, 2) array
+        Derivative of the force of each spring by its elongation [N/m].
     """
 
     forces: Array
     total: Array
     stiffness: Array
     by_bounds: Array
+    of_each: Array
+
+
+class Driven(NamedTuple):
+    """How the normal force moves the ends of springs against each other, along their spokes.
+
+    Parameters
+    ----------
+    change : (n, 2) array
+        Since the last accepted step, in parts that touch [m].
+    by_force : (n, 2) array
+        Derivative by the normal force [m/N].
+    """
+
+    change: Array
+    by_force: Array
 
 
 class Springs:
-    """Springs beneath a contact, by their places x from its middle; each stands for both x and -x.
+    """Springs beneath a contact, by their places x from its middle; each stands for both x and -x, or has spokes.
 
     Parameters
     ----------
@@ -70,11 +98,28 @@ class Springs:
         R [m] and E* [Pa].
     shear : (float, float)
         G* along the ellipse of contact and across it [Pa], see `PointContact.shear_moduli`.
+    mismatch : float
+        Dundurs' constant, if springs have spokes; by default they have none.
     """
 
-    def __init__(self, radius: float, modulus: float, shear: tuple[float, float]) -> None:
+    def __init__(self, radius: float, modulus: float, shear: tuple[float, float], mismatch: float = 0.0) -> None:
         self.radius, self.modulus, self.shear = radius, modulus, np.array(shear)
         self.ends = WIDEST * radius * np.r_[0.0, np.geomspace(_INNERMOST, 1.0, _SPRINGS)]
+        self.spokes = spokes_of(mismatch)
+        turn = 2 * np.pi / self.spokes * np.arange(self.spokes)
+        self._ways = np.tile(np.column_stack([np.cos(turn), np.sin(turn)]), (_SPRINGS, 1))
+        # The springs have G*, and radial tractions move a half-space by E*.
+        self._drive = -mismatch * modulus / (np.pi * radius * float(np.mean(shear)))
+
+    def _ends(self, reach: float) -> Array:
+        """Where springs begin and end up to a reach, (m + 1,) [m]; the last one has all beyond."""
+        ends = np.minimum(self.ends, reach)
+        ends[-1] = max(ends[-1], reach)
+        return np.asarray(ends)
+
+    def _on_spokes(self, values: Array) -> Array:
+        """Values of rings, (m,), shared by their spokes, (n,)."""
+        return np.asarray(np.repeat(values, self.spokes) / self.spokes)
 
     def reach(self, force: float) -> float:
         """Half the length that springs cover under a force [N]: [m]; in a round contact its radius."""
@@ -82,20 +127,38 @@ class Springs:
 
     def lengths(self, reach: float) -> Array:
         """Length that each spring stands for, (n,) [m], up to a reach [m]; the last one has all beyond."""
-        ends = np.minimum(self.ends, reach)
-        ends[-1] = max(ends[-1], reach)
-        return np.asarray(2 * np.diff(ends))
+        return self._on_spokes(2 * np.diff(self._ends(reach)))
 
     def normal(self, reach: float) -> Array:
         """Normal forces of the springs, (n,) [N]."""
-        ends = np.minimum(self.ends, reach)
-        ends[-1] = max(ends[-1], reach)
-        return np.asarray(2 * self.modulus / self.radius * np.diff(reach**2 * ends - ends**3 / 3))
+        ends = self._ends(reach)
+        return self._on_spokes(2 * self.modulus / self.radius * np.diff(reach**2 * ends - ends**3 / 3))
 
     def normal_slope(self, reach: float) -> Array:
         """Derivative of the normal forces of springs by their sum, (n,)."""
         covered = self.lengths(reach)
         return np.asarray(covered / covered.sum()) if reach else covered
+
+    def driven(self, since: float, reach: float, force: float) -> Driven | None:
+        """How a normal force [N] moves springs up to its reach [m], after the reach `since` [m]; None without spokes.
+
+        Free of tractions, the ends at x would have moved by W = (a^2 - x^2) ln((a + x) / (a - x)) + 2 a x, times a
+        factor, since the contact of radius a was a point; in a part that begins to touch, only what follows counts.
+        """
+        if self.spokes == 1 or not force:
+            return None
+        ends = self._ends(max(since, reach))
+        x = (ends[:-1, None] + ends[1:, None] + np.diff(ends)[:, None] * _GAUSS[0]) / 2
+        (before, _), (now, slope) = (_free_way(x, a) for a in (since, reach))
+        by_force = slope * reach / (3 * force)
+        ways = [np.repeat(part @ _GAUSS[1] / 2 * self._drive, self.spokes) for part in (now - before, by_force)]
+        return Driven(ways[0][:, None] * self._ways, ways[1][:, None] * self._ways)
+
+    def bent(self, reach: float, force: float) -> Array:
+        """Derivative of `Driven.by_force` by the force, (n, 2) [m/N2], at a force [N] and its reach [m]."""
+        there = (1 + _SMALL) * force, self.reach((1 + _SMALL) * force)
+        now, later = self.driven(0.0, reach, force), self.driven(0.0, there[1], there[0])
+        return np.zeros(2) if now is None or later is None else (later.by_force - now.by_force) / (_SMALL * force)
 
     def elongations(self, forces: Array, lengths: Array) -> Array:
         """Elongations of springs, (n, 2) [m], under forces, (n, 2) [N]; zero where they have no length."""
@@ -119,7 +182,24 @@ class Springs:
         turns = forces[slipping] / yielding
         size = np.einsum("nk,nk->n", turns, forces[slipping])[:, None]
         by_bounds[slipping] = turns * limit / size
-        return Held(forces, forces.sum(axis=0), np.diag(stiffness.sum(axis=0)) - (turns / size).T @ turns, by_bounds)
+        of_each = stiffness[:, :, None] * np.eye(2)
+        of_each[slipping] -= (turns / size)[:, :, None] * turns[:, None, :]
+        return Held(forces, forces.sum(axis=0), of_each.sum(axis=0), by_bounds, of_each)
+
+
+def spokes_of(mismatch: float) -> int:
+    """Number of spokes of springs between bodies with Dundurs' constant."""
+    return _SPOKES if abs(mismatch) > _ALIKE else 1
+
+
+def _free_way(x: Array, a: float) -> tuple[Array, Array]:
+    """W of `Springs.driven` at places x in a contact of radius a, and its derivative by a; outside as at the edge."""
+    if not a:
+        return 2 * x**2, np.zeros_like(x)
+    part = np.minimum(x / a, _EDGE)
+    log, inside = np.log((1 + part) / (1 - part)), x < a
+    way = a**2 * ((1 - part**2) * log + 2 * part)
+    return np.where(inside, way, 2 * x**2), np.where(inside, 2 * a * log, 0.0)
 
 
 def _slips(elongations: Array, yielding: Array, bounds: Array) -> Array:
@@ -168,18 +248,20 @@ class HertzFriction(Law):
     The tangential way of the kernels, less what the tangential flexibility of the bodies yields, stretches springs.
     From the flexibility under the kernels a half-space's is taken away, (2 - nu) / (2 (1 - nu)) times that along the
     normal. What curved bodies add to a half-space's grows with the logarithm of kernel by contact, so that it has the
-    present contact. Normal forces do not move the springs themselves, as in bodies of the same material.
+    present contact. Between unlike bodies, normal forces move the ends of springs, and the springs' forces push back.
 
     Parameters
     ----------
     rows : SpotDirections
     """
 
-    elastic, memory = False, 2 * _SPRINGS
+    elastic = False
 
     def __init__(self, rows: RowDirections) -> None:
         assert isinstance(rows, SpotDirections)
         self.rows, self.gaps = rows, rows.gaps
+        self._mismatch = self.gaps.mismatch if self.gaps.contact.circular else 0.0
+        self.memory = 2 * _SPRINGS * spokes_of(self._mismatch)
         self._known: tuple[Array, PointContact, HertzCurve, Springs] | None = None
 
     def fresh(self, rows: RowDirections) -> Law:
@@ -192,7 +274,7 @@ class HertzFriction(Law):
         series = F + np.diag([lacking[0], lacking[1], lacking[1]])
         contact, known = self.gaps.contact, self._known
         if known is None or known[1] != contact or not np.array_equal(known[0], series):
-            springs = Springs(contact.sphere, contact.modulus, self.gaps.shear)
+            springs = Springs(contact.sphere, contact.modulus, self.gaps.shear, self._mismatch)
             known = self._known = series, contact, HertzCurve(float(series[0, 0]), contact), springs
         return known[2], series, known[3]
 
@@ -236,9 +318,11 @@ class HertzFriction(Law):
         covered = springs.lengths(springs.reach(before))
         carried = _turned(places.memory[0].reshape(-1, 2) @ turn.T, last)
         rest = turn @ places.way[0] - between * before - self._across(yielding, before) @ last
-        P, T = before, last
+        P, T, forces = before, last, carried
+        driven = springs.driven(0.0, springs.reach(before), before)
+        pushed_before = pushed = _pushed(driven, carried)
         for _ in range(_PASSES):
-            approach = -gap - float(between @ T) + float(T @ curved @ T) / (6 * P or 1.0)
+            approach = -gap - float(between @ T) + float(T @ curved @ T) / (6 * P or 1.0) + pushed
             if approach <= 0.0:
                 return self._opened()
             P = curve.force(approach)
@@ -246,22 +330,29 @@ class HertzFriction(Law):
             lengths, bounds = springs.lengths(reach), mu * springs.normal(reach)
             # Where the contact grows, new parts of springs have no elongation.
             kept = springs.elongations(carried, np.maximum(covered, lengths))
+            driven = springs.driven(springs.reach(before), reach, P)
+            kept = kept if driven is None else kept + driven.change
             F = self._across(yielding, P)
             stretch, held = _stretched(springs, kept, lengths, bounds, F, rest + between * P)
-            T = -held.total
-        stored = 0.5 * float(np.sum(held.forces * springs.elongations(held.forces, lengths)))
+            T, forces = -held.total, held.forces
+            pushed = _pushed(driven, forces)
+        stored = 0.5 * float(np.sum(forces * springs.elongations(forces, lengths)))
         lost, mean = 0.5 * float(np.sum(carried * springs.elongations(carried, covered))) - stored, (T + last) / 2
-        taken, size = lost - mean @ stretch, mean @ mean
+        taken, size = lost - mean @ stretch + (pushed + pushed_before) / 2 * (P - before), mean @ mean
+        along = taken
+        if driven is not None:  # springs slip towards the middle, too
+            along = min(taken, math.sqrt(size * (stretch @ stretch)))
         status = SLIP if np.linalg.norm(T) >= _SLIPS * mu * P else STICK
-        stored += float(0.5 * T @ F @ T - T @ curved @ T / 6 + P * (between @ T))
-        slopes = mu * springs.normal_slope(reach) @ held.by_bounds
+        stored += float(0.5 * T @ F @ T - T @ curved @ T / 6 + P * (between @ T)) - P * pushed
+        slopes = _Slopes.of(held, mu * springs.normal_slope(reach), driven, springs.bent(reach, P))
         moved = between - curved @ T / (3 * P)
         return Forces(
             np.array([[P, *(turn.T @ T)]]),
             _ONE,
             np.array([status], dtype=np.int8),
-            -taken * (turn.T @ mean)[None] / size if size > 0 else np.zeros((1, 2)),
-            memory=(held.forces @ turn).reshape(1, -1),
+            -along * (turn.T @ mean)[None] / size if size > 0 else np.zeros((1, 2)),
+            taken=taken - along,
+            memory=(forces @ turn).reshape(1, -1),
             stored=curve.stored(P) + stored,
             stiffness=lambda: _stiffness(curve.stiffness(P), slopes, held.stiffness, F, moved, turn),
         )
@@ -279,17 +370,18 @@ class HertzFriction(Law):
         largest, turn, springs = yielding.normal.largest, yielding.turn, yielding.springs
         k = np.diag(springs.lengths(springs.reach(largest)).sum() * springs.shear)
         F = self._across(yielding, largest)
-        K = _stiffness(yielding.normal.stiffest, np.zeros(2), k, F, np.zeros(2), turn)
+        K = _stiffness(yielding.normal.stiffest, _Slopes(np.zeros(2), np.zeros(2), 0.0), k, F, np.zeros(2), turn)
         return np.asarray(H.T @ ((K + K.T) / 2) @ H)
 
     @property
     def left_out(self) -> list[str]:
         """See `Law`."""
         said, mismatch = [*LEFT_OUT, "friction against spin about the line of contact"], abs(self.gaps.mismatch)
-        if mismatch > _ALIKE:
+        if mismatch > _ALIKE and not self.gaps.contact.circular:
             said.append(
-                "the slip at the contact's edge that normal forces cause between bodies of different stiffness, rigid "
-                f"ones too (Dundurs' constant {mismatch:.2g}): where it would stick, it is too stiff along the surface"
+                "the slip at the edge of an elliptic contact that normal forces cause between bodies of different "
+                f"stiffness, rigid ones too (Dundurs' constant {mismatch:.2g}): where it would stick, it is too stiff "
+                "along the surface"
             )
         return said
 
@@ -298,15 +390,48 @@ class HertzFriction(Law):
         return self.gaps.contact.semi_axes(force)
 
 
-def _stiffness(normal: float, slopes: Array, own: Array, F: Array, moved: Array, turn: Array) -> Array:
+def _pushed(driven: Driven | None, forces: Array) -> float:
+    """Approach of the bodies by which forces of springs, (n, 2) [N], add to a normal force that moves them [m]."""
+    return 0.0 if driven is None else float(np.sum(driven.by_force * forces))
+
+
+class _Slopes(NamedTuple):
+    """How forces of springs follow the normal one, and what that does to the approach.
+
+    Parameters
+    ----------
+    tangential : (2,) array
+        Derivative of the tangential force of the springs by the normal one.
+    by_way : (2,) array
+        Derivative of `_pushed` by the stretch of the springs.
+    own : float
+        Derivative of `_pushed` by the normal force [m/N].
+    """
+
+    tangential: Array
+    by_way: Array
+    own: float
+
+    @classmethod
+    def of(cls, held: Held, by_force: Array, driven: Driven | None, bent: Array) -> _Slopes:
+        """Slopes where springs' largest forces have derivatives by the normal one, (n,); `bent` is `Springs.bent`."""
+        forces = by_force[:, None] * held.by_bounds
+        if driven is None:
+            return cls(forces.sum(axis=0), np.zeros(2), 0.0)
+        pulled = np.einsum("nij,nj->ni", held.of_each, driven.by_force)
+        forces = forces + pulled
+        own = float(np.sum(forces * driven.by_force) + np.sum(held.forces * bent))
+        return cls(forces.sum(axis=0), pulled.sum(axis=0), own)
+
+
+def _stiffness(normal: float, slopes: _Slopes, own: Array, F: Array, moved: Array, turn: Array) -> Array:
     """See `Forces`, (3, 3) [N/m].
 
     Parameters
     ----------
     normal : float
-        Of the normal force [N/m].
-    slopes : (2,) array
-        Derivative of the tangential force of the springs by the normal one, where they slip.
+        Of the normal force by Hertz [N/m].
+    slopes : _Slopes
     own : (2, 2) array
         Tangential stiffness of the springs [N/m].
     F, moved : (2, 2) and (2,) arrays
@@ -315,9 +440,13 @@ def _stiffness(normal: float, slopes: Array, own: Array, F: Array, moved: Array,
         From the tangents of the row to the axes of all these.
     """
     eased = np.linalg.inv(np.eye(2) + own @ F)
+    by_force, by_way = eased @ (slopes.tangential + own @ moved), eased @ slopes.by_way
     K = np.zeros((3, 3))
-    K[0, 0], K[1:, 1:] = normal, turn.T @ eased @ own @ turn
-    K[1:, 0] = -normal * turn.T @ eased @ (slopes - own @ moved)
+    if normal:
+        pushed = slopes.own + slopes.by_way @ (moved - F @ by_force)
+        K[0, 0] = 1 / (1 / normal - pushed)
+    K[0, 1:], K[1:, 0] = -K[0, 0] * turn.T @ by_way, -K[0, 0] * turn.T @ by_force
+    K[1:, 1:] = turn.T @ (eased @ own + K[0, 0] * np.outer(by_force, by_way)) @ turn
     return K
 
 
