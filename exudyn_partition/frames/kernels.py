@@ -328,6 +328,29 @@ def inertia_force(
 
 
 @compiled
+def frame_force(
+    integrals: Array,
+    cross: Array,
+    tensor: Array,
+    elastic: Array,
+    change: Array,
+    coupling: bool,
+    q: Array,
+    q_t: Array,
+    start: tuple[Array, Array],
+    half_step: float,
+) -> Array:
+    """Inertia forces of a body, (6 + n,), see `loops.frame_force`."""
+    v, n = q_t[3:], len(q) - 6
+    if half_step > 0.0:
+        v = end_velocities(cross, v, change, start[0], start[1], half_step)
+    found, result = inertia_force(integrals, cross, tensor, elastic, coupling, v[:3], q[6:], v[3:]), np.zeros(6 + n)
+    for i in range(3 + n):
+        result[3 + i] = found[i]
+    return result
+
+
+@compiled
 def stiffening_force(states: Array, matrices: Array, q: Array) -> Array:
     """Forces of geometric stiffness, (n,), by states (m, n) and matrices (m, n, n); see `GeometricStiffness.force`."""
     m, n = states.shape

@@ -5,8 +5,6 @@ This is the only module of `frames` that knows which. `kernels` beside it has th
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from ..reduction.geometric_stiffness import GeometricStiffness
@@ -100,35 +98,40 @@ def on_constant_mass(inertia: Inertia, z: Array, force: Array) -> Array:
     return np.concatenate([force[:3], inertia.tensor @ omega_t, force[6:] - C.T @ omega_t])
 
 
-def inertia_force(
-    inertia: Inertia, elastic: Callable[[Array], Array], coupling: bool, omega: Array, z: Array, z_t: Array
+def frame_force(
+    inertia: Inertia,
+    elastic: Array,
+    change: Array,
+    coupling: bool,
+    q: Array,
+    q_t: Array,
+    start: tuple[Array, Array],
+    half_step: float,
 ) -> Array | None:
-    """Torque [N m] and forces on elastic coordinates, (3 + n,), with or without coupling, see `InertiaForces.force`.
+    """Inertia forces of a body, (6 + n,), see `InertiaForces.on_body`; None if no loop does it in one call.
 
-    None if no loop does it in one call; then the terms are added one by one. `elastic` returns K z, (n,), for coupling.
+    Parameters
+    ----------
+    inertia : Inertia
+    elastic, change : (n,) arrays
+        Elastic forces, of which only `coupling` asks, and what they change by since the start of a step of
+        VelocityVerlet.
+    coupling : bool
+    q, q_t : (6 + n,) arrays
+    start : two (3 + n,) arrays
+        Velocities and accelerations at the start of that step.
+    half_step : float
+        Half of its length [s]; zero if velocities are those of the end.
     """
     if isinstance(inertia, InertiaIntegrals) and (compiled := kernels("frames")):
         integrals = inertia.inertia, inertia.cross, inertia.tensor
-        found: Array = compiled.inertia_force(*integrals, elastic(z) if coupling else z, coupling, omega, z, z_t)
-        return found
-    return None
-
-
-def end_velocities(
-    inertia: Inertia, middle: Array, change: Array, q_t: Array, q_tt: Array, half_step: float
-) -> Array | None:
-    """Velocities at the end of a step, (3 + n,), see `InertiaForces.end_velocities`; None as in `inertia_force`.
-
-    `change`, (n,), is that of the elastic forces.
-    """
-    if isinstance(inertia, InertiaIntegrals) and (compiled := kernels("frames")):
-        found: Array = compiled.end_velocities(inertia.cross, middle, change, q_t, q_tt, half_step)
+        found: Array = compiled.frame_force(*integrals, elastic, change, coupling, q, q_t, start, half_step)
         return found
     return None
 
 
 def inertia_derivatives(inertia: Inertia, omega: Array, z: Array, z_t: Array) -> tuple[Array, Array] | None:
-    """Derivatives of `inertia_force`, see `InertiaForces.derivatives`; None as there."""
+    """Derivatives of inertia forces, see `InertiaForces.derivatives`; None as for `frame_force`."""
     if isinstance(inertia, InertiaIntegrals) and (compiled := kernels("frames")):
         found: tuple[Array, Array] = compiled.inertia_derivatives(inertia.inertia, inertia.cross, omega, z, z_t)
         return found
