@@ -210,10 +210,17 @@ class Followed(Stage):
         n_nodes = (len(side.surface.points) for side in self.rows.sides)
         return self.rows.search.pairs.nodal_forces(lam, self.normals, *n_nodes) if self._newest else None
 
+    def generalised(self, lam: Array, q: Array) -> Array | None:
+        """See `Stage.generalised`; one compiled call."""
+        sides = self.rows.sides
+        if not (self._newest and loops.at_once() and sides[0].flattens and sides[1].flattens):
+            return None
+        return loops.pushed_pairs(self.rows.compiled, lam, self.normals, sides, q)
+
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.advance`; rows are chosen again when others may close."""
         search = self.rows.search
-        followed = self._follow(pair, q, search.reach, pair.places_of(self.rows.sides, q))
+        followed = self._follow(pair, q, search.reach, self.rows.sides)
         if followed is None:
             return pair.search(q)
         stage, gap, enough = followed
@@ -221,7 +228,7 @@ class Followed(Stage):
 
     def keep_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array] | None:
         """See `Stage.keep_rows`; the points may move any distance."""
-        followed = self._follow(pair, q, math.inf, pair.places_of(pair.sides, q))
+        followed = self._follow(pair, q, math.inf, pair.sides)
         return None if followed is None else followed[:2]
 
     def with_more_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
@@ -230,16 +237,19 @@ class Followed(Stage):
         vars(self.rows).pop("compiled", None)
         return self.rows.search.choose(pair, pair.places(q), self.here, NEAR * pair.size)
 
-    def _follow(self, pair: Pair, q: Array, reach: float, places: list[Array]) -> tuple[Followed, Array, bool] | None:
+    def _follow(
+        self, pair: Pair, q: Array, reach: float, sides: tuple[Side, ...]
+    ) -> tuple[Followed, Array, bool] | None:
         """The same rows at coordinates q, (n,), their gaps, (nr,) [m], and whether no other row can close.
 
         None if the patches have moved by more than `reach` [m] since the search, or a point has come to a facet that is
-        not followed. `places` are those of the nodes of both sides.
+        not followed. `sides` follow the nodes.
         """
         rows, search = self.rows, self.rows.search
         search.projections += 1
         if loops.at_once():
-            return self._follow_at_once(pair, q, reach, places)
+            return self._follow_at_once(pair, q, reach, sides)
+        places = pair.places_of(sides, q)
         here = seen_from(places, pair.witnesses)
         if not largest_change(here, search.here) <= reach:
             return None
@@ -251,12 +261,14 @@ class Followed(Stage):
         return self._next(normals, here, places), gap, not rows.others_close(gap, here, pair.size, pair.reach)
 
     def _follow_at_once(
-        self, pair: Pair, q: Array, reach: float, places: list[Array]
+        self, pair: Pair, q: Array, reach: float, sides: tuple[Side, ...]
     ) -> tuple[Followed, Array, bool] | None:
         """Do the same as `_follow` in one compiled call."""
         rows, bounds = self.rows, (BULGE, NEAR * pair.size, pair.reach)
-        how = reach, FOLLOWED, STEPS, pair.size, *bounds
-        here, normals, of_points, lost, gap, least, more_close = loops.followed_gaps(rows.compiled, places, how)
+        how, places = (reach, FOLLOWED, STEPS, pair.size, *bounds), pair.places_begun(sides, q)
+        here, normals, of_points, lost, gap, least, more_close = loops.followed_gaps(
+            rows.compiled, sides, q, places, how
+        )
         if not len(normals):
             return None
         if len(lost):

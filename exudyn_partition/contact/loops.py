@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 
 from ..algebra.block_complementarity import LIMITS
+from ..algebra.complementarity import ROUNDING
 from ..support.arrays import Array
 from ..support.compiled import kernels
 from ..surfaces.points import ContactPoints
@@ -20,8 +21,9 @@ from ..surfaces.vectors import cross
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
     from ..surfaces.moving_kernels import Followed
-    from .kernels import FlatContacts
+    from .kernels import FlatContacts, FlatPoints
     from .linear_gaps import FlatRows
+    from .side import Side
     from .triangle_tree import TriangleTree
 
 _Gaps: TypeAlias = tuple[Array, Array, Array, Array, Array, float, bool]  # see `followed_gaps`
@@ -230,10 +232,91 @@ def projected(surface: Primitive, x: Array, pose: Array) -> tuple[Array, Array]:
     return found
 
 
-def followed_gaps(rows: Followed, places: Sequence[Array], how: tuple[float, ...]) -> _Gaps:
-    """Follow points and find the gaps of their rows; see `surfaces.moving_kernels.follow_rows`."""
-    gaps: _Gaps = _compiled().followed_gaps(*places, rows, *how)
+def followed_gaps(
+    rows: Followed, sides: Sequence[Side], q: Array, places: Sequence[Array], how: tuple[float, ...]
+) -> _Gaps:
+    """Follow points and find the gaps of their rows; see `surfaces.moving_kernels.follow_rows`.
+
+    `places` are what `places_begun` of both sides gave at coordinates q, (n,) [m]; those of their nodes are set.
+    """
+    slave, master = sides
+    grow = slave.kinematics.growing, master.kinematics.growing
+    gaps: _Gaps = _compiled().followed_gaps(slave.flat, master.flat, slave.n, q, grow, *places, rows, *how)
     return gaps
+
+
+def pushed_pairs(rows: Followed, lam: Array, normals: Array, sides: Sequence[Side], q: Array) -> Array:
+    """Generalised forces, (n,), at coordinates q, (n,), of forces on rows that are followed, (nr,) [N].
+
+    They act along the normals of the rows' points, (k, 3). Both sides must flatten.
+    """
+    slave, master = sides
+    n_nodes = len(slave.surface.points), len(master.surface.points)
+    found: Array = _compiled().pushed_pairs(rows, lam, normals, slave.flat, master.flat, slave.n, q, *n_nodes)
+    return found
+
+
+def flat_points(points: ContactPoints) -> FlatPoints:
+    """Points of rows as one object."""
+    mean = points.mean
+    arrays = points.nodes, points.weights, mean.indptr, mean.indices, mean.data
+    found: FlatPoints = _compiled().flat_points(*(np.require(values, requirements=["C", "W"]) for values in arrays))
+    return found
+
+
+def rigid_gaps(
+    points: FlatPoints, side: Side, surface: Primitive, q: Array, pose: Array, x: Array
+) -> tuple[Array, Array]:
+    """Gaps of rows to a rigid surface, (nr,) [m], and outward normals at their points, (p, 3).
+
+    Parameters
+    ----------
+    points : FlatPoints
+    side : Side
+    surface : Primitive
+    q : (n,) array
+    pose : (12,) array
+        See `projected`.
+    x : (np, 3) array
+        What `places_begun` gave; places of the nodes are set [m].
+    """
+    found: tuple[Array, Array] = _compiled().rigid_gaps(
+        points, side.flat, tuple(surface), q, pose, side.kinematics.growing, x
+    )
+    return found
+
+
+def pushed_rigid(points: FlatPoints, lam: Array, normals: Array, side: Side, q: Array) -> Array:
+    """Generalised forces, (n,), of forces on rows, (nr,) [N], see `pushed_pairs`."""
+    found: Array = _compiled().pushed_rigid(points, side.flat, lam, normals, q, len(side.surface.points))
+    return found
+
+
+def answer_as_before(
+    gap: Array, limit: float, near: Array, stance: tuple[Array, Array, float], problem: tuple[Array, Array, Array]
+) -> tuple[int, Array]:
+    """Forces on all rows, (nr, 1) [N], if the same rows may close and are active as before, and have hardly moved.
+
+    Parameters
+    ----------
+    gap : (nr,) array
+        [m]
+    limit : float
+        Rows with smaller gaps may close [m].
+    near : (k,) int array
+        Those that could before.
+    stance : two arrays and float
+        `Gaps.stance` now and where the flexibility was found, and the largest change.
+    problem : three arrays
+        `Complementarity.compiled` of these rows.
+
+    Returns
+    -------
+    How many rows violate their condition, with which forces are wrong; -1 if other rows may close, or have moved.
+    """
+    now, then, by = stance
+    count, forces = _compiled().answer_as_before(gap, limit, near, now.ravel(), then.ravel(), by, *problem, ROUNDING)
+    return count, forces
 
 
 def row_gaps(rows: Followed, of_points: Array, here: Array, *bounds: float) -> tuple[Array, float, bool]:

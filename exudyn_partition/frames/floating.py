@@ -12,6 +12,7 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -32,7 +33,11 @@ from .mean_axes import MeanAxes
 from .nodal_inertia import NodalInertia
 from .rotations import rotation_matrix, turned
 
+if TYPE_CHECKING:
+    from .node_kernels import FlatNodes
+
 _FIRST, _SECOND = np.array(PAIRS).T
+_STILL = np.empty(0)
 _ROUND_OFF = 1e-13  # of places of nodes, by the body's size
 
 
@@ -284,6 +289,17 @@ class FloatingKinematics:
             start, arms = start + grown @ self._axes_at_start.T, arms + grown
         places: Array = loops.places(q, start, self.rotation, self.node_axes, arms, self.rows)
         return places
+
+    def flat(self, active: Array) -> FlatNodes:
+        """See `Kinematics.flat`."""
+        growth = np.zeros((0, 6)) if self.growth is None else self.growth
+        frame = self.rotation, self.node_axes, self._axes_at_start
+        return loops.flat_nodes(active, (self.start, self.arms, self.rows, growth), frame, floats=True)
+
+    @property
+    def growing(self) -> Array:
+        """See `Kinematics.growing`."""
+        return _STILL if self.spin is None or self.spin.products is None else self.spin.products
 
     def products(self, q_t: Array) -> Array | None:
         """See `Kinematics.products`."""

@@ -5,6 +5,8 @@ This is the only module of `frames` that knows which. `kernels` beside it has th
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..reduction.geometric_stiffness import GeometricStiffness
@@ -15,7 +17,42 @@ from .inertia import Inertia, angular_acceleration
 from .kinematics import Rows, node_fields
 from .rotations import rotation_change, rotation_matrix, total_moment
 
+if TYPE_CHECKING:
+    from .node_kernels import FlatNodes
+
 LARGE = 30_000  # entries of the rows at nodes from which on those of unloaded nodes are left out
+
+
+def flat_nodes(
+    active: Array,
+    motion: tuple[Array, Array, Rows, Array],
+    frame: tuple[Array, Array, Array],
+    *,
+    floats: bool,
+) -> FlatNodes:
+    """Nodes of a patch as compiled loops take them.
+
+    Parameters
+    ----------
+    active : (k,) int array
+        Their numbers in the patch.
+    motion : four arrays
+        Their places at q = 0 and those in the body's axes, (k, 3) [m]; rows, (3k, n), and growth, (3k, 6) or empty.
+        With sparse rows loops set no places.
+    frame : three arrays
+        Rotation vector and axes of the frame's node at q = 0, see `FloatingKinematics`, and the body's axes then.
+    floats : bool
+        Whether the frame floats.
+    """
+    compiled = kernels("frames", "node_kernels")
+    assert compiled is not None, "asked for what is only done at once"
+    start, arms, rows, growth = motion
+    if not isinstance(rows, np.ndarray):
+        active, start, arms, rows, growth = active[:0], start[:0], arms[:0], np.zeros((0, rows.shape[1])), growth[:0]
+    # Loops would be compiled again for arrays of another layout, or that cannot be written to.
+    arrays = [np.require(values, float, ["C", "W"]) for values in (start, arms, rows, growth, *frame)]
+    found: FlatNodes = compiled.flat_nodes((np.require(active, np.int64, ["C", "W"]), *arrays), floats)
+    return found
 
 
 def moved_places(start: Array, rows: Rows, q: Array) -> Array:
