@@ -16,6 +16,7 @@ import numpy as np
 
 from ..algebra.products import largest_change
 from ..support.arrays import Array
+from ..support.attributes import FoundOnce
 from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import ContactRows
@@ -27,6 +28,7 @@ from .stages import NOTHING, Pair, PresentRows, Shares, Stage
 
 if TYPE_CHECKING:
     from ..surfaces.moving_kernels import Followed as CompiledRows
+    from .kernels import FlatPair
 
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the surface bulges around a contact
 NEAR = 1.0  # of a facet's size: rows with larger gaps are not followed, as closest points jump there
@@ -150,6 +152,16 @@ class FollowedRows(PresentRows):
         search = self.search
         return search.pairs.followed(self.points, self.index, *self._witnesses, search.here, *self._rigid)
 
+    @FoundOnce
+    def flat_pair(self) -> FlatPair:
+        """`compiled` with the nodes of both sides."""
+        return loops.flat_pair(self.compiled, self.sides)
+
+    @FoundOnce
+    def flattens(self) -> bool:
+        """Whether loops find generalised forces of both sides."""
+        return loops.at_once() and all(side.flattens for side in self.sides)
+
     def others_close(self, gap: Array, here: Array, size: float, begins: float) -> bool:
         """Whether rows that are not followed may close, or come nearer than those that are followed.
 
@@ -212,10 +224,9 @@ class Followed(Stage):
 
     def generalised(self, lam: Array, q: Array) -> Array | None:
         """See `Stage.generalised`; one compiled call."""
-        sides = self.rows.sides
-        if not (self._newest and loops.at_once() and sides[0].flattens and sides[1].flattens):
+        if not (self._newest and self.rows.flattens):
             return None
-        return loops.pushed_pairs(self.rows.compiled, lam, self.normals, sides, q)
+        return loops.pushed_pairs(self.rows.flat_pair, lam, self.normals, q)
 
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.advance`; rows are chosen again when others may close."""
@@ -234,7 +245,8 @@ class Followed(Stage):
     def with_more_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.with_more_rows`; this stage can advance after it, with what is known of its rows."""
         _, self._alone = self.shares, False  # from now on, `Search.pairs` has projected other points
-        vars(self.rows).pop("compiled", None)
+        for outdated in ("compiled", "flat_pair"):
+            vars(self.rows).pop(outdated, None)
         return self.rows.search.choose(pair, pair.places(q), self.here, NEAR * pair.size)
 
     def _follow(
@@ -266,9 +278,8 @@ class Followed(Stage):
         """Do the same as `_follow` in one compiled call."""
         rows, bounds = self.rows, (BULGE, NEAR * pair.size, pair.reach)
         how, places = (reach, FOLLOWED, STEPS, pair.size, *bounds), pair.places_begun(sides, q)
-        here, normals, of_points, lost, gap, least, more_close = loops.followed_gaps(
-            rows.compiled, sides, q, places, how
-        )
+        flat = rows.flat_pair if sides == rows.sides else loops.flat_pair(rows.compiled, sides)
+        here, normals, of_points, lost, gap, least, more_close = loops.followed_gaps(flat, sides, q, places, how)
         if not len(normals):
             return None
         if len(lost):

@@ -21,7 +21,7 @@ from ..surfaces.vectors import cross
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
     from ..surfaces.moving_kernels import Followed
-    from .kernels import FlatContacts, FlatPoints
+    from .kernels import FlatContacts, FlatPair, FlatPoints
     from .linear_gaps import FlatRows
     from .side import Side
     from .triangle_tree import TriangleTree
@@ -232,8 +232,16 @@ def projected(surface: Primitive, x: Array, pose: Array) -> tuple[Array, Array]:
     return found
 
 
+def flat_pair(rows: Followed, sides: Sequence[Side]) -> FlatPair:
+    """Rows that are followed, with the nodes of both sides, as one object."""
+    slave, master = sides
+    n_nodes = len(slave.surface.points), len(master.surface.points)
+    found: FlatPair = _compiled().flat_pair(rows, slave.flat, master.flat, slave.n, *n_nodes)
+    return found
+
+
 def followed_gaps(
-    rows: Followed, sides: Sequence[Side], q: Array, places: Sequence[Array], how: tuple[float, ...]
+    pair: FlatPair, sides: Sequence[Side], q: Array, places: Sequence[Array], how: tuple[float, ...]
 ) -> _Gaps:
     """Follow points and find the gaps of their rows; see `surfaces.moving_kernels.follow_rows`.
 
@@ -241,18 +249,16 @@ def followed_gaps(
     """
     slave, master = sides
     grow = slave.kinematics.growing, master.kinematics.growing
-    gaps: _Gaps = _compiled().followed_gaps(slave.flat, master.flat, slave.n, q, grow, *places, rows, *how)
+    gaps: _Gaps = _compiled().followed_gaps(pair, q, grow, *places, *how)
     return gaps
 
 
-def pushed_pairs(rows: Followed, lam: Array, normals: Array, sides: Sequence[Side], q: Array) -> Array:
+def pushed_pairs(pair: FlatPair, lam: Array, normals: Array, q: Array) -> Array:
     """Generalised forces, (n,), at coordinates q, (n,), of forces on rows that are followed, (nr,) [N].
 
     They act along the normals of the rows' points, (k, 3). Both sides must flatten.
     """
-    slave, master = sides
-    n_nodes = len(slave.surface.points), len(master.surface.points)
-    found: Array = _compiled().pushed_pairs(rows, lam, normals, slave.flat, master.flat, slave.n, q, *n_nodes)
+    found: Array = _compiled().pushed_pairs(pair, lam, normals, q)
     return found
 
 
