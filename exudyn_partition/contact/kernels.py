@@ -119,6 +119,18 @@ def flat_points(*fields: Array) -> FlatPoints:
 
 
 @compiled
+def resultant(points: FlatPoints, lam: Array, normals: Array) -> Array:
+    """See `loops.resultant`."""
+    starts, columns, means, result = points.starts, points.columns, points.means, np.zeros(3)
+    for row in range(len(lam)):
+        if lam[row] != 0.0:
+            for k in range(starts[row], starts[row + 1]):
+                for a in range(3):
+                    result[a] += means[k] * lam[row] * normals[columns[k], a]
+    return result
+
+
+@compiled
 def rigid_gaps(
     points: FlatPoints,
     nodes: FlatNodes,

@@ -270,6 +270,12 @@ def flat_points(points: ContactPoints) -> FlatPoints:
     return found
 
 
+def resultant(points: FlatPoints, lam: Array, normals: Array) -> Array:
+    """Sum of forces, (3,) [N], on rows, (nr,) [N], along the normals of their points, (p, 3)."""
+    found: Array = _compiled().resultant(points, lam, normals)
+    return found
+
+
 def rigid_gaps(
     points: FlatPoints, side: Side, surface: Primitive, q: Array, pose: Array, x: Array
 ) -> tuple[Array, Array]:

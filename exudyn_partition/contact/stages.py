@@ -215,6 +215,13 @@ class Stage:
         """(nr, 3) array: mean normal of each row."""
         return self.once("normal", lambda: self.rows.points.average(self.normals))
 
+    def resultant(self, lam: Array) -> Array:
+        """Sum of forces on the slave, (3,) [N], from forces on the rows along their normals, (nr,) [N]."""
+        if self.moving and loops.at_once():
+            return loops.resultant(self.rows.flat, lam, self.normals)
+        along: Array = lam @ self.normal
+        return along
+
     def on(self, sides: tuple[Side, ...]) -> Stage:
         """Return the same stage for sides with other flexibilities."""
         result = copy.copy(self)
