@@ -7,26 +7,48 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from types import ModuleType
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
 from ..algebra.block_complementarity import LIMITS
 from ..algebra.complementarity import ROUNDING
+from ..frames.kinematics import Kinematics
 from ..support.arrays import Array
 from ..support.compiled import kernels
 from ..surfaces.points import ContactPoints
+from ..surfaces.surface import Surface
 from ..surfaces.vectors import cross
 
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
+    from ..frames.node_kernels import FlatNodes
     from ..surfaces.moving_kernels import Followed
     from .kernels import FlatContacts, FlatPair, FlatPoints
     from .linear_gaps import FlatRows
-    from .side import Side
     from .triangle_tree import TriangleTree
 
 _Gaps: TypeAlias = tuple[Array, Array, Array, Array, Array, float, bool]  # see `followed_gaps`
+
+
+class SideNodes(Protocol):
+    """The part of `side.Side` that loops need."""
+
+    @property
+    def surface(self) -> Surface:
+        """The patch at the start."""
+
+    @property
+    def kinematics(self) -> Kinematics:
+        """Of the patch's nodes."""
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+
+    @property
+    def flat(self) -> FlatNodes:
+        """The nodes that are followed."""
 
 
 def at_once() -> bool:
@@ -232,7 +254,7 @@ def projected(surface: Primitive, x: Array, pose: Array) -> tuple[Array, Array]:
     return found
 
 
-def flat_pair(rows: Followed, sides: Sequence[Side]) -> FlatPair:
+def flat_pair(rows: Followed, sides: Sequence[SideNodes]) -> FlatPair:
     """Rows that are followed, with the nodes of both sides, as one object."""
     slave, master = sides
     n_nodes = len(slave.surface.points), len(master.surface.points)
@@ -241,7 +263,7 @@ def flat_pair(rows: Followed, sides: Sequence[Side]) -> FlatPair:
 
 
 def followed_gaps(
-    pair: FlatPair, sides: Sequence[Side], q: Array, places: Sequence[Array], how: tuple[float, ...]
+    pair: FlatPair, sides: Sequence[SideNodes], q: Array, places: Sequence[Array], how: tuple[float, ...]
 ) -> _Gaps:
     """Follow points and find the gaps of their rows; see `surfaces.moving_kernels.follow_rows`.
 
@@ -277,14 +299,14 @@ def resultant(points: FlatPoints, lam: Array, normals: Array) -> Array:
 
 
 def rigid_gaps(
-    points: FlatPoints, side: Side, surface: Primitive, q: Array, pose: Array, x: Array
+    points: FlatPoints, side: SideNodes, surface: Primitive, q: Array, pose: Array, x: Array
 ) -> tuple[Array, Array]:
     """Gaps of rows to a rigid surface, (nr,) [m], and outward normals at their points, (p, 3).
 
     Parameters
     ----------
     points : FlatPoints
-    side : Side
+    side : SideNodes
     surface : Primitive
     q : (n,) array
     pose : (12,) array
@@ -298,7 +320,7 @@ def rigid_gaps(
     return found
 
 
-def pushed_rigid(points: FlatPoints, lam: Array, normals: Array, side: Side, q: Array) -> Array:
+def pushed_rigid(points: FlatPoints, lam: Array, normals: Array, side: SideNodes, q: Array) -> Array:
     """Generalised forces, (n,), of forces on rows, (nr,) [N], see `pushed_pairs`."""
     found: Array = _compiled().pushed_rigid(points, side.flat, lam, normals, q, len(side.surface.points))
     return found

@@ -65,7 +65,6 @@ class NormalCompliance(Law):
     _everything: Array  # their numbers
     _near: Array | None = None  # rows that could close at the last answer
     _stood: tuple[object, object, Array] = (None, None, NOTHING)  # these rows, their anchor, and their stance there
-    _numbers: tuple[Array, Array, Array] = (NOTHING, NOTHING, NOTHING)  # rows near, which close, and numbers of these
     problem: Complementarity
 
     def __init__(self, gaps: Gaps) -> None:
@@ -148,11 +147,8 @@ class NormalCompliance(Law):
         return self._of_near(near, forces, iterations)
 
     def _of_near(self, near: Array, forces: Array, iterations: int) -> Forces:
-        """Forces, (nr, 1) [N], of rows that move; the numbers of closed rows are one array as long as they stay so."""
-        index = self.problem.index
-        if self._numbers[0] is not near or self._numbers[1] is not index:
-            self._numbers = near, index, near[index]
-        closed = self._numbers[2]
+        """Forces, (nr, 1) [N], of rows that move, of which some are near, (k,)."""
+        closed = near[self.problem.index]
         self._closed = self.gaps.row_nodes, closed
         return Forces(forces, closed, stiffness=self.problem.inverse(), iterations=iterations)
 
