@@ -16,6 +16,7 @@ import numpy as np
 
 from ..algebra.products import largest_change
 from ..support.arrays import Array
+from ..support.attributes import FoundOnce
 from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import ContactRows
@@ -27,6 +28,7 @@ from .stages import NOTHING, Pair, PresentRows, Shares, Stage
 
 if TYPE_CHECKING:
     from ..surfaces.moving_kernels import Followed as CompiledRows
+    from .kernels import FlatPair
 
 BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the surface bulges around a contact
 NEAR = 1.0  # of a facet's size: rows with larger gaps are not followed, as closest points jump there
@@ -156,6 +158,16 @@ class FollowedRows(PresentRows):
         search = self.search
         return search.pairs.followed(self.points, self.index, *self._witnesses, search.here, *self._rigid)
 
+    @FoundOnce
+    def flat_pair(self) -> FlatPair:
+        """`compiled` with the nodes of both sides."""
+        return loops.flat_pair(self.compiled, self.sides)
+
+    @FoundOnce
+    def flattens(self) -> bool:
+        """Whether loops find generalised forces of both sides."""
+        return loops.at_once() and all(side.flattens for side in self.sides)
+
     def others_close(self, gap: Array, here: Array, size: float, begins: float) -> bool:
         """Whether rows that are not followed may close, or come nearer than those that are followed.
 
@@ -216,10 +228,16 @@ class Followed(Stage):
         n_nodes = (len(side.surface.points) for side in self.rows.sides)
         return self.rows.search.pairs.nodal_forces(lam, self.normals, *n_nodes) if self._newest else None
 
+    def generalised(self, lam: Array, q: Array) -> Array | None:
+        """See `Stage.generalised`; one compiled call."""
+        if not (self._newest and self.rows.flattens):
+            return None
+        return loops.pushed_pairs(self.rows.flat_pair, lam, self.normals, q)
+
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.advance`; rows are chosen again when others may close."""
         search = self.rows.search
-        followed = self._follow(pair, q, search.reach, pair.places_of(self.rows.sides, q))
+        followed = self._follow(pair, q, search.reach, self.rows.sides)
         if followed is None:
             return pair.search(q)
         stage, gap, enough = followed
@@ -227,25 +245,29 @@ class Followed(Stage):
 
     def keep_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array] | None:
         """See `Stage.keep_rows`; the points may move any distance."""
-        followed = self._follow(pair, q, math.inf, pair.places_of(pair.sides, q))
+        followed = self._follow(pair, q, math.inf, pair.sides)
         return None if followed is None else followed[:2]
 
     def with_more_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.with_more_rows`; this stage can advance after it, with what is known of its rows."""
         _, self._alone = self.shares, False  # from now on, `Search.pairs` has projected other points
-        vars(self.rows).pop("compiled", None)
+        for outdated in ("compiled", "flat_pair"):
+            vars(self.rows).pop(outdated, None)
         return self.rows.search.choose(pair, pair.places(q), self.here, NEAR * pair.size)
 
-    def _follow(self, pair: Pair, q: Array, reach: float, places: list[Array]) -> tuple[Followed, Array, bool] | None:
+    def _follow(
+        self, pair: Pair, q: Array, reach: float, sides: tuple[Side, ...]
+    ) -> tuple[Followed, Array, bool] | None:
         """The same rows at coordinates q, (n,), their gaps, (nr,) [m], and whether no other row can close.
 
         None if the patches have moved by more than `reach` [m] since the search, or a point has come to a facet that is
-        not followed. `places` are those of the nodes of both sides.
+        not followed. `sides` follow the nodes.
         """
         rows, search = self.rows, self.rows.search
         search.projections += 1
         if loops.at_once():
-            return self._follow_at_once(pair, q, reach, places)
+            return self._follow_at_once(pair, q, reach, sides)
+        places = pair.places_of(sides, q)
         here = seen_from(places, pair.witnesses)
         if not largest_change(here, search.here) <= reach:
             return None
@@ -257,12 +279,13 @@ class Followed(Stage):
         return self._next(normals, here, places), gap, not rows.others_close(gap, here, pair.size, pair.reach)
 
     def _follow_at_once(
-        self, pair: Pair, q: Array, reach: float, places: list[Array]
+        self, pair: Pair, q: Array, reach: float, sides: tuple[Side, ...]
     ) -> tuple[Followed, Array, bool] | None:
         """Do the same as `_follow` in one compiled call."""
         rows, bounds = self.rows, (BULGE, NEAR * pair.size, pair.reach)
-        how = reach, FOLLOWED, STEPS, pair.size, *bounds
-        here, normals, of_points, lost, gap, least, more_close = loops.followed_gaps(rows.compiled, places, how)
+        how, places = (reach, FOLLOWED, STEPS, pair.size, *bounds), pair.places_begun(sides, q)
+        flat = rows.flat_pair if sides == rows.sides else loops.flat_pair(rows.compiled, sides)
+        here, normals, of_points, lost, gap, least, more_close = loops.followed_gaps(flat, sides, q, places, how)
         if not len(normals):
             return None
         if len(lost):

@@ -490,6 +490,10 @@ class Gaps:
         """Places of the nodes that these sides follow, (np, 3) for each [m], at coordinates q, (n,), from `centre`."""
         return [side.place(part) for side, part in zip(sides, self.split(q), strict=True)]
 
+    def places_begun(self, sides: Sequence[Side], q: Array) -> list[Array]:
+        """Room for what `places_of` finds, see `Side.places_begun`."""
+        return [side.places_begun(part) for side, part in zip(sides, self.split(q), strict=True)]
+
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """Gaps of all rows that can touch next, (k,) [m], their rates [m/s] and accelerations [m/s2], for fixed pairs.
 
@@ -569,7 +573,7 @@ class Gaps:
 
     def generalised(self, lam: Array) -> Array:
         """Generalised forces, (n,), from forces on the present rows, (nr,) [N]."""
-        by_stage = self.stage.generalised(lam)
+        by_stage = self.stage.generalised(lam, self.present.q)
         if by_stage is not None:
             return by_stage
         parts = zip(self.near_sides, self.split(self.present.q), self.nodal_forces(lam), strict=True)

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba.experimental import structref
 
-from ..algebra.kernels import settle_blocks
+from ..algebra.kernels import on_active, settle_blocks
+from ..frames.node_kernels import FlatNodes, act, set_places
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner
 from ..support.struct_kernels import StructType
-from ..surfaces.moving_kernels import Followed, follow_rows, gaps_of_rows
+from ..surfaces.moving_kernels import Followed, follow_rows, forces_on_nodes, gaps_of_rows
 
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
@@ -29,11 +30,46 @@ def row_gaps(
     return gaps_of_rows(r, of_points, here, bulge, most, begins)
 
 
+@structref.register
+class FlatPairType(StructType):
+    """Type of `FlatPair` in compiled loops."""
+
+
+class FlatPair(structref.StructRefProxy):
+    """Rows that are followed, with the nodes of both sides; one object is passed in less time than three.
+
+    Parameters
+    ----------
+    rows : Followed
+    slave, master : FlatNodes
+    n, n_s, n_m : int
+        Numbers of the slave's coordinates, and of the nodes of both patches.
+    """
+
+    rows: Followed
+    slave: FlatNodes
+    master: FlatNodes
+    n: int
+    n_s: int
+    n_m: int
+
+
+structref.define_proxy(FlatPair, FlatPairType, [*FlatPair.__annotations__])  # type: ignore[no-untyped-call]
+
+
+@compiled
+def flat_pair(rows: Followed, slave: FlatNodes, master: FlatNodes, n: int, n_s: int, n_m: int) -> FlatPair:
+    """Make one of its fields; unlike its own constructor, this is kept on disk."""
+    return FlatPair(rows, slave, master, n, n_s, n_m)  # type: ignore[no-untyped-call]
+
+
 @compiled
 def followed_gaps(
+    pair: FlatPair,
+    q: Array,
+    grow: tuple[Array, Array],
     x_s: Array,
     x_m: Array,
-    r: Followed,
     reach: float,
     by: float,
     steps: int,
@@ -42,8 +78,143 @@ def followed_gaps(
     most: float,
     begins: float,
 ) -> tuple[Array, Array, Array, Array, Array, float, bool]:
-    """See `follow_rows`."""
-    return follow_rows(r, x_s, x_m, reach, by, steps, size, bulge, most, begins)
+    """See `loops.followed_gaps`; `grow` is `growing` of both sides."""
+    set_places(pair.slave, q[: pair.n], grow[0], x_s)
+    set_places(pair.master, q[pair.n :], grow[1], x_m)
+    return follow_rows(pair.rows, x_s, x_m, reach, by, steps, size, bulge, most, begins)
+
+
+@compiled
+def pushed_pairs(pair: FlatPair, lam: Array, normals: Array, q: Array) -> Array:
+    """Generalised forces, (n,), of forces on the rows, (nr,), see `loops.pushed_pairs`."""
+    of_slave, of_master = forces_on_nodes(pair.rows.points, lam, normals, pair.n_s, pair.n_m)
+    result = np.zeros(len(q))
+    act(pair.slave, q[: pair.n], of_slave, result[: pair.n])
+    act(pair.master, q[pair.n :], of_master, result[pair.n :])
+    return result
+
+
+@structref.register
+class FlatPointsType(StructType):
+    """Type of `FlatPoints` in compiled loops."""
+
+
+class FlatPoints(structref.StructRefProxy):
+    """Points of rows, see `surfaces.points.ContactPoints`: their nodes, weights, and the csr matrix of means."""
+
+    nodes: Array
+    weights: Array
+    starts: Array
+    columns: Array
+    means: Array
+
+
+structref.define_proxy(FlatPoints, FlatPointsType, [*FlatPoints.__annotations__])  # type: ignore[no-untyped-call]
+
+
+@compiled
+def flat_points(*fields: Array) -> FlatPoints:
+    """Make one of its fields; unlike its own constructor, this is kept on disk."""
+    return FlatPoints(*fields)  # type: ignore[no-untyped-call]
+
+
+@compiled
+def resultant(points: FlatPoints, lam: Array, normals: Array) -> Array:
+    """See `loops.resultant`."""
+    starts, columns, means, result = points.starts, points.columns, points.means, np.zeros(3)
+    for row in range(len(lam)):
+        if lam[row] != 0.0:
+            for k in range(starts[row], starts[row + 1]):
+                for a in range(3):
+                    result[a] += means[k] * lam[row] * normals[columns[k], a]
+    return result
+
+
+@compiled
+def rigid_gaps(
+    points: FlatPoints,
+    nodes: FlatNodes,
+    surface: tuple[int, Array, Array, float, float],
+    q: Array,
+    pose: Array,
+    growing: Array,
+    x: Array,
+) -> tuple[Array, Array]:
+    """Gaps of rows, (nr,), and normals at their points, (p, 3), see `loops.rigid_gaps`."""
+    set_places(nodes, q, growing, x)
+    carriers, weights, starts, columns, means = (
+        points.nodes,
+        points.weights,
+        points.starts,
+        points.columns,
+        points.means,
+    )
+    p, (kind, point, axis, radius, sign) = len(carriers), surface
+    of_points, normals, gap = np.empty(p), np.empty((p, 3)), np.zeros(len(starts) - 1)
+    px, py, pz, a, b, c = in_space_at(point, axis, pose)
+    for i in range(p):
+        u, v, w = -px, -py, -pz
+        for k in range(carriers.shape[1]):
+            node, share = carriers[i, k], weights[i, k]
+            u += share * x[node, 0]
+            v += share * x[node, 1]
+            w += share * x[node, 2]
+        of_points[i], normals[i, 0], normals[i, 1], normals[i, 2] = project(kind, u, v, w, (a, b, c), radius, sign)
+    for row in range(len(gap)):
+        for k in range(starts[row], starts[row + 1]):
+            gap[row] += means[k] * of_points[columns[k]]
+    return gap, normals
+
+
+@compiled
+def pushed_rigid(points: FlatPoints, nodes: FlatNodes, lam: Array, normals: Array, q: Array, n: int) -> Array:
+    """Generalised forces, (n,), of forces on the rows, (nr,), see `loops.pushed_rigid`."""
+    carriers, weights, starts, columns, means = (
+        points.nodes,
+        points.weights,
+        points.starts,
+        points.columns,
+        points.means,
+    )
+    forces, result = np.zeros((n, 3)), np.zeros(len(q))
+    for row in range(len(lam)):
+        if lam[row] != 0.0:
+            for i in range(starts[row], starts[row + 1]):
+                point, push = columns[i], means[i] * lam[row]
+                for k in range(carriers.shape[1]):
+                    for a in range(3):
+                        forces[carriers[point, k], a] += weights[point, k] * push * normals[point, a]
+    act(nodes, q, forces, result)
+    return result
+
+
+@compiled
+def answer_as_before(
+    h: Array,
+    limit: float,
+    near: Array,
+    now: Array,
+    then: Array,
+    by: float,
+    F: Array,
+    factor: Array,
+    index: Array,
+    rounding: float,
+) -> tuple[int, Array]:
+    """See `loops.answer_as_before`."""
+    lam = np.zeros((len(h), 1))
+    for i in range(len(now)):
+        if not abs(now[i] - then[i]) <= by:
+            return -1, lam
+    if not same_rows(h, limit, near):
+        return -1, lam
+    some = np.empty(len(near))
+    for i in range(len(near)):
+        some[i] = h[near[i]]
+    forces, _, count = on_active(F, factor, index, some, rounding, 0.0)
+    for i in range(len(near)):
+        lam[near[i], 0] = forces[i]
+    return count, lam
 
 
 @compiled
@@ -58,40 +229,53 @@ def same_rows(h: Array, limit: float, index: Array) -> bool:
     return count == len(index)
 
 
+@inlined
+def in_space_at(point: Array, axis: Array, pose: Array) -> tuple[float, float, float, float, float, float]:
+    """Point and axis of a surface in space, where its carrier is at a pose; empty if it is at rest in space."""
+    if len(pose) == 0:
+        return point[0], point[1], point[2], axis[0], axis[1], axis[2]
+    at, along = np.empty(3), np.empty(3)
+    for a in range(3):
+        at[a], along[a] = pose[a], 0.0
+        for b in range(3):
+            at[a] += pose[3 + 3 * a + b] * point[b]
+            along[a] += pose[3 + 3 * a + b] * axis[b]
+    return at[0], at[1], at[2], along[0], along[1], along[2]
+
+
+@inlined
+def project(
+    kind: int,
+    u: float,
+    v: float,
+    w: float,
+    along: tuple[float, float, float],
+    radius: float,
+    sign: float,
+) -> tuple[float, float, float, float]:
+    """Gap and normal of a place, which an arm (u, v, w) leads to from the point of a surface with an axis."""
+    a, b, c = along
+    share = u * a + v * b + w * c
+    if kind == 0:
+        return share, a, b, c
+    u, v, w = u - share * a, v - share * b, w - share * c
+    distance = math.sqrt(u * u + v * v + w * w)
+    scale = sign / max(distance, 1e-300)
+    return sign * (distance - radius), scale * u, scale * v, scale * w
+
+
 @compiled
 def projected(
     kind: int, point: Array, axis: Array, radius: float, sign: float, x: Array, pose: Array
 ) -> tuple[Array, Array]:
     """See `loops.projected`."""
-    n, carried = len(x), len(pose) > 0
-    gap, normals, arm, normal = np.empty(n), np.empty((n, 3)), np.empty(3), np.empty(3)
+    n = len(x)
+    gap, normals = np.empty(n), np.empty((n, 3))
+    px, py, pz, a, b, c = in_space_at(point, axis, pose)
     for i in range(n):
-        for a in range(3):
-            if carried:
-                arm[a] = -point[a]
-                for b in range(3):
-                    arm[a] += (x[i, b] - pose[b]) * pose[3 + 3 * b + a]
-            else:
-                arm[a] = x[i, a] - point[a]
-        along = arm[0] * axis[0] + arm[1] * axis[1] + arm[2] * axis[2]
-        if kind == 0:
-            gap[i] = along
-            for a in range(3):
-                normal[a] = axis[a]
-        else:
-            for a in range(3):
-                arm[a] -= along * axis[a]
-            distance = math.sqrt(arm[0] ** 2 + arm[1] ** 2 + arm[2] ** 2)
-            gap[i] = sign * (distance - radius)
-            for a in range(3):
-                normal[a] = sign * arm[a] / max(distance, 1e-300)
-        for a in range(3):
-            if carried:
-                normals[i, a] = 0.0
-                for b in range(3):
-                    normals[i, a] += pose[3 + 3 * a + b] * normal[b]
-            else:
-                normals[i, a] = normal[a]
+        gap[i], normals[i, 0], normals[i, 1], normals[i, 2] = project(
+            kind, x[i, 0] - px, x[i, 1] - py, x[i, 2] - pz, (a, b, c), radius, sign
+        )
     return gap, normals
 
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from ..algebra.products import Solved
+from ..algebra.products import Solved, smallest
 from ..algebra.row_problem import RowProblem
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
@@ -126,6 +126,8 @@ class Places:
         Finds `rates` for `motion`.
     find_way : callable, optional
         Finds `way` when it is asked for first, where the rows are at present.
+    least : float, optional
+        Smallest gap [m], if it is known.
     """
 
     def __init__(
@@ -141,7 +143,10 @@ class Places:
         memory: Array | None = None,
         find_rates: Callable[[Motion | None], Array] | None = None,
         find_way: Callable[[], Array] | None = None,
+        least: float | None = None,
     ) -> None:
+        if least is not None:
+            self.least = least
         self.gap, self._find_way = gap, find_way
         if way is not None:
             self.way = way
@@ -156,6 +161,11 @@ class Places:
     def way(self) -> Array:
         """See `Places`; without friction, rows have no tangents."""
         return np.empty((len(self.gap), 0)) if self._find_way is None else self._find_way()
+
+    @FoundOnce
+    def least(self) -> float:
+        """Smallest gap [m]."""
+        return smallest(self.gap)
 
     @FoundOnce
     def last(self) -> Array:

@@ -7,24 +7,48 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from types import ModuleType
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
 from ..algebra.block_complementarity import LIMITS
+from ..algebra.complementarity import ROUNDING
+from ..frames.kinematics import Kinematics
 from ..support.arrays import Array
 from ..support.compiled import kernels
 from ..surfaces.points import ContactPoints
+from ..surfaces.surface import Surface
 from ..surfaces.vectors import cross
 
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
+    from ..frames.node_kernels import FlatNodes
     from ..surfaces.moving_kernels import Followed
-    from .kernels import FlatContacts
+    from .kernels import FlatContacts, FlatPair, FlatPoints
     from .linear_gaps import FlatRows
     from .triangle_tree import TriangleTree
 
 _Gaps: TypeAlias = tuple[Array, Array, Array, Array, Array, float, bool]  # see `followed_gaps`
+
+
+class SideNodes(Protocol):
+    """The part of `side.Side` that loops need."""
+
+    @property
+    def surface(self) -> Surface:
+        """The patch at the start."""
+
+    @property
+    def kinematics(self) -> Kinematics:
+        """Of the patch's nodes."""
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+
+    @property
+    def flat(self) -> FlatNodes:
+        """The nodes that are followed."""
 
 
 def at_once() -> bool:
@@ -230,10 +254,103 @@ def projected(surface: Primitive, x: Array, pose: Array) -> tuple[Array, Array]:
     return found
 
 
-def followed_gaps(rows: Followed, places: Sequence[Array], how: tuple[float, ...]) -> _Gaps:
-    """Follow points and find the gaps of their rows; see `surfaces.moving_kernels.follow_rows`."""
-    gaps: _Gaps = _compiled().followed_gaps(*places, rows, *how)
+def flat_pair(rows: Followed, sides: Sequence[SideNodes]) -> FlatPair:
+    """Rows that are followed, with the nodes of both sides, as one object."""
+    slave, master = sides
+    n_nodes = len(slave.surface.points), len(master.surface.points)
+    found: FlatPair = _compiled().flat_pair(rows, slave.flat, master.flat, slave.n, *n_nodes)
+    return found
+
+
+def followed_gaps(
+    pair: FlatPair, sides: Sequence[SideNodes], q: Array, places: Sequence[Array], how: tuple[float, ...]
+) -> _Gaps:
+    """Follow points and find the gaps of their rows; see `surfaces.moving_kernels.follow_rows`.
+
+    `places` are what `places_begun` of both sides gave at coordinates q, (n,) [m]; those of their nodes are set.
+    """
+    slave, master = sides
+    grow = slave.kinematics.growing, master.kinematics.growing
+    gaps: _Gaps = _compiled().followed_gaps(pair, q, grow, *places, *how)
     return gaps
+
+
+def pushed_pairs(pair: FlatPair, lam: Array, normals: Array, q: Array) -> Array:
+    """Generalised forces, (n,), at coordinates q, (n,), of forces on rows that are followed, (nr,) [N].
+
+    They act along the normals of the rows' points, (k, 3). Both sides must flatten.
+    """
+    found: Array = _compiled().pushed_pairs(pair, lam, normals, q)
+    return found
+
+
+def flat_points(points: ContactPoints) -> FlatPoints:
+    """Points of rows as one object."""
+    mean = points.mean
+    arrays = points.nodes, points.weights, mean.indptr, mean.indices, mean.data
+    found: FlatPoints = _compiled().flat_points(*(np.require(values, requirements=["C", "W"]) for values in arrays))
+    return found
+
+
+def resultant(points: FlatPoints, lam: Array, normals: Array) -> Array:
+    """Sum of forces, (3,) [N], on rows, (nr,) [N], along the normals of their points, (p, 3)."""
+    found: Array = _compiled().resultant(points, lam, normals)
+    return found
+
+
+def rigid_gaps(
+    points: FlatPoints, side: SideNodes, surface: Primitive, q: Array, pose: Array, x: Array
+) -> tuple[Array, Array]:
+    """Gaps of rows to a rigid surface, (nr,) [m], and outward normals at their points, (p, 3).
+
+    Parameters
+    ----------
+    points : FlatPoints
+    side : SideNodes
+    surface : Primitive
+    q : (n,) array
+    pose : (12,) array
+        See `projected`.
+    x : (np, 3) array
+        What `places_begun` gave; places of the nodes are set [m].
+    """
+    found: tuple[Array, Array] = _compiled().rigid_gaps(
+        points, side.flat, tuple(surface), q, pose, side.kinematics.growing, x
+    )
+    return found
+
+
+def pushed_rigid(points: FlatPoints, lam: Array, normals: Array, side: SideNodes, q: Array) -> Array:
+    """Generalised forces, (n,), of forces on rows, (nr,) [N], see `pushed_pairs`."""
+    found: Array = _compiled().pushed_rigid(points, side.flat, lam, normals, q, len(side.surface.points))
+    return found
+
+
+def answer_as_before(
+    gap: Array, limit: float, near: Array, stance: tuple[Array, Array, float], problem: tuple[Array, Array, Array]
+) -> tuple[int, Array]:
+    """Forces on all rows, (nr, 1) [N], if the same rows may close and are active as before, and have hardly moved.
+
+    Parameters
+    ----------
+    gap : (nr,) array
+        [m]
+    limit : float
+        Rows with smaller gaps may close [m].
+    near : (k,) int array
+        Those that could before.
+    stance : two arrays and float
+        `Gaps.stance` now and where the flexibility was found, and the largest change.
+    problem : three arrays
+        `Complementarity.compiled` of these rows.
+
+    Returns
+    -------
+    How many rows violate their condition, with which forces are wrong; -1 if other rows may close, or have moved.
+    """
+    now, then, by = stance
+    count, forces = _compiled().answer_as_before(gap, limit, near, now.ravel(), then.ravel(), by, *problem, ROUNDING)
+    return count, forces
 
 
 def row_gaps(rows: Followed, of_points: Array, here: Array, *bounds: float) -> tuple[Array, float, bool]:

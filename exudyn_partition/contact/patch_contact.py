@@ -264,7 +264,7 @@ class PatchContact:
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
         if least >= self.reach and not self.law.memory:
             return self.answered(self._all_open(), evaluated_gap, least)
-        places = self._places(h, pushed, motion)
+        places = self._places(h, pushed, motion, least)
         forces = self.law.answer(places)
         self._check(forces, len(h))
         return self.answered(forces, evaluated_gap, least, places)
@@ -292,14 +292,14 @@ class PatchContact:
         lasting = self._begin_answer()
         return self._places(gap if lasting is None else gap + lasting[:, 0], lasting, None)
 
-    def _places(self, gap: Array, pushed: Array | None, motion: Motion | None) -> Places:
+    def _places(self, gap: Array, pushed: Array | None, motion: Motion | None, least: float | None = None) -> Places:
         memory = self.state.law[self.gaps.row_nodes] if self.law.memory else None
         last = mu = find_way = None
         if isinstance(self.rows, TangentialRows):
             last, mu, find_way = self.last, self.coefficients, functools.partial(_way, self.rows, pushed)
         return Places(
             gap, None, last, mu, motion=motion, since=self.since, memory=memory, find_rates=self._find_rates,
-            find_way=find_way,
+            find_way=find_way, least=least,
         )  # fmt: skip
 
     def answered(self, forces: Forces, gap: Array, least_gap: float, places: Places | None = None) -> Evaluation:

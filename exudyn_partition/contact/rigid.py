@@ -158,6 +158,15 @@ def _unit(name: str, vector: Array) -> Array:
     return value
 
 
+class OnRigid(Stage):
+    """Rows on a primitive surface, which loops have placed."""
+
+    def generalised(self, lam: Array, q: Array) -> Array | None:
+        """See `Stage.generalised`; one compiled call."""
+        (side,) = self.rows.sides
+        return loops.pushed_rigid(self.rows.flat, lam, self.normals, side, q) if side.flattens else None
+
+
 class RigidGaps(Gaps):
     """Gaps of a patch to a rigid surface, fixed or carried by a body.
 
@@ -286,14 +295,20 @@ class RigidGaps(Gaps):
 
     def _gaps_at(self, q: Array, pose: Array) -> Array:
         """Gaps at coordinates q, (n,), with the carrier of the surface at a pose."""
-        rows = self.stage.rows
-        return self._gaps_of(rows, self.places_of(rows.sides, q), q, pose)
-
-    def _gaps_of(self, rows: PresentRows, places: list[Array], q: Array, pose: Array) -> Array:
-        """Go to where some rows are with nodes at places, see `_stage_at`; return their gaps, (nr,) [m]."""
-        stage, gap = self._stage_at(rows, places, q, pose)
+        stage, gap = self._placed(self.stage.rows, q, pose)
         self._go_to_stage(stage, q)
         return gap
+
+    def _placed(self, rows: PresentRows, q: Array, pose: Array) -> tuple[Stage, Array]:
+        """Stage of some rows at coordinates q, (n,), with the surface's carrier at a pose, and gaps, (nr,) [m]."""
+        if self.primitive is None or not loops.at_once():
+            return self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
+        (side,) = rows.sides
+        x, points = side.places_begun(q), rows.flat
+        gap, normals = loops.rigid_gaps(points, side, self.primitive, q, pose, x)
+        stage = OnRigid(rows, normals, ((rows.points.nodes, rows.points.weights),))
+        stage.places, stage.pose = [x], pose
+        return stage, gap
 
     def _go_to_state(self, state: GapState) -> Array:
         """See `Gaps`; the carrier may not be there yet."""
@@ -330,7 +345,7 @@ class RigidGaps(Gaps):
 
     def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""
-        stage = self._stage_at(rows, self.places_of(rows.sides, anchor.q), anchor.q, anchor.pose)[0]
+        stage = self._placed(rows, anchor.q, anchor.pose)[0]
         stage.of_anchor = True
         return stage
 

@@ -84,7 +84,7 @@ class RowForces:
     def _resultant(self) -> Array:
         if not self.index.size:
             return np.zeros(3)
-        along: Array = self.lam @ self._present.stage.normal
+        along = self._present.stage.resultant(self.lam)
         return along if self.rows.d == 1 else along + self.traction.sum(axis=0)
 
     def moment(self, point: Array) -> Array:

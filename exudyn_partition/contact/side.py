@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,6 +21,9 @@ from ..surfaces.points import ContactPoints
 from ..surfaces.surface import Surface
 from . import loops
 from .plasticity.zone_motion import ZoneMotion
+
+if TYPE_CHECKING:
+    from ..frames.node_kernels import FlatNodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +76,25 @@ class Side:
     def seen(self) -> Kinematics:
         """Kinematics of the nodes that are followed, seen from the centre."""
         return (self.kinematics if self.near is None else self.near).seen_from(self.centre)
+
+    @cached_property
+    def flat(self) -> FlatNodes:
+        """The nodes that are followed, as compiled loops take them."""
+        return self.seen.flat(np.arange(self.n_followed) if self.active is None else self.active)
+
+    @property
+    def flattens(self) -> bool:
+        """Whether loops find places and generalised forces of its nodes from `flat`; not if its rows are sparse."""
+        return isinstance(self.kinematics.rows, np.ndarray)
+
+    def places_begun(self, q: Array) -> Array:
+        """Room for places of the patch's nodes, (np, 3) [m]; loops set those in `flat`, others are as in `place`."""
+        if not self.flattens:
+            return self.place(q)
+        places = np.empty(self.surface.points.shape)
+        if self.active is not None:
+            places.fill(np.nan)
+        return places
 
     @property
     def normal_only(self) -> bool:

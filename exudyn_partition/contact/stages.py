@@ -15,13 +15,17 @@ import numpy as np
 
 from ..algebra.products import largest_change, moved, weighted_rows
 from ..support.arrays import Array
+from ..support.attributes import FoundOnce
 from ..surfaces.points import ContactPoints
+from . import loops
 from .linear_gaps import LinearGaps
 from .pairings import Pairing
 from .side import Side
 
 if TYPE_CHECKING:
     from typing import Self
+
+    from .kernels import FlatPoints
 
 T = TypeVar("T")
 Shares = Sequence[tuple[Array, Array]]  # for each side: nodes of the points, and their signed weights in the gap
@@ -52,6 +56,9 @@ class Pair(Protocol):
 
     def places_of(self, sides: Sequence[Side], q: Array) -> list[Array]:
         """See `Gaps.places_of`."""
+
+    def places_begun(self, sides: Sequence[Side], q: Array) -> list[Array]:
+        """See `Gaps.places_begun`."""
 
     def sides_with(self, points: ContactPoints, facets: Array) -> tuple[Side, ...]:
         """The sides with the nodes of these points, and the master's nodes around facets, (p,) int array."""
@@ -102,6 +109,11 @@ class PresentRows:
         self.points, self.row_nodes, self.area = points, points.row_nodes, points.area
         self.leaves_at, self.sides, self.unpaired = leaves_at, sides, unpaired
         self._at_anchors: dict[Hashable, tuple[Anchor, Any, Array]] = {}
+
+    @FoundOnce
+    def flat(self) -> FlatPoints:
+        """Points of the rows, as compiled loops take them."""
+        return loops.flat_points(self.points)
 
     def at_anchor(self, what: Hashable, anchor: Anchor, make: Callable[[], T], index: Array = NOTHING) -> T:
         """Value of these rows at an anchor; the last one is kept, and may be lost without changing an answer.
@@ -207,6 +219,13 @@ class Stage:
         """(nr, 3) array: mean normal of each row."""
         return self.once("normal", lambda: self.rows.points.average(self.normals))
 
+    def resultant(self, lam: Array) -> Array:
+        """Sum of forces on the slave, (3,) [N], from forces on the rows along their normals, (nr,) [N]."""
+        if self.moving and loops.at_once():
+            return loops.resultant(self.rows.flat, lam, self.normals)
+        along: Array = lam @ self.normal
+        return along
+
     def on(self, sides: tuple[Side, ...]) -> Stage:
         """Return the same stage for sides with other flexibilities."""
         result = copy.copy(self)
@@ -238,8 +257,8 @@ class Stage:
         """See `Gaps.nodal_forces`; None if there is no faster way."""
         return None
 
-    def generalised(self, lam: Array) -> Array | None:
-        """See `Gaps.generalised`; None if there is no faster way than through the nodes."""
+    def generalised(self, lam: Array, q: Array) -> Array | None:
+        """See `Gaps.generalised`, at coordinates q, (n,); None if there is no faster way than through the nodes."""
         return None
 
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
@@ -277,7 +296,7 @@ class Frozen(Stage):
         """Gaps, (nr,) [m], at coordinates q, (n,)."""
         return moved(self.linear.start, self.linear.H, q)
 
-    def generalised(self, lam: Array) -> Array:
+    def generalised(self, lam: Array, q: Array) -> Array:
         """See `Gaps.generalised`."""
         return weighted_rows(lam, self.linear.H)
 

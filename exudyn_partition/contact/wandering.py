@@ -252,9 +252,10 @@ class WanderingRigidGaps(RigidGaps):
         """See `Gaps.at`."""
         choice, pose, rows = self._choice, self.carrier_pose, self.stage.rows
         if choice is not None:
-            places = self.places_of(rows.sides, q)
-            if largest_change(self._here(places[0], pose), choice.here) <= choice.reach:
-                return self._gaps_of(rows, places, q, pose)
+            stage, gap = self._placed(rows, q, pose)
+            if stage.places is not None and self._is_near(stage.places[0], pose, choice):
+                self._go_to_stage(stage, q)
+                return gap
         self._choose(Anchor(q.copy(), pose))
         return self._gaps_at(q, pose)
 
@@ -281,6 +282,10 @@ class WanderingRigidGaps(RigidGaps):
         """
         x: Array = places[self._witnesses]
         return x if not len(pose) else (x - pose[:3]) @ pose[3:].reshape(3, 3)
+
+    def _is_near(self, places: Array, pose: Array, choice: Choice) -> bool:
+        """Whether rows of a choice are still those that may close, with nodes at places, (np, 3) [m]."""
+        return largest_change(self._here(places, pose), choice.here) <= choice.reach
 
     def _choose(self, anchor: Anchor) -> None:
         """Choose the rows that may close until the patch has moved by `Choice.reach`, and the nearest rows."""

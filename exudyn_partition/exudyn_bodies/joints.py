@@ -14,11 +14,11 @@ import scipy.sparse as sp
 import scipy.sparse.csgraph
 import scipy.sparse.linalg
 from scipy.linalg import lapack
-from scipy.spatial.transform import Rotation
 
 from ..algebra.complementarity import regularised
 from ..algebra.products import hold_rows
 from ..errors import InputError
+from ..frames.rotations import turned
 from ..support.arrays import Array
 from ..support.foreign import Exudyn, ItemEntry, MainSystem, ObjectIndex
 from ..support.optional import require
@@ -215,9 +215,8 @@ class Joints:
         """g, (n,), at the present time, after a step of `way`, (k,), from the coordinates `start`, (k,)."""
         q = self._mbs.systemData.GetODE2Coordinates(copy=False)
         end = start + way
-        if len(self._turns):
-            before, turn = (Rotation.from_rotvec(v) for v in (self._references + start[self._turns], way[self._turns]))
-            end[self._turns] = (before * turn).as_rotvec() - self._references
+        for place, reference in zip(self._turns, self._references, strict=True):
+            end[place] = turned(reference + start[place], way[place]) - reference
         q[self.dofs] = end
         g = np.zeros(self.n)
         for number, rows, *_ in self._active:

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from ..errors import RunError
 from ..frames.damping import Damping
 from ..frames.floating import ActingMass
-from ..frames.inertia_forces import InertiaForces
+from ..frames.inertia_forces import InertiaForces, StepStart
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from ..support.foreign import Coordinates, Exudyn, ItemIndex, MainSystem, MatrixContainer, UserFunction
@@ -59,37 +59,33 @@ def inertia_functions(
     """User functions for inertia forces of a floating frame; with the other forces of the body that are given."""
     start_of_step, nodes = exu.ConfigurationType.StartOfStep, item.nodes
 
-    def end_velocities(mbs: MainSystem, t: float, z: Array, middle: Array) -> Array:
-        """Velocities at the end of a step of VelocityVerlet, from those in its middle, which the solver gives.
-
-        Inertia forces from the velocities in the middle would be of first order, and add energy to modes of equal
-        frequency.
-        """
-        if not np.vdot(z, z) + np.vdot(middle, middle) < _BOUND**2:  # NaN is not
-            raise RunError("coordinates of a body with frame='floating' are beyond all bounds: the run is unstable")
-        data = mbs.systemData
-        own = _velocities_at(tuple([mbs.GetNodeODE2Index(node) for node in nodes]), len(z))
-        q, q_t, q_tt = (
-            get(start_of_step, copy=False)[own]
-            for get in (data.GetODE2Coordinates, data.GetODE2Coordinates_t, data.GetODE2Coordinates_tt)
-        )
-        half_step = (t - data.GetTime(start_of_step)) / 2
-        return forces.end_velocities(middle, z - q[3:], q_t, q_tt, half_step)
+    def verlet_start(mbs: MainSystem, t: float, n: int) -> StepStart:
+        """Start of a step of VelocityVerlet, which gives velocities in its middle; for n elastic coordinates."""
+        data, own = mbs.systemData, _velocities_at(tuple([mbs.GetNodeODE2Index(node) for node in nodes]), n)
+        q = data.GetODE2Coordinates(start_of_step, copy=False)[own]
+        q_t = data.GetODE2Coordinates_t(start_of_step, copy=False)[own]
+        q_tt = data.GetODE2Coordinates_tt(start_of_step, copy=False)[own]
+        return StepStart((t - data.GetTime(start_of_step)) / 2, q[3:], q_t, q_tt)
 
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
-        z, v = np.asarray(q)[RIGID:], np.asarray(q_t)[3:]
-        result = np.zeros(RIGID + len(z))
-        if stiffness is not None:
-            result[RIGID:] = -forces.elastic(z)
-        if stiffening is not None:
-            result[RIGID:] -= stiffening.force(mbs, t, z)
-        if np.count_nonzero(v):  # none in a static solution
-            if damping is not None:
-                result -= damping().force(np.asarray(q_t))
+        now, v = np.asarray(q), np.asarray(q_t)
+        if np.count_nonzero(v[3:]):  # none in a static solution
+            start = None
             if _runs_verlet(mbs, t):
-                v = end_velocities(mbs, t, z, v)
-            constant_mass = acts_on_constant_mass(mbs, item, acting)
-            result[3:] += forces.force(v[:3], z, v[3:], constant_mass=constant_mass)
+                if not now.dot(now) + v.dot(v) < _BOUND**2:  # NaN is not
+                    raise RunError(
+                        "coordinates of a body with frame='floating' are beyond all bounds: the run is unstable"
+                    )
+                start = verlet_start(mbs, t, len(now) - RIGID)
+            result = forces.on_body(now, v, start, constant_mass=acts_on_constant_mass(mbs, item, acting))
+            if damping is not None:
+                result -= damping().force(v)
+        else:
+            result = np.zeros(len(now))
+        if stiffness is not None:
+            result[RIGID:] -= forces.elastic(now[RIGID:])
+        if stiffening is not None:
+            result[RIGID:] -= stiffening.force(mbs, t, now[RIGID:])
         return _listed(result)
 
     def jacobian(

@@ -132,10 +132,12 @@ class MultiplierStep:
         """Iterations of the active set so far."""
         return self._forward.iterations
 
+    def has_made(self, t: float) -> bool:
+        """Whether the multipliers of the step that ends at t were applied."""
+        return t == self._t
+
     def before_step(self, mbs: MainSystem, t: float) -> None:
-        """Apply multipliers ahead of the step that ends at t, once."""
-        if t == self._t:
-            return
+        """Apply multipliers ahead of the step that ends at t."""
         start, self._before = start_of_step(mbs), self._state
         state = self._state
         if state.looked and start == self._t:

@@ -354,11 +354,18 @@ class ModelRun:
         With `joined`, these are the multipliers of joints and contacts together; otherwise those of contacts alone.
         A second call for the same step does nothing.
         """
-        begin, self.evaluated_at = time.perf_counter(), t
+        self.evaluated_at = t
+        steppers = [
+            stepper
+            for (joins, _), stepper in self._members.steppers.items()
+            if joins == joined and not stepper.has_made(t)
+        ]
+        if not steppers:
+            return
+        begin = time.perf_counter()
         self._turn(mbs)
-        for (joins, _), stepper in self._members.steppers.items():
-            if joins == joined:
-                stepper.before_step(mbs, t)
+        for stepper in steppers:
+            stepper.before_step(mbs, t)
         self._spent_s += time.perf_counter() - begin
 
     def look_ahead(self, mbs: MainSystem, t: float) -> None:

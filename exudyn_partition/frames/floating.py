@@ -12,6 +12,7 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -30,9 +31,13 @@ from .inertial import InertialKinematics
 from .kinematics import NO_NODES, node_fields
 from .mean_axes import MeanAxes
 from .nodal_inertia import NodalInertia
-from .rotations import rotation_matrix
+from .rotations import rotation_matrix, turned
+
+if TYPE_CHECKING:
+    from .node_kernels import FlatNodes
 
 _FIRST, _SECOND = np.array(PAIRS).T
+_STILL = np.empty(0)
 _ROUND_OFF = 1e-13  # of places of nodes, by the body's size
 
 
@@ -65,6 +70,8 @@ class Spin:
         Largest growth of a node, by each product of angular velocities [m s2].
     least : float
         Growth that round-off of the nodes' places hides [m].
+    axes : (3, 3) array
+        Axes of the frame's node in those of the body, as columns.
     products : (6,) array or None
         Products of angular velocities [rad2/s2]; None while the body does not turn, and between runs.
 
@@ -76,11 +83,24 @@ class Spin:
 
     largest: Array
     least: float
+    axes: Array
     products: Array | None = None
 
     def __post_init__(self) -> None:
         total = float(self.largest.sum())
         self.slow = self.least / total if total else np.inf
+        self._rows, self._sizes = self.axes.tolist(), self.largest.tolist()
+
+    def follow(self, omega: Array) -> None:
+        """Follow the angular velocity omega, (3,), in the node's axes; without arrays, which is quicker."""
+        self.products = None
+        u, v, w = omega.tolist()
+        if u * u + v * v + w * w <= self.slow:
+            return
+        x, y, z = [row[0] * u + row[1] * v + row[2] * w for row in self._rows]
+        products = x * x, y * y, z * z, y * z, x * z, x * y
+        if not sum([abs(product) * size for product, size in zip(products, self._sizes, strict=True)]) <= self.least:
+            self.products = np.array(products)
 
 
 class FloatingKinematics:
@@ -141,7 +161,8 @@ class FloatingKinematics:
         growth = body.basis.growth
         self.spin = None
         if growth is not None:
-            self.spin = Spin(abs(growth).max(axis=0), _ROUND_OFF * float(np.ptp(body.points, axis=0).max()))
+            hidden = _ROUND_OFF * float(np.ptp(body.points, axis=0).max())
+            self.spin = Spin(abs(growth).max(axis=0), hidden, self.node_axes)
         self._follow(nodes)
 
     def _follow(self, nodes: Array) -> None:
@@ -243,15 +264,13 @@ class FloatingKinematics:
     def moved(self, q: Array, way: Array) -> Array:
         """See `Kinematics.moved`; rotations are composed."""
         result = q + way
-        before, turn = (Rotation.from_rotvec(v) for v in (self.rotation + q[3:6], way[3:6]))
-        result[3:6] = (before * turn).as_rotvec() - self.rotation
+        result[3:6] = turned(self.rotation + q[3:6], way[3:6]) - self.rotation
         return result
 
     def way(self, q: Array, end: Array) -> Array:
         """See `Kinematics.way`."""
         result = end - q
-        before, after = (Rotation.from_rotvec(self.rotation + x[3:6]) for x in (q, end))
-        result[3:6] = (before.inv() * after).as_rotvec()
+        result[3:6] = turned(-(self.rotation + q[3:6]), self.rotation + end[3:6])
         return result
 
     def accelerations(self, q: Array, forces: Array | sp.csr_matrix) -> Array:
@@ -271,6 +290,17 @@ class FloatingKinematics:
         places: Array = loops.places(q, start, self.rotation, self.node_axes, arms, self.rows)
         return places
 
+    def flat(self, active: Array) -> FlatNodes:
+        """See `Kinematics.flat`."""
+        growth = np.zeros((0, 6)) if self.growth is None else self.growth
+        frame = self.rotation, self.node_axes, self._axes_at_start
+        return loops.flat_nodes(active, (self.start, self.arms, self.rows, growth), frame, floats=True)
+
+    @property
+    def growing(self) -> Array:
+        """See `Kinematics.growing`."""
+        return _STILL if self.spin is None or self.spin.products is None else self.spin.products
+
     def products(self, q_t: Array) -> Array | None:
         """See `Kinematics.products`."""
         if self.growth is None:
@@ -289,14 +319,12 @@ class FloatingKinematics:
 
         Centrifugal forces deform the body beyond its coordinates, in a quasi-static way. Contact sees this growth.
         """
-        spin = self.spin
-        if spin is None:
+        if self.spin is None:
             return
-        spin.products = None
-        if q_t is not None and not np.vdot(q_t[3:6], q_t[3:6]) <= spin.slow:
-            products = self.products(q_t)
-            if products is not None and not abs(products) @ spin.largest <= spin.least:
-                spin.products = products
+        if q_t is None:
+            self.spin.products = None
+        else:
+            self.spin.follow(q_t[3:6])
 
     def displacements(self, q: Array) -> Array:
         """See `Kinematics.displacements`."""

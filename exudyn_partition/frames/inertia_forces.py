@@ -22,7 +22,7 @@ Theory: examples/site/theory.md, "Floating frame".
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -41,6 +41,25 @@ TERMS: dict[InertiaTerm, str] = {
     "coupling": "inertia that changes with deformation, but for that of gyroscopic, Coriolis and centrifugal forces",
 }
 """Inertia forces of a floating frame, and what the model lacks without each of them."""
+
+
+class StepStart(NamedTuple):
+    """Start of a step.
+
+    Parameters
+    ----------
+    half_step : float
+        Half of the step's length [s].
+    z : (n,) array
+        Elastic coordinates.
+    q_t, q_tt : (3 + n,) arrays
+        Angular velocity in the body's axes and velocities of the elastic coordinates; their accelerations.
+    """
+
+    half_step: float
+    z: Array
+    q_t: Array
+    q_tt: Array
 
 
 class InertiaForces:
@@ -71,6 +90,27 @@ class InertiaForces:
         self.gyroscopic, self.coriolis, self.centrifugal, self.coupling = (name in terms for name in TERMS)
         self._all = self.gyroscopic and self.coriolis and self.centrifugal
 
+    def on_body(self, q: Array, q_t: Array, start: StepStart | None = None, *, constant_mass: bool = False) -> Array:
+        """Generalised forces, (6 + n,), at coordinates q and velocities q_t, (6 + n,); see `force`.
+
+        With the start of a step of VelocityVerlet, the velocities are those in the middle of the step. Inertia forces
+        from them would be of first order, and add energy to modes of equal frequency. So those of `end_velocities` are
+        taken.
+        """
+        z, coupling = q[6:], self.coupling and not constant_mass
+        half_step, change, then = 0.0, z, (z, z)
+        if start is not None:
+            half_step, change, then = start.half_step, self.elastic(z - start.z), (start.q_t, start.q_tt)
+        if self._all:
+            elastic = self.elastic(z) if coupling else z
+            found = loops.frame_force(self._inertia, elastic, change, coupling, q, q_t, then, half_step)
+            if found is not None:
+                return found
+        v = q_t[3:]
+        if start is not None:
+            v = self.end_velocities(v, z - start.z, *then, half_step)
+        return np.concatenate([np.zeros(3), self.force(v[:3], z, v[3:], constant_mass=constant_mass)])
+
     def end_velocities(self, middle: Array, way: Array, q_t: Array, q_tt: Array, half_step: float) -> Array:
         """Velocities at the end of a step of VelocityVerlet, (3 + n,), from those in its middle.
 
@@ -89,10 +129,6 @@ class InertiaForces:
             Half of its length [s].
         """
         change = self.elastic(way)
-        if self.coriolis:
-            found = loops.end_velocities(self._inertia, middle, change, q_t, q_tt, half_step)
-            if found is not None:
-                return found
         v = middle + half_step * q_tt
         v[3:] -= half_step * change
         if self.coriolis:
@@ -112,10 +148,6 @@ class InertiaForces:
             Leave out `coupling`, because other forces on the body act on the constant mass.
         """
         coupling = self.coupling and not constant_mass
-        if self._all:
-            found = loops.inertia_force(self._inertia, self.elastic, coupling, omega, z, z_t)
-            if found is not None:
-                return found
         by_place, J, C, cross_t = self._inertia.products(z, z_t)
         torque, force, turn = np.zeros(3), np.zeros(len(z)), skew(omega)
         if self.gyroscopic:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -14,6 +15,9 @@ from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from . import loops
 from .kinematics import NO_NODES, node_fields
+
+if TYPE_CHECKING:
+    from .node_kernels import FlatNodes
 
 
 class InertialKinematics:
@@ -31,6 +35,7 @@ class InertialKinematics:
     linear = True
     rotation: Array = np.zeros(3)
     node_axes: Array = np.eye(3)
+    growing: Array = np.empty(0)
 
     def __init__(self, body: ReducedBody, position: Array, nodes: Array = NO_NODES) -> None:
         self.body, self.position, self.nodes = body, position, nodes
@@ -102,6 +107,11 @@ class InertialKinematics:
     def place(self, q: Array) -> Array:
         """See `Kinematics.place`."""
         return loops.moved_places(self.start, self.rows, q)
+
+    def flat(self, active: Array) -> FlatNodes:
+        """See `Kinematics.flat`."""
+        motion = self.start, self.arms, self.rows, np.zeros((0, 6))
+        return loops.flat_nodes(active, motion, (self.rotation, self.node_axes, np.eye(3)), floats=False)
 
     def displacements(self, q: Array) -> Array:
         """See `Kinematics.displacements`."""

@@ -55,15 +55,6 @@ def compose(v: Array, way: Array, result: Array) -> None:
 
 
 @inlined
-def _moved(arms: Array, rows: Array, q: Array, node: int, axis: int) -> float:
-    """A component of a node's arm in the deformed body."""
-    place: float = arms[node, axis]
-    for k in range(rows.shape[1]):
-        place += rows[3 * node + axis, k] * q[6 + k]
-    return place
-
-
-@inlined
 def place_moved(start: Array, rows: Array, q: Array, first: int, node: int, result: Array) -> None:
     """Set the place of a node, see `InertialKinematics.place`; its body's coordinates begin at q[first]."""
     x, y, z = start[node, 0], start[node, 1], start[node, 2]
@@ -123,7 +114,7 @@ def _sines(part: float, before: float, after: float, longer: float) -> tuple[flo
 
 
 @inlined
-def _change_of_axes(q: Array, rotation: Array, node_axes: Array) -> Array:
+def change_of_axes(q: Array, rotation: Array, node_axes: Array) -> Array:
     """Change of `body_axes` from q = 0, (3, 3), see `rotations.rotation_change`."""
     u, v, w = rotation[0], rotation[1], rotation[2]
     p, r, s = q[3], q[4], q[5]
@@ -150,47 +141,79 @@ def _change_of_axes(q: Array, rotation: Array, node_axes: Array) -> Array:
     return result
 
 
+@inlined
+def place_turned(
+    q: Array, axes: Array, change: Array, start: Array, arms: Array, rows: Array, node: int, result: Array, at: int
+) -> None:
+    """Set the place of a node of a body whose axes, (3, 3), have changed by a matrix, (3, 3); see `loops.places`."""
+    x = y = z = 0.0
+    for k in range(rows.shape[1]):
+        x += rows[3 * node, k] * q[6 + k]
+        y += rows[3 * node + 1, k] * q[6 + k]
+        z += rows[3 * node + 2, k] * q[6 + k]
+    for i in range(3):
+        way = q[i] + axes[i, 0] * x + axes[i, 1] * y + axes[i, 2] * z
+        way += change[i, 0] * arms[node, 0] + change[i, 1] * arms[node, 1] + change[i, 2] * arms[node, 2]
+        result[at, i] = start[node, i] + way
+
+
 @compiled
 def places(q: Array, start: Array, rotation: Array, node_axes: Array, arms: Array, rows: Array) -> Array:
     """Places of nodes, (k, 3) [m], see `loops.places`."""
-    axes, change = body_axes(q, rotation, node_axes), _change_of_axes(q, rotation, node_axes)
+    axes, change = body_axes(q, rotation, node_axes), change_of_axes(q, rotation, node_axes)
     result = np.empty((len(arms), 3))
     for node in range(len(arms)):
-        x = y = z = 0.0
-        for k in range(rows.shape[1]):
-            x += rows[3 * node, k] * q[6 + k]
-            y += rows[3 * node + 1, k] * q[6 + k]
-            z += rows[3 * node + 2, k] * q[6 + k]
-        for i in range(3):
-            way = q[i] + axes[i, 0] * x + axes[i, 1] * y + axes[i, 2] * z
-            way += change[i, 0] * arms[node, 0] + change[i, 1] * arms[node, 1] + change[i, 2] * arms[node, 2]
-            result[node, i] = start[node, i] + way
+        place_turned(q, axes, change, start, arms, rows, node, result, node)
     return result
+
+
+@inlined
+def add_generalised(
+    q: Array,
+    axes: Array,
+    arms: Array,
+    rows: Array,
+    node: int,
+    f: float,
+    g: float,
+    h: float,
+    torque: Array,
+    result: Array,
+) -> None:
+    """Add generalised forces of a force on a node of a body with axes, (3, 3), but for its torque in these axes."""
+    n, (x, y, z) = rows.shape[1], (arms[node, 0], arms[node, 1], arms[node, 2])
+    result[0] += f
+    result[1] += g
+    result[2] += h
+    u = axes[0, 0] * f + axes[1, 0] * g + axes[2, 0] * h
+    v = axes[0, 1] * f + axes[1, 1] * g + axes[2, 1] * h
+    w = axes[0, 2] * f + axes[1, 2] * g + axes[2, 2] * h
+    for k in range(n):
+        x += rows[3 * node, k] * q[6 + k]
+        y += rows[3 * node + 1, k] * q[6 + k]
+        z += rows[3 * node + 2, k] * q[6 + k]
+        result[6 + k] += u * rows[3 * node, k] + v * rows[3 * node + 1, k] + w * rows[3 * node + 2, k]
+    torque[0] += y * w - z * v
+    torque[1] += z * u - x * w
+    torque[2] += x * v - y * u
+
+
+@inlined
+def set_torque(torque: Array, node_axes: Array, result: Array) -> None:
+    """Set a torque in the axes of the frame's node."""
+    for i in range(3):
+        result[3 + i] = torque[0] * node_axes[0, i] + torque[1] * node_axes[1, i] + torque[2] * node_axes[2, i]
 
 
 @compiled
 def generalised(q: Array, rotation: Array, node_axes: Array, arms: Array, rows: Array, forces: Array) -> Array:
     """Generalised forces, (n,), of forces on nodes, (k, 3), see `FloatingKinematics.generalised`."""
-    axes, n = body_axes(q, rotation, node_axes), rows.shape[1]
-    result, tx, ty, tz = np.zeros(6 + n), 0.0, 0.0, 0.0
+    axes, result, torque = body_axes(q, rotation, node_axes), np.zeros(6 + rows.shape[1]), np.zeros(3)
     for node in range(len(arms)):
         f, g, h = forces[node, 0], forces[node, 1], forces[node, 2]
-        if f == 0.0 and g == 0.0 and h == 0.0:
-            continue
-        result[0] += f
-        result[1] += g
-        result[2] += h
-        u = axes[0, 0] * f + axes[1, 0] * g + axes[2, 0] * h
-        v = axes[0, 1] * f + axes[1, 1] * g + axes[2, 1] * h
-        w = axes[0, 2] * f + axes[1, 2] * g + axes[2, 2] * h
-        x, y, z = _moved(arms, rows, q, node, 0), _moved(arms, rows, q, node, 1), _moved(arms, rows, q, node, 2)
-        tx += y * w - z * v
-        ty += z * u - x * w
-        tz += x * v - y * u
-        for k in range(n):
-            result[6 + k] += u * rows[3 * node, k] + v * rows[3 * node + 1, k] + w * rows[3 * node + 2, k]
-    for i in range(3):
-        result[3 + i] = tx * node_axes[0, i] + ty * node_axes[1, i] + tz * node_axes[2, i]
+        if f != 0.0 or g != 0.0 or h != 0.0:
+            add_generalised(q, axes, arms, rows, node, f, g, h, torque, result)
+    set_torque(torque, node_axes, result)
     return result
 
 
@@ -324,6 +347,29 @@ def inertia_force(
             result[3 + i] -= C[a, i] * omega_t[a]
     for i in range(n):
         result[3 + i] += force[i]
+    return result
+
+
+@compiled
+def frame_force(
+    integrals: Array,
+    cross: Array,
+    tensor: Array,
+    elastic: Array,
+    change: Array,
+    coupling: bool,
+    q: Array,
+    q_t: Array,
+    start: tuple[Array, Array],
+    half_step: float,
+) -> Array:
+    """Inertia forces of a body, (6 + n,), see `loops.frame_force`."""
+    v, n = q_t[3:], len(q) - 6
+    if half_step > 0.0:
+        v = end_velocities(cross, v, change, start[0], start[1], half_step)
+    found, result = inertia_force(integrals, cross, tensor, elastic, coupling, v[:3], q[6:], v[3:]), np.zeros(6 + n)
+    for i in range(3 + n):
+        result[3 + i] = found[i]
     return result
 
 

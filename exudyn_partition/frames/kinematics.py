@@ -10,7 +10,7 @@ rotation (`floating`). Coordinates q are those of the body's Exudyn nodes, (n_do
 
 from __future__ import annotations
 
-from typing import Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,6 +18,9 @@ from scipy.sparse.linalg import LinearOperator
 
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
+
+if TYPE_CHECKING:
+    from .node_kernels import FlatNodes
 
 Rows = Array | sp.csr_matrix  # dense where bodies move by shapes, sparse where they move by nodes
 Frame = Literal["inertial", "floating"]
@@ -108,6 +111,13 @@ class Kinematics(Protocol):
 
     def place(self, q: Array) -> Array:
         """Places of the nodes, (..., k, 3) [m]."""
+
+    def flat(self, active: Array) -> FlatNodes:
+        """The nodes, as compiled loops take them; `active`, (k,) int array, are their numbers there."""
+
+    @property
+    def growing(self) -> Array:
+        """Products of angular velocities by which `place` grows now, (6,) [rad2/s2]; empty if it does not."""
 
     def displacements(self, q: Array) -> Array:
         """Displacements of the nodes from where they are at q = 0, (..., k, 3) [m]."""

@@ -5,7 +5,7 @@ This is the only module of `frames` that knows which. `kernels` beside it has th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +17,42 @@ from .inertia import Inertia, angular_acceleration
 from .kinematics import Rows, node_fields
 from .rotations import rotation_change, rotation_matrix, total_moment
 
+if TYPE_CHECKING:
+    from .node_kernels import FlatNodes
+
 LARGE = 30_000  # entries of the rows at nodes from which on those of unloaded nodes are left out
+
+
+def flat_nodes(
+    active: Array,
+    motion: tuple[Array, Array, Rows, Array],
+    frame: tuple[Array, Array, Array],
+    *,
+    floats: bool,
+) -> FlatNodes:
+    """Nodes of a patch as compiled loops take them.
+
+    Parameters
+    ----------
+    active : (k,) int array
+        Their numbers in the patch.
+    motion : four arrays
+        Their places at q = 0 and those in the body's axes, (k, 3) [m]; rows, (3k, n), and growth, (3k, 6) or empty.
+        With sparse rows loops set no places.
+    frame : three arrays
+        Rotation vector and axes of the frame's node at q = 0, see `FloatingKinematics`, and the body's axes then.
+    floats : bool
+        Whether the frame floats.
+    """
+    compiled = kernels("frames", "node_kernels")
+    assert compiled is not None, "asked for what is only done at once"
+    start, arms, rows, growth = motion
+    if not isinstance(rows, np.ndarray):
+        active, start, arms, rows, growth = active[:0], start[:0], arms[:0], np.zeros((0, rows.shape[1])), growth[:0]
+    # Loops would be compiled again for arrays of another layout, or that cannot be written to.
+    arrays = [np.require(values, float, ["C", "W"]) for values in (start, arms, rows, growth, *frame)]
+    found: FlatNodes = compiled.flat_nodes((np.require(active, np.int64, ["C", "W"]), *arrays), floats)
+    return found
 
 
 def moved_places(start: Array, rows: Rows, q: Array) -> Array:
@@ -100,35 +135,40 @@ def on_constant_mass(inertia: Inertia, z: Array, force: Array) -> Array:
     return np.concatenate([force[:3], inertia.tensor @ omega_t, force[6:] - C.T @ omega_t])
 
 
-def inertia_force(
-    inertia: Inertia, elastic: Callable[[Array], Array], coupling: bool, omega: Array, z: Array, z_t: Array
+def frame_force(
+    inertia: Inertia,
+    elastic: Array,
+    change: Array,
+    coupling: bool,
+    q: Array,
+    q_t: Array,
+    start: tuple[Array, Array],
+    half_step: float,
 ) -> Array | None:
-    """Torque [N m] and forces on elastic coordinates, (3 + n,), with or without coupling, see `InertiaForces.force`.
+    """Inertia forces of a body, (6 + n,), see `InertiaForces.on_body`; None if no loop does it in one call.
 
-    None if no loop does it in one call; then the terms are added one by one. `elastic` returns K z, (n,), for coupling.
+    Parameters
+    ----------
+    inertia : Inertia
+    elastic, change : (n,) arrays
+        Elastic forces, of which only `coupling` asks, and what they change by since the start of a step of
+        VelocityVerlet.
+    coupling : bool
+    q, q_t : (6 + n,) arrays
+    start : two (3 + n,) arrays
+        Velocities and accelerations at the start of that step.
+    half_step : float
+        Half of its length [s]; zero if velocities are those of the end.
     """
     if isinstance(inertia, InertiaIntegrals) and (compiled := kernels("frames")):
         integrals = inertia.inertia, inertia.cross, inertia.tensor
-        found: Array = compiled.inertia_force(*integrals, elastic(z) if coupling else z, coupling, omega, z, z_t)
-        return found
-    return None
-
-
-def end_velocities(
-    inertia: Inertia, middle: Array, change: Array, q_t: Array, q_tt: Array, half_step: float
-) -> Array | None:
-    """Velocities at the end of a step, (3 + n,), see `InertiaForces.end_velocities`; None as in `inertia_force`.
-
-    `change`, (n,), is that of the elastic forces.
-    """
-    if isinstance(inertia, InertiaIntegrals) and (compiled := kernels("frames")):
-        found: Array = compiled.end_velocities(inertia.cross, middle, change, q_t, q_tt, half_step)
+        found: Array = compiled.frame_force(*integrals, elastic, change, coupling, q, q_t, start, half_step)
         return found
     return None
 
 
 def inertia_derivatives(inertia: Inertia, omega: Array, z: Array, z_t: Array) -> tuple[Array, Array] | None:
-    """Derivatives of `inertia_force`, see `InertiaForces.derivatives`; None as there."""
+    """Derivatives of inertia forces, see `InertiaForces.derivatives`; None as for `frame_force`."""
     if isinstance(inertia, InertiaIntegrals) and (compiled := kernels("frames")):
         found: tuple[Array, Array] = compiled.inertia_derivatives(inertia.inertia, inertia.cross, omega, z, z_t)
         return found

@@ -92,6 +92,31 @@ def composed(v: Array, way: Array) -> Array:
     return result
 
 
+def turned(v: Array, way: Array) -> Array:
+    """Rotation vector, (3,), after a turn `way`, (3,), about the body's axes from a rotation vector v, (3,) [rad].
+
+    Its angle is at most pi. It keeps all digits near zero, unlike `composed`; without arrays, which is quicker.
+    """
+    (x, y, z, a), (u, v_, w, b) = _half_turn(v), _half_turn(way)
+    along = a * b - x * u - y * v_ - z * w
+    axis = [a * u + b * x + y * w - z * v_, a * v_ + b * y + z * u - x * w, a * w + b * z + x * v_ - y * u]
+    size = math.hypot(*axis)
+    if not math.isfinite(size):
+        return np.full(3, np.nan)
+    scale = math.copysign(2 * math.atan2(size, abs(along)) / size if size > 0.0 else 2.0, along)
+    return np.array([scale * part for part in axis])
+
+
+def _half_turn(v: Array) -> tuple[float, float, float, float]:
+    """Quaternion of a rotation vector, (3,), its scalar part last."""
+    x, y, z = v.tolist()
+    angle = math.hypot(x, y, z)
+    if not math.isfinite(angle):
+        return (math.nan,) * 4
+    share = math.sin(angle / 2) / angle if angle > 0.0 else 0.5
+    return share * x, share * y, share * z, math.cos(angle / 2)
+
+
 def total_moment(arms: Array, forces: Array) -> Array:
     """Sum of arms x forces, (3,), of k arms and forces, (k, 3); without the single products, which np.cross makes."""
     (_, xy, xz), (yx, _, yz), (zx, zy, _) = (arms.T @ forces).tolist()

@@ -157,3 +157,33 @@ def test_loops_project_points_as_the_surface_does(surface, carried):
     found = loops.projected(surface.primitive, x, np.concatenate([place, axes.ravel()]) if carried else np.empty(0))
     assert found[0] == pytest.approx(gap, abs=1e-14)
     assert found[1] == pytest.approx(normals @ axes.T if carried else normals, abs=1e-14)
+
+
+def test_one_call_places_nodes_and_pushes_them_as_the_kinematics_do(round_body):
+    """Of a body that turns, grows by that, and meets a sphere."""
+    if not loops.at_once():
+        pytest.skip("numba is not installed")
+    gaps = RigidGaps(floating(round_body), RigidSphere(np.array([0.0, 0.0, -2e-3]), 1e-3))
+    (side,), rows = gaps.stage.rows.sides, gaps.stage.rows
+    rng = np.random.default_rng(2)
+    q = 1e-6 * rng.normal(size=side.n)
+    q[3:6] = 0.3, -0.2, 0.5
+    for omega in (0.0, 3e3):
+        side.kinematics.turn(omega * np.eye(side.n)[3])
+        grows = side.kinematics.spin is not None and omega > 0.0
+        assert bool(len(side.kinematics.growing)) == grows
+        x = side.places_begun(q)
+        gap, normals = loops.rigid_gaps(rows.flat, side, gaps.primitive, q, np.empty(0), x)
+        np.testing.assert_allclose(x, side.place(q), rtol=0, atol=1e-15)
+        of_points, expected = gaps.surface.project(rows.points.at(side.place(q)))
+        np.testing.assert_allclose(gap, rows.points.average(of_points), rtol=0, atol=1e-14)
+        np.testing.assert_allclose(normals, expected, rtol=0, atol=1e-11)
+    side.kinematics.turn(None)
+    lam = rng.uniform(0.1, 1.0, size=len(gap))
+    pushed = loops.pushed_rigid(rows.flat, lam, normals, side, q)
+    forces = rows.points.spread(lam)[:, None] * normals
+    on_nodes = np.zeros((len(x), 3))
+    np.add.at(on_nodes, rows.points.nodes, rows.points.weights[:, :, None] * forces[:, None, :])
+    by_nodes = side.kinematics.generalised(q, on_nodes)
+    np.testing.assert_allclose(pushed, by_nodes, rtol=0, atol=1e-12 * abs(by_nodes).max())
+    np.testing.assert_allclose(loops.resultant(rows.flat, lam, normals), forces.sum(axis=0), rtol=1e-12)

@@ -6,7 +6,7 @@ from oracles import SPIN, box, each_way, in_frame
 
 import exudyn_partition as ep
 from exudyn_partition.fe.model import rigid_modes
-from exudyn_partition.frames.inertia_forces import TERMS, InertiaForces
+from exudyn_partition.frames.inertia_forces import TERMS, InertiaForces, StepStart
 
 
 @pytest.fixture(scope="module", params=["contact-adapted", "residual", "craig-bampton", "free", "all nodes"])
@@ -123,14 +123,14 @@ def test_compiled_forces_are_those_of_numpy(plank):
     kinematics = in_frame(ep.reduce(fem, part, f_cut=20e3))
     omega, z, z_t = state(kinematics.body)
     forces = InertiaForces(kinematics.inertia, kinematics.elastic_force)
-    compiled, plain = each_way(lambda: forces.force(omega, z, z_t))
+    q, q_t = np.r_[np.zeros(6), z], np.r_[np.zeros(3), omega, z_t]
+    compiled, plain = each_way(lambda: forces.on_body(q, q_t))
     np.testing.assert_allclose(compiled, plain, rtol=1e-10, atol=1e-12 * abs(plain).max())
     assert not np.array_equal(compiled, plain)  # sums in another order: both ways ran
     for one, other in zip(*each_way(lambda: forces.derivatives(omega, z, z_t)), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-12 * abs(other).max())
-    middle, half_step = np.concatenate([omega, z_t]), 0.1
-    start = 0.9 * middle, np.linspace(-1.0, 1.0, len(middle))
-    compiled, plain = each_way(lambda: forces.end_velocities(middle, z, *start, half_step))
+    start = StepStart(0.1, 0.5 * z, 0.9 * q_t[3:], np.linspace(-1.0, 1.0, len(q_t) - 3))
+    compiled, plain = each_way(lambda: forces.on_body(q, q_t, start))
     np.testing.assert_allclose(compiled, plain, rtol=1e-10, atol=1e-12 * abs(plain).max())
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from exudyn_partition.frames.rotations import composed, rotation_change, rotation_matrix, total_moment
+from exudyn_partition.frames.rotations import composed, rotation_change, rotation_matrix, total_moment, turned
 
 
 def test_rotation_matrices_are_scipys_one_by_one_and_together():
@@ -53,3 +53,15 @@ def test_a_rotation_that_is_not_finite_gives_no_number():
 def test_the_total_moment_is_the_sum_of_vector_products():
     arms, forces = np.random.default_rng(1).normal(size=(2, 9, 3))
     np.testing.assert_allclose(total_moment(arms, forces), np.cross(arms, forces).sum(axis=0), rtol=1e-13)
+
+
+def test_turned_is_the_product_of_the_rotations_and_keeps_digits_near_zero():
+    rng = np.random.default_rng(3)
+    for v, way in rng.normal(scale=2.0, size=(50, 2, 3)):
+        both = turned(v, way)
+        np.testing.assert_allclose(rotation_matrix(both), rotation_matrix(v) @ rotation_matrix(way), atol=1e-14)
+        assert np.linalg.norm(both) <= np.pi
+    little = np.array([1e-12, -2e-12, 3e-12])
+    np.testing.assert_allclose(turned(little, little), 2 * little, rtol=1e-14)
+    np.testing.assert_allclose(turned(np.array([0.3, 0.2, 0.1]), np.zeros(3)), [0.3, 0.2, 0.1], rtol=1e-14)
+    assert np.isnan(turned(np.full(3, np.inf), little)).all()

@@ -13,12 +13,13 @@ import scipy.linalg
 
 from ...algebra.complementarity import Complementarity, regularised
 from ...algebra.friction import MANY, OPEN, FrictionProblem
-from ...algebra.products import Solved, dense, smallest
+from ...algebra.products import Solved, dense
 from ...support.arrays import Array
 from .. import loops
 from ..followed import BULGE
-from ..gaps import Gaps
+from ..gaps import SAME, Gaps
 from ..law import Forces, Law, Places, RowDirections
+from ..stages import NOTHING
 
 _MARGIN = 2 * BULGE  # of the deepest row's depth: rows with smaller gaps enter, so that the problem seldom changes
 _SPARE = 10  # far rows that may stay in the problem before rows are chosen again
@@ -63,6 +64,7 @@ class NormalCompliance(Law):
     _frozen_stage: object = None  # the frozen rows that `problem` belongs to
     _everything: Array  # their numbers
     _near: Array | None = None  # rows that could close at the last answer
+    _stood: tuple[object, object, Array] = (None, None, NOTHING)  # these rows, their anchor, and their stance there
     problem: Complementarity
 
     def __init__(self, gaps: Gaps) -> None:
@@ -84,12 +86,29 @@ class NormalCompliance(Law):
 
     def answer(self, places: Places) -> Forces:
         """See `Law`."""
-        h = places.gap
-        least = smallest(h)
+        h, least = places.gap, places.least
+        if self.gaps.moving and (found := self._answer_as_before(h, least)) is not None:
+            return found
         near = self.near(h, least)
         iterations_before = self.problem.iterations
         lam = self.problem.solve(h if len(near) == len(h) else h[near], least)
         return self._on_rows(h, near, lam, self.problem.iterations - iterations_before)
+
+    def _answer_as_before(self, h: Array, least: float) -> Forces | None:
+        """Answer in one compiled call if the same rows may close as before, and have hardly moved since; else None."""
+        gaps, near = self.gaps, self._near
+        if near is None or self._stood[:2] != (gaps.stage.rows, gaps.anchor) or not loops.at_once():
+            return None
+        problem, stance = self.problem, (gaps.stance(), self._stood[2], SAME)
+        wrong, forces = loops.answer_as_before(h, -BULGE * least, near, stance, problem.compiled)
+        if wrong < 0:
+            return None
+        before = problem.iterations
+        if wrong:
+            forces[near, 0] = problem.solve(h[near], least)
+        else:
+            problem.iterations += 1
+        return self._of_near(near, forces, problem.iterations - before)
 
     def near(self, h: Array, least: float) -> Array:
         """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.
@@ -106,6 +125,8 @@ class NormalCompliance(Law):
             closed[nodes[rows]] = True
             self.problem.replace(F, closed[self.gaps.row_nodes[near]])
             self._frozen_stage = None  # the problem of the frozen rows is lost
+        anchor = self.gaps.anchor
+        self._stood = self.gaps.stage.rows, anchor, NOTHING if anchor is None else self.gaps.stance_at(anchor)
         return near
 
     def renew_problem(self) -> None:
@@ -119,13 +140,17 @@ class NormalCompliance(Law):
         return self._on_rows(h, near, lam, iterations)
 
     def _on_rows(self, h: Array, near: Array, lam: Array, iterations: int) -> Forces:
-        inverse = self.problem.inverse()
         if not self.gaps.moving:
-            return Forces(lam[:, None], self.problem.index, stiffness=inverse, iterations=iterations)
-        forces, closed = np.zeros((len(h), 1)), near[self.problem.index]
+            return Forces(lam[:, None], self.problem.index, stiffness=self.problem.inverse(), iterations=iterations)
+        forces = np.zeros((len(h), 1))
         forces[near, 0] = lam
+        return self._of_near(near, forces, iterations)
+
+    def _of_near(self, near: Array, forces: Array, iterations: int) -> Forces:
+        """Forces, (nr, 1) [N], of rows that move, of which some are near, (k,)."""
+        closed = near[self.problem.index]
         self._closed = self.gaps.row_nodes, closed
-        return Forces(forces, closed, stiffness=inverse, iterations=iterations)
+        return Forces(forces, closed, stiffness=self.problem.inverse(), iterations=iterations)
 
     def active_flexibility(self) -> Array:
         """Flexibility of the closed rows, (na, na) [m/N]."""

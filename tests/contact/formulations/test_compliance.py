@@ -87,7 +87,6 @@ def test_rows_that_bulge_shut_are_closed(round_body, flat_body, monkeypatch, eac
     """Material that is pressed out beside a contact closes small gaps there: rows whose forces push others nearer."""
     law = compliant(PatchGaps(floating(round_body), floating(flat_body)))
     q = np.r_[moved(law.gaps.slave, [0, 0, -3e-6]), np.zeros(flat_body.n_dofs)]
-    law.at(q)
     h = law.gaps.at(q).copy()
     F = 1e-9 * (np.eye(len(h)) - np.full((len(h),) * 2, 0.9 / len(h)))
     monkeypatch.setattr(law.gaps, "regularised_flexibility", lambda index: regularised(F[np.ix_(index, index)]))
