@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.blas_threads import one_blas_thread
+from ..compiled.moving import rows_of
 from ..compiled.plan import StepPlan
 from ..compiled.run import EqualSteps, Histories, run
 from ..compiled.start import Start
@@ -73,7 +74,7 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
         groups = [model_run.group_run(group[0]) for group in in_groups(contacts)]
         parts = [(group.together, [run.mechanics for run in group.members]) for group in groups]
         step_plan, following = read_plan(mbs, parts), moving_contacts(mbs, parts)
-        start, friction = with_anchors(start, following), None
+        start, friction = with_anchors(start, *following), None
         if (friction_plan := step_plan.contacts.friction) is not None:
             of_friction = [group for group, some in zip(groups, in_groups(contacts), strict=True) if has_friction(some)]
             friction = FrictionGroups(friction_plan, of_friction)
@@ -99,7 +100,7 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
         _keep_rows(mbs, model_run, step_plan, made, t)
         if friction is not None:
             friction.keep(made, t)
-        give_anchors(following, made.end.anchors)
+        give_anchors(*following, made.end)
         _go_to_end(mbs, model_run, float(ends[-1]), made, friction)
         time_s = time.perf_counter() - begin
     end = keep_compiled_end(mbs, times.step, pace)
@@ -196,7 +197,7 @@ def _keep_rows(mbs: MainSystem, model_run: ModelRun, plan: StepPlan, made: Histo
         of_group = slice(first, first := first + len(contacts))
         bounds_of_rows = starts[of_group.start : of_group.stop + 1] - starts[of_group.start]
         lam = made.lam[:, starts[of_group.start] : starts[of_group.stop]]
-        nodes = np.concatenate([member.mechanics.gaps.row_nodes for member in group.members])
+        nodes = np.concatenate([rows_of(member.mechanics.gaps) for member in group.members])
         for i, (begin, end) in enumerate(zip(lam.indptr[:-1], lam.indptr[1:], strict=True)):
             if end > begin:
                 rows = lam.indices[begin:end]

@@ -91,7 +91,8 @@ class Measures:
         if rows.moving:  # their normals are those of the peak; threads may work with others
             rows = rows.fresh()
             rows.at(at_peak)
-        weights = rows.nodal_forces(made.peaks.lam[self._rows[j]])[0] @ normal
+        at_rows = made.peaks.lam[self._rows[j]]
+        weights = rows.nodal_forces(at_rows if len(at_rows) == len(rows.row_nodes) else at_rows[rows.slots])[0] @ normal
         at_nodes = self._slaves[j].place(at_peak)
         centre = weights @ at_nodes / weights.sum()
 
