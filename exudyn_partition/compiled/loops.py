@@ -229,9 +229,10 @@ class MovingSteps:
             pair.watch_edge(values, h, lam, q)
 
     @property
-    def left(self) -> tuple[Array, Array]:
-        """Whether moving contacts of two bodies have left their patches, and where, see `MovingState`."""
-        return self._state.left.copy(), self._state.left_at.copy()
+    def left(self) -> dict[int, Array]:
+        """See `run.Histories`."""
+        state = self._state
+        return {pair.contact: state.left_at[pair.s].copy() for pair in self._pairs if state.left[pair.s]}
 
     def begin(self, start: Start) -> None:
         """Begin a run, or go back to its state; without anchors, contacts have none."""
@@ -316,6 +317,11 @@ class Stepper:
         """See the class."""
         of_friction = 0 if self._friction is None else self._friction.iterations.sum()
         return int(self._blocks.iterations.sum() + of_friction)
+
+    @property
+    def left(self) -> dict[int, Array]:
+        """See `run.Histories`."""
+        return {} if self._moving is None else self._moving.left
 
     @property
     def closed(self) -> Array:

@@ -82,14 +82,13 @@ class PairRows:
             state.anchors[self.s, self._following.dofs] = before.anchor.q
 
     def end(self, q: Array) -> GapState:
-        """State at the model's coordinates q, (nq,), whose last step is not counted yet, see `Gaps.after`."""
+        """State at the model's coordinates q, (nq,)."""
         gaps, anchored = self.gaps, self._state.anchored[self.s]
         self._take_anchor()
         frozen = None if gaps.moving else gaps.after().frozen
         of_pair = q[self._following.dofs]
-        return GapState(
-            of_pair, NOTHING, gaps.anchor if anchored else None, frozen, None, self._stood, int(self._steps[0]) - 1
-        )
+        anchor = gaps.anchor if anchored else None
+        return GapState(of_pair, NOTHING, anchor, frozen, None, self._stood, int(self._steps[0]))
 
     @contextlib.contextmanager
     def _turned(self) -> Iterator[None]:

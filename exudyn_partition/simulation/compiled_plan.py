@@ -27,7 +27,7 @@ from ..contact.formulations.choices import Compliance
 from ..contact.formulations.coupled import CoupledContacts, SharedPatches
 from ..contact.formulations.coupled_friction import CoupledFriction, SharedFriction
 from ..contact.formulations.formulation import Together
-from ..contact.gaps import SAME
+from ..contact.gaps import SAME, GapState
 from ..contact.linear_gaps import FlatRows, LinearGaps
 from ..contact.memory import on_rows
 from ..contact.patch_contact import PatchContact
@@ -282,6 +282,12 @@ def _friction_plan(
 ) -> FrictionPlan:
     """Plan of groups of contacts with friction."""
     contacts, members = [one for group in ordered for one in group], [one for _, some in groups for one in some]
+    for contact, mechanics in zip(contacts, members, strict=True):
+        if mechanics.gaps.moving:
+            raise CompiledRunError(
+                f"pairs of contact {contact.name!r}, which has friction, slide where this run begins; take "
+                "solver='exudyn'"
+            )
     rows, ways, tangents, flexibilities = _rows(mbs, contacts, members), list[Array](), list[Array](), list[Array]()
     for mechanics in members:
         of_contact, nr = mechanics.rows, len(mechanics.gaps.row_nodes)
@@ -383,6 +389,36 @@ def with_anchors(start: Start, rigid: Sequence[Following], pairs: Sequence[Follo
     return replace(start, anchors=anchors, pairs=tuple(replace(one.gaps.accepted, anchor=one.gaps.anchor) for one in pairs))
 
 
+def follow_frozen(
+    mbs: MainSystem, groups: Sequence[tuple[Together, Sequence[PatchContact]]], pairs: Sequence[Following], end: Start
+) -> list[GapState]:
+    """Let contacts with frozen pairs, without friction, be those of a plan whose rows follow facets.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    groups : sequence of (Together, list of PatchContact)
+        As `read_plan` takes them.
+    pairs : sequence of Following
+        Those that follow facets already.
+    end : Start
+        Where a run has stopped, because pairs would slide.
+
+    Returns
+    -------
+    States of all these contacts there, in the order of `moving_contacts`.
+    """
+    known = {id(one.gaps): state for one, state in zip(pairs, end.pairs or (), strict=True)}
+    for of_group, (_, members) in zip(in_groups(partition_items(mbs)[1]), groups, strict=True):
+        for mechanics in () if has_friction(of_group) else members:
+            gaps = mechanics.gaps
+            if isinstance(gaps, PatchGaps) and not gaps.moving and can_follow(gaps):
+                known[id(gaps)] = replace(gaps.accepted, anchor=gaps.anchor)
+                gaps.follow()
+    following = moving_contacts(mbs, groups)[1]
+    return [replace(known[id(one.gaps)], q=end.q[one.dofs]) for one in following]
+
+
 def give_anchors(rigid: Sequence[Following], pairs: Sequence[Following], state: Start) -> None:
     """Let contacts go on from a state of compiled steps."""
     for s, one in enumerate(rigid):
@@ -390,8 +426,8 @@ def give_anchors(rigid: Sequence[Following], pairs: Sequence[Following], state: 
         if state.anchors.anchored[s]:
             one.gaps.go_on_at(state.anchors.q[s, one.dofs])
     for one, of_pair in zip(pairs, state.pairs or (), strict=True):
-        if one.gaps.may_freeze:
-            one.gaps.begin(of_pair)
+        if one.gaps.may_freeze:  # its last step is counted at its end, see `Gaps.after`
+            one.gaps.begin(replace(of_pair, steps=of_pair.steps - 1))
         elif of_pair.anchor is not None:
             one.gaps.go_on_at(of_pair.anchor.q)
 

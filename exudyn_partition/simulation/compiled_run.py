@@ -14,8 +14,9 @@ import scipy.sparse as sp
 from ..algebra.blas_threads import one_blas_thread
 from ..compiled.moving import rows_of
 from ..compiled.plan import StepPlan
-from ..compiled.run import EqualSteps, Histories, run
+from ..compiled.run import EqualSteps, Histories, joined, run, without_start
 from ..compiled.start import Start
+from ..contact.patch_gaps import PatchGaps
 from ..errors import RunError
 from ..exudyn_bodies.model import coordinate_slices, registered
 from ..exudyn_contacts.group_run import GroupRun
@@ -30,6 +31,7 @@ from ..support.progress import progress as progress_bar
 from .compiled_adaptive import put, run_adaptive
 from .compiled_friction import FrictionGroups
 from .compiled_plan import (
+    follow_frozen,
     friction_memory,
     give_anchors,
     has_friction,
@@ -41,7 +43,7 @@ from .compiled_plan import (
 )
 from .continuation import keep_compiled_end, undo_if_refused
 from .result import Result
-from .run_plan import RunPlan
+from .run_plan import RunPlan, RunTimes
 from .sensor_checks import check_sensors
 from .step_control import Pace
 from .work import Work
@@ -82,24 +84,31 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
             start = replace(start, friction=friction_memory(mechanics))
         if plan.control is None:
             steps = EqualSteps(times.step, times.steps, times.between)
-            made = run(step_plan, start, steps, report=_told(times.steps, report, interrupt))
-            ends = np.cumsum(np.r_[times.start, np.full(made.made, times.step)])  # as Exudyn's solver adds them up
-            if made.made == times.steps and not times.beyond:
-                ends[-1] = times.end
-            t, pace = ends[:: times.between], Pace()
+            told = _told(times.steps, report, interrupt)
+            made = run(step_plan, start, steps, report=told)
+            t = _ends(times, 0, made.made)
+            _keep_rows(mbs, model_run, step_plan, made, t, friction)
+            if made.stopped and made.stopped.kind == "slides":  # rows of these pairs follow facets from now on
+                states = follow_frozen(mbs, parts, following[1], made.end)
+                if len(states) > len(following[1]):
+                    step_plan, following = read_plan(mbs, parts), moving_contacts(mbs, parts)
+                    start = replace(made.end, pairs=tuple(states))
+                    rest = without_start(run(step_plan, start, steps, report=told, earlier=made.made))
+                    _keep_rows(mbs, model_run, step_plan, rest, _ends(times, made.made, rest.made)[1:], friction)
+                    made = joined(made, rest)
+            ends = _ends(replace(times, between=1), 0, made.made)
+            t, pace = _ends(times, 0, made.made), Pace()
         else:
-            told = _told(times.end - times.start, report, interrupt)
+            told_time = _told(times.end - times.start, report, interrupt)
             ends, made, pace = run_adaptive(
                 mbs, step_plan, start, plan, plan.control, following, model_run, friction,
-                lambda t: told(t - times.start),
+                lambda t: told_time(t - times.start),
             )  # fmt: skip
             t = ends
+            _keep_rows(mbs, model_run, step_plan, made, t, friction)
         if made.stopped and not made.made:
             raise RunError(f"mbs: a compiled run cannot make its first step: {made.stopped.text}")
         sensors = _of_bodies(mbs, made) | _of_contacts(mbs, made) | _replayed(mbs, t, made)
-        _keep_rows(mbs, model_run, step_plan, made, t)
-        if friction is not None:
-            friction.keep(made, t)
         give_anchors(*following, made.end)
         _go_to_end(mbs, model_run, float(ends[-1]), made, friction)
         time_s = time.perf_counter() - begin
@@ -140,6 +149,15 @@ def _start(mbs: MainSystem, plan: RunPlan) -> Start:
     earlier = plan.origin.contacts
     turning = None if earlier is None or not len(earlier.turning) else earlier.turning
     return Start(q, q_t, plan.origin.q_tt, turning=turning)
+
+
+def _ends(times: RunTimes, first: int, made: int) -> Array:
+    """Times of samples, (n,) [s]: that of step `first`, and those of the samples in the next steps that were made."""
+    ends = np.cumsum(np.r_[times.start, np.full(first + made, times.step)])  # as Exudyn's solver adds them up
+    if first + made == times.steps and not times.beyond:
+        ends[-1] = times.end
+    sampled = np.arange(first + 1, first + made + 1)
+    return np.asarray(ends[[first, *sampled[sampled % times.between == 0].tolist()]])
 
 
 def _told(whole: float, report: Progress, interrupt: Interrupt) -> Callable[[float], bool]:
@@ -186,9 +204,13 @@ def _replayed(mbs: MainSystem, t: Array, made: Histories) -> dict[int, Array]:
     return {number: np.array(values) for number, values in read.items()}
 
 
-def _keep_rows(mbs: MainSystem, model_run: ModelRun, plan: StepPlan, made: Histories, t: Array) -> None:
-    """Let contacts without friction keep the forces on their rows at all samples, (n,) [s], and edges of patches."""
+def _keep_rows(
+    mbs: MainSystem, model_run: ModelRun, plan: StepPlan, made: Histories, t: Array, friction: FrictionGroups | None
+) -> None:
+    """Let contacts keep the forces on their rows at all samples, (n,) [s], and where they have left their patches."""
     assert made.lam is not None
+    if friction is not None:
+        friction.keep(made, t)
     first, starts = 0, plan.contacts.rows.starts
     for contacts in in_groups(partition_items(mbs)[1]):
         if has_friction(contacts):
@@ -204,6 +226,10 @@ def _keep_rows(mbs: MainSystem, model_run: ModelRun, plan: StepPlan, made: Histo
                 bounds = np.searchsorted(rows, bounds_of_rows).tolist()
                 group.samples.add(float(t[i]), nodes[rows], bounds, lam.data[begin:end], made.stored[i, of_group])
         _look_for_edges(mbs, model_run, group, lam.tocsc(), bounds_of_rows, t, made)
+        for place, number in enumerate(range(of_group.start, of_group.stop)):
+            if number in made.left:
+                sample = int((made.q == made.left[number]).all(axis=1).argmax())
+                _look_there(mbs, model_run, group, place, sample, t, made)
 
 
 def _look_for_edges(
@@ -218,6 +244,8 @@ def _look_for_edges(
     """Let members whose closed rows leave their patch record it, from forces on rows, (n, nr), and all states."""
     for place, (member, begin) in enumerate(zip(group.members, starts[:-1], strict=True)):
         gaps = member.mechanics.gaps
+        if isinstance(gaps, PatchGaps) and gaps.moving:
+            continue
         at_edge = np.flatnonzero(np.isfinite(gaps.leaves_at))
         leaving = lam[:, begin + at_edge].toarray() > 0.0
         if not leaving.any():
@@ -227,10 +255,16 @@ def _look_for_edges(
             leaving &= np.maximum(-h, 0.0) >= gaps.leaves_at[at_edge]
         at = leaving.any(axis=1)  # moving rows are those of a patch's rim, which leave it at once
         if at.any():
-            sample = int(at.argmax())
-            put(mbs, float(t[sample]), made.q[sample], made.v[sample])
-            model_run.force(mbs, float(t[sample]))
-            member.record.look_for_edge(float(t[sample]), group.evaluation(place))
+            _look_there(mbs, model_run, group, place, int(at.argmax()), t, made)
+
+
+def _look_there(
+    mbs: MainSystem, model_run: ModelRun, group: GroupRun, place: int, sample: int, t: Array, made: Histories
+) -> None:
+    """Let a member of a group record where it leaves its patch in a sample."""
+    put(mbs, float(t[sample]), made.q[sample], made.v[sample])
+    model_run.force(mbs, float(t[sample]))
+    group.members[place].record.look_for_edge(float(t[sample]), group.evaluation(place))
 
 
 def _go_to_end(
