@@ -17,7 +17,7 @@ import numpy as np
 
 from ..algebra.block_complementarity import FlatBlocks
 from ..contact.followed import BULGE, NEAR, Apart, Followed
-from ..contact.gaps import GapState
+from ..contact.gaps import GapState, Present
 from ..contact.patch_gaps import PATIENCE, PatchGaps
 from ..contact.side import Side
 from ..contact.stages import NOTHING, Frozen, PresentRows, Stage
@@ -149,7 +149,9 @@ class PairRows:
     def _come_to_rest(self, q: Array) -> None:
         """Freeze the pairs if they have hardly slid in many steps, the last of which ended at q, (n,)."""
         gaps = self.gaps
-        gaps.at(q)
+        if self.compiled is not None and isinstance(gaps.stage, Followed):  # where loops have followed it
+            _, normals, here = self._room
+            gaps.return_to(Present(Followed(gaps.stage.rows, normals.copy(), here.copy()), q, None, gaps.anchor))
         gaps.accept(GapState(q, NOTHING, gaps.anchor, None, None, self._stood, PATIENCE - 1))
         gaps.accept(gaps.after())
         self._steps[0], self._stood = gaps.accepted.steps, gaps.accepted.stood

@@ -426,8 +426,10 @@ def give_anchors(rigid: Sequence[Following], pairs: Sequence[Following], state: 
         if state.anchors.anchored[s]:
             one.gaps.go_on_at(state.anchors.q[s, one.dofs])
     for one, of_pair in zip(pairs, state.pairs or (), strict=True):
-        if one.gaps.may_freeze:  # its last step is counted at its end, see `Gaps.after`
-            one.gaps.begin(replace(of_pair, steps=of_pair.steps - 1))
+        if one.gaps.may_freeze:
+            one.gaps.begin(of_pair)
+            if one.gaps.moving and len(one.gaps.row_nodes):  # `Gaps.after` counts the last step
+                one.gaps.accept(replace(of_pair, steps=of_pair.steps - 1))
         elif of_pair.anchor is not None:
             one.gaps.go_on_at(of_pair.anchor.q)
 
