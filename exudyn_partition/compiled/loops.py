@@ -38,10 +38,13 @@ class Stop(NamedTuple):
     kind : {"slides", "unstable", "unsettled"}
         Pairs begin to slide, coordinates are not finite, or closed rows do not settle.
     text : str
+    rough : bool
+        Whether the pairs that slide have friction.
     """
 
     kind: Literal["slides", "unstable", "unsettled"]
     text: str
+    rough: bool = False
 
 
 class Samples(NamedTuple):
@@ -461,7 +464,7 @@ class Stepper:
                 m.q[:] += h * m.v
                 if self._moving is not None:
                     self._moving.plain.turn_on(m, h)
-            if why := self._find():  # compiled loops give up where closed rows do not settle soon, or others must be found
+            if why := self._find():
                 m.q[:], m.v[:] = m.q_start, m.v_start
                 return first - 1, why
             if self._friction is not None:
@@ -477,7 +480,10 @@ class Stepper:
         return count, None
 
     def _find(self) -> Stop | None:
-        """Find the forces at the present coordinates where loops gave up; return what prevents it."""
+        """Find the forces at the present coordinates; return what prevents it.
+
+        Compiled loops give up where closed rows do not settle soon, or other rows must be found.
+        """
         moving = self._moving
         if self._kernels is not None and moving is not None and moving.lost >= 0:
             why = self._find_at_once(self.motion.v)
@@ -485,14 +491,15 @@ class Stepper:
             why = self._find_others(self.motion.v)
         return self._find_friction() if why is None and self._friction is not None else why
 
-    def _prevents(self, names: Sequence[str], parts: Sequence[ContactParts]) -> Stop | None:
+    def _prevents(self, names: Sequence[str], parts: Sequence[ContactParts], *, rough: bool = False) -> Stop | None:
         """What prevents that forces of some contacts are found at the present coordinates."""
         q = self.motion.q
         if not np.isfinite(q).all():
             return Stop("unstable", "the gaps are not finite: the run has become unstable")
         for name, part in zip(names, parts, strict=True):
             if part.slide(q):
-                return Stop("slides", f"pairs of contact {name!r} begin to slide, which compiled steps do not follow")
+                text = f"pairs of contact {name!r} begin to slide, which compiled steps do not follow"
+                return Stop("slides", text, rough)
         return None
 
     def _find_friction(self) -> Stop | None:
@@ -500,7 +507,7 @@ class Stepper:
         m, friction, plan = self.motion, self._friction, self.contacts.friction
         assert friction is not None
         assert plan is not None
-        if why := self._prevents(plan.names, self._friction_parts):
+        if why := self._prevents(plan.names, self._friction_parts, rough=True):
             return why
         friction.forget()
         try:

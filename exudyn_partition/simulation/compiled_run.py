@@ -83,19 +83,17 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
             mechanics = [[run.mechanics for run in group.members] for group in of_friction]
             start = replace(start, friction=friction_memory(mechanics))
         if plan.control is None:
-            steps = EqualSteps(times.step, times.steps, times.between)
-            told = _told(times.steps, report, interrupt)
+            steps, told = EqualSteps(times.step, times.steps, times.between), _told(times.steps, report, interrupt)
             made = run(step_plan, start, steps, report=told)
-            t = _ends(times, 0, made.made)
-            _keep_rows(mbs, model_run, step_plan, made, t, friction)
-            if made.stopped and made.stopped.kind == "slides":  # rows of these pairs follow facets from now on
+            _keep_rows(mbs, model_run, step_plan, made, _ends(times, 0, made.made), friction)
+            slides = made.stopped is not None and made.stopped.kind == "slides" and not made.stopped.rough
+            if slides:  # these pairs follow facets from now on
                 states = follow_frozen(mbs, parts, following[1], made.end)
-                if len(states) > len(following[1]):
-                    step_plan, following = read_plan(mbs, parts), moving_contacts(mbs, parts)
-                    start = replace(made.end, pairs=tuple(states))
-                    rest = without_start(run(step_plan, start, steps, report=told, earlier=made.made))
-                    _keep_rows(mbs, model_run, step_plan, rest, _ends(times, made.made, rest.made)[1:], friction)
-                    made = joined(made, rest)
+                step_plan, following = read_plan(mbs, parts), moving_contacts(mbs, parts)
+                goes_on = replace(made.end, pairs=tuple(states))
+                rest = without_start(run(step_plan, goes_on, steps, report=told, earlier=made.made))
+                _keep_rows(mbs, model_run, step_plan, rest, _ends(times, made.made, rest.made)[1:], friction)
+                made = joined(made, rest)
             ends = _ends(replace(times, between=1), 0, made.made)
             t, pace = _ends(times, 0, made.made), Pace()
         else:
