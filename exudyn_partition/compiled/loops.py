@@ -199,6 +199,12 @@ class MovingSteps:
         pair.place(m.q, m.q_start, v, h)
         self._hold(number)
 
+    def stand(self, m: Motion, v: Array, h: Array) -> None:
+        """Let contacts of two bodies be where the motion is; the next evaluation is elsewhere."""
+        for number, pair in enumerate(self._pairs):
+            pair.gaps_at(m.q, m.q, v, h)
+            self._hold(number)
+
     def _hold(self, number: int) -> None:
         """Let loops find the present rows of a contact of two bodies."""
         one, of_pairs = self._pairs[number].compiled, kernels("compiled", "pair_kernels")
@@ -239,16 +245,23 @@ class MovingSteps:
 
     def begin(self, start: Start) -> None:
         """Begin a run, or go back to its state; without anchors, contacts have none."""
-        state = self._state
         self._step, self._turning = 0.0, start.turning
-        state.anchored[:], state.found[:], state.added[:] = False, False, -1.0
+        for pair, before in zip(self._pairs, start.pairs or [None] * len(self._pairs), strict=True):
+            pair.begin(before)
+        self.take_anchors(start)
+
+    def take_anchors(self, start: Start) -> None:
+        """Have the anchors of a state: what an evaluation there has found is lost again, as before Exudyn's first step."""
+        state = self._state
+        state.anchored[:], state.found[:], state.added[:] = False, state.frozen, -1.0
         self._blocks.n_closed[:] = -1
         if (anchors := start.anchors) is not None:
             first = len(anchors.anchored)
             state.anchored[:first], state.anchors[:first] = anchors.anchored, anchors.q
             state.along[:] = anchors.along
-        for pair, before in zip(self._pairs, start.pairs or [None] * len(self._pairs), strict=True):
-            pair.begin(before)
+        for number, pair in enumerate(self._pairs):
+            pair.take_anchor(None if start.pairs is None else start.pairs[number].anchor)
+            self._hold(number)
 
     def step(self, h: float) -> None:
         """Know that steps of a length h [s] follow."""
@@ -357,6 +370,8 @@ class Stepper:
         else:
             m.a[:] = start.a
         self._watch()
+        if self._moving is not None:
+            self._moving.take_anchors(start)
         return None
 
     def _evaluated(self, turning: Array) -> bool:
@@ -430,6 +445,8 @@ class Stepper:
             self._friction.go_back(state.friction)
         if self._moving is not None:
             self._moving.begin(state)
+            self._moving.stand(m, m.v if state.turning is None else state.turning, self._h)
+            self._moving.take_anchors(state)
 
     def advance(self, h: float, first: int, count: int, between: int, samples: Samples) -> tuple[int, Stop | None]:
         """Make steps of length h [s] with the numbers `first` to `count`, from 1 on.

@@ -20,7 +20,7 @@ from ..contact.followed import BULGE, NEAR, Apart, Followed
 from ..contact.gaps import GapState, Present
 from ..contact.patch_gaps import PATIENCE, PatchGaps
 from ..contact.side import Side
-from ..contact.stages import NOTHING, Frozen, PresentRows, Stage
+from ..contact.stages import NOTHING, Anchor, Frozen, Stage
 from ..contact.wandering import WanderingGaps
 from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array
@@ -75,11 +75,20 @@ class PairRows:
             before = self.gaps.accepted
         else:
             self.gaps.begin(before)
-        state, self._stage = self._state, None
+        self._stage, self._known[0], self._state.left[self.s] = None, False, False
         self._steps[0], self._stood = before.steps, before.stood
-        state.anchored[self.s], state.left[self.s] = before.anchor is not None, False
-        if before.anchor is not None:
-            state.anchors[self.s, self._following.dofs] = before.anchor.q
+
+    def take_anchor(self, anchor: Anchor | None) -> None:
+        """Have another anchor, or none."""
+        state = self._state
+        state.anchored[self.s] = anchor is not None
+        if anchor is not None:
+            state.anchors[self.s, self._following.dofs] = anchor.q
+        if self._stage is not None:
+            with self._turned():
+                self._take_anchor()
+                self._stage = None
+                self._renew()
 
     def end(self, q: Array) -> GapState:
         """State at the model's coordinates q, (nq,)."""
@@ -111,6 +120,8 @@ class PairRows:
             q = self._state.anchors[self.s, self._following.dofs]
             if self.gaps.anchor is None or not np.array_equal(self.gaps.anchor.q, q):
                 self.gaps.go_on_at(q)
+        else:
+            self.gaps.anchor = None
 
     def place(self, q: Array, q_before: Array, v: Array, h: Array) -> None:
         """Find the rows at the model's coordinates q, (nq,), and set the gaps of all rows of the patch among h.
