@@ -7,16 +7,17 @@ axes. It is found again when these have changed by `gaps.SAME` since it was foun
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ..algebra.block_complementarity import FlatBlocks, pooled
-from ..contact.gaps import Gaps
+from ..contact.gaps import Gaps, GapState
 from ..contact.loops import Primitive
 from ..contact.patch_gaps import PatchGaps
 from ..contact.rigid import RigidGaps
+from ..contact.stages import NOTHING, Anchor
 from ..frames.floating import FloatingKinematics
 from ..reduction.inertia import InertiaIntegrals
 from ..support.arrays import Array
@@ -374,11 +375,33 @@ def anchors_of(contacts: Sequence[Following], n: int) -> Anchors:
     anchored, q = np.zeros(len(contacts), dtype=bool), np.zeros((len(contacts), n))
     along = [np.zeros((len(one.gaps.points.nodes), 3)) for one in contacts]
     for s, one in enumerate(contacts):
-        if (anchor := one.gaps.accepted.anchor) is not None:
+        if (anchor := one.gaps.anchor) is not None:
             anchored[s], q[s, one.dofs] = True, anchor.q
             if not one.gaps.slave.normal_only:
                 along[s] = one.gaps.stance_at(anchor)
     return Anchors(anchored, q, np.concatenate([np.zeros((0, 3)), *along]))
+
+
+def pairs_at(contacts: Sequence[Following], q: Array) -> tuple[GapState, ...]:
+    """States of contacts of two bodies at coordinates of the model, (nq,): those of a model that is placed there."""
+    states = []
+    for one in contacts:
+        here = q[one.dofs]
+        anchor = None if one.gaps.anchor is None else Anchor(here, NOTHING)
+        states.append(replace(one.gaps.accepted, q=here, anchor=anchor))
+    return tuple(states)
+
+
+def anchors_at(contacts: Sequence[Following], q: Array) -> Anchors:
+    """Anchors at coordinates of the model, (nq,): those of a model that is placed there."""
+    along = [np.zeros((len(one.gaps.points.nodes), 3)) for one in contacts]
+    for s, one in enumerate(contacts):
+        if not one.gaps.slave.normal_only:
+            there = one.gaps.fresh()  # threads may work with others
+            there.at(q[one.dofs])
+            along[s] = there.stance()
+    at_q = np.tile(q, (len(contacts), 1))
+    return Anchors(np.ones(len(contacts), dtype=bool), at_q, np.concatenate([np.zeros((0, 3)), *along]))
 
 
 def _starts(arrays: Sequence[Array]) -> Array:

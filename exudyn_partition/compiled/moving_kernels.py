@@ -409,7 +409,9 @@ def act_on_masses(frames: Frames, q: Array, force: Array) -> None:
 
 
 @inner
-def gaps_of_surfaces(frames: Frames, surfaces: Surfaces | None, state: MovingState, starts: Array, q: Array, h: Array) -> None:
+def gaps_of_surfaces(
+    frames: Frames, surfaces: Surfaces | None, state: MovingState, starts: Array, q: Array, h: Array
+) -> None:
     """Set the gaps of the rows to rigid surfaces."""
     if surfaces is not None:
         for s in range(len(surfaces.contact)):

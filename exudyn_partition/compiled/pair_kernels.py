@@ -16,8 +16,8 @@ from ..frames.kernels import body_axes, generalised, on_shapes
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner
 from ..support.struct_kernels import StructType, address_of, struct_at
-from ..surfaces.moving_kernels import Followed, follow_rows, forces_on_nodes
 from ..surfaces.kernels import weigh
+from ..surfaces.moving_kernels import Followed, follow_rows, forces_on_nodes
 from .body_kernels import gathered, matrix_at, moved_nodes
 
 if TYPE_CHECKING:
@@ -201,9 +201,7 @@ def pair_at(some: Pairs, number: int) -> Pair:
 def place_side(frames: Frames, state: MovingState, side: PairSide, q: Array) -> None:
     """Set the places of the followed nodes of a side."""
     q_s = gathered(side.dofs, 0, len(side.dofs), q)
-    places = moved_nodes(
-        frames, state, side.body, q_s, side.start, side.arms, side.rows, side.growth, side.axes
-    )
+    places = moved_nodes(frames, state, side.body, q_s, side.start, side.arms, side.rows, side.growth, side.axes)
     for i in range(len(side.nodes)):
         for a in range(3):
             side.x[side.nodes[i], a] = places[i, a]

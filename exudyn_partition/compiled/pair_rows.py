@@ -29,7 +29,7 @@ from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
 from .moving import Following, MovingState
 
 FOLLOWING = FOLLOWED, STEPS, NEAR, PATIENCE, BULGE  # as loops take them
-_SEARCHING = threading.Lock()  # what bodies grow by in a rotation is known to all that share their kinematics
+GROWING = threading.Lock()  # held while bodies grow by a rotation, which is known to all that share their kinematics
 _NO_MATRIX = np.zeros((0, 0))
 
 
@@ -105,7 +105,7 @@ class PairRows:
         n = self.gaps.sides[0].n
         parts = zip(self.gaps.sides, (self._turning[:n], self._turning[n:]), strict=True)
         turning = [(side.kinematics, v) for side, v in parts if isinstance(side.kinematics, FloatingKinematics)]
-        with _SEARCHING:
+        with GROWING:
             for kinematics, v in turning:
                 kinematics.turn(v)
             try:
@@ -231,7 +231,8 @@ class PairRows:
         elif gaps.anchor is not None:
             at_here[:] = gaps.stance_at(gaps.anchor) * gaps.size
         nr = len(self._slots)
-        self._room = np.zeros(nr), np.zeros((nr if isinstance(stage, Frozen) else p, 3)), np.zeros((3, 3))
+        normals = np.array(stage.normal) if isinstance(stage, Frozen) else np.zeros((p, 3))
+        self._room = np.zeros(nr), normals, np.zeros((3, 3))
         parted, part_reach = np.zeros((3, 3)), np.inf
         if isinstance(gaps, WanderingGaps):
             parted, part_reach = gaps.parted

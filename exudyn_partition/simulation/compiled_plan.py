@@ -386,7 +386,9 @@ def moving_contacts(
 def with_anchors(start: Start, rigid: Sequence[Following], pairs: Sequence[Following]) -> Start:
     """Return the start of a run with what its moving contacts remember."""
     anchors = anchors_of(rigid, len(start.q)) if rigid else start.anchors
-    return replace(start, anchors=anchors, pairs=tuple(one.gaps.accepted for one in pairs))
+    return replace(
+        start, anchors=anchors, pairs=tuple(replace(one.gaps.accepted, anchor=one.gaps.anchor) for one in pairs)
+    )
 
 
 def follow_frozen(
@@ -413,7 +415,7 @@ def follow_frozen(
         for mechanics in () if has_friction(of_group) else members:
             gaps = mechanics.gaps
             if isinstance(gaps, PatchGaps) and not gaps.moving and can_follow(gaps):
-                known[id(gaps)] = gaps.accepted
+                known[id(gaps)] = replace(gaps.accepted, anchor=gaps.anchor)
                 gaps.follow()
     following = moving_contacts(mbs, groups)[1]
     return [replace(known[id(one.gaps)], q=end.q[one.dofs]) for one in following]

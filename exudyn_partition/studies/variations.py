@@ -11,6 +11,7 @@ import numpy as np
 
 from ..algebra.complementarity import regularised
 from ..algebra.coulomb import Coulomb
+from ..compiled.moving import Following, anchors_at, pairs_at
 from ..compiled.plan import Bodies, FrozenPlan, StepPlan
 from ..compiled.start import Start
 from ..contact.normal_rows import NormalRows
@@ -162,6 +163,8 @@ class Entries:
     rows : sequence of NormalRows or TangentialRows
         Of these contacts at the start.
     variations : Variations
+    following : two sequences of Following
+        Contacts whose rows follow the motion: with rigid surfaces, and of two bodies.
     """
 
     def __init__(
@@ -172,9 +175,10 @@ class Entries:
         contacts: Sequence[PartitionContact],
         rows: Sequence[NormalRows | TangentialRows],
         variations: Variations,
+        following: tuple[Sequence[Following], Sequence[Following]] = ((), ()),
     ) -> None:
         self._plan, self._start, self._places, self._contacts = plan, start, places, contacts
-        self._rows, self._variations = rows, variations
+        self._rows, self._variations, self._following = rows, variations, following
         self._check_turning()
         if self._differ() and _move_each_other(plan.contacts):
             raise InputError(
@@ -285,7 +289,9 @@ class Entries:
             velocity, turning = (values.of(item, name, entry) for name in VECTORS[:2])
             if velocity is not None or turning is not None:
                 v[dofs] = _thrown(item, q[dofs], v[dofs], velocity, turning)
-        return replace(self._start, q=q, v=v)
+        placed, (rigid, pairs) = any("referencePosition" in given for given in values.values.values()), self._following
+        start = replace(self._start, q=q, v=v)
+        return replace(start, anchors=anchors_at(rigid, q), pairs=pairs_at(pairs, q)) if placed else start
 
 
 def _moved(item: PartitionBody, way: Array) -> Array:

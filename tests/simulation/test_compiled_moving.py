@@ -100,7 +100,9 @@ def row_of(body, frame, *, on=None):
         for i in range(3)
     ]  # fmt: skip
     contacts = [
-        ep.CreatePartitionContact(mbs, balls[i + 1], balls[i], slavePatch="south", masterPatch="north", name=f"pair {i}")
+        ep.CreatePartitionContact(
+            mbs, balls[i + 1], balls[i], slavePatch="south", masterPatch="north", name=f"pair {i}"
+        )
         for i in range(2)
     ]
     contacts.append(ep.CreatePartitionContact(mbs, balls[0], PLANE, slavePatch="south", name="plane"))
@@ -198,7 +200,14 @@ def test_equal_to_exudyn(marbles, scene):
     assert_same(right, ep.solve_dynamic(mbs, end_time=END, solver="compiled"), bodies, contacts)
 
 
-NUMPY = "plane, all directions", "sphere", "two planes", "beside friction", "two that tumble", "a pair that slides, normals"
+NUMPY = (
+    "plane, all directions",
+    "sphere",
+    "two planes",
+    "beside friction",
+    "two that tumble",
+    "a pair that slides, normals",
+)
 
 
 @pytest.mark.parametrize("scene", [*NUMPY, "three that tumble", "three of which one slides"])
@@ -341,7 +350,13 @@ def test_contact_that_wanders(skins, frame):
     mbs = exu.SystemContainer().AddSystem()
     spin = {"initialAngularVelocity": SPIN} if frame == "floating" else {}
     upper = ep.CreatePartitionBody(
-        mbs, skins, name="upper", frame=frame, referencePosition=[0, 0, 2 * R + 5e-7], initialVelocity=[20.0, 0, -1.0], **spin
+        mbs,
+        skins,
+        name="upper",
+        frame=frame,
+        referencePosition=[0, 0, 2 * R + 5e-7],
+        initialVelocity=[20.0, 0, -1.0],
+        **spin,
     )
     lower = ep.CreatePartitionBody(mbs, skins, name="lower", frame=frame)
     contact = ep.CreatePartitionContact(mbs, upper, lower, slavePatch=0, masterPatch=1)

@@ -424,7 +424,9 @@ def test_adaptive_pairs_that_slide_end_the_run_and_exudyn_goes_on(marble):
 def test_rough_pairs_that_slide_already(rough):
     mbs, _, _ = in_a_row(rough, 2, along=1.5, frictions=[0.1])
     ep.solve_dynamic(mbs, end_time=END, step=0.1e-6)
-    with pytest.raises(CompiledRunError, match="pairs of contact 'contact 0', which has friction, slide where this run"):
+    with pytest.raises(
+        CompiledRunError, match="pairs of contact 'contact 0', which has friction, slide where this run"
+    ):
         ep.solve_dynamic(mbs, end_time=1.2 * END, solver="compiled", go_on=True, step=0.1e-6)
 
 
