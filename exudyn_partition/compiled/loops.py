@@ -251,7 +251,7 @@ class MovingSteps:
         self.take_anchors(start)
 
     def take_anchors(self, start: Start) -> None:
-        """Have the anchors of a state: what an evaluation there has found is lost again, as before Exudyn's first step."""
+        """Have the anchors of a state. What an evaluation there finds is lost before the first step, as in Exudyn."""
         state = self._state
         state.anchored[:], state.found[:], state.added[:] = False, state.frozen, -1.0
         self._blocks.n_closed[:] = -1

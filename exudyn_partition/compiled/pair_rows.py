@@ -236,14 +236,15 @@ class PairRows:
         parted, part_reach = np.zeros((3, 3)), np.inf
         if isinstance(gaps, WanderingGaps):
             parted, part_reach = gaps.parted
-        linear, reach = self._linear(stage), rows.search.reach if isinstance(stage, Followed) else np.inf
-        if isinstance(stage, Apart):
+        linear, reach, k = self._linear(stage), np.inf, 0
+        if isinstance(stage, Followed):
+            reach, k = stage.rows.search.reach, len(stage.rows.points.nodes)
+        elif isinstance(stage, Apart):
             reach = stage.reach
-        followed = self._followed(stage)
-        k = len(stage.rows.points.nodes) if isinstance(stage, Followed) else 0
+        followed, before = self._followed(stage), (np.zeros(k, dtype=np.int64), np.zeros((6, k)))
         return found.pair(
             self.contact, followed, *both, self._slots, float(gaps.size), float(reach), float(part_reach),
-            parted, *self._room, at_here, np.zeros(k, dtype=np.int64), np.zeros((6, k)), self._known, np.require(rows.leaves_at, float, ["C", "W"]),
+            parted, *self._room, at_here, *before, self._known, _writable(rows.leaves_at),
             *along, *carriers, int(isinstance(stage, Frozen)), int(gaps.may_freeze), *linear, self._steps,
         )  # fmt: skip
 

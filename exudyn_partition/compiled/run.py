@@ -139,19 +139,22 @@ def run(
 
 def without_start(made: Histories) -> Histories:
     """Return a run without the sample of its start, for it goes on from another one."""
-    names = "q", "v", "values", "stored", "lam", "friction", "along", "status"
-    return replace(made, **{name: getattr(made, name)[1:] for name in names})
+    lam, along, status = (None if part is None else part[1:] for part in (made.lam, made.along, made.status))
+    return replace(
+        made, q=made.q[1:], v=made.v[1:], values=made.values[1:], stored=made.stored[1:], friction=made.friction[1:],
+        lam=lam, along=along, status=status,
+    )  # fmt: skip
 
 
 def joined(first: Histories, later: Histories) -> Histories:
     """One run of two, the second `without_start`. It has no forces on rows: their plans may have other rows."""
-    samples = {
-        name: np.concatenate([getattr(first, name), getattr(later, name)])
-        for name in ("q", "v", "values", "stored", "friction")
-    }
+    names = "q", "v", "values", "stored", "friction"
+    q, v, values, stored, friction = (
+        np.concatenate([getattr(part, name) for part in (first, later)]) for name in names
+    )
     return replace(
-        later, start=first.start, lam=None, along=None, status=None, made=first.made + later.made,
-        iterations=first.iterations + later.iterations, **samples,
+        later, q=q, v=v, values=values, stored=stored, friction=friction, start=first.start, lam=None, along=None,
+        status=None, made=first.made + later.made, iterations=first.iterations + later.iterations,
     )  # fmt: skip
 
 

@@ -90,8 +90,7 @@ def _digest(plan: StepPlan, start: Start) -> str:
     if (moving := contacts.moving) is not None:
         blocks += [*moving.frames, *moving.surfaces]
         sides = [side for pair in moving.pairs for side in pair.gaps.sides]
-        blocks += [
-            part for side in sides for part in (side.surface.points, dense(side.kinematics.rows), side.flexibility)
-        ]
+        for side in sides:
+            blocks += [side.surface.points, dense(side.kinematics.rows), np.asarray(side.flexibility)]
     whole = np.concatenate([np.ravel(part) for part in (*plan.bodies, *contacts.rows, *blocks)])
     return digest({"numbers": whole, "contacts": contacts.all_names})

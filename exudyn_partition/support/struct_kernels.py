@@ -22,7 +22,8 @@ def address_of(typing: Any, struct: Any) -> Any:
     """Address of such an object, with which `struct_at` finds it as long as somebody holds it."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        proxy = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=arguments[0])
+        kind = signature.args[0]
+        proxy = cgutils.create_struct_proxy(kind)(context, builder, arguments[0])  # type: ignore[no-untyped-call]
         return builder.ptrtoint(proxy.meminfo, cgutils.intp_t)
 
     return types.intp(struct), generate
@@ -38,7 +39,7 @@ def struct_at(typing: Any, address: Any, example: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kind = signature.return_type
-        proxy = cgutils.create_struct_proxy(kind)(context, builder)
+        proxy = cgutils.create_struct_proxy(kind)(context, builder)  # type: ignore[no-untyped-call]
         proxy.meminfo = builder.inttoptr(arguments[0], proxy.meminfo.type)
         context.nrt.incref(builder, kind, proxy._getvalue())
         return proxy._getvalue()
