@@ -63,8 +63,8 @@ def check_held(mbs: MainSystem, options: Sequence[str] = ()) -> None:
         listed = "".join(f"\n- {reason}" for reason in reasons)
         raise CompiledRunError(
             "compiled runs hold partition bodies, their contacts by compliance, rigid planes, spheres and cylinders, "
-            "gravity, constant loads on coordinates and damping of modes; two bodies in contact, and friction, as long "
-            f"as frames do not turn and pairs of bodies do not slide. This one has more:{listed}\n"
+            "gravity, constant loads on coordinates and damping of modes; friction as long as frames do not turn, and "
+            f"pairs of bodies do not slide. This one has more:{listed}\n"
             "Leave it out, or run the model by solve_dynamic(..., solver='exudyn')"
         )
 
