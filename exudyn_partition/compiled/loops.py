@@ -171,8 +171,8 @@ class MovingSteps:
         self._plan, self._blocks = plan, blocks
         self._state, self._step = plan.state(int(blocks.starts[-1]), n), 0.0
         self._turning: Array | None = None  # at the start, until a step is made
-        first = len(plan.surfaces.contact)
-        self._pairs = [PairRows(one, first + i, self._state, blocks) for i, one in enumerate(plan.pairs)]
+        first, self._loops = len(plan.surfaces.contact), kernels("compiled", "pair_kernels") if plan.pairs else None
+        self._pairs = [PairRows(one, first + i, self._state, blocks, self._loops) for i, one in enumerate(plan.pairs)]
         self._addresses, self._held = np.zeros(len(plan.pairs), dtype=np.int64), [None] * len(plan.pairs)
 
     @cached_property
@@ -182,10 +182,9 @@ class MovingSteps:
         assert found is not None, "asked for what is only done at once"
         pairs = None
         if self._pairs:
-            of_pairs = kernels("compiled", "pair_kernels")
-            assert of_pairs is not None
+            assert self._loops is not None
             first = len(self._plan.surfaces.contact)
-            pairs = of_pairs.pairs(self._addresses, self._pairs[0].compiled, first, FOLLOWING)
+            pairs = self._loops.pairs(self._addresses, self._pairs[0].compiled, first, FOLLOWING)
         return found.moving_of(self._plan, self._state, pairs)
 
     @cached_property
@@ -207,10 +206,10 @@ class MovingSteps:
 
     def _hold(self, number: int) -> None:
         """Let loops find the present rows of a contact of two bodies."""
-        one, of_pairs = self._pairs[number].compiled, kernels("compiled", "pair_kernels")
-        if of_pairs is not None and one is not self._held[number]:
+        one = self._pairs[number].compiled
+        if self._loops is not None and one is not None and one != self._held[number]:
             assert one._numba_type_ == self._pairs[0].compiled._numba_type_, "loops would read others as the first one"
-            self._held[number], self._addresses[number] = one, of_pairs.address(one)
+            self._held[number], self._addresses[number] = one, self._loops.address(one)
 
     @property
     def lost(self) -> int:

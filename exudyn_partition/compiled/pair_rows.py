@@ -11,6 +11,7 @@ import contextlib
 import threading
 from collections.abc import Iterator
 from functools import cached_property
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,6 @@ from ..contact.stages import NOTHING, Anchor, Frozen, Stage
 from ..contact.wandering import WanderingGaps
 from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array
-from ..support.compiled import kernels
 from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
 from .moving import Following, MovingState
 
@@ -44,6 +44,8 @@ class PairRows:
     state : MovingState
     blocks : FlatBlocks
         Of the run.
+    loops : module or None
+        `pair_kernels`, if loops are compiled.
 
     Attributes
     ----------
@@ -54,10 +56,12 @@ class PairRows:
 
     gaps: PatchGaps
 
-    def __init__(self, following: Following, s: int, state: MovingState, blocks: FlatBlocks) -> None:
+    def __init__(
+        self, following: Following, s: int, state: MovingState, blocks: FlatBlocks, loops: ModuleType | None
+    ) -> None:
         assert isinstance(following.gaps, PatchGaps)
         self.s, self.contact, self._following = s, following.contact, following
-        self._state, self._blocks = state, blocks
+        self._state, self._blocks, self._loops = state, blocks, loops
         self.gaps = following.gaps.fresh()
         self._rows = slice(*blocks.starts[self.contact : self.contact + 2])
         self._slots = np.empty(0, dtype=np.int64)
@@ -171,7 +175,7 @@ class PairRows:
         """Let loops know the present rows, if these are others than before."""
         stage = self.gaps.stage
         present: object = stage if isinstance(stage, Frozen) else stage.rows
-        if present is self._stage:
+        if present == self._stage:
             return
         state, blocks, s = self._state, self._blocks, self.s
         self._stage, self._slots = present, self.gaps.slots
@@ -180,7 +184,7 @@ class PairRows:
         np.fill_diagonal(self.own, 1.0)
         if isinstance(stage, Frozen):
             self._set_flexibility(self.gaps.problem().F)
-        if kernels("compiled") is not None:
+        if self._loops is not None:
             self.compiled = self._for_loops(stage)
 
     @property
@@ -214,7 +218,7 @@ class PairRows:
 
     def _for_loops(self, stage: Stage) -> Any:
         """The present rows for compiled loops."""
-        found = kernels("compiled", "pair_kernels")
+        found = self._loops
         assert found is not None, "asked for what is only done at once"
         gaps, rows, of_anchor = self.gaps, stage.rows, None
         n, sides = gaps.sides[0].n, rows.sides
@@ -250,7 +254,7 @@ class PairRows:
 
     def _side(self, place: int, side: Side, dofs: Array) -> Any:
         """One side for compiled loops."""
-        found, seen = kernels("compiled", "pair_kernels"), side.seen
+        found, seen = self._loops, side.seen
         assert found is not None
         nodes, k = np.arange(len(side.surface.points)) if side.active is None else side.active, len(seen.start)
         growth = getattr(seen, "growth", None)
