@@ -8,7 +8,7 @@ from ..contact.kernels import FlatContacts, evaluate_frozen
 from ..support.arrays import Array
 from ..support.compiled import inlined, unlocked
 from .friction_kernels import accept_friction, find_friction, keep_friction, watch_friction
-from .moving_kernels import add_inertia, evaluate_moving, turn_accelerations, turn_on
+from .moving_kernels import add_inertia, count_steps, evaluate_moving, turn_accelerations, turn_on, watch_edges
 
 if TYPE_CHECKING:
     from .friction_kernels import Friction
@@ -98,6 +98,8 @@ def advance(
             if not find_friction(friction, m.q, m.q_start, m.force):
                 return step
             accept_friction(friction, h)
+        if moving is not None:
+            count_steps(moving.pairs)
         accelerate(bodies, moving, m, 0.5 * h)
         for k in range(n):
             m.v[k] += 0.5 * h * m.a[k]
@@ -106,6 +108,8 @@ def advance(
             watch_friction(friction, peaks, m.q)
         if step % between == 0:
             keep(contacts, m, samples, step // between - 1)
+            if moving is not None:
+                watch_edges(contacts, moving.pairs, moving.state, m.q)
             if friction is not None:
                 keep_friction(friction, samples, step // between - 1)
     return count + 1

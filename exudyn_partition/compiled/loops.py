@@ -14,6 +14,7 @@ import numpy as np
 from ..algebra.block_complementarity import LIMITS, BlockComplementarity, FlatBlocks
 from ..algebra.flat_friction import FRICTION_LIMITS
 from ..algebra.loops import friction_object
+from ..contact.gaps import GapState
 from ..contact.loops import evaluate_frozen, flat_contacts
 from ..errors import ComplementarityError
 from ..support.arrays import Array
@@ -21,6 +22,7 @@ from ..support.compiled import kernels
 from .friction_plan import CHOICES, N_FRICTION, FlatFrictionRows, FrictionPlan, FrictionState
 from .friction_steps import FrictionSteps
 from .moving import Anchors, MovingPlan
+from .pair_rows import FOLLOWING, PairRows
 from .plain_moving import PlainMoving
 from .plan import Bodies, FrozenPlan, Motion, StepPlan
 from .start import Start
@@ -36,10 +38,13 @@ class Stop(NamedTuple):
     kind : {"slides", "unstable", "unsettled"}
         Pairs begin to slide, coordinates are not finite, or closed rows do not settle.
     text : str
+    rough : bool
+        Whether the pairs that slide have friction.
     """
 
     kind: Literal["slides", "unstable", "unsettled"]
     text: str
+    rough: bool = False
 
 
 class Samples(NamedTuple):
@@ -166,27 +171,96 @@ class MovingSteps:
         self._plan, self._blocks = plan, blocks
         self._state, self._step = plan.state(int(blocks.starts[-1]), n), 0.0
         self._turning: Array | None = None  # at the start, until a step is made
+        first, self._loops = len(plan.surfaces.contact), kernels("compiled", "pair_kernels") if plan.pairs else None
+        self._pairs = [PairRows(one, first + i, self._state, blocks, self._loops) for i, one in enumerate(plan.pairs)]
+        self._addresses, self._held = np.zeros(len(plan.pairs), dtype=np.int64), [None] * len(plan.pairs)
 
     @cached_property
     def for_loops(self) -> Any:
         """Bodies, contacts and state as compiled loops take them."""
         found = kernels("compiled", "moving_kernels")
         assert found is not None, "asked for what is only done at once"
-        return found.moving_of(self._plan, self._state)
+        pairs = None
+        if self._pairs:
+            assert self._loops is not None
+            first = len(self._plan.surfaces.contact)
+            pairs = self._loops.pairs(self._addresses, self._pairs[0].compiled, first, FOLLOWING)
+        return found.moving_of(self._plan, self._state, pairs)
 
     @cached_property
     def plain(self) -> PlainMoving:
         """The same by NumPy."""
-        return PlainMoving(self._plan, self._state, self._blocks)
+        return PlainMoving(self._plan, self._state, self._blocks, self._pairs)
+
+    def place(self, number: int, m: Motion, v: Array, h: Array) -> None:
+        """Find the rows of a contact of two bodies anew, see `PairRows.place`."""
+        pair = self._pairs[number]
+        pair.place(m.q, m.q_start, v, h)
+        self._hold(number)
+
+    def stand(self, m: Motion, v: Array, h: Array) -> None:
+        """Let contacts of two bodies be where the motion is; the next evaluation is elsewhere."""
+        for number, pair in enumerate(self._pairs):
+            pair.gaps_at(m.q, m.q, v, h)
+            self._hold(number)
+
+    def _hold(self, number: int) -> None:
+        """Let loops find the present rows of a contact of two bodies."""
+        one = self._pairs[number].compiled
+        if self._loops is not None and one is not None and one != self._held[number]:
+            assert one._numba_type_ == self._pairs[0].compiled._numba_type_, "loops would read others as the first one"
+            self._held[number], self._addresses[number] = one, self._loops.address(one)
+
+    @property
+    def lost(self) -> int:
+        """Number of the contact of two bodies for which loops need other rows; -1 if there is none."""
+        return int(self._state.lost[0])
+
+    @property
+    def places_pairs(self) -> bool:
+        """Whether there are contacts of two bodies."""
+        return bool(self._pairs)
+
+    def place_all(self, m: Motion, v: Array, h: Array) -> None:
+        """Find the rows of all contacts of two bodies."""
+        for number in range(len(self._pairs)):
+            self.place(number, m, v, h)
+
+    def count_step(self) -> None:
+        """Count a step that loops have not made whole."""
+        for pair in self._pairs:
+            pair.count_step()
+
+    def watch_edges(self, values: Array, h: Array, lam: Array, q: Array) -> None:
+        """See `moving_kernels.watch_edges`."""
+        for pair in self._pairs:
+            pair.watch_edge(values, h, lam, q)
+
+    @property
+    def left(self) -> dict[int, Array]:
+        """See `run.Histories`."""
+        state = self._state
+        return {pair.contact: state.left_at[pair.s].copy() for pair in self._pairs if state.left[pair.s]}
 
     def begin(self, start: Start) -> None:
         """Begin a run, or go back to its state; without anchors, contacts have none."""
-        state = self._state
         self._step, self._turning = 0.0, start.turning
-        state.anchored[:], state.found[:], state.added[:] = False, False, -1.0
+        for pair, before in zip(self._pairs, start.pairs or [None] * len(self._pairs), strict=True):
+            pair.begin(before)
+        self.take_anchors(start)
+
+    def take_anchors(self, start: Start) -> None:
+        """Have the anchors of a state. What an evaluation there finds is lost before the first step, as in Exudyn."""
+        state = self._state
+        state.anchored[:], state.found[:], state.added[:] = False, state.frozen, -1.0
         self._blocks.n_closed[:] = -1
         if (anchors := start.anchors) is not None:
-            state.anchored[:], state.anchors[:], state.along[:] = anchors.anchored, anchors.q, anchors.along
+            first = len(anchors.anchored)
+            state.anchored[:first], state.anchors[:first] = anchors.anchored, anchors.q
+            state.along[:] = anchors.along
+        for number, pair in enumerate(self._pairs):
+            pair.take_anchor(None if start.pairs is None else start.pairs[number].anchor)
+            self._hold(number)
 
     def step(self, h: float) -> None:
         """Know that steps of a length h [s] follow."""
@@ -197,9 +271,13 @@ class MovingSteps:
         return m.v - 0.5 * self._step * m.a if self._turning is None else self._turning
 
     def anchors(self) -> Anchors:
-        """Present anchors."""
-        state = self._state
-        return Anchors(state.anchored.copy(), state.anchors.copy(), state.along.copy())
+        """Present anchors of contacts with rigid surfaces."""
+        state, n = self._state, len(self._plan.surfaces.contact)
+        return Anchors(state.anchored[:n].copy(), state.anchors[:n].copy(), state.along.copy())
+
+    def pairs(self, q: Array) -> tuple[GapState, ...]:
+        """States of contacts of two bodies at coordinates q, (nq,)."""
+        return tuple(pair.end(q) for pair in self._pairs)
 
 
 class Stepper:
@@ -256,6 +334,11 @@ class Stepper:
         return int(self._blocks.iterations.sum() + of_friction)
 
     @property
+    def left(self) -> dict[int, Array]:
+        """See `run.Histories`."""
+        return {} if self._moving is None else self._moving.left
+
+    @property
     def closed(self) -> Array:
         """Whether each contact has closed rows, (nc,) bool."""
         return np.asarray(self.values[:, 1] > 0.0)
@@ -276,7 +359,7 @@ class Stepper:
         if self._moving is not None:
             self._moving.begin(start)
         turning = m.v if start.turning is None else start.turning
-        if not self._evaluated(turning) and (why := self._find_others(turning)):
+        if why := self._find_at_once(turning, place=True):
             return why
         known = start.a is not None and start.friction is not None
         if self._friction is not None and (why := self._begin_friction(known=known)):
@@ -286,6 +369,8 @@ class Stepper:
         else:
             m.a[:] = start.a
         self._watch()
+        if self._moving is not None:
+            self._moving.take_anchors(start)
         return None
 
     def _evaluated(self, turning: Array) -> bool:
@@ -300,6 +385,29 @@ class Stepper:
             return evaluate_frozen(self._flat, m.q, m.force) >= 0
         where = self._moving.for_loops, m.q, turning, m.force
         return int(self._kernels.evaluate_moving(self._flat, *where, LIMITS)) >= 0
+
+    def _find_at_once(self, turning: Array, *, place: bool = False) -> Stop | None:
+        """Find the forces of contacts without friction, by compiled loops if they settle; return what prevents it.
+
+        Rows of two bodies are found where loops cannot follow them; with `place`, of all.
+        """
+        m, moving = self.motion, self._moving
+        if moving is not None and moving.places_pairs and self._kernels is not None:
+            if not np.isfinite(m.q).all():
+                return self._prevents((), ())
+            try:
+                if place:
+                    moving.place_all(m, turning, self._h)
+                else:
+                    moving.place(moving.lost, m, turning, self._h)
+                while not self._evaluated(turning):
+                    if moving.lost < 0:
+                        return self._find_others(turning)
+                    moving.place(moving.lost, m, turning, self._h)
+            except ComplementarityError as error:
+                return Stop("unsettled", str(error))
+            return None
+        return None if self._evaluated(turning) else self._find_others(turning)
 
     def _begin_friction(self, *, known: bool) -> Stop | None:
         """Find the forces of contacts with friction with which a run begins, see `begin`; return what prevents it."""
@@ -325,6 +433,7 @@ class Stepper:
             friction=None if friction is None else friction.memory.copy(),
             turning=None if moving is None else moving.turning(m).copy(),
             anchors=None if moving is None else moving.anchors(),
+            pairs=None if moving is None else moving.pairs(m.q),
         )  # fmt: skip
 
     def go_back(self, state: Start) -> None:
@@ -335,6 +444,8 @@ class Stepper:
             self._friction.go_back(state.friction)
         if self._moving is not None:
             self._moving.begin(state)
+            self._moving.stand(m, m.v if state.turning is None else state.turning, self._h)
+            self._moving.take_anchors(state)
 
     def advance(self, h: float, first: int, count: int, between: int, samples: Samples) -> tuple[int, Stop | None]:
         """Make steps of length h [s] with the numbers `first` to `count`, from 1 on.
@@ -369,11 +480,13 @@ class Stepper:
                 m.q[:] += h * m.v
                 if self._moving is not None:
                     self._moving.plain.turn_on(m, h)
-            if why := self._find():  # compiled loops give up where closed rows do not settle soon
+            if why := self._find():
                 m.q[:], m.v[:] = m.q_start, m.v_start
                 return first - 1, why
             if self._friction is not None:
                 FrictionSteps.accept(self._friction, h)
+            if self._moving is not None:
+                self._moving.count_step()
             self._accelerate(0.5 * h)
             m.v[:] += 0.5 * h * m.a
             self._watch()
@@ -383,18 +496,26 @@ class Stepper:
         return count, None
 
     def _find(self) -> Stop | None:
-        """Find the forces at the present coordinates by NumPy; return what prevents it."""
-        why = self._find_others(self.motion.v)
+        """Find the forces at the present coordinates; return what prevents it.
+
+        Compiled loops give up where closed rows do not settle soon, or other rows must be found.
+        """
+        moving = self._moving
+        if self._kernels is not None and moving is not None and moving.lost >= 0:
+            why = self._find_at_once(self.motion.v)
+        else:
+            why = self._find_others(self.motion.v)
         return self._find_friction() if why is None and self._friction is not None else why
 
-    def _prevents(self, names: Sequence[str], parts: Sequence[ContactParts]) -> Stop | None:
+    def _prevents(self, names: Sequence[str], parts: Sequence[ContactParts], *, rough: bool = False) -> Stop | None:
         """What prevents that forces of some contacts are found at the present coordinates."""
         q = self.motion.q
         if not np.isfinite(q).all():
             return Stop("unstable", "the gaps are not finite: the run has become unstable")
         for name, part in zip(names, parts, strict=True):
             if part.slide(q):
-                return Stop("slides", f"pairs of contact {name!r} begin to slide, which compiled steps do not follow")
+                text = f"pairs of contact {name!r} begin to slide, which compiled steps do not follow"
+                return Stop("slides", text, rough)
         return None
 
     def _find_friction(self) -> Stop | None:
@@ -402,7 +523,7 @@ class Stepper:
         m, friction, plan = self.motion, self._friction, self.contacts.friction
         assert friction is not None
         assert plan is not None
-        if why := self._prevents(plan.names, self._friction_parts):
+        if why := self._prevents(plan.names, self._friction_parts, rough=True):
             return why
         friction.forget()
         try:
@@ -421,7 +542,7 @@ class Stepper:
         self._joint = self._joint or plan.joint()
         try:
             if self._moving is not None:
-                self._moving.plain.gaps(m.q, turning, self._h)
+                self._moving.plain.gaps(m, turning, self._h)
                 lam, pushed, iterations = self._moving.plain.settle(m.q, self._h, self._joint, plan)
             else:
                 lam, pushed, iterations = forces_of(plan, self._joint, self._h, blocks.active)
@@ -469,6 +590,8 @@ class Stepper:
         samples.values[place] = self.values
         if len(samples.stored):
             samples.stored[place], samples.lam[place] = self.stored, self._lam()
+        if self._moving is not None:
+            self._moving.watch_edges(self.values, self._h, self._blocks.lam, self.motion.q)
         if self._friction is not None:
             s = self._friction
             samples.friction[place] = s.friction

@@ -1,4 +1,4 @@
-"""Bodies in floating frames, and contacts with rigid surfaces whose rows follow the motion, as arrays of a plan.
+"""Bodies in floating frames, and contacts whose rows follow the motion, as a plan has them.
 
 Gaps of such rows are not linear in the coordinates. The flexibility of the rows changes with the normals, in the body's
 axes. It is found again when these have changed by `gaps.SAME` since it was found last, at the anchor, as in `Gaps`.
@@ -7,15 +7,17 @@ axes. It is found again when these have changed by `gaps.SAME` since it was foun
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ..algebra.block_complementarity import FlatBlocks, pooled
-from ..contact.gaps import Gaps
+from ..contact.gaps import Gaps, GapState
 from ..contact.loops import Primitive
+from ..contact.patch_gaps import PatchGaps
 from ..contact.rigid import RigidGaps
+from ..contact.stages import NOTHING, Anchor
 from ..frames.floating import FloatingKinematics
 from ..reduction.inertia import InertiaIntegrals
 from ..support.arrays import Array
@@ -147,6 +149,15 @@ class MovingState(NamedTuple):
         What regularisation adds to it [m/N].
     near : (nr,) bool array
         Rows that can close.
+    contact : (ns,) int array
+        Numbers of the contacts in the plan: those with rigid surfaces, and then those of two bodies.
+    frozen : (ns,) bool array
+        Whether their pairs are frozen.
+    lost : (1,) int array
+        Number of the contact of two bodies for which other rows must be found; -1 if there is none.
+    left : (ns,) bool array
+    left_at : (ns, nq) array
+        Whether closed rows between two bodies have left their patch, and the coordinates of the first such sample.
     """
 
     products: Array
@@ -159,6 +170,11 @@ class MovingState(NamedTuple):
     diagonal: Array
     added: Array
     near: Array
+    contact: Array
+    frozen: Array
+    lost: Array
+    left: Array
+    left_at: Array
 
 
 NAMES = Frames._fields, Surfaces._fields, MovingState._fields
@@ -182,43 +198,6 @@ class Anchors:
     along: Array
 
 
-@dataclass(frozen=True, eq=False)
-class MovingPlan:
-    """What moves in a plan besides frozen pairs of bodies in inertial frames.
-
-    Parameters
-    ----------
-    frames : Frames
-    surfaces : Surfaces
-    bounds : (float, float, float)
-        `followed.BULGE`, `gaps.SAME`, and what regularisation adds, by the mean diagonal.
-    """
-
-    frames: Frames
-    surfaces: Surfaces
-    bounds: tuple[float, float, float]
-
-    def state(self, n_rows: int, n: int) -> MovingState:
-        """Room for the state of a run with all its rows and n coordinates."""
-        nb, ns, points = len(self.frames.rotation), len(self.surfaces.contact), int(self.surfaces.firsts[-1])
-        return MovingState(
-            np.zeros((nb, 6)), np.zeros(nb, dtype=bool), np.zeros((points, 3)), np.zeros(ns, dtype=bool),
-            np.zeros((ns, n)), np.zeros((points, 3)), np.zeros(ns, dtype=bool), np.zeros(n_rows), np.zeros(ns),
-            np.zeros(n_rows, dtype=bool),
-        )  # fmt: skip
-
-    def with_room(self, blocks: FlatBlocks) -> FlatBlocks:
-        """Return blocks in which each moving contact has matrices of its own, for they change in a run."""
-        numbers, own, fields, end = [blocks.numbers], blocks.own.copy(), blocks.fields.copy(), len(blocks.numbers)
-        for j, size in zip(self.surfaces.contact, self.surfaces.sizes, strict=True):
-            n_fields = blocks.amplitudes.shape[1]
-            before = blocks.numbers[blocks.fields[j] :][: n_fields * size[NR]]
-            numbers += [np.zeros(size[NR] ** 2), before]
-            own[j], fields[j] = end, end + size[NR] ** 2
-            end += size[NR] ** 2 + len(before)
-        return blocks._replace(numbers=np.concatenate(numbers), own=own, fields=fields)
-
-
 class Turning(NamedTuple):
     """A body in a floating frame.
 
@@ -237,34 +216,93 @@ class Turning(NamedTuple):
 
 
 class Following(NamedTuple):
-    """A contact with a rigid surface whose rows follow the motion.
+    """A contact whose rows follow the motion: with a rigid surface, or of two bodies.
 
     Parameters
     ----------
     contact : int
         Its number in the plan.
-    body : int
-        That of its body among those in floating frames; -1 for others.
+    bodies : tuple of int
+        Those of its bodies among the ones in floating frames; -1 for others.
     dofs : (n,) int array
         Numbers of its coordinates in the model.
-    gaps : RigidGaps
-    fields : (d np, m) array
-        Fields of the patch that contacts exchange, see `between.Exchange`.
+    gaps : RigidGaps or PatchGaps
+    fields : tuple of (d np, m) arrays
+        Fields of the patch of each body that contacts exchange, see `between.Exchange`.
     """
 
     contact: int
-    body: int
+    bodies: tuple[int, ...]
     dofs: Array
-    gaps: RigidGaps
-    fields: Array
+    gaps: RigidGaps | PatchGaps
+    fields: tuple[Array, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class MovingPlan:
+    """What moves in a plan besides frozen pairs of bodies in inertial frames.
+
+    Parameters
+    ----------
+    frames : Frames
+    surfaces : Surfaces
+    pairs : tuple of Following
+        Contacts of two bodies.
+    bounds : (float, float, float)
+        `followed.BULGE`, `gaps.SAME`, and what regularisation adds, by the mean diagonal.
+    """
+
+    frames: Frames
+    surfaces: Surfaces
+    pairs: tuple[Following, ...]
+    bounds: tuple[float, float, float]
+
+    @property
+    def contact(self) -> Array:
+        """Numbers of the contacts in the plan, (ns,), see `MovingState`."""
+        return np.array([*self.surfaces.contact.tolist(), *(one.contact for one in self.pairs)], dtype=np.int64)
+
+    def state(self, n_rows: int, n: int) -> MovingState:
+        """Room for the state of a run with all its rows and n coordinates."""
+        nb, ns, points = len(self.frames.rotation), len(self.contact), int(self.surfaces.firsts[-1])
+
+        def no() -> Array:
+            return np.zeros(ns, dtype=bool)
+
+        return MovingState(
+            np.zeros((nb, 6)), np.zeros(nb, dtype=bool), np.zeros((points, 3)), no(), np.zeros((ns, n)),
+            np.zeros((points, 3)), no(), np.zeros(n_rows), np.zeros(ns), np.zeros(n_rows, dtype=bool),
+            self.contact, no(), np.full(1, -1), no(), np.zeros((ns, n)),
+        )  # fmt: skip
+
+    def with_room(self, blocks: FlatBlocks) -> FlatBlocks:
+        """Return blocks in which each moving contact has matrices of its own, for they change in a run."""
+        numbers, own, fields, end = [blocks.numbers], blocks.own.copy(), blocks.fields.copy(), len(blocks.numbers)
+        for j in self.contact:
+            n_fields, n = blocks.amplitudes.shape[1], int(blocks.starts[j + 1] - blocks.starts[j])
+            before = blocks.numbers[blocks.fields[j] :][: n_fields * n]
+            numbers += [np.zeros(n**2), before]
+            own[j], fields[j] = end, end + n**2
+            end += n**2 + len(before)
+        return blocks._replace(numbers=np.concatenate(numbers), own=own, fields=fields)
 
 
 def can_follow(gaps: Gaps) -> bool:
-    """Whether compiled steps can follow the rows: those of a patch to a plane, sphere or cylinder at rest."""
-    if not isinstance(gaps, RigidGaps) or gaps.carried or gaps.primitive is None:
+    """Whether compiled steps can follow the rows.
+
+    They follow those of a patch to a plane, sphere or cylinder at rest, and those between two bodies, if all nodes of
+    the patches have a known flexibility.
+    """
+    if any(side.zone is not None or not isinstance(side.flexibility, np.ndarray) for side in gaps.sides):
         return False
-    (side,) = gaps.sides
-    return not side.surface.wanders and side.zone is None and isinstance(side.flexibility, np.ndarray)
+    if isinstance(gaps, RigidGaps):
+        return not gaps.carried and gaps.primitive is not None and not gaps.slave.surface.wanders
+    return isinstance(gaps, PatchGaps) and gaps.between is None and not gaps.on_demand
+
+
+def rows_of(gaps: Gaps) -> Array:
+    """The slave's patch nodes of the rows that a plan has of a contact, (n,): if pairs are followed, of all rows."""
+    return gaps.all_nodes if isinstance(gaps, PatchGaps) and gaps.moving else gaps.row_nodes
 
 
 def frames_of(bodies: Sequence[Turning]) -> Frames:
@@ -291,11 +329,12 @@ def frames_of(bodies: Sequence[Turning]) -> Frames:
 
 
 def surfaces_of(contacts: Sequence[Following]) -> Surfaces:
-    """Put moving contacts one after the other."""
+    """Put contacts with rigid surfaces one after the other."""
     primitives, sizes, axes = list[Primitive](), list[tuple[int, ...]](), list[Array]()
     numbers, indices = [list[Array]() for _ in range(8)], [list[Array]() for _ in range(3)]
-    for _, _, _, gaps, fields in contacts:
+    for _, _, _, gaps, (fields,) in contacts:
         (side,), points, motion = gaps.sides, gaps.points, gaps.slave.seen
+        assert isinstance(gaps, RigidGaps)
         assert gaps.primitive is not None
         primitives.append(gaps.primitive)
         axes.append(motion.frame(np.zeros(side.n))[1])
@@ -316,7 +355,7 @@ def surfaces_of(contacts: Sequence[Following]) -> Surfaces:
     sizes_of = np.array(sizes, dtype=np.int64).reshape(-1, 7)
     return Surfaces(
         np.array([one.contact for one in contacts], dtype=np.int64),
-        np.array([one.body for one in contacts], dtype=np.int64),
+        np.array([one.bodies[0] for one in contacts], dtype=np.int64),
         _starts([one.dofs for one in contacts]),
         np.concatenate([one.dofs for one in contacts]) if contacts else np.zeros(0, dtype=np.int64),
         np.array([one.kind for one in primitives], dtype=np.int64),
@@ -332,7 +371,7 @@ def surfaces_of(contacts: Sequence[Following]) -> Surfaces:
 
 
 def anchors_of(contacts: Sequence[Following], n: int) -> Anchors:
-    """Where moving contacts found their flexibility; n is the number of the model's coordinates."""
+    """Where contacts with rigid surfaces found their flexibility; n is the number of the model's coordinates."""
     anchored, q = np.zeros(len(contacts), dtype=bool), np.zeros((len(contacts), n))
     along = [np.zeros((len(one.gaps.points.nodes), 3)) for one in contacts]
     for s, one in enumerate(contacts):
@@ -341,6 +380,16 @@ def anchors_of(contacts: Sequence[Following], n: int) -> Anchors:
             if not one.gaps.slave.normal_only:
                 along[s] = one.gaps.stance_at(anchor)
     return Anchors(anchored, q, np.concatenate([np.zeros((0, 3)), *along]))
+
+
+def pairs_at(contacts: Sequence[Following], q: Array) -> tuple[GapState, ...]:
+    """States of contacts of two bodies at coordinates of the model, (nq,): those of a model that is placed there."""
+    states = []
+    for one in contacts:
+        here = q[one.dofs]
+        anchor = None if one.gaps.anchor is None else Anchor(here, NOTHING)
+        states.append(replace(one.gaps.accepted, q=here, anchor=anchor))
+    return tuple(states)
 
 
 def anchors_at(contacts: Sequence[Following], q: Array) -> Anchors:

@@ -19,15 +19,15 @@ from ..frames.kernels import (
     end_velocities,
     generalised,
     inertia_force,
-    moved_places,
     on_constant_mass,
     on_shapes,
-    places,
 )
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner
 from ..support.struct_kernels import StructType
+from .body_kernels import gathered, matrix_at, moved_nodes
 from .moving import NAMES
+from .pair_kernels import Pairs, anchor_pair, forces_of_pair, gaps_of_pair, keep_gaps, leaves_patch, pair_at
 
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
@@ -90,32 +90,22 @@ def flat_state(state: MovingState) -> Any:
 
 
 class Moving(NamedTuple):
-    """All that moves in a run as one argument of loops, each part as one object; `bounds` as in `MovingPlan`."""
+    """All that moves in a run as one argument of loops, each part as one object; `bounds` as in `MovingPlan`.
+
+    What a plan does not have is None, so that loops are not compiled for it.
+    """
 
     frames: Frames
-    surfaces: Surfaces
+    surfaces: Surfaces | None
+    pairs: Pairs | None
     state: MovingState
     bounds: Bounds
 
 
-def moving_of(plan: MovingPlan, state: MovingState) -> Moving:
+def moving_of(plan: MovingPlan, state: MovingState, pairs: Pairs | None) -> Moving:
     """What moves in a run of a plan; loops write to the state's arrays."""
-    return Moving(flat_frames(plan.frames), flat_surfaces(plan.surfaces), flat_state(state), plan.bounds)
-
-
-@inlined
-def gathered(dofs: Array, first: int, end: int, values: Array) -> Array:
-    """Values of some coordinates, (n,)."""
-    result = np.empty(end - first)
-    for i in range(end - first):
-        result[i] = values[dofs[first + i]]
-    return result
-
-
-@inlined
-def matrix_at(numbers: Array, place: int, rows: int, columns: int) -> Array:
-    """A matrix among numbers."""
-    return numbers[place:][: rows * columns].reshape(rows, columns)
+    surfaces = flat_surfaces(plan.surfaces) if len(plan.surfaces.contact) else None
+    return Moving(flat_frames(plan.frames), surfaces, pairs, flat_state(state), plan.bounds)
 
 
 @inlined
@@ -150,23 +140,13 @@ def turn_frames(frames: Frames, state: MovingState, v: Array) -> None:
 @inner
 def nodes_of_surface(frames: Frames, surfaces: Surfaces, state: MovingState, s: int, q_s: Array) -> Array:
     """Places of the nodes of a moving contact, (k, 3) [m], at its coordinates."""
-    numbers, k, n, b = surfaces.numbers, surfaces.sizes[s, 0], surfaces.sizes[s, 4], surfaces.body[s]
-    start, rows = matrix_at(numbers, surfaces.start[s], k, 3), matrix_at(numbers, surfaces.rows[s], 3 * k, n)
-    if b < 0:
-        return moved_places(start, rows, q_s)
-    arms = matrix_at(numbers, surfaces.arms[s], k, 3)
-    if state.grows[b] and surfaces.growth[s] >= 0:
-        growth, axes = matrix_at(numbers, surfaces.growth[s], 3 * k, 6), surfaces.axes[s]
-        start, arms, grown = start.copy(), arms.copy(), np.empty(3)
-        for node in range(k):
-            for i in range(3):
-                grown[i] = 0.0
-                for c in range(6):
-                    grown[i] += growth[3 * node + i, c] * state.products[b, c]
-                arms[node, i] += grown[i]
-            for i in range(3):
-                start[node, i] += axes[i, 0] * grown[0] + axes[i, 1] * grown[1] + axes[i, 2] * grown[2]
-    return places(q_s, start, frames.rotation[b], frames.node_axes[b], arms, rows)
+    numbers, k, n = surfaces.numbers, surfaces.sizes[s, 0], surfaces.sizes[s, 4]
+    grows = surfaces.growth[s] >= 0
+    return moved_nodes(
+        frames, state, surfaces.body[s], q_s, matrix_at(numbers, surfaces.start[s], k, 3),
+        matrix_at(numbers, surfaces.arms[s], k, 3), matrix_at(numbers, surfaces.rows[s], 3 * k, n),
+        matrix_at(numbers, surfaces.growth[s] if grows else 0, 3 * k if grows else 0, 6), surfaces.axes[s],
+    )  # fmt: skip
 
 
 @inner
@@ -285,12 +265,28 @@ def anchor_surface(
 
 
 @inner
-def regularise_surface(
-    blocks: FlatBlocks, surfaces: Surfaces, state: MovingState, s: int, gap: Array, bulge: float, share: float
-) -> None:
+def anchor_rows(
+    blocks: FlatBlocks, frames: Frames, surfaces: Surfaces | None, pairs: Pairs | None, state: MovingState, s: int,
+    q: Array, same: float,
+) -> bool:  # fmt: skip
+    """See `anchor_surface`, of a contact with a rigid surface or of two bodies."""
+    if surfaces is not None:
+        if s < len(surfaces.contact):
+            return anchor_surface(blocks, frames, surfaces, state, s, q, same)
+    if pairs is not None:
+        return anchor_pair(blocks, frames, pair_at(pairs, s - pairs.offset), state, s, q, same)
+    return False
+
+
+@inner
+def regularise_rows(blocks: FlatBlocks, state: MovingState, s: int, gap: Array, bulge: float, share: float) -> None:
     """Choose the rows of a moving contact that can close at some gaps, and regularise by them; see `regularised`."""
-    j = surfaces.contact[s]
+    j = state.contact[s]
     start, nr = blocks.starts[j], len(gap)
+    if state.frozen[s]:  # all rows are near, and regularised
+        for i in range(nr):
+            state.near[start + i] = True
+        return
     own, least, total, count = matrix_at(blocks.numbers, blocks.own[j], nr, nr), np.inf, 0.0, 0
     for i in range(nr):
         least = min(least, gap[i])
@@ -319,7 +315,8 @@ def presses(blocks: FlatBlocks, j: int, gap: Array, near: Array) -> bool:
 def settle_moving(
     blocks: FlatBlocks,
     frames: Frames,
-    surfaces: Surfaces,
+    surfaces: Surfaces | None,
+    pairs: Pairs | None,
     state: MovingState,
     q: Array,
     h: Array,
@@ -331,23 +328,23 @@ def settle_moving(
     Flexibilities are looked at of those that enter, and of those that are moved by contacts which press.
     """
     (rounding, settled, steps, patience), (bulge, same, share) = limits, bounds
-    starts, ns, gaps = blocks.starts, len(surfaces.contact), h.copy()
+    starts, ns, gaps = blocks.starts, len(state.contact), h.copy()
     pressing, enters, again = np.zeros(len(blocks.own), np.bool_), np.zeros(ns, np.bool_), True
     for i in range(len(h)):
         state.near[i] = False
     for j in range(len(pressing)):
         pressing[j] = presses(blocks, j, h, state.near)
     for s in range(ns):
-        enters[s] = pressing[surfaces.contact[s]]
+        enters[s] = pressing[state.contact[s]]
     passes = 0
     while again and passes < _PASSES:
         passes += 1
         for s in range(ns):
-            j, looks = surfaces.contact[s], enters[s]
+            j, looks = state.contact[s], enters[s]
             for i in range(blocks.core.starts[j], blocks.core.starts[j + 1]):
                 looks |= pressing[blocks.core.sources[i]]
-            if looks and (anchor_surface(blocks, frames, surfaces, state, s, q, same) or enters[s]):
-                regularise_surface(blocks, surfaces, state, s, gaps[starts[j] : starts[j + 1]], bulge, share)
+            if looks and (anchor_rows(blocks, frames, surfaces, pairs, state, s, q, same) or enters[s]):
+                regularise_rows(blocks, state, s, gaps[starts[j] : starts[j + 1]], bulge, share)
         if not settle_blocks(blocks, h, rounding, settled, steps, patience):
             return False
         again = False
@@ -356,7 +353,7 @@ def settle_moving(
                 if not pressing[j] and blocks.lam[i] > 0.0:
                     pressing[j] = again = True
         for s in range(ns):
-            j = surfaces.contact[s]
+            j = state.contact[s]
             enters[s] = presses(blocks, j, blocks.pushed, state.near)
             if enters[s]:
                 again = pressing[j] = True
@@ -411,29 +408,106 @@ def act_on_masses(frames: Frames, q: Array, force: Array) -> None:
                 force[frames.dofs[i]] = pushed[i - first]
 
 
+@inner
+def gaps_of_surfaces(
+    frames: Frames, surfaces: Surfaces | None, state: MovingState, starts: Array, q: Array, h: Array
+) -> None:
+    """Set the gaps of the rows to rigid surfaces."""
+    if surfaces is not None:
+        for s in range(len(surfaces.contact)):
+            q_s, j = gathered(surfaces.dofs, surfaces.places[s], surfaces.places[s + 1], q), surfaces.contact[s]
+            gaps_of_surface(frames, surfaces, state, s, q_s, h[starts[j] : starts[j + 1]])
+
+
+@inner
+def gaps_of_pairs(frames: Frames, pairs: Pairs | None, state: MovingState, starts: Array, q: Array, h: Array) -> bool:
+    """Set the gaps of the rows between bodies; False if other rows must be found for a pair, which is told."""
+    if pairs is not None:
+        for s in range(len(pairs.addresses)):
+            one = pair_at(pairs, s)
+            gap = h[starts[one.contact] : starts[one.contact + 1]]
+            if not gaps_of_pair(frames, state, one, q, gap, pairs.following):
+                state.lost[0] = s
+                for i in range(s):
+                    keep_gaps(pair_at(pairs, i), starts, h)
+                return False
+    return True
+
+
+@inner
+def forces_of_surfaces(
+    contacts: FlatContacts, frames: Frames, surfaces: Surfaces | None, state: MovingState, q: Array, force: Array
+) -> None:
+    """Add the generalised forces of contacts with rigid surfaces, and set their resultants."""
+    if surfaces is not None:
+        starts, lam = contacts.blocks.starts, contacts.blocks.lam
+        for s in range(len(surfaces.contact)):
+            j = surfaces.contact[s]
+            if contacts.values[j, 1] > 0.0:
+                of_rows = lam[starts[j] : starts[j + 1]]
+                forces_of_surface(frames, surfaces, state, s, q, of_rows, force, contacts.values[j])
+
+
+@inner
+def forces_of_pairs(contacts: FlatContacts, frames: Frames, pairs: Pairs | None, q: Array, force: Array) -> None:
+    """Add the generalised forces of contacts of two bodies, and set their resultants."""
+    if pairs is not None:
+        starts, lam = contacts.blocks.starts, contacts.blocks.lam
+        for s in range(len(pairs.addresses)):
+            one = pair_at(pairs, s)
+            j = one.contact
+            if contacts.values[j, 1] > 0.0:
+                forces_of_pair(frames, one, q, lam[starts[j] : starts[j + 1]], force, contacts.values[j])
+            if len(one.slots) == 0:
+                contacts.values[j, 5] = np.inf
+
+
 @compiled
 def evaluate_moving(contacts: FlatContacts, moving: Moving, q: Array, v: Array, force: Array, limits: Limits) -> int:
     """Find forces of all contacts at coordinates, with bodies that grow as they turn at velocities.
 
-    Return how many contacts push, or -1 if pairs slide or none settle.
+    Return how many contacts push, or -1 if pairs slide, other rows must be found, or none settle.
     """
-    rows, blocks, h, (frames, surfaces, state, bounds) = contacts.rows, contacts.blocks, contacts.h, moving
+    rows, blocks, h, (frames, surfaces, pairs, state, bounds) = contacts.rows, contacts.blocks, contacts.h, moving
     turn_frames(frames, state, v)
+    state.lost[0] = -1
     if not gaps_of_frozen(rows, q, h):
         return -1
-    for s in range(len(surfaces.contact)):
-        q_s, j = gathered(surfaces.dofs, surfaces.places[s], surfaces.places[s + 1], q), surfaces.contact[s]
-        gaps_of_surface(frames, surfaces, state, s, q_s, h[rows.starts[j] : rows.starts[j + 1]])
-    if not settle_moving(blocks, frames, surfaces, state, q, h, limits, bounds):
+    gaps_of_surfaces(frames, surfaces, state, rows.starts, q, h)
+    if not gaps_of_pairs(frames, pairs, state, rows.starts, q, h):
+        return -1
+    if not settle_moving(blocks, frames, surfaces, pairs, state, q, h, limits, bounds):
         return -1
     pushing = forces_of_frozen(rows, h, blocks.lam, blocks.pushed, force, contacts.values, contacts.stored)
-    for s in range(len(surfaces.contact)):
-        j = surfaces.contact[s]
-        if contacts.values[j, 1] > 0.0:
-            lam = blocks.lam[rows.starts[j] : rows.starts[j + 1]]
-            forces_of_surface(frames, surfaces, state, s, q, lam, force, contacts.values[j])
+    forces_of_surfaces(contacts, frames, surfaces, state, q, force)
+    forces_of_pairs(contacts, frames, pairs, q, force)
     act_on_masses(frames, q, force)
     return pushing
+
+
+@inner
+def count_steps(pairs: Pairs | None) -> None:
+    """Count a step of pairs that slide, and may be frozen again."""
+    if pairs is not None:
+        for s in range(len(pairs.addresses)):
+            one = pair_at(pairs, s)
+            if one.may_freeze and not one.frozen and len(one.slots) > 0:
+                one.steps[0] += 1
+
+
+@inner
+def watch_edges(contacts: FlatContacts, pairs: Pairs | None, state: MovingState, q: Array) -> None:
+    """Keep the coordinates of the first sample in which a closed row of a pair leaves its patch."""
+    if pairs is not None:
+        starts, lam = contacts.blocks.starts, contacts.blocks.lam
+        for s in range(len(pairs.addresses)):
+            one = pair_at(pairs, s)
+            j = one.contact
+            some = slice(starts[j], starts[j + 1])
+            if not state.left[s] and contacts.values[j, 1] > 0.0 and leaves_patch(one, contacts.h[some], lam[some]):
+                state.left[s] = True
+                for i in range(len(q)):
+                    state.left_at[s, i] = q[i]
 
 
 # Steps.

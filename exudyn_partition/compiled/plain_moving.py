@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..algebra.block_complementarity import BlockComplementarity, FlatBlocks
@@ -14,6 +16,7 @@ from ..frames.rotations import composed, rotation_matrix
 from ..reduction.inertia import PAIRS, InertiaIntegrals
 from ..support.arrays import Array
 from .moving import Frames, MovingPlan, MovingState, Surfaces
+from .pair_rows import PairRows
 from .plan import Bodies, FrozenPlan, Motion
 
 _FIRST, _SECOND = np.array(PAIRS).T
@@ -194,6 +197,42 @@ class PlainSurface:
             force[self.dofs] += loops.generalised(q[self.dofs], *frame, self._arms, self._rows, on_nodes)
 
 
+class PlainPair:
+    """A contact of two bodies whose rows follow facets, as `PlainMoving` takes it.
+
+    Parameters
+    ----------
+    rows : PairRows
+    """
+
+    def __init__(self, rows: PairRows) -> None:
+        self._rows, self.contact, self.s = rows, rows.contact, rows.s
+
+    def anchor(self, blocks: FlatBlocks, state: MovingState, q: Array, same: float) -> bool:
+        """See `anchor_pair`."""
+        return self._rows.anchor(same)
+
+    def rows(self, blocks: FlatBlocks) -> slice:
+        """Its rows among all."""
+        return slice(*blocks.starts[self.contact : self.contact + 2])
+
+    def own(self, blocks: FlatBlocks) -> Array:
+        """Its flexibility, (nr, nr), regularised; a view."""
+        return self._rows.own
+
+    def fields(self, blocks: FlatBlocks) -> Array:
+        """Its fields, (nr, m)."""
+        return self._rows.fields.T
+
+    def regularise(self, blocks: FlatBlocks, state: MovingState, gap: Array, bulge: float, share: float) -> None:
+        """See `regularise_rows`."""
+        self._rows.regularise(gap, bulge, share)
+
+    def push(self, state: MovingState, q: Array, lam: Array, force: Array, values: Array) -> None:
+        """See `forces_of_pairs`."""
+        self._rows.push(lam, force, values)
+
+
 class PlainMoving:
     """Moving contacts and bodies of a plan.
 
@@ -204,20 +243,28 @@ class PlainMoving:
         Of a run, which this writes to.
     blocks : FlatBlocks
         Of the run.
+    pairs : sequence of PairRows
+        Contacts of two bodies.
     """
 
-    def __init__(self, plan: MovingPlan, state: MovingState, blocks: FlatBlocks) -> None:
+    def __init__(
+        self, plan: MovingPlan, state: MovingState, blocks: FlatBlocks, pairs: Sequence[PairRows] = ()
+    ) -> None:
         self._plan, self._state, self._blocks = plan, state, blocks
         self.bodies = [PlainBody(plan.frames, b) for b in range(len(plan.frames.rotation))]
         of_contacts = enumerate(plan.surfaces.body.tolist())
-        self.surfaces = [PlainSurface(plan.surfaces, s, self.bodies[b] if b >= 0 else None) for s, b in of_contacts]
+        self._rigid = [PlainSurface(plan.surfaces, s, self.bodies[b] if b >= 0 else None) for s, b in of_contacts]
+        self._pairs = pairs
+        self.surfaces: list[PlainSurface | PlainPair] = [*self._rigid, *map(PlainPair, pairs)]
 
-    def gaps(self, q: Array, v: Array, h: Array) -> None:
-        """Set the gaps of moving rows among those of all, (nr,) [m], with bodies that grow as they turn."""
+    def gaps(self, m: Motion, v: Array, h: Array) -> None:
+        """Set the gaps of moving rows among those of all, (nr,) [m], with bodies that grow as they turn at v, (nq,)."""
         for body in self.bodies:
             body.grow(self._state, v)
-        for surface in self.surfaces:
-            h[surface.rows(self._blocks)] = surface.gaps(self._state, q)
+        for surface in self._rigid:
+            h[surface.rows(self._blocks)] = surface.gaps(self._state, m.q)
+        for pair in self._pairs:
+            pair.gaps_at(m.q, m.q_start, v, h)
 
     def settle(self, q: Array, h: Array, joint: BlockComplementarity, plan: FrozenPlan) -> tuple[Array, Array, Array]:
         """Forces on all rows, (nr,) [N], gaps with displacements by other contacts, (nr,) [m], and iterations, (n,).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -61,6 +61,9 @@ class Histories:
         Values of each contact there, and the energy that it stores [J].
     peaks : Peaks
         Largest force of each contact.
+    left : dict of int to (nq,) array
+        Coordinates of the first sample in which closed rows leave their patch, by the numbers of contacts of two bodies
+        whose rows follow facets.
     iterations : int
         Of the closed rows of all contacts.
     made : int
@@ -82,6 +85,7 @@ class Histories:
     end_values: Array
     end_stored: Array
     peaks: Peaks
+    left: dict[int, Array]
     iterations: int
     made: int
     stopped: Stop | None
@@ -96,6 +100,7 @@ def run(
     rows: bool = True,
     report: Callable[[int], bool] | None = None,
     stepper: Stepper | None = None,
+    earlier: int = 0,
 ) -> Histories:
     """Run a plan. The same arguments give the same bits, whatever ran before.
 
@@ -110,12 +115,14 @@ def run(
         Called with the number of steps made, now and then; the run ends early if it returns False.
     stepper : Stepper, optional
         Room of an earlier run with the same contacts, to save time.
+    earlier : int
+        Steps of `steps` that were made before the start, by another plan.
 
     Returns
     -------
     Histories
     """
-    stepper, between, made = stepper or Stepper(plan.contacts, len(plan.bodies.mass)), steps.between, 0
+    stepper, between, made = stepper or Stepper(plan.contacts, len(plan.bodies.mass)), steps.between, earlier
     stopped = stepper.begin(plan, start)
     record = Record(plan, stepper, motion=motion, rows=rows)
     chunk = min(_STEPS, max(_MOST // max(plan.contacts.n_rows, 1), 1)) if rows else _STEPS
@@ -127,7 +134,28 @@ def run(
         record.add(samples, last // between)
         if report is not None and not report(made):
             break
-    return record.histories(made, stopped)
+    return record.histories(made - earlier, stopped)
+
+
+def without_start(made: Histories) -> Histories:
+    """Return a run without the sample of its start, for it goes on from another one."""
+    lam, along, status = (None if part is None else part[1:] for part in (made.lam, made.along, made.status))
+    return replace(
+        made, q=made.q[1:], v=made.v[1:], values=made.values[1:], stored=made.stored[1:], friction=made.friction[1:],
+        lam=lam, along=along, status=status,
+    )  # fmt: skip
+
+
+def joined(first: Histories, later: Histories) -> Histories:
+    """One run of two, the second `without_start`. It has no forces on rows: their plans may have other rows."""
+    names = "q", "v", "values", "stored", "friction"
+    q, v, values, stored, friction = (
+        np.concatenate([getattr(part, name) for part in (first, later)]) for name in names
+    )
+    return replace(
+        later, q=q, v=v, values=values, stored=stored, friction=friction, start=first.start, lam=None, along=None,
+        status=None, made=first.made + later.made, iterations=first.iterations + later.iterations,
+    )  # fmt: skip
 
 
 class Record:
@@ -170,5 +198,5 @@ class Record:
             q, v, values, stored, lam, friction, along, status,
             start=self._start, end=stepper.state(), end_values=stepper.values.copy(), end_stored=stepper.stored.copy(),
             peaks=Peaks(*(part.copy() for part in stepper.peaks)),
-            iterations=stepper.iterations, made=made, stopped=stopped,
+            left=stepper.left, iterations=stepper.iterations, made=made, stopped=stopped,
         )  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..contact.gaps import GapState
 from ..support.arrays import Array
 from .friction_plan import FrictionMemory
 from .moving import Anchors
@@ -24,7 +25,9 @@ class Start:
     turning : (nq,) array, optional
         Velocities by which bodies in floating frames grow at the start. Default: `v`.
     anchors : Anchors, optional
-        Where moving contacts have found their flexibility. Default: nowhere.
+        Where contacts with rigid surfaces have found their flexibility. Default: nowhere.
+    pairs : tuple of GapState, optional
+        Of contacts of two bodies whose rows follow facets. Default: as they are placed.
     """
 
     q: Array
@@ -33,3 +36,4 @@ class Start:
     friction: FrictionMemory | None = None
     turning: Array | None = None
     anchors: Anchors | None = None
+    pairs: tuple[GapState, ...] | None = None

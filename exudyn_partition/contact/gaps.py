@@ -389,6 +389,16 @@ class Gaps:
         return len(self._all.row_nodes)
 
     @property
+    def all_nodes(self) -> Array:
+        """(n_all,) int array: node of the slave's patch for each row of the whole patch."""
+        return self._all.row_nodes
+
+    @property
+    def slots(self) -> Array:
+        """(nr,) int array: numbers of the present rows among those of the whole patch."""
+        return np.searchsorted(self.all_nodes, self.row_nodes)
+
+    @property
     def node_areas(self) -> Array:
         """(np,) array: area of the row of each node of the slave's patch [m2]; zero without a row, or on an edge."""
         areas = np.zeros(len(self.slave.surface.points))
@@ -692,6 +702,11 @@ class Gaps:
             stage = self._stage_anchored(anchor, self.stage.rows)
             self._anchored = anchor, self.stage.rows, stage
         return stage
+
+    @property
+    def anchored_stage(self) -> Stage | None:
+        """The present rows with their pairs and normals at the anchor; None without an anchor."""
+        return None if self.anchor is None else self._stage_of_anchor(self.anchor)
 
     def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """Stage of some rows with their pairs and normals at an anchor."""

@@ -34,8 +34,8 @@ from .side import Side
 from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
 
 _HELD = 0.02  # of a facet's size: sliding up to which pairs stay frozen
-_STILL = 0.1  # of _HELD: pairs that slide less than that in _PATIENCE steps are frozen again
-_PATIENCE = 200
+_STILL = 0.1  # of _HELD: pairs that slide less than that in PATIENCE steps are frozen again
+PATIENCE = 200  # steps
 
 
 class PatchGaps(Gaps):
@@ -107,7 +107,7 @@ class PatchGaps(Gaps):
         frozen = self._frozen_at()
         if frozen is None and self.may_freeze and len(self.row_nodes):
             steps += 1
-            if steps >= _PATIENCE:
+            if steps >= PATIENCE:
                 frozen, stood, steps = self._freezes_at(stood), self.stage.here, 0
         return GapState(self.present.q, self.evaluated_pose, self.anchor, frozen, None, stood, steps)
 

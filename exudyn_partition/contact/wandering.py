@@ -71,6 +71,12 @@ class WanderingGaps(PatchGaps):
         """Whether the parts are still those that are near each other, with the slave at a place, (3, 3) [m]."""
         return self._parted_at is not None and largest_change(here, self._parted_at) <= self._part_reach
 
+    @property
+    def parted(self) -> tuple[Array, float]:
+        """Place of the slave, (3, 3) [m], at which the present parts were found, and motion that ends them [m]."""
+        assert self._parted_at is not None
+        return self._parted_at, self._part_reach
+
     def of_present(self, q: Array) -> Array:
         """See `Gaps.of_present`."""
         return super().of_present(q) if self._parted_at is not None else self.at(q)

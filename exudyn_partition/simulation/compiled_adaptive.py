@@ -29,7 +29,7 @@ def run_adaptive(
     start: Start,
     plan: RunPlan,
     control: StepControl,
-    following: Sequence[Following],
+    following: tuple[Sequence[Following], Sequence[Following]],
     model_run: ModelRun,
     friction: FrictionGroups | None,
     report: Callable[[float], bool],
@@ -44,8 +44,8 @@ def run_adaptive(
     start : Start
     plan : RunPlan
     control : StepControl
-    following : sequence of Following
-        Contacts whose rows follow the motion.
+    following : two sequences of Following
+        Contacts whose rows follow the motion: with rigid surfaces, and of two bodies.
     model_run : ModelRun
         The present run.
     friction : FrictionGroups or None
@@ -67,7 +67,7 @@ def run_adaptive(
         put(mbs, t, before.q, before.v, before.a)
         if friction is not None:
             friction.stand(before, stepper.values, stepper.stored, t)
-        give_anchors(following, before.anchors)
+        give_anchors(*following, before)
         model_run.force(mbs, t)
         pace = control.after_step(pace, last)
         if end - t <= _OVER * plan.times.step or not report(t):

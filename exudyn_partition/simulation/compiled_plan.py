@@ -11,13 +11,13 @@ from ..algebra.complementarity import REGULARISATION, Complementarity, regularis
 from ..algebra.products import dense
 from ..compiled.friction_plan import FrictionMemory, FrictionPlan
 from ..compiled.moving import (
-    Anchors,
     Following,
     MovingPlan,
     Turning,
     anchors_of,
     can_follow,
     frames_of,
+    rows_of,
     surfaces_of,
 )
 from ..compiled.plan import Bodies, FrozenPlan, StepPlan, joined_fields
@@ -27,10 +27,11 @@ from ..contact.formulations.choices import Compliance
 from ..contact.formulations.coupled import CoupledContacts, SharedPatches
 from ..contact.formulations.coupled_friction import CoupledFriction, SharedFriction
 from ..contact.formulations.formulation import Together
-from ..contact.gaps import SAME
+from ..contact.gaps import SAME, GapState
 from ..contact.linear_gaps import FlatRows, LinearGaps
 from ..contact.memory import on_rows
 from ..contact.patch_contact import PatchContact
+from ..contact.patch_gaps import PatchGaps
 from ..contact.rigid import RigidGaps
 from ..contact.tangential import TangentialRows
 from ..errors import CompiledRunError
@@ -62,8 +63,8 @@ def check_held(mbs: MainSystem, options: Sequence[str] = ()) -> None:
         listed = "".join(f"\n- {reason}" for reason in reasons)
         raise CompiledRunError(
             "compiled runs hold partition bodies, their contacts by compliance, rigid planes, spheres and cylinders, "
-            "gravity, constant loads on coordinates and damping of modes; two bodies in contact, and friction, as long "
-            f"as frames do not turn and pairs of bodies do not slide. This one has more:{listed}\n"
+            "gravity, constant loads on coordinates and damping of modes; friction as long as frames do not turn, and "
+            f"pairs of bodies do not slide. This one has more:{listed}\n"
             "Leave it out, or run the model by solve_dynamic(..., solver='exudyn')"
         )
 
@@ -124,8 +125,8 @@ def _of_pairs(named: str, contact: PartitionContact) -> Iterator[str]:
         return
     if not can_follow(gaps):
         yield (
-            f"{named} has pairs that follow the motion: of two bodies in floating frames, a RigidMesh, patches of "
-            "Partition.surface, or patches that do not face each other at the start"
+            f"{named} has pairs that follow the motion: of a RigidMesh, of Partition.surface on a rigid surface, or of "
+            "large skins"
         )
     elif has_friction(contact.group):
         has = "friction" if contact.mechanics.friction is not None else "a body in common with a contact with friction"
@@ -263,7 +264,7 @@ def _rows(mbs: MainSystem, contacts: Sequence[PartitionContact], members: Sequen
             normals.append(gaps.normal)
             dofs.append(np.concatenate([np.r_[part] for part in contact.slices(mbs)]))
         elif can_follow(gaps):
-            n = len(gaps.row_nodes)
+            n = len(rows_of(gaps))
             linear.append(LinearGaps(np.zeros((n, 0)), np.zeros(n), np.zeros((0, 0)), np.zeros(0), np.inf))
             normals.append(np.zeros((n, 3)))
             dofs.append(np.zeros(0, dtype=np.int64))
@@ -281,6 +282,12 @@ def _friction_plan(
 ) -> FrictionPlan:
     """Plan of groups of contacts with friction."""
     contacts, members = [one for group in ordered for one in group], [one for _, some in groups for one in some]
+    for contact, mechanics in zip(contacts, members, strict=True):
+        if mechanics.gaps.moving:
+            raise CompiledRunError(
+                f"pairs of contact {contact.name!r}, which has friction, slide where this run begins; take "
+                "solver='exudyn'"
+            )
     rows, ways, tangents, flexibilities = _rows(mbs, contacts, members), list[Array](), list[Array](), list[Array]()
     for mechanics in members:
         of_contact, nr = mechanics.rows, len(mechanics.gaps.row_nodes)
@@ -330,16 +337,16 @@ def _blocks(
     """See `CoupledContacts.blocks`; a contact alone whose rows move exchanges nothing."""
     if isinstance(together, CoupledContacts):
         return together.blocks()
-    sizes = [len(member.gaps.row_nodes) for member in members]
+    sizes = [len(rows_of(member.gaps)) for member in members]
     return [np.zeros((n, n)) for n in sizes], [np.zeros((n, 0)) for n in sizes], {}
 
 
 def _moving(mbs: MainSystem, groups: Sequence[tuple[Together, Sequence[PatchContact]]]) -> MovingPlan | None:
     """Bodies in floating frames and moving contacts; None if there are none."""
-    turning, following = _turning(mbs), moving_contacts(mbs, groups)
-    if not turning and not following:
+    turning, (rigid, pairs) = _turning(mbs), moving_contacts(mbs, groups)
+    if not turning and not rigid and not pairs:
         return None
-    return MovingPlan(frames_of(turning), surfaces_of(following), (BULGE, SAME, REGULARISATION))
+    return MovingPlan(frames_of(turning), surfaces_of(rigid), tuple(pairs), (BULGE, SAME, REGULARISATION))
 
 
 def _turning(mbs: MainSystem) -> list[Turning]:
@@ -353,34 +360,80 @@ def _turning(mbs: MainSystem) -> list[Turning]:
     return found
 
 
-def moving_contacts(mbs: MainSystem, groups: Sequence[tuple[Together, Sequence[PatchContact]]]) -> list[Following]:
-    """Contacts whose rows follow the motion, of the same groups as `read_plan` takes."""
+def moving_contacts(
+    mbs: MainSystem, groups: Sequence[tuple[Together, Sequence[PatchContact]]]
+) -> tuple[list[Following], list[Following]]:
+    """Contacts whose rows follow the motion, with rigid surfaces and of two bodies; `groups` as `read_plan` takes."""
     bodies, contacts = partition_items(mbs)
     floating = [item for item in bodies if item.frame == "floating"]
-    found, number = list[Following](), 0
+    rigid, pairs, number = list[Following](), list[Following](), 0
     for of_group, (together, members) in zip(in_groups(contacts), groups, strict=True):
         for j, (contact, mechanics) in enumerate(zip(of_group, members, strict=True)):
-            if isinstance(mechanics.gaps, RigidGaps) and mechanics.gaps.moving:
-                item, fields = contact.slave, np.zeros((0, 0))
+            gaps = mechanics.gaps
+            if gaps.moving and isinstance(gaps, RigidGaps | PatchGaps):
+                items = [item for item, _ in contact.sides]
+                fields = [np.zeros((0, 0)) for _ in items]
                 if isinstance(together, CoupledContacts):
-                    fields = together.patch_fields(j)
-                body = floating.index(item) if item in floating else -1
-                found.append(Following(number, body, dofs_of(mbs, item), mechanics.gaps, fields))
+                    fields = [together.patch_fields(j, side) for side in range(len(items))]
+                numbers = tuple(floating.index(item) if item in floating else -1 for item in items)
+                dofs = np.concatenate([dofs_of(mbs, item) for item in items])
+                kind = rigid if isinstance(gaps, RigidGaps) else pairs
+                kind.append(Following(number, numbers, dofs, gaps, tuple(fields)))
             number += 1
-    return found
+    return rigid, pairs
 
 
-def with_anchors(start: Start, following: Sequence[Following]) -> Start:
-    """Return the start of a run with the anchors of its moving contacts."""
-    return replace(start, anchors=anchors_of(following, len(start.q))) if following else start
+def with_anchors(start: Start, rigid: Sequence[Following], pairs: Sequence[Following]) -> Start:
+    """Return the start of a run with what its moving contacts remember."""
+    anchors = anchors_of(rigid, len(start.q)) if rigid else start.anchors
+    return replace(
+        start, anchors=anchors, pairs=tuple(replace(one.gaps.accepted, anchor=one.gaps.anchor) for one in pairs)
+    )
 
 
-def give_anchors(following: Sequence[Following], anchors: Anchors | None) -> None:
-    """Let contacts go on from the anchors of compiled steps."""
-    for s, one in enumerate(following if anchors is not None else ()):
-        assert anchors is not None
-        if anchors.anchored[s]:
-            one.gaps.go_on_at(anchors.q[s, one.dofs])
+def follow_frozen(
+    mbs: MainSystem, groups: Sequence[tuple[Together, Sequence[PatchContact]]], pairs: Sequence[Following], end: Start
+) -> list[GapState]:
+    """Let contacts with frozen pairs, without friction, be those of a plan whose rows follow facets.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    groups : sequence of (Together, list of PatchContact)
+        As `read_plan` takes them.
+    pairs : sequence of Following
+        Those that follow facets already.
+    end : Start
+        Where a run has stopped, because pairs would slide.
+
+    Returns
+    -------
+    States of all these contacts there, in the order of `moving_contacts`.
+    """
+    known = {id(one.gaps): state for one, state in zip(pairs, end.pairs or (), strict=True)}
+    for of_group, (_, members) in zip(in_groups(partition_items(mbs)[1]), groups, strict=True):
+        for mechanics in () if has_friction(of_group) else members:
+            gaps = mechanics.gaps
+            if isinstance(gaps, PatchGaps) and not gaps.moving and can_follow(gaps):
+                known[id(gaps)] = replace(gaps.accepted, anchor=gaps.anchor)
+                gaps.follow()
+    following = moving_contacts(mbs, groups)[1]
+    return [replace(known[id(one.gaps)], q=end.q[one.dofs]) for one in following]
+
+
+def give_anchors(rigid: Sequence[Following], pairs: Sequence[Following], state: Start) -> None:
+    """Let contacts go on from a state of compiled steps."""
+    for s, one in enumerate(rigid):
+        assert state.anchors is not None
+        if state.anchors.anchored[s]:
+            one.gaps.go_on_at(state.anchors.q[s, one.dofs])
+    for one, of_pair in zip(pairs, state.pairs or (), strict=True):
+        if one.gaps.may_freeze:
+            one.gaps.begin(of_pair)
+            if one.gaps.moving and len(one.gaps.row_nodes):  # `Gaps.after` counts the last step
+                one.gaps.accept(replace(of_pair, steps=of_pair.steps - 1))
+        elif of_pair.anchor is not None:
+            one.gaps.go_on_at(of_pair.anchor.q)
 
 
 def initial_start(mbs: MainSystem) -> Start:

@@ -12,9 +12,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.blas_threads import one_blas_thread
+from ..compiled.moving import rows_of
 from ..compiled.plan import StepPlan
-from ..compiled.run import EqualSteps, Histories, run
+from ..compiled.run import EqualSteps, Histories, joined, run, without_start
 from ..compiled.start import Start
+from ..contact.patch_gaps import PatchGaps
 from ..errors import RunError
 from ..exudyn_bodies.model import coordinate_slices, registered
 from ..exudyn_contacts.group_run import GroupRun
@@ -29,6 +31,7 @@ from ..support.progress import progress as progress_bar
 from .compiled_adaptive import put, run_adaptive
 from .compiled_friction import FrictionGroups
 from .compiled_plan import (
+    follow_frozen,
     friction_memory,
     give_anchors,
     has_friction,
@@ -40,7 +43,7 @@ from .compiled_plan import (
 )
 from .continuation import keep_compiled_end, undo_if_refused
 from .result import Result
-from .run_plan import RunPlan
+from .run_plan import RunPlan, RunTimes
 from .sensor_checks import check_sensors
 from .step_control import Pace
 from .work import Work
@@ -73,33 +76,38 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
         groups = [model_run.group_run(group[0]) for group in in_groups(contacts)]
         parts = [(group.together, [run.mechanics for run in group.members]) for group in groups]
         step_plan, following = read_plan(mbs, parts), moving_contacts(mbs, parts)
-        start, friction = with_anchors(start, following), None
+        start, friction = with_anchors(start, *following), None
         if (friction_plan := step_plan.contacts.friction) is not None:
             of_friction = [group for group, some in zip(groups, in_groups(contacts), strict=True) if has_friction(some)]
             friction = FrictionGroups(friction_plan, of_friction)
             mechanics = [[run.mechanics for run in group.members] for group in of_friction]
             start = replace(start, friction=friction_memory(mechanics))
         if plan.control is None:
-            steps = EqualSteps(times.step, times.steps, times.between)
-            made = run(step_plan, start, steps, report=_told(times.steps, report, interrupt))
-            ends = np.cumsum(np.r_[times.start, np.full(made.made, times.step)])  # as Exudyn's solver adds them up
-            if made.made == times.steps and not times.beyond:
-                ends[-1] = times.end
-            t, pace = ends[:: times.between], Pace()
+            steps, told = EqualSteps(times.step, times.steps, times.between), _told(times.steps, report, interrupt)
+            made = run(step_plan, start, steps, report=told)
+            _keep_rows(mbs, model_run, step_plan, made, _ends(times, 0, made.made), friction)
+            slides = made.stopped is not None and made.stopped.kind == "slides" and not made.stopped.rough
+            if slides:  # these pairs follow facets from now on
+                states = follow_frozen(mbs, parts, following[1], made.end)
+                step_plan, following = read_plan(mbs, parts), moving_contacts(mbs, parts)
+                goes_on = replace(made.end, pairs=tuple(states))
+                rest = without_start(run(step_plan, goes_on, steps, report=told, earlier=made.made))
+                _keep_rows(mbs, model_run, step_plan, rest, _ends(times, made.made, rest.made)[1:], friction)
+                made = joined(made, rest)
+            ends = _ends(replace(times, between=1), 0, made.made)
+            t, pace = _ends(times, 0, made.made), Pace()
         else:
-            told = _told(times.end - times.start, report, interrupt)
+            told_time = _told(times.end - times.start, report, interrupt)
             ends, made, pace = run_adaptive(
                 mbs, step_plan, start, plan, plan.control, following, model_run, friction,
-                lambda t: told(t - times.start),
+                lambda t: told_time(t - times.start),
             )  # fmt: skip
             t = ends
+            _keep_rows(mbs, model_run, step_plan, made, t, friction)
         if made.stopped and not made.made:
             raise RunError(f"mbs: a compiled run cannot make its first step: {made.stopped.text}")
         sensors = _of_bodies(mbs, made) | _of_contacts(mbs, made) | _replayed(mbs, t, made)
-        _keep_rows(mbs, model_run, step_plan, made, t)
-        if friction is not None:
-            friction.keep(made, t)
-        give_anchors(following, made.end.anchors)
+        give_anchors(*following, made.end)
         _go_to_end(mbs, model_run, float(ends[-1]), made, friction)
         time_s = time.perf_counter() - begin
     end = keep_compiled_end(mbs, times.step, pace)
@@ -139,6 +147,15 @@ def _start(mbs: MainSystem, plan: RunPlan) -> Start:
     earlier = plan.origin.contacts
     turning = None if earlier is None or not len(earlier.turning) else earlier.turning
     return Start(q, q_t, plan.origin.q_tt, turning=turning)
+
+
+def _ends(times: RunTimes, first: int, made: int) -> Array:
+    """Times of samples, (n,) [s]: that of step `first`, and those of the samples in the next steps that were made."""
+    ends = np.cumsum(np.r_[times.start, np.full(first + made, times.step)])  # as Exudyn's solver adds them up
+    if first + made == times.steps and not times.beyond:
+        ends[-1] = times.end
+    sampled = np.arange(first + 1, first + made + 1)
+    return np.asarray(ends[[first, *sampled[sampled % times.between == 0].tolist()]])
 
 
 def _told(whole: float, report: Progress, interrupt: Interrupt) -> Callable[[float], bool]:
@@ -185,9 +202,13 @@ def _replayed(mbs: MainSystem, t: Array, made: Histories) -> dict[int, Array]:
     return {number: np.array(values) for number, values in read.items()}
 
 
-def _keep_rows(mbs: MainSystem, model_run: ModelRun, plan: StepPlan, made: Histories, t: Array) -> None:
-    """Let contacts without friction keep the forces on their rows at all samples, (n,) [s], and edges of patches."""
+def _keep_rows(
+    mbs: MainSystem, model_run: ModelRun, plan: StepPlan, made: Histories, t: Array, friction: FrictionGroups | None
+) -> None:
+    """Let contacts keep the forces on their rows at all samples, (n,) [s], and where they have left their patches."""
     assert made.lam is not None
+    if friction is not None:
+        friction.keep(made, t)
     first, starts = 0, plan.contacts.rows.starts
     for contacts in in_groups(partition_items(mbs)[1]):
         if has_friction(contacts):
@@ -196,13 +217,17 @@ def _keep_rows(mbs: MainSystem, model_run: ModelRun, plan: StepPlan, made: Histo
         of_group = slice(first, first := first + len(contacts))
         bounds_of_rows = starts[of_group.start : of_group.stop + 1] - starts[of_group.start]
         lam = made.lam[:, starts[of_group.start] : starts[of_group.stop]]
-        nodes = np.concatenate([member.mechanics.gaps.row_nodes for member in group.members])
+        nodes = np.concatenate([rows_of(member.mechanics.gaps) for member in group.members])
         for i, (begin, end) in enumerate(zip(lam.indptr[:-1], lam.indptr[1:], strict=True)):
             if end > begin:
                 rows = lam.indices[begin:end]
                 bounds = np.searchsorted(rows, bounds_of_rows).tolist()
                 group.samples.add(float(t[i]), nodes[rows], bounds, lam.data[begin:end], made.stored[i, of_group])
         _look_for_edges(mbs, model_run, group, lam.tocsc(), bounds_of_rows, t, made)
+        for place, number in enumerate(range(of_group.start, of_group.stop)):
+            if number in made.left:
+                sample = int((made.q == made.left[number]).all(axis=1).argmax())
+                _look_there(mbs, model_run, group, place, sample, t, made)
 
 
 def _look_for_edges(
@@ -217,6 +242,8 @@ def _look_for_edges(
     """Let members whose closed rows leave their patch record it, from forces on rows, (n, nr), and all states."""
     for place, (member, begin) in enumerate(zip(group.members, starts[:-1], strict=True)):
         gaps = member.mechanics.gaps
+        if isinstance(gaps, PatchGaps) and gaps.moving:
+            continue
         at_edge = np.flatnonzero(np.isfinite(gaps.leaves_at))
         leaving = lam[:, begin + at_edge].toarray() > 0.0
         if not leaving.any():
@@ -226,10 +253,16 @@ def _look_for_edges(
             leaving &= np.maximum(-h, 0.0) >= gaps.leaves_at[at_edge]
         at = leaving.any(axis=1)  # moving rows are those of a patch's rim, which leave it at once
         if at.any():
-            sample = int(at.argmax())
-            put(mbs, float(t[sample]), made.q[sample], made.v[sample])
-            model_run.force(mbs, float(t[sample]))
-            member.record.look_for_edge(float(t[sample]), group.evaluation(place))
+            _look_there(mbs, model_run, group, place, int(at.argmax()), t, made)
+
+
+def _look_there(
+    mbs: MainSystem, model_run: ModelRun, group: GroupRun, place: int, sample: int, t: Array, made: Histories
+) -> None:
+    """Let a member of a group record where it leaves its patch in a sample."""
+    put(mbs, float(t[sample]), made.q[sample], made.v[sample])
+    model_run.force(mbs, float(t[sample]))
+    group.members[place].record.look_for_edge(float(t[sample]), group.evaluation(place))
 
 
 def _go_to_end(

@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from ..algebra.products import dense
 from ..compiled.plan import StepPlan
 from ..compiled.start import Start
 from ..exudyn_bodies.partition_body import PartitionBody
@@ -88,5 +89,8 @@ def _digest(plan: StepPlan, start: Start) -> str:
         blocks += [*friction.rows, *friction.ways, friction.tangents, *friction.flexibilities, *map(np.array, laws)]
     if (moving := contacts.moving) is not None:
         blocks += [*moving.frames, *moving.surfaces]
+        sides = [side for pair in moving.pairs for side in pair.gaps.sides]
+        for side in sides:
+            blocks += [side.surface.points, dense(side.kinematics.rows), np.asarray(side.flexibility)]
     whole = np.concatenate([np.ravel(part) for part in (*plan.bodies, *contacts.rows, *blocks)])
     return digest({"numbers": whole, "contacts": contacts.all_names})

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..compiled.moving import rows_of
+from ..compiled.pair_rows import GROWING
 from ..compiled.plan import Bodies
 from ..compiled.run import Histories
 from ..compiled.start import Start
@@ -41,7 +43,8 @@ class Measures:
         t: Array,
     ) -> None:
         self._places, self._contacts, self._gaps, self._variations = places, contacts, gaps, variations
-        self._t, self._rows = t, consecutive([len(rows.row_nodes) for rows in gaps])
+        self._t, self._rows = t, consecutive([len(rows_of(rows)) for rows in gaps])
+        self._coordinates = [np.concatenate([places[item] for item, _ in contact.sides]) for contact in contacts]
         self._slaves = [
             contact.slave.kinematics.at(rows.slave.surface.nodes) for contact, rows in zip(contacts, gaps, strict=True)
         ]
@@ -88,10 +91,13 @@ class Measures:
             return np.nan
         normal = impulse / size
         at_peak = made.peaks.q[j][self._places[contact.slave]]
-        if rows.moving:  # their normals are those of the peak; threads may work with others
-            rows = rows.fresh()
-            rows.at(at_peak)
-        weights = rows.nodal_forces(made.peaks.lam[self._rows[j]])[0] @ normal
+        at_rows = made.peaks.lam[self._rows[j]]
+        with GROWING:
+            if rows.moving:  # their normals are those of the peak; threads may work with others
+                rows = rows.fresh()
+                rows.at(made.peaks.q[j][self._coordinates[j]])
+            present = at_rows if len(at_rows) == len(rows.row_nodes) else at_rows[rows.slots]
+            weights = rows.nodal_forces(present)[0] @ normal
         at_nodes = self._slaves[j].place(at_peak)
         centre = weights @ at_nodes / weights.sum()
 

@@ -170,7 +170,7 @@ def _check_adjoint(model: VariedModel, plan: StepPlan) -> None:
     if moving is None:
         return
     bodies = [f"body {item.name!r} has a floating frame" for item in model.places if item.frame == "floating"]
-    rows = [f"contact {plan.contacts.names[j]!r} has rows that follow the motion" for j in moving.surfaces.contact]
+    rows = [f"contact {plan.contacts.names[j]!r} has rows that follow the motion" for j in moving.contact]
     listed = "".join(f"\n- {reason}" for reason in (*bodies, *rows))
     raise CompiledRunError(
         f"sensitivity: derivatives are those of steps in which gaps are linear in the coordinates:{listed}\nTake "

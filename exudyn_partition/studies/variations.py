@@ -11,7 +11,7 @@ import numpy as np
 
 from ..algebra.complementarity import regularised
 from ..algebra.coulomb import Coulomb
-from ..compiled.moving import Following, anchors_at
+from ..compiled.moving import Following, anchors_at, pairs_at
 from ..compiled.plan import Bodies, FrozenPlan, StepPlan
 from ..compiled.start import Start
 from ..contact.normal_rows import NormalRows
@@ -163,8 +163,8 @@ class Entries:
     rows : sequence of NormalRows or TangentialRows
         Of these contacts at the start.
     variations : Variations
-    following : sequence of Following
-        Contacts whose rows follow the motion.
+    following : two sequences of Following
+        Contacts whose rows follow the motion: with rigid surfaces, and of two bodies.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class Entries:
         contacts: Sequence[PartitionContact],
         rows: Sequence[NormalRows | TangentialRows],
         variations: Variations,
-        following: Sequence[Following] = (),
+        following: tuple[Sequence[Following], Sequence[Following]] = ((), ()),
     ) -> None:
         self._plan, self._start, self._places, self._contacts = plan, start, places, contacts
         self._rows, self._variations, self._following = rows, variations, following
@@ -189,7 +189,8 @@ class Entries:
     def _check_turning(self) -> None:
         """Raise an error if E or rho varies of a body whose inertia forces or moving rows go with them."""
         moving = self._plan.contacts.moving
-        follow = [] if moving is None else [self._contacts[j].slave for j in moving.surfaces.contact.tolist()]
+        contacts = [] if moving is None else [self._contacts[j] for j in moving.contact.tolist()]
+        follow = [item for contact in contacts for item, _ in contact.sides]
         for item in self._places:
             named = [name for name in POSITIVE if self._variations.varies(item, name)]
             if named and (item.frame == "floating" or item in follow):
@@ -288,8 +289,9 @@ class Entries:
             velocity, turning = (values.of(item, name, entry) for name in VECTORS[:2])
             if velocity is not None or turning is not None:
                 v[dofs] = _thrown(item, q[dofs], v[dofs], velocity, turning)
-        placed = self._following and any("referencePosition" in given for given in values.values.values())
-        return replace(self._start, q=q, v=v, anchors=anchors_at(self._following, q) if placed else self._start.anchors)
+        placed, (rigid, pairs) = any("referencePosition" in given for given in values.values.values()), self._following
+        start = replace(self._start, q=q, v=v)
+        return replace(start, anchors=anchors_at(rigid, q), pairs=pairs_at(pairs, q)) if placed else start
 
 
 def _moved(item: PartitionBody, way: Array) -> Array:

@@ -72,7 +72,7 @@ class VariedModel:
         places, members = {item: dofs_of(mbs, item) for item in bodies}, [one for _, some in groups for one in some]
         rows, gaps = [one.rows for one in members], [one.gaps for one in members]
         following = moving_contacts(mbs, groups)
-        start = with_anchors(initial_start(mbs), following)
+        start = with_anchors(initial_start(mbs), *following)
         entries = Entries(read_plan(mbs, groups), start, places, planned, rows, variations, following)
         return cls(places, planned, gaps, variations, times, entries)
 

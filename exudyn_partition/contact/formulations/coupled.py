@@ -307,7 +307,7 @@ class CoupledContacts(Coupled):
         own, fields = list[Array](), list[Array]()
         for j, (law, contact) in enumerate(zip(self._laws, self.contacts, strict=True)):
             if contact.gaps.moving:
-                n_rows = len(contact.gaps.row_nodes)
+                n_rows = len(contact.gaps.all_nodes)
                 own.append(np.zeros((n_rows, n_rows)))
                 fields.append(np.zeros((n_rows, n_fields)))
             else:
@@ -316,12 +316,11 @@ class CoupledContacts(Coupled):
                 fields.append(self._fields.fields(j))
         return own, fields, self._exchange.core
 
-    def patch_fields(self, j: int) -> Array:
-        """Fields of the slave's patch of contact j that contacts exchange, (d np, m), see `between.Exchange`."""
-        of_sides = dict(self._exchange.fields.get(j, ()))
-        side = self.contacts[j].gaps.slave
-        none = np.zeros((0 if side.flexibility is None else len(side.flexibility), 0))
-        return of_sides.get(0, none)
+    def patch_fields(self, j: int, side: int) -> Array:
+        """Fields of a side's patch of contact j that contacts exchange, (d np, m), see `between.Exchange`."""
+        of_sides, flexibility = dict(self._exchange.fields.get(j, ())), self.contacts[j].gaps.sides[side].flexibility
+        none = np.zeros((0 if flexibility is None else len(flexibility), 0))
+        return of_sides.get(side, none)
 
     @property
     def _laws(self) -> list[NormalCompliance]:

@@ -1,0 +1,487 @@
+"""Compiled steps of contacts of two bodies whose rows follow facets; `pair_rows` searches, and does the same by NumPy.
+
+Rows are followed by the loops of `surfaces`, as in Exudyn's runs. Where these cannot go on, `gaps_of_pair` says so, and
+`pair_rows.PairRows` finds other rows.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numba.experimental import structref
+
+from ..contact.kernels import rows_along
+from ..frames.kernels import body_axes, generalised, on_shapes
+from ..support.arrays import Array
+from ..support.compiled import compiled, inlined, inner
+from ..support.struct_kernels import StructType, address_of, struct_at
+from ..surfaces.kernels import weigh
+from ..surfaces.moving_kernels import Followed, follow_rows, forces_on_nodes
+from .body_kernels import gathered, matrix_at, moved_nodes
+
+if TYPE_CHECKING:
+    from ..algebra.block_complementarity import FlatBlocks
+    from .moving import Frames, MovingState
+
+Following = tuple[float, int, float, int, float]  # see `pair_rows.FOLLOWING`
+
+
+@structref.register
+class SideType(StructType):
+    """Type of `PairSide` in compiled loops."""
+
+
+class PairSide(structref.StructRefProxy):
+    """A body of a pair, with the nodes of its patch that the rows need.
+
+    Parameters
+    ----------
+    body, d : int
+        Number of the body among `Frames`, -1 in an inertial frame; values of a node in the flexibility.
+    dofs : (n,) int array
+    start, arms, rows, growth : (k, 3), (k, 3), (3k, n), (3k, 6) arrays
+        Of the nodes, see `Surfaces`; growth is empty where there is none.
+    axes : (3, 3) array
+        Of the body at q = 0.
+    nodes : (k,) int array
+        Their numbers in the patch.
+    x : (np, 3) array
+        Room for places of all nodes; NaN where they are not followed.
+    F, fields : (d np, d np), (d np, m) arrays
+        Of all nodes of the patch, see `Surfaces`.
+    """
+
+    body: int
+    d: int
+    dofs: Array
+    start: Array
+    arms: Array
+    rows: Array
+    growth: Array
+    axes: Array
+    nodes: Array
+    x: Array
+    F: Array
+    fields: Array
+
+
+structref.define_proxy(PairSide, SideType, [*PairSide.__annotations__])  # type: ignore[no-untyped-call]
+
+
+@structref.register
+class PairType(StructType):
+    """Type of `Pair` in compiled loops."""
+
+
+class Pair(structref.StructRefProxy):
+    """Present rows of a contact of two bodies.
+
+    Parameters
+    ----------
+    contact : int
+        Number of the contact in the plan.
+    followed : Followed
+    slave, master : PairSide
+    slots : (nr,) int array
+        Numbers of the present rows among all rows of the patch.
+    size, reach, part_reach : float
+        Size of a facet; motion after which points are searched again, and parts that are near each other [m].
+    parted : (3, 3) array
+        Place of the slave relative to the master when such parts were found.
+    found, normals : (nr,), (p, 3) arrays
+        Room for the present gaps, if they are known, and for the normals at the points; of frozen pairs, of the rows.
+    here, at_here : (3, 3) arrays
+        Room for the place of the slave relative to the master, now and at the anchor.
+    facet_before, local_before : (k,) int, (6, k) arrays
+        Room for what is known of the points before they are followed, see `keep_points`.
+    known : (1,) bool array
+        Whether gaps, normals and place are those of the next evaluation already.
+    leaves_at : (nr,) array
+        See `stages.PresentRows`.
+    along_s, along_m : (p, d) arrays
+        Room for the normals at the anchor in the axes of both bodies.
+    nodes_m, weights_m : (p, k) arrays
+        Room for the master's nodes of the points, and their weights, at the anchor.
+    frozen, may_freeze : int
+        Whether pairs are frozen, or may be.
+    H, h_start, drift, drift_start, slides_at
+        Of frozen pairs, see `linear_gaps.LinearGaps`.
+    steps : (1,) int array
+        Steps since it was last asked whether pairs slide.
+    """
+
+    contact: int
+    followed: Followed
+    slave: PairSide
+    master: PairSide
+    slots: Array
+    size: float
+    reach: float
+    part_reach: float
+    parted: Array
+    found: Array
+    normals: Array
+    here: Array
+    at_here: Array
+    facet_before: Array
+    local_before: Array
+    known: Array
+    leaves_at: Array
+    along_s: Array
+    along_m: Array
+    nodes_m: Array
+    weights_m: Array
+    frozen: int
+    may_freeze: int
+    H: Array
+    h_start: Array
+    drift: Array
+    drift_start: Array
+    slides_at: float
+    steps: Array
+
+
+structref.define_proxy(Pair, PairType, [*Pair.__annotations__])  # type: ignore[no-untyped-call]
+
+
+@structref.register
+class PairsType(StructType):
+    """Type of `Pairs` in compiled loops."""
+
+
+class Pairs(structref.StructRefProxy):
+    """All contacts of two bodies whose rows follow facets: addresses of `Pair`, (n,), and one of these as an example.
+
+    `offset` is the number of moving contacts before them, `following` as in `pair_rows`.
+    """
+
+    addresses: Array
+    example: Pair
+    offset: int
+    following: Following
+
+
+structref.define_proxy(Pairs, PairsType, [*Pairs.__annotations__])  # type: ignore[no-untyped-call]
+
+
+@compiled
+def pair_side(*fields: Any) -> PairSide:
+    """Make one of its fields; unlike its own constructor, this is kept on disk."""
+    return PairSide(*fields)  # type: ignore[no-untyped-call]
+
+
+@compiled
+def pair(*fields: Any) -> Pair:
+    """Make one of its fields; unlike its own constructor, this is kept on disk."""
+    return Pair(*fields)  # type: ignore[no-untyped-call]
+
+
+@compiled
+def pairs(*fields: Any) -> Pairs:
+    """Make one of its fields; unlike its own constructor, this is kept on disk."""
+    return Pairs(*fields)  # type: ignore[no-untyped-call]
+
+
+@compiled
+def address(one: Pair) -> int:
+    """Where a pair is, as long as somebody holds it."""
+    found: int = address_of(one)  # type: ignore[call-arg]
+    return found
+
+
+@inlined
+def pair_at(some: Pairs, number: int) -> Pair:
+    """A pair by its number."""
+    found: Pair = struct_at(some.addresses[number], some.example)  # type: ignore[call-arg]
+    return found
+
+
+@inner
+def place_side(frames: Frames, state: MovingState, side: PairSide, q: Array) -> None:
+    """Set the places of the followed nodes of a side."""
+    q_s = gathered(side.dofs, 0, len(side.dofs), q)
+    places = moved_nodes(frames, state, side.body, q_s, side.start, side.arms, side.rows, side.growth, side.axes)
+    for i in range(len(side.nodes)):
+        for a in range(3):
+            side.x[side.nodes[i], a] = places[i, a]
+
+
+@inner
+def gaps_of_frozen_pair(pair: Pair, q: Array, found: Array) -> bool:
+    """Set the gaps of frozen rows, (nr,); return whether their pairs stay frozen."""
+    n_s, n_m = len(pair.slave.dofs), len(pair.master.dofs)
+    q_j = np.empty(n_s + n_m)
+    for k in range(n_s):
+        q_j[k] = q[pair.slave.dofs[k]]
+    for k in range(n_m):
+        q_j[n_s + k] = q[pair.master.dofs[k]]
+    for i in range(len(pair.drift_start)):
+        total = -pair.drift_start[i]
+        for k in range(len(q_j)):
+            total += pair.drift[i, k] * q_j[k]
+        if not abs(total) <= pair.slides_at:
+            return False
+    for i in range(len(found)):
+        found[i] = pair.h_start[i]
+        for k in range(len(q_j)):
+            found[i] += pair.H[i, k] * q_j[k]
+    return True
+
+
+@inner
+def keep_points(pair: Pair, back: bool) -> None:
+    """Keep what is known of the points that are followed, or with `back` go back to what was kept.
+
+    Where loops lose points, `PatchGaps` follows them from there, as in a run of Exudyn, up to the last bit.
+    """
+    points = pair.followed.points
+    for i in range(len(points.facet)):
+        if back:
+            points.facet[i] = pair.facet_before[i]
+        else:
+            pair.facet_before[i] = points.facet[i]
+        for a in range(2):
+            if back:
+                points.local[a, i], points.step[a, i] = pair.local_before[a, i], pair.local_before[2 + a, i]
+                points.last[a, i] = pair.local_before[4 + a, i]
+            else:
+                pair.local_before[a, i], pair.local_before[2 + a, i] = points.local[a, i], points.step[a, i]
+                pair.local_before[4 + a, i] = points.last[a, i]
+
+
+@inner
+def gaps_of_pair(frames: Frames, state: MovingState, pair: Pair, q: Array, gap: Array, following: Following) -> bool:
+    """Set the gaps of all rows of the patch, (n,), and what belongs to them; False if other rows must be found.
+
+    Rows that are not present have a gap that they cannot close.
+    """
+    if pair.known[0]:
+        pair.known[0] = False
+        fill_slots(pair.slots, pair.found, pair.size, gap)
+        return True
+    by, steps, near, patience, bulge = following
+    nr = len(pair.slots)
+    if pair.frozen:
+        found = np.empty(nr)
+        if not gaps_of_frozen_pair(pair, q, found):
+            return False
+    else:
+        if pair.may_freeze and pair.steps[0] >= patience:
+            return False
+        place_side(frames, state, pair.slave, q)
+        place_side(frames, state, pair.master, q)
+        keep_points(pair, False)
+        here, normals, _, lost, found, least, more = follow_rows(
+            pair.followed, pair.slave.x, pair.master.x, pair.reach, by, steps, pair.size, bulge, near * pair.size, 0.0
+        )  # fmt: skip
+        lost_some = more or len(lost) > 0 or least != least
+        for i in range(3):
+            for k in range(3):
+                lost_some = lost_some or not abs(here[i, k] - pair.parted[i, k]) <= pair.part_reach
+                pair.here[i, k] = here[i, k]
+        if lost_some:
+            keep_points(pair, True)
+            return False
+        for i in range(len(normals)):
+            for a in range(3):
+                pair.normals[i, a] = normals[i, a]
+    fill_slots(pair.slots, found, pair.size, gap)
+    return True
+
+
+@inner
+def fill_slots(slots: Array, found: Array, size: float, gap: Array) -> None:
+    """Set gaps of all rows of a patch, (n,), by those of the present rows, (nr,); others have the largest of these."""
+    most = 0.0 if len(found) > 0 else size
+    for i in range(len(found)):
+        most = max(most, abs(found[i]))
+    for i in range(len(gap)):
+        gap[i] = most
+    for i in range(len(found)):
+        gap[slots[i]] = found[i]
+
+
+@inner
+def keep_gaps(pair: Pair, starts: Array, h: Array) -> None:
+    """Keep the gaps of the present rows for the next evaluation, which is at the same coordinates."""
+    pair.known[0] = True
+    for i in range(len(pair.slots)):
+        pair.found[i] = h[starts[pair.contact] + pair.slots[i]]
+
+
+@inner
+def set_along(frames: Frames, side: PairSide, normals: Array, q: Array, along: Array) -> None:
+    """Set normals, (p, 3), in the axes of a body, or ones where the flexibility is along the line of contact."""
+    if side.d == 1:
+        for i in range(len(along)):
+            along[i, 0] = 1.0
+        return
+    axes = np.eye(3)
+    if side.body >= 0:
+        q_s = gathered(side.dofs, 0, len(side.dofs), q)
+        axes = body_axes(q_s, frames.rotation[side.body], frames.node_axes[side.body])
+    for i in range(len(along)):
+        for a in range(3):
+            along[i, a] = 0.0
+            for c in range(3):
+                along[i, a] += normals[i, c] * axes[c, a]
+
+
+@inner
+def anchor_pair(
+    blocks: FlatBlocks, frames: Frames, pair: Pair, state: MovingState, s: int, q: Array, same: float
+) -> bool:
+    """See `moving_kernels.anchor_surface`."""
+    if pair.frozen:
+        return False
+    most = 0.0 if state.anchored[s] else np.inf
+    for i in range(3):
+        for k in range(3):
+            most = max(most, abs(pair.here[i, k] / pair.size - pair.at_here[i, k] / pair.size))
+    if not most <= same:
+        state.anchored[s], state.found[s] = True, False
+        for i in range(len(q)):
+            state.anchors[s, i] = q[i]
+        for i in range(3):
+            for k in range(3):
+                pair.at_here[i, k] = pair.here[i, k]
+        points = pair.followed.points
+        weights, facets, facet = points.weights.T, points.facets, points.facet
+        weigh(points.local.T, points.step.T, points.table, weights)
+        for i in range(len(facet)):
+            for k in range(facets.shape[1]):
+                pair.nodes_m[i, k], pair.weights_m[i, k] = facets[facet[i], k], -weights[i, k]
+        set_along(frames, pair.slave, pair.normals, q, pair.along_s)
+        set_along(frames, pair.master, pair.normals, q, pair.along_m)
+    if state.found[s]:
+        return False
+    clear_pair(blocks, pair)
+    points = pair.followed.points
+    add_flexibility(blocks, pair, pair.slave, points.nodes, points.shares, pair.along_s, -1.0)
+    add_flexibility(blocks, pair, pair.master, pair.nodes_m, pair.weights_m, pair.along_m, 1.0)
+    own, n = own_of_pair(blocks, pair), blocks.starts[pair.contact + 1] - blocks.starts[pair.contact]
+    for i in range(n):
+        state.diagonal[blocks.starts[pair.contact] + i] = own[i, i]
+    state.found[s], blocks.n_closed[pair.contact], state.added[s] = True, -1, -1.0
+    return True
+
+
+@inlined
+def own_of_pair(blocks: FlatBlocks, pair: Pair) -> Array:
+    """Flexibility of all rows of a pair's patch, (n, n)."""
+    n = blocks.starts[pair.contact + 1] - blocks.starts[pair.contact]
+    return matrix_at(blocks.numbers, blocks.own[pair.contact], n, n)
+
+
+@inner
+def clear_pair(blocks: FlatBlocks, pair: Pair) -> None:
+    """Set the flexibility and the fields of the present rows to zero."""
+    own, n_fields, n = own_of_pair(blocks, pair), blocks.amplitudes.shape[1], len(pair.slots)
+    fields = matrix_at(blocks.numbers, blocks.fields[pair.contact], n_fields, len(own))
+    for i in range(n):
+        for k in range(n):
+            own[pair.slots[i], pair.slots[k]] = 0.0
+        for f in range(n_fields):
+            fields[f, pair.slots[i]] = 0.0
+
+
+@inner
+def add_flexibility(
+    blocks: FlatBlocks, pair: Pair, side: PairSide, nodes: Array, weights: Array, along: Array, sign: float
+) -> None:
+    """Add the flexibility of a side to that of the rows, and its fields.
+
+    `sign` is that of what closes the gap where the flexibility is along the line of contact, see `Gaps.side_rows`.
+    """
+    if len(side.F) == 0:
+        return
+    d, column, used, n = side.d, np.full(len(side.x), -1), np.empty(len(side.x), np.int64), 0
+    compact = np.empty(nodes.shape, np.int64)
+    for i in range(nodes.shape[0]):
+        for k in range(nodes.shape[1]):
+            node = nodes[i, k]
+            if column[node] < 0:
+                column[node], used[n] = n, node
+                n += 1
+            compact[i, k] = column[node]
+    points = pair.followed.points
+    rows = rows_along(points.starts, points.columns, points.means, compact, weights, along, n)
+    own, nr, m = own_of_pair(blocks, pair), len(pair.slots), d * n
+    F, moved, n_fields = np.empty((m, m)), np.empty(m), side.fields.shape[1]
+    fields = matrix_at(blocks.numbers, blocks.fields[pair.contact], blocks.amplitudes.shape[1], len(own))
+    for i in range(n):
+        for a in range(d):
+            for k in range(n):
+                for b in range(d):
+                    F[d * i + a, d * k + b] = side.F[d * used[i] + a, d * used[k] + b]
+    for row in range(nr):
+        for c in range(m):
+            moved[c] = 0.0
+        for i in range(m):
+            share = rows[row, i]
+            if share != 0.0:
+                for c in range(m):
+                    moved[c] += share * F[i, c]
+                for f in range(n_fields):
+                    on_node = side.fields[d * used[i // d] + i % d, f]
+                    fields[f, pair.slots[row]] += (sign if d == 1 else 1.0) * share * on_node
+        for other in range(row + 1):
+            total = 0.0
+            for c in range(m):
+                total += rows[other, c] * moved[c]
+            own[pair.slots[row], pair.slots[other]] += total
+            if other < row:
+                own[pair.slots[other], pair.slots[row]] += total
+
+
+@inner
+def push_side(frames: Frames, side: PairSide, q: Array, on_nodes: Array, force: Array) -> None:
+    """Add generalised forces of forces on all nodes of a patch, (np, 3)."""
+    some, q_s = np.empty((len(side.nodes), 3)), gathered(side.dofs, 0, len(side.dofs), q)
+    for i in range(len(some)):
+        for a in range(3):
+            some[i, a] = on_nodes[side.nodes[i], a]
+    if side.body < 0:
+        pushed = on_shapes(side.rows, some)
+    else:
+        frame = frames.rotation[side.body], frames.node_axes[side.body]
+        pushed = generalised(q_s, frame[0], frame[1], side.arms, side.rows, some)
+    for i in range(len(side.dofs)):
+        force[side.dofs[i]] += pushed[i]
+
+
+@inner
+def forces_of_pair(frames: Frames, pair: Pair, q: Array, lam: Array, force: Array, values: Array) -> None:
+    """Add the generalised forces of a pair, and set its resultant, by forces on all rows of its patch, (n,)."""
+    nr = len(pair.slots)
+    push = np.empty(nr)
+    for i in range(nr):
+        push[i] = lam[pair.slots[i]]
+    if pair.frozen:
+        n_s = len(pair.slave.dofs)
+        for i in range(nr):
+            if push[i] != 0.0:
+                for a in range(3):
+                    values[2 + a] += push[i] * pair.normals[i, a]
+                for k in range(pair.H.shape[1]):
+                    dof = pair.slave.dofs[k] if k < n_s else pair.master.dofs[k - n_s]
+                    force[dof] += push[i] * pair.H[i, k]
+        return
+    points = pair.followed.points
+    of_slave, of_master = forces_on_nodes(points, push, pair.normals, len(pair.slave.x), len(pair.master.x))
+    for i in range(len(of_slave)):
+        for a in range(3):
+            values[2 + a] += of_slave[i, a]
+    push_side(frames, pair.slave, q, of_slave, force)
+    push_side(frames, pair.master, q, of_master, force)
+
+
+@inner
+def leaves_patch(pair: Pair, h: Array, lam: Array) -> bool:
+    """Whether a closed row is where its patch ends, see `contact_record.look_for_edge`."""
+    for i in range(len(pair.slots)):
+        row = pair.slots[i]
+        if lam[row] > 0.0 and (pair.leaves_at[i] == 0.0 or -h[row] >= pair.leaves_at[i]):
+            return True
+    return False

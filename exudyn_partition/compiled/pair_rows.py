@@ -1,0 +1,355 @@
+"""Rows between two bodies in compiled steps: loops follow them, and `PatchGaps` finds others where they cannot.
+
+So these rows are those of Exudyn's runs, found by the same functions. Compiled loops go on from a search to the next
+one. They stop where a patch has moved by a quarter of a facet, where rows may close that are not followed, and where
+pairs begin to slide or have come to rest.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Iterator
+from functools import cached_property
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from ..algebra.block_complementarity import FlatBlocks
+from ..contact.followed import BULGE, NEAR, Apart, Followed
+from ..contact.gaps import GapState, Present
+from ..contact.patch_gaps import PATIENCE, PatchGaps
+from ..contact.side import Side
+from ..contact.stages import NOTHING, Anchor, Frozen, Stage
+from ..contact.wandering import WanderingGaps
+from ..frames.floating import FloatingKinematics
+from ..support.arrays import Array
+from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
+from .moving import Following, MovingState
+
+FOLLOWING = FOLLOWED, STEPS, NEAR, PATIENCE, BULGE  # as loops take them
+GROWING = threading.Lock()  # held while bodies grow by a rotation, which is known to all that share their kinematics
+_NO_MATRIX = np.zeros((0, 0))
+
+
+class PairRows:
+    """The rows between two bodies in a run.
+
+    Parameters
+    ----------
+    following : Following
+    s : int
+        Number of the contact among the moving ones.
+    state : MovingState
+    blocks : FlatBlocks
+        Of the run.
+    loops : module or None
+        `pair_kernels`, if loops are compiled.
+
+    Attributes
+    ----------
+    s, contact : int
+    gaps : PatchGaps
+        Of this run.
+    """
+
+    gaps: PatchGaps
+
+    def __init__(
+        self, following: Following, s: int, state: MovingState, blocks: FlatBlocks, loops: ModuleType | None
+    ) -> None:
+        assert isinstance(following.gaps, PatchGaps)
+        self.s, self.contact, self._following = s, following.contact, following
+        self._state, self._blocks, self._loops = state, blocks, loops
+        self.gaps = following.gaps.fresh()
+        self._rows = slice(*blocks.starts[self.contact : self.contact + 2])
+        self._slots = np.empty(0, dtype=np.int64)
+        self._stage: object = None  # frozen stage or rows that `_slots` belong to
+        self._steps, self._known = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=bool)
+        self._stood: Array | None = None
+        self._turning = np.zeros(0)
+        self._room: tuple[Array, Array, Array]  # for gaps, normals and the slave's place, which loops share
+        self.compiled: Any = None  # the present rows as loops take them
+
+    def begin(self, before: GapState | None) -> None:
+        """Begin a run where contacts are placed, or from the state at the end of another."""
+        if before is None:
+            self.gaps.reset()
+            before = self.gaps.accepted
+        else:
+            self.gaps.begin(before)
+        self._stage, self._known[0], self._state.left[self.s] = None, False, False
+        self._steps[0], self._stood = before.steps, before.stood
+
+    def take_anchor(self, anchor: Anchor | None) -> None:
+        """Have another anchor, or none."""
+        state = self._state
+        state.anchored[self.s] = anchor is not None
+        if anchor is not None:
+            state.anchors[self.s, self._following.dofs] = anchor.q
+        if self._stage is not None:
+            with self._turned():
+                self._take_anchor()
+                self._stage = None
+                self._renew()
+
+    def end(self, q: Array) -> GapState:
+        """State at the model's coordinates q, (nq,)."""
+        gaps, anchored = self.gaps, self._state.anchored[self.s]
+        self._take_anchor()
+        frozen = None if gaps.moving else gaps.after().frozen
+        of_pair = q[self._following.dofs]
+        anchor = gaps.anchor if anchored else None
+        return GapState(of_pair, NOTHING, anchor, frozen, None, self._stood, int(self._steps[0]))
+
+    @contextlib.contextmanager
+    def _turned(self) -> Iterator[None]:
+        """Let both bodies grow as they turn."""
+        n = self.gaps.sides[0].n
+        parts = zip(self.gaps.sides, (self._turning[:n], self._turning[n:]), strict=True)
+        turning = [(side.kinematics, v) for side, v in parts if isinstance(side.kinematics, FloatingKinematics)]
+        with GROWING:
+            for kinematics, v in turning:
+                kinematics.turn(v)
+            try:
+                yield
+            finally:
+                for kinematics, _ in turning:
+                    kinematics.turn(None)
+
+    def _take_anchor(self) -> None:
+        """Let the gaps have the anchor that loops have found."""
+        if self._state.anchored[self.s]:
+            q = self._state.anchors[self.s, self._following.dofs]
+            if self.gaps.anchor is None or not np.array_equal(self.gaps.anchor.q, q):
+                self.gaps.go_on_at(q)
+        else:
+            self.gaps.anchor = None
+
+    def place(self, q: Array, q_before: Array, v: Array, h: Array) -> None:
+        """Find the rows at the model's coordinates q, (nq,), and set the gaps of all rows of the patch among h.
+
+        Parameters
+        ----------
+        q, q_before : (nq,) arrays
+            Coordinates now, and at the end of the last step.
+        v : (nq,) array
+            Velocities by which bodies grow.
+        h : (n,) array
+            Gaps of the rows of all contacts [m].
+
+        Raises
+        ------
+        ComplementarityError
+            If places are not finite.
+        """
+        dofs, gaps = self._following.dofs, self.gaps
+        self._turning = v[dofs]
+        with self._turned():
+            self._take_anchor()
+            if gaps.moving and gaps.may_freeze and self._steps[0] >= PATIENCE:
+                self._come_to_rest(q_before[dofs])
+            found = gaps.at(q[dofs])
+            self._renew()
+        own = h[self._rows]
+        own[:] = abs(found).max() if len(found) else gaps.size
+        own[self._slots] = found
+        self._known[0] = False
+        if self.compiled is not None:
+            stage, (of_rows, normals, here) = gaps.stage, self._room
+            self._known[0], of_rows[:], here[:] = True, found, stage.here
+            normals[:] = stage.normal if isinstance(stage, Frozen) else stage.normals
+
+    def _come_to_rest(self, q: Array) -> None:
+        """Freeze the pairs if they have hardly slid in many steps, the last of which ended at q, (n,)."""
+        gaps = self.gaps
+        if self.compiled is not None and isinstance(gaps.stage, Followed):  # where loops have followed it
+            _, normals, here = self._room
+            gaps.return_to(Present(Followed(gaps.stage.rows, normals.copy(), here.copy()), q, None, gaps.anchor))
+        gaps.accept(GapState(q, NOTHING, gaps.anchor, None, None, self._stood, PATIENCE - 1))
+        gaps.accept(gaps.after())
+        self._steps[0], self._stood = gaps.accepted.steps, gaps.accepted.stood
+
+    def _renew(self) -> None:
+        """Let loops know the present rows, if these are others than before."""
+        stage = self.gaps.stage
+        present: object = stage if isinstance(stage, Frozen) else stage.rows
+        if present == self._stage:
+            return
+        state, blocks, s = self._state, self._blocks, self.s
+        self._stage, self._slots = present, self.gaps.slots
+        state.found[s], state.frozen[s], blocks.n_closed[self.contact] = False, isinstance(stage, Frozen), -1
+        self.own[:], self.fields[:] = 0.0, 0.0
+        np.fill_diagonal(self.own, 1.0)
+        if isinstance(stage, Frozen):
+            self._set_flexibility(self.gaps.problem().F)
+        if self._loops is not None:
+            self.compiled = self._for_loops(stage)
+
+    @property
+    def own(self) -> Array:
+        """Flexibility of all rows of the patch, (n, n) [m/N]; a view."""
+        n = self._rows.stop - self._rows.start
+        return self._blocks.numbers[self._blocks.own[self.contact] :][: n * n].reshape(n, n)
+
+    @property
+    def fields(self) -> Array:
+        """Displacements of all rows of the patch in the fields, (m, n); a view."""
+        n, m = self._rows.stop - self._rows.start, self._blocks.amplitudes.shape[1]
+        return self._blocks.numbers[self._blocks.fields[self.contact] :][: n * m].reshape(m, n)
+
+    def _set_flexibility(self, F: Array) -> None:
+        """Set the flexibility of the present rows, (nr, nr) [m/N], and their fields."""
+        state, slots, gaps = self._state, self._slots, self.gaps
+        self.own[np.ix_(slots, slots)] = F
+        state.diagonal[self._rows] = self.own.diagonal()
+        moved = [gaps.side_rows(side) @ fields for side, fields in enumerate(self._following.fields) if fields.size]
+        if moved:
+            of_rows = np.sum(moved, axis=0)
+            self.fields[: of_rows.shape[1], slots] = of_rows.T
+        state.found[self.s], self._blocks.n_closed[self.contact], state.added[self.s] = True, -1, -1.0
+
+    # As loops take them.
+
+    @cached_property
+    def _flexibilities(self) -> list[Array]:
+        return [np.require(side.flexibility, float, ["C", "W"]) for side in self.gaps.sides]
+
+    def _for_loops(self, stage: Stage) -> Any:
+        """The present rows for compiled loops."""
+        found = self._loops
+        assert found is not None, "asked for what is only done at once"
+        gaps, rows, of_anchor = self.gaps, stage.rows, None
+        n, sides = gaps.sides[0].n, rows.sides
+        parts = self._following.dofs[:n], self._following.dofs[n:]
+        both = [self._side(place, side, dofs) for place, (side, dofs) in enumerate(zip(sides, parts, strict=True))]
+        p = len(stage.normals)
+        at_here, along = np.zeros((3, 3)), [np.zeros((p, 1 if side.normal_only else 3)) for side in sides]
+        shape = p, sides[1].surface.facets.shape[1]
+        carriers = np.zeros(shape, dtype=np.int64), np.zeros(shape)
+        if not isinstance(stage, Frozen) and p and (of_anchor := gaps.anchored_stage) is not None:
+            at_here[:], (carriers[0][:], carriers[1][:]) = of_anchor.here, of_anchor.shares[1]
+            for kept, side, q in zip(along, sides, gaps.split(gaps.anchor.q), strict=True):  # type: ignore[union-attr]
+                kept[:] = 1.0 if side.normal_only else side.kinematics.in_frame(q, of_anchor.normals)
+        elif gaps.anchor is not None:
+            at_here[:] = gaps.stance_at(gaps.anchor) * gaps.size
+        nr = len(self._slots)
+        normals = np.array(stage.normal) if isinstance(stage, Frozen) else np.zeros((p, 3))
+        self._room = np.zeros(nr), normals, np.zeros((3, 3))
+        parted, part_reach = np.zeros((3, 3)), np.inf
+        if isinstance(gaps, WanderingGaps):
+            parted, part_reach = gaps.parted
+        linear, reach, k = self._linear(stage), np.inf, 0
+        if isinstance(stage, Followed):
+            reach, k = stage.rows.search.reach, len(stage.rows.points.nodes)
+        elif isinstance(stage, Apart):
+            reach = stage.reach
+        followed, before = self._followed(stage), (np.zeros(k, dtype=np.int64), np.zeros((6, k)))
+        return found.pair(
+            self.contact, followed, *both, self._slots, float(gaps.size), float(reach), float(part_reach),
+            parted, *self._room, at_here, *before, self._known, _writable(rows.leaves_at),
+            *along, *carriers, int(isinstance(stage, Frozen)), int(gaps.may_freeze), *linear, self._steps,
+        )  # fmt: skip
+
+    def _side(self, place: int, side: Side, dofs: Array) -> Any:
+        """One side for compiled loops."""
+        found, seen = self._loops, side.seen
+        assert found is not None
+        nodes, k = np.arange(len(side.surface.points)) if side.active is None else side.active, len(seen.start)
+        growth = getattr(seen, "growth", None)
+        arrays = seen.start, seen.arms, seen.rows, np.zeros((0, 6)) if growth is None else growth
+        whole = _writable(seen.frame(np.zeros(side.n))[1])
+        x, fields = np.full((len(side.surface.points), 3), np.nan), self._following.fields[place]
+        assert k == len(nodes)
+        return found.pair_side(
+            self._following.bodies[place], 1 if side.normal_only else 3, np.require(dofs, np.int64, ["C", "W"]),
+            *map(_writable, arrays), whole, np.require(nodes, np.int64, ["C", "W"]), x, self._flexibilities[place],
+            _writable(fields),
+        )  # fmt: skip
+
+    def _followed(self, stage: Stage) -> Any:
+        """The points that are followed; none where no rows are."""
+        if isinstance(stage, Followed):
+            return stage.rows.compiled
+        gaps = self.gaps
+        points, index = stage.rows.points.of_rows(np.empty(0, dtype=np.int64))
+        none = MovingPairs(gaps.sides[1].surface, np.empty(0, dtype=np.int64), np.zeros((0, 2)))
+        here = stage.here if isinstance(stage, Apart) else np.zeros((3, 3))
+        return none.followed(points, index, *gaps.witnesses, here, np.zeros(0), np.zeros((0, 12)), np.zeros(12))
+
+    @staticmethod
+    def _linear(stage: Stage) -> tuple[Array, Array, Array, Array, float]:
+        """Gaps of frozen rows for compiled loops."""
+        if not isinstance(stage, Frozen):
+            return _NO_MATRIX, np.zeros(0), _NO_MATRIX, np.zeros(0), 0.0
+        linear = stage.linear
+        H, start, drift, drift_start = map(_writable, (linear.H, linear.start, linear.drift, linear.drift_start))
+        return H, start, drift, drift_start, float(linear.reach)
+
+    # By NumPy.
+
+    def gaps_at(self, q: Array, q_before: Array, v: Array, h: Array) -> None:
+        """See `place`; loops do not go on from it at the same coordinates."""
+        self.place(q, q_before, v, h)
+        self._known[0] = False
+
+    def regularise(self, gap: Array, bulge: float, share: float) -> None:
+        """See `moving_kernels.regularise_rows`."""
+        state, diagonal = self._state, self._state.diagonal[self._rows]
+        near = state.near[self._rows] = gap < -bulge * gap.min()
+        if state.frozen[self.s]:
+            state.near[self._rows] = True
+            return
+        added = share * diagonal[near].sum() / max(np.count_nonzero(near), 1)
+        if added != state.added[self.s]:
+            state.added[self.s], self._blocks.n_closed[self.contact] = added, -1
+            np.fill_diagonal(self.own, diagonal + added)
+
+    def push(self, lam: Array, force: Array, values: Array) -> None:
+        """See `moving_kernels.forces_of_pairs`; `lam`, (n,), are the forces on all rows of the patch [N]."""
+        if not len(self._slots):
+            values[5] = np.inf
+        of_rows = lam[self._slots]
+        if of_rows.any():
+            with self._turned():
+                values[2:5] = self.gaps.nodal_forces(of_rows)[0].sum(axis=0)
+                force[self._following.dofs] += self.gaps.generalised(of_rows)
+
+    def watch_edge(self, values: Array, h: Array, lam: Array, q: Array) -> None:
+        """See `moving_kernels.watch_edges`; `values`, `h` and `lam` are of all contacts, and of all their rows."""
+        state, leaves_at = self._state, self.gaps.leaves_at
+        if not state.left[self.s] and values[self.contact, 1] > 0.0:
+            depth, pushed = -h[self._rows][self._slots], lam[self._rows][self._slots] > 0.0
+            if (pushed & ((leaves_at == 0.0) | (depth >= leaves_at))).any():
+                state.left[self.s], state.left_at[self.s] = True, q
+
+    def count_step(self) -> None:
+        """Count a step of pairs that slide, and may be frozen again."""
+        self._steps[0] += self.gaps.may_freeze and self.gaps.moving and len(self._slots) > 0
+
+    def anchor(self, same: float) -> bool:
+        """See `moving_kernels.anchor_rows`."""
+        gaps, state = self.gaps, self._state
+        if not gaps.moving or not len(self._slots):
+            return False
+        with self._turned():
+            self._take_anchor()
+            before = gaps.anchor
+            if gaps.anchored(same) != before:
+                assert gaps.anchor is not None
+                state.anchored[self.s], state.found[self.s] = True, False
+                state.anchors[self.s, self._following.dofs] = gaps.anchor.q
+                if self.compiled is not None:
+                    self.compiled = self._for_loops(gaps.stage)
+            if state.found[self.s]:
+                return False
+            every = np.arange(len(self._slots))
+            F, anchor = gaps.flexibility(every), gaps.anchored(same)
+            gaps.found_at(anchor, lambda: self._set_flexibility(F))
+        return True
+
+
+def _writable(values: Any) -> Array:
+    """Values as loops are compiled for: those of arrays that cannot be written to, or of another layout, are others."""
+    return np.require(values, float, ["C", "W"])
