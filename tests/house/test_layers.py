@@ -137,3 +137,11 @@ def test_import_needs_neither_exudyn_nor_ngsolve():
     code = "import sys, exudyn_partition as ep; ep.Material; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not {"exudyn", "ngsolve", "netgen", "meshio", "matplotlib", "scipy.sparse", "rich", "numba"} & set(loaded)
+
+
+def test_a_run_needs_no_module_of_statistics():
+    """`scipy.signal` brings `scipy.stats`, which takes long to import."""
+    code = "import sys, exudyn_partition as ep; ep.solve_dynamic, ep.CreatePartitionContact; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "scipy.optimize" in loaded
+    assert not {"scipy.signal", "scipy.stats"} & {*loaded}
