@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
-from scipy.signal import find_peaks
 
 from ..support.arrays import Array
+from ..support.optional import require
 
 _TRACE = 1e-10  # of the largest force: what round-off makes of bodies that lie on each other
 _LOOKED_AT = 200  # samples beside an impact, until its surface has opened
@@ -171,7 +171,8 @@ def ringing(t: Array, force: Array, resolved: float) -> Ringing | None:
         if part.max() < (1 + _OVERSHOOT) * level:
             continue
         padded = np.r_[0.0, part, 0.0]
-        maxima = find_peaks(padded, prominence=_PROMINENT * np.trapezoid(part, time) / np.ptp(time))[0] - 1
+        prominence = _PROMINENT * np.trapezoid(part, time) / np.ptp(time)
+        maxima = require("scipy.signal").find_peaks(padded, prominence=prominence)[0] - 1
         period = float(np.median(np.diff(time[maxima]))) if len(maxima) >= _MAXIMA else np.inf
         if period > _FAST * resolved:
             if np.ptp(time) < _LONG_FOR_A_SPIKE * resolved or _width(time, part, level) > _NARROW * resolved:
@@ -252,7 +253,7 @@ def rings_by_facets(t: Array, force: Array, rate: float) -> float | None:
     deviation = float(np.sqrt(np.mean(ripple**2)))
     if longest * rate > _LONG or deviation < _OVERSHOOT * force[part].mean():
         return None
-    maxima = find_peaks(ripple, prominence=deviation)[0]
+    maxima = require("scipy.signal").find_peaks(ripple, prominence=deviation)[0]
     if len(maxima) < _PASSED:
         return None
     frequency = 1 / float(np.median(np.diff(t[part][maxima])))

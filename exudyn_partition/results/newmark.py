@@ -16,9 +16,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ..support.arrays import Array
+from ..support.optional import require
 
 _BLOCK = 256  # coordinates that are looked at at once, which bounds the memory
 
@@ -89,5 +89,5 @@ class Newmark:
 
 def _recursion(x: Array, factor: float, first: Array) -> Array:
     """y[0] = first, y[i + 1] = factor y[i] + x[i]; (n, k) -> (n + 1, k). What `first` lacks dies out."""
-    rest, _ = lfilter([1.0], [1.0, -factor], x, axis=0, zi=(factor * first)[None])
+    rest, _ = require("scipy.signal").lfilter([1.0], [1.0, -factor], x, axis=0, zi=(factor * first)[None])
     return np.vstack([first, rest])

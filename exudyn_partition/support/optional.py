@@ -1,4 +1,7 @@
-"""Optional imports: what is missing is named together with the pip line that installs it."""
+"""Optional imports: what is missing is named together with the pip line that installs it.
+
+Also imports of what few runs need and takes long, as `scipy.signal`, which brings `scipy.stats`.
+"""
 
 from __future__ import annotations
 

@@ -25,9 +25,9 @@ class Imports(NamedTuple):
     outside: set[str]
 
 
-def imports_of(module, path):
+def imports_of(module, nodes):
     inside, outside = set(), set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes:
         if isinstance(node, ast.ImportFrom) and node.level:
             base = module.split(".")[: -node.level]
             names = [node.module] if node.module else [alias.name for alias in node.names]
@@ -42,10 +42,16 @@ def imports_of(module, path):
 
 
 @pytest.fixture(scope="module")
-def modules():
-    """What each module of the package imports, by its dotted name."""
+def syntax():
+    """All nodes of the syntax of each module of the package, by its dotted name."""
     paths = {".".join(path.relative_to(PACKAGE).with_suffix("").parts): path for path in PACKAGE.rglob("*.py")}
-    return {module: imports_of(module, path) for module, path in paths.items()}
+    return {module: [*ast.walk(ast.parse(path.read_text()))] for module, path in paths.items()}
+
+
+@pytest.fixture(scope="module")
+def modules(syntax):
+    """What each module of the package imports, by its dotted name."""
+    return {module: imports_of(module, nodes) for module, nodes in syntax.items()}
 
 
 def layer(module):
@@ -61,16 +67,14 @@ def test_imports_point_to_lower_layers(modules):
     assert not upward
 
 
-def test_the_lowest_folder_knows_no_package_above_it():
+def test_the_lowest_folder_knows_no_package_above_it(syntax):
     """Neither by imports nor by name: a text with the name of a package would be a way around the layers."""
     above = {name.split(".")[0] for name in LAYERS[LAYERS.index("support") + 1 :]} - {"__main__", "__init__"}
-    for path in (PACKAGE / "support").glob("*.py"):
-        texts = [
-            node.value
-            for node in ast.walk(ast.parse(path.read_text()))
-            if isinstance(node, ast.Constant) and isinstance(node.value, str)
-        ]
-        assert not above & {*texts}, path
+    lowest = {module: nodes for module, nodes in syntax.items() if module.startswith("support.")}
+    assert len(lowest) > 10
+    for module, nodes in lowest.items():
+        texts = [node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+        assert not above & {*texts}, module
 
 
 def test_no_modules_import_each_other(modules):
@@ -91,26 +95,27 @@ def test_outer_packages_have_one_door_each(modules):
     assert {module for module in users["exudyn"] if module.startswith("present.")} == {"present.view"}
 
 
-def test_compiled_loops_have_one_door_a_layer():
+def test_compiled_loops_have_one_door_a_layer(syntax):
     """Callers of loops do not ask whether numba is there. The doctor says it, and products are a door of their own."""
     asking, doors = {}, set()
-    for path in PACKAGE.rglob("*.py"):
-        module = ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
-        calls = [node.func for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
+    for module, nodes in syntax.items():
+        calls = [node.func for node in nodes if isinstance(node, ast.Call)]
         named = {getattr(call, "id", getattr(call, "attr", "")) for call in calls}
         if asked := named & {"kernels", "compiles"}:
             asking[module] = asked
-        if path.name.endswith("kernels.py") and not module.startswith("support."):
+        if module.endswith("kernels") and not module.startswith("support."):
             doors.add(f"{module.rsplit('.', 1)[0]}.loops")
     assert asking.pop("support.compiled") == {"compiles"}
     assert asking.pop("cli.doctor") == {"compiles"}
     assert asking == {door: {"kernels"} for door in {*doors, "algebra.products"}}
 
 
-def test_compiled_loops_write_arrays_entry_by_entry():
+def test_compiled_loops_write_arrays_entry_by_entry(syntax):
     """An array that is written at once brings code that tells of other shapes in words, seconds to compile."""
-    for path in PACKAGE.rglob("*kernels.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
+    loops = {module: nodes for module, nodes in syntax.items() if module.endswith("kernels")}
+    assert len(loops) > 10
+    for module, nodes in loops.items():
+        for node in nodes:
             for target in node.targets if isinstance(node, ast.Assign) else ():
                 pairs = [(target, node.value)]
                 if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
@@ -119,15 +124,15 @@ def test_compiled_loops_write_arrays_entry_by_entry():
                     sliced = isinstance(place, ast.Subscript) and any(
                         isinstance(part, ast.Slice) for part in ast.walk(place.slice)
                     )
-                    assert not sliced or isinstance(value, ast.Constant), f"{path}:{node.lineno}"
+                    assert not sliced or isinstance(value, ast.Constant), f"{module}:{node.lineno}"
 
 
-def test_sparse_matrices_are_factorised_by_one_function():
+def test_sparse_matrices_are_factorised_by_one_function(syntax):
     """So that another solver can take its place. SuperLU solves small or unsymmetric systems of bodies and joints."""
     users = {
-        ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
-        for path in PACKAGE.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text()))
+        module
+        for module, nodes in syntax.items()
+        for node in nodes
         if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) == "Factorisation"
     }
     assert users == {"algebra.sparse.solver"}
@@ -137,3 +142,11 @@ def test_import_needs_neither_exudyn_nor_ngsolve():
     code = "import sys, exudyn_partition as ep; ep.Material; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not {"exudyn", "ngsolve", "netgen", "meshio", "matplotlib", "scipy.sparse", "rich", "numba"} & set(loaded)
+
+
+def test_a_run_needs_no_module_of_statistics():
+    """`scipy.signal` brings `scipy.stats`, which takes long to import."""
+    code = "import sys, exudyn_partition as ep; ep.solve_dynamic, ep.CreatePartitionContact; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "scipy.optimize" in loaded
+    assert not {"scipy.signal", "scipy.stats"} & {*loaded}

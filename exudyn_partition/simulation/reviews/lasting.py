@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.signal import detrend
 
 from ...exudyn_bodies.partition_body import PartitionBody
 from ...exudyn_contacts.balance import has_all_steps
 from ...exudyn_contacts.partition_contact import PartitionContact
 from ...support.arrays import Array
+from ...support.optional import require
 from ..result import Result, called
 from .reviewed_run import Finding, ReviewedRun
 
@@ -50,7 +50,7 @@ def lasting_ringing(run: ReviewedRun) -> Iterator[Finding]:
 def ringing_frequency(t: Array, force: Array, step: float) -> float:
     """Frequency at which a force at times t, (n,), varies most about its trend [Hz]; `step` is the shortest [s]."""
     equal = np.linspace(t[0], t[-1], max(16, round((t[-1] - t[0]) / step)))
-    varying = detrend(np.interp(equal, t, force)) * np.hanning(len(equal))
+    varying = require("scipy.signal").detrend(np.interp(equal, t, force)) * np.hanning(len(equal))
     spectrum = abs(np.fft.rfft(varying, 4 * len(equal)))
     frequencies = np.fft.rfftfreq(4 * len(equal), equal[1] - equal[0])
     above = frequencies > 2 / (t[-1] - t[0])  # slower changes are no ringing
@@ -61,4 +61,5 @@ def _swinging(contact: PartitionContact, result: Result, start: float, end: floa
     """Energy of the vibration of a contact's bodies [J]: twice the mean kinetic energy about their slow motion."""
     some = result.at(result.t[(result.t >= start) & (result.t <= end)])
     bodies: Sequence[PartitionBody] = [item for item, _ in contact.sides]
+    detrend = require("scipy.signal").detrend
     return float(sum((detrend(b.coordinates_t(some), axis=0) ** 2).mean(axis=0) @ b.kinematics.mass for b in bodies))
