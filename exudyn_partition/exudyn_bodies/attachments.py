@@ -31,6 +31,10 @@ class AttachableBody(BodyItem, Protocol):
     frame_markers: list[int]
 
     @property
+    def kinematics(self) -> object:
+        """Its `Kinematics`."""
+
+    @property
     def frame(self) -> str:
         """The frame, "inertial" or "floating"."""
 
@@ -139,7 +143,8 @@ def add_guard(mbs: MainSystem, item: AttachableBody, check: Callable[[MainSystem
     not the body, so that they would tear it.
     """
     latest, name, node, n = math.inf, item.name, item.nodes[0], item.body.n_dofs
-    turning = item.kinematics.projection[:, 3:].T if isinstance(item.kinematics, InertialKinematics) else None
+    kinematics = item.kinematics
+    turning = kinematics.projection[:, 3:].T if isinstance(kinematics, InertialKinematics) else None
 
     def value(mbs: MainSystem, t: float, *unused: object) -> list[float]:
         nonlocal latest
