@@ -72,7 +72,7 @@ def inertia_functions(
         if np.count_nonzero(v[3:]):  # none in a static solution
             start = None
             if _runs_verlet(mbs, t):
-                if not now.dot(now) + v.dot(v) < _BOUND**2:  # NaN is not
+                if not np.vdot(now, now) + np.vdot(v, v) < _BOUND**2:  # NaN is not; dot warns
                     raise RunError(
                         "coordinates of a body with frame='floating' are beyond all bounds: the run is unstable"
                     )

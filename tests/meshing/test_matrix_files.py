@@ -283,10 +283,13 @@ def test_files_of_calculix(tmp_path, own, labels):
 
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="needs CalculiX")
 @pytest.mark.parametrize(
-    ("kind", "difference"), [("C3D8", 1e-12), ("C3D20", 1e-12), ("C3D20R", 0.01), ("C3D6", 0.1), ("C3D15", 0.01)]
+    ("kind", "difference"), [("C3D8", 1e-6), ("C3D20", 1e-8), ("C3D20R", 0.01), ("C3D6", 0.1), ("C3D15", 0.01)]
 )
 def test_elements_of_calculix(tmp_path, kind, difference):
-    """Fully integrated hexahedra are ours; reduced integration and wedges differ by less than the mesh's own error."""
+    """Fully integrated hexahedra are ours but for masses of distorted ones, which CalculiX integrates by fewer points.
+
+    Reduced integration and wedges differ by less than the mesh's own error.
+    """
     points, cells = hexahedra(2, 3, 4)
     inner = ((points > points.min(axis=0) + 1e-9) & (points < points.max(axis=0) - 1e-9)).all(axis=1)
     points[inner] += np.random.default_rng(0).normal(size=(inner.sum(), 3)) * 4e-4

@@ -14,7 +14,7 @@ from .coupled import Coupled, flexibility_between
 _SWEEPS = 100
 _SETTLED = 1e-11  # relative change of the forces in a sweep
 _SETTLED_WITH_FRICTION = 1e-9  # forces with friction are computed to a tenth of it
-_UNSETTLED = 1e-6  # relative change in the last sweep above which the forces are rejected
+_UNSETTLED = 1e-5  # relative change in the last sweep above which the forces are rejected; zones settle to 1e-4
 
 
 class CoupledZones(Coupled):

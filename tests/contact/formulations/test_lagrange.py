@@ -54,7 +54,11 @@ class FlatRows:
     def after(self):
         return GapState(np.zeros(2), np.empty(0))
 
-    present = SimpleNamespace(stage=SimpleNamespace(rows=None, normal=np.tile([0.0, 0.0, 1.0], (40, 1))))
+    present = SimpleNamespace(
+        stage=SimpleNamespace(
+            rows=None, normal=np.tile([0.0, 0.0, 1.0], (40, 1)), resultant=lambda lam: np.array([0.0, 0.0, lam.sum()])
+        )
+    )
 
     def return_to(self, present):
         """The rows are never elsewhere."""

@@ -293,7 +293,11 @@ class FlatRows(SimpleNamespace):
     def after(self):
         return GapState(np.zeros(2), np.empty(0))
 
-    present = SimpleNamespace(stage=SimpleNamespace(rows=None, normal=np.tile([0.0, 0.0, 1.0], (40, 1))))
+    present = SimpleNamespace(
+        stage=SimpleNamespace(
+            rows=None, normal=np.tile([0.0, 0.0, 1.0], (40, 1)), resultant=lambda lam: np.array([0.0, 0.0, lam.sum()])
+        )
+    )
 
     def return_to(self, present):
         """The rows are never elsewhere."""
