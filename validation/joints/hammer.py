@@ -6,7 +6,7 @@ Reference: Newmark's method for the FE model, with the bore as a rigid ring that
 on the head; no reduction, no Exudyn. By Hertz and a rigid hammer: peak of the blow and impulse on the hinge.
 Quantity: force on the hinge over 400 us, relative L2, and its peak; peak of the blow against Hertz.
 Limits: 12 %, 4 % and 2 %. The hinge bears a hundredth of the blow, in waves whose frequencies reach beyond those of the
-kept shapes. With steps of 1 us the full model differs by 12 %, with 0.4 us by 8 to 10 %. The peak of these waves differs
+kept shapes. With steps of 1 us the full model differs by 12 %, with 0.4 us by 8 to 10 %. The peak of these waves is off
 by 1 to 3 %, as the run's own step changes.
 
     python -m validation.joints.hammer
