@@ -9,8 +9,8 @@ With every other odd seed, it flies at the lower body instead, either of them in
 that the rows between them follow facets.
 Reference: `solve_dynamic` by Exudyn's VelocityVerlet. Quantity: largest difference of each sensor (coordinates,
 velocities, of the contact its force, resultant, number of closed rows and smallest gap, and of friction its force, rows
-that stick and slip, work and stored energy), over its largest value; and the share of samples until pairs begin to
-with friction slide, where a compiled run ends. Limit: 1e-9, or 1e-14 of places and rotations, which are rounded so.
+that stick and slip, work and stored energy), over its largest value; and the share of samples until pairs with friction
+begin to slide, where a compiled run ends. Limit: 1e-9, or 1e-14 of places and rotations, which are rounded so.
 
     python -m validation.stability.compiled_runs [--count N] [--out FILE]
 """
