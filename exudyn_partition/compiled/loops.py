@@ -257,7 +257,7 @@ class MovingSteps:
         if (anchors := start.anchors) is not None:
             first = len(anchors.anchored)
             state.anchored[:first], state.anchors[:first] = anchors.anchored, anchors.q
-            state.along[:] = anchors.along
+            state.along[:], state.growing[:first] = anchors.along, anchors.growing
         for number, pair in enumerate(self._pairs):
             pair.take_anchor(None if start.pairs is None else start.pairs[number].anchor)
             self._hold(number)
@@ -273,7 +273,8 @@ class MovingSteps:
     def anchors(self) -> Anchors:
         """Present anchors of contacts with rigid surfaces."""
         state, n = self._state, len(self._plan.surfaces.contact)
-        return Anchors(state.anchored[:n].copy(), state.anchors[:n].copy(), state.along.copy())
+        kept = state.anchored[:n], state.anchors[:n], state.along, state.growing[:n]
+        return Anchors(*(values.copy() for values in kept))
 
     def pairs(self, q: Array) -> tuple[GapState, ...]:
         """States of contacts of two bodies at coordinates q, (nq,)."""

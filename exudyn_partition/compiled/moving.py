@@ -132,7 +132,7 @@ class MovingState(NamedTuple):
     ----------
     products : (nb, 6) array
     grows : (nb,) bool array
-        Products of angular velocities that bodies grow by, and whether they do.
+        Products of angular velocities that bodies grow by, and whether they do; zero if they do not.
     normals : (np, 3) array
         At the points of all contacts.
     anchored : (ns,) bool array
@@ -141,6 +141,8 @@ class MovingState(NamedTuple):
         Coordinates there.
     along : (np, 3) array
         Normals there, in the body's axes.
+    growing : (ns, 12) array
+        Products by which both sides grew there, see `Kinematics.growing`; zero if they did not.
     found : (ns,) bool array
         Whether the flexibility in `blocks` is that of the anchor.
     diagonal : (nr,) array
@@ -166,6 +168,7 @@ class MovingState(NamedTuple):
     anchored: Array
     anchors: Array
     along: Array
+    growing: Array
     found: Array
     diagonal: Array
     added: Array
@@ -191,11 +194,14 @@ class Anchors:
         Coordinates of the model.
     along : (np, 3) array
         Normals at the points of all contacts in the bodies' axes.
+    growing : (ns, 12) array
+        See `MovingState`.
     """
 
     anchored: Array
     q: Array
     along: Array
+    growing: Array
 
 
 class Turning(NamedTuple):
@@ -271,7 +277,8 @@ class MovingPlan:
 
         return MovingState(
             np.zeros((nb, 6)), np.zeros(nb, dtype=bool), np.zeros((points, 3)), no(), np.zeros((ns, n)),
-            np.zeros((points, 3)), no(), np.zeros(n_rows), np.zeros(ns), np.zeros(n_rows, dtype=bool),
+            np.zeros((points, 3)), np.zeros((ns, 12)), no(), np.zeros(n_rows), np.zeros(ns),
+            np.zeros(n_rows, dtype=bool),
             self.contact, no(), np.full(1, -1), no(), np.zeros((ns, n)),
         )  # fmt: skip
 
@@ -372,14 +379,20 @@ def surfaces_of(contacts: Sequence[Following]) -> Surfaces:
 
 def anchors_of(contacts: Sequence[Following], n: int) -> Anchors:
     """Where contacts with rigid surfaces found their flexibility; n is the number of the model's coordinates."""
-    anchored, q = np.zeros(len(contacts), dtype=bool), np.zeros((len(contacts), n))
+    ns = len(contacts)
+    anchored, q, growing = np.zeros(ns, dtype=bool), np.zeros((ns, n)), np.zeros((ns, 12))
     along = [np.zeros((len(one.gaps.points.nodes), 3)) for one in contacts]
     for s, one in enumerate(contacts):
         if (anchor := one.gaps.anchor) is not None:
-            anchored[s], q[s, one.dofs] = True, anchor.q
+            anchored[s], q[s, one.dofs], growing[s, : len(anchor.growing)] = True, anchor.q, anchor.growing
             if not one.gaps.slave.normal_only:
                 along[s] = one.gaps.stance_at(anchor)
-    return Anchors(anchored, q, np.concatenate([np.zeros((0, 3)), *along]))
+    return Anchors(anchored, q, np.concatenate([np.zeros((0, 3)), *along]), growing)
+
+
+def growing_of(gaps: Gaps, products: Array) -> Array:
+    """`Gaps.growing` by products of both sides, (12,), which are zero where nothing grows."""
+    return products[: 6 * len(gaps.sides)].copy() if products.any() else NOTHING
 
 
 def pairs_at(contacts: Sequence[Following], q: Array) -> tuple[GapState, ...]:
@@ -387,8 +400,8 @@ def pairs_at(contacts: Sequence[Following], q: Array) -> tuple[GapState, ...]:
     states = []
     for one in contacts:
         here = q[one.dofs]
-        anchor = None if one.gaps.anchor is None else Anchor(here, NOTHING)
-        states.append(replace(one.gaps.accepted, q=here, anchor=anchor))
+        anchor = None if one.gaps.anchor is None else Anchor(here, NOTHING, NOTHING)
+        states.append(replace(one.gaps.accepted, q=here, anchor=anchor, growing=NOTHING))
     return tuple(states)
 
 
@@ -401,7 +414,9 @@ def anchors_at(contacts: Sequence[Following], q: Array) -> Anchors:
             there.at(q[one.dofs])
             along[s] = there.stance()
     at_q = np.tile(q, (len(contacts), 1))
-    return Anchors(np.ones(len(contacts), dtype=bool), at_q, np.concatenate([np.zeros((0, 3)), *along]))
+    ns = len(contacts)
+    all_along = np.concatenate([np.zeros((0, 3)), *along])
+    return Anchors(np.ones(ns, dtype=bool), at_q, all_along, np.zeros((ns, 12)))
 
 
 def _starts(arrays: Sequence[Array]) -> Array:

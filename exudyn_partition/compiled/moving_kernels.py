@@ -135,6 +135,9 @@ def turn_frames(frames: Frames, state: MovingState, v: Array) -> None:
         for c in range(6):
             growth += abs(products[c]) * frames.largest[b, c]
         state.grows[b] = not square <= frames.slow[b] and not growth <= frames.least[b]
+        if not state.grows[b]:
+            for c in range(6):
+                products[c] = 0.0
 
 
 @inner
@@ -254,6 +257,8 @@ def anchor_surface(
         state.anchored[s], state.found[s] = True, False
         for i in range(len(q)):
             state.anchors[s, i] = q[i]
+        for c in range(6):
+            state.growing[s, c] = state.products[b, c] if b >= 0 else 0.0
         if d > 1:
             for i in range(first, end):
                 for a in range(3):

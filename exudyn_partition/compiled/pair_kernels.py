@@ -343,6 +343,9 @@ def anchor_pair(
         state.anchored[s], state.found[s] = True, False
         for i in range(len(q)):
             state.anchors[s, i] = q[i]
+        for c in range(6):
+            state.growing[s, c] = state.products[pair.slave.body, c] if pair.slave.body >= 0 else 0.0
+            state.growing[s, 6 + c] = state.products[pair.master.body, c] if pair.master.body >= 0 else 0.0
         for i in range(3):
             for k in range(3):
                 pair.at_here[i, k] = pair.here[i, k]

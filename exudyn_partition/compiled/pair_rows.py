@@ -7,9 +7,6 @@ pairs begin to slide or have come to rest.
 
 from __future__ import annotations
 
-import contextlib
-import threading
-from collections.abc import Iterator
 from functools import cached_property
 from types import ModuleType
 from typing import Any
@@ -23,13 +20,11 @@ from ..contact.patch_gaps import PATIENCE, PatchGaps
 from ..contact.side import Side
 from ..contact.stages import NOTHING, Anchor, Frozen, Stage
 from ..contact.wandering import WanderingGaps
-from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array
 from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
-from .moving import Following, MovingState
+from .moving import Following, MovingState, growing_of
 
 FOLLOWING = FOLLOWED, STEPS, NEAR, PATIENCE, BULGE  # as loops take them
-GROWING = threading.Lock()  # held while bodies grow by a rotation, which is known to all that share their kinematics
 _NO_MATRIX = np.zeros((0, 0))
 
 
@@ -68,7 +63,6 @@ class PairRows:
         self._stage: object = None  # frozen stage or rows that `_slots` belong to
         self._steps, self._known = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=bool)
         self._stood: Array | None = None
-        self._turning = np.zeros(0)
         self._room: tuple[Array, Array, Array]  # for gaps, normals and the slave's place, which loops share
         self.compiled: Any = None  # the present rows as loops take them
 
@@ -88,11 +82,11 @@ class PairRows:
         state.anchored[self.s] = anchor is not None
         if anchor is not None:
             state.anchors[self.s, self._following.dofs] = anchor.q
+            state.growing[self.s] = _both(anchor.growing)
         if self._stage is not None:
-            with self._turned():
-                self._take_anchor()
-                self._stage = None
-                self._renew()
+            self._take_anchor()
+            self._stage = None
+            self._renew()
 
     def end(self, q: Array) -> GapState:
         """State at the model's coordinates q, (nq,)."""
@@ -101,29 +95,18 @@ class PairRows:
         frozen = None if gaps.moving else gaps.after().frozen
         of_pair = q[self._following.dofs]
         anchor = gaps.anchor if anchored else None
-        return GapState(of_pair, NOTHING, anchor, frozen, None, self._stood, int(self._steps[0]))
-
-    @contextlib.contextmanager
-    def _turned(self) -> Iterator[None]:
-        """Let both bodies grow as they turn."""
-        n = self.gaps.sides[0].n
-        parts = zip(self.gaps.sides, (self._turning[:n], self._turning[n:]), strict=True)
-        turning = [(side.kinematics, v) for side, v in parts if isinstance(side.kinematics, FloatingKinematics)]
-        with GROWING:
-            for kinematics, v in turning:
-                kinematics.turn(v)
-            try:
-                yield
-            finally:
-                for kinematics, _ in turning:
-                    kinematics.turn(None)
+        none = np.zeros(6)
+        products = [none if b < 0 else self._state.products[b] for b in self._following.bodies]
+        growing = growing_of(gaps, np.concatenate(products))
+        return GapState(of_pair, NOTHING, anchor, frozen, None, self._stood, int(self._steps[0]), growing)
 
     def _take_anchor(self) -> None:
         """Let the gaps have the anchor that loops have found."""
         if self._state.anchored[self.s]:
-            q = self._state.anchors[self.s, self._following.dofs]
-            if self.gaps.anchor is None or not np.array_equal(self.gaps.anchor.q, q):
-                self.gaps.go_on_at(q)
+            q, products = self._state.anchors[self.s, self._following.dofs], self._state.growing[self.s]
+            there = Anchor(q, NOTHING, growing_of(self.gaps, products))
+            if self.gaps.anchor is None or not self.gaps.anchor.equals(there):
+                self.gaps.go_on_at(there)
         else:
             self.gaps.anchor = None
 
@@ -145,13 +128,13 @@ class PairRows:
             If places are not finite.
         """
         dofs, gaps = self._following.dofs, self.gaps
-        self._turning = v[dofs]
-        with self._turned():
-            self._take_anchor()
-            if gaps.moving and gaps.may_freeze and self._steps[0] >= PATIENCE:
-                self._come_to_rest(q_before[dofs])
-            found = gaps.at(q[dofs])
-            self._renew()
+        both = zip(gaps.sides, gaps.split(v[dofs]), strict=True)
+        gaps.grow([side.kinematics.growing(part) for side, part in both])
+        self._take_anchor()
+        if gaps.moving and gaps.may_freeze and self._steps[0] >= PATIENCE:
+            self._come_to_rest(q_before[dofs])
+        found = gaps.at(q[dofs])
+        self._renew()
         own = h[self._rows]
         own[:] = abs(found).max() if len(found) else gaps.size
         own[self._slots] = found
@@ -166,7 +149,8 @@ class PairRows:
         gaps = self.gaps
         if self.compiled is not None and isinstance(gaps.stage, Followed):  # where loops have followed it
             _, normals, here = self._room
-            gaps.return_to(Present(Followed(gaps.stage.rows, normals.copy(), here.copy()), q, None, gaps.anchor))
+            stage = Followed(gaps.stage.rows, normals.copy(), here.copy())
+            gaps.return_to(Present(stage, q, None, gaps.anchor, gaps.growing))
         gaps.accept(GapState(q, NOTHING, gaps.anchor, None, None, self._stood, PATIENCE - 1))
         gaps.accept(gaps.after())
         self._steps[0], self._stood = gaps.accepted.steps, gaps.accepted.stood
@@ -312,9 +296,8 @@ class PairRows:
             values[5] = np.inf
         of_rows = lam[self._slots]
         if of_rows.any():
-            with self._turned():
-                values[2:5] = self.gaps.nodal_forces(of_rows)[0].sum(axis=0)
-                force[self._following.dofs] += self.gaps.generalised(of_rows)
+            values[2:5] = self.gaps.nodal_forces(of_rows)[0].sum(axis=0)
+            force[self._following.dofs] += self.gaps.generalised(of_rows)
 
     def watch_edge(self, values: Array, h: Array, lam: Array, q: Array) -> None:
         """See `moving_kernels.watch_edges`; `values`, `h` and `lam` are of all contacts, and of all their rows."""
@@ -333,21 +316,26 @@ class PairRows:
         gaps, state = self.gaps, self._state
         if not gaps.moving or not len(self._slots):
             return False
-        with self._turned():
-            self._take_anchor()
-            before = gaps.anchor
-            if gaps.anchored(same) != before:
-                assert gaps.anchor is not None
-                state.anchored[self.s], state.found[self.s] = True, False
-                state.anchors[self.s, self._following.dofs] = gaps.anchor.q
-                if self.compiled is not None:
-                    self.compiled = self._for_loops(gaps.stage)
-            if state.found[self.s]:
-                return False
-            every = np.arange(len(self._slots))
-            F, anchor = gaps.flexibility(every), gaps.anchored(same)
-            gaps.found_at(anchor, lambda: self._set_flexibility(F))
+        self._take_anchor()
+        before = gaps.anchor
+        if gaps.anchored(same) != before:
+            assert gaps.anchor is not None
+            state.anchored[self.s], state.found[self.s] = True, False
+            state.anchors[self.s, self._following.dofs] = gaps.anchor.q
+            state.growing[self.s] = _both(gaps.anchor.growing)
+            if self.compiled is not None:
+                self.compiled = self._for_loops(gaps.stage)
+        if state.found[self.s]:
+            return False
+        every = np.arange(len(self._slots))
+        F, anchor = gaps.flexibility(every), gaps.anchored(same)
+        gaps.found_at(anchor, lambda: self._set_flexibility(F))
         return True
+
+
+def _both(growing: Array) -> Array:
+    """`Gaps.growing` of two sides, (12,); zero if none grows."""
+    return growing if len(growing) else np.zeros(12)
 
 
 def _writable(values: Any) -> Array:

@@ -49,12 +49,13 @@ class PlainBody:
         frames, b = self._frames, self.b
         of_node = v[self.dofs[3:6]]
         omega = self.node_axes @ of_node
-        state.products[b] = omega[_FIRST] * omega[_SECOND]
+        products = omega[_FIRST] * omega[_SECOND]
         fast, large = (
             not of_node @ of_node <= frames.slow[b],
-            not abs(state.products[b]) @ frames.largest[b] <= frames.least[b],
+            not abs(products) @ frames.largest[b] <= frames.least[b],
         )
         state.grows[b] = fast and large
+        state.products[b] = products if state.grows[b] else 0.0
 
     def turn_on(self, m: Motion, h: float) -> None:
         """Compose its rotation with that of a step."""
@@ -147,6 +148,7 @@ class PlainSurface:
             far = far or not abs(here - state.along[self.points]).max() <= same
         if far:
             state.anchored[s], state.found[s], state.anchors[s] = True, False, q
+            state.growing[s, :6] = 0.0 if self.body is None else state.products[self.body.b]
             if self.d > 1:
                 state.along[self.points] = here
         if state.found[s]:

@@ -285,7 +285,8 @@ class Followed(Stage):
         rows, bounds = self.rows, (BULGE, NEAR * pair.size, pair.reach)
         how, places = (reach, FOLLOWED, STEPS, pair.size, *bounds), pair.places_begun(sides, q)
         flat = rows.flat_pair if sides == rows.sides else loops.flat_pair(rows.compiled, sides)
-        here, normals, of_points, lost, gap, least, more_close = loops.followed_gaps(flat, sides, q, places, how)
+        followed = loops.followed_gaps(flat, q, pair.growing_sides, places, how)
+        here, normals, of_points, lost, gap, least, more_close = followed
         if not len(normals):
             return None
         if len(lost):

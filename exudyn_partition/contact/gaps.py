@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 MANY = 5_000  # entries that can be spared, see `Side.spares`: above it, only the needed nodes are followed
 _ROUND_OFF = 1e-9  # relative difference of shares of a flexibility that are the same
 SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
-_FROZEN = Anchor(NOTHING, NOTHING)  # of frozen rows, whose flexibility does not change
+_FROZEN = Anchor(NOTHING, NOTHING, NOTHING)  # of frozen rows, whose flexibility does not change
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +62,8 @@ class GapState:
         Place of the slave relative to the master when it was last asked whether the patches slide [m].
     steps : int
         Number of steps since then.
+    growing : (6 k,) array
+        `Gaps.growing` of the k sides; empty if none grows.
     """
 
     q: Array
@@ -71,6 +73,7 @@ class GapState:
     chosen: Anchor | None = None
     stood: Array | None = None
     steps: int = 0
+    growing: Array = field(default_factory=lambda: NOTHING)
 
 
 @dataclass(slots=True, eq=False)
@@ -86,12 +89,15 @@ class Present:
         Places of the nodes that are followed [m]; None until somebody asks.
     anchor : Anchor or None
         Where the flexibility was found that the rows have here; None until somebody asks.
+    growing : (6 k,) array
+        `Gaps.growing` of the k sides here; empty if none grows.
     """
 
     stage: Stage
     q: Array
     places: list[Array] | None
     anchor: Anchor | None
+    growing: Array
 
 
 class Gaps:
@@ -134,6 +140,9 @@ class Gaps:
         Share of each side's flexibility that yields within the present step, see `viscosity`; None if all of it does.
     anchor : Anchor or None
         That of `present`.
+    growing : (6 k,) array
+        Products of angular velocities by which each of the k sides grows in the next evaluation [rad2/s2], see `grow`:
+        an input, as the pose of the carrier. Empty if none does.
     accepted : GapState
         State at the end of the last accepted step. Each try of a step begins from it.
     """
@@ -155,6 +164,7 @@ class Gaps:
     yielding: tuple[float, ...] | None = None
     searches: int = 0
     anchor: Anchor | None = None
+    growing: Array = NOTHING
     accepted: GapState
     _stood: tuple[object, object, Array] = (None, None, NOTHING)  # stance of rows at an anchor
     _anchored: tuple[object, object, Stage | None] = (None, None, None)  # stage of rows at an anchor
@@ -184,7 +194,7 @@ class Gaps:
 
     def reset(self) -> None:
         """Go back to the start."""
-        self.anchor = None
+        self.anchor, self.growing = None, NOTHING
         self._go_to_start()
         self.accepted = GapState(self.present.q, self.evaluated_pose)
         self.accepted = self.after()
@@ -197,7 +207,8 @@ class Gaps:
 
     def after(self) -> GapState:
         """State after a step that ends in the last evaluation."""
-        return GapState(self.present.q, self.evaluated_pose, self.anchor, self._frozen_at())
+        present = self.present
+        return GapState(present.q, self.evaluated_pose, self.anchor, self._frozen_at(), growing=present.growing)
 
     def _frozen_at(self) -> Array | None:
         """Coordinates at which the pairs were found that are frozen; None if pairs are followed."""
@@ -222,7 +233,7 @@ class Gaps:
         """
         self.reset()
         self._restore_rows(state)
-        self.anchor, self.accepted = state.anchor, state
+        self.anchor, self.accepted, self.growing = state.anchor, state, state.growing
         return self._go_to_state(state)
 
     def _restore_rows(self, state: GapState) -> None:
@@ -255,7 +266,8 @@ class Gaps:
     def dented(self, sides: Sequence[Side], q: Array, dents: Sequence[Array] | None) -> list[Array]:
         """Places of all nodes of some sides, (np, 3) for each [m], from `centre`, at coordinates q, with dents."""
         of_sides: Sequence[Array | None] = dents or [None] * len(sides)
-        return [side.dented(part, dent) for side, part, dent in zip(sides, self.split(q), of_sides, strict=True)]
+        parts = zip(sides, self.split(q), self.growing_sides, of_sides, strict=True)
+        return [side.dented(part, growing, dent) for side, part, growing, dent in parts]
 
     def of_present(self, q: Array) -> Array:
         """Gaps of the present rows at coordinates q, (n,); unlike `at`, this keeps the rows: (nr,) [m]."""
@@ -263,7 +275,7 @@ class Gaps:
 
     def _go_to_stage(self, stage: Stage, q: Array) -> None:
         """Go to a stage at coordinates q, (n,)."""
-        self.return_to(Present(stage, q, stage.places, self.anchor))
+        self.return_to(Present(stage, q, stage.places, self.anchor, self.growing))
 
     def return_to(self, present: Present) -> None:
         """Go to where the rows were."""
@@ -271,7 +283,8 @@ class Gaps:
 
     def _put_stage(self, stage: Stage) -> None:
         """Go to another stage at the same coordinates."""
-        self.return_to(Present(stage, self.present.q, self.present.places, self.anchor))
+        present = self.present
+        self.return_to(Present(stage, present.q, present.places, self.anchor, present.growing))
 
     @property
     def moving(self) -> bool:
@@ -465,6 +478,25 @@ class Gaps:
         n = self.sides[0].n
         return [q] if len(self.sides) == 1 else [q[:n], q[n:]]
 
+    def grow(self, growing: Sequence[Array]) -> None:
+        """Let each side grow by products of angular velocities, (6,) or empty, see `Kinematics.growing`.
+
+        Centrifugal forces deform a body beyond its coordinates, in a quasi-static way. Contact sees this growth, from
+        the next evaluation on.
+        """
+        if any([len(products) for products in growing]):
+            self.growing = np.concatenate([products if len(products) else np.zeros(6) for products in growing])
+        else:
+            self.growing = NOTHING
+
+    @property
+    def growing_sides(self) -> list[Array]:
+        """`growing` of each side, (6,); empty if no side grows."""
+        return self._by_side(self.growing)
+
+    def _by_side(self, growing: Array) -> list[Array]:
+        return [growing[:6], growing[6:]][: len(self.sides)]
+
     def moved(self, q: Array, way: Array) -> Array:
         """Coordinates, (n,), after an increment `way`, (n,), from q, (n,); `way` is velocity times time."""
         parts = zip(self.sides, self.split(q), self.split(way), strict=True)
@@ -498,11 +530,16 @@ class Gaps:
 
     def places_of(self, sides: Sequence[Side], q: Array) -> list[Array]:
         """Places of the nodes that these sides follow, (np, 3) for each [m], at coordinates q, (n,), from `centre`."""
-        return [side.place(part) for side, part in zip(sides, self.split(q), strict=True)]
+        return [side.place(*part) for side, *part in zip(sides, self.split(q), self.growing_sides, strict=True)]
+
+    def places_at(self, sides: Sequence[Side], anchor: Anchor) -> list[Array]:
+        """The same at an anchor, with its own growth."""
+        parts = zip(sides, self.split(anchor.q), self._by_side(anchor.growing), strict=True)
+        return [side.place(*part) for side, *part in parts]
 
     def places_begun(self, sides: Sequence[Side], q: Array) -> list[Array]:
         """Room for what `places_of` finds, see `Side.places_begun`."""
-        return [side.places_begun(part) for side, part in zip(sides, self.split(q), strict=True)]
+        return [side.places_begun(*part) for side, *part in zip(sides, self.split(q), self.growing_sides, strict=True)]
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """Gaps of all rows that can touch next, (k,) [m], their rates [m/s] and accelerations [m/s2], for fixed pairs.
@@ -539,7 +576,8 @@ class Gaps:
         Those of other nodes are NaN.
         """
         if self.present.places is None:
-            self.present.places = self.places_of(self.near_sides, self.present.q)
+            here = Anchor(self.present.q, self.evaluated_pose, self.present.growing)
+            self.present.places = self.places_at(self.near_sides, here)
         return self.present.places
 
     def jacobian(self, index: Array) -> Rows:
@@ -661,8 +699,8 @@ class Gaps:
         """Value that is found with the present rows, but with the places, pairs and normals at an anchor."""
         if anchor == _FROZEN:
             return make()
-        now = self.present
-        self._go_to_stage(self._stage_of_anchor(anchor), anchor.q)
+        now, stage = self.present, self._stage_of_anchor(anchor)
+        self.return_to(Present(stage, anchor.q, stage.places, now.anchor, anchor.growing))
         try:
             return make()
         finally:
@@ -676,14 +714,15 @@ class Gaps:
         if not self.moving:
             return _FROZEN
         if self.anchor is None or not largest_change(self.stance(), self.stance_at(self.anchor)) <= by:
-            self.anchor = self.present.anchor = Anchor(self.present.q.copy(), self.evaluated_pose)
+            here = self.present
+            self.anchor = here.anchor = Anchor(here.q.copy(), self.evaluated_pose, here.growing)
             _ = self.stage.shares  # which are those of the present places only now
             self._anchored = self.anchor, self.stage.rows, self.stage  # pairs that are followed need no projection anew
         return self.anchor
 
-    def go_on_at(self, q: Array) -> None:
-        """Go on from an anchor at coordinates q, (n,), that others have found, without a carrier."""
-        self.anchor = Anchor(q.copy(), NOTHING)
+    def go_on_at(self, anchor: Anchor) -> None:
+        """Go on from an anchor that others have found, without a carrier."""
+        self.anchor = anchor
         self.accepted = replace(self.accepted, anchor=self.anchor)
 
     def stance_at(self, anchor: Anchor) -> Array:

@@ -67,7 +67,8 @@ def flat_pair(rows: Followed, slave: FlatNodes, master: FlatNodes, n: int, n_s: 
 def followed_gaps(
     pair: FlatPair,
     q: Array,
-    grow: tuple[Array, Array],
+    growing_s: Array,
+    growing_m: Array,
     x_s: Array,
     x_m: Array,
     reach: float,
@@ -78,9 +79,9 @@ def followed_gaps(
     most: float,
     begins: float,
 ) -> tuple[Array, Array, Array, Array, Array, float, bool]:
-    """See `loops.followed_gaps`; `grow` is `growing` of both sides."""
-    set_places(pair.slave, q[: pair.n], grow[0], x_s)
-    set_places(pair.master, q[pair.n :], grow[1], x_m)
+    """See `loops.followed_gaps`."""
+    set_places(pair.slave, q[: pair.n], growing_s, x_s)
+    set_places(pair.master, q[pair.n :], growing_m, x_m)
     return follow_rows(pair.rows, x_s, x_m, reach, by, steps, size, bulge, most, begins)
 
 

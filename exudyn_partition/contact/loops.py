@@ -13,7 +13,6 @@ import numpy as np
 
 from ..algebra.block_complementarity import LIMITS
 from ..algebra.complementarity import ROUNDING
-from ..frames.kinematics import Kinematics
 from ..support.arrays import Array
 from ..support.compiled import kernels
 from ..surfaces.points import ContactPoints
@@ -37,10 +36,6 @@ class SideNodes(Protocol):
     @property
     def surface(self) -> Surface:
         """The patch at the start."""
-
-    @property
-    def kinematics(self) -> Kinematics:
-        """Of the patch's nodes."""
 
     @property
     def n(self) -> int:
@@ -263,15 +258,14 @@ def flat_pair(rows: Followed, sides: Sequence[SideNodes]) -> FlatPair:
 
 
 def followed_gaps(
-    pair: FlatPair, sides: Sequence[SideNodes], q: Array, places: Sequence[Array], how: tuple[float, ...]
+    pair: FlatPair, q: Array, growing: Sequence[Array], places: Sequence[Array], how: tuple[float, ...]
 ) -> _Gaps:
     """Follow points and find the gaps of their rows; see `surfaces.moving_kernels.follow_rows`.
 
     `places` are what `places_begun` of both sides gave at coordinates q, (n,) [m]; those of their nodes are set.
+    `growing` are products by which each side grows, see `Kinematics.growing`.
     """
-    slave, master = sides
-    grow = slave.kinematics.growing, master.kinematics.growing
-    gaps: _Gaps = _compiled().followed_gaps(pair, q, grow, *places, *how)
+    gaps: _Gaps = _compiled().followed_gaps(pair, q, *growing, *places, *how)
     return gaps
 
 
@@ -299,7 +293,7 @@ def resultant(points: FlatPoints, lam: Array, normals: Array) -> Array:
 
 
 def rigid_gaps(
-    points: FlatPoints, side: SideNodes, surface: Primitive, q: Array, pose: Array, x: Array
+    points: FlatPoints, side: SideNodes, surface: Primitive, q: Array, pose: Array, growing: Array, x: Array
 ) -> tuple[Array, Array]:
     """Gaps of rows to a rigid surface, (nr,) [m], and outward normals at their points, (p, 3).
 
@@ -311,12 +305,12 @@ def rigid_gaps(
     q : (n,) array
     pose : (12,) array
         See `projected`.
+    growing : (6,) array
+        Products by which the side grows, see `Kinematics.growing`; empty if it does not.
     x : (np, 3) array
         What `places_begun` gave; places of the nodes are set [m].
     """
-    found: tuple[Array, Array] = _compiled().rigid_gaps(
-        points, side.flat, tuple(surface), q, pose, side.kinematics.growing, x
-    )
+    found: tuple[Array, Array] = _compiled().rigid_gaps(points, side.flat, tuple(surface), q, pose, growing, x)
     return found
 
 

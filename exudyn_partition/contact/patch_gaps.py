@@ -89,8 +89,8 @@ class PatchGaps(Gaps):
         """See `Gaps`. Where the pairs have gone on since, rows are projected anew."""
         stage = present.stage
         if isinstance(stage, Followed) and not stage.knows_pairs:
-            stage = self._stage_anchored(Anchor(present.q, NOTHING), stage.rows)
-            present = Present(stage, present.q, stage.places, present.anchor)
+            stage = self._stage_anchored(Anchor(present.q, NOTHING, present.growing), stage.rows)
+            present = replace(present, stage=stage, places=stage.places)
         super().return_to(present)
 
     def _go_to_start(self) -> None:
@@ -109,7 +109,8 @@ class PatchGaps(Gaps):
             steps += 1
             if steps >= PATIENCE:
                 frozen, stood, steps = self._freezes_at(stood), self.stage.here, 0
-        return GapState(self.present.q, self.evaluated_pose, self.anchor, frozen, None, stood, steps)
+        present = self.present
+        return GapState(present.q, self.evaluated_pose, self.anchor, frozen, None, stood, steps, present.growing)
 
     def _freezes_at(self, stood: Array | None) -> Array | None:
         """Present coordinates, if the patches touch and have hardly slid since `stood`: then pairs are frozen again."""
@@ -197,11 +198,11 @@ class PatchGaps(Gaps):
 
     def _stance_of(self, anchor: Anchor) -> Array:
         """See `Gaps`."""
-        return seen_from(self.places_of(self.stage.rows.sides, anchor.q), self.witnesses) / self.size
+        return seen_from(self.places_at(self.stage.rows.sides, anchor), self.witnesses) / self.size
 
     def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""
-        x_s, x_m = self.places(anchor.q)
+        x_s, x_m = self.places_at(self.sides, anchor)
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
         projection = self._projection(rows.points, slave, master)
         shares = (rows.points.nodes, rows.points.weights), (master.facets[projection.facet], -projection.weights)

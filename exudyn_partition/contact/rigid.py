@@ -295,17 +295,18 @@ class RigidGaps(Gaps):
 
     def _gaps_at(self, q: Array, pose: Array) -> Array:
         """Gaps at coordinates q, (n,), with the carrier of the surface at a pose."""
-        stage, gap = self._placed(self.stage.rows, q, pose)
+        stage, gap = self._placed(self.stage.rows, Anchor(q, pose, self.growing))
         self._go_to_stage(stage, q)
         return gap
 
-    def _placed(self, rows: PresentRows, q: Array, pose: Array) -> tuple[Stage, Array]:
-        """Stage of some rows at coordinates q, (n,), with the surface's carrier at a pose, and gaps, (nr,) [m]."""
+    def _placed(self, rows: PresentRows, where: Anchor) -> tuple[Stage, Array]:
+        """Stage of some rows where the slave and the surface's carrier are, and gaps, (nr,) [m]."""
+        q, pose, growing = where.q, where.pose, where.growing
         if self.primitive is None or not loops.at_once():
-            return self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
+            return self._stage_at(rows, self.places_at(rows.sides, where), q, pose)
         (side,) = rows.sides
-        x, points = side.places_begun(q), rows.flat
-        gap, normals = loops.rigid_gaps(points, side, self.primitive, q, pose, x)
+        x, points = side.places_begun(q, growing), rows.flat
+        gap, normals = loops.rigid_gaps(points, side, self.primitive, q, pose, growing, x)
         stage = OnRigid(rows, normals, ((rows.points.nodes, rows.points.weights),))
         stage.places, stage.pose = [x], pose
         return stage, gap
@@ -345,7 +346,7 @@ class RigidGaps(Gaps):
 
     def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""
-        stage = self._placed(rows, anchor.q, anchor.pose)[0]
+        stage = self._placed(rows, anchor)[0]
         stage.of_anchor = True
         return stage
 

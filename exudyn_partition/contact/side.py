@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from ..algebra.products import congruence
 from ..algebra.sparse.skin_flexibility import Flexibility
 from ..fe.model import node_dofs
-from ..frames.kinematics import Kinematics, Rows
+from ..frames.kinematics import STILL, Kinematics, Rows
 from ..plasticity.flow import PlasticState
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
@@ -87,10 +87,10 @@ class Side:
         """Whether loops find places and generalised forces of its nodes from `flat`; not if its rows are sparse."""
         return isinstance(self.kinematics.rows, np.ndarray)
 
-    def places_begun(self, q: Array) -> Array:
+    def places_begun(self, q: Array, growing: Array = STILL) -> Array:
         """Room for places of the patch's nodes, (np, 3) [m]; loops set those in `flat`, others are as in `place`."""
         if not self.flattens:
-            return self.place(q)
+            return self.place(q, growing)
         places = np.empty(self.surface.points.shape)
         if self.active is not None:
             places.fill(np.nan)
@@ -157,16 +157,16 @@ class Side:
         """Return the side that follows some nodes of its patch, (k,) int array; its facets stay the same."""
         return replace(self, active=nodes)
 
-    def place(self, q: Array) -> Array:
+    def place(self, q: Array, growing: Array = STILL) -> Array:
         """Places of the patch's nodes at coordinates q, (n,): (np, 3) [m], NaN for nodes that are not followed.
 
-        They count from `centre`.
+        They count from `centre`. `growing` are products by which the body grows, see `Kinematics.growing`.
         """
         if self.active is None:
-            return self.seen.place(q)
+            return self.seen.place(q, growing)
         places = np.empty(self.surface.points.shape)
         places.fill(np.nan)
-        places[self.active] = self.seen.place(q)
+        places[self.active] = self.seen.place(q, growing)
         return places
 
     def dent(self, strain: Array) -> Array:
@@ -183,9 +183,9 @@ class Side:
         displacements[:] = moved.reshape(-1, 3)
         return displacements
 
-    def dented(self, q: Array, dent: Array | None) -> Array:
+    def dented(self, q: Array, growing: Array, dent: Array | None) -> Array:
         """Places of the patch's nodes, (np, 3) [m], from `place`, plus the displacements of `dent`, if any."""
-        places = self.place(q)
+        places = self.place(q, growing)
         return places if dent is None else places + dent @ self.kinematics.frame(q)[1].T
 
     def generalised(self, q: Array, forces: Array) -> Array:

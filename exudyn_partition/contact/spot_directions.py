@@ -16,6 +16,7 @@ from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from .side import LoadedNodes
 from .spot_gaps import SpotGaps
+from .stages import Anchor
 from .tangential import TangentialRows
 
 _TURN = np.array([[0, 0], [1, 0], [0, 1]])  # from the two tangents to all three directions
@@ -70,9 +71,9 @@ class SpotDirections(TangentialRows):
         way, gaps = super().way(), self.gaps
         if self._from is None or not gaps.moving:
             return way
-        return np.asarray(way + dense(self._turning()) @ gaps.way(self._from, gaps.q))
+        return np.asarray(way + dense(self._turning()) @ gaps.way(self._from.q, gaps.q))
 
-    def _carried(self, offsets: Array, then: list[Array]) -> Array:
+    def _carried(self, offsets: Array, then: Anchor) -> Array:
         """See `TangentialRows`; two bodies have their levers, and a rigid surface moves at the point of contact."""
         if not self.gaps.carried:
             return offsets

@@ -28,7 +28,7 @@ from .linear_gaps import LinearGaps
 from .rigid import RigidPlane, RigidSurface
 from .side import Side
 from .spot import Spot, SpotMaker
-from .stages import Anchor, Frozen, PresentRows, Stage
+from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
 from .touching import ROLES, touching
 
 _TILTED = 0.1  # of a kernel's radius: motion of the point of contact after which the kernel is made anew
@@ -191,7 +191,7 @@ class SpotGaps(Gaps):
         self.size = min(side.surface.facet_size for side in sides)
         slave = self._makers[0].points
         self._row_node = int(np.linalg.norm(slave - meeting.points[0], axis=1).argmin())
-        rows = self._rows_at(Anchor(self._start_q, self.carrier_pose))
+        rows = self._rows_at(Anchor(self._start_q, self.carrier_pose, NOTHING))
         stage, gap = self._stage_at(rows, self.places_of(rows.sides, self._start_q), self._start_q)
         self._check_start(rows, stage, gap)
         self._all, self.clearance, self.approach = rows.points, float(gap[0]), -stage.normals[0]
@@ -244,12 +244,13 @@ class SpotGaps(Gaps):
 
     # The true surfaces.
 
-    def _rough_poses(self, q: Array) -> list[Pose]:
+    def _rough_poses(self, q: Array, growing: Array = NOTHING) -> list[Pose]:
         """Poses of the sides by the mean motion of their patches, which depend on no spot."""
         poses = []
-        for side, middle, part in zip(self.sides, self._middles, self.split(q), strict=True):
-            whole = replace(side, active=None)
-            poses.append(Pose(whole.place(part).mean(axis=0), middle, side.kinematics.frame(part)[1]))
+        both = zip(self.sides, self._middles, self.split(q), self._by_side(growing), strict=True)
+        for side, middle, part, products in both:
+            place = replace(side, active=None).place(part, products).mean(axis=0)
+            poses.append(Pose(place, middle, side.kinematics.frame(part)[1]))
         return poses
 
     def _poses(self, places: Sequence[Array], weights: Sequence[Array], rows: SpotRows, q: Array) -> list[Pose]:
@@ -294,7 +295,7 @@ class SpotGaps(Gaps):
 
     def _rows_at(self, anchor: Anchor) -> SpotRows:
         """The row with spots that are made where the surfaces are nearest at an anchor."""
-        meeting = self._meeting(self._rough_poses(anchor.q), anchor.pose)
+        meeting = self._meeting(self._rough_poses(anchor.q, anchor.growing), anchor.pose)
         where = zip(self._makers, meeting.points, meeting.outward, strict=True)
         spots = [maker.at(point, outward) for maker, point, outward in where]
         kernel, surface = spots[0].kernel, self.sides[0].surface
@@ -409,7 +410,7 @@ class SpotGaps(Gaps):
         pose, rows = self.carrier_pose, self.spot_rows
         stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
         if not self._reaches(rows, stage.meeting):
-            rows = self._rows_at(Anchor(q.copy(), pose))
+            rows = self._rows_at(Anchor(q.copy(), pose, self.growing))
             stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
         self._go_to_stage(stage, q)
         return gap
@@ -428,7 +429,7 @@ class SpotGaps(Gaps):
         rows = self.spot_rows
         stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q)
         if not self._reaches(rows, stage.meeting):
-            rows = self._rows_at(Anchor(q.copy(), self.carrier_pose))
+            rows = self._rows_at(Anchor(q.copy(), self.carrier_pose, self.growing))
             gap = self._stage_at(rows, self.places_of(rows.sides, q), q)[1]
         return float(gap[0])
 
@@ -473,7 +474,7 @@ class SpotGaps(Gaps):
     def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""
         assert isinstance(rows, SpotRows)
-        stage = self._stage_at(rows, self.places_of(rows.sides, anchor.q), anchor.q, anchor.pose)[0]
+        stage = self._stage_at(rows, self.places_at(rows.sides, anchor), anchor.q, anchor.pose)[0]
         stage.of_anchor = True
         return stage
 

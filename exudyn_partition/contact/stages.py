@@ -51,6 +51,10 @@ class Pair(Protocol):
     furthest: float
     witnesses: list[Array]
 
+    @property
+    def growing_sides(self) -> list[Array]:
+        """See `Gaps.growing_sides`."""
+
     def places(self, q: Array) -> list[Array]:
         """See `Gaps.places`."""
 
@@ -80,14 +84,18 @@ class Anchor:
         Coordinates of all sides.
     pose : (12,) array
         `Gaps.carrier_pose`; empty if no body carries a rigid surface.
+    growing : (6 k,) array
+        `Gaps.growing` of the k sides; empty if none grows.
     """
 
     q: Array
     pose: Array
+    growing: Array
 
     def equals(self, anchor: Anchor) -> bool:
         """Whether the other anchor has the same place."""
-        return self == anchor or (np.array_equal(self.q, anchor.q) and np.array_equal(self.pose, anchor.pose))
+        both = zip((self.q, self.pose, self.growing), (anchor.q, anchor.pose, anchor.growing), strict=True)
+        return self == anchor or all(np.array_equal(*values) for values in both)
 
 
 class PresentRows:

@@ -24,7 +24,7 @@ from . import loops
 from .gaps import Gaps
 from .normal_rows import rates_of
 from .side import LoadedNodes
-from .stages import OF_SIDE, Standing
+from .stages import OF_SIDE, Anchor, Standing
 
 SAME = 0.02  # of a facet's size, or change of normals: below it, rows keep their flexibility in three directions
 _STEEP = 0.9  # cosine between a row's normal and the axis of its tangents, above which another axis is taken
@@ -83,18 +83,18 @@ class TangentialRows:
 
     def forget_places(self) -> None:
         """Forget the places that `record_places` recorded: nothing has slid."""
-        self._from: Array | None = None  # coordinates
+        self._from: Anchor | None = None
 
     def record_places(self, *, soon: bool = True) -> None:
         """Count sliding from the present places; unless sliding is needed `soon`, compute them when it is needed."""
         gaps = self.gaps
-        self._from, self._pose = gaps.q, gaps.evaluated_pose
+        self._from = Anchor(gaps.q, gaps.evaluated_pose, gaps.present.growing)
         self._places = gaps.places_now() if soon and gaps.moving else None
         self._places_of = gaps.near_sides
 
     def record_places_at(self, q: Array, pose: Array) -> None:
         """Count sliding from the places at coordinates q, (n,), with the rigid surface's carrier at a pose, (12,)."""
-        self._from, self._pose, self._places = q, pose, None
+        self._from, self._places = Anchor(q, pose, self.gaps.growing), None
 
     @property
     def has_places(self) -> bool:
@@ -143,14 +143,14 @@ class TangentialRows:
         if self._from is None:
             return np.zeros((len(gaps.row_nodes), 2))
         if not gaps.moving:
-            return np.asarray(self._all_rows() @ (gaps.q - self._from)).reshape(-1, 3)[:, 1:]
+            return np.asarray(self._all_rows() @ (gaps.q - self._from.q)).reshape(-1, 3)[:, 1:]
         if self._places is None or self._places_of is not gaps.near_sides:  # other sides follow other nodes
-            self._places, self._places_of = gaps.places(self._from), gaps.near_sides
+            self._places, self._places_of = gaps.places_at(gaps.sides, self._from), gaps.near_sides
         now = gaps.places_now()
         if not gaps.carried and gaps.sides[-1].kinematics.linear:
             moved = [x - before for x, before in zip(now, self._places, strict=True)]
             return self.along(self._offsets(moved))
-        return self.along(self._offsets(now) - self._carried(self._offsets(self._places), gaps.split(self._from)))
+        return self.along(self._offsets(now) - self._carried(self._offsets(self._places), self._from))
 
     def rates(self, q_t: Array) -> Array:
         """See `rates_of`."""
@@ -163,16 +163,16 @@ class TangentialRows:
         apart = [at_points(nodes, weights, x) for (nodes, weights), x in parts]
         return gaps.points.average(apart[0] if len(apart) == 1 else apart[0] + apart[1])
 
-    def _carried(self, offsets: Array, then: list[Array]) -> Array:
-        """Offsets, (nr, 3), from the coordinates `then`, carried to the present place by the master's motion."""
+    def _carried(self, offsets: Array, then: Anchor) -> Array:
+        """Offsets, (nr, 3), from where the sides were, carried to the present place by the master's motion."""
         gaps = self.gaps
         if len(gaps.sides) == 2:
             master = gaps.sides[1].kinematics
-            return offsets if master.linear else offsets @ master.frame(then[1])[1] @ self.axes.T
+            return offsets if master.linear else offsets @ master.frame(gaps.split(then.q)[1])[1] @ self.axes.T
         if not gaps.carried:
             return offsets
         (place, axes), (place_now, axes_now) = (
-            (pose[:3], pose[3:].reshape(3, 3)) for pose in (self._pose, gaps.evaluated_pose)
+            (pose[:3], pose[3:].reshape(3, 3)) for pose in (then.pose, gaps.evaluated_pose)
         )
         value: Array = place_now + (offsets - place) @ axes @ axes_now.T
         return value

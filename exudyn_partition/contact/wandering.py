@@ -97,7 +97,8 @@ class WanderingGaps(PatchGaps):
 
     def _seen(self, q: Array) -> Array:
         """Place of the slave relative to the master at coordinates q, (n,): (3, 3) [m]."""
-        places = [three.place(part) for three, part in zip(self._three, self.split(q), strict=True)]
+        parts = zip(self._three, self.split(q), self.growing_sides, strict=True)
+        places = [three.place(*part) for three, *part in parts]
         return seen_from(places, [_THREE, _THREE])
 
     def _part_if_moved(self, q: Array) -> None:
@@ -120,7 +121,7 @@ class WanderingGaps(PatchGaps):
 
     def least_distance(self, q: Array) -> float:
         """See `Gaps.least_distance`; by boxes around the sides, by nodes, or by the slave's points if they are near."""
-        places = [side.place(part) for side, part in zip(self._start.rows.sides, self.split(q), strict=True)]
+        places = self.places_of(self._start.rows.sides, q)
         lower, upper = ([pick(x, axis=0) for x in places] for pick in (np.min, np.max))
         between = np.maximum(np.maximum(lower[0] - upper[1], lower[1] - upper[0]), 0.0)
         apart = float(np.linalg.norm(between))
@@ -135,9 +136,9 @@ class WanderingGaps(PatchGaps):
         return float(np.hypot(found.gap, found.offset).min(initial=near.least if not len(points.nodes) else np.inf))
 
     def _near_parts(self, q: Array) -> NearParts:
+        sides = self._start.rows.sides
         slave, master = (
-            replace(side.surface, points=side.place(part))
-            for side, part in zip(self._start.rows.sides, self.split(q), strict=True)
+            replace(side.surface, points=x) for side, x in zip(sides, self.places_of(sides, q), strict=True)
         )
         return NearParts.of(slave, master, (LIMIT + WINDOW) * self.size)
 
@@ -258,11 +259,11 @@ class WanderingRigidGaps(RigidGaps):
         """See `Gaps.at`."""
         choice, pose, rows = self._choice, self.carrier_pose, self.stage.rows
         if choice is not None:
-            stage, gap = self._placed(rows, q, pose)
+            stage, gap = self._placed(rows, Anchor(q, pose, self.growing))
             if stage.places is not None and self._is_near(stage.places[0], pose, choice):
                 self._go_to_stage(stage, q)
                 return gap
-        self._choose(Anchor(q.copy(), pose))
+        self._choose(Anchor(q.copy(), pose, self.growing))
         return self._gaps_at(q, pose)
 
     def of_present(self, q: Array) -> Array:
@@ -275,7 +276,7 @@ class WanderingRigidGaps(RigidGaps):
         """See `Gaps.least_distance`; not known while a body carries the surface."""
         if self.carried:
             return -np.inf
-        places = self._whole.place(q)
+        places = self._whole.place(q, self.growing)
         by_nodes = float(self._projected(places, NOTHING)[0].min()) - NODE_TO_FACET * self._whole.surface.longest
         if by_nodes > _FAR * self.size:
             return by_nodes
@@ -295,7 +296,7 @@ class WanderingRigidGaps(RigidGaps):
 
     def _choose(self, anchor: Anchor) -> None:
         """Choose the rows that may close until the patch has moved by `Choice.reach`, and the nearest rows."""
-        places = self._whole.place(anchor.q)
+        places = self._whole.place(anchor.q, anchor.growing)
         gap = self._projected(places, anchor.pose)[0]
         least, soon = float(gap.min()) - self.reach, SOON * self.size
         reach = max(soon, 0.25 * (least - 2 * soon))
@@ -314,7 +315,7 @@ class WanderingRigidGaps(RigidGaps):
         velocity = kinematics.velocities(q, q_t)
         if self._pose is not None and self._motion is not None:
             moving, turning = self._motion()
-            velocity = velocity - moving - np.cross(turning, kinematics.place(q) - self._pose()[0])
+            velocity = velocity - moving - np.cross(turning, kinematics.place(q, self.growing) - self._pose()[0])
         speed = float(np.linalg.norm(velocity, axis=1).max())
         beyond = np.inf if self._choice is None else self._choice.beyond
         return np.append(gap, beyond), np.append(rate, -speed), np.append(acceleration, 0.0)

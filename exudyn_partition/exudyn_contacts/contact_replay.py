@@ -11,7 +11,7 @@ from ..contact.patch_contact import PatchContact
 from ..errors import InputError
 from ..support.arrays import Array
 from ..support.checks import validate_result
-from .contact_samples import ModelContact, RunSamples, Turned, kept_rows
+from .contact_samples import ModelContact, RunSamples, growing_at, kept_rows
 
 # Energies of contacts that are solved together, by the list of these contacts, as long as the result exists.
 _ENERGIES: WeakKeyDictionary[RunSamples, dict[int, Array]] = WeakKeyDictionary()
@@ -72,11 +72,11 @@ def _kept_on_nodes(contact: ModelContact, result: RunSamples) -> list[Array]:
     """See `nodal_forces`. They follow from the forces of rows that the run kept."""
     validate_result(result)
     mechanics = contact.mechanics.for_run("explicit")
-    q, turned = np.hstack([item.coordinates(result) for item, _ in contact.sides]), Turned(contact.sides, result)
+    q, growing = np.hstack([item.coordinates(result) for item, _ in contact.sides]), growing_at(contact.sides, result)
     forces = [np.zeros((len(result.t), len(side.surface.points), 3)) for side in mechanics.gaps.sides]
     for i, nodes, lam, tangential, _ in kept_rows(contact, result):
-        with turned.turn_to(i):
-            on_sides = mechanics.forces_on_nodes(q[i], nodes, lam, tangential)
+        mechanics.gaps.grow(growing(i))
+        on_sides = mechanics.forces_on_nodes(q[i], nodes, lam, tangential)
         for on_side, now in zip(forces, on_sides, strict=True):
             on_side[i] = now
     return forces
@@ -84,21 +84,16 @@ def _kept_on_nodes(contact: ModelContact, result: RunSamples) -> list[Array]:
 
 def _evaluated(contact: ModelContact, result: RunSamples) -> Iterator[Sequence[PatchContact]]:
     """Mechanics of the contacts that are solved together, at each time of `result`."""
-    parts = [member.mechanics.for_run("explicit") for member in contact.group]
-    together = contact.together.for_run(parts)
-    for coordinates in _coordinates(contact, result):
-        together.forces(coordinates)
-        yield parts
-
-
-def _coordinates(contact: ModelContact, result: RunSamples) -> Iterator[Sequence[Array]]:
-    """Coordinates of the contacts that are solved together, at each time of `result`."""
     if contact.mechanics.gaps.carried:
         raise InputError(
             "contact: its forces are not known after the run where a body of another kind carries the rigid surface"
         )
-    turned = Turned([side for member in contact.group for side in member.sides], result)
+    parts = [member.mechanics.for_run("explicit") for member in contact.group]
+    together = contact.together.for_run(parts)
+    growing = [growing_at(member.sides, result) for member in contact.group]
     histories = [np.hstack([item.coordinates(result) for item, _ in member.sides]) for member in contact.group]
     for i in range(len(result.t)):
-        with turned.turn_to(i):
-            yield [q[i] for q in histories]
+        for mechanics, of_sides in zip(parts, growing, strict=True):
+            mechanics.gaps.grow(of_sides(i))
+        together.forces([q[i] for q in histories])
+        yield parts

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,7 +14,7 @@ from ..exudyn_bodies.carriers import Carrier
 from ..exudyn_bodies.model import Samples
 from ..exudyn_bodies.other_bodies import OtherBody
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..frames.floating import FloatingKinematics
+from ..frames.kinematics import STILL
 from ..results.history import at_times
 from ..support.arrays import Array
 from ..support.checks import validate_result
@@ -80,32 +79,15 @@ class ModelContact(Protocol):
         """Whether the contact has such an item."""
 
 
-class Turned:
-    """Bodies of contacts at the samples of a result: their places follow the rotation, as they did in the run.
+def growing_at(sides: Sequence[tuple[PartitionBody, int]], result: Samples) -> Callable[[int], list[Array]]:
+    """Return a function of a sample's number: by what products each side grows there, as for `Gaps.grow`."""
+    rates = [item.coordinates_t(result) if item.frame == "floating" else None for item, _ in sides]
 
-    Parameters
-    ----------
-    sides : sequence of (PartitionBody, int)
-    result : Result
-    """
+    def growing(sample: int) -> list[Array]:
+        both = zip(sides, rates, strict=True)
+        return [STILL if q_t is None else item.kinematics.growing(q_t[sample]) for (item, _), q_t in both]
 
-    def __init__(self, sides: Sequence[tuple[PartitionBody, int]], result: Samples) -> None:
-        self._turning = [
-            (item.kinematics, item.coordinates_t(result))
-            for item in {id(item): item for item, _ in sides}.values()
-            if isinstance(item.kinematics, FloatingKinematics)
-        ]
-
-    @contextmanager
-    def turn_to(self, sample: int) -> Iterator[None]:
-        """Give bodies the growth of their rotation at a sample, by its number, within the block."""
-        for kinematics, q_t in self._turning:
-            kinematics.turn(q_t[sample])
-        try:
-            yield
-        finally:
-            for kinematics, _ in self._turning:
-                kinematics.turn(None)
+    return growing
 
 
 def mean_forces(contact: ModelContact, result: RunSamples, sensor: str, forces: slice, impulses: slice) -> Array:

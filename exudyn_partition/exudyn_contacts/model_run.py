@@ -24,7 +24,7 @@ from ..support.optional import require
 from .contact_run import ContactRun
 from .contact_samples import ModelContact
 from .group_run import GroupRun
-from .run_members import RunMembers, acted_on, number_of, turn
+from .run_members import RunMembers, acted_on, number_of
 from .run_record import RunRecord, sensors_keep_all
 from .run_state import RunState
 from .slip_secants import SlipSecants
@@ -293,10 +293,10 @@ class ModelRun:
         return total
 
     def _turn(self, mbs: MainSystem) -> None:
-        """Let the growth of bodies in floating frames follow their rotation."""
-        if self._members.floating and self.method != "static":
-            self._turning = mbs.systemData.GetODE2Coordinates_t()
-            turn(self._members.floating, self._turning)
+        """Let the growth of bodies in floating frames follow their rotation; statics know none."""
+        if self._members.floating:
+            self._turning = np.empty(0) if self.method == "static" else mbs.systemData.GetODE2Coordinates_t()
+            self._members.grow(self._turning)
 
     @cached_property
     def _openings(self) -> list[tuple[PatchContact, float]]:
@@ -389,8 +389,6 @@ class ModelRun:
     def release(self) -> None:
         """Drop the data that only the run needed. Results keep contacts and samples; joints would keep the model."""
         self._released, self._solver = True, None
-        for _, kinematics in self._members.floating:
-            kinematics.turn(None)
         for group in self._members.groups:
             group.end()
         for stepper in self._members.steppers.values():

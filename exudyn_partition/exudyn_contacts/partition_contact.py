@@ -28,7 +28,7 @@ from ..support.optional import require
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from .contact_plan import ContactPlan
 from .contact_replay import nodal_forces, stored_energy, viscous_work
-from .contact_samples import RunSamples, Turned, mean_forces
+from .contact_samples import RunSamples, growing_at, mean_forces
 from .friction_results import FrictionResults
 from .model_run import runs_of
 from .plastic_results import PlasticResults, dent_motion
@@ -247,18 +247,18 @@ class PartitionContact(Item[Any]):
 
     def _gap_of_surface(self, result: RunSamples) -> Callable[[int], float] | None:
         """Return a function of the sample: gap of the surface's lowest point [m]; None if it is not known."""
-        gaps = self.mechanics.gaps
+        gaps = self.mechanics.gaps.fresh()
         if gaps.carried or (gaps.pressed and result.method == "static"):  # load steps move the surfaces apart
             return None
         try:
             dents = dent_motion(self, result)
         except InputError:  # a result from a file, or one with too many states of the zones to keep
             return None
-        q, turned = np.hstack([item.coordinates(result) for item, _ in self.sides]), Turned(self.sides, result)
+        q, growing = np.hstack([item.coordinates(result) for item, _ in self.sides]), growing_at(self.sides, result)
 
         def gap(sample: int) -> float:
-            with turned.turn_to(sample):
-                return gaps.surface_gap(q[sample], dents(sample))
+            gaps.grow(growing(sample))
+            return gaps.surface_gap(q[sample], dents(sample))
 
         return functools.cache(gap)
 

@@ -9,6 +9,8 @@ import numpy as np
 
 from ..contact.formulations.coupled import Coupled
 from ..contact.formulations.formulation import Method
+from ..contact.gaps import Gaps
+from ..contact.stages import NOTHING
 from ..exudyn_bodies.item_work import acts_on_constant_mass
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import coordinate_slices
@@ -41,6 +43,8 @@ class RunMembers:
         numbers of their contacts.
     floating : tuple of (slice or (n,) int array, FloatingKinematics)
         Bodies in floating frames, with the places of their coordinates.
+    growing : tuple of (Gaps, tuple of int)
+        Contacts with such bodies, and the numbers of these in `floating`; -1 for others.
     """
 
     contacts: list[ModelContact]
@@ -48,6 +52,16 @@ class RunMembers:
     groups: tuple[GroupRun, ...]
     steppers: dict[Served, MultiplierStep]
     floating: tuple[tuple[Place, FloatingKinematics], ...]
+    growing: tuple[tuple[Gaps, tuple[int, ...]], ...]
+
+    def grow(self, q_t: Array) -> None:
+        """Let bodies in floating frames grow by their rotation at the model's velocities, (nq,), if there are any.
+
+        All contacts that see a body see the same growth.
+        """
+        of_bodies = [kinematics.growing(q_t[place]) if len(q_t) else q_t for place, kinematics in self.floating]
+        for gaps, numbers in self.growing:
+            gaps.grow([NOTHING if number < 0 else of_bodies[number] for number in numbers])
 
     @property
     def carriers(self) -> list[int]:
@@ -65,8 +79,7 @@ class RunMembers:
         state: RunState | None,
     ) -> RunMembers:
         """Members at the start of a run; see `ModelRun` for its parameters."""
-        floating = tuple(_floating(mbs, contacts))  # bodies grow by their rotation before contacts find their rows
-        turn(floating, np.empty(0) if state is None else state.turning)
+        floating = tuple(_floating(mbs, contacts))
         runs = tuple(_contact_run(mbs, contact, t, method, state) for contact in contacts)
         groups = tuple(_groups(contacts, runs, method))
         numbers = {id(run): number_of(contact) for contact, run in zip(contacts, runs, strict=True)}
@@ -77,7 +90,7 @@ class RunMembers:
         for served in () if state is None else state.steppers:
             if (key := (served.joints is not None, served.numbers)) in steppers:
                 steppers[key].begin(served, t)
-        return cls([*contacts], runs, groups, steppers, floating)
+        return cls([*contacts], runs, groups, steppers, floating, tuple(_growing(contacts, runs, floating)))
 
 
 def number_of(contact: ModelContact) -> int:
@@ -90,12 +103,6 @@ def acted_on(mbs: MainSystem, contacts: Sequence[ModelContact]) -> Array:
     return np.array(mbs.systemData.GetObjectLTGODE2(contacts[0]["oContact"]) if contacts else [], dtype=int)
 
 
-def turn(floating: Sequence[tuple[Place, FloatingKinematics]], q_t: Array) -> None:
-    """Let the growth of bodies in floating frames follow their rotation at the model's velocities, (nq,), if any."""
-    for place, kinematics in floating if len(q_t) else ():
-        kinematics.turn(q_t[place])
-
-
 def _floating(mbs: MainSystem, contacts: Sequence[ModelContact]) -> Iterator[tuple[Place, FloatingKinematics]]:
     """Bodies of contacts in floating frames, with the places of their coordinates."""
     for item in {id(item): item for contact in contacts for item, _ in contact.sides}.values():
@@ -103,6 +110,17 @@ def _floating(mbs: MainSystem, contacts: Sequence[ModelContact]) -> Iterator[tup
         if isinstance(kinematics, FloatingKinematics):
             acts_on_constant_mass(mbs, item, kinematics.acting)
             yield as_slice(np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])), kinematics
+
+
+def _growing(
+    contacts: Sequence[ModelContact], runs: Sequence[ContactRun], floating: Sequence[tuple[Place, FloatingKinematics]]
+) -> Iterator[tuple[Gaps, tuple[int, ...]]]:
+    """See `RunMembers`."""
+    number = {id(kinematics): i for i, (_, kinematics) in enumerate(floating) if kinematics.spin is not None}
+    for contact, run in zip(contacts, runs, strict=True):
+        numbers = tuple(number.get(id(item.kinematics), -1) for item, _ in contact.sides)
+        if max(numbers) >= 0:
+            yield run.mechanics.gaps, numbers
 
 
 def _contact_run(

@@ -28,7 +28,7 @@ from ..support.arrays import Array
 from . import loops
 from .inertia import Inertia, angular_acceleration
 from .inertial import InertialKinematics
-from .kinematics import NO_NODES, node_fields
+from .kinematics import NO_NODES, STILL, node_fields
 from .mean_axes import MeanAxes
 from .nodal_inertia import NodalInertia
 from .rotations import rotation_matrix, turned
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from .node_kernels import FlatNodes
 
 _FIRST, _SECOND = np.array(PAIRS).T
-_STILL = np.empty(0)
 _ROUND_OFF = 1e-13  # of places of nodes, by the body's size
 
 
@@ -60,9 +59,9 @@ class ActingMass:
     items: tuple[int, int] = (0, 0)
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Spin:
-    """Rotation that a body's growth follows now: one for all copies of its kinematics, see `FloatingKinematics.turn`.
+    """Which rotations make a body grow so much that its nodes' places show it.
 
     Parameters
     ----------
@@ -72,35 +71,35 @@ class Spin:
         Growth that round-off of the nodes' places hides [m].
     axes : (3, 3) array
         Axes of the frame's node in those of the body, as columns.
-    products : (6,) array or None
-        Products of angular velocities [rad2/s2]; None while the body does not turn, and between runs.
-
-    Attributes
-    ----------
-    slow : float
-        Square of an angular velocity up to which growth is hidden, whatever the axis [rad2/s2]. No product exceeds it.
     """
 
     largest: Array
     least: float
     axes: Array
-    products: Array | None = None
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def slow(self) -> float:
+        """Square of an angular velocity up to which growth is hidden, whatever the axis [rad2/s2]; as each product."""
         total = float(self.largest.sum())
-        self.slow = self.least / total if total else np.inf
-        self._rows, self._sizes = self.axes.tolist(), self.largest.tolist()
+        return self.least / total if total else np.inf
 
-    def follow(self, omega: Array) -> None:
-        """Follow the angular velocity omega, (3,), in the node's axes; without arrays, which is quicker."""
-        self.products = None
+    @cached_property
+    def _numbers(self) -> tuple[list[list[float]], list[float]]:
+        return self.axes.tolist(), self.largest.tolist()
+
+    def products(self, omega: Array) -> Array:
+        """Products of the angular velocity omega, (3,), in the node's axes, (6,) [rad2/s2]; empty if growth is hidden.
+
+        Without arrays, which is quicker.
+        """
         u, v, w = omega.tolist()
         if u * u + v * v + w * w <= self.slow:
-            return
-        x, y, z = [row[0] * u + row[1] * v + row[2] * w for row in self._rows]
+            return STILL
+        rows, sizes = self._numbers
+        x, y, z = [row[0] * u + row[1] * v + row[2] * w for row in rows]
         products = x * x, y * y, z * z, y * z, x * z, x * y
-        if not sum([abs(product) * size for product, size in zip(products, self._sizes, strict=True)]) <= self.least:
-            self.products = np.array(products)
+        hidden = sum([abs(product) * size for product, size in zip(products, sizes, strict=True)]) <= self.least
+        return STILL if hidden else np.array(products)
 
 
 class FloatingKinematics:
@@ -131,7 +130,7 @@ class FloatingKinematics:
     acting : ActingMass
         See `on_constant_mass`; constant for a body with geometric stiffness.
     spin : Spin or None
-        Rotation that places of nodes follow within runs; None if the growth is not known.
+        Rotations by which the body grows; None if the growth is not known.
 
     Raises
     ------
@@ -281,11 +280,11 @@ class FloatingKinematics:
         omega_t = angular_acceleration(J, C, forces[3:6], forces[6:])
         return np.concatenate([forces[:3] / self.body.total_mass, omega_t, forces[6:] - C.T @ omega_t])
 
-    def place(self, q: Array) -> Array:
+    def place(self, q: Array, growing: Array = STILL) -> Array:
         """See `Kinematics.place`."""
         start, arms = self.start, self.arms
-        if self.growth is not None and self.spin is not None and self.spin.products is not None:
-            grown = node_fields(self.growth, self.spin.products)
+        if len(growing) and self.growth is not None:
+            grown = node_fields(self.growth, growing)
             start, arms = start + grown @ self._axes_at_start.T, arms + grown
         places: Array = loops.places(q, start, self.rotation, self.node_axes, arms, self.rows)
         return places
@@ -296,10 +295,9 @@ class FloatingKinematics:
         frame = self.rotation, self.node_axes, self._axes_at_start
         return loops.flat_nodes(active, (self.start, self.arms, self.rows, growth), frame, floats=True)
 
-    @property
-    def growing(self) -> Array:
+    def growing(self, q_t: Array) -> Array:
         """See `Kinematics.growing`."""
-        return _STILL if self.spin is None or self.spin.products is None else self.spin.products
+        return STILL if self.spin is None else self.spin.products(q_t[3:6])
 
     def products(self, q_t: Array) -> Array | None:
         """See `Kinematics.products`."""
@@ -313,18 +311,6 @@ class FloatingKinematics:
         """See `Kinematics.grown`."""
         products = self.products(q_t)
         return None if products is None or self.growth is None else node_fields(self.growth, products)
-
-    def turn(self, q_t: Array | None) -> None:
-        """Let places of nodes follow the rotation in velocities q_t, (n_dofs,), until the next call; None ends that.
-
-        Centrifugal forces deform the body beyond its coordinates, in a quasi-static way. Contact sees this growth.
-        """
-        if self.spin is None:
-            return
-        if q_t is None:
-            self.spin.products = None
-        else:
-            self.spin.follow(q_t[3:6])
 
     def displacements(self, q: Array) -> Array:
         """See `Kinematics.displacements`."""

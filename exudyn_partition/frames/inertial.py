@@ -14,7 +14,7 @@ from ..fe.model import node_dofs
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from . import loops
-from .kinematics import NO_NODES, node_fields
+from .kinematics import NO_NODES, STILL, node_fields
 
 if TYPE_CHECKING:
     from .node_kernels import FlatNodes
@@ -35,7 +35,6 @@ class InertialKinematics:
     linear = True
     rotation: Array = np.zeros(3)
     node_axes: Array = np.eye(3)
-    growing: Array = np.empty(0)
 
     def __init__(self, body: ReducedBody, position: Array, nodes: Array = NO_NODES) -> None:
         self.body, self.position, self.nodes = body, position, nodes
@@ -104,8 +103,8 @@ class InertialKinematics:
             return forces / self.mass[:, None]
         return sp.csr_matrix(forces.multiply(1 / self.mass[:, None]))
 
-    def place(self, q: Array) -> Array:
-        """See `Kinematics.place`."""
+    def place(self, q: Array, growing: Array = STILL) -> Array:
+        """See `Kinematics.place`; the body does not grow."""
         return loops.moved_places(self.start, self.rows, q)
 
     def flat(self, active: Array) -> FlatNodes:
@@ -116,6 +115,10 @@ class InertialKinematics:
     def displacements(self, q: Array) -> Array:
         """See `Kinematics.displacements`."""
         return node_fields(self.rows, q)
+
+    def growing(self, q_t: Array) -> Array:
+        """See `Kinematics.growing`."""
+        return STILL
 
     def products(self, q_t: Array) -> None:
         """See `Kinematics.products`."""

@@ -27,6 +27,7 @@ Frame = Literal["inertial", "floating"]
 FrameChoice = Literal[Frame, "auto"]
 FRAMES: tuple[FrameChoice, ...] = get_args(FrameChoice)
 NO_NODES = np.empty(0, dtype=np.int64)
+STILL = np.empty(0)  # products of angular velocities of a body that does not grow
 
 
 class Kinematics(Protocol):
@@ -109,15 +110,17 @@ class Kinematics(Protocol):
     def way(self, q: Array, end: Array) -> Array:
         """Way, (n_dofs,), that leads from coordinates q to `end`, (n_dofs,): the inverse of `moved`."""
 
-    def place(self, q: Array) -> Array:
-        """Places of the nodes, (..., k, 3) [m]."""
+    def place(self, q: Array, growing: Array = STILL) -> Array:
+        """Places of the nodes, (..., k, 3) [m]; `growing` are products by which the body grows, see `growing`."""
 
     def flat(self, active: Array) -> FlatNodes:
         """The nodes, as compiled loops take them; `active`, (k,) int array, are their numbers there."""
 
-    @property
-    def growing(self) -> Array:
-        """Products of angular velocities by which `place` grows now, (6,) [rad2/s2]; empty if it does not."""
+    def growing(self, q_t: Array) -> Array:
+        """Products of angular velocities by which places grow at velocities q_t, (n_dofs,): (6,) [rad2/s2].
+
+        Empty if the growth is not known, the frame does not turn, or round-off of the places hides it.
+        """
 
     def displacements(self, q: Array) -> Array:
         """Displacements of the nodes from where they are at q = 0, (..., k, 3) [m]."""
@@ -134,7 +137,7 @@ class Kinematics(Protocol):
     def grown(self, q_t: Array) -> Array | None:
         """Displacements of the nodes by centrifugal forces beyond the coordinates, (..., k, 3) [m], in the body's axes.
 
-        They are not in `place`, unless the kinematics were told to follow a rotation; see `FloatingKinematics.turn`.
+        They are in `place` only if that gets their products.
         """
 
     def velocities(self, q: Array, q_t: Array) -> Array:

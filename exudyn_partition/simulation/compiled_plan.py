@@ -17,6 +17,7 @@ from ..compiled.moving import (
     anchors_of,
     can_follow,
     frames_of,
+    growing_of,
     rows_of,
     surfaces_of,
 )
@@ -33,6 +34,7 @@ from ..contact.memory import on_rows
 from ..contact.patch_contact import PatchContact
 from ..contact.patch_gaps import PatchGaps
 from ..contact.rigid import RigidGaps
+from ..contact.stages import NOTHING, Anchor
 from ..contact.tangential import TangentialRows
 from ..errors import CompiledRunError
 from ..exudyn_bodies.item_work import acts_on_constant_mass
@@ -426,14 +428,15 @@ def give_anchors(rigid: Sequence[Following], pairs: Sequence[Following], state: 
     for s, one in enumerate(rigid):
         assert state.anchors is not None
         if state.anchors.anchored[s]:
-            one.gaps.go_on_at(state.anchors.q[s, one.dofs])
+            growing = growing_of(one.gaps, state.anchors.growing[s])
+            one.gaps.go_on_at(Anchor(state.anchors.q[s, one.dofs], NOTHING, growing))
     for one, of_pair in zip(pairs, state.pairs or (), strict=True):
         if one.gaps.may_freeze:
             one.gaps.begin(of_pair)
             if one.gaps.moving and len(one.gaps.row_nodes):  # `Gaps.after` counts the last step
                 one.gaps.accept(replace(of_pair, steps=of_pair.steps - 1))
         elif of_pair.anchor is not None:
-            one.gaps.go_on_at(of_pair.anchor.q)
+            one.gaps.go_on_at(of_pair.anchor)
 
 
 def initial_start(mbs: MainSystem) -> Start:

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..compiled.moving import rows_of
-from ..compiled.pair_rows import GROWING
 from ..compiled.plan import Bodies
 from ..compiled.run import Histories
 from ..compiled.start import Start
@@ -92,12 +91,11 @@ class Measures:
         normal = impulse / size
         at_peak = made.peaks.q[j][self._places[contact.slave]]
         at_rows = made.peaks.lam[self._rows[j]]
-        with GROWING:
-            if rows.moving:  # their normals are those of the peak; threads may work with others
-                rows = rows.fresh()
-                rows.at(made.peaks.q[j][self._coordinates[j]])
-            present = at_rows if len(at_rows) == len(rows.row_nodes) else at_rows[rows.slots]
-            weights = rows.nodal_forces(present)[0] @ normal
+        if rows.moving:  # their normals are those of the peak; threads may work with others
+            rows = rows.fresh()
+            rows.at(made.peaks.q[j][self._coordinates[j]])
+        present = at_rows if len(at_rows) == len(rows.row_nodes) else at_rows[rows.slots]
+        weights = rows.nodal_forces(present)[0] @ normal
         at_nodes = self._slaves[j].place(at_peak)
         centre = weights @ at_nodes / weights.sum()
 

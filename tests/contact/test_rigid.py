@@ -169,16 +169,15 @@ def test_one_call_places_nodes_and_pushes_them_as_the_kinematics_do(round_body):
     q = 1e-6 * rng.normal(size=side.n)
     q[3:6] = 0.3, -0.2, 0.5
     for omega in (0.0, 3e3):
-        side.kinematics.turn(omega * np.eye(side.n)[3])
+        growing = side.kinematics.growing(omega * np.eye(side.n)[3])
         grows = side.kinematics.spin is not None and omega > 0.0
-        assert bool(len(side.kinematics.growing)) == grows
-        x = side.places_begun(q)
-        gap, normals = loops.rigid_gaps(rows.flat, side, gaps.primitive, q, np.empty(0), x)
-        np.testing.assert_allclose(x, side.place(q), rtol=0, atol=1e-15)
-        of_points, expected = gaps.surface.project(rows.points.at(side.place(q)))
+        assert bool(len(growing)) == grows
+        x = side.places_begun(q, growing)
+        gap, normals = loops.rigid_gaps(rows.flat, side, gaps.primitive, q, np.empty(0), growing, x)
+        np.testing.assert_allclose(x, side.place(q, growing), rtol=0, atol=1e-15)
+        of_points, expected = gaps.surface.project(rows.points.at(side.place(q, growing)))
         np.testing.assert_allclose(gap, rows.points.average(of_points), rtol=0, atol=1e-14)
         np.testing.assert_allclose(normals, expected, rtol=0, atol=1e-11)
-    side.kinematics.turn(None)
     lam = rng.uniform(0.1, 1.0, size=len(gap))
     pushed = loops.pushed_rigid(rows.flat, lam, normals, side, q)
     forces = rows.points.spread(lam)[:, None] * normals

@@ -46,7 +46,7 @@ def test_what_follows_from_a_stage_is_found_once_and_goes_with_it(round_body, fl
 
 def test_values_are_kept_as_long_as_their_anchor_and_their_rows_are_the_same(round_body, flat_body):
     rows, made = PatchGaps(inertial(round_body), inertial(flat_body)).stage.rows, iter(range(9))
-    one, same, other = (Anchor(np.full(2, x), np.empty(0)) for x in (0.0, 0.0, 1e-9))
+    one, same, other = (Anchor(np.full(2, x), *np.empty((2, 0))) for x in (0.0, 0.0, 1e-9))
 
     def value(anchor, *index):
         return rows.at_anchor("value", anchor, lambda: next(made), *index)
