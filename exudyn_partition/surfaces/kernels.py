@@ -8,6 +8,7 @@ import numpy as np
 
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined
+from .projection import SETTLED
 
 
 @inlined
@@ -188,7 +189,7 @@ def cross_all(
             facet[i], local[i, 0], local[i, 1] = f, r, s
             find_polynomials(facet[i : i + 1], facets, x_m, table, known, places)
             newton_steps(i, i + 1, x, places, facet, local, step, normal, gap, frames, cubic)
-            settle(some[k : k + 1], x, places, facet, local, step, normal, gap, frames, by, steps, cubic)
+            settle(some[k : k + 1], x, places, facet, local, step, normal, gap, frames, SETTLED, steps, cubic)
             is_lost = nearest_edge(local[i, 0] + step[i, 0], local[i, 1] + step[i, 1], quad)[0] < -by
         if is_lost:
             lost[n_lost] = i

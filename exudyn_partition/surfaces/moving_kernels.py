@@ -26,6 +26,7 @@ from .kernels import (
     turned,
     weigh,
 )
+from .projection import SETTLED
 
 
 @structref.register
@@ -130,16 +131,22 @@ def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size
     find_polynomials(facet, facets, x_m, table, known, places)
     gap = np.empty(k)
     place_all(m.nodes, m.shares, x_s, x)
-    if cubic:
-        newton_steps(0, k, x, places, facet, local, step, along, gap, frames, True)
-    else:
-        newton_steps(0, k, x, places, facet, local, step, along, gap, frames, False)
-    n_some = 0
-    for i in range(k):
-        if max(abs(step[i, 0]), abs(step[i, 1])) > by:
-            some[n_some] = i
-            n_some += 1
-    settle(some[:n_some], x, places, facet, local, step, along, gap, frames, by, steps, cubic)
+    for turn in range(2):  # all points at once, which is quicker than one by one
+        if cubic:
+            newton_steps(0, k, x, places, facet, local, step, along, gap, frames, True)
+        else:
+            newton_steps(0, k, x, places, facet, local, step, along, gap, frames, False)
+        n_some = 0
+        for i in range(k):
+            if max(abs(step[i, 0]), abs(step[i, 1])) > SETTLED:
+                some[n_some] = i
+                n_some += 1
+        if turn > 0 or n_some < k // 2:
+            break
+        for i in range(k):
+            local[i, 0] += min(max(step[i, 0], -1.0), 1.0)
+            local[i, 1] += min(max(step[i, 1], -1.0), 1.0)
+    settle(some[:n_some], x, places, facet, local, step, along, gap, frames, SETTLED, steps, cubic)
     for i in range(k):
         r, s = local[i, 0] + step[i, 0], local[i, 1] + step[i, 1]
         last[i, 0] += r

@@ -13,7 +13,7 @@ from ..fe.shapes import QUADS, TABLES, shape_functions
 from ..support.arrays import Array
 from . import loops
 from .points import ContactPoints
-from .projection import Projection, newton_step
+from .projection import SETTLED, Projection, newton_step
 from .rows import EDGE_TOLERANCE
 from .surface import Surface, closest_points
 from .vectors import cross
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from .moving_kernels import Followed, Moving
 
 STEPS = 6
-FOLLOWED = 2e-6  # of a facet: largest last step of Newton's method, and how far a point may pass a facet's edge
+FOLLOWED = 2e-6  # of a facet: how far a point may pass its edge
 _ON_EDGE = 1e-6  # of a facet's size: round-off of a point that lies on the patch
 
 
 class MovingPairs:
     """Points of one patch on the facets of another, which both move.
 
-    Newton's method starts from the last closest point plus its last motion: in steady motion one step is enough. A
+    Newton's method starts from the last closest point plus its last motion: in steady motion two steps are enough. A
     point that leaves its facet is projected on the neighbour; if it is not there either, all facets are searched.
     Points past the edge of the patch are not searched.
 
@@ -253,7 +253,7 @@ def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int =
     gap = np.einsum("kd,kd->k", miss, normal)
     found = Projection(facet, local + step, weights, normal, gap, np.zeros(len(gap)))
     if steps > 1:
-        far = np.flatnonzero(np.maximum(abs(step[:, 0]), abs(step[:, 1])) > FOLLOWED)
+        far = np.flatnonzero(np.maximum(abs(step[:, 0]), abs(step[:, 1])) > SETTLED)
         if len(far):
             start = local[far] + np.clip(step[far], -1.0, 1.0)
             found.put(far, follow(points[far], nodes[far], facet[far], start, steps - 1))

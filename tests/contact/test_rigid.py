@@ -159,6 +159,24 @@ def test_loops_project_points_as_the_surface_does(surface, carried):
     assert found[1] == pytest.approx(normals @ axes.T if carried else normals, abs=1e-14)
 
 
+def test_an_anchor_keeps_the_growth_that_was_there(round_body):
+    """The body turns, finds its flexibility, and stops: another contact goes on from there with the same one."""
+    gaps = RigidGaps(floating(round_body), RigidSphere(np.array([0.0, 0.0, -2e-3]), 2e-3))
+    (side,), every = gaps.sides, np.arange(len(gaps.row_nodes))
+    q, still = np.zeros(side.n), np.empty(0)
+    gaps.grow([side.kinematics.growing(1e4 * np.eye(side.n)[3])])
+    gaps.at(q)
+    F, state, other = gaps.flexibility(every), gaps.after(), gaps.fresh()
+    other.begin(state)
+    other.grow([still])
+    other.at(q)
+    np.testing.assert_allclose(other.flexibility(every), F, rtol=0, atol=1e-14 * abs(F).max())
+    np.testing.assert_array_equal(other.after().anchor.growing, state.growing)
+    slow = gaps.fresh()
+    slow.at(q)
+    assert abs(slow.flexibility(every) - F).max() > 1e-9 * abs(F).max()
+
+
 def test_one_call_places_nodes_and_pushes_them_as_the_kinematics_do(round_body):
     """Of a body that turns, grows by that, and meets a sphere."""
     if not loops.at_once():
