@@ -279,7 +279,7 @@ def anchor_rows(
         if s < len(surfaces.contact):
             return anchor_surface(blocks, frames, surfaces, state, s, q, same)
     if pairs is not None:
-        return anchor_pair(blocks, frames, pair_at(pairs, s - pairs.offset), state, s, q, same)
+        return anchor_pair(blocks, pair_at(pairs, s - pairs.offset), state, s, q, same)
     return False
 
 
@@ -431,7 +431,7 @@ def gaps_of_pairs(frames: Frames, pairs: Pairs | None, state: MovingState, start
         for s in range(len(pairs.addresses)):
             one = pair_at(pairs, s)
             gap = h[starts[one.contact] : starts[one.contact + 1]]
-            if not gaps_of_pair(frames, state, one, q, gap, pairs.following):
+            if not gaps_of_pair(state, one, q, gap, pairs.following):
                 state.lost[0] = s
                 for i in range(s):
                     keep_gaps(pair_at(pairs, i), starts, h)
@@ -454,7 +454,7 @@ def forces_of_surfaces(
 
 
 @inner
-def forces_of_pairs(contacts: FlatContacts, frames: Frames, pairs: Pairs | None, q: Array, force: Array) -> None:
+def forces_of_pairs(contacts: FlatContacts, pairs: Pairs | None, q: Array, force: Array) -> None:
     """Add the generalised forces of contacts of two bodies, and set their resultants."""
     if pairs is not None:
         starts, lam = contacts.blocks.starts, contacts.blocks.lam
@@ -462,7 +462,7 @@ def forces_of_pairs(contacts: FlatContacts, frames: Frames, pairs: Pairs | None,
             one = pair_at(pairs, s)
             j = one.contact
             if contacts.values[j, 1] > 0.0:
-                forces_of_pair(frames, one, q, lam[starts[j] : starts[j + 1]], force, contacts.values[j])
+                forces_of_pair(one, q, lam[starts[j] : starts[j + 1]], force, contacts.values[j])
             if len(one.slots) == 0:
                 contacts.values[j, 5] = np.inf
 
@@ -485,7 +485,7 @@ def evaluate_moving(contacts: FlatContacts, moving: Moving, q: Array, v: Array, 
         return -1
     pushing = forces_of_frozen(rows, h, blocks.lam, blocks.pushed, force, contacts.values, contacts.stored)
     forces_of_surfaces(contacts, frames, surfaces, state, q, force)
-    forces_of_pairs(contacts, frames, pairs, q, force)
+    forces_of_pairs(contacts, pairs, q, force)
     act_on_masses(frames, q, force)
     return pushing
 

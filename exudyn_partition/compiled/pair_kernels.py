@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba.experimental import structref
 
-from ..contact.kernels import rows_along
-from ..frames.kernels import body_axes, generalised, on_shapes
+from ..contact.kernels import FlatPair, followed_gaps, pushed_pairs, resultant, rows_along
+from ..frames.kernels import body_axes
+from ..frames.node_kernels import FlatNodes
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner
 from ..support.struct_kernels import StructType, address_of, struct_at
 from ..surfaces.kernels import weigh
-from ..surfaces.moving_kernels import Followed, follow_rows, forces_on_nodes
-from .body_kernels import gathered, matrix_at, moved_nodes
+from .body_kernels import gathered, matrix_at
 
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
-    from .moving import Frames, MovingState
+    from .moving import MovingState
 
 Following = tuple[float, int, float, int, float]  # see `pair_rows.FOLLOWING`
 
@@ -33,19 +33,12 @@ class SideType(StructType):
 
 
 class PairSide(structref.StructRefProxy):
-    """A body of a pair, with the nodes of its patch that the rows need.
+    """What compiled runs have of a body of a pair besides its nodes.
 
     Parameters
     ----------
     body, d : int
         Number of the body among `Frames`, -1 in an inertial frame; values of a node in the flexibility.
-    dofs : (n,) int array
-    start, arms, rows, growth : (k, 3), (k, 3), (3k, n), (3k, 6) arrays
-        Of the nodes, see `Surfaces`; growth is empty where there is none.
-    axes : (3, 3) array
-        Of the body at q = 0.
-    nodes : (k,) int array
-        Their numbers in the patch.
     x : (np, 3) array
         Room for places of all nodes; NaN where they are not followed.
     F, fields : (d np, d np), (d np, m) arrays
@@ -54,13 +47,6 @@ class PairSide(structref.StructRefProxy):
 
     body: int
     d: int
-    dofs: Array
-    start: Array
-    arms: Array
-    rows: Array
-    growth: Array
-    axes: Array
-    nodes: Array
     x: Array
     F: Array
     fields: Array
@@ -81,7 +67,9 @@ class Pair(structref.StructRefProxy):
     ----------
     contact : int
         Number of the contact in the plan.
-    followed : Followed
+    dofs : (n,) int array
+        Numbers of the coordinates of both bodies.
+    flat : FlatPair
     slave, master : PairSide
     slots : (nr,) int array
         Numbers of the present rows among all rows of the patch.
@@ -112,7 +100,8 @@ class Pair(structref.StructRefProxy):
     """
 
     contact: int
-    followed: Followed
+    dofs: Array
+    flat: FlatPair
     slave: PairSide
     master: PairSide
     slots: Array
@@ -197,25 +186,18 @@ def pair_at(some: Pairs, number: int) -> Pair:
     return found
 
 
-@inner
-def place_side(frames: Frames, state: MovingState, side: PairSide, q: Array) -> None:
-    """Set the places of the followed nodes of a side."""
-    q_s = gathered(side.dofs, 0, len(side.dofs), q)
-    places = moved_nodes(frames, state, side.body, q_s, side.start, side.arms, side.rows, side.growth, side.axes)
-    for i in range(len(side.nodes)):
-        for a in range(3):
-            side.x[side.nodes[i], a] = places[i, a]
+@inlined
+def growing(state: MovingState, body: int) -> Array:
+    """Products by which a body grows, see `Kinematics.growing`."""
+    found = np.empty(0)
+    if body >= 0 and state.grows[body]:
+        found = state.products[body]
+    return found
 
 
 @inner
-def gaps_of_frozen_pair(pair: Pair, q: Array, found: Array) -> bool:
-    """Set the gaps of frozen rows, (nr,); return whether their pairs stay frozen."""
-    n_s, n_m = len(pair.slave.dofs), len(pair.master.dofs)
-    q_j = np.empty(n_s + n_m)
-    for k in range(n_s):
-        q_j[k] = q[pair.slave.dofs[k]]
-    for k in range(n_m):
-        q_j[n_s + k] = q[pair.master.dofs[k]]
+def gaps_of_frozen_pair(pair: Pair, q_j: Array, found: Array) -> bool:
+    """Set the gaps of frozen rows, (nr,), at coordinates of the pair; return whether its points stay frozen."""
     for i in range(len(pair.drift_start)):
         total = -pair.drift_start[i]
         for k in range(len(q_j)):
@@ -235,7 +217,7 @@ def keep_points(pair: Pair, back: bool) -> None:
 
     Where loops lose points, `PatchGaps` follows them from there, as in a run of Exudyn, up to the last bit.
     """
-    points = pair.followed.points
+    points = pair.flat.rows.points
     for i in range(len(points.facet)):
         if back:
             points.facet[i] = pair.facet_before[i]
@@ -251,7 +233,7 @@ def keep_points(pair: Pair, back: bool) -> None:
 
 
 @inner
-def gaps_of_pair(frames: Frames, state: MovingState, pair: Pair, q: Array, gap: Array, following: Following) -> bool:
+def gaps_of_pair(state: MovingState, pair: Pair, q: Array, gap: Array, following: Following) -> bool:
     """Set the gaps of all rows of the patch, (n,), and what belongs to them; False if other rows must be found.
 
     Rows that are not present have a gap that they cannot close.
@@ -261,19 +243,18 @@ def gaps_of_pair(frames: Frames, state: MovingState, pair: Pair, q: Array, gap: 
         fill_slots(pair.slots, pair.found, pair.size, gap)
         return True
     by, steps, near, patience, bulge = following
-    nr = len(pair.slots)
+    q_j = gathered(pair.dofs, 0, len(pair.dofs), q)
     if pair.frozen:
-        found = np.empty(nr)
-        if not gaps_of_frozen_pair(pair, q, found):
+        found = np.empty(len(pair.slots))
+        if not gaps_of_frozen_pair(pair, q_j, found):
             return False
     else:
         if pair.may_freeze and pair.steps[0] >= patience:
             return False
-        place_side(frames, state, pair.slave, q)
-        place_side(frames, state, pair.master, q)
         keep_points(pair, False)
-        here, normals, _, lost, found, least, more = follow_rows(
-            pair.followed, pair.slave.x, pair.master.x, pair.reach, by, steps, pair.size, bulge, near * pair.size, 0.0
+        here, normals, _, lost, found, least, more = followed_gaps(
+            pair.flat, q_j, growing(state, pair.slave.body), growing(state, pair.master.body), pair.slave.x,
+            pair.master.x, pair.reach, by, steps, pair.size, bulge, near * pair.size, 0.0,
         )  # fmt: skip
         lost_some = more or len(lost) > 0 or least != least
         for i in range(3):
@@ -311,16 +292,13 @@ def keep_gaps(pair: Pair, starts: Array, h: Array) -> None:
 
 
 @inner
-def set_along(frames: Frames, side: PairSide, normals: Array, q: Array, along: Array) -> None:
+def set_along(nodes: FlatNodes, normals: Array, q: Array, along: Array) -> None:
     """Set normals, (p, 3), in the axes of a body, or ones where the flexibility is along the line of contact."""
-    if side.d == 1:
+    if along.shape[1] == 1:
         for i in range(len(along)):
             along[i, 0] = 1.0
         return
-    axes = np.eye(3)
-    if side.body >= 0:
-        q_s = gathered(side.dofs, 0, len(side.dofs), q)
-        axes = body_axes(q_s, frames.rotation[side.body], frames.node_axes[side.body])
+    axes = body_axes(q, nodes.rotation, nodes.node_axes) if nodes.floats else np.eye(3)
     for i in range(len(along)):
         for a in range(3):
             along[i, a] = 0.0
@@ -329,9 +307,7 @@ def set_along(frames: Frames, side: PairSide, normals: Array, q: Array, along: A
 
 
 @inner
-def anchor_pair(
-    blocks: FlatBlocks, frames: Frames, pair: Pair, state: MovingState, s: int, q: Array, same: float
-) -> bool:
+def anchor_pair(blocks: FlatBlocks, pair: Pair, state: MovingState, s: int, q: Array, same: float) -> bool:
     """See `moving_kernels.anchor_surface`."""
     if pair.frozen:
         return False
@@ -346,21 +322,22 @@ def anchor_pair(
         for c in range(6):
             state.growing[s, c] = state.products[pair.slave.body, c] if pair.slave.body >= 0 else 0.0
             state.growing[s, 6 + c] = state.products[pair.master.body, c] if pair.master.body >= 0 else 0.0
+        q_j, n = gathered(pair.dofs, 0, len(pair.dofs), q), pair.flat.n
         for i in range(3):
             for k in range(3):
                 pair.at_here[i, k] = pair.here[i, k]
-        points = pair.followed.points
+        points = pair.flat.rows.points
         weights, facets, facet = points.weights.T, points.facets, points.facet
         weigh(points.local.T, points.step.T, points.table, weights)
         for i in range(len(facet)):
             for k in range(facets.shape[1]):
                 pair.nodes_m[i, k], pair.weights_m[i, k] = facets[facet[i], k], -weights[i, k]
-        set_along(frames, pair.slave, pair.normals, q, pair.along_s)
-        set_along(frames, pair.master, pair.normals, q, pair.along_m)
+        set_along(pair.flat.slave, pair.normals, q_j[:n], pair.along_s)
+        set_along(pair.flat.master, pair.normals, q_j[n:], pair.along_m)
     if state.found[s]:
         return False
     clear_pair(blocks, pair)
-    points = pair.followed.points
+    points = pair.flat.rows.points
     add_flexibility(blocks, pair, pair.slave, points.nodes, points.shares, pair.along_s, -1.0)
     add_flexibility(blocks, pair, pair.master, pair.nodes_m, pair.weights_m, pair.along_m, 1.0)
     own, n = own_of_pair(blocks, pair), blocks.starts[pair.contact + 1] - blocks.starts[pair.contact]
@@ -408,7 +385,7 @@ def add_flexibility(
                 column[node], used[n] = n, node
                 n += 1
             compact[i, k] = column[node]
-    points = pair.followed.points
+    points = pair.flat.rows.points
     rows = rows_along(points.starts, points.columns, points.means, compact, weights, along, n)
     own, nr, m = own_of_pair(blocks, pair), len(pair.slots), d * n
     F, moved, n_fields = np.empty((m, m)), np.empty(m), side.fields.shape[1]
@@ -439,45 +416,26 @@ def add_flexibility(
 
 
 @inner
-def push_side(frames: Frames, side: PairSide, q: Array, on_nodes: Array, force: Array) -> None:
-    """Add generalised forces of forces on all nodes of a patch, (np, 3)."""
-    some, q_s = np.empty((len(side.nodes), 3)), gathered(side.dofs, 0, len(side.dofs), q)
-    for i in range(len(some)):
-        for a in range(3):
-            some[i, a] = on_nodes[side.nodes[i], a]
-    if side.body < 0:
-        pushed = on_shapes(side.rows, some)
-    else:
-        frame = frames.rotation[side.body], frames.node_axes[side.body]
-        pushed = generalised(q_s, frame[0], frame[1], side.arms, side.rows, some)
-    for i in range(len(side.dofs)):
-        force[side.dofs[i]] += pushed[i]
-
-
-@inner
-def forces_of_pair(frames: Frames, pair: Pair, q: Array, lam: Array, force: Array, values: Array) -> None:
+def forces_of_pair(pair: Pair, q: Array, lam: Array, force: Array, values: Array) -> None:
     """Add the generalised forces of a pair, and set its resultant, by forces on all rows of its patch, (n,)."""
     nr = len(pair.slots)
     push = np.empty(nr)
     for i in range(nr):
         push[i] = lam[pair.slots[i]]
     if pair.frozen:
-        n_s = len(pair.slave.dofs)
         for i in range(nr):
             if push[i] != 0.0:
                 for a in range(3):
                     values[2 + a] += push[i] * pair.normals[i, a]
                 for k in range(pair.H.shape[1]):
-                    dof = pair.slave.dofs[k] if k < n_s else pair.master.dofs[k - n_s]
-                    force[dof] += push[i] * pair.H[i, k]
+                    force[pair.dofs[k]] += push[i] * pair.H[i, k]
         return
-    points = pair.followed.points
-    of_slave, of_master = forces_on_nodes(points, push, pair.normals, len(pair.slave.x), len(pair.master.x))
-    for i in range(len(of_slave)):
-        for a in range(3):
-            values[2 + a] += of_slave[i, a]
-    push_side(frames, pair.slave, q, of_slave, force)
-    push_side(frames, pair.master, q, of_master, force)
+    total = resultant(pair.flat.rows.points, push, pair.normals)
+    for a in range(3):
+        values[2 + a] += total[a]
+    pushed = pushed_pairs(pair.flat, push, pair.normals, gathered(pair.dofs, 0, len(pair.dofs), q))
+    for k in range(len(pushed)):
+        force[pair.dofs[k]] += pushed[k]
 
 
 @inner

@@ -16,6 +16,7 @@ import numpy as np
 from ..algebra.block_complementarity import FlatBlocks
 from ..contact.followed import BULGE, NEAR, Apart, Followed
 from ..contact.gaps import GapState, Present
+from ..contact.loops import flat_pair
 from ..contact.patch_gaps import PATIENCE, PatchGaps
 from ..contact.side import Side
 from ..contact.stages import NOTHING, Anchor, Frozen, Stage
@@ -205,9 +206,8 @@ class PairRows:
         found = self._loops
         assert found is not None, "asked for what is only done at once"
         gaps, rows, of_anchor = self.gaps, stage.rows, None
-        n, sides = gaps.sides[0].n, rows.sides
-        parts = self._following.dofs[:n], self._following.dofs[n:]
-        both = [self._side(place, side, dofs) for place, (side, dofs) in enumerate(zip(sides, parts, strict=True))]
+        sides = rows.sides
+        both = [self._side(place, side) for place, side in enumerate(sides)]
         p = len(stage.normals)
         at_here, along = np.zeros((3, 3)), [np.zeros((p, 1 if side.normal_only else 3)) for side in sides]
         shape = p, sides[1].surface.facets.shape[1]
@@ -229,38 +229,31 @@ class PairRows:
             reach, k = stage.rows.search.reach, len(stage.rows.points.nodes)
         elif isinstance(stage, Apart):
             reach = stage.reach
-        followed, before = self._followed(stage), (np.zeros(k, dtype=np.int64), np.zeros((6, k)))
+        flat, before = self._flat(stage), (np.zeros(k, dtype=np.int64), np.zeros((6, k)))
+        dofs = np.require(self._following.dofs, np.int64, ["C", "W"])
         return found.pair(
-            self.contact, followed, *both, self._slots, float(gaps.size), float(reach), float(part_reach),
+            self.contact, dofs, flat, *both, self._slots, float(gaps.size), float(reach), float(part_reach),
             parted, *self._room, at_here, *before, self._known, _writable(rows.leaves_at),
             *along, *carriers, int(isinstance(stage, Frozen)), int(gaps.may_freeze), *linear, self._steps,
         )  # fmt: skip
 
-    def _side(self, place: int, side: Side, dofs: Array) -> Any:
+    def _side(self, place: int, side: Side) -> Any:
         """One side for compiled loops."""
-        found, seen = self._loops, side.seen
-        assert found is not None
-        nodes, k = np.arange(len(side.surface.points)) if side.active is None else side.active, len(seen.start)
-        growth = getattr(seen, "growth", None)
-        arrays = seen.start, seen.arms, seen.rows, np.zeros((0, 6)) if growth is None else growth
-        whole = _writable(seen.frame(np.zeros(side.n))[1])
-        x, fields = np.full((len(side.surface.points), 3), np.nan), self._following.fields[place]
-        assert k == len(nodes)
-        return found.pair_side(
-            self._following.bodies[place], 1 if side.normal_only else 3, np.require(dofs, np.int64, ["C", "W"]),
-            *map(_writable, arrays), whole, np.require(nodes, np.int64, ["C", "W"]), x, self._flexibilities[place],
-            _writable(fields),
-        )  # fmt: skip
+        assert self._loops is not None
+        x, fields = np.full((len(side.surface.points), 3), np.nan), _writable(self._following.fields[place])
+        d, body = 1 if side.normal_only else 3, self._following.bodies[place]
+        return self._loops.pair_side(body, d, x, self._flexibilities[place], fields)
 
-    def _followed(self, stage: Stage) -> Any:
-        """The points that are followed; none where no rows are."""
+    def _flat(self, stage: Stage) -> Any:
+        """The points that are followed, with the nodes of both sides; no points where no rows are."""
         if isinstance(stage, Followed):
-            return stage.rows.compiled
+            return stage.rows.flat_pair
         gaps = self.gaps
         points, index = stage.rows.points.of_rows(np.empty(0, dtype=np.int64))
         none = MovingPairs(gaps.sides[1].surface, np.empty(0, dtype=np.int64), np.zeros((0, 2)))
         here = stage.here if isinstance(stage, Apart) else np.zeros((3, 3))
-        return none.followed(points, index, *gaps.witnesses, here, np.zeros(0), np.zeros((0, 12)), np.zeros(12))
+        empty = np.zeros(0), np.zeros((0, 12)), np.zeros(12)
+        return flat_pair(none.followed(points, index, *gaps.witnesses, here, *empty), stage.rows.sides)
 
     @staticmethod
     def _linear(stage: Stage) -> tuple[Array, Array, Array, Array, float]:

@@ -13,7 +13,7 @@ from ..frames.node_kernels import FlatNodes, act, set_places
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner
 from ..support.struct_kernels import StructType
-from ..surfaces.moving_kernels import Followed, follow_rows, forces_on_nodes, gaps_of_rows
+from ..surfaces.moving_kernels import Followed, Moving, follow_rows, forces_on_nodes, gaps_of_rows
 
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
@@ -120,7 +120,7 @@ def flat_points(*fields: Array) -> FlatPoints:
 
 
 @compiled
-def resultant(points: FlatPoints, lam: Array, normals: Array) -> Array:
+def resultant(points: FlatPoints | Moving, lam: Array, normals: Array) -> Array:
     """See `loops.resultant`."""
     starts, columns, means, result = points.starts, points.columns, points.means, np.zeros(3)
     for row in range(len(lam)):
