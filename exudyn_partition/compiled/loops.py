@@ -173,6 +173,7 @@ class MovingSteps:
         self._turning: Array | None = None  # at the start, until a step is made
         first, self._loops = len(plan.surfaces.contact), kernels("compiled", "pair_kernels") if plan.pairs else None
         self._pairs = [PairRows(one, first + i, self._state, blocks, self._loops) for i, one in enumerate(plan.pairs)]
+        self._sides: Any = ()  # of contacts with rigid surfaces, which loops find by their addresses
         self._addresses, self._held = np.zeros(len(plan.pairs), dtype=np.int64), [None] * len(plan.pairs)
 
     @cached_property
@@ -185,7 +186,8 @@ class MovingSteps:
             assert self._loops is not None
             first = len(self._plan.surfaces.contact)
             pairs = self._loops.pairs(self._addresses, self._pairs[0].compiled, first, FOLLOWING)
-        return found.moving_of(self._plan, self._state, pairs)
+        self._sides = found.rigid_sides(self._plan)
+        return found.moving_of(self._plan, self._state, self._sides, pairs)
 
     @cached_property
     def plain(self) -> PlainMoving:

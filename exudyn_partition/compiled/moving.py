@@ -252,14 +252,15 @@ class MovingPlan:
     ----------
     frames : Frames
     surfaces : Surfaces
-    pairs : tuple of Following
-        Contacts of two bodies.
+    rigid, pairs : tuples of Following
+        Contacts with rigid surfaces, those of `surfaces`, and of two bodies.
     bounds : (float, float, float)
         `followed.BULGE`, `gaps.SAME`, and what regularisation adds, by the mean diagonal.
     """
 
     frames: Frames
     surfaces: Surfaces
+    rigid: tuple[Following, ...]
     pairs: tuple[Following, ...]
     bounds: tuple[float, float, float]
 

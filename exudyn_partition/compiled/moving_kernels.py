@@ -6,28 +6,41 @@ rows, forces on all rows together, generalised forces of frozen pairs, and those
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numba.experimental import structref
 
 from ..algebra.kernels import settle_blocks
-from ..contact.kernels import FlatContacts, forces_of_frozen, gaps_of_frozen, projected
-from ..frames.kernels import (
-    body_axes,
-    compose,
-    end_velocities,
-    generalised,
-    inertia_force,
-    on_constant_mass,
-    on_shapes,
+from ..contact.kernels import (
+    FlatContacts,
+    FlatPoints,
+    forces_of_frozen,
+    gaps_of_frozen,
+    pushed_rigid,
+    resultant,
+    rigid_gaps,
+    rows_along,
 )
+from ..frames.kernels import compose, end_velocities, inertia_force, on_constant_mass
+from ..frames.node_kernels import FlatNodes
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner
-from ..support.struct_kernels import StructType
-from .body_kernels import gathered, matrix_at, moved_nodes
+from ..support.struct_kernels import StructType, address_of, struct_at
+from .body_kernels import gathered, matrix_at
 from .moving import NAMES
-from .pair_kernels import Pairs, anchor_pair, forces_of_pair, gaps_of_pair, keep_gaps, leaves_patch, pair_at
+from .pair_kernels import (
+    Pairs,
+    anchor_pair,
+    forces_of_pair,
+    gaps_of_pair,
+    growing,
+    keep_gaps,
+    leaves_patch,
+    pair_at,
+    set_along,
+)
 
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
@@ -45,6 +58,22 @@ class FramesType(StructType):
 
 
 @structref.register
+class RigidSideType(StructType):
+    """Type of `RigidSide` in compiled loops."""
+
+
+class RigidSide(structref.StructRefProxy):
+    """A patch that meets a rigid surface: its points and nodes, and room for places of the nodes, (np, 3)."""
+
+    points: FlatPoints
+    nodes: FlatNodes
+    x: Array
+
+
+structref.define_proxy(RigidSide, RigidSideType, [*RigidSide.__annotations__])  # type: ignore[no-untyped-call]
+
+
+@structref.register
 class SurfacesType(StructType):
     """Type of `FlatSurfaces` in compiled loops."""
 
@@ -59,7 +88,7 @@ class FlatFrames(structref.StructRefProxy):
 
 
 class FlatSurfaces(structref.StructRefProxy):
-    """`Surfaces` as one object."""
+    """`Surfaces` as one object, with the addresses of their `RigidSide`, (ns,), and one of these as an example."""
 
 
 class FlatState(structref.StructRefProxy):
@@ -67,7 +96,7 @@ class FlatState(structref.StructRefProxy):
 
 
 structref.define_proxy(FlatFrames, FramesType, [*NAMES[0]])  # type: ignore[no-untyped-call]
-structref.define_proxy(FlatSurfaces, SurfacesType, [*NAMES[1]])  # type: ignore[no-untyped-call]
+structref.define_proxy(FlatSurfaces, SurfacesType, [*NAMES[1], "sides", "example"])  # type: ignore[no-untyped-call]
 structref.define_proxy(FlatState, StateType, [*NAMES[2]])  # type: ignore[no-untyped-call]
 
 
@@ -78,9 +107,29 @@ def flat_frames(frames: Frames) -> Any:
 
 
 @compiled
-def flat_surfaces(surfaces: Surfaces) -> Any:
+def flat_surfaces(fields: tuple[Any, ...]) -> Any:
     """Make one object of moving contacts."""
-    return FlatSurfaces(*surfaces)  # type: ignore[no-untyped-call]
+    return FlatSurfaces(*fields)  # type: ignore[no-untyped-call]
+
+
+@compiled
+def rigid_side(points: FlatPoints, nodes: FlatNodes, x: Array) -> RigidSide:
+    """Make one of its fields; unlike its own constructor, this is kept on disk."""
+    return RigidSide(points, nodes, x)  # type: ignore[no-untyped-call]
+
+
+@compiled
+def address(one: RigidSide) -> int:
+    """Where a side is, as long as somebody holds it."""
+    found: int = address_of(one)  # type: ignore[call-arg]
+    return found
+
+
+@inlined
+def side_at(surfaces: Any, s: int) -> RigidSide:
+    """Side of a moving contact with a rigid surface, by its number."""
+    found: RigidSide = struct_at(surfaces.sides[s], surfaces.example)  # type: ignore[call-arg]
+    return found
 
 
 @compiled
@@ -102,9 +151,20 @@ class Moving(NamedTuple):
     bounds: Bounds
 
 
-def moving_of(plan: MovingPlan, state: MovingState, pairs: Pairs | None) -> Moving:
+def rigid_sides(plan: MovingPlan) -> list[RigidSide]:
+    """The sides of the contacts with rigid surfaces of a run; hold them as long as loops use `moving_of`."""
+    found = []
+    for one in plan.rigid:
+        side, rows = one.gaps.slave, one.gaps.stage.rows
+        found.append(rigid_side(rows.flat, side.flat, np.empty(side.surface.points.shape)))
+        assert found[-1]._numba_type_ == found[0]._numba_type_, "loops would read others as the first one"
+    return found
+
+
+def moving_of(plan: MovingPlan, state: MovingState, sides: Sequence[RigidSide], pairs: Pairs | None) -> Moving:
     """What moves in a run of a plan; loops write to the state's arrays."""
-    surfaces = flat_surfaces(plan.surfaces) if len(plan.surfaces.contact) else None
+    addresses = np.array([address(side) for side in sides], dtype=np.int64)
+    surfaces = flat_surfaces((*plan.surfaces, addresses, sides[0])) if sides else None
     return Moving(flat_frames(plan.frames), surfaces, pairs, flat_state(state), plan.bounds)
 
 
@@ -141,60 +201,27 @@ def turn_frames(frames: Frames, state: MovingState, v: Array) -> None:
 
 
 @inner
-def nodes_of_surface(frames: Frames, surfaces: Surfaces, state: MovingState, s: int, q_s: Array) -> Array:
-    """Places of the nodes of a moving contact, (k, 3) [m], at its coordinates."""
-    numbers, k, n = surfaces.numbers, surfaces.sizes[s, 0], surfaces.sizes[s, 4]
-    grows = surfaces.growth[s] >= 0
-    return moved_nodes(
-        frames, state, surfaces.body[s], q_s, matrix_at(numbers, surfaces.start[s], k, 3),
-        matrix_at(numbers, surfaces.arms[s], k, 3), matrix_at(numbers, surfaces.rows[s], 3 * k, n),
-        matrix_at(numbers, surfaces.growth[s] if grows else 0, 3 * k if grows else 0, 6), surfaces.axes[s],
-    )  # fmt: skip
-
-
-@inner
-def gaps_of_surface(frames: Frames, surfaces: Surfaces, state: MovingState, s: int, q_s: Array, gap: Array) -> None:
+def gaps_of_surface(surfaces: Surfaces, state: MovingState, s: int, q_s: Array, gap: Array) -> None:
     """Set the gaps of the rows of a moving contact, (nr,), and the normals at its points."""
-    x_nodes, first = nodes_of_surface(frames, surfaces, state, s, q_s), surfaces.firsts[s]
-    p, m = surfaces.sizes[s, 1], surfaces.sizes[s, 2]
-    nodes = matrix_at(surfaces.indices, surfaces.nodes[s], p, m)
-    weights = matrix_at(surfaces.numbers, surfaces.weights[s], p, m)
-    x = np.zeros((p, 3))
-    for i in range(p):
-        for k in range(m):
-            for a in range(3):
-                x[i, a] += weights[i, k] * x_nodes[nodes[i, k], a]
-    of_points, normals = projected(
-        surfaces.kind[s], surfaces.point[s], surfaces.axis[s], surfaces.radius[s], surfaces.sign[s], x, np.empty(0)
-    )
-    for i in range(p):
+    side, first = side_at(surfaces, s), surfaces.firsts[s]
+    surface = surfaces.kind[s], surfaces.point[s], surfaces.axis[s], surfaces.radius[s], surfaces.sign[s]
+    products = growing(state, surfaces.body[s])
+    found, normals = rigid_gaps(side.points, side.nodes, surface, q_s, np.empty(0), products, side.x)
+    for i in range(len(normals)):
         for a in range(3):
             state.normals[first + i, a] = normals[i, a]
-    begins, columns = surfaces.indices[surfaces.begins[s] :], surfaces.indices[surfaces.columns[s] :]
-    mean = surfaces.numbers[surfaces.mean[s] :]
     for i in range(len(gap)):
-        gap[i] = 0.0
-        for k in range(begins[i], begins[i + 1]):
-            gap[i] += mean[k] * of_points[columns[k]]
+        gap[i] = found[i]
 
 
 @inner
 def rows_on_nodes(surfaces: Surfaces, state: MovingState, s: int) -> Array:
     """Rows of a moving contact on the values of its nodes that its flexibility has, (nr, d k), at the anchor."""
-    k, p, m, nr, _, d, _ = sizes_of(surfaces, s)
-    nodes = matrix_at(surfaces.indices, surfaces.nodes[s], p, m)
-    weights = matrix_at(surfaces.numbers, surfaces.weights[s], p, m)
-    begins, columns = surfaces.indices[surfaces.begins[s] :], surfaces.indices[surfaces.columns[s] :]
-    mean, first, result = surfaces.numbers[surfaces.mean[s] :], surfaces.firsts[s], np.zeros((nr, d * k))
-    for row in range(nr):
-        for i in range(begins[row], begins[row + 1]):
-            point = columns[i]
-            for j in range(m):
-                weight = mean[i] * weights[point, j]
-                for a in range(d):
-                    along = -1.0 if d == 1 else state.along[first + point, a]
-                    result[row, d * nodes[point, j] + a] += weight * along
-    return result
+    points, along = side_at(surfaces, s).points, state.along[surfaces.firsts[s] : surfaces.firsts[s + 1]]
+    k, d = surfaces.sizes[s, 0], surfaces.sizes[s, 5]
+    if d == 1:
+        along = np.full((len(along), 1), -1.0)
+    return rows_along(points.starts, points.columns, points.means, points.nodes, points.weights, along, k)
 
 
 @inner
@@ -231,28 +258,20 @@ def find_flexibility(blocks: FlatBlocks, surfaces: Surfaces, state: MovingState,
 
 
 @inner
-def anchor_surface(
-    blocks: FlatBlocks, frames: Frames, surfaces: Surfaces, state: MovingState, s: int, q: Array, same: float
-) -> bool:
+def anchor_surface(blocks: FlatBlocks, surfaces: Surfaces, state: MovingState, s: int, q: Array, same: float) -> bool:
     """Find the flexibility of a moving contact if it is not that of its anchor, or that is far; see `Gaps.anchored`.
 
     Return whether it was found.
     """
     first, end, b, d = surfaces.firsts[s], surfaces.firsts[s + 1], surfaces.body[s], surfaces.sizes[s, 5]
-    here = np.empty((end - first, 3))
+    here = np.empty((end - first, d))
     most = 0.0 if state.anchored[s] else np.inf
     if d > 1:
-        axes = np.eye(3)
-        if b >= 0:
-            q_s = gathered(surfaces.dofs, surfaces.places[s], surfaces.places[s + 1], q)
-            axes = body_axes(q_s, frames.rotation[b], frames.node_axes[b])
+        q_s = gathered(surfaces.dofs, surfaces.places[s], surfaces.places[s + 1], q)
+        set_along(side_at(surfaces, s).nodes, state.normals[first:end], q_s, here)
         for i in range(first, end):
             for a in range(3):
-                along = 0.0
-                for c in range(3):
-                    along += state.normals[i, c] * axes[c, a]
-                here[i - first, a] = along
-                most = max(most, abs(along - state.along[i, a]))
+                most = max(most, abs(here[i - first, a] - state.along[i, a]))
     if not most <= same:
         state.anchored[s], state.found[s] = True, False
         for i in range(len(q)):
@@ -271,13 +290,13 @@ def anchor_surface(
 
 @inner
 def anchor_rows(
-    blocks: FlatBlocks, frames: Frames, surfaces: Surfaces | None, pairs: Pairs | None, state: MovingState, s: int,
-    q: Array, same: float,
+    blocks: FlatBlocks, surfaces: Surfaces | None, pairs: Pairs | None, state: MovingState, s: int, q: Array,
+    same: float,
 ) -> bool:  # fmt: skip
     """See `anchor_surface`, of a contact with a rigid surface or of two bodies."""
     if surfaces is not None:
         if s < len(surfaces.contact):
-            return anchor_surface(blocks, frames, surfaces, state, s, q, same)
+            return anchor_surface(blocks, surfaces, state, s, q, same)
     if pairs is not None:
         return anchor_pair(blocks, pair_at(pairs, s - pairs.offset), state, s, q, same)
     return False
@@ -319,7 +338,6 @@ def presses(blocks: FlatBlocks, j: int, gap: Array, near: Array) -> bool:
 @inner
 def settle_moving(
     blocks: FlatBlocks,
-    frames: Frames,
     surfaces: Surfaces | None,
     pairs: Pairs | None,
     state: MovingState,
@@ -348,7 +366,7 @@ def settle_moving(
             j, looks = state.contact[s], enters[s]
             for i in range(blocks.core.starts[j], blocks.core.starts[j + 1]):
                 looks |= pressing[blocks.core.sources[i]]
-            if looks and (anchor_rows(blocks, frames, surfaces, pairs, state, s, q, same) or enters[s]):
+            if looks and (anchor_rows(blocks, surfaces, pairs, state, s, q, same) or enters[s]):
                 regularise_rows(blocks, state, s, gaps[starts[j] : starts[j + 1]], bulge, share)
         if not settle_blocks(blocks, h, rounding, settled, steps, patience):
             return False
@@ -369,29 +387,15 @@ def settle_moving(
 
 @inner
 def forces_of_surface(
-    frames: Frames, surfaces: Surfaces, state: MovingState, s: int, q: Array, lam: Array, force: Array, values: Array
+    surfaces: Surfaces, state: MovingState, s: int, q: Array, lam: Array, force: Array, values: Array
 ) -> None:
     """Add the generalised forces of a moving contact, and set its resultant, by forces on its rows, (nr,)."""
-    first, numbers, (k, p, m, _, n, _, _) = surfaces.firsts[s], surfaces.numbers, sizes_of(surfaces, s)
-    begins, columns = surfaces.indices[surfaces.begins[s] :], surfaces.indices[surfaces.columns[s] :]
-    nodes, weights = matrix_at(surfaces.indices, surfaces.nodes[s], p, m), matrix_at(numbers, surfaces.weights[s], p, m)
-    mean, on_nodes = numbers[surfaces.mean[s] :], np.zeros((k, 3))
-    for row in range(len(lam)):
-        if lam[row] != 0.0:
-            for i in range(begins[row], begins[row + 1]):
-                point = columns[i]
-                for a in range(3):
-                    push = mean[i] * lam[row] * state.normals[first + point, a]
-                    values[2 + a] += push
-                    for j in range(m):
-                        on_nodes[nodes[point, j], a] += weights[point, j] * push
-    begin, end, b = surfaces.places[s], surfaces.places[s + 1], surfaces.body[s]
-    rows = matrix_at(numbers, surfaces.rows[s], 3 * k, n)
-    if b < 0:
-        pushed = on_shapes(rows, on_nodes)
-    else:
-        q_s, arms = gathered(surfaces.dofs, begin, end, q), matrix_at(numbers, surfaces.arms[s], k, 3)
-        pushed = generalised(q_s, frames.rotation[b], frames.node_axes[b], arms, rows, on_nodes)
+    side, normals = side_at(surfaces, s), state.normals[surfaces.firsts[s] : surfaces.firsts[s + 1]]
+    total = resultant(side.points, lam, normals)
+    for a in range(3):
+        values[2 + a] += total[a]
+    begin, end = surfaces.places[s], surfaces.places[s + 1]
+    pushed = pushed_rigid(side.points, side.nodes, lam, normals, gathered(surfaces.dofs, begin, end, q), len(side.x))
     for i in range(end - begin):
         force[surfaces.dofs[begin + i]] += pushed[i]
 
@@ -414,18 +418,16 @@ def act_on_masses(frames: Frames, q: Array, force: Array) -> None:
 
 
 @inner
-def gaps_of_surfaces(
-    frames: Frames, surfaces: Surfaces | None, state: MovingState, starts: Array, q: Array, h: Array
-) -> None:
+def gaps_of_surfaces(surfaces: Surfaces | None, state: MovingState, starts: Array, q: Array, h: Array) -> None:
     """Set the gaps of the rows to rigid surfaces."""
     if surfaces is not None:
         for s in range(len(surfaces.contact)):
             q_s, j = gathered(surfaces.dofs, surfaces.places[s], surfaces.places[s + 1], q), surfaces.contact[s]
-            gaps_of_surface(frames, surfaces, state, s, q_s, h[starts[j] : starts[j + 1]])
+            gaps_of_surface(surfaces, state, s, q_s, h[starts[j] : starts[j + 1]])
 
 
 @inner
-def gaps_of_pairs(frames: Frames, pairs: Pairs | None, state: MovingState, starts: Array, q: Array, h: Array) -> bool:
+def gaps_of_pairs(pairs: Pairs | None, state: MovingState, starts: Array, q: Array, h: Array) -> bool:
     """Set the gaps of the rows between bodies; False if other rows must be found for a pair, which is told."""
     if pairs is not None:
         for s in range(len(pairs.addresses)):
@@ -441,7 +443,7 @@ def gaps_of_pairs(frames: Frames, pairs: Pairs | None, state: MovingState, start
 
 @inner
 def forces_of_surfaces(
-    contacts: FlatContacts, frames: Frames, surfaces: Surfaces | None, state: MovingState, q: Array, force: Array
+    contacts: FlatContacts, surfaces: Surfaces | None, state: MovingState, q: Array, force: Array
 ) -> None:
     """Add the generalised forces of contacts with rigid surfaces, and set their resultants."""
     if surfaces is not None:
@@ -450,7 +452,7 @@ def forces_of_surfaces(
             j = surfaces.contact[s]
             if contacts.values[j, 1] > 0.0:
                 of_rows = lam[starts[j] : starts[j + 1]]
-                forces_of_surface(frames, surfaces, state, s, q, of_rows, force, contacts.values[j])
+                forces_of_surface(surfaces, state, s, q, of_rows, force, contacts.values[j])
 
 
 @inner
@@ -478,13 +480,13 @@ def evaluate_moving(contacts: FlatContacts, moving: Moving, q: Array, v: Array, 
     state.lost[0] = -1
     if not gaps_of_frozen(rows, q, h):
         return -1
-    gaps_of_surfaces(frames, surfaces, state, rows.starts, q, h)
-    if not gaps_of_pairs(frames, pairs, state, rows.starts, q, h):
+    gaps_of_surfaces(surfaces, state, rows.starts, q, h)
+    if not gaps_of_pairs(pairs, state, rows.starts, q, h):
         return -1
-    if not settle_moving(blocks, frames, surfaces, pairs, state, q, h, limits, bounds):
+    if not settle_moving(blocks, surfaces, pairs, state, q, h, limits, bounds):
         return -1
     pushing = forces_of_frozen(rows, h, blocks.lam, blocks.pushed, force, contacts.values, contacts.stored)
-    forces_of_surfaces(contacts, frames, surfaces, state, q, force)
+    forces_of_surfaces(contacts, surfaces, state, q, force)
     forces_of_pairs(contacts, pairs, q, force)
     act_on_masses(frames, q, force)
     return pushing

@@ -348,7 +348,7 @@ def _moving(mbs: MainSystem, groups: Sequence[tuple[Together, Sequence[PatchCont
     turning, (rigid, pairs) = _turning(mbs), moving_contacts(mbs, groups)
     if not turning and not rigid and not pairs:
         return None
-    return MovingPlan(frames_of(turning), surfaces_of(rigid), tuple(pairs), (BULGE, SAME, REGULARISATION))
+    return MovingPlan(frames_of(turning), surfaces_of(rigid), tuple(rigid), tuple(pairs), (BULGE, SAME, REGULARISATION))
 
 
 def _turning(mbs: MainSystem) -> list[Turning]:
