@@ -8,7 +8,9 @@ import numpy as np
 
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined
-from .projection import SETTLED
+from .projection import CONVEX, SETTLED
+
+Vector = tuple[float, float, float]
 
 
 @inlined
@@ -77,6 +79,22 @@ def coordinate_at(c: Array, f: int, r: float, s: float, axis: int, cubic: bool) 
 
 
 @inlined
+def bends_on(c: Array, f: int, r: float, s: float, miss: Vector, cubic: bool) -> tuple[float, float, float]:
+    """Second derivatives rr, rs and ss of a place on a facet, times a vector."""
+    rr = rs = ss = 0.0
+    for axis in range(3):
+        by_rr, by_rs, by_ss = 2 * c[f, 3, axis], c[f, 4, axis], 2 * c[f, 5, axis]
+        if cubic:
+            by_rr += 6 * r * c[f, 6, axis] + 2 * s * c[f, 7, axis]
+            by_rs += 2 * r * c[f, 7, axis] + 2 * s * c[f, 8, axis]
+            by_ss += 2 * r * c[f, 8, axis] + 6 * s * c[f, 9, axis]
+        rr += miss[axis] * by_rr
+        rs += miss[axis] * by_rs
+        ss += miss[axis] * by_ss
+    return rr, rs, ss
+
+
+@inlined
 def newton_steps(
     first: int, end: int, x: Array, c: Array, facet: Array, local: Array, step: Array, normal: Array, gap: Array,
     frames: Array, cubic: bool,
@@ -84,13 +102,15 @@ def newton_steps(
     """Set steps of Newton's method, normals and gaps of points, x (k, 3), on their facets, see `pairs.follow`.
 
     Facets are looked up in a loop of its own, because the compiler makes vectors of the other one only. `frames`,
-    (9, k), is room between them.
+    (12, k), is room between them.
     """
     for i in range(first, end):
         f, r, s = facet[i], local[i, 0], local[i, 1]
         for axis in range(3):
             value, by_r, by_s = coordinate_at(c, f, r, s, axis, cubic)
             frames[axis, i], frames[3 + axis, i], frames[6 + axis, i] = x[i, axis] - value, by_r, by_s
+        bends = bends_on(c, f, r, s, (frames[0, i], frames[1, i], frames[2, i]), cubic)
+        frames[9, i], frames[10, i], frames[11, i] = bends
     for i in range(first, end):
         mx, my, mz = frames[0, i], frames[1, i], frames[2, i]
         ax, ay, az = frames[3, i], frames[4, i], frames[5, i]
@@ -98,8 +118,12 @@ def newton_steps(
         aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
         am, bm = ax * mx + ay * my + az * mz, bx * mx + by * my + bz * mz
         squared = aa * bb - ab * ab
-        share, scale = 1 / squared, 1 / math.sqrt(squared)
-        step[i, 0], step[i, 1] = (bb * am - ab * bm) * share, (aa * bm - ab * am) * share
+        scale = 1 / math.sqrt(squared)
+        rr, rs, ss = aa - frames[9, i], ab - frames[10, i], bb - frames[11, i]
+        det = rr * ss - rs * rs
+        convex = det > CONVEX * squared and rr > CONVEX * aa
+        rr, rs, ss, det = (rr, rs, ss, det) if convex else (aa, ab, bb, squared)
+        step[i, 0], step[i, 1] = (ss * am - rs * bm) / det, (rr * bm - rs * am) / det
         nx, ny, nz = (ay * bz - az * by) * scale, (az * bx - ax * bz) * scale, (ax * by - ay * bx) * scale
         normal[i, 0], normal[i, 1], normal[i, 2] = nx, ny, nz
         gap[i] = mx * nx + my * ny + mz * nz
@@ -271,9 +295,6 @@ def clipped(
     return best_r, best_s
 
 
-Vector = tuple[float, float, float]
-
-
 @inlined
 def dot(a: Vector, b: Vector) -> float:
     """Scalar product."""
@@ -287,22 +308,6 @@ def place_on(c: Array, f: int, r: float, s: float, point: Vector, cubic: bool) -
     py, ay, by = coordinate_at(c, f, r, s, 1, cubic)
     pz, az, bz = coordinate_at(c, f, r, s, 2, cubic)
     return (ax, ay, az), (bx, by, bz), (point[0] - px, point[1] - py, point[2] - pz)
-
-
-@inlined
-def bends_on(c: Array, f: int, r: float, s: float, miss: Vector, cubic: bool) -> tuple[float, float, float]:
-    """Second derivatives rr, rs and ss of a place on a facet, times a vector."""
-    rr = rs = ss = 0.0
-    for axis in range(3):
-        by_rr, by_rs, by_ss = 2 * c[f, 3, axis], c[f, 4, axis], 2 * c[f, 5, axis]
-        if cubic:
-            by_rr += 6 * r * c[f, 6, axis] + 2 * s * c[f, 7, axis]
-            by_rs += 2 * r * c[f, 7, axis] + 2 * s * c[f, 8, axis]
-            by_ss += 2 * r * c[f, 8, axis] + 6 * s * c[f, 9, axis]
-        rr += miss[axis] * by_rr
-        rs += miss[axis] * by_rs
-        ss += miss[axis] * by_ss
-    return rr, rs, ss
 
 
 @inlined

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..fe.edges import edge_middles
-from ..fe.shapes import QUADS, TABLES, shape_functions
+from ..fe.shapes import QUADS, TABLES, curvature, shape_functions
 from ..support.arrays import Array
 from . import loops
 from .points import ContactPoints
@@ -113,7 +113,7 @@ class MovingPairs:
             self._here, self._motion, self._index = (facet, now.T, step.T), last.T, index
             rows = points.nodes, points.weights, np.ascontiguousarray(index), mean.indptr, mean.indices, mean.data
             state = self._past, self._gone, facet, now, step, last
-            room = np.empty((k, 3)), np.empty(k, dtype=np.int64), np.empty((9, k))
+            room = np.empty((k, 3)), np.empty(k, dtype=np.int64), np.empty((12, k))
             more = np.empty((3, k)), np.empty((self.facets.shape[1], k)), *self._room
             self._moving = loops.moving(*rows, *self._of_master, *state, *room, *more)
             self._points = points
@@ -246,7 +246,8 @@ def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int =
     shape = shape_functions(local, nodes.shape[1])
     frame = shape @ nodes
     miss = points - frame[:, 0]
-    step, _, squared = newton_step(frame, miss)
+    bends = curvature(local, np.einsum("knd,kd->kn", nodes, miss))
+    step, _, squared = newton_step(frame, miss, bends)
     # The last step changes the weights to first order, but not the gap.
     weights = shape[:, 0] + step[:, :1] * shape[:, 1] + step[:, 1:] * shape[:, 2]
     normal = cross(frame[:, 1], frame[:, 2]) / np.sqrt(squared)[:, None]
