@@ -2,7 +2,8 @@
 
 One pass backwards gives the derivatives by start, masses, stiffnesses, damping, loads and flexibilities, however many
 these are. Forces of contacts by compliance are Lipschitz in the coordinates, so that no jump conditions are needed.
-Where a row has neither force nor gap in a step, derivatives are one-sided.
+Where a row is at the edge of another status in a step, derivatives are one-sided: without force and gap, or, with
+friction, with all the force that it bears without slip.
 """
 
 from __future__ import annotations
@@ -17,15 +18,23 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from ..support.arrays import Array
+from .friction_adjoint import FrictionAdjoint, FrictionMade, OnFriction, Span, jacobian_of
+from .friction_back import FrictionBack
+from .friction_plan import FrictionMemory
 from .loops import Adjoint, ContactParts, go_back
 from .plan import Bodies, FrozenPlan, StepPlan
 from .run import EqualSteps, Histories
 
 _MOST = 500  # samples whose adjoints are kept at a time
+_NUMBERS = 1 << 21  # of the slips of rows with friction that are kept at a time: 16 MB
 
 
 class Weights(Protocol):
     """Derivatives of k numbers by what a run with n samples has kept."""
+
+    @property
+    def friction(self) -> OnFriction | None:
+        """By what friction did, the same for all numbers."""
 
     @property
     def lam(self) -> sp.csr_matrix:
@@ -50,11 +59,13 @@ class OneNumber:
         By coordinates.
     v_end : (nq,) array
         By velocities at the end.
+    friction : OnFriction, optional
     """
 
     lam: sp.csr_matrix
     q: Array
     v_end: Array
+    friction: OnFriction | None = None
 
     count = 1
 
@@ -86,6 +97,8 @@ class Sums:
     q: Array
     v: Array
 
+    friction = None
+
     @property
     def count(self) -> int:
         """See `Weights.count`."""
@@ -109,12 +122,15 @@ class Derivatives:
         By masses, stiffnesses, damping and loads, (nq, k) each.
     flexibility : list of (m, k) arrays
         For each contact, by factors of the m parts of its flexibility.
+    friction : (nf, 3, k) array
+        By static and kinetic coefficient and decay of each contact with friction, or of those that it moves.
     """
 
     q: Array
     v: Array
     bodies: Bodies
     flexibility: list[Array]
+    friction: Array
 
 
 class _Closed:
@@ -136,11 +152,11 @@ class _Closed:
         """Solve F x = rhs, (na, k)."""
         return rhs if self._factor is None else np.asarray(scipy.linalg.cho_solve(self._factor, rhs))
 
-    def blocks(self) -> Iterator[slice]:
-        """Samples in parts that take little memory, the last ones first."""
+    def blocks(self, most: int) -> Iterator[slice]:
+        """Samples in parts of `most`, the last ones first."""
         start, stop = self.samples.start, self.samples.stop
-        for end in range(stop, start, -_MOST):
-            yield slice(max(end - _MOST, start), end)
+        for end in range(stop, start, -most):
+            yield slice(max(end - most, start), end)
 
     @property
     def stiffness(self) -> Array:
@@ -166,13 +182,18 @@ class _Closed:
 
 
 def backwards(
-    plan: StepPlan, steps: EqualSteps, made: Histories, weights: Weights, parts: Sequence[Sequence[Array]]
+    plan: StepPlan,
+    steps: EqualSteps,
+    made: Histories,
+    weights: Weights,
+    parts: Sequence[Sequence[Array]],
+    made_friction: FrictionMade | None = None,
 ) -> Derivatives:
     """Go back from the end of a run to its start.
 
     A step is u = v + h a / 2, q = q + h u, a = (f(q) + load - K q - D u) / M, v = u + h a / 2. With adjoints q', u',
     v', a' and y = a' / M, it gives back: K and D times -y, forces lambda' = H y + their weights. On closed rows
-    F lambda = -h, so that h' = -F^-1 lambda'.
+    F lambda = -h, so that h' = -F^-1 lambda'. Module `friction_back` has rows with friction.
 
     Parameters
     ----------
@@ -183,31 +204,113 @@ def backwards(
         With coordinates and forces on rows, of a run that no earlier one went ahead of.
     weights : Weights
     parts : sequence of sequences of (nr, nr) arrays
-        For each contact, parts of its flexibility [m/N].
+        For each contact, parts of its flexibility [m/N], with friction (3 nr, 3 nr) arrays.
+    made_friction : FrictionMade, optional
+        What contacts with friction did, see `friction_made`.
     """
     h, bodies, nq = steps.step, plan.bodies, made.q.shape[1]
     a, lam, starts = accelerations(plan, steps, made), _lam(made), plan.contacts.rows.starts
+    n = int(starts[-1])
     middle = np.vstack([made.v[:1], made.v[1:] - 0.5 * h * a[1:]])
     adjoint, k = Adjoint(*np.zeros((3, nq, weights.count))), weights.count
     sums, flexibility = Bodies(*np.zeros((4, nq, k))), [np.zeros((len(of_contact), k)) for of_contact in parts]
-    for group in reversed(closed_rows(plan.contacts, lam, nq)):
+    of_friction = parts[len(plan.contacts.names) :]
+    friction = None if made_friction is None else _FrictionBackwards(made_friction, weights, of_friction)
+    most = _MOST if friction is None else friction.most
+    for group in reversed(closed_rows(plan.contacts, lam[:, :n], nq, apart=bool(friction))):
         stiffness = np.ascontiguousarray(group.stiffness)
-        for block in group.blocks():
+        for block in group.blocks(most):
             given, (by_q, by_v) = weights.lam[block][:, group.rows].toarray(), weights.of_block(block)
             by_q -= (group.solve(given.T).T @ group.H)[:, :, None]  # weights of forces act on coordinates
-            y = go_back(bodies, stiffness, by_q, by_v, h, block.start == 0, adjoint)
+            rows = None if friction is None else friction.begin(block)
+            y = go_back(bodies, stiffness, by_q, by_v, h, block.start == 0, adjoint, rows)
+            if friction is not None:
+                friction.end()
             new = [-np.einsum("sik,si->ik", y, motion[block]) for motion in (a, made.q, middle)]
             sums = Bodies(*(part + more for part, more in zip(sums, [*new, y.sum(axis=0)], strict=True)))
             if len(group.rows) and any(map(len, parts)):
-                more = group.by_flexibility(y, given, lam[block][:, group.rows].toarray(), parts, starts)
-                flexibility = [part - by_parts for part, by_parts in zip(flexibility, more, strict=True)]
-    return Derivatives(adjoint.q, adjoint.v, sums, flexibility)
+                forces = lam[block][:, group.rows].toarray()
+                more = group.by_flexibility(y, given, forces, parts[: len(plan.contacts.names)], starts)
+                for part, by_parts in zip(flexibility, more, strict=False):
+                    part -= by_parts
+    if friction is None:
+        return Derivatives(adjoint.q, adjoint.v, sums, flexibility, np.zeros((0, 3, k)))
+    flexibility[len(plan.contacts.names) :] = friction.flexibility
+    return Derivatives(adjoint.q, adjoint.v, sums, flexibility, friction.by_law)
+
+
+class _FrictionBackwards:
+    """Contacts with friction in a pass back, see `backwards`.
+
+    Attributes
+    ----------
+    most : int
+        Samples that take little memory at a time.
+    by_law : (nf, 3, k) array
+    flexibility : list of (m, k) arrays
+        See `Derivatives`, of contacts with friction.
+    """
+
+    def __init__(self, made: FrictionMade, weights: Weights, parts: Sequence[Sequence[Array]]) -> None:
+        self._made, self._weights, self._parts, k = made, weights, parts, weights.count
+        self._after = FrictionAdjoint.none(k, made.plan.n_rows)
+        rows = max(len(np.unique(made.status.indices)), 1)
+        self.most = max(min(_MOST, _NUMBERS // (3 * rows * k)), 1)
+        self.by_law = np.zeros((len(made.plan.names), 3, k))
+        self.flexibility = [np.zeros((len(of_contact), k)) for of_contact in parts]
+
+    def begin(self, block: slice) -> FrictionBack | None:
+        """What the pass back over a block needs; None if no row is closed."""
+        self._span = span = self._made.span(block)
+        if not len(span.rows):
+            self._back, self._after = None, FrictionAdjoint.none(self._weights.count, self._made.plan.n_rows)
+            return None
+        self._back = self._made.back(span, self._given(span), self._after)
+        return self._back
+
+    def _given(self, span: Span) -> tuple[Array, Array]:
+        """Weights by forces and slips of the rows of a span, (m, k, 3 n) and (m, k, 2 n)."""
+        weights, made, (samples, rows) = self._weights, self._made, span
+        first, m = weights.lam.shape[1] - made.plan.n_rows, samples.stop - samples.start
+        forces, slips = np.zeros((m, len(rows), 3)), np.zeros((m, 2 * len(rows)))
+        forces[:, :, 0] = weights.lam[samples][:, first + rows].toarray()
+        if weights.friction is not None:
+            tangential, by_slips = (part[samples][:, span.tangents].toarray() for part in weights.friction)
+            forces[:, :, 1:], slips = tangential.reshape(m, -1, 2), by_slips
+        return tuple(
+            np.repeat(part.reshape(m, 1, -1), weights.count, axis=1) for part in (forces, slips)
+        )  # type: ignore[return-value]
+
+    def end(self) -> None:
+        """Take what the pass back over the block has found."""
+        if self._back is None:
+            return
+        span, back = self._span, self._back
+        self.by_law += self._made.by_law(span, back.by_mu)
+        for part, more in zip(self.flexibility, self._made.by_parts(span, back.slips, self._parts), strict=True):
+            part += more
+        self._after = self._after.before(span, back)
+
+
+def friction_made(
+    plan: StepPlan, steps: EqualSteps, made: Histories, memory: FrictionMemory | None
+) -> FrictionMade:
+    """What contacts with friction did in a run that began with a memory."""
+    friction = plan.contacts.friction
+    assert friction is not None
+    assert made.along is not None
+    assert made.status is not None
+    kept = _lam(made)[:, plan.contacts.n_rows - friction.n_rows :], made.along, made.status
+    return FrictionMade.of(friction, memory, steps.step, made.q, kept)
 
 
 def accelerations(plan: StepPlan, steps: EqualSteps, made: Histories) -> Array:
     """Accelerations at all samples, (n, nq)."""
-    bodies = plan.bodies
-    forces = _lam(made) @ row_jacobian(plan.contacts, made.q.shape[1])
+    bodies, contacts, nq = plan.bodies, plan.contacts, made.q.shape[1]
+    forces = _lam(made) @ row_jacobian(contacts, nq)
+    if contacts.friction is not None:
+        T = np.delete(jacobian_of(contacts.friction, nq), np.s_[::3], axis=0)
+        forces = forces + made.along @ T
     rest = forces + bodies.load - bodies.stiffness * made.q - bodies.damping * made.v
     found: Array = rest / (bodies.mass - 0.5 * steps.step * bodies.damping)  # velocities half a step before count
     found[0] = rest[0] / bodies.mass
@@ -215,17 +318,26 @@ def accelerations(plan: StepPlan, steps: EqualSteps, made: Histories) -> Array:
 
 
 def row_jacobian(contacts: FrozenPlan, n: int) -> Array:
-    """Derivative of the gaps of all rows by n coordinates, (nr, n)."""
+    """Derivative of the gaps of all rows by n coordinates, (nr, n); rows of contacts with friction come last."""
     H = np.zeros((len(contacts.rows.start), n))
     for j in range(len(contacts.names)):
         part = ContactParts.of(contacts, j)
         H[part.rows, part.dofs] = part.H.T
-    return H
+    return H if contacts.friction is None else np.vstack([H, jacobian_of(contacts.friction, n)[::3]])
 
 
-def closed_rows(contacts: FrozenPlan, lam: sp.csr_matrix, n: int) -> list[_Closed]:
-    """Closed rows of samples with forces on rows, (m, nr), each set once as long as it stays; n coordinates."""
-    H, changes = row_jacobian(contacts, n), set_changes(lam).tolist()
+def row_starts(contacts: FrozenPlan) -> Array:
+    """Gaps of all rows at coordinates of zero, (nr,) [m]; rows of contacts with friction come last."""
+    rows = contacts.rows.start
+    return rows if contacts.friction is None else np.concatenate([rows, contacts.friction.rows.start])
+
+
+def closed_rows(contacts: FrozenPlan, lam: sp.csr_matrix, n: int, *, apart: bool = False) -> list[_Closed]:
+    """Closed rows without friction of samples with forces on these, (m, nr), each set once as long as it stays.
+
+    There are n coordinates. `apart` parts the start from the samples after it.
+    """
+    H, changes = row_jacobian(contacts, n), sorted({*set_changes(lam).tolist(), *([1] if apart else [])})
     spans = zip([0, *changes], [*changes, lam.shape[0]], strict=True)
     sets = ((lam.indices[lam.indptr[start] : lam.indptr[start + 1]], slice(start, stop)) for start, stop in spans)
     return [_Closed(rows, samples, H[rows], flexibility_between(contacts, rows)) for rows, samples in sets]
