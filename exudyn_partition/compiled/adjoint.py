@@ -18,7 +18,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from ..support.arrays import Array
-from .friction_adjoint import FrictionAdjoint, FrictionMade, OnFriction, Span, jacobian_of
+from .friction_adjoint import FrictionAdjoint, FrictionMade, OnFriction, Window, jacobian_of
 from .friction_back import FrictionBack
 from .friction_plan import FrictionMemory
 from .loops import Adjoint, ContactParts, go_back
@@ -254,54 +254,67 @@ class _FrictionBackwards:
     def __init__(self, made: FrictionMade, weights: Weights, parts: Sequence[Sequence[Array]]) -> None:
         self._made, self._weights, self._parts, k = made, weights, parts, weights.count
         self._after = FrictionAdjoint.none(k, made.plan.n_rows)
-        rows = max(len(np.unique(made.status.indices)), 1)
-        self.most = max(min(_MOST, _NUMBERS // (3 * rows * k)), 1)
+        self.most = samples_at_once(made, k)
         self.by_law = np.zeros((len(made.plan.names), 3, k))
         self.flexibility = [np.zeros((len(of_contact), k)) for of_contact in parts]
 
     def begin(self, block: slice) -> FrictionBack | None:
         """What the pass back over a block needs; None if no row is closed."""
-        self._span = span = self._made.span(block)
-        if not len(span.rows):
-            self._back, self._after = None, FrictionAdjoint.none(self._weights.count, self._made.plan.n_rows)
-            return None
-        self._back = self._made.back(span, self._given(span), self._after)
+        made, self._window, self._back = self._made, self._made.window(block), None
+        if self._window.status.any():
+            self._back = made.back(self._window, self._given(self._window), self._after)
         return self._back
 
-    def _given(self, span: Span) -> tuple[Array, Array]:
-        """Weights by forces and slips of the rows of a span, (m, k, 3 n) and (m, k, 2 n)."""
-        weights, made, (samples, rows) = self._weights, self._made, span
-        first, m = weights.lam.shape[1] - made.plan.n_rows, samples.stop - samples.start
-        forces, slips = np.zeros((m, len(rows), 3)), np.zeros((m, 2 * len(rows)))
-        forces[:, :, 0] = weights.lam[samples][:, first + rows].toarray()
+    def _given(self, w: Window) -> tuple[Array, Array]:
+        """Weights by forces and slips of the rows of a window, (m, k, 3 n) each."""
+        weights, shape = self._weights, (*w.status.shape, 3)
+        forces, slips = np.zeros(shape), np.zeros(shape)
+        first = weights.lam.shape[1] - self._made.plan.n_rows
+        forces[:, :, 0] = weights.lam[w.samples].toarray()[:, first + w.rows]
         if weights.friction is not None:
-            tangential, by_slips = (part[samples][:, span.tangents].toarray() for part in weights.friction)
-            forces[:, :, 1:], slips = tangential.reshape(m, -1, 2), by_slips
-        return tuple(
-            np.repeat(part.reshape(m, 1, -1), weights.count, axis=1) for part in (forces, slips)
-        )  # type: ignore[return-value]
+            forces[:, :, 1:], slips[:, :, 1:] = w.weights(weights.friction)
+        of_all = (np.repeat(part.reshape(len(part), 1, -1), weights.count, axis=1) for part in (forces, slips))
+        by_forces, by_slips = of_all
+        return by_forces, by_slips
 
     def end(self) -> None:
         """Take what the pass back over the block has found."""
-        if self._back is None:
+        made, w, back = self._made, self._window, self._back
+        if back is None:
+            self._after = FrictionAdjoint.none(self._weights.count, made.plan.n_rows)
             return
-        span, back = self._span, self._back
-        self.by_law += self._made.by_law(span, back.by_mu)
-        for part, more in zip(self.flexibility, self._made.by_parts(span, back.slips, self._parts), strict=True):
+        self.by_law += made.by_law(w, back.by_mu)
+        for part, more in zip(self.flexibility, made.by_parts(w, back.slips, self._parts), strict=True):
             part += more
-        self._after = self._after.before(span, back)
+        self._after = self._after.before(w, back)
 
 
-def friction_made(
-    plan: StepPlan, steps: EqualSteps, made: Histories, memory: FrictionMemory | None
-) -> FrictionMade:
+def samples_at_once(made: FrictionMade, k: int = 1) -> int:
+    """Samples of rows with friction that take little memory with k numbers each."""
+    rows = max(len(np.unique(made.status.indices)), 1)
+    return max(min(_MOST, _NUMBERS // (3 * rows * k)), 1)
+
+
+def friction_margins(made: FrictionMade) -> Array:
+    """By how much the rows of each sample miss another status at least, (n,): see `FrictionMade.margins`.
+
+    They are shares of the largest force, and of the largest yielding.
+    """
+    n, most = len(made.q), samples_at_once(made)
+    found = np.concatenate([made.margins(slice(start, min(start + most, n))) for start in range(0, n, most)])
+    smallest: Array = (found[:, :2] / np.maximum(found[:, 2:].max(axis=0), 1e-300)).min(axis=1)
+    return smallest
+
+
+def friction_made(plan: StepPlan, steps: EqualSteps, made: Histories, memory: FrictionMemory | None) -> FrictionMade:
     """What contacts with friction did in a run that began with a memory."""
     friction = plan.contacts.friction
     assert friction is not None
     assert made.along is not None
     assert made.status is not None
-    kept = _lam(made)[:, plan.contacts.n_rows - friction.n_rows :], made.along, made.status
-    return FrictionMade.of(friction, memory, steps.step, made.q, kept)
+    lam = _lam(made)[:, plan.contacts.n_rows - friction.n_rows :]
+    memory = memory or FrictionMemory.none(friction.n_rows, len(friction.names))
+    return FrictionMade(friction, memory, steps.step, made.q, lam, made.along, made.status)
 
 
 def accelerations(plan: StepPlan, steps: EqualSteps, made: Histories) -> Array:

@@ -124,9 +124,7 @@ def group_of(rows: FrictionBack, s: int, first: int, end: int) -> tuple[int, boo
 
 
 @inner
-def solve_groups(
-    rows: FrictionBack, s: int, given: Array, total: Array, factors: Array, pivots: Array
-) -> None:
+def solve_groups(rows: FrictionBack, s: int, given: Array, total: Array, factors: Array, pivots: Array) -> None:
     """Set slips of a sample and what they leave to the sample before; `given` are derivatives by forces, (k, 3 n).
 
     `factors` has the Jacobian of each group, which is kept while the same rows stick.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -20,46 +21,76 @@ from ..support.arrays import Array
 from .friction_back import FrictionBack
 from .friction_plan import FrictionMemory, FrictionPlan
 
-_MOST = 500  # samples whose slips are found at a time
-
 
 class OnFriction(NamedTuple):
     """Derivatives of one number by what friction did, beside those by normal forces.
 
     Parameters
     ----------
-    forces, slips : (m, 2 n) csr matrices
-        By tangential forces and by slips.
+    samples : (m,) array
+    along : (n, 2) array
+        By tangential forces: a weight of each sample times one of each row and tangent.
+    taken : (n,) bool array
+        Rows whose work is the number.
+    closed : (m,) bool array
+        Samples in which the contact of these rows is closed, with which this work counts.
     """
 
-    forces: sp.csr_matrix
-    slips: sp.csr_matrix
+    samples: Array
+    along: Array
+    taken: Array
+    closed: Array
 
 
-class Span(NamedTuple):
-    """Samples of a run.
+class Window(NamedTuple):
+    """What rows with friction did in m samples: n rows that are closed there, or just before or after.
 
     Parameters
     ----------
     samples : slice
     rows : (n,) int array
-        Rows that are closed in any of them, or were before the first one.
+    status : (m, n) array
+    forces, before : (m, n, 3) arrays
+        Forces, and those of the step before [N].
+    slips, after : (m, n, 2) arrays
+        How far rows slip in the step, and in the step after [m].
+    slipped, speed : (m, n) arrays
+        Whether they slipped in the step before, and how fast [m/s].
+    mu : (m, n) array
     """
 
     samples: slice
     rows: Array
+    status: Array
+    forces: Array
+    before: Array
+    slips: Array
+    after: Array
+    slipped: Array
+    speed: Array
+    mu: Array
 
     @property
     def directions(self) -> Array:
-        """Numbers of all three directions, (3 n,)."""
+        """Numbers of all three directions of the rows, (3 n,)."""
         numbers: Array = (3 * self.rows[:, None] + np.arange(3)).ravel()
         return numbers
 
-    @property
-    def tangents(self) -> Array:
-        """Numbers of the tangents, among those of all rows, (2 n,)."""
-        numbers: Array = (2 * self.rows[:, None] + np.arange(2)).ravel()
-        return numbers
+    def weights(self, of: OnFriction) -> tuple[Array, Array]:
+        """Derivatives of a number by tangential forces and slips, (m, n, 2) each.
+
+        The work of friction is -w (lambda_before + lambda) / 2 in each step at whose end the contact is closed.
+        """
+        m, last = len(self.slips), len(of.samples)
+        numbers = np.arange(self.samples.start, self.samples.start + m)
+        forces = (of.samples[numbers, None] * (self.status != OPEN))[:, :, None] * of.along[self.rows]
+        halves = -0.5 * of.taken[self.rows][:, None]
+        now, then = (
+            ((0 < some) & (some < last) & of.closed[np.minimum(some, last - 1)])[:, None, None] * halves
+            for some in (numbers, numbers + 1)
+        )
+        forces += now * self.slips + (numbers > 0)[:, None, None] * then * self.after  # the first step has no forces
+        return forces, now * (self.before + self.forces)[:, :, 1:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,209 +104,166 @@ class FrictionMade:
         With which the run began; its forces are those before the first two samples.
     h : float
         Step [s].
-    F : (3 n, 3 n) array
-        Regularised flexibility [m/N].
-    B : (3 n, nq) array
-        Gaps and tangential places by the coordinates.
-    forces, before : (m, 3 n) csr matrices
-        Forces, and those of the step before [N].
-    status, status_before : (m, n) csr matrices
-    slips : (m, 2 n) csr matrix
-        How far rows that have or had a force have slipped in the step [m].
+    q : (m, nq) array
+        Coordinates.
+    lam, along, status : (m, n), (m, 2 n), (m, n) csr matrices
+        Normal and tangential forces [N], and states.
     """
 
     plan: FrictionPlan
     memory: FrictionMemory
     h: float
-    F: Array
-    B: Array
-    forces: sp.csr_matrix
-    before: sp.csr_matrix
+    q: Array
+    lam: sp.csr_matrix
+    along: sp.csr_matrix
     status: sp.csr_matrix
-    status_before: sp.csr_matrix
-    slips: sp.csr_matrix
 
-    @classmethod
-    def of(
-        cls,
-        plan: FrictionPlan,
-        memory: FrictionMemory | None,
-        h: float,
-        q: Array,
-        kept: tuple[sp.csr_matrix, sp.csr_matrix, sp.csr_matrix],
-    ) -> FrictionMade:
-        """Find it of a plan, the memory of its start, and samples: coordinates, and normal and tangential forces on
-        rows with their states.
-        """  # noqa: D205
-        n, (lam, along, status) = plan.n_rows, kept
-        memory = memory or FrictionMemory.none(n, len(plan.names))
-        tangents = np.delete(np.arange(3 * n), np.s_[::3])
-        forces = sp.csr_matrix(_onto(lam, 3 * np.arange(n), 3 * n) + _onto(along, tangents, 3 * n))
-        first = np.where(memory.forces[:, 0] > 0.0, np.where(memory.slipped, SLIP, STICK), OPEN)
-        before, F, B = _shifted(memory.forces.ravel(), forces), flexibility_of(plan), jacobian_of(plan, q.shape[1])
-        slips = _slips(q, forces, before, F, B)
-        return cls(plan, memory, h, F, B, forces, before, status, _shifted(first, status), slips)
+    @cached_property
+    def F(self) -> Array:
+        """Flexibility of all rows, (3 n, 3 n) [m/N], regularised contact by contact as in the steps."""
+        return flexibility_of(self.plan)
+
+    @cached_property
+    def B(self) -> Array:
+        """Derivatives of the gaps and tangential places of all rows by the coordinates, (3 n, nq)."""
+        return jacobian_of(self.plan, self.q.shape[1])
 
     @property
     def slipping(self) -> sp.csr_matrix:
         """Which rows slip, (m, n)."""
         return sp.csr_matrix(self.status == SLIP)
 
-    def span(self, samples: slice) -> Span:
-        """Samples with their rows."""
-        rows = np.unique(np.concatenate([self.status[samples].indices, self.before[samples.start].indices // 3]))
-        return Span(samples, rows)
+    def window(self, samples: slice) -> Window:
+        """Find what rows did in some samples."""
+        first, last = max(samples.start - 2, 0), min(samples.stop + 1, len(self.q))
+        status, lam = self.status[first:last].toarray(), self.lam[first:last].toarray()
+        begins = [self.memory] if samples.start < 2 else []
+        rows = np.flatnonzero(status.any(axis=0) | np.any([one.forces[:, 0] > 0.0 for one in begins], axis=0))
+        tangents, n = (2 * rows[:, None] + np.arange(2)).ravel(), len(rows)
+        along = self.along[first:last].toarray()[:, tangents].reshape(last - first, n, 2)
+        forces = np.concatenate([lam[:, rows, None], along], axis=2)
+        status = status[:, rows]
+        slipped, before = (np.concatenate([values[:1], values[:-1]]) for values in (status == SLIP, forces))
+        if begins:  # the forces of the start are found, but no step is made
+            before[:2], slipped[:2] = self.memory.forces[rows], self.memory.slipped[rows]
+        way = np.diff(self.q[first:last], axis=0, prepend=self.q[first : first + 1])
+        some = (3 * rows[:, None] + np.arange(3)).ravel()
+        along_rows = some.reshape(-1, 3)[:, 1:].ravel()
+        slips = (
+            way @ self.B[along_rows].T
+            + (forces - before).reshape(last - first, 3 * n) @ self.F[np.ix_(some, along_rows)]
+        )
+        slips = slips.reshape(last - first, n, 2) * (np.maximum(forces, before)[:, :, :1] > 0.0)
+        speed = np.hypot(*np.moveaxis(slips, 2, 0)) / self.h
+        speed = slipped * np.concatenate([speed[:1], speed[:-1]])
+        if begins:
+            speed[:2] = self.memory.speed[rows]
+        own = slice(samples.start - first, samples.stop - first)
+        after = np.concatenate([slips, np.zeros_like(slips[:1])])[own.start + 1 : own.stop + 1]
+        found = Window(
+            samples, rows, status[own], forces[own], before[own], slips[own], after, slipped[own], speed[own],
+            np.zeros((own.stop - own.start, n)),
+        )  # fmt: skip
+        for i, law in enumerate(self._laws(rows)):
+            if law is not None:
+                found.mu[:, i] = coefficients(law, found.slipped[:, i], found.speed[:, i])
+        return found
 
-    def back(self, span: Span, given: tuple[Array, Array], carried: FrictionAdjoint) -> FrictionBack:
-        """What the pass back needs of a span.
+    def margins(self, block: slice) -> Array:
+        """By how much the rows of each sample miss another status at least, (m, 2) [N, m].
 
-        `given` are derivatives of the numbers by forces, (m, k, 3 n), and by slips, (m, k, 2 n), on all rows.
+        It is a force of rows that are closed, of those that slip the force by which they would have to stick more, and
+        a gap of others. The next numbers are the largest force and yielding, (m, 2).
         """
-        rows, samples = span.rows, span.samples
-        status, laws = _some(self.status, samples, rows).astype(np.int8), self._laws(rows)
+        w = self.window(block)
+        push, along = w.forces[:, :, 0], np.hypot(w.forces[:, :, 1], w.forces[:, :, 2])
+        slips = self._stiffness(w) * np.hypot(w.slips[:, :, 0], w.slips[:, :, 1])
+        frictional = np.array([law is not None for law in self._laws(w.rows)], dtype=bool)
+        off = np.where(frictional, np.minimum(np.where(w.status == STICK, w.mu * push - along, slips), push), push)
+        moved = w.forces.reshape(len(push), -1) @ self.F[w.directions, ::3]
+        gaps = abs(self.q[block] @ self.B[::3].T + self.plan.rows.start + moved)
+        gaps[:, w.rows] = np.where(w.status == OPEN, gaps[:, w.rows], np.inf)
+        closest = np.where(w.status == OPEN, np.inf, off).min(axis=1, initial=np.inf), gaps.min(axis=1, initial=np.inf)
+        largest = push.max(axis=1, initial=0.0), abs(moved).max(axis=1, initial=0.0)
+        return np.column_stack([*closest, *largest])
+
+    def back(self, w: Window, given: tuple[Array, Array], carried: FrictionAdjoint) -> FrictionBack:
+        """What the pass back needs of a window.
+
+        `given` are derivatives of the numbers by forces and slips, (m, k, 3 n) each.
+        """
+        laws, k = self._laws(w.rows), given[0].shape[1]
         frictional = np.array([law is not None for law in laws])
-        forces = _some(self.forces, samples, span.directions).reshape(*status.shape, 3)
-        slips, mu = self.slips_of(span), self.coefficients(span)
-        F = self.F[np.ix_(span.directions, span.directions)]
-        own = F.diagonal().reshape(-1, 3)[:, 1:]
-        stiffness = np.mean(1.0 / own, axis=1)
-        trial = forces[:, :, 1:] - stiffness[:, None] * slips
-        length, slides = np.hypot(trial[:, :, 0], trial[:, :, 1]), (status == SLIP) & frictional
-        with np.errstate(invalid="ignore", divide="ignore"):
-            along = np.where(slides[:, :, None] & (length > 0.0)[:, :, None], trial / length[:, :, None], 0.0)
-            share = np.where(slides & (length > 0.0), np.minimum(mu * forces[:, :, 0] / length, 1.0), 0.0)
+        F, stiffness, slides = self.F[np.ix_(w.directions, w.directions)], self._stiffness(w), w.status == SLIP
+        trial = w.forces[:, :, 1:] - stiffness[:, None] * w.slips
+        length = np.hypot(trial[:, :, 0], trial[:, :, 1])
+        slides &= frictional & (length > 0.0)
+        along, share = np.zeros(trial.shape), np.zeros(length.shape)
+        np.divide(trial, length[:, :, None], out=along, where=slides[:, :, None])
+        np.divide(w.mu * w.forces[:, :, 0], length, out=share, where=slides)
         # Nothing moves rows without friction along their tangents, nor rows whose trial force is zero.
-        status = np.where((status == STICK) & ~frictional, np.int8(SLIP), status)
-        yielding = np.where(along.any(axis=2), (1.0 - share) / stiffness, 1.0)
-        by_forces, by_slips = given
-        explicit = np.zeros_like(by_forces)
-        explicit.reshape(*by_forces.shape[:2], -1, 3)[:, :, :, 1:] = by_slips.reshape(*by_slips.shape[:2], -1, 2)
-        groups = np.searchsorted(rows, self.plan.rows.starts[self.plan.groups])
+        status = np.where((w.status == STICK) & ~frictional, np.int8(SLIP), w.status)
+        yielding = np.where(slides, np.maximum(1.0 - share, 0.0) / stiffness, 1.0)
+        groups = np.searchsorted(w.rows, self.plan.rows.starts[self.plan.groups])
         return FrictionBack(
-            status, mu, np.ascontiguousarray(forces[:, :, 0]), along, share, yielding, F,
-            np.ascontiguousarray(self.B[span.directions]), groups, by_forces, self._by_speed(span, status, slips, laws),
-            explicit, np.zeros((*by_forces.shape[:2], len(rows))),
-            np.ascontiguousarray(carried.forces[:, span.directions]), np.ascontiguousarray(carried.mu[:, rows]),
+            status, w.mu, np.ascontiguousarray(w.forces[:, :, 0]), along, share, yielding, F, self.B[w.directions],
+            groups, given[0], self._by_speed(w, laws), given[1], np.zeros((len(status), k, len(w.rows))),
+            carried.forces[:, w.directions], carried.mu[:, w.rows],
         )  # fmt: skip
 
-    def weights(self, rows: Array, forces: Array, slips: Array) -> OnFriction:
-        """Derivatives of a number by tangential forces and slips of some rows, (m, 2 k) each, which rise."""
-        columns, n = (2 * rows[:, None] + np.arange(2)).ravel(), 2 * self.plan.n_rows
-        return OnFriction(*(_onto(sp.csr_matrix(values), columns, n) for values in (forces, slips)))
-
-    def by_dissipation(self, rows: Array, closed: Array) -> tuple[Array, Array]:
-        """Derivatives of the work of friction by forces and slips of the rows of a contact, (m, 2 k) each.
-
-        It is -w (lambda_before + lambda) / 2 of the tangents in each step at whose end the contact is `closed`, (m,).
-        """
-        along = (3 * rows[:, None] + np.arange(1, 3)).ravel()
-        taken = np.arange(len(closed)) > 0  # none at the start
-        halves = -0.5 * (closed & taken)[:, None]
-        slips = halves * self.slips[:, (2 * rows[:, None] + np.arange(2)).ravel()].toarray()
-        by_forces = slips.copy()
-        by_forces[1:-1] += slips[2:]  # forces at the start are no forces before the first step
-        by_forces[:1] = 0.0
-        return by_forces, halves * (self.forces + self.before)[:, along].toarray()
-
-    def margins(self, q: Array) -> Array:
-        """By how much the rows of each sample miss another status at least, (m,), as shares of the largest forces.
-
-        Of rows without a force, it is their gap over the largest yielding; of rows that slip, the force by which they
-        would have to stick more. `q` are the coordinates of the samples, (m, nq).
-        """
-        found, n = np.full(len(q), np.inf), self.plan.n_rows
-        largest, yielding = self.forces.max(), 0.0
-        normals, frictional = 3 * np.arange(n), np.array([law is not None for law in self._laws(np.arange(n))])
-        stiffness = np.mean(1.0 / self.F.diagonal().reshape(-1, 3)[:, 1:], axis=1)
-        gaps = list[Array]()
-        for start in range(0, len(q), _MOST):
-            samples = slice(start, min(start + _MOST, len(q)))
-            span = Span(samples, np.arange(n))
-            moved, status = self.forces[samples] @ self.F[:, normals], self.status[samples].toarray()
-            yielding = max(yielding, abs(moved).max())
-            gap = abs(q[samples] @ self.B[normals].T + self.plan.rows.start + moved)
-            gaps.append(np.where(status == OPEN, gap, np.inf).min(axis=1, initial=np.inf))
-            forces = self.forces[samples].toarray().reshape(-1, n, 3)
-            bound, along = self.coefficients(span) * forces[:, :, 0], np.hypot(forces[:, :, 1], forces[:, :, 2])
-            slips = stiffness * np.hypot(*np.moveaxis(self.slips_of(span), 2, 0))
-            off = np.where(status == STICK, bound - along, slips)
-            off = np.where(frictional, np.minimum(off, forces[:, :, 0]), forces[:, :, 0])
-            found[samples] = np.where(status == OPEN, np.inf, off).min(axis=1, initial=np.inf)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.fmin(found / largest, np.concatenate(gaps) / yielding)
-
-    def slips_of(self, span: Span) -> Array:
-        """How far the rows of a span slip in its samples, (m, n, 2) [m]."""
-        found: Array = _some(self.slips, span.samples, span.tangents).reshape(-1, len(span.rows), 2)
-        return found
-
-    def coefficients(self, span: Span) -> Array:
-        """Coefficients of the rows of a span, (m, n)."""
-        slipped, speed = self._slipped(span)
-        found, laws = np.zeros(slipped.shape), self._laws(span.rows)
-        for i, law in enumerate(laws):
-            if law is not None:
-                found[:, i] = coefficients(law, slipped[:, i], speed[:, i])
-        return found
-
-    def by_law(self, span: Span, by_mu: Array) -> Array:
+    def by_law(self, w: Window, by_mu: Array) -> Array:
         """Derivatives of k numbers by static and kinetic coefficient and decay of each contact, (nc, 3, k).
 
-        `by_mu`, (m, k, n), are those by the coefficients of the rows of a span.
+        `by_mu`, (m, k, n), are those by the coefficients of the rows of a window.
         """
-        slipped, speed = self._slipped(span)
         found = np.zeros((len(self.plan.laws), 3, by_mu.shape[1]))
-        contacts = self._contacts(span.rows)
-        for i, (contact, law) in enumerate(zip(contacts, self._laws(span.rows), strict=True)):
+        contacts = self._contacts(w.rows)
+        for contact, law in enumerate(self.plan.laws):
             if law is None:
                 continue
-            share = np.where(slipped[:, i], _share(law, speed[:, i]), 1.0)
-            falls = 0.0 if law.decay is None else _fall(law) * share * speed[:, i] / law.decay**2 * slipped[:, i]
-            found[contact] += np.stack([share, 1.0 - share, falls + 0.0 * share]) @ by_mu[:, :, i]
+            of_contact = contacts == contact
+            slipped, speed = w.slipped[:, of_contact], w.speed[:, of_contact]
+            share = np.where(slipped, _share(law, speed), 1.0)
+            falls = 0.0 if law.decay is None else _fall(law) * share * speed / law.decay**2 * slipped
+            for place, by in enumerate((share, 1.0 - share, falls + 0.0 * share)):
+                found[contact, place] = np.einsum("ski,si->k", by_mu[:, :, of_contact], by)
         return found
 
-    def _slipped(self, span: Span) -> tuple[Array, Array]:
-        """Which rows of a span slipped one step earlier, and how fast, (m, n) [m/s]."""
-        samples, rows = span.samples, span.rows
-        slipped = _some(self.status_before, samples, rows) == SLIP
-        earlier = np.maximum(np.arange(samples.start, samples.stop) - 1, 0)
-        slips = self.slips[earlier][:, span.tangents].toarray().reshape(*slipped.shape, 2)
-        speed = np.hypot(slips[:, :, 0], slips[:, :, 1]) / self.h
-        begin = max(2 - samples.start, 0)
-        speed[:begin] = self.memory.speed[rows]
-        return slipped, np.where(slipped, speed, 0.0)
-
-    def _by_speed(self, span: Span, status: Array, slips: Array, laws: Sequence[Coulomb | None]) -> Array:
-        """Derivative of the next coefficients by how far rows slip, (m, n, 2) [1/m]."""
-        found = np.zeros(slips.shape)
-        for i, law in enumerate(laws):
-            if law is not None and law.decay is not None:
-                way = np.hypot(slips[:, i, 0], slips[:, i, 1])
-                slope = -_fall(law) * _share(law, way / self.h) / (law.decay * self.h)
-                found[:, i] = ((status[:, i] == SLIP) * slope / np.maximum(way, 1e-300))[:, None] * slips[:, i]
-        if not span.samples.start:
-            found[0] = 0.0  # the first step goes on from the memory of the start
-        return found
-
-    def by_parts(self, span: Span, slips: Array, parts: Sequence[Sequence[Array]]) -> list[Array]:
+    def by_parts(self, w: Window, slips: Array, parts: Sequence[Sequence[Array]]) -> list[Array]:
         """For each contact, (m, k): derivatives by factors of m parts of its flexibility, (3 nr, 3 nr) each [m/N].
 
-        `slips`, (m, k, 3 n), are those by gaps and slips of the rows of a span.
+        `slips`, (m, k, 3 n), are those by gaps and slips of the rows of a window.
         """
-        contacts, found = self._contacts(span.rows), list[Array]()
-        forces, before = (_some(given, span.samples, span.directions) for given in (self.forces, self.before))
+        contacts, found = self._contacts(w.rows), list[Array]()
+        changes = w.forces - w.before  # rows yield along the tangents by these, along the normal by all forces
         for j, of_contact in enumerate(parts):
             some = np.flatnonzero(contacts == j)
-            own = (3 * (span.rows[some] - self.plan.rows.starts[j])[:, None] + np.arange(3)).ravel()
+            own = (3 * (w.rows[some] - self.plan.rows.starts[j])[:, None] + np.arange(3)).ravel()
             here = (3 * some[:, None] + np.arange(3)).ravel()
             values = np.zeros((len(of_contact), slips.shape[1]))
             for place, F in enumerate(of_contact if len(some) else ()):
-                block = F[np.ix_(own, own)]
-                moved = forces[:, here] @ block
-                tangents = np.arange(len(here)) % 3 > 0
-                moved[:, tangents] -= before[:, here] @ block[:, tangents]
-                values[place] = np.einsum("ski,si->k", slips[:, :, here], moved)
+                block, normal = F[np.ix_(own, own)], np.arange(len(own)) % 3 == 0
+                moved, changed = (given[:, some].reshape(-1, len(own)) @ block for given in (w.forces, changes))
+                values[place] = np.einsum("ski,si->k", slips[:, :, here], np.where(normal, moved, changed))
             found.append(values)
+        return found
+
+    def _stiffness(self, w: Window) -> Array:
+        """By which slips of rows are scaled to forces, (n,) [N/m]."""
+        diagonal = self.F.diagonal().reshape(-1, 3)[w.rows, 1:]
+        found: Array = np.mean(1.0 / diagonal, axis=1)
+        return found
+
+    def _by_speed(self, w: Window, laws: Sequence[Coulomb | None]) -> Array:
+        """Derivative of the next coefficients by how far rows slip, (m, n, 2) [1/m]."""
+        found = np.zeros(w.slips.shape)
+        for i, law in enumerate(laws):
+            if law is not None and law.decay is not None:
+                way = np.hypot(w.slips[:, i, 0], w.slips[:, i, 1])
+                slope = -_fall(law) * _share(law, way / self.h) / (law.decay * self.h)
+                found[:, i] = ((w.status[:, i] == SLIP) * slope / np.maximum(way, 1e-300))[:, None] * w.slips[:, i]
+        if not w.samples.start:
+            found[0] = 0.0  # the first step goes on from the memory of the start
         return found
 
     def _contacts(self, rows: Array) -> Array:
@@ -290,7 +278,7 @@ class FrictionMade:
 
 @dataclass(frozen=True, eq=False)
 class FrictionAdjoint:
-    """Derivatives of k numbers by what the step before a span leaves.
+    """Derivatives of k numbers by what the step before a window leaves.
 
     Parameters
     ----------
@@ -307,11 +295,11 @@ class FrictionAdjoint:
         """Of the end of a run."""
         return cls(np.zeros((k, 3 * n)), np.zeros((k, n)))
 
-    def before(self, span: Span, back: FrictionBack) -> FrictionAdjoint:
-        """The same before a span, over which a pass back was made."""
+    def before(self, w: Window, back: FrictionBack) -> FrictionAdjoint:
+        """The same before a window, over which a pass back was made."""
         found = FrictionAdjoint(np.zeros_like(self.forces), np.zeros_like(self.mu))
-        if span.samples.start > 1:  # earlier samples leave nothing: the first step goes on from the memory of the start
-            found.forces[:, span.directions], found.mu[:, span.rows] = back.forces, back.mu_next
+        if w.samples.start > 1:  # the first step goes on from the memory of the start
+            found.forces[:, w.directions], found.mu[:, w.rows] = back.forces, back.mu_next
         return found
 
 
@@ -337,38 +325,6 @@ def jacobian_of(plan: FrictionPlan, n: int) -> Array:
         B[rows, 0, dofs] = flat.numbers[flat.H[j] :][: len(dofs) * nr].reshape(len(dofs), nr).T
         B[rows, 1:, dofs] = T.reshape(nr, 2, -1)
     return B.reshape(-1, n)
-
-
-def _slips(q: Array, forces: sp.csr_matrix, before: sp.csr_matrix, F: Array, B: Array) -> sp.csr_matrix:
-    """How far rows that have or had a force slip in each step, see `FrictionMade`."""
-    parts, n = list[sp.csr_matrix](), len(F) // 3
-    moved = np.diff(q, axis=0, prepend=q[:1])
-    for start in range(0, len(q), _MOST):
-        some = slice(start, start + _MOST)
-        present = (abs(forces[some]) + abs(before[some])).tocsr()
-        rows = np.unique(present.indices // 3)
-        closed = present[:, 3 * rows].toarray() > 0.0
-        tangents = (3 * rows[:, None] + np.arange(1, 3)).ravel()
-        ways = moved[some] @ B[tangents].T + (forces[some] - before[some]) @ F[:, tangents]
-        ways *= np.repeat(closed, 2, axis=1)
-        parts.append(_onto(sp.csr_matrix(ways), (2 * rows[:, None] + np.arange(2)).ravel(), 2 * n))
-    return sp.csr_matrix(sp.vstack(parts))
-
-
-def _onto(values: sp.csr_matrix, columns: Array, n: int) -> sp.csr_matrix:
-    """Values, (m, k), in k of n columns, which rise."""
-    return sp.csr_matrix((values.data, columns[values.indices], values.indptr), (values.shape[0], n))
-
-
-def _shifted(first: Array, values: sp.csr_matrix) -> sp.csr_matrix:
-    """Values one sample earlier; before the first two, those of the start: it is evaluated, but no step."""
-    return sp.csr_matrix(sp.vstack([sp.csr_matrix(first)] * 2 + [values[1:-1]])[: values.shape[0]])
-
-
-def _some(values: sp.csr_matrix, samples: slice, columns: Array) -> Array:
-    """Some columns in some samples, dense."""
-    found: Array = values[samples][:, columns].toarray()
-    return found
 
 
 def _fall(law: Coulomb) -> float:

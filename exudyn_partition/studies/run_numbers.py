@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..compiled.adjoint import OneNumber, Sums, Weights, row_jacobian, row_starts
-from ..compiled.friction_adjoint import FrictionMade
+from ..compiled.friction_adjoint import FrictionMade, OnFriction
 from ..compiled.plan import Bodies, StepPlan
 from ..compiled.run import EqualSteps, Histories
 from ..errors import InputError
@@ -79,21 +79,19 @@ def number_of_friction(
     plan, (n, nq) = friction.plan, made.q.shape
     if plan.laws[contact] is None:
         raise InputError(f"at: for {of!r} expected a contact with friction, got {plan.names[contact]!r} without")
-    rows = np.arange(*plan.rows.starts[contact : contact + 2])
+    rows, samples, along = slice(*plan.rows.starts[contact : contact + 2]), np.zeros(n), np.zeros((plan.n_rows, 2))
+    taken, closed = np.zeros(plan.n_rows, dtype=bool), made.values[:, contact - len(plan.names), 1] > 0.0
     if of == "friction_impulse":
-        weights, along = _of_impulse(n, steps.step), plan.tangents[rows] @ direction
+        samples, along[rows] = _of_impulse(n, steps.step), plan.tangents[rows] @ direction
         if abs(along).max(initial=0.0) < 1e-6 * np.linalg.norm(direction):
             raise InputError(
                 f"direction: expected one along the surfaces of contact {plan.names[contact]!r} for {of!r}, got "
                 f"{direction.tolist()}, which is that of its normals"
             )
-        value, forces = float(weights @ made.friction[:, contact, :3] @ direction), np.zeros((n, 2 * len(rows)))
-        forces[:] = weights[:, None] * along.ravel()
-        closed = np.repeat(friction.status[:, rows].toarray() > 0, 2, axis=1)
-        weighted = friction.weights(rows, forces * closed, np.zeros_like(forces))
+        value = float(samples @ made.friction[:, contact, :3] @ direction)
     else:
-        value, closed = float(made.friction[-1, contact, 5]), made.values[:, :, 1][:, contact - len(plan.names)] > 0.0
-        weighted = friction.weights(rows, *friction.by_dissipation(rows, closed))
+        value, taken[rows] = float(made.friction[-1, contact, 5]), True
+    weighted = OnFriction(samples, along, taken, closed)
     nothing = sp.csr_matrix((n, len(made.peaks.lam)))
     return Number(np.array([value]), OneNumber(nothing, np.zeros((n, nq)), np.zeros(nq), weighted))
 

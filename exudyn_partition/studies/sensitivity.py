@@ -17,6 +17,7 @@ from ..compiled.adjoint import (
     backwards,
     flexibility_between,
     friction_made,
+    friction_margins,
     row_jacobian,
     set_changes,
 )
@@ -203,14 +204,13 @@ def sensitivity(
         changes, margins = _edges(plan, made, friction)
     derivatives = _Derivatives(model, plan, found, number)
     single = history is None or history.times is None
-    by = {item: {name: _shown(value, single) for name, value in derivatives.by(item).items()} for item in bodies}
-    of_contacts = {
-        contact: {name: _shown(value, single) for name, value in derivatives.by_friction(place).items()}
-        for place, contact in enumerate(model.contacts)
-        if contact.mechanics.friction is not None
-    }
+    found_by: dict[PartitionBody | PartitionContact, dict[str, Array]] = {item: derivatives.by(item) for item in bodies}
+    for place, contact in enumerate(model.contacts):
+        if contact.mechanics.friction is not None:
+            found_by[contact] = derivatives.by_friction(place)
+    by = {item: {name: _shown(value, single) for name, value in of_item.items()} for item, of_item in found_by.items()}
     edges, margin = int(np.count_nonzero(margins < _EDGE)), float(margins.min(initial=np.inf))
-    return Sensitivity(of, _shown(number.values, single), by | of_contacts, steps.count, changes, edges, margin)
+    return Sensitivity(of, _shown(number.values, single), by, steps.count, changes, edges, margin)
 
 
 def _check_friction(of: str, at: PartitionContact | PartitionBody) -> None:
@@ -263,9 +263,7 @@ def _shown(values: Array, single: bool) -> Array | float:
     return shown
 
 
-def _variations(
-    values: object, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact]
-) -> Variations:
+def _variations(values: object, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact]) -> Variations:
     """What differs from the model, as the one entry of `run_many`."""
     if values is None:
         return Variations(1, {})
@@ -364,7 +362,7 @@ def _edges(plan: StepPlan, made: Histories, friction: FrictionMade | None) -> tu
     margins = np.where(forces > 0.0, forces / largest, gaps / farthest).min(axis=1, initial=np.inf)
     changes = {*set_changes(lam).tolist()}
     if friction is not None:
-        margins = np.minimum(margins, friction.margins(made.q))
+        margins = np.minimum(margins, friction_margins(friction))
         changes |= {*set_changes(friction.status).tolist(), *set_changes(friction.slipping).tolist()}
     return len(changes), margins
 
