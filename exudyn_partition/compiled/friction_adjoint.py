@@ -208,7 +208,7 @@ class FrictionMade:
         return FrictionBack(
             status, w.mu, np.ascontiguousarray(w.forces[:, :, 0]), along, share, yielding, F, self.B[w.directions],
             groups, given[0], self._by_speed(w, laws), given[1], np.zeros((len(status), k, len(w.rows))),
-            carried.forces[:, w.directions], carried.mu[:, w.rows],
+            np.ascontiguousarray(carried.forces[:, w.directions]), np.ascontiguousarray(carried.mu[:, w.rows]),
         )  # fmt: skip
 
     def by_law(self, w: Window, by_mu: Array) -> Array:

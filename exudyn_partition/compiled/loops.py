@@ -681,9 +681,10 @@ def go_back(
     (m, nq, k) array
         Adjoint of the accelerations over the masses, at all samples.
     """
+    by_q, by_v = np.ascontiguousarray(by_q), np.ascontiguousarray(by_v)  # loops are compiled for each order
     y = np.empty_like(by_q)
     if loops := kernels("compiled", "adjoint_kernels"):
-        loops.go_back(bodies, by_rows, by_q, by_v, h, starts, adjoint, rows, y)
+        loops.go_back(bodies, by_rows, by_q, by_v, h, starts, adjoint, rows and _for_loops(loops, rows, y), y)
         return y
     share, stiffness, damping = 0.5 * h / bodies.mass[:, None], bodies.stiffness[:, None], bodies.damping[:, None]
     q, u, v = adjoint
@@ -702,3 +703,10 @@ def go_back(
             u[:] = v
         q -= before
     return y
+
+
+def _for_loops(loops: Any, rows: FrictionBack, y: Array) -> Any:
+    """Rows with friction as compiled loops take them."""
+    size, (_, nq, k) = len(rows.F), y.shape
+    room = np.empty((k, size)), np.empty((k, size)), np.empty(size * size), np.empty(size, dtype=np.int32)
+    return loops.back_of(*rows, *room, np.empty((nq, k)))
