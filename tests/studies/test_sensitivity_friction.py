@@ -185,6 +185,47 @@ def test_many_times_are_single_ones(ball):
             np.testing.assert_allclose(one.by[key][name][0], many.by[key][name][j], rtol=1e-9, atol=1e-15)
 
 
+def test_contacts_apart_are_as_alone(ball):
+    """Balls beside each other, one without friction, one that slides, and one whose coefficient falls."""
+    kinds = (None, (0.0, 0.0, -0.7)), (MU, (0.3, 0.1, -1.0)), (ep.Coulomb(0.3, 0.1, 0.2), (0.6, 0.0, -0.8))
+
+    def beside(some):
+        mbs, contacts = exu.SystemContainer().AddSystem(), []
+        for i, (friction, velocity) in enumerate(some):
+            motion = {"referencePosition": [0, 0.05 * i, R + 1e-7], "initialVelocity": velocity}
+            item = ep.CreatePartitionBody(mbs, ball, name=f"ball {i}", **motion)
+            options = {"slavePatch": "s", "name": f"floor {i}", "friction": friction}
+            contacts.append((item, ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), **options)))
+        mbs.Assemble()
+        return mbs, contacts
+
+    options = {"end_time": END, "step": STEP, "of": "impulse"}
+    together, contacts = beside(kinds)
+    for kind, (item, contact) in zip(kinds, contacts, strict=True):
+        alone, [(of_alone, contact_alone)] = beside([kind])
+        found = ep.sensitivity(together, at=contact, **options)
+        right = ep.sensitivity(alone, at=contact_alone, **options)
+        pairs = [(found.by[item][name], right.by[of_alone][name]) for name in ("initialVelocity", "E", "rho")]
+        if kind[0] is not None:
+            pairs += zip(found.by[contact].values(), right.by[contact_alone].values(), strict=True)
+        for one, other in pairs:
+            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * abs(np.array(other)).max())
+        assert all(not found.by[other]["E"] for other, _ in contacts if other != item)
+
+
+def test_without_friction_its_work_begins_with_the_coefficient(ball):
+    """At a coefficient of zero the derivative is that to the side of friction."""
+    mbs, _, [contact] = fall(ball)
+    work = [
+        ep.sensitivity(
+            mbs, end_time=END, step=STEP, of="dissipated", at=contact, values={contact: {"friction": friction}}
+        )
+        for friction in (0.0, 1e-6)
+    ]
+    assert work[0].value == 0.0
+    assert work[0].by[contact]["friction"] == pytest.approx(work[1].value / 1e-6, rel=1e-4)
+
+
 def test_without_loops_it_is_the_same(ball):
     found, options = [], {"end_time": 8e-6, "step": STEP, "of": "dissipated"}
     for loops in (True, False):
