@@ -9,7 +9,7 @@ import numpy as np
 
 from ..support.arrays import Array
 
-TOLERANCE = 1e-10  # of the largest force
+TOLERANCE = 1e-12  # of the largest force; what is left adds up over the steps of a run that sticks
 ROUNDING = 1e-12  # of the largest force or gap
 PROGRESS = 0.3  # a step that leaves a larger share of the residual asks for new factors
 NEWTON_STEPS = 30

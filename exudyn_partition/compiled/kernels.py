@@ -12,7 +12,7 @@ from .moving_kernels import add_inertia, count_steps, evaluate_moving, turn_acce
 
 if TYPE_CHECKING:
     from .friction_kernels import Friction
-    from .loops import Adjoint, Peaks, Samples
+    from .loops import Peaks, Samples
     from .moving_kernels import Moving
     from .plan import Bodies, Motion
 
@@ -113,33 +113,3 @@ def advance(
             if friction is not None:
                 keep_friction(friction, samples, step // between - 1)
     return count + 1
-
-
-@unlocked
-def go_back(
-    bodies: Bodies, by_rows: Array, by_q: Array, by_v: Array, h: float, starts: bool, adjoint: Adjoint, y: Array
-) -> None:
-    """Go back over the samples of a block, see `loops.go_back`."""
-    q, u, v = adjoint.q, adjoint.u, adjoint.v
-    n, k = q.shape
-    for s in range(len(y) - 1, -1, -1):
-        begins = starts and s == 0
-        for i in range(n):
-            share = 0.5 * h / bodies.mass[i]
-            for j in range(k):
-                v[i, j] += by_v[s, i, j]
-                y[s, i, j] = share * (u[i, j] if begins else u[i, j] + v[i, j])
-        for i in range(n):
-            for j in range(k):
-                q[i, j] += by_q[s, i, j] - bodies.stiffness[i] * y[s, i, j]
-        for i in range(len(by_rows)):
-            for m in range(n):
-                factor = by_rows[i, m]
-                for j in range(k):
-                    q[i, j] -= factor * y[s, m, j]
-        for i in range(n):
-            for j in range(k):
-                v[i, j] -= bodies.damping[i] * y[s, i, j]
-                if not begins:
-                    v[i, j] += h * q[i, j]
-                    u[i, j] = v[i, j]

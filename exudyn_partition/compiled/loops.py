@@ -19,6 +19,7 @@ from ..contact.loops import evaluate_frozen, flat_contacts
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..support.compiled import kernels
+from .friction_back import FrictionBack, back_over_rows
 from .friction_plan import CHOICES, N_FRICTION, FlatFrictionRows, FrictionPlan, FrictionState
 from .friction_steps import FrictionSteps
 from .moving import Anchors, MovingPlan
@@ -652,7 +653,14 @@ class Adjoint(NamedTuple):
 
 
 def go_back(
-    bodies: Bodies, by_rows: Array, by_q: Array, by_v: Array, h: float, starts: bool, adjoint: Adjoint
+    bodies: Bodies,
+    by_rows: Array,
+    by_q: Array,
+    by_v: Array,
+    h: float,
+    starts: bool,
+    adjoint: Adjoint,
+    rows: FrictionBack | None = None,
 ) -> Array:
     """Go back over the m samples of a block in which the same rows are closed.
 
@@ -660,7 +668,7 @@ def go_back(
     ----------
     bodies : Bodies
     by_rows : (nq, nq) array
-        Stiffness of the closed rows; (0, nq) without such rows.
+        Stiffness of the closed rows without friction; (0, nq) without such rows.
     by_q, by_v : (m, nq, k) arrays
         Derivatives of the numbers by coordinates and velocities at the samples.
     h : float
@@ -668,15 +676,18 @@ def go_back(
     starts : bool
         Whether the first sample of the block is that of the start.
     adjoint : Adjoint
+    rows : FrictionBack, optional
+        Closed rows with friction; their slips and what comes from coefficients are set.
 
     Returns
     -------
     (m, nq, k) array
         Adjoint of the accelerations over the masses, at all samples.
     """
+    by_q, by_v = np.ascontiguousarray(by_q), np.ascontiguousarray(by_v)  # loops are compiled for each order
     y = np.empty_like(by_q)
-    if loops := kernels("compiled"):
-        loops.go_back(bodies, by_rows, by_q, by_v, h, starts, adjoint, y)
+    if loops := kernels("compiled", "adjoint_kernels"):
+        loops.go_back(bodies, by_rows, by_q, by_v, h, starts, adjoint, rows and _for_loops(loops, rows, y), y)
         return y
     share, stiffness, damping = 0.5 * h / bodies.mass[:, None], bodies.stiffness[:, None], bodies.damping[:, None]
     q, u, v = adjoint
@@ -687,8 +698,18 @@ def go_back(
         q += by_q[s] - stiffness * y[s]
         if len(by_rows):
             q -= by_rows @ y[s]
+        along, before = (0.0, 0.0) if rows is None else back_over_rows(rows, s, y[s])
+        q += along
         v -= damping * y[s]
         if not begins:
             v += h * q
             u[:] = v
+        q -= before
     return y
+
+
+def _for_loops(loops: Any, rows: FrictionBack, y: Array) -> Any:
+    """Rows with friction as compiled loops take them."""
+    size, (_, nq, k) = len(rows.F), y.shape
+    room = np.empty((k, size)), np.empty((k, size)), np.empty(size * size), np.empty(size, dtype=np.int32)
+    return loops.back_of(*rows, *room, np.empty((nq, k)))

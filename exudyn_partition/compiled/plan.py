@@ -114,6 +114,12 @@ class FrozenPlan:
         """Number of rows of all contacts."""
         return int(self.all_starts[-1])
 
+    @property
+    def move_each_other(self) -> bool:
+        """Whether contacts move each other through their bodies."""
+        friction = self.friction
+        return bool(self.core) or (friction is not None and len(friction.groups) <= len(friction.names))
+
     def joint(self) -> BlockComplementarity:
         """Return a solver of the forces by NumPy, which knows no run yet; compiled loops take `fresh_blocks`."""
         return BlockComplementarity(len(self.names), self.core)

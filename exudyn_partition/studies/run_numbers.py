@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from ..compiled.adjoint import OneNumber, Sums, Weights, row_jacobian
+from ..compiled.adjoint import OneNumber, Sums, Weights, row_jacobian, row_starts
+from ..compiled.friction_adjoint import FrictionMade, OnFriction
 from ..compiled.plan import Bodies, StepPlan
 from ..compiled.run import EqualSteps, Histories
 from ..errors import InputError
@@ -42,16 +43,14 @@ def number_of_contact(of: str, j: int, plan: StepPlan, steps: EqualSteps, made: 
     """
     assert made.lam is not None
     force, h, (n, nq) = made.values[:, j, 0], steps.step, made.q.shape
-    rows, nothing = slice(*plan.contacts.rows.starts[j : j + 2]), np.zeros((n, nq))
+    rows, nothing = slice(*plan.contacts.all_starts[j : j + 2]), np.zeros((n, nq))
     if not force.any():
         raise InputError(f"at: contact {plan.contacts.names[j]!r} never closes in this run")
-    on_samples = np.zeros(n)
+    on_samples = _of_impulse(n, h)
     if of == "peak_force":
+        on_samples = np.zeros(n)
         on_samples[force.argmax()] = 1.0
-    elif of == "impulse":
-        on_samples[:] = h
-        on_samples[[0, -1]] = 0.5 * h
-    else:
+    elif of == "duration":
         value, by_q = _duration(j, plan, steps, made)
         return Number(np.array([value]), OneNumber(sp.csr_matrix(made.lam.shape), by_q, np.zeros(nq)))
     closed = made.lam.copy()
@@ -60,17 +59,55 @@ def number_of_contact(of: str, j: int, plan: StepPlan, steps: EqualSteps, made: 
     return Number(np.array([on_samples @ force]), OneNumber(closed, nothing, np.zeros(nq)))
 
 
+def _of_impulse(n: int, step: float) -> Array:
+    """Weights of n samples in an integral over time [s]."""
+    weights = np.full(n, step)
+    weights[[0, -1]] = 0.5 * step
+    return weights
+
+
+def number_of_friction(
+    of: str, contact: int, direction: Array, steps: EqualSteps, made: Histories, friction: FrictionMade
+) -> Number:
+    """Number of a contact with friction, the place of which is among these.
+
+    Raises
+    ------
+    InputError
+        If the contact has no friction, or the direction is that of its normals.
+    """
+    plan, (n, nq) = friction.plan, made.q.shape
+    if plan.laws[contact] is None:
+        raise InputError(f"at: for {of!r} expected a contact with friction, got {plan.names[contact]!r} without")
+    rows, samples, along = slice(*plan.rows.starts[contact : contact + 2]), np.zeros(n), np.zeros((plan.n_rows, 2))
+    taken, closed = np.zeros(plan.n_rows, dtype=bool), made.values[:, contact - len(plan.names), 1] > 0.0
+    if of == "friction_impulse":
+        samples, along[rows] = _of_impulse(n, steps.step), plan.tangents[rows] @ direction
+        if abs(along).max(initial=0.0) < 1e-6 * np.linalg.norm(direction):
+            raise InputError(
+                f"direction: expected one along the surfaces of contact {plan.names[contact]!r} for {of!r}, got "
+                f"{direction.tolist()}, which is that of its normals"
+            )
+        value = float(samples @ made.friction[:, contact, :3] @ direction)
+    else:
+        value, taken[rows] = float(made.friction[-1, contact, 5]), True
+    weighted = OnFriction(samples, along, taken, closed)
+    nothing = sp.csr_matrix((n, len(made.peaks.lam)))
+    return Number(np.array([value]), OneNumber(nothing, np.zeros((n, nq)), np.zeros(nq), weighted))
+
+
 def _duration(j: int, plan: StepPlan, steps: EqualSteps, made: Histories) -> tuple[float, Array]:
     """Time in contact [s], and its derivatives by the coordinates of all samples, (n, nq)."""
-    if plan.contacts.core:
+    if plan.contacts.move_each_other:
         raise InputError("of: 'duration' is not known where contacts move each other; take another number")
-    rows, (n, nq) = slice(*plan.contacts.rows.starts[j : j + 2]), made.q.shape
+    rows, (n, nq) = slice(*plan.contacts.all_starts[j : j + 2]), made.q.shape
     H, by_q, total = row_jacobian(plan.contacts, nq)[rows], np.zeros((n, nq)), 0.0
+    start_gaps = row_starts(plan.contacts)[rows]
 
     def crossing(inside: int, outside: int, sign: float) -> float:
         if not 0 <= outside < n:
             return sign * inside * steps.step
-        gaps = [plan.contacts.rows.start[rows] + H @ made.q[s] for s in (inside, outside)]
+        gaps = [start_gaps + H @ made.q[s] for s in (inside, outside)]
         row_in, row_out = (int(gap.argmin()) for gap in gaps)
         g_in, g_out = float(gaps[0][row_in]), float(gaps[1][row_out])
         way, slope = (outside - inside) * steps.step, (g_in - g_out) ** 2

@@ -12,10 +12,20 @@ import scipy.sparse as sp
 
 from ..algebra.blas_threads import one_blas_thread
 from ..algebra.complementarity import regularised
-from ..compiled.adjoint import Derivatives, backwards, flexibility_between, row_jacobian, set_changes
+from ..compiled.adjoint import (
+    Derivatives,
+    backwards,
+    flexibility_between,
+    friction_made,
+    friction_margins,
+    row_jacobian,
+    set_changes,
+)
+from ..compiled.friction_adjoint import FrictionMade
 from ..compiled.plan import StepPlan
 from ..compiled.run import EqualSteps, Histories, run
 from ..compiled.start import Start
+from ..contact.linear_gaps import FlatRows
 from ..errors import CompiledRunError, InputError, RunError
 from ..exudyn_bodies.model import validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
@@ -26,18 +36,21 @@ from ..support.checks import read_only, validate_array, validate_choice, validat
 from ..support.foreign import MainSystem
 from ..support.spelling import spelled
 from .measures import flies_on
-from .run_numbers import Number, at_times, energy_of_body, number_of_contact, sums_of_history
+from .run_numbers import Number, at_times, energy_of_body, number_of_contact, number_of_friction, sums_of_history
 from .variations import Variations, damping_power
 from .varied_model import VariedModel
 
-OfContact = Literal["peak_force", "impulse", "duration"]
+OfFriction = Literal["friction_impulse", "dissipated"]
+OfContact = Literal["peak_force", "impulse", "duration", OfFriction]
 OfHistory = Literal["velocity", "strain"]
 OfBody = Literal[OfHistory, "energy"]
 NumberName = Literal[OfContact, OfBody]
-OF_CONTACT: tuple[OfContact, ...] = get_args(OfContact)
+OF_FRICTION: tuple[OfFriction, ...] = get_args(OfFriction)
+OF_CONTACT: tuple[OfContact, ...] = ("peak_force", "impulse", "duration", *OF_FRICTION)
 OF_HISTORY: tuple[OfHistory, ...] = get_args(OfHistory)
 NUMBERS: tuple[NumberName, ...] = (*OF_CONTACT, *OF_HISTORY, "energy")
 _EDGE = 1e-9  # share of the largest force on a row, and of its largest yielding, that is none
+_BY_LAW = ("static", "kinetic", "decay")
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,26 +61,49 @@ class Sensitivity:
     ----------
     of : str
     value : float or (k,) array
-    by : dict of PartitionBody to dict of str to array or float
+    by : dict of PartitionBody or PartitionContact to dict of str to array or float
         Derivatives by what `run_many` varies: (3,) arrays for vectors, floats for numbers, and (n_elastic,) for a
         damping that has a ratio for each mode. Of k numbers, arrays have one dimension more, the first. E and rho are
-        missing for bodies of no one material, and E where contacts move each other.
+        missing for bodies of no one material, and E where contacts move each other. Of a contact with friction, that
+        by its coefficient, "friction"; if the coefficient falls, by "static" and "kinetic" one and "decay" [s/m].
+    steps : int
+        Steps of the run.
     changes : int
-        Steps in which rows have closed or opened. The derivatives are those of the steps as they are.
+        Steps in which rows have closed or opened, have begun to slip, or have ceased to. The derivatives are those of
+        the steps as they are.
     edges : int
-        Samples in which a row has neither a force nor a gap, as where bodies touch at the start: there a derivative
-        holds for one direction alone.
+        Samples in which a row is at the edge of another status: there a derivative holds for one direction alone. It
+        has neither a force nor a gap, as where bodies touch at the start, or sticks with all the force that friction
+        bears, or slips by nothing.
+    margin : float
+        The least distance of a row from this edge in all samples, as a share of the largest force, or of the largest
+        yielding of the rows. Changes by less than about this share change no status.
     """
 
     of: str
     value: float | Array
-    by: Mapping[PartitionBody, Mapping[str, Array | float]]
+    by: Mapping[PartitionBody | PartitionContact, Mapping[str, Array | float]]
+    steps: int
     changes: int
     edges: int
+    margin: float
+
+    @property
+    def caution(self) -> str:
+        """Says where the derivatives are one-sided; empty if they are not."""
+        if not self.edges:
+            return ""
+        share = self.edges / (self.steps + 1)
+        return (
+            f"in {self.edges} of {self.steps + 1} samples ({share:.2g} of them) a row of contact is at the edge of "
+            "another status: the derivatives hold for one direction alone"
+        )
 
     def __repr__(self) -> str:
         numbers = f"{self.value:.6g}" if isinstance(self.value, float) else f"{len(self.value)} times"
-        return f"Sensitivity({self.of} {numbers}, by {len(self.by)} bodies)"
+        bodies = sum(isinstance(item, PartitionBody) for item in self.by)
+        caution = f"; {self.caution}" if self.edges else ""
+        return f"Sensitivity({self.of} {numbers}, by {bodies} bodies{caution})"
 
 
 @spelled
@@ -88,8 +124,9 @@ def sensitivity(
     """Derivatives of numbers that follow from a compiled run, by the discrete adjoint of its steps.
 
     One run and one pass backwards give all derivatives. They are those of the steps as they were made, so that they
-    agree with differences of `run_many` to round-off where no row closes or opens meanwhile. Where pairs slide while
-    bodies fly apart after contact, the run goes on without contact, as in the ringing after a tap.
+    agree with differences of `run_many` to round-off where no row changes its status meanwhile: closes, opens, begins
+    to slip or ceases to. Where pairs slide while bodies fly apart after contact, the run goes on without contact, as in
+    the ringing after a tap.
 
     Parameters
     ----------
@@ -97,13 +134,14 @@ def sensitivity(
         The model, assembled; see `solve_dynamic` for what compiled runs hold.
     end_time : float
         Time at which the run ends [s].
-    of : {"peak_force", "impulse", "duration", "velocity", "strain", "energy"}
-        Of a contact, as in `ManyRuns`: largest force [N], impulse [N s], time in contact [s]. Of a body: velocity along
+    of : {"peak_force", "impulse", "duration", "friction_impulse", "dissipated", "velocity", "strain", "energy"}
+        Of a contact, as in `ManyRuns`: largest force [N], impulse [N s], time in contact [s]; of friction, its impulse
+        on the slave along `direction` [N s], and the energy that it has taken [J]. Of a body: velocity along
         `direction` [m/s], what `rows` recover, kinetic and strain energy at the end [J].
     at : PartitionContact or PartitionBody
         Whose number it is.
     direction : (3,)
-        Of a velocity.
+        Of a velocity, or of an impulse of friction.
     point : (3,), optional
         Whose velocity it is, in the body's own coordinates [m]. Default: the centre of mass.
     rows : (1, 3 nodes) csr matrix, optional
@@ -112,9 +150,9 @@ def sensitivity(
         Times of velocities or strains [s]; values between steps are those of lines. Default: the end, a single number.
     weights : (k, m) array, optional
         Sums of the values at `times` are wanted, such as Fourier integrals. All k sums take one pass backwards.
-    values : dict of PartitionBody to dict of str to value, optional
-        What differs from the model: one value of each name that `run_many` knows, such as E. So an optimiser needs one
-        model.
+    values : dict of PartitionBody or PartitionContact to dict of str to value, optional
+        What differs from the model: one value of each name that `run_many` knows, such as E, or the "friction" of a
+        contact. So an optimiser needs one model.
     step : float, optional
         Time step [s]. Default: that of `run_many`.
 
@@ -135,33 +173,50 @@ def sensitivity(
         If the step is above the stability limit.
     """
     validate_model(mbs)
-    frictional = [contact.name for contact in partition_items(mbs)[1] if contact.mechanics.friction is not None]
-    check_held(mbs, [f"contact {name!r} has friction, which has no derivatives yet" for name in frictional])
+    check_held(mbs)
     validate_choice("of", of, NUMBERS)
     bodies, contacts = partition_items(mbs)
     expected = contacts if of in OF_CONTACT else bodies
     if at not in expected:
         kind = "CreatePartitionContact()" if of in OF_CONTACT else "CreatePartitionBody()"
         raise InputError(f"at: for {of!r} expected what {kind} returned for this model, got {type(at).__name__}")
+    _check_friction(of, at)
     history = _History.checked(of, at, direction, point, rows, times, weights)
-    model = VariedModel.of(mbs, end_time, step, _variations(values, bodies), None)
+    model = VariedModel.of(mbs, end_time, step, _variations(values, bodies, contacts), None)
     plan = model.entries.plan(0, model.entries.contacts(0))
     _check_adjoint(model, plan)
-    steps = EqualSteps(model.times.step, model.times.steps)
+    steps, start = EqualSteps(model.times.step, model.times.steps), model.entries.start(0)
     with one_blas_thread():
-        plan, made = _run(plan, model.entries.start(0), steps)
+        plan, made = _run(plan, start, steps)
+        friction = None if plan.contacts.friction is None else friction_made(plan, steps, made, start.friction)
         if isinstance(at, PartitionContact):
-            number = number_of_contact(of, model.contacts.index(at), plan, steps, made)
+            place = model.contacts.index(at)
+            if of in OF_FRICTION and friction is not None:
+                along = np.asarray(direction, dtype=float)
+                number = number_of_friction(of, place - len(plan.contacts.names), along, steps, made, friction)
+            else:
+                number = number_of_contact(of, place, plan, steps, made)
         elif history is None:
             number = energy_of_body(model.places[at], plan, made)
         else:
             number = history.number(model.places[at], steps, made)
-        found = backwards(plan, steps, made, number.weights, _parts(plan, model))
+        found = backwards(plan, steps, made, number.weights, _parts(plan, model), friction)
+        changes, margins = _edges(plan, made, friction)
     derivatives = _Derivatives(model, plan, found, number)
     single = history is None or history.times is None
-    by = {item: {name: _shown(value, single) for name, value in derivatives.by(item).items()} for item in bodies}
-    value = _shown(number.values, single)
-    return Sensitivity(of, value, by, *_edges(plan, made))
+    found_by: dict[PartitionBody | PartitionContact, dict[str, Array]] = {item: derivatives.by(item) for item in bodies}
+    for place, contact in enumerate(model.contacts):
+        if contact.mechanics.friction is not None:
+            found_by[contact] = derivatives.by_friction(place)
+    by = {item: {name: _shown(value, single) for name, value in of_item.items()} for item, of_item in found_by.items()}
+    edges, margin = int(np.count_nonzero(margins < _EDGE)), float(margins.min(initial=np.inf))
+    return Sensitivity(of, _shown(number.values, single), by, steps.count, changes, edges, margin)
+
+
+def _check_friction(of: str, at: PartitionContact | PartitionBody) -> None:
+    """Raise an error if a number of friction is wanted of a contact without friction."""
+    if of in OF_FRICTION and isinstance(at, PartitionContact) and at.mechanics.friction is None:
+        raise InputError(f"at: for {of!r} expected a contact with friction, got {at.name!r} without")
 
 
 def _check_adjoint(model: VariedModel, plan: StepPlan) -> None:
@@ -185,12 +240,18 @@ def _run(plan: StepPlan, start: Start, steps: EqualSteps) -> tuple[StepPlan, His
         return plan, made
     if not flies_on(made):
         raise RunError(told.format(made.made, made.stopped.text))
-    rows = plan.contacts.rows
-    free = replace(plan, contacts=replace(plan.contacts, rows=rows._replace(reach=np.full_like(rows.reach, np.inf))))
+    contacts, friction = plan.contacts, plan.contacts.friction
+    friction = friction and replace(friction, rows=_far_reaching(friction.rows))
+    free = replace(plan, contacts=replace(contacts, rows=_far_reaching(contacts.rows), friction=friction))
     flown = run(free, start, steps)
     if flown.stopped or flown.values[made.made :, :, 0].any():
         raise RunError(told.format(made.made, f"{made.stopped.text}, and later touch again; end it before"))
     return free, flown
+
+
+def _far_reaching(rows: FlatRows) -> FlatRows:
+    """Rows whose pairs may slide as far as they wish."""
+    return rows._replace(reach=np.full_like(rows.reach, np.inf))
 
 
 def _shown(values: Array, single: bool) -> Array | float:
@@ -202,7 +263,7 @@ def _shown(values: Array, single: bool) -> Array | float:
     return shown
 
 
-def _variations(values: object, bodies: Sequence[PartitionBody]) -> Variations:
+def _variations(values: object, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact]) -> Variations:
     """What differs from the model, as the one entry of `run_many`."""
     if values is None:
         return Variations(1, {})
@@ -211,7 +272,7 @@ def _variations(values: object, bodies: Sequence[PartitionBody]) -> Variations:
             f"values: expected a dict of body: dict of name: value, such as {{beam: {{'E': 2e11}}}}, got {values!r:.60}"
         )
     entry = {item: {name: [value] for name, value in of_body.items()} for item, of_body in values.items()}
-    return Variations.checked(entry, bodies, argument="values")
+    return Variations.checked(entry, bodies, contacts, argument="values")
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,25 +338,33 @@ def _one_row(item: PartitionBody, rows: object) -> Array:
 
 
 def _parts(plan: StepPlan, model: VariedModel) -> list[list[Array]]:
-    """Parts of each contact's flexibility, by its sides, (nr, nr) [m/N]; none where contacts move each other."""
-    if plan.contacts.core:
+    """Parts of each contact's flexibility, by its sides, (d nr, d nr) [m/N]; none where contacts move each other."""
+    if plan.contacts.move_each_other:
         return [[] for _ in model.gaps]
     E = [[model.variations.factor(item, "E", 0) for item, _ in contact.sides] for contact in model.contacts]
     return [
         [regularised(rows.side_flexibility(place)) / factor for place, factor in enumerate(factors)]
-        for rows, factors in zip(model.gaps, E, strict=True)
+        for rows, factors in zip(model.entries.rows, E, strict=True)
     ]
 
 
-def _edges(plan: StepPlan, made: Histories) -> tuple[int, int]:
-    """Steps in which closed rows change, and samples in which a row has neither a force nor a gap."""
+def _edges(plan: StepPlan, made: Histories, friction: FrictionMade | None) -> tuple[int, Array]:
+    """Steps in which the status of rows changes, and the least margin of rows to another status, (n,).
+
+    It is a share of the largest force on a row, or of the largest yielding.
+    """
     assert made.lam is not None
-    lam, rows = made.lam, plan.contacts.rows
-    forces, yielding = lam.toarray(), lam @ flexibility_between(plan.contacts, np.arange(len(rows.start)))
-    gaps = made.q @ row_jacobian(plan.contacts, made.q.shape[1]).T + rows.start + yielding
-    small = (forces > 0.0) & (forces < _EDGE * forces.max())
-    touching = (forces == 0.0) & (abs(gaps) < _EDGE * abs(yielding).max())
-    return len(set_changes(lam)), int(np.count_nonzero((small | touching).any(axis=1)))
+    rows, n = plan.contacts.rows, len(plan.contacts.rows.start)
+    lam, H = made.lam[:, :n], row_jacobian(plan.contacts, made.q.shape[1])[:n]
+    forces, yielding = lam.toarray(), lam @ flexibility_between(plan.contacts, np.arange(n))
+    gaps = abs(made.q @ H.T + rows.start + yielding)
+    largest, farthest = max(forces.max(initial=0.0), 1e-300), max(abs(yielding).max(initial=0.0), 1e-300)
+    margins = np.where(forces > 0.0, forces / largest, gaps / farthest).min(axis=1, initial=np.inf)
+    changes = {*set_changes(lam).tolist()}
+    if friction is not None:
+        margins = np.minimum(margins, friction_margins(friction))
+        changes |= {*set_changes(friction.status).tolist(), *set_changes(friction.slipping).tolist()}
+    return len(changes), margins
 
 
 class _Derivatives:
@@ -338,10 +407,21 @@ class _Derivatives:
         weight = before if gravity is None else kinematics.weight(gravity)
         of_mass = self._of_matrix("mass", dofs) + rho * load @ weight
         result["rho"] = (of_mass + by_rho * of_damping) / (rho * material.rho)
-        if not self._plan.contacts.core:
+        if not self._plan.contacts.move_each_other:
             stiff = self._of_matrix("stiffness", dofs) + by_E * of_damping - self._of_sides(item)
             result["E"] = stiff / (E * material.E)
         return result
+
+    def by_friction(self, place: int) -> dict[str, Array]:
+        """Derivatives by the coefficients of a contact with friction, (k,); see `Sensitivity`."""
+        contacts = self._plan.contacts
+        assert contacts.friction is not None
+        law = contacts.friction.laws[place - len(contacts.names)]
+        by_law = self._found.friction[place - len(contacts.names)]
+        assert law is not None
+        if law.constant:
+            return {"friction": by_law.sum(axis=0)}
+        return dict(zip(_BY_LAW if law.decay is not None else _BY_LAW[:2], by_law, strict=False))
 
     def _of_matrix(self, name: Literal["mass", "stiffness"], dofs: Array) -> Array:
         """Derivatives by a factor of a body's masses or stiffnesses, (k,)."""

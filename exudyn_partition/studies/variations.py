@@ -180,7 +180,7 @@ class Entries:
         self._plan, self._start, self._places, self._contacts = plan, start, places, contacts
         self._rows, self._variations, self._following = rows, variations, following
         self._check_turning()
-        if self._differ() and _move_each_other(plan.contacts):
+        if self._differ() and plan.contacts.move_each_other:
             raise InputError(
                 "vary: E of bodies whose contacts move each other through them: give each body the same factor of E "
                 "in an entry, or run entries by solve_dynamic"
@@ -207,6 +207,11 @@ class Entries:
         return bool((np.ptp(factors, axis=1) > 0).any())
 
     @property
+    def rows(self) -> Sequence[NormalRows | TangentialRows]:
+        """Of all contacts at the start."""
+        return self._rows
+
+    @property
     def size(self) -> int:
         """Number of coordinates of the model."""
         return len(self._start.q)
@@ -225,7 +230,7 @@ class Entries:
         contacts, key = self._plan.contacts, self.flexibility_key(entry)
         if all(factor == 1.0 for factor in key):
             return contacts
-        if _move_each_other(contacts):  # then all factors are the same
+        if contacts.move_each_other:  # then all factors are the same
             core = {pair: block / key[0] for pair, block in contacts.core.items()}
             friction = contacts.friction and contacts.friction.softened(
                 [F / key[0] for F in contacts.friction.flexibilities]
@@ -314,12 +319,6 @@ def _thrown(item: PartitionBody, q: Array, v: Array, velocity: Array | None, tur
     motion = kinematics.rigid_motion(v)
     parts = (motion[:3] if velocity is None else velocity), (motion[3:] if turning is None else turning)
     return np.asarray(item.body.rigid @ np.concatenate(parts))
-
-
-def _move_each_other(contacts: FrozenPlan) -> bool:
-    """Whether contacts move each other through their bodies."""
-    friction = contacts.friction
-    return bool(contacts.core) or (friction is not None and len(friction.groups) <= len(friction.names))
 
 
 def damping_power(ratios: Ratios | None) -> tuple[float, float]:

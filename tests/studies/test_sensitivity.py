@@ -31,12 +31,12 @@ def marble():
     return ep.reduce(fem, patches[0] | patches[1], f_cut=200e3)
 
 
-def fall(marble, friction=None, **options):
+def fall(marble, **options):
     """A marble that falls on a plane."""
     mbs = exu.SystemContainer().AddSystem()
     at = {"referencePosition": [1e-5, 0, R + 1e-6], "initialVelocity": [0, 0, -1.0]}
     ball = ep.CreatePartitionBody(mbs, marble, name="ball", **(at | options))
-    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="south", name="floor", friction=friction)
+    contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="south", name="floor")
     mbs.Assemble()
     return mbs, [ball], [contact]
 
@@ -68,14 +68,6 @@ def value_of(item, name, moving):
         "gravity": [0, 0, -2e4],
     }
     return np.array(given.get(name, np.zeros(3)), dtype=float)
-
-
-def test_friction_is_refused():
-    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), ep.STEEL, maxh=5e-3)
-    body = ep.reduce(fem, ep.Partition.ball(fem, (0, 0, -R), 2.5e-3, name="south", axes="xyz"), f_cut=100e3)
-    mbs, _, [contact] = fall(body, friction=0.3)
-    with pytest.raises(CompiledRunError, match="contact 'floor' has friction, which has no derivatives yet"):
-        ep.sensitivity(mbs, end_time=END, of="peak_force", at=contact)
 
 
 def differences(mbs, item, name, moving, read):

@@ -1,16 +1,21 @@
-"""Derivatives by the adjoint against differences of runs, in the random scenes of `compiled_runs`, without friction.
+"""Derivatives by the adjoint against differences of runs, in the random scenes of `compiled_runs`.
 
+Even seeds are scenes that have friction, half of them on a rigid plane; of a third the coefficient falls as contact
+slips. Odd seeds are all scenes, without friction.
 Reference: central differences of `run_many`, whose parameters change by a share of a usual size: 1 m/s, 10 rad/s, 1 um,
-1e4 m/s2, a damping ratio of 0.02, E and rho of steel. The share is 1e-5 or 1e-6, whichever agrees better: where a row
-closes or opens within the larger change, there is a kink, and the smaller one has more round-off.
-Quantity: largest difference of the derivatives of peak force, impulse and duration, times the usual size, over the
-number itself or the largest derivative of the kind. Scenes whose pairs slide are left out, and derivatives by places of
-bodies that touch at the start: these hold for one direction alone, which `Sensitivity.edges` has to tell. Limit: 1e-6.
+1e4 m/s2, a damping ratio of 0.02, E and rho of steel, a coefficient of 0.1. The share is 1e-5, 1e-6 or, with friction,
+1e-7 or 2e-8, whichever agrees best. Differences are curved where a coefficient falls with the speed of slip. Where a
+row changes its status within the larger change, there is a kink, and the smaller one has more round-off.
+Quantity: largest difference of the derivatives of peak force, impulse, duration and the work of friction, times the
+usual size, over the number itself or the largest derivative of the kind. Scenes whose pairs slide are left out, and
+derivatives by places of bodies that touch at the start: these hold for one direction alone, which `Sensitivity.edges`
+has to tell. Limit: 1e-6.
 
     python -m validation.stability.sensitivities [--count N] [--out FILE]
 """
 
 import argparse
+import itertools
 import warnings
 from pathlib import Path
 
@@ -22,17 +27,20 @@ from exudyn_partition.errors import RunError
 from validation.contact import scenes
 from validation.stability.compiled_runs import drawn, of_two
 
-COUNT, LIMITS, SHARES = 100, {"difference": 1e-6}, (1e-5, 1e-6)
-NUMBERS = {"peak_force": "peak", "impulse": "impulse", "duration": "duration"}
+COUNT, LIMITS, SHARES = 200, {"difference": 1e-6}, (1e-5, 1e-6, 1e-7, 2e-8)
+NUMBERS = {"peak_force": "peak", "impulse": "impulse", "duration": "duration", "dissipated": "dissipated"}
 SIZES = {
     "initialVelocity": 1.0, "initialAngularVelocity": 10.0, "referencePosition": 1e-6, "gravity": 1e4,
     "damping": 0.02, "E": ep.STEEL.E, "rho": ep.STEEL.rho,
+    "friction": 0.1,
 }  # fmt: skip
 
 
-def values(seed, item, name):
-    """Present value of a parameter, of a body of the scene."""
-    scene = drawn(seed, friction=False)
+def values(number, item, name):
+    """Present value of a parameter, of a body of the scene or of its contact."""
+    scene = drawn(number)
+    if name == "friction":
+        return np.array(scene.friction)
     if name in ("E", "rho"):
         return np.array(SIZES[name])
     if name == "damping":
@@ -40,7 +48,7 @@ def values(seed, item, name):
     thrown = item.name == "upper"
     given = {"referencePosition": item.position}
     if thrown:
-        given |= {"initialVelocity": scene.velocity, "gravity": 1e3 * np.random.default_rng(seed).normal(size=3)}
+        given |= {"initialVelocity": scene.velocity, "gravity": 1e3 * np.random.default_rng(number).normal(size=3)}
     return np.array(given.get(name, np.zeros(3)), dtype=float)
 
 
@@ -51,28 +59,40 @@ def changed(value, name, share):
     return value + (ways if value.ndim else ways[:, 0])
 
 
+def scene_of(seed):
+    """Number of a scene, and whether its friction counts."""
+    if seed % 2:
+        return seed // 2, False
+    rough = (number for number in itertools.count() if drawn(number).friction is not None)
+    return next(itertools.islice(rough, seed // 2, None)), True
+
+
 def checked(seed):
-    """Largest difference of the scene, and whether bodies touch at the start; None if pairs slide."""
-    mbs, bodies, contact, end = of_two(seed, friction=False)
+    """The row of a scene: its largest difference, and whether bodies touch at the start; None if pairs slide."""
+    number, friction = scene_of(seed)
+    mbs, _, contact, end = of_two(number, friction=friction)
+    numbers = [of for of in NUMBERS if friction or of != "dissipated"]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            found = {of: ep.sensitivity(mbs, end_time=end, of=of, at=contact) for of in NUMBERS}
+            found = {of: ep.sensitivity(mbs, end_time=end, of=of, at=contact) for of in numbers}
         except RunError:
             return None
         step = ep.solve_dynamic(mbs, end_time=end, solver="compiled").step
-        worst, touch = 0.0, any(one.edges for one in found.values())
-        for item in bodies:
-            for name in SIZES:
-                value = values(seed, item, name)
+        touch, one = any(of_one.edges for of_one in found.values()), found["impulse"]
+        worst = dict.fromkeys(numbers, 0.0)
+        for item, of_item in one.by.items():
+            for name in {*SIZES} & {*of_item}:
+                value = values(number, item, name)
                 if (name == "damping" and not value) or (name == "referencePosition" and touch):
                     continue  # less than no damping is refused
                 errors = []
-                for share in SHARES:
-                    runs = ep.run_many(mbs, end_time=end, step=step, vary={item: {name: changed(value, name, share)}})
-                    errors.append([error(found[of], item, name, runs, share) for of in NUMBERS])
-                worst = max(worst, np.min(errors, axis=0).max())
-    return worst, touch
+                for share in SHARES[: 4 if friction else 2]:
+                    vary = {item: {name: changed(value, name, share)}}
+                    runs = ep.run_many(mbs, end_time=end, step=step, vary=vary, histories=())
+                    errors.append([error(found[of], item, name, runs, share) for of in numbers])
+                worst = {of: max(worst[of], least) for of, least in zip(numbers, np.min(errors, axis=0), strict=True)}
+    return {"difference": float(max(worst.values())), "touch": touch, "friction": friction, "margin": one.margin}
 
 
 def error(found, item, name, runs, share):
@@ -87,23 +107,33 @@ def main():
     parser.add_argument("--count", type=int, default=COUNT, help="seeds, from 0 on")
     parser.add_argument("--out", type=Path, help="file of the results, instead of the JSON beside the script")
     options = parser.parse_args()
-    found, touching = {}, 0
+    rows = {}
     with ep.progress("sensitivities") as report:
         for seed in range(options.count):
             if (row := checked(seed)) is not None:
-                found[seed], touching = row[0], touching + row[1]
+                rows[seed] = row
             report((seed + 1) / options.count)
-    beyond = {seed: value for seed, value in found.items() if value > LIMITS["difference"]}
+    beyond = {seed: row for seed, row in rows.items() if row["difference"] > LIMITS["difference"]}
+    differences = {
+        kind: [row["difference"] for row in rows.values() if row["friction"] == (kind == "with_friction")]
+        for kind in ("with_friction", "without")
+    }
     result = {
-        "scenes": len(found),
-        "touching": touching,
-        "sliding": options.count - len(found),
-        "found": {"difference": max(found.values()), "median": float(np.median([*found.values()]))},
+        "scenes": {kind: len(some) for kind, some in differences.items()},
+        "touching": sum(row["touch"] for row in rows.values()),
+        "sliding": options.count - len(rows),
+        "found": {
+            "difference": max(row["difference"] for row in rows.values()),
+            "largest": {kind: max(some, default=0.0) for kind, some in differences.items()},
+            "median": {kind: float(np.median(some)) if some else 0.0 for kind, some in differences.items()},
+        },
         "beyond": beyond,
         "limits": LIMITS,
     }
     Console().print(result)
-    scenes.finish(__file__, result, [f"seed {seed}: {value:.2g}" for seed, value in beyond.items()], options.out)
+    scenes.finish(
+        __file__, result, [f"seed {seed}: {row['difference']:.2g}" for seed, row in beyond.items()], options.out
+    )
 
 
 if __name__ == "__main__":
