@@ -15,10 +15,9 @@ from ..fe.facets import facet_corners
 from ..fe.material import Material
 from ..frames.kinematics import Kinematics
 from ..support.arrays import Array
-from ..surfaces.smooth_kernel import Kernel, kernel_around
+from ..surfaces.smooth_kernel import Kernel, coverage_around, kernel_around
 from .side import Side
-from .touching import ORDERS
-from .true_surface import TrueSurface
+from .smooth_faces import ORDERS, SmoothFace
 
 NORMAL = 0.6  # E' s times the mean normal displacement of a half-space under the kernel, weighted by the kernel
 _WIDEST = {2: 2.0, 3: 1.0}  # radius of the kernel by the length of edges, for each order
@@ -28,6 +27,9 @@ _THIN = 0.45  # of a wall's thickness: largest radius of a kernel on it
 _SOLID = 6.0  # thickness of a wall by the radius of a kernel, which is made smaller for that if facets allow
 _WALL = 5.0  # below this, the change of the wall's flexibility with the radius is taken away
 _COVERED = 0.97  # share of a kernel on its patch, above which it is there as a whole
+_HALF = 0.5  # share of a kernel on its patch where the point of contact is on the edge of the patch
+_FAR_INSIDE = 0.75  # the same above which the point is not at the edge, nor will be until the kernel is made anew
+_NEAR_SEAM = 1.2  # of a kernel's radius: distance from a seam from which the kernel may lie on both faces
 _BEHIND = -0.5  # cosine between a surface's normal and that of the wall's other side
 
 
@@ -53,6 +55,9 @@ class Spot:
         How far the patch should reach around it: s, on thin walls 2 s [m].
     whole : bool
         Whether the patch does.
+    face : SmoothFace
+    mixed : bool
+        Whether the kernel, or one a little beside it, also lies on other faces than this one, or beyond the patch.
     """
 
     kernel: Kernel
@@ -62,11 +67,35 @@ class Spot:
     curved: Array
     reach: float
     whole: bool
+    face: SmoothFace
+    mixed: bool
 
     @property
     def covered(self) -> bool:
         """Whether at least some part of the kernel lies on the patch."""
         return self.kernel.coverage > 1 - _COVERED
+
+    def share(self, points: Array, point: Array, normal: Array) -> float:
+        """Share of the contact at a point that belongs to this face; it falls to zero beyond the end of the patch.
+
+        It is continuous: between faces that go on as each other their shares have the sum one, and a contact that
+        leaves the patch ends within the kernel's radius.
+
+        Parameters
+        ----------
+        points : (np, 3) array
+            Nodes of the patch in the body's axes [m].
+        point, normal : (3,) arrays
+            Of the true surface [m].
+        """
+        if not self.mixed:
+            return 1.0
+        own = coverage_around(points, self.face.facets, point, normal, self.radius)
+        whole = own
+        if len(self.face.beside):
+            whole += coverage_around(points, self.face.beside, point, normal, self.radius)
+        left = (whole - (1 - _COVERED)) / (_HALF - (1 - _COVERED))
+        return own / whole * min(left, 1.0) if left > 0.0 else 0.0
 
 
 class SpotMaker:
@@ -75,15 +104,16 @@ class SpotMaker:
     Parameters
     ----------
     side : Side
-    surface : TrueSurface
+    face : SmoothFace
+        Of the patch.
     material : Material
     role : str
         "slave" or "master", for messages.
     """
 
-    def __init__(self, side: Side, surface: TrueSurface, material: Material, role: str) -> None:
-        self._side, self.surface, self.material, self._role = side, surface, material, role
-        facets = side.surface.facets
+    def __init__(self, side: Side, face: SmoothFace, material: Material, role: str) -> None:
+        self._side, self._face, self.material, self._role = side, face, material, role
+        facets = face.around
         self._order = ORDERS[facets.shape[1]]
         self.points: Array = side.kinematics.arms
         corners = self.points[facet_corners(facets)]
@@ -94,7 +124,7 @@ class SpotMaker:
 
     def at(self, centre: Array, normal: Array) -> Spot:
         """Spot at a point of the true surface, (3,) [m], with an outward unit normal; both in the body's axes."""
-        facets, widest = self._side.surface.facets, _WIDEST[self._order]
+        facets, widest = self._face.around, _WIDEST[self._order]
         distance = np.linalg.norm(self._middles - centre, axis=1)
         h = float(self._edges[distance.argmin()])
         h = float(self._edges[distance <= max(widest * h, distance.min())].mean())
@@ -113,7 +143,9 @@ class SpotMaker:
         nu = self.material.nu
         across = (2 - nu) / (2 * (1 - nu)) * (missed - NORMAL / (modulus * radius))
         lacks, curved = np.array([lacking, across]), self._curved(normal)
-        return Spot(kernel, radius, h, lacks, curved, (2 if thin else 1) * radius, whole)
+        far = np.linalg.norm(self._face.seam - centre, axis=1).min(initial=math.inf)
+        mixed = bool(kernel.coverage < _FAR_INSIDE or far < _NEAR_SEAM * radius + h)
+        return Spot(kernel, radius, h, lacks, curved, (2 if thin else 1) * radius, whole, self._face, mixed)
 
     def check(self, spot: Spot) -> None:
         """Raise InputError if a spot at the start cannot be computed."""
@@ -142,7 +174,7 @@ class SpotMaker:
         (2 (1 + nu) cos^2 + (1 - 2 nu)^2 sin^2) of the direction from the force Q, and the depth of what lacks is r^2/2
         times the curvature there.
         """
-        bending, nu = self.surface.bending(normal), self.material.nu
+        bending, nu = self._face.surface.bending(normal), self.material.nu
         even = np.trace(bending) / 2 * (np.eye(3) - np.outer(normal, normal))
         along, across = 2 * (1 + nu), (1 - 2 * nu) ** 2
         turned = (along + across) * even + (along - across) / 2 * (bending - even)

@@ -27,6 +27,7 @@ from .gaps import Gaps, GapState, Present
 from .linear_gaps import LinearGaps
 from .rigid import RigidPlane, RigidSurface
 from .side import Side
+from .smooth_faces import SmoothFace
 from .spot import Spot, SpotMaker
 from .stages import Anchor, Frozen, PresentRows, Stage
 from .touching import ROLES, touching
@@ -113,9 +114,12 @@ class SpotStage(Stage):
     Attributes
     ----------
     meeting : Meeting
+    share : float
+        Share of the contact that is on the faces of both sides, see `Spot.share`.
     """
 
     meeting: Meeting
+    share: float
 
 
 class FrozenSpot(Frozen):
@@ -124,9 +128,11 @@ class FrozenSpot(Frozen):
     Attributes
     ----------
     meeting : Meeting
+    share : float
     """
 
     meeting: Meeting
+    share: float
 
 
 class SpotGaps(Gaps):
@@ -142,6 +148,8 @@ class SpotGaps(Gaps):
         The master, if it is rigid, in the frame of the body that carries it.
     pose, motion
         See `rigid.RigidGaps`.
+    faces : sequence of SmoothFace
+        Face of each side's patch.
 
     Raises
     ------
@@ -160,11 +168,14 @@ class SpotGaps(Gaps):
         surface: RigidSurface | None = None,
         pose: Callable[[], tuple[Array, Array]] | None = None,
         motion: Callable[[], tuple[Array, Array]] | None = None,
+        *,
+        faces: Sequence[SmoothFace],
     ) -> None:
         self._surface, self._pose, self._motion = surface, pose, motion
         self.carried = pose is not None
-        found = touching(sides, patches, surface)
-        parts = zip(sides, found.shapes, found.materials, ROLES, strict=False)
+        self.faces = tuple(faces)
+        found = touching(sides, patches, surface, [face.surface for face in faces])
+        parts = zip(sides, faces, found.materials, ROLES, strict=False)
         self._makers = [SpotMaker(*each) for each in parts]
         self._found, self._shapes, self._ball = found, found.shapes, found.ball
         self._prepare(sides)
@@ -194,6 +205,7 @@ class SpotGaps(Gaps):
         rows = self._rows_at(Anchor(self._start_q, self.carrier_pose))
         stage, gap = self._stage_at(rows, self.places_of(rows.sides, self._start_q), self._start_q)
         self._check_start(rows, stage, gap)
+        self._start_covered = all(spot.covered for spot in rows.spots)
         self._all, self.clearance, self.approach = rows.points, float(gap[0]), -stage.normals[0]
         self._start = self._frozen(stage, gap) if self._may_freeze else stage
         self._go_to_stage(self._start, self._start_q)
@@ -204,7 +216,8 @@ class SpotGaps(Gaps):
 
     def _check_start(self, rows: SpotRows, stage: SpotStage, gap: Array) -> None:
         for maker, spot, side in zip(self._makers, rows.spots, self.sides, strict=True):
-            if spot.covered or (side.kinematics.linear and not side.surface.wanders):
+            alone = len(spot.face.facets) == len(side.surface.facets)
+            if spot.covered or (alone and side.kinematics.linear and not side.surface.wanders):
                 maker.check(spot)
         for number, outward in enumerate(stage.meeting.outward):
             self._check_flexibility(number, outward)
@@ -232,14 +245,14 @@ class SpotGaps(Gaps):
     def _may_freeze(self) -> bool:
         """Whether the point of contact stays the same in the bodies, and gaps are linear in the coordinates."""
         ball_on_plane = self._ball == 0 and isinstance(self._surface, RigidPlane) and not self.carried
-        return ball_on_plane and self.sides[0].kinematics.linear
+        return ball_on_plane and self.sides[0].kinematics.linear and self._start_covered
 
     def _frozen(self, stage: SpotStage, gap: Array) -> Frozen:
         self.stage = stage
         H = self.rows_on_coordinates(stage, self._start_q)
         no_drift = np.zeros((0, self.n)), np.zeros(0)
         frozen = FrozenSpot(stage.rows, stage.normals, stage.shares, LinearGaps(H, gap, *no_drift, 0.0))
-        frozen.meeting = stage.meeting
+        frozen.meeting, frozen.share = stage.meeting, stage.share
         return frozen
 
     # The true surfaces.
@@ -333,8 +346,13 @@ class SpotGaps(Gaps):
         )
         stage = SpotStage(rows, meeting.normal[None].copy(), shares)
         stage.meeting, stage.places, stage.pose = meeting, places, pose
-        covered = all(spot.covered for spot in rows.spots)
-        return stage, np.array([meeting.gap if covered else max(abs(meeting.gap), self.size)])
+        stage.share = self._share(rows, meeting)
+        return stage, np.array([meeting.gap if stage.share > 0.0 else max(abs(meeting.gap), self.size)])
+
+    def _share(self, rows: SpotRows, meeting: Meeting) -> float:
+        """Share of the contact that is on the faces of both sides."""
+        parts = zip(self._makers, rows.spots, meeting.points, meeting.outward, strict=True)
+        return math.prod(spot.share(maker.points, point, outward) for maker, spot, point, outward in parts)
 
     def _reaches(self, rows: SpotRows, meeting: Meeting) -> bool:
         """Whether the point of contact is near the centres of the spots."""
@@ -349,6 +367,19 @@ class SpotGaps(Gaps):
         stage = self.stage
         assert isinstance(stage, SpotStage | FrozenSpot)
         return stage.meeting
+
+    @property
+    def share(self) -> float:
+        """Share of the contact that is on the faces of both sides now, see `Spot.share`."""
+        stage = self.stage
+        assert isinstance(stage, SpotStage | FrozenSpot)
+        return stage.share
+
+    def least_distance(self, q: Array) -> float:
+        """See `Gaps.least_distance`; faces are no nearer to each other than the surfaces on which they lie."""
+        if self.carried:
+            return -np.inf
+        return self._meeting(self._rough_poses(q), self.carrier_pose).gap
 
     @property
     def mismatch(self) -> float:
