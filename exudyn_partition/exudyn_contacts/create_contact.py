@@ -211,11 +211,11 @@ def _faces_of(pair: FoundPair, formulation: FormulationName | Formulation) -> Se
     """Faces of each point at which a pair may touch; a contact by rows has none."""
     if not isinstance(formulation_of(formulation), Hertz):
         return [None]
-    rigid, sides = pair.master, [pair.slave]
-    if isinstance(rigid, tuple):
-        rigid, sides = None, [pair.slave, rigid]
+    sides = [pair.slave]
+    if isinstance(pair.master, tuple):
+        sides.append(pair.master)
     placed = [Side.of(item.kinematics, patch) for item, patch in sides]
-    return point_pairs(placed, [patch for _, patch in sides], rigid)
+    return point_pairs(placed, [patch for _, patch in sides], None if isinstance(pair.master, tuple) else pair.master)
 
 
 def _build(

@@ -20,6 +20,24 @@ class CoupledPoints(CoupledZones):
 
     _by_fields = False
 
+    def _begin(self) -> None:
+        super()._begin()
+        self._blocks: dict[tuple[int, int], tuple[tuple[int, int], Array]] = {}
+
+    def _find(self, gaps: list[Array]) -> None:
+        """See `Coupled`."""
+        self._versions = [*self._between.versions()]
+        super()._find(gaps)
+
+    def _moved(self, j: int, k: int, forces: Array) -> Array:
+        """See `CoupledZones`; it is found from the flexibility between both rows, which is kept."""
+        versions = self._versions[j], self._versions[k]
+        kept = self._blocks.get((j, k))
+        if kept is None or kept[0] != versions:
+            rows = (np.arange(self.contacts[place].rows.d) for place in (j, k))
+            kept = self._blocks[j, k] = versions, self._between.flexibility(j, next(rows), k, next(rows))
+        return kept[1] @ forces.ravel()
+
     def _settle(self, gaps: list[Array], lasting: list[Array]) -> None:
         """See `CoupledZones`; half of what forces do on ways by other forces is stored, by each contact its part."""
         super()._settle(gaps, lasting)
