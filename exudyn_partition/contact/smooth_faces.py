@@ -7,7 +7,8 @@ Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from functools import cached_property
 from weakref import WeakKeyDictionary
 
@@ -31,7 +32,6 @@ _ALONG = 0.7  # cosine between the normals of a facet and of the surface on whic
 _GOES_ON = 0.985  # cosine between the normals of two surfaces where one goes on as the other
 _BENT = 0.85  # the same of facets that lie on no known surface
 _FAILED = 60  # facets around which no surface is found, after which nobody looks for more
-_PARTS = 4  # of an edge: places from which the distance to it is taken
 _KNOWN: WeakKeyDictionary[ReducedBody, dict[int, Faces]] = WeakKeyDictionary()
 
 
@@ -46,19 +46,52 @@ class SmoothFace:
         Its facets, by nodes of the patch.
     beside : (nb, n) int array
         Facets of the patch with which the surface goes on beyond it without an edge.
-    seam : (m, 3) array
-        Places on the edges between it and those [m].
+    seam : (m, 2, 3) array
+        Ends of the edges between it and those [m].
+    neighbours : list of SmoothFace
+        Known faces with which it has a seam.
     """
 
     surface: TrueSurface
     facets: Array
     beside: Array
     seam: Array
+    neighbours: list[SmoothFace] = field(default_factory=list)
 
     @cached_property
     def around(self) -> Array:
         """Facets on which a force near the face is spread."""
         return np.concatenate([self.facets, self.beside])
+
+    def from_seam(self, point: Array) -> float:
+        """Distance of a point, (3,), from the seam [m]; infinite without one."""
+        return float(np.linalg.norm(self._on_seam(point) - point, axis=1).min(initial=math.inf))
+
+    def end(self, point: Array) -> Array:
+        """Place of the surface on the seam that is nearest to a point, (3,) [m]."""
+        on_seam = self._on_seam(point)
+        nearest = on_seam[np.linalg.norm(on_seam - point, axis=1).argmin()]
+        gap, normal = self.surface.shape.project(nearest[None])
+        return np.asarray(nearest - gap[0] * normal[0])
+
+    def _on_seam(self, point: Array) -> Array:
+        """Nearest place on each edge of the seam, (m, 3) [m]."""
+        start, way = self.seam[:, 0], self.seam[:, 1] - self.seam[:, 0]
+        share = np.einsum("md,md->m", point - start, way) / np.einsum("md,md->m", way, way)
+        return np.asarray(start + np.clip(share, 0.0, 1.0)[:, None] * way)
+
+    def holds(self, points: Array, point: Array, normal: Array) -> bool:
+        """Whether a point of the surface, with an outward unit normal, lies on this face, and not on those beside it.
+
+        `points`, (np, 3) [m], are the nodes of the patch. Beyond the patch, nothing else is there: the face has it.
+        """
+        a, b, c = (points[self.around[:, k]] - point for k in range(3))
+        sides = [np.cross(one, other) @ normal for one, other in ((a, b), (b, c), (c, a))]
+        over = np.flatnonzero((np.array(sides) >= 0.0).all(axis=0))
+        if not len(over):
+            return True
+        height = abs((a[over] + b[over] + c[over]) @ normal)
+        return bool(over[height.argmin()] < len(self.facets))
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,12 +154,12 @@ def smooth_faces(points: Array, facets: Array) -> Faces:
     edges, corners = _neighbours(facets)
     whole = surface_of(points, facets) if connected_components(corners, directed=False)[0] == 1 else None
     if whole is not None:
-        return Faces([SmoothFace(whole, facets, facets[:0], np.empty((0, 3)))], 0)
+        return Faces([SmoothFace(whole, facets, facets[:0], np.empty((0, 2, 3)))], 0)
     face, surfaces = _grown(points, facets, edges, corners)
     first, second = sp.triu(edges).nonzero()
     apart = face[first] != face[second]
     first, second = first[apart], second[apart]
-    places = _places_of_edges(points, facets, first, second)
+    places = _ends_of_edges(points, facets, first, second)
     smooth = _go_on(points, facets, (face, surfaces), (first, second), places)
     groups = _joined(face, first[smooth], second[smooth], len(surfaces))
     found = []
@@ -134,7 +167,11 @@ def smooth_faces(points: Array, facets: Array) -> Faces:
         own = face == number
         others = (groups[face] == groups[number]) & ~own
         ends = smooth & (own[first] | own[second])
-        found.append(SmoothFace(surface, facets[own], facets[others], places[ends].reshape(-1, 3)))
+        found.append(SmoothFace(surface, facets[own], facets[others], places[ends]))
+    between = {(face[i], face[j]) for i, j in zip(first[smooth], second[smooth], strict=True)}
+    for i, j in sorted(between | {(j, i) for i, j in between}):
+        if min(i, j) >= 0:
+            found[i].neighbours.append(found[j])
     found.sort(key=lambda one: -len(one.facets))
     return Faces(found, int(np.count_nonzero(face < 0)))
 
@@ -205,13 +242,11 @@ def _spread(
     return taken, surface
 
 
-def _places_of_edges(points: Array, facets: Array, first: Array, second: Array) -> Array:
-    """Places on the common edges of facets, (ne, parts, 3) [m]."""
+def _ends_of_edges(points: Array, facets: Array, first: Array, second: Array) -> Array:
+    """Ends of the common edges of facets, (ne, 2, 3) [m]."""
     corners = facet_corners(facets)
     common = (corners[first][:, :, None] == corners[second][:, None, :]).any(axis=2)
-    ends = points[corners[first][common].reshape(-1, 2)]
-    shares = (np.arange(_PARTS) + 0.5)[:, None] / _PARTS
-    return np.asarray(ends[:, :1] * (1 - shares) + ends[:, 1:] * shares)
+    return np.asarray(points[corners[first][common].reshape(-1, 2)])
 
 
 def _go_on(

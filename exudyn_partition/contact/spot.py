@@ -29,7 +29,6 @@ _WALL = 5.0  # below this, the change of the wall's flexibility with the radius 
 _COVERED = 0.97  # share of a kernel on its patch, above which it is there as a whole
 _HALF = 0.5  # share of a kernel on its patch where the point of contact is on the edge of the patch
 _FAR_INSIDE = 0.75  # the same above which the point is not at the edge, nor will be until the kernel is made anew
-_NEAR_SEAM = 1.2  # of a kernel's radius: distance from a seam from which the kernel may lie on both faces
 _BEHIND = -0.5  # cosine between a surface's normal and that of the wall's other side
 
 
@@ -55,9 +54,6 @@ class Spot:
         How far the patch should reach around it: s, on thin walls 2 s [m].
     whole : bool
         Whether the patch does.
-    face : SmoothFace
-    mixed : bool
-        Whether the kernel, or one a little beside it, also lies on other faces than this one, or beyond the patch.
     """
 
     kernel: Kernel
@@ -67,35 +63,28 @@ class Spot:
     curved: Array
     reach: float
     whole: bool
-    face: SmoothFace
-    mixed: bool
 
     @property
     def covered(self) -> bool:
         """Whether at least some part of the kernel lies on the patch."""
         return self.kernel.coverage > 1 - _COVERED
 
-    def share(self, points: Array, point: Array, normal: Array) -> float:
-        """Share of the contact at a point that belongs to this face; it falls to zero beyond the end of the patch.
-
-        It is continuous: between faces that go on as each other their shares have the sum one, and a contact that
-        leaves the patch ends within the kernel's radius.
+    def left(self, points: Array, facets: Array, point: Array, normal: Array) -> float:
+        """Share of the contact at a point that is left where the patch ends; it falls to zero within the kernel.
 
         Parameters
         ----------
         points : (np, 3) array
             Nodes of the patch in the body's axes [m].
+        facets : (nf, n) int array
         point, normal : (3,) arrays
             Of the true surface [m].
         """
-        if not self.mixed:
+        if self.kernel.coverage > _FAR_INSIDE:
             return 1.0
-        own = coverage_around(points, self.face.facets, point, normal, self.radius)
-        whole = own
-        if len(self.face.beside):
-            whole += coverage_around(points, self.face.beside, point, normal, self.radius)
-        left = (whole - (1 - _COVERED)) / (_HALF - (1 - _COVERED))
-        return own / whole * min(left, 1.0) if left > 0.0 else 0.0
+        nothing = 1 - _COVERED
+        coverage = coverage_around(points, facets, point, normal, self.radius)
+        return min(max((coverage - nothing) / (_HALF - nothing), 0.0), 1.0)
 
 
 class SpotMaker:
@@ -112,7 +101,7 @@ class SpotMaker:
     """
 
     def __init__(self, side: Side, face: SmoothFace, material: Material, role: str) -> None:
-        self._side, self._face, self.material, self._role = side, face, material, role
+        self._side, self.face, self.material, self._role = side, face, material, role
         facets = face.around
         self._order = ORDERS[facets.shape[1]]
         self.points: Array = side.kinematics.arms
@@ -124,7 +113,7 @@ class SpotMaker:
 
     def at(self, centre: Array, normal: Array) -> Spot:
         """Spot at a point of the true surface, (3,) [m], with an outward unit normal; both in the body's axes."""
-        facets, widest = self._face.around, _WIDEST[self._order]
+        facets, widest = self.face.around, _WIDEST[self._order]
         distance = np.linalg.norm(self._middles - centre, axis=1)
         h = float(self._edges[distance.argmin()])
         h = float(self._edges[distance <= max(widest * h, distance.min())].mean())
@@ -143,9 +132,7 @@ class SpotMaker:
         nu = self.material.nu
         across = (2 - nu) / (2 * (1 - nu)) * (missed - NORMAL / (modulus * radius))
         lacks, curved = np.array([lacking, across]), self._curved(normal)
-        far = np.linalg.norm(self._face.seam - centre, axis=1).min(initial=math.inf)
-        mixed = bool(kernel.coverage < _FAR_INSIDE or far < _NEAR_SEAM * radius + h)
-        return Spot(kernel, radius, h, lacks, curved, (2 if thin else 1) * radius, whole, self._face, mixed)
+        return Spot(kernel, radius, h, lacks, curved, (2 if thin else 1) * radius, whole)
 
     def check(self, spot: Spot) -> None:
         """Raise InputError if a spot at the start cannot be computed."""
@@ -174,7 +161,7 @@ class SpotMaker:
         (2 (1 + nu) cos^2 + (1 - 2 nu)^2 sin^2) of the direction from the force Q, and the depth of what lacks is r^2/2
         times the curvature there.
         """
-        bending, nu = self._face.surface.bending(normal), self.material.nu
+        bending, nu = self.face.surface.bending(normal), self.material.nu
         even = np.trace(bending) / 2 * (np.eye(3) - np.outer(normal, normal))
         along, across = 2 * (1 + nu), (1 - 2 * nu) ** 2
         turned = (along + across) * even + (along - across) / 2 * (bending - even)
