@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from ..algebra.sparse.skin_flexibility import Flexibility, SkinFlexibility
 from ..contact.formulations.formulation import SharedBody
+from ..contact.smooth_faces import SmoothFace
 from ..contact.spot_gaps import SpotGaps
 from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
@@ -117,10 +118,10 @@ def _same_sides(contact: PartitionContact, neighbour: PartitionContact) -> bool:
     return sides == neighbour_sides and (len(contact.sides) > 1 or contact.master is neighbour.master)
 
 
-def _faces(contact: PartitionContact) -> list[int]:
-    """Number of the face of each side's patch on which its point is; zero for contacts by rows."""
+def _faces(contact: PartitionContact) -> Sequence[SmoothFace | None]:
+    """Face of each side's patch on which its point is; none of contacts by rows."""
     gaps = contact.mechanics.gaps
-    return [id(face) for face in gaps.faces] if isinstance(gaps, SpotGaps) else [0] * len(contact.sides)
+    return gaps.faces if isinstance(gaps, SpotGaps) else [None] * len(contact.sides)
 
 
 def _columns(contact: PartitionContact) -> list[slice]:

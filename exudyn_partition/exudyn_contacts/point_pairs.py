@@ -69,7 +69,7 @@ def only_pair(sides: Sequence[Side], patches: Sequence[int], surface: RigidSurfa
 
 def _kinds(faces: Sequence[SmoothFace]) -> str:
     """Kinds of faces, as "2 spheres, 1 plane"."""
-    kinds = [_kind(face) for face in {id(face): face for face in faces}.values()]
+    kinds = [_kind(face) for face in dict.fromkeys(faces)]
     return ", ".join(f"{kinds.count(kind)} {kind}{'s' * (kinds.count(kind) > 1)}" for kind in dict.fromkeys(kinds))
 
 
@@ -81,7 +81,7 @@ def _left_out(faces: Sequence[Faces], found: Sequence[Pair], surface: RigidSurfa
     """Warning of faces without a point of contact."""
     said = []
     for role, each, used in zip(ROLES, faces, zip(*found, strict=True), strict=False):
-        left = [face for face in each.known if all(face is not one for one in used)]
+        left = [face for face in each.known if face not in used]
         parts = [_kinds(left)] * bool(left) + [f"{each.unknown} facets on no known surface"] * bool(each.unknown)
         said += [f"{role}: {', '.join(parts)}"] * bool(parts)
     if surface is None and not said:
