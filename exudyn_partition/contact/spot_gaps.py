@@ -3,7 +3,8 @@
 One of both surfaces is a ball. The other one is a plane, a ball, a cylinder, a bore or a torus, of a body or rigid.
 Or a torus touches a plane: the nearest point is that of the tube there, which is a ball for this. The row of the
 contact is the mean over a kernel on each side (`surfaces.smooth_kernel`). It wanders over the patches with the
-point of contact: near its place it is tilted, further away it is made anew.
+point of contact: near its place it is tilted, further away it is made anew. A patch may have several smooth faces; each
+two that touch have gaps of their own, and where the surface goes on, they share the contact.
 
 Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 """

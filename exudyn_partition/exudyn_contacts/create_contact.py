@@ -147,7 +147,8 @@ def CreatePartitionContact(
     -------
     PartitionContact
         For a sequence of bodies, a list of contacts. Skins with sharp edges have two with each other: one with rows all
-        over the slave, and one with rows="edges".
+        over the slave, and one with rows="edges". Of formulation "hertz" there is one for each two smooth faces that
+        can touch at a point; a warning tells of faces that cannot, and are left out.
 
     Raises
     ------

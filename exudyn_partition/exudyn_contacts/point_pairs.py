@@ -35,17 +35,18 @@ def point_pairs(sides: Sequence[Side], patches: Sequence[int], surface: RigidSur
         If no two surfaces touch at a point, see `touching`.
     """
     faces = [faces_of(side, patch, role) for side, patch, role in zip(sides, patches, ROLES, strict=False)]
-    found, refused = list[Pair](), list[InputError]()
+    found, refused, left = list[Pair](), list[InputError](), list[list[str]]()
     for pair in itertools.product(*(each.known for each in faces)):
         try:
             touching(sides, patches, surface, [face.surface for face in pair])
             found.append(pair)
         except InputError as error:
             refused.append(error)
+            left.append([_kind(face.surface.shape) for face in pair] + [_kind(surface)] * (surface is not None))
     if not found:
         raise refused[0]
     if refused or any(each.unknown for each in faces):
-        warn(_left_out(faces, found, surface), ContactPatchWarning)
+        warn(_left_out(faces, left, len(found)), ContactPatchWarning)
     return found
 
 
@@ -69,25 +70,25 @@ def only_pair(sides: Sequence[Side], patches: Sequence[int], surface: RigidSurfa
 
 def _kinds(faces: Sequence[SmoothFace]) -> str:
     """Kinds of faces, as "2 spheres, 1 plane"."""
-    kinds = [_kind(face) for face in dict.fromkeys(faces)]
+    kinds = [_kind(face.surface.shape) for face in dict.fromkeys(faces)]
     return ", ".join(f"{kinds.count(kind)} {kind}{'s' * (kinds.count(kind) > 1)}" for kind in dict.fromkeys(kinds))
 
 
-def _kind(face: SmoothFace) -> str:
-    return type(face.surface.shape).__name__.removeprefix("Rigid").lower()
+def _kind(shape: object) -> str:
+    return type(shape).__name__.removeprefix("Rigid").lower()
 
 
-def _left_out(faces: Sequence[Faces], found: Sequence[Pair], surface: RigidSurface | None) -> str:
-    """Warning of faces without a point of contact."""
-    said = []
-    for role, each, used in zip(ROLES, faces, zip(*found, strict=True), strict=False):
-        left = [face for face in each.known if face not in used]
-        parts = [_kinds(left)] * bool(left) + [f"{each.unknown} facets on no known surface"] * bool(each.unknown)
-        said += [f"{role}: {', '.join(parts)}"] * bool(parts)
-    if surface is None and not said:
-        said = ["pairs of faces that would touch along a line or in a face"]
+def _left_out(faces: Sequence[Faces], left: Sequence[Sequence[str]], points: int) -> str:
+    """Warning of pairs of faces, by their kinds, and facets without a point of contact."""
+    named = [" on ".join(pair) for pair in left]
+    said = [f"{kind} ({named.count(kind)})" for kind in dict.fromkeys(named)]
+    said += [
+        f"{each.unknown} facets of the {role} on no known surface"
+        for role, each in zip(ROLES, faces, strict=False)
+        if each.unknown
+    ]
     return (
-        f"formulation 'hertz' has {len(found)} point{'s' * (len(found) > 1)} between these patches. Left out, so that "
-        f"nothing keeps them out of the other side, are: {'; '.join(said)}. Choose patches within round faces, or take "
-        "formulation='compliance' if these touch"
+        f"formulation 'hertz' has {points} point{'s' * (points > 1)} between these patches. Left out, so that nothing "
+        f"keeps them out of each other, are faces that do not touch at a point: {', '.join(said)}. Choose patches "
+        "within round faces, or take formulation='compliance' if these touch"
     )
