@@ -36,6 +36,7 @@ from .true_surface import TrueSurface
 
 _TILTED = 0.1  # of a kernel's radius: motion of the point of contact after which the kernel is made anew
 _HANDS_OVER = 0.3  # of the surfaces' radius: distance from a seam beyond which a contact is on one face alone
+_TOUCHES = 0.05  # of a facet's size: gap at the start up to which one of several points must have its kernel there
 _STUCK = 0.25  # means of the logarithm of distances, under the kernel's pressure less under the traction of what sticks
 _ALONG = 1e-3  # difference of a direction from the normal of contact, with a flexibility along this direction alone
 
@@ -224,7 +225,8 @@ class SpotGaps(Gaps):
     def _check_start(self, rows: SpotRows, stage: SpotStage, gap: Array) -> None:
         for maker, spot, side in zip(self._makers, rows.spots, self.sides, strict=True):
             alone = len(maker.face.facets) == len(side.surface.facets)
-            if (spot.covered and stage.share > 0.0) or (alone and side.kinematics.linear and not side.surface.wanders):
+            touches = spot.covered and stage.share > 0.0 and (alone or gap[0] <= _TOUCHES * self.size)
+            if touches or (alone and side.kinematics.linear and not side.surface.wanders):
                 maker.check(spot)
         for number, outward in enumerate(stage.meeting.outward):
             self._check_flexibility(number, outward)

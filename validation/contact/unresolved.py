@@ -476,9 +476,9 @@ def page_table(result):
 
 def at(scene, sizes, places):
     """Sizes of elements by the radius of contact, and places in the mesh, of the runs of a scene."""
-    if scene == "corner":  # longer elements than two radii leave its round face
+    if scene in ("corner", "bumps"):  # with longer elements than two radii, patches leave the round face, or overlap
         return [(size, "any") for size in sizes if size <= 2.0]
-    if scene in ("groove", "bumps"):
+    if scene == "groove":
         return [(size, "any") for size in sizes]
     if scene in ("unlike balls", "cubic"):
         return [(size, "facet") for size in sizes]
