@@ -15,10 +15,9 @@ from ..fe.facets import facet_corners
 from ..fe.material import Material
 from ..frames.kinematics import Kinematics
 from ..support.arrays import Array
-from ..surfaces.smooth_kernel import Kernel, kernel_around
+from ..surfaces.smooth_kernel import Kernel, coverage_around, kernel_around
 from .side import Side
-from .touching import ORDERS
-from .true_surface import TrueSurface
+from .smooth_faces import ORDERS, SmoothFace
 
 NORMAL = 0.6  # E' s times the mean normal displacement of a half-space under the kernel, weighted by the kernel
 _WIDEST = {2: 2.0, 3: 1.0}  # radius of the kernel by the length of edges, for each order
@@ -28,6 +27,8 @@ _THIN = 0.45  # of a wall's thickness: largest radius of a kernel on it
 _SOLID = 6.0  # thickness of a wall by the radius of a kernel, which is made smaller for that if facets allow
 _WALL = 5.0  # below this, the change of the wall's flexibility with the radius is taken away
 _COVERED = 0.97  # share of a kernel on its patch, above which it is there as a whole
+_HALF = 0.5  # share of a kernel on its patch where the point of contact is on the edge of the patch
+_FAR_INSIDE = 0.75  # the same above which the point is not at the edge, nor will be until the kernel is made anew
 _BEHIND = -0.5  # cosine between a surface's normal and that of the wall's other side
 
 
@@ -68,6 +69,23 @@ class Spot:
         """Whether at least some part of the kernel lies on the patch."""
         return self.kernel.coverage > 1 - _COVERED
 
+    def left(self, points: Array, facets: Array, point: Array, normal: Array) -> float:
+        """Share of the contact at a point that is left where the patch ends; it falls to zero within the kernel.
+
+        Parameters
+        ----------
+        points : (np, 3) array
+            Nodes of the patch in the body's axes [m].
+        facets : (nf, n) int array
+        point, normal : (3,) arrays
+            Of the true surface [m].
+        """
+        if self.kernel.coverage > _FAR_INSIDE:
+            return 1.0
+        nothing = 1 - _COVERED
+        coverage = coverage_around(points, facets, point, normal, self.radius)
+        return min(max((coverage - nothing) / (_HALF - nothing), 0.0), 1.0)
+
 
 class SpotMaker:
     """Makes spots on one side's patch.
@@ -75,15 +93,16 @@ class SpotMaker:
     Parameters
     ----------
     side : Side
-    surface : TrueSurface
+    face : SmoothFace
+        Of the patch.
     material : Material
     role : str
         "slave" or "master", for messages.
     """
 
-    def __init__(self, side: Side, surface: TrueSurface, material: Material, role: str) -> None:
-        self._side, self.surface, self.material, self._role = side, surface, material, role
-        facets = side.surface.facets
+    def __init__(self, side: Side, face: SmoothFace, material: Material, role: str) -> None:
+        self._side, self.face, self.material, self._role = side, face, material, role
+        facets = face.around
         self._order = ORDERS[facets.shape[1]]
         self.points: Array = side.kinematics.arms
         corners = self.points[facet_corners(facets)]
@@ -94,7 +113,7 @@ class SpotMaker:
 
     def at(self, centre: Array, normal: Array) -> Spot:
         """Spot at a point of the true surface, (3,) [m], with an outward unit normal; both in the body's axes."""
-        facets, widest = self._side.surface.facets, _WIDEST[self._order]
+        facets, widest = self.face.around, _WIDEST[self._order]
         distance = np.linalg.norm(self._middles - centre, axis=1)
         h = float(self._edges[distance.argmin()])
         h = float(self._edges[distance <= max(widest * h, distance.min())].mean())
@@ -142,7 +161,7 @@ class SpotMaker:
         (2 (1 + nu) cos^2 + (1 - 2 nu)^2 sin^2) of the direction from the force Q, and the depth of what lacks is r^2/2
         times the curvature there.
         """
-        bending, nu = self.surface.bending(normal), self.material.nu
+        bending, nu = self.face.surface.bending(normal), self.material.nu
         even = np.trace(bending) / 2 * (np.eye(3) - np.outer(normal, normal))
         along, across = 2 * (1 + nu), (1 - 2 * nu) ** 2
         turned = (along + across) * even + (along - across) / 2 * (bending - even)

@@ -3,7 +3,8 @@
 One of both surfaces is a ball. The other one is a plane, a ball, a cylinder, a bore or a torus, of a body or rigid.
 Or a torus touches a plane: the nearest point is that of the tube there, which is a ball for this. The row of the
 contact is the mean over a kernel on each side (`surfaces.smooth_kernel`). It wanders over the patches with the
-point of contact: near its place it is tilted, further away it is made anew.
+point of contact: near its place it is tilted, further away it is made anew. A patch may have several smooth faces; each
+two that touch have gaps of their own, and where the surface goes on, they share the contact.
 
 Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 """
@@ -27,11 +28,15 @@ from .gaps import Gaps, GapState, Present
 from .linear_gaps import LinearGaps
 from .rigid import RigidPlane, RigidSurface
 from .side import Side
+from .smooth_faces import SmoothFace
 from .spot import Spot, SpotMaker
 from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
-from .touching import ROLES, touching
+from .touching import ROLES, Touching, touching
+from .true_surface import TrueSurface
 
 _TILTED = 0.1  # of a kernel's radius: motion of the point of contact after which the kernel is made anew
+_HANDS_OVER = 0.3  # of the surfaces' radius: distance from a seam beyond which a contact is on one face alone
+_TOUCHES = 0.05  # of a facet's size: gap at the start up to which one of several points must have its kernel there
 _STUCK = 0.25  # means of the logarithm of distances, under the kernel's pressure less under the traction of what sticks
 _ALONG = 1e-3  # difference of a direction from the normal of contact, with a flexibility along this direction alone
 
@@ -95,11 +100,14 @@ class SpotRows(PresentRows):
         Where the spots were made.
     contact : PointContact
         Hertz's contact there.
+    inside : bool
+        Whether the point is far from the ends of its faces.
     """
 
     spots: list[Spot]
     made_at: Anchor
     contact: PointContact
+    inside: bool
 
     @property
     def lacking(self) -> Array:
@@ -113,9 +121,12 @@ class SpotStage(Stage):
     Attributes
     ----------
     meeting : Meeting
+    share : float
+        Share of the contact that is on the faces of both sides.
     """
 
     meeting: Meeting
+    share: float
 
 
 class FrozenSpot(Frozen):
@@ -124,9 +135,11 @@ class FrozenSpot(Frozen):
     Attributes
     ----------
     meeting : Meeting
+    share : float
     """
 
     meeting: Meeting
+    share: float
 
 
 class SpotGaps(Gaps):
@@ -142,6 +155,8 @@ class SpotGaps(Gaps):
         The master, if it is rigid, in the frame of the body that carries it.
     pose, motion
         See `rigid.RigidGaps`.
+    faces : sequence of SmoothFace
+        Face of each side's patch.
 
     Raises
     ------
@@ -160,13 +175,17 @@ class SpotGaps(Gaps):
         surface: RigidSurface | None = None,
         pose: Callable[[], tuple[Array, Array]] | None = None,
         motion: Callable[[], tuple[Array, Array]] | None = None,
+        *,
+        faces: Sequence[SmoothFace],
     ) -> None:
         self._surface, self._pose, self._motion = surface, pose, motion
         self.carried = pose is not None
-        found = touching(sides, patches, surface)
-        parts = zip(sides, found.shapes, found.materials, ROLES, strict=False)
+        self.faces = tuple(faces)
+        found = touching(sides, patches, surface, [face.surface for face in faces])
+        parts = zip(sides, faces, found.materials, ROLES, strict=False)
         self._makers = [SpotMaker(*each) for each in parts]
         self._found, self._shapes, self._ball = found, found.shapes, found.ball
+        self._beside = [_beside(sides, patches, surface, self.faces, number) for number in range(len(self.faces))]
         self._prepare(sides)
 
     @property
@@ -194,6 +213,7 @@ class SpotGaps(Gaps):
         rows = self._rows_at(Anchor(self._start_q, self.carrier_pose, NOTHING))
         stage, gap = self._stage_at(rows, self.places_of(rows.sides, self._start_q), self._start_q)
         self._check_start(rows, stage, gap)
+        self._start_rows = rows
         self._all, self.clearance, self.approach = rows.points, float(gap[0]), -stage.normals[0]
         self._start = self._frozen(stage, gap) if self._may_freeze else stage
         self._go_to_stage(self._start, self._start_q)
@@ -204,7 +224,9 @@ class SpotGaps(Gaps):
 
     def _check_start(self, rows: SpotRows, stage: SpotStage, gap: Array) -> None:
         for maker, spot, side in zip(self._makers, rows.spots, self.sides, strict=True):
-            if spot.covered or (side.kinematics.linear and not side.surface.wanders):
+            alone = len(maker.face.facets) == len(side.surface.facets)
+            touches = spot.covered and stage.share > 0.0 and (alone or gap[0] <= _TOUCHES * self.size)
+            if touches or (alone and side.kinematics.linear and not side.surface.wanders):
                 maker.check(spot)
         for number, outward in enumerate(stage.meeting.outward):
             self._check_flexibility(number, outward)
@@ -232,14 +254,15 @@ class SpotGaps(Gaps):
     def _may_freeze(self) -> bool:
         """Whether the point of contact stays the same in the bodies, and gaps are linear in the coordinates."""
         ball_on_plane = self._ball == 0 and isinstance(self._surface, RigidPlane) and not self.carried
-        return ball_on_plane and self.sides[0].kinematics.linear
+        stays = self._start_rows.inside and all(spot.covered for spot in self._start_rows.spots)
+        return ball_on_plane and self.sides[0].kinematics.linear and stays
 
     def _frozen(self, stage: SpotStage, gap: Array) -> Frozen:
         self.stage = stage
         H = self.rows_on_coordinates(stage, self._start_q)
         no_drift = np.zeros((0, self.n)), np.zeros(0)
         frozen = FrozenSpot(stage.rows, stage.normals, stage.shares, LinearGaps(H, gap, *no_drift, 0.0))
-        frozen.meeting = stage.meeting
+        frozen.meeting, frozen.share = stage.meeting, stage.share
         return frozen
 
     # The true surfaces.
@@ -263,13 +286,17 @@ class SpotGaps(Gaps):
             poses.append(Pose(share @ places[number][nodes], body, axes))
         return poses
 
-    def _meeting(self, poses: list[Pose], carried: Array) -> Meeting:
-        """Where the surfaces are nearest, with the sides at poses and the rigid surface's carrier at a pose, (12,)."""
-        poses = poses if self._surface is None else [*poses, self._rigid_pose(carried)]
-        ball, second = self._ball, 1 - self._ball
-        facing = self._shapes[second].shape
+    def _meeting(self, poses: list[Pose], carried: Array, found: Touching | None = None) -> Meeting:
+        """Where the surfaces are nearest, with the sides at poses and the rigid surface's carrier at a pose, (12,).
+
+        The surfaces are those of faces, without their ends; those of other faces may be given.
+        """
+        poses = self._all_poses(poses, carried)
+        found = found or self._found
+        shapes, ball, second = found.shapes, found.ball, 1 - found.ball
+        facing = shapes[second].shape
         towards = facing.normal if isinstance(facing, RigidPlane) else np.zeros(3)
-        form = self._shapes[ball].ball_at(-(poses[second].axes @ towards) @ poses[ball].axes)
+        form = shapes[ball].ball_at(-(poses[second].axes @ towards) @ poses[ball].axes)
         assert form is not None
         centre, radius = form
         place = poses[ball].out(centre)
@@ -286,6 +313,52 @@ class SpotGaps(Gaps):
             [normals[n] for n in sides],
         )
 
+    def _all_poses(self, poses: list[Pose], carried: Array) -> list[Pose]:
+        """Poses of both sides, a rigid surface included."""
+        return poses if self._surface is None else [*poses, self._rigid_pose(carried)]
+
+    def _on_faces(self, poses: list[Pose], carried: Array) -> tuple[Meeting, float]:
+        """Where the faces are nearest, see `_meeting`, and the share of the contact that belongs to them.
+
+        Off its face, the point of contact is at the end of that. Faces that go on as each other share a contact by how
+        deep each of them overlaps the other side: so one hands over to the other within the radius of contact.
+        """
+        meeting, share = self._meeting(poses, carried), 1.0
+        for number, (face, others) in enumerate(zip(self.faces, self._beside, strict=True)):
+            if not len(face.seam):
+                continue
+            meeting = self._within(number, face, meeting, self._shapes, self._all_poses(poses, carried))
+            depths = [-meeting.gap]
+            for other, found in others:
+                there = self._meeting(poses, carried, found)
+                there = self._within(number, other, there, found.shapes, self._all_poses(poses, carried))
+                depths.append(-there.gap)
+            total = sum(max(depth, 0.0) for depth in depths)
+            share *= max(depths[0], 0.0) / total if total > 0.0 else float(depths[0] >= max(depths))
+            meeting = meeting._replace(gap=-max(depths))
+        return meeting, share
+
+    def _within(
+        self, number: int, face: SmoothFace, meeting: Meeting, shapes: Sequence[TrueSurface], poses: Sequence[Pose]
+    ) -> Meeting:
+        """The meeting of a face of one side, at the end of the face if it is beyond that."""
+        points, outward = meeting.points[number], meeting.outward[number]
+        if face.holds(self._makers[number].points, points, outward):
+            return meeting
+        end, second = face.end(points), 1 - number
+        into = poses[second].into(poses[number].out(end))
+        gap, normal = shapes[second].shape.project(into[None])
+        facing = poses[second].axes @ normal[0]
+        places, normals = {number: end, second: into - gap[0] * normal[0]}, {second: normal[0]}
+        normals[number] = -facing @ poses[number].axes
+        sides = range(len(self.sides))
+        return Meeting(
+            float(gap[0]),
+            facing if second == 1 else -facing,
+            [places[n] for n in sides],
+            [normals[n] for n in sides],
+        )
+
     def _rigid_pose(self, carried: Array) -> Pose:
         if not len(carried):
             return Pose(-self.centre, np.zeros(3), np.eye(3))
@@ -295,7 +368,7 @@ class SpotGaps(Gaps):
 
     def _rows_at(self, anchor: Anchor) -> SpotRows:
         """The row with spots that are made where the surfaces are nearest at an anchor."""
-        meeting = self._meeting(self._rough_poses(anchor.q, anchor.growing), anchor.pose)
+        meeting = self._on_faces(self._rough_poses(anchor.q, anchor.growing), anchor.pose)[0]
         where = zip(self._makers, meeting.points, meeting.outward, strict=True)
         spots = [maker.at(point, outward) for maker, point, outward in where]
         kernel, surface = spots[0].kernel, self.sides[0].surface
@@ -313,6 +386,13 @@ class SpotGaps(Gaps):
         rows = SpotRows(points, np.array([np.inf if all(spot.whole for spot in spots) else 0.0]), sides)
         rows.spots, rows.made_at = spots, anchor
         rows.contact = self._found.contact(self._axes(anchor.q, anchor.pose), meeting.normal)
+        rows.inside = all(
+            face.from_seam(point) > 2 * _TILTED * spot.radius + _HANDS_OVER * rows.contact.radius
+            and face.holds(maker.points, point, outward)
+            for face, maker, spot, point, outward in zip(
+                self.faces, self._makers, spots, meeting.points, meeting.outward, strict=True
+            )
+        )
         return rows
 
     def _stage_at(
@@ -324,18 +404,30 @@ class SpotGaps(Gaps):
         """
         pose = self.carrier_pose if pose is None else pose
         weights = [spot.kernel.weights for spot in rows.spots]
-        meeting = self._meeting(self._poses(places, weights, rows, q), pose)
+        find = self._alone if rows.inside else self._on_faces
+        meeting, _ = find(self._poses(places, weights, rows, q), pose)
         weights = [spot.kernel.around(point) for spot, point in zip(rows.spots, meeting.points, strict=True)]
-        meeting = self._meeting(self._poses(places, weights, rows, q), pose)
+        meeting, share = find(self._poses(places, weights, rows, q), pose)
         signs = (1.0, -1.0)
         shares = tuple(
-            (spot.kernel.nodes[None], sign * share[None])
-            for spot, share, sign in zip(rows.spots, weights, signs, strict=False)
+            (spot.kernel.nodes[None], sign * weight[None])
+            for spot, weight, sign in zip(rows.spots, weights, signs, strict=False)
         )
         stage = SpotStage(rows, meeting.normal[None].copy(), shares)
         stage.meeting, stage.places, stage.pose = meeting, places, pose
-        covered = all(spot.covered for spot in rows.spots)
-        return stage, np.array([meeting.gap if covered else max(abs(meeting.gap), self.size)])
+        stage.share = share * self._left(rows, meeting)
+        return stage, np.array([meeting.gap if stage.share > 0.0 else max(abs(meeting.gap), self.size)])
+
+    def _alone(self, poses: list[Pose], carried: Array) -> tuple[Meeting, float]:
+        """See `_on_faces`, far from the ends of faces."""
+        return self._meeting(poses, carried), 1.0
+
+    def _left(self, rows: SpotRows, meeting: Meeting) -> float:
+        """Share of the contact that is left at the end of patches."""
+        parts = zip(self._makers, rows.spots, meeting.points, meeting.outward, strict=True)
+        return math.prod(
+            spot.left(maker.points, maker.face.around, point, outward) for maker, spot, point, outward in parts
+        )
 
     def _reaches(self, rows: SpotRows, meeting: Meeting) -> bool:
         """Whether the point of contact is near the centres of the spots."""
@@ -350,6 +442,19 @@ class SpotGaps(Gaps):
         stage = self.stage
         assert isinstance(stage, SpotStage | FrozenSpot)
         return stage.meeting
+
+    @property
+    def share(self) -> float:
+        """Share of the contact that is on the faces of both sides now."""
+        stage = self.stage
+        assert isinstance(stage, SpotStage | FrozenSpot)
+        return stage.share
+
+    def least_distance(self, q: Array) -> float:
+        """See `Gaps.least_distance`; faces are no nearer to each other than the surfaces on which they lie."""
+        if self.carried:
+            return -np.inf
+        return self._meeting(self._rough_poses(q), self.carrier_pose).gap
 
     @property
     def mismatch(self) -> float:
@@ -488,3 +593,22 @@ class SpotGaps(Gaps):
         arm = weights[0] @ self.places_now()[0][nodes[0]] + self.centre - self._pose()[0]
         normal = self.normals[0]
         return -np.concatenate([normal, np.cross(arm, normal)])[None][index]
+
+
+def _beside(
+    sides: Sequence[Side],
+    patches: Sequence[int],
+    surface: RigidSurface | None,
+    faces: Sequence[SmoothFace],
+    number: int,
+) -> list[tuple[SmoothFace, Touching]]:
+    """Faces as which that of a side goes on, if they touch at a point, too, and how they do."""
+    found = []
+    for other in faces[number].neighbours:
+        shapes = [face.surface for face in faces]
+        shapes[number] = other.surface
+        try:
+            found.append((other, touching(sides, patches, surface, shapes)))
+        except InputError:
+            continue
+    return found

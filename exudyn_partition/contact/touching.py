@@ -17,10 +17,10 @@ from ..prediction.point_contact import PointContact
 from ..support.arrays import Array
 from .rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from .side import Side
+from .smooth_faces import check_facets
 from .true_surface import Torus, TrueSurface, fitted
 
 ROLES = ("slave", "master")
-ORDERS = {6: 2, 10: 3}  # of elements, by the nodes of their facets
 _CONFORMING = 0.05  # smaller relative curvature by the larger one, below which surfaces touch along a line
 
 
@@ -70,7 +70,12 @@ class Touching:
         )
 
 
-def touching(sides: Sequence[Side], patches: Sequence[int], surface: RigidSurface | None) -> Touching:
+def touching(
+    sides: Sequence[Side],
+    patches: Sequence[int],
+    surface: RigidSurface | None,
+    shapes: Sequence[TrueSurface] | None = None,
+) -> Touching:
     """Find the true surfaces of two sides that touch at a point.
 
     Parameters
@@ -81,6 +86,8 @@ def touching(sides: Sequence[Side], patches: Sequence[int], surface: RigidSurfac
         Numbers of their patches.
     surface : RigidSurface, optional
         The master, if it is rigid.
+    shapes : sequence of TrueSurface, optional
+        Those of the sides; by default, each patch is one.
 
     Raises
     ------
@@ -89,26 +96,21 @@ def touching(sides: Sequence[Side], patches: Sequence[int], surface: RigidSurfac
         plane, a ball, a cylinder, a bore nor a torus, none is a ball or a torus on a plane, or a ball fits its bore
         too closely.
     """
-    materials, shapes = [], []
+    materials, of_sides = [], [*(shapes or ())]
     for side, patch, role in zip(sides, patches, ROLES, strict=False):
         materials.append(_material(side, patch, role))
-        facets = side.surface.facets
-        if facets.shape[1] not in ORDERS:
-            raise InputError(
-                f"{role}: formulation 'hertz' knows what facets of quadratic and cubic tetrahedra lack, of 6 and 10 "
-                f"nodes, got facets of {facets.shape[1]} nodes. Take fe_model(..., order=2), or "
-                "formulation='compliance' with facets that resolve the contact"
-            )
-        shapes.append(fitted(side.kinematics.arms, facets, role))
+        check_facets(side, role)
+        if shapes is None:
+            of_sides.append(fitted(side.kinematics.arms, side.surface.facets, role))
     if surface is not None:
         if not isinstance(surface, RigidPlane | RigidSphere | RigidCylinder):
             raise InputError(
                 "master: formulation 'hertz' knows the curvatures of RigidPlane, RigidSphere and RigidCylinder, "
                 f"got a {type(surface).__name__}; take formulation='compliance'"
             )
-        shapes.append(TrueSurface(surface))
+        of_sides.append(TrueSurface(surface))
     modulus = 1 / sum(1 / material.plane_strain_modulus for material in materials)
-    found = Touching(shapes, materials, _ball(shapes), modulus)
+    found = Touching(of_sides, materials, _ball(of_sides), modulus)
     _ = found.round
     return found
 

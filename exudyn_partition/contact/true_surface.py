@@ -95,6 +95,13 @@ class TrueSurface:
         """
         return (self.shape.middle(normal), self.shape.tube) if isinstance(self.shape, Torus) else self.ball
 
+    def tolerance(self, size: float) -> float:
+        """How far from it corners may lie that are on it, of facets over a size [m]: [m]."""
+        if isinstance(self.shape, RigidPlane):
+            return _FLAT * size
+        radius = self.shape.tube if isinstance(self.shape, Torus) else self.shape.radius
+        return max(_FITS * min(size**2 / (8 * radius), radius), _ROUNDING * size)
+
     @property
     def curvatures(self) -> tuple[float, float]:
         """Principal curvatures [1/m], below zero where the surface is hollow; they are the same all over."""
@@ -132,26 +139,46 @@ def fitted(points: Array, facets: Array, role: str) -> TrueSurface:
     InputError
         If it is neither a plane, nor a ball, a cylinder, a bore nor the outside of a torus.
     """
+    surface = surface_of(points, facets)
+    if surface is None:
+        raise not_known(points, facets, role)
+    return surface
+
+
+def not_known(points: Array, facets: Array, role: str) -> InputError:
+    """Error that the facets of a patch lie on no known surface, see `fitted`."""
+    x = points[np.unique(facet_corners(facets))]
+    return InputError(
+        f"{role}: formulation 'hertz' needs the true surface of the patch, a plane, a ball, a cylinder, a bore or the "
+        f"outside of a torus, but the corners of its {len(facets)} facets lie on none of them: they are "
+        f"{_from_plane(x)[0]:.3g} m from a plane over {np.linalg.norm(np.ptp(x, axis=0)):.3g} m. Choose a patch within "
+        "one face (Partition.ball, Partition.surface), or take formulation='compliance' with facets that resolve the "
+        "contact"
+    )
+
+
+def surface_of(points: Array, facets: Array) -> TrueSurface | None:
+    """Surface on which the corners of facets lie, see `fitted`; None if it is none that is known."""
     corners = np.unique(facet_corners(facets))
     x, outward = points[corners], area_vectors(points, facets)
     middle, size = x.mean(axis=0), float(np.linalg.norm(np.ptp(x, axis=0)))
-    plane = np.linalg.svd(x - middle, full_matrices=False)[2][-1]
-    deviation = abs((x - middle) @ plane).max()
+    deviation, plane = _from_plane(x)
     if deviation <= _FLAT * size:
         return TrueSurface(RigidPlane(middle, plane if plane @ outward.sum(axis=0) > 0 else -plane))
     middles = points[facet_corners(facets)].mean(axis=1)
     for find in (_balls, _cylinders, _tori):
         for shape in find(x, outward, middles):
-            radius = shape.tube if isinstance(shape, Torus) else shape.radius
-            off, sagitta = float(abs(shape.project(x)[0]).max()), min(size**2 / (8 * radius), radius)
-            if off <= max(_FITS * sagitta, _ROUNDING * size) and radius < _WIDEST * size:
-                return TrueSurface(shape)
-    raise InputError(
-        f"{role}: formulation 'hertz' needs the true surface of the patch, a plane, a ball, a cylinder, a bore or the "
-        f"outside of a torus, but the corners of its {len(facets)} facets lie on none of them: they are "
-        f"{deviation:.3g} m from a plane over {size:.3g} m. Choose a patch within one face (Partition.ball, "
-        "Partition.surface), or take formulation='compliance' with facets that resolve the contact"
-    )
+            surface, radius = TrueSurface(shape), shape.tube if isinstance(shape, Torus) else shape.radius
+            if abs(shape.project(x)[0]).max() <= surface.tolerance(size) and radius < _WIDEST * size:
+                return surface
+    return None
+
+
+def _from_plane(x: Array) -> tuple[float, Array]:
+    """Largest distance of points, (k, 3), from the plane through them [m], and its unit normal, (3,)."""
+    middle = x.mean(axis=0)
+    plane = np.linalg.svd(x - middle, full_matrices=False)[2][-1]
+    return float(abs((x - middle) @ plane).max()), plane
 
 
 def _balls(x: Array, outward: Array, middles: Array) -> list[RigidSphere]:

@@ -10,7 +10,7 @@ from typing import Literal, Protocol, get_args
 import numpy as np
 
 from ..algebra.coulomb import Coulomb, friction_of
-from ..contact.formulations.choices import Compliance, FormulationName, formulation_of
+from ..contact.formulations.choices import Compliance, FormulationName, Hertz, formulation_of
 from ..contact.formulations.formulation import Formulation
 from ..contact.gaps import Gaps
 from ..contact.pairings import Pairing
@@ -21,6 +21,7 @@ from ..contact.profile import RigidProfile
 from ..contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere, RigidSurface
 from ..contact.rigid_mesh import RigidMesh
 from ..contact.side import Side
+from ..contact.smooth_faces import SmoothFace
 from ..contact.spot_gaps import SpotGaps
 from ..contact.wandering import WanderingGaps, WanderingRigidGaps
 from ..errors import InputError, PenetrationError
@@ -34,6 +35,7 @@ from ..surfaces.near import edge_meets, opposite_parts
 from ..surfaces.points import ROW_KINDS, RowKind
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from ..surfaces.surface import Surface
+from .point_pairs import only_pair
 
 Passes = Literal["finer", "given"]
 PASSES: tuple[Passes, ...] = get_args(Passes)
@@ -102,11 +104,13 @@ def plan_contact(
     interference: float | Literal["placed"] | None = None,
     name: str = "",
     anywhere: bool = False,
+    faces: Sequence[SmoothFace] | None = None,
 ) -> ContactPlan:
     """Check the options of a contact, see `CreatePartitionContact`, and return its plan; the model stays as it is.
 
     With `anywhere`, the sides may be far from each other, and touch at any place later: pairs are those near each other
-    as the sides are placed, if there are any.
+    as the sides are placed, if there are any. `faces` of slave and master, as they are given, are those of a contact at
+    a point, see `point_pairs`; by default, there is one point.
 
     Raises
     ------
@@ -150,7 +154,12 @@ def plan_contact(
     def gaps_of(placed: Sequence[Side], pressed: bool) -> Gaps:
         if kind == "spot":
             moving = () if masterBody is None else (pose(mbs, masterBody), motion(mbs, masterBody))
-            return SpotGaps(placed, [patch for _, patch in sides], rigid, *moving)
+            patches = [patch for _, patch in sides]
+            if faces is None:
+                of_sides: Sequence[SmoothFace] = only_pair(placed, patches, rigid)
+            else:
+                of_sides = faces if sides[0] == given[0] else faces[::-1]
+            return SpotGaps(placed, patches, rigid, *moving, faces=of_sides)
         if rigid is None:
             return _between(bodies, sides, placed, kind, pressed, anywhere)
         return _to_rigid(mbs, placed[0], rigid, kind, masterBody, pressed)
@@ -247,10 +256,10 @@ def _check_itself(item: PartitionBody, patches: Sequence[int], formulation: Form
 
 def _check_anywhere(formulation: Formulation, interference: float | Literal["placed"] | None) -> None:
     """Bodies that meet anywhere need forces that follow from their flexibilities, and begin apart."""
-    if type(formulation) is not Compliance:
+    if not isinstance(formulation, Compliance | Hertz):
         raise InputError(
             f"formulation: skins that meet anywhere go through their flexibility, got {type(formulation).__name__}. "
-            "Take formulation='compliance', or name each pair in a call of its own"
+            "Take formulation='compliance' or 'hertz', or name each pair in a call of its own"
         )
     if interference is not None:
         raise InputError("interference: skins in a list of bodies begin apart; name a press fit in a call of its own")

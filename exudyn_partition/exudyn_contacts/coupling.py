@@ -7,6 +7,8 @@ from collections.abc import Sequence
 
 from ..algebra.sparse.skin_flexibility import Flexibility, SkinFlexibility
 from ..contact.formulations.formulation import SharedBody
+from ..contact.smooth_faces import SmoothFace
+from ..contact.spot_gaps import SpotGaps
 from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..support.arrays import consecutive
@@ -108,10 +110,18 @@ class Joining:
 def _same_sides(contact: PartitionContact, neighbour: PartitionContact) -> bool:
     """Whether two contacts are between the same patches, or of the same patch with the same rigid surface.
 
-    The rows at the edges of the master are a second contact.
+    The rows at the edges of the master are a second contact, and so is each point of other faces.
     """
-    sides, neighbour_sides = (({*member.sides}, member.rows == "edges") for member in (contact, neighbour))
+    sides, neighbour_sides = (
+        ({*zip(member.sides, _faces(member), strict=True)}, member.rows == "edges") for member in (contact, neighbour)
+    )
     return sides == neighbour_sides and (len(contact.sides) > 1 or contact.master is neighbour.master)
+
+
+def _faces(contact: PartitionContact) -> Sequence[SmoothFace | None]:
+    """Face of each side's patch on which its point is; none of contacts by rows."""
+    gaps = contact.mechanics.gaps
+    return gaps.faces if isinstance(gaps, SpotGaps) else [None] * len(contact.sides)
 
 
 def _columns(contact: PartitionContact) -> list[slice]:

@@ -8,9 +8,11 @@ from functools import partial
 from typing import Literal, overload
 
 from ..algebra.coulomb import Coulomb
-from ..contact.formulations.choices import FormulationName
+from ..contact.formulations.choices import FormulationName, Hertz, formulation_of
 from ..contact.formulations.formulation import Formulation
 from ..contact.rigid import RigidSurface
+from ..contact.side import Side
+from ..contact.smooth_faces import SmoothFace
 from ..errors import InputError
 from ..exudyn_bodies.carriers import load_carrier
 from ..exudyn_bodies.model import registry, user_function
@@ -27,6 +29,7 @@ from .contact_run import N_FRICTION, N_VALUES, N_VALUES_AHEAD, ContactRun
 from .coupling import Joining, solve_together
 from .model_run import Runs, runs_of
 from .partition_contact import PartitionContact, partition_items
+from .point_pairs import point_pairs
 
 _log = logging.getLogger(__name__)
 
@@ -144,7 +147,8 @@ def CreatePartitionContact(
     -------
     PartitionContact
         For a sequence of bodies, a list of contacts. Skins with sharp edges have two with each other: one with rows all
-        over the slave, and one with rows="edges".
+        over the slave, and one with rows="edges". Of formulation "hertz" there is one for each two smooth faces that
+        can touch at a point; a warning tells of faces that cannot, and are left out.
 
     Raises
     ------
@@ -157,7 +161,8 @@ def CreatePartitionContact(
             raise InputError("rows: 'edges' are made of two bodies at a time, beside their contact")
         plan_pair = partial(plan_contact, mbs, formulation=formulation, stiffness=stiffness, friction=friction)
         of_whole = partial(plan_pair, rows=rows, passes=passes, interference=interference)
-        return _contacts_of(mbs, pairs_of(mbs, slave, within), name, of_whole, partial(plan_pair, rows="edges"))
+        pairs = [(pair, faces) for pair in pairs_of(mbs, slave, within) for faces in _faces_of(pair, formulation)]
+        return _contacts_of(mbs, pairs, name, of_whole, partial(plan_pair, rows="edges"))
     if within is not None:
         raise InputError("within: only for a sequence of bodies, whose pairs are looked for")
     plan = plan_contact(
@@ -180,7 +185,7 @@ def CreatePartitionContact(
 
 def _contacts_of(
     mbs: MainSystem,
-    pairs: Sequence[FoundPair],
+    pairs: Sequence[tuple[FoundPair, Sequence[SmoothFace] | None]],
     name: str,
     plan_whole: Callable[..., ContactPlan],
     plan_edges: Callable[..., ContactPlan],
@@ -189,11 +194,11 @@ def _contacts_of(
     validate_text("name", name)
     contacts, joining = list[PartitionContact](), Joining(partition_items(mbs)[1])
     try:
-        for i, ((slave, patch), master, anywhere) in enumerate(pairs, 1):
+        for i, (((slave, patch), master, anywhere), faces) in enumerate(pairs, 1):
             named, body = name and f"{name} {i}", isinstance(master, tuple)
             partner, of_partner = master if isinstance(master, tuple) else (master, None)
             sides = {"slavePatch": patch, "masterPatch": of_partner, "anywhere": anywhere}
-            plan = plan_whole(slave, partner, **sides, name=named)
+            plan = plan_whole(slave, partner, **sides, name=named, faces=faces)
             contacts.append(_build(mbs, plan, joining.join))
             if anywhere and body and needs_edges(plan):
                 edges = plan_edges(slave, partner, **sides, name=f"{plan.name} edges")
@@ -201,6 +206,17 @@ def _contacts_of(
     finally:  # a pair that cannot be leaves those before it
         joining.end()
     return contacts
+
+
+def _faces_of(pair: FoundPair, formulation: FormulationName | Formulation) -> Sequence[Sequence[SmoothFace] | None]:
+    """Faces of each point at which a pair may touch; a contact by rows has none."""
+    if not isinstance(formulation_of(formulation), Hertz):
+        return [None]
+    sides = [pair.slave]
+    if isinstance(pair.master, tuple):
+        sides.append(pair.master)
+    placed = [Side.of(item.kinematics, patch) for item, patch in sides]
+    return point_pairs(placed, [patch for _, patch in sides], None if isinstance(pair.master, tuple) else pair.master)
 
 
 def _build(

@@ -74,20 +74,7 @@ def kernel_around(points: Array, facets: Array, centre: Array, normal: Array, ra
     radius : float
         s [m].
     """
-    nodal = points[facets] - centre
-    height = nodal @ normal
-    flat = nodal - height[..., None] * normal
-    reach = np.linalg.norm(np.ptp(nodal, axis=1), axis=1)
-    near = (np.linalg.norm(flat, axis=2).min(axis=1) < radius + reach) & (abs(height).min(axis=1) < radius)
-    near &= np.einsum("fd,d->f", _normals(nodal, facets.shape[1]), normal) > 0
-    if not near.any():
-        return _nothing(points, facets, centre, normal)
-    area, N, dN = _rule(facets.shape[1])
-    x = np.einsum("qk,fkd->fqd", N, nodal[near])
-    first, second = (np.einsum("qk,fkd->fqd", part, nodal[near]) for part in dN)
-    area = area * abs(np.cross(first, second) @ normal)
-    square = np.einsum("fqd,fqd->fq", x, x) - (x @ normal) ** 2
-    pressure = area * np.sqrt(np.maximum(1 - square / radius**2, 0.0))
+    near, pressure, N = _pressures(points, facets, centre, normal, radius)
     total = float(pressure.sum())
     if total < _NEVER * _WHOLE * radius**2:
         return _nothing(points, facets, centre, normal)
@@ -98,6 +85,30 @@ def kernel_around(points: Array, facets: Array, centre: Array, normal: Array, ra
     about = arms - weights @ arms
     inverse = np.linalg.pinv((weights[:, None] * about).T @ about, rcond=1e-8)
     return Kernel(nodes, weights, arms, inverse, centre, normal, total / (_WHOLE * radius**2))
+
+
+def coverage_around(points: Array, facets: Array, centre: Array, normal: Array, radius: float) -> float:
+    """Share of a kernel that lies on some facets, see `kernel_around`; it is continuous in the place."""
+    return float(_pressures(points, facets, centre, normal, radius)[1].sum()) / (_WHOLE * radius**2)
+
+
+def _pressures(points: Array, facets: Array, centre: Array, normal: Array, radius: float) -> tuple[Array, Array, Array]:
+    """Which facets are near, (nf,), pressures at points on these times area, (k, q) [m2], and shape functions, (q, n).
+
+    Arguments are those of `kernel_around`.
+    """
+    nodal = points[facets] - centre
+    height = nodal @ normal
+    flat = nodal - height[..., None] * normal
+    reach = np.linalg.norm(np.ptp(nodal, axis=1), axis=1)
+    near = (np.linalg.norm(flat, axis=2).min(axis=1) < radius + reach) & (abs(height).min(axis=1) < radius)
+    near &= np.einsum("fd,d->f", _normals(nodal, facets.shape[1]), normal) > 0
+    area, N, dN = _rule(facets.shape[1])
+    x = np.einsum("qk,fkd->fqd", N, nodal[near])
+    first, second = (np.einsum("qk,fkd->fqd", part, nodal[near]) for part in dN)
+    area = area * abs(np.cross(first, second) @ normal)
+    square = np.einsum("fqd,fqd->fq", x, x) - (x @ normal) ** 2
+    return near, area * np.sqrt(np.maximum(1 - square / radius**2, 0.0)), N
 
 
 def _nothing(points: Array, facets: Array, centre: Array, normal: Array) -> Kernel:

@@ -2,12 +2,14 @@
 
 Scenes: a ball on a rigid plane, two balls, a soft ball on a steel one at a low speed, a ball on a free thin plate, a
 ball in a rigid bore (an elliptic contact), a ball that falls into a groove and touches two rigid faces at once, and the
-rounded corner of a block on a rigid plane (a torus, with two curvatures that depend on the place).
+rounded corner of a block on a rigid plane (a torus, with two curvatures that depend on the place), and a block with
+two bumps that stand near each other. In the groove and with the bumps, one patch has both points, which the library
+finds; rows have a patch for each. And the ball on a plane with cubic elements.
 The elements at the contact are one, two and four contact radii long, on the plane also down to where they resolve the
 contact. It is at a node, at the middle of an edge and at the middle of a facet. Beside it, formulation "compliance" on
 the same meshes.
 References: of balls on planes and balls, the series solution of whole elastic spheres (elastic_sphere.py); of plate,
-bore, groove and corner, formulation "compliance" on patches with three and a half elements in the contact radius.
+bore, groove, corner and bumps, "compliance" on patches with three and a half elements in the contact radius.
 Quantities: peak of the force, impulse, duration between 5 % of the peak, the change of energy, and processor times.
 
 Two balls also hit each other at an angle, with friction. Reference: Maw, Barber and Fawcett with the flexibility of a
@@ -23,6 +25,7 @@ the rolling ball 2 %, at rest 0.5 %.
 """
 
 import argparse
+import json
 import time
 import warnings
 from functools import cache
@@ -45,15 +48,16 @@ RADIUS, SPEED, SMALL, F_CUT = 10e-3, 0.5, 5e-3, 200e3
 THICK, WIDTH = 3e-3, 40e-3  # of the plate [m]
 BORE = 15e-3
 CORNER = (8e-3, 4e-3)  # radii of the block's upright edge and of the fillet around its top: a torus [m]
+BLOCK, BUMP, BETWEEN = (24e-3, 16e-3, 8e-3), 4e-3, 6e-3  # block with bumps, their radius and distance [m]
 SOFT = ep.Material(E=3e9, nu=0.4, rho=1200.0)
-SCENES = ["plane", "two balls", "unlike balls", "plate", "bore", "groove", "corner"]
+SCENES = ["plane", "two balls", "unlike balls", "plate", "bore", "groove", "corner", "bumps", "cubic"]
 SIZES = (1.0, 2.0, 4.0)  # of elements, by the radius of contact
 FINE = 1 / 3.5
 RESOLVED = (FINE, 0.5)  # of a ball on a plane: the law needs no switch to rows where facets resolve the contact
 PLACES = ("node", "edge", "facet")
 LIMITS = {
     "plane": 0.01, "two balls": 0.01, "unlike balls": 0.01, "plate": 0.015, "bore": 0.01, "groove": 0.01,
-    "corner": 0.01, "energy": 1e-3, "oblique": 0.03, "rolling": 0.02, "rest": 0.005,
+    "corner": 0.01, "bumps": 0.01, "cubic": 0.01, "energy": 1e-3, "oblique": 0.03, "rolling": 0.02, "rest": 0.005,
 }  # fmt: skip
 FRICTION, SLIDING = 0.3, (0.1, 0.3, 0.6, 1.5)  # m/s
 SLOW = 0.1  # m/s, at which the ball sticks, and swings back
@@ -78,6 +82,9 @@ def contact_radius(scene):
         return ep.hertz.impact(mass_of(SMALL), SPEED, SMALL, np.inf, scenes.STEEL, ep.ALUMINIUM).contact_radius
     if scene == "unlike balls":
         return ep.hertz.impact(unlike_mass(), SLOW, RADIUS, RADIUS, SOFT, scenes.STEEL).contact_radius
+    if scene == "bumps":
+        mass = scenes.STEEL.rho * np.prod(BLOCK)
+        return ep.hertz.impact(mass / 2, SPEED, BUMP, np.inf, scenes.STEEL).contact_radius
     if scene == "corner":
         return ep.hertz.impact(0.02, SPEED, 6e-3, np.inf, scenes.STEEL).contact_radius
     two = scene == "two balls"
@@ -87,9 +94,9 @@ def contact_radius(scene):
 
 
 @cache
-def ball(radius, h, fine, material=scenes.STEEL):
+def ball(radius, h, fine, material=scenes.STEEL, order=2):
     """Ball about the origin with elements of size h at its south pole, reduced."""
-    fem = ep.fe_model(sphere(radius), material, **mesh((0, 0, -radius), h, fine, 0.25 * radius))
+    fem = ep.fe_model(sphere(radius), material, order=order, **mesh((0, 0, -radius), h, fine, 0.25 * radius))
     part = ep.Partition.ball(fem, (0, 0, -radius), patch(h, fine), axes="xyz", direction=(0, 0, -1))
     return ep.reduce(fem, part, f_cut=60e3 if material == SOFT else F_CUT)
 
@@ -100,17 +107,26 @@ def sphere(radius):
 
 
 @cache
-def groove_ball(h, fine):
-    """Ball about the origin with elements of size h, and a patch, where it touches each face of a groove."""
+def groove_ball(h, fine, one):
+    """Ball about the origin with elements of size h where it touches each face of a groove; a patch there, or `one`."""
     first, second = (tuple(RADIUS * n) for n in GROOVE)
     options = mesh(first, h, fine, 0.25 * RADIUS)
     options["refine"] += mesh(second, h, fine, 0.25 * RADIUS)["refine"]
     fem = ep.fe_model(sphere(RADIUS), scenes.STEEL, **options)
-    parts = (
+    if one:
+        part = ep.Partition.surface(fem, near=(0, 0, -RADIUS), axes="xyz")
+    else:
+        part = patch_of_each(fem, (first, second), GROOVE, h, fine)
+    return ep.reduce(fem, part, f_cut=F_CUT)
+
+
+def patch_of_each(fem, places, normals, h, fine):
+    """A patch around each of two places."""
+    first, second = (
         ep.Partition.ball(fem, place, patch(h, fine), axes="xyz", direction=tuple(n))
-        for place, n in zip((first, second), GROOVE, strict=True)
+        for place, n in zip(places, normals, strict=True)
     )
-    return ep.reduce(fem, next(parts) | next(parts), f_cut=F_CUT)
+    return first | second
 
 
 def mesh(place, h, fine, maxh):
@@ -135,18 +151,56 @@ def plate(h, fine):
 GROOVE = np.array([[1.0, 0.0, -1.0], [-1.0, 0.0, -1.0]]) / 2**0.5  # from the ball to both faces
 
 
-def groove_impact(body, formulation):
-    """A ball that falls into a groove and touches both faces at once, each with a patch of its own."""
+def groove_impact(body, formulation, one):
+    """A ball that falls into a groove and touches both faces at once, with one patch, or one for each face."""
     mbs = exu.SystemContainer().AddSystem()
     item = ep.CreatePartitionBody(mbs, body, initialVelocity=[0, 0, -SPEED])
     contacts = [
         ep.CreatePartitionContact(
-            mbs, item, ep.RigidPlane((RADIUS + MARGIN) * n, -n), formulation=formulation, slavePatch=number
+            mbs,
+            item,
+            ep.RigidPlane((RADIUS + MARGIN) * n, -n),
+            formulation=formulation,
+            slavePatch=0 if one else number,
         )
         for number, n in enumerate(GROOVE)
     ]
     mbs.Assemble()
     return solved(mbs, [item], contacts, 80e-6)
+
+
+@cache
+def bumps(h, fine, one):
+    """Block of steel with two bumps, and a patch of both and what is between, or one on each."""
+    block = occ.Box(occ.Pnt(-BLOCK[0] / 2, -BLOCK[1] / 2, 0), occ.Pnt(BLOCK[0] / 2, BLOCK[1] / 2, BLOCK[2]))
+    places = [(side * BETWEEN / 2, 0, BLOCK[2] + 1e-3) for side in (-1, 1)]
+    options = {"maxh": 2e-3, "refine": [], "grading": 0.4}
+    for x, y, z in places:
+        block += sphere(BUMP).Move(occ.Vec(x, y, z - BUMP))
+        options["refine"] += mesh((x, y, z), h, fine, 0)["refine"]
+    fem = ep.fe_model(block, scenes.STEEL, **options)
+    if one:
+        part = ep.Partition.ball(fem, (0, 0, places[0][2]), BETWEEN / 2 + 2.7e-3, axes="xyz", direction=(0, 0, 1))
+    else:
+        part = patch_of_each(fem, places, [(0, 0, 1)] * 2, h, fine)
+    return ep.reduce(fem, part, f_cut=F_CUT)
+
+
+def bumps_impact(body, formulation, one):
+    """A block that hits a rigid plane with two bumps."""
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, body, initialVelocity=[0, 0, SPEED])
+    plane = ep.RigidPlane((0, 0, BLOCK[2] + 1e-3 + MARGIN), (0, 0, -1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the plane faces between the bumps
+        if one:
+            contacts = ep.CreatePartitionContact(mbs, [item, plane], formulation=formulation)
+        else:
+            contacts = [
+                ep.CreatePartitionContact(mbs, item, plane, slavePatch=n, formulation=formulation) for n in (0, 1)
+            ]
+    mbs.Assemble()
+    return solved(mbs, [item], contacts, 70e-6)
 
 
 CORNER_NORMAL = np.full(3, 3**-0.5)
@@ -175,19 +229,21 @@ def place_of(body, near, kind):
 def impact(scene, size, kind, formulation):
     """History of an impact: times, force, energy, and processor time of the run."""
     fine, h = size < 1, size * contact_radius(scene)
-    if scene == "groove":
-        return groove_impact(groove_ball(h, fine), formulation)
+    if scene in ("groove", "bumps"):
+        one = formulation == "hertz"
+        body, meet = (groove_ball, groove_impact) if scene == "groove" else (bumps, bumps_impact)
+        return meet(body(h, fine, one), formulation, one)
     if scene == "corner":
         return corner_impact(corner(h, fine), formulation)
     mbs = exu.SystemContainer().AddSystem()
     radius = SMALL if scene == "plate" else RADIUS
     unlike = scene == "unlike balls"
-    body = ball(radius, h, fine, SOFT if unlike else scenes.STEEL)
+    body = ball(radius, h, fine, SOFT if unlike else scenes.STEEL, 3 if scene == "cubic" else 2)
     x = place_of(body, np.array([0, 0, -radius]), kind)
     n = x / np.linalg.norm(x)  # direction of motion
     first = ep.CreatePartitionBody(mbs, body, initialVelocity=list((SLOW if unlike else SPEED) * n))
     bodies = [first]
-    if scene == "plane":
+    if scene in ("plane", "cubic"):
         partner = ep.RigidPlane(point=(radius + MARGIN) * n, normal=-n)
     elif scene == "bore":
         axis = np.cross(n, [0.3, 1.0, 0.1])
@@ -262,7 +318,7 @@ def measures(t, force):
 @cache
 def reference(scene):
     """Peak, impulse and duration between 5 % of the peak of the true impact."""
-    if scene in ("plate", "bore", "corner", "groove"):
+    if scene in ("plate", "bore", "corner", "groove", "bumps"):
         return measures(*impact(scene, FINE, "node", "compliance")[:2])
     if scene == "unlike balls":
         return unlike_reference()
@@ -420,17 +476,24 @@ def page_table(result):
 
 def at(scene, sizes, places):
     """Sizes of elements by the radius of contact, and places in the mesh, of the runs of a scene."""
-    if scene == "corner":  # longer elements than two radii leave its round face
+    if scene in ("corner", "bumps"):  # with longer elements than two radii, patches leave the round face, or overlap
         return [(size, "any") for size in sizes if size <= 2.0]
-    if scene in ("unlike balls", "groove"):
-        return [(size, "facet" if scene == "unlike balls" else "any") for size in sizes]
+    if scene == "groove":
+        return [(size, "any") for size in sizes]
+    if scene in ("unlike balls", "cubic"):
+        return [(size, "facet") for size in sizes]
     more = RESOLVED if scene == "plane" and len(places) > 1 else ()
     return [(size, place) for size in (*more, *sizes) for place in places]
 
 
 def run(names, sizes, places, out):
-    """Run scenes, print tables, and write the result."""
+    """Run scenes, print tables, and write the result; what else was stored stays if all sizes and places were run."""
     console, result, failed = Console(width=120), {"scenes": {}, "limits": LIMITS}, []
+    whole, stored = len(places) == len(PLACES) and out is None, Path(__file__).with_suffix(".json")
+    some = whole and len(names) < len(SCENES) and stored.exists()
+    if some:
+        result = {**json.loads(stored.read_text()), "limits": LIMITS}
+        failed = [said for said in result.pop("beyond_limits") if said.split(",")[0] not in names]
     for scene in names:
         true, table = reference(scene), Table(title=f"{scene}: {contact_radius(scene) * 1e3:.3f} mm contact radius")
         for column in ("elements", "place", "formulation", "peak", "impulse", "duration", "energy", "s"):
@@ -450,16 +513,17 @@ def run(names, sizes, places, out):
                     failed += [f"{name}: energy {energy:.1e}"] * (energy > LIMITS["energy"])
         console.print(table)
         result["scenes"][scene] = {"reference": true, "rows": rows}
-    result["friction"] = with_friction(sizes, failed, len(places) == 1)
-    console.print(result["friction"])
-    if out is None and len(names) == len(SCENES) and not failed:
+    if not some:
+        result["friction"] = with_friction(sizes, failed, len(places) == 1)
+        console.print(result["friction"])
+    if whole and not failed:
         write_between(PAGE, "contact/unresolved.py", page_table(result))
     scenes.finish(__file__, result, failed, out)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="*", choices=SCENES)
+    parser.add_argument("--only", nargs="*", choices=SCENES, help="others, and friction, keep what is stored")
     parser.add_argument("--quick", action="store_true", help="planes and balls, middle of a facet")
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()

@@ -23,6 +23,7 @@ from ..spot_gaps import SpotGaps
 from .compliance import compliance
 from .coupled import CoupledContacts, SharedPatches
 from .coupled_friction import CoupledFriction, SharedFriction
+from .coupled_points import CoupledPoints
 from .coupled_zones import CoupledZones
 from .explicit_multipliers import Multipliers
 from .formulation import Formulation, Links, SharedBody, Together
@@ -172,6 +173,16 @@ class Hertz(Formulation):
         """See `Formulation`."""
         assert isinstance(rows.gaps, SpotGaps)
         return HertzPoint(rows) if rows.d == 1 else HertzFriction(rows)
+
+    def couples(self, contact: PatchContact, neighbour: PatchContact, shared: SharedBody) -> bool:
+        """See `Formulation`; points may share a patch."""
+        if not isinstance(neighbour.formulation, Hertz):
+            return super().couples(contact, neighbour, shared)
+        return _coupling(shared) > _COUPLED
+
+    def together(self, contacts: Sequence[PatchContact], links: Links) -> Together:
+        """See `Formulation`."""
+        return Separate(contacts) if len(contacts) == 1 else CoupledPoints(contacts, links)
 
 
 def formulation_of(choice: FormulationName | Formulation, stiffness: float | None = None) -> Formulation:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -28,6 +29,7 @@ class CoupledZones(Coupled):
 
     def _begin(self) -> None:
         super()._begin()
+        vars(self).pop("_neighbours", None)  # those of other contacts
         self._frictional = any(contact.friction is not None for contact in self.contacts)
         for contact in self.contacts:
             contact.told = True
@@ -48,6 +50,18 @@ class CoupledZones(Coupled):
         if lasting or any(map(self._pushes, range(len(gaps)))):
             self._settle(gaps, lasting)
 
+    @cached_property
+    def _neighbours(self) -> dict[int, list[int]]:
+        """Contacts that may move the rows of each."""
+        neighbours: dict[int, list[int]] = {}
+        for j, k in self._between.pairs:
+            neighbours.setdefault(j, []).append(k)
+        return neighbours
+
+    def _pushing(self, j: int) -> list[int]:
+        """Contacts whose forces move the rows of contact j."""
+        return [k for k in self._neighbours.get(j, ()) if self._pushes(k)]
+
     def _pushes(self, j: int) -> bool:
         """Whether forces of a contact, or those at the end of the last accepted step, move the rows of others."""
         contact = self.contacts[j]
@@ -59,7 +73,7 @@ class CoupledZones(Coupled):
         for _ in range(_SWEEPS):
             change = size = 0.0
             for j, contact in enumerate(self.contacts):
-                pushing = [k for k in self._exchange.neighbours[j] if self._pushes(k)]
+                pushing = self._pushing(j)
                 if pushing or pushed_ever[j]:
                     before, pushed_ever[j] = contact.evaluation.on_rows, True
                     start = lasting[j] if lasting else np.zeros(before.shape)

@@ -19,7 +19,7 @@ WIDEST = 0.2  # radius of contact by the effective radius of the surfaces, up to
 LEFT_OUT = [
     "how pressure is spread over the contact: Hertz's law stands for that, whether facets resolve it or not, with "
     f"radii that are small beside those of the surfaces (up to {WIDEST:g} of them)",
-    "the residual flexibility between this contact and others on the same body",
+    "the residual flexibility between this contact and those of other formulations on the same body",
 ]
 _STIFFEST = 0.25  # share of Hertz's own compliance there, that is left at least beside that of the bodies
 _SETTLED, _MOST = 1e-14, 100  # relative change of the last step of Newton's method, and most steps
@@ -33,16 +33,18 @@ class HertzCurve:
     series : float
         f, flexibility of the bodies without that of the point itself [m/N]; it may be negative.
     contact : PointContact
+    share : float
+        Share of the forces that is on the faces of this contact, see `spot.Spot.share`.
     """
 
-    def __init__(self, series: float, contact: PointContact) -> None:
-        self.f, self.k = series, contact.yielding
-        self.largest: float = contact.force(WIDEST * contact.radius)
+    def __init__(self, series: float, contact: PointContact, share: float = 1.0) -> None:
+        self.f, self.k = series / share, contact.yielding / math.cbrt(share) ** 2
+        self.largest: float = share * contact.force(WIDEST * contact.radius)
         own = 2 / 3 * self.k / math.cbrt(self.largest)
-        if series < (_STIFFEST - 1) * own:  # else the bodies would be stiffer than rigid ones
-            self.largest *= math.pow(own * (1 - _STIFFEST) / -series, 3)
+        if self.f < (_STIFFEST - 1) * own:  # else the bodies would be stiffer than rigid ones
+            self.largest *= math.pow(own * (1 - _STIFFEST) / -self.f, 3)
             own = 2 / 3 * self.k / math.cbrt(self.largest)
-        self.stiffest = 1 / (series + own)
+        self.stiffest = 1 / (self.f + own)
         self._deepest = self.approach(self.largest)
         self._stored = self._curved(self.largest)
 
@@ -106,23 +108,23 @@ class HertzPoint(Law):
     def __init__(self, rows: RowDirections) -> None:
         assert isinstance(rows.gaps, SpotGaps)
         self.rows, self.gaps = rows, rows.gaps
-        self._known: tuple[tuple[float, PointContact], HertzCurve] | None = None
+        self._known: tuple[tuple[float, PointContact, float], HertzCurve] | None = None
 
     def fresh(self, rows: RowDirections) -> Law:
         """See `Law`."""
         return HertzPoint(rows)
 
-    def curve(self) -> HertzCurve:
-        """Force by approach at the present spots."""
+    def curve(self, share: float) -> HertzCurve:
+        """Force by approach at the present spots, of a share of the contact."""
         series = float(self.rows.flexibility(np.zeros(1, dtype=np.int64))[0, 0]) + self.gaps.spot_rows.lacking[0]
-        key = series, self.gaps.contact
+        key = series, self.gaps.contact, share
         if self._known is None or self._known[0] != key:
             self._known = key, HertzCurve(*key)
         return self._known[1]
 
     def answer(self, places: Places) -> Forces:
         """See `Law`."""
-        curve = self.curve()
+        curve = self.curve(self.gaps.share or 1.0)
         force = curve.force(-float(places.gap[0])) if places.gap[0] < 0.0 else 0.0
         return Forces(
             np.array([[force]]),
@@ -134,7 +136,7 @@ class HertzPoint(Law):
     def closed_stiffness(self, rows: RowDirections) -> Array:
         """See `Law`; that at the largest contact for which the law is Hertz's."""
         H = dense(rows.jacobian(np.zeros(1, dtype=np.int64)))
-        return np.asarray(self.curve().stiffest * (H.T @ H))
+        return np.asarray(self.curve(1.0).stiffest * (H.T @ H))
 
     @property
     def left_out(self) -> list[str]:

@@ -262,24 +262,24 @@ class HertzFriction(Law):
         self.rows, self.gaps = rows, rows.gaps
         self._mismatch = self.gaps.mismatch if self.gaps.contact.circular else 0.0
         self.memory = 2 * _SPRINGS * spokes_of(self._mismatch)
-        self._known: tuple[Array, PointContact, HertzCurve, Springs] | None = None
+        self._known: tuple[Array, PointContact, float, HertzCurve, Springs] | None = None
 
     def fresh(self, rows: RowDirections) -> Law:
         """See `Law`."""
         return HertzFriction(rows)
 
-    def _curve(self) -> tuple[HertzCurve, Array, Springs]:
-        """Force by approach, flexibility in three directions without that of the point, (3, 3) [m/N], and springs."""
+    def _curve(self, share: float) -> tuple[HertzCurve, Array, Springs]:
+        """Force by approach of a share of the contact, flexibility without that of the point, (3, 3) [m/N], springs."""
         F, lacking = self.rows.flexibility(_ONE), self.gaps.spot_rows.lacking
         series = F + np.diag([lacking[0], lacking[1], lacking[1]])
         contact, known = self.gaps.contact, self._known
-        if known is None or known[1] != contact or not np.array_equal(known[0], series):
+        if known is None or known[1:3] != (contact, share) or not np.array_equal(known[0], series):
             springs = Springs(contact.sphere, contact.modulus, self.gaps.shear, self._mismatch)
-            known = self._known = series, contact, HertzCurve(float(series[0, 0]), contact), springs
-        return known[2], series, known[3]
+            known = self._known = series, contact, share, HertzCurve(float(series[0, 0]), contact, share), springs
+        return known[3], series, known[4]
 
-    def _yielding(self) -> Yielding:
-        curve, F, springs = self._curve()
+    def _yielding(self, share: float = 1.0) -> Yielding:
+        curve, F, springs = self._curve(share)
         turn, curved, fixed = self.gaps.stage.once(("point", self.rows.axis), self._axes)
         return Yielding(
             curve, springs, turn @ F[1:, 0], turn @ (F[1:, 1:] + fixed) @ turn.T, turn @ curved @ turn.T, turn
@@ -311,7 +311,7 @@ class HertzFriction(Law):
 
     def answer(self, places: Places) -> Forces:
         """See `Law`."""
-        yielding = self._yielding()
+        yielding = self._yielding(self.gaps.share or 1.0)
         curve, springs, between, _, curved, turn = yielding
         gap, mu = float(places.gap[0]), float(places.mu[0])
         before, last = float(places.last[0, 0]), turn @ places.last[0, 1:]

@@ -1,0 +1,273 @@
+"""Smooth faces of a contact patch, each with its true surface: where a contact may touch at points of its own.
+
+A face is grown from a facet: a surface through the corners around it takes all facets on which it lies.
+
+Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from ..errors import InputError
+from ..fe.facets import area_vectors, facet_corners
+from ..reduction.body import ReducedBody
+from ..support.arrays import Array
+from .side import Side
+from .true_surface import TrueSurface, not_known, surface_of
+
+ORDERS = {6: 2, 10: 3}  # of elements, by the nodes of their facets
+_RINGS = (2, 1)  # of facets around one, through which a surface is looked for
+_GROWN = 10  # most times that a face is grown and its surface found anew
+_WIDE = 4.0  # facets by whose sagitta corners may lie beside the surface
+_ROUNDING = 1e-6  # of a face's size: by how much they may do so at least
+_ALONG = 0.7  # cosine between the normals of a facet and of the surface on which it lies
+_GOES_ON = 0.985  # cosine between the normals of two surfaces where one goes on as the other
+_BENT = 0.85  # the same of facets that lie on no known surface
+_FAILED = 60  # facets around which no surface is found, after which nobody looks for more
+_KNOWN: WeakKeyDictionary[ReducedBody, dict[int, Faces]] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothFace:
+    """A face of a patch.
+
+    Parameters
+    ----------
+    surface : TrueSurface
+    facets : (nf, n) int array
+        Its facets, by nodes of the patch.
+    beside : (nb, n) int array
+        Facets of the patch with which the surface goes on beyond it without an edge.
+    seam : (m, 2, 3) array
+        Ends of the edges between it and those [m].
+    neighbours : list of SmoothFace
+        Known faces with which it has a seam.
+    """
+
+    surface: TrueSurface
+    facets: Array
+    beside: Array
+    seam: Array
+    neighbours: list[SmoothFace] = field(default_factory=list)
+
+    @cached_property
+    def around(self) -> Array:
+        """Facets on which a force near the face is spread."""
+        return np.concatenate([self.facets, self.beside])
+
+    def from_seam(self, point: Array) -> float:
+        """Distance of a point, (3,), from the seam [m]; infinite without one."""
+        return float(np.linalg.norm(self._on_seam(point) - point, axis=1).min(initial=math.inf))
+
+    def end(self, point: Array) -> Array:
+        """Place of the surface on the seam that is nearest to a point, (3,) [m]."""
+        on_seam = self._on_seam(point)
+        nearest = on_seam[np.linalg.norm(on_seam - point, axis=1).argmin()]
+        gap, normal = self.surface.shape.project(nearest[None])
+        return np.asarray(nearest - gap[0] * normal[0])
+
+    def _on_seam(self, point: Array) -> Array:
+        """Nearest place on each edge of the seam, (m, 3) [m]."""
+        start, way = self.seam[:, 0], self.seam[:, 1] - self.seam[:, 0]
+        share = np.einsum("md,md->m", point - start, way) / np.einsum("md,md->m", way, way)
+        return np.asarray(start + np.clip(share, 0.0, 1.0)[:, None] * way)
+
+    def holds(self, points: Array, point: Array, normal: Array) -> bool:
+        """Whether a point of the surface, with an outward unit normal, lies on this face, and not on those beside it.
+
+        `points`, (np, 3) [m], are the nodes of the patch. Beyond the patch, nothing else is there: the face has it.
+        """
+        a, b, c = (points[self.around[:, k]] - point for k in range(3))
+        sides = [np.cross(one, other) @ normal for one, other in ((a, b), (b, c), (c, a))]
+        over = np.flatnonzero((np.array(sides) >= 0.0).all(axis=0))
+        if not len(over):
+            return True
+        height = abs((a[over] + b[over] + c[over]) @ normal)
+        return bool(over[height.argmin()] < len(self.facets))
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """Smooth faces of a patch.
+
+    Parameters
+    ----------
+    known : list of SmoothFace
+        The largest first.
+    unknown : int
+        Number of facets that lie on no known surface.
+    """
+
+    known: list[SmoothFace]
+    unknown: int
+
+
+def faces_of(side: Side, patch: int, role: str) -> Faces:
+    """Smooth faces of a side's patch, in the axes of its body, from the centre of mass.
+
+    Raises
+    ------
+    InputError
+        If no surface is found; `role` names the side.
+    """
+    check_facets(side, role)
+    body = side.kinematics.body
+    known = _KNOWN.setdefault(body, {})
+    if patch not in known:
+        points, facets = side.kinematics.arms, side.surface.facets
+        found = smooth_faces(points, facets)
+        if not found.known:
+            raise not_known(points, facets, role)
+        known[patch] = found
+    return known[patch]
+
+
+def check_facets(side: Side, role: str) -> None:
+    """Raise InputError if a side's facets are not those of quadratic or cubic tetrahedra."""
+    n_nodes = side.surface.facets.shape[1]
+    if n_nodes not in ORDERS:
+        raise InputError(
+            f"{role}: formulation 'hertz' knows what facets of quadratic and cubic tetrahedra lack, of 6 and 10 "
+            f"nodes, got facets of {n_nodes} nodes. Take fe_model(..., order=2), or "
+            "formulation='compliance' with facets that resolve the contact"
+        )
+
+
+def smooth_faces(points: Array, facets: Array) -> Faces:
+    """Divide a patch into smooth faces.
+
+    Parameters
+    ----------
+    points : (np, 3) array
+        Nodes of the patch [m].
+    facets : (nf, n) int array
+        Triangles, with normals that point outward.
+    """
+    edges, corners = _neighbours(facets)
+    whole = surface_of(points, facets) if connected_components(corners, directed=False)[0] == 1 else None
+    if whole is not None:
+        return Faces([SmoothFace(whole, facets, facets[:0], np.empty((0, 2, 3)))], 0)
+    face, surfaces = _grown(points, facets, edges, corners)
+    first, second = sp.triu(edges).nonzero()
+    apart = face[first] != face[second]
+    first, second = first[apart], second[apart]
+    places = _ends_of_edges(points, facets, first, second)
+    smooth = _go_on(points, facets, (face, surfaces), (first, second), places)
+    groups = _joined(face, first[smooth], second[smooth], len(surfaces))
+    found = []
+    for number, surface in enumerate(surfaces):
+        own = face == number
+        others = (groups[face] == groups[number]) & ~own
+        ends = smooth & (own[first] | own[second])
+        found.append(SmoothFace(surface, facets[own], facets[others], places[ends]))
+    between = {(face[i], face[j]) for i, j in zip(first[smooth], second[smooth], strict=True)}
+    for i, j in sorted(between | {(j, i) for i, j in between}):
+        if min(i, j) >= 0:
+            found[i].neighbours.append(found[j])
+    found.sort(key=lambda one: -len(one.facets))
+    return Faces(found, int(np.count_nonzero(face < 0)))
+
+
+def _neighbours(facets: Array) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Which facets have an edge in common, and which a corner, themselves included, (nf, nf) each."""
+    corners = facet_corners(facets)
+    rows = np.repeat(np.arange(len(corners)), corners.shape[1])
+    has = sp.csr_matrix((np.ones(corners.size), (rows, corners.ravel())))
+    common = sp.csr_matrix(has @ has.T)
+    return sp.csr_matrix(common > 1), sp.csr_matrix(common > 0)
+
+
+def _grown(
+    points: Array, facets: Array, edges: sp.csr_matrix, corners: sp.csr_matrix
+) -> tuple[Array, list[TrueSurface]]:
+    """Number of the face of each facet, -1 for those on no known surface, (nf,), and the surfaces of faces."""
+    face, surfaces = np.full(len(facets), -1), list[TrueSurface]()
+    tried, failed = np.zeros(len(facets), dtype=bool), 0
+    for seed in range(len(facets)):
+        if face[seed] >= 0 or tried[seed] or failed > _FAILED:
+            continue
+        rings = [_ring(seed, corners, face < 0, count) for count in _RINGS]
+        surface = next((found for ring in rings if (found := surface_of(points, facets[ring])) is not None), None)
+        if surface is None:
+            tried[rings[-1]], failed = True, failed + 1
+            continue
+        taken, surface = _spread(points, facets, edges, seed, surface, face < 0)
+        if len(taken):
+            face[taken] = len(surfaces)
+            surfaces.append(surface)
+        tried[seed] = True
+    return face, surfaces
+
+
+def _ring(seed: int, corners: sp.csr_matrix, free: Array, count: int) -> Array:
+    """Facets around one, by so many rings, that are free, in ascending order."""
+    ring = np.array([seed])
+    for _ in range(count):
+        ring = np.unique(corners[ring].indices)
+        ring = ring[free[ring]]
+    return ring
+
+
+def _spread(
+    points: Array, facets: Array, edges: sp.csr_matrix, seed: int, surface: TrueSurface, free: Array
+) -> tuple[Array, TrueSurface]:
+    """Facets around one on a surface, in ascending order, and the surface through all of them."""
+    taken, corners = np.empty(0, dtype=np.int64), facet_corners(facets)
+    near_size = _WIDE * float(np.linalg.norm(np.ptp(points[corners[seed]], axis=0)))
+    size = near_size
+    normals = area_vectors(points, facets)
+    normals = normals / np.linalg.norm(normals, axis=1)[:, None]
+    middles = points[corners].mean(axis=1)
+    for _ in range(_GROWN):
+        near = abs(surface.shape.project(points)[0]) <= max(surface.tolerance(near_size), _ROUNDING * size)
+        fits = free & near[corners].all(axis=1)
+        fits &= np.einsum("fd,fd->f", surface.shape.project(middles)[1], normals) > _ALONG
+        some = np.flatnonzero(fits)
+        if not fits[seed]:
+            break
+        parts = connected_components(edges[some][:, some], directed=False)[1]
+        now = some[parts == parts[np.searchsorted(some, seed)]]
+        if len(now) == len(taken) and (now == taken).all():
+            break
+        taken, size = now, float(np.linalg.norm(np.ptp(points[corners[now]].reshape(-1, 3), axis=0)))
+        surface = surface_of(points, facets[now]) or surface
+    return taken, surface
+
+
+def _ends_of_edges(points: Array, facets: Array, first: Array, second: Array) -> Array:
+    """Ends of the common edges of facets, (ne, 2, 3) [m]."""
+    corners = facet_corners(facets)
+    common = (corners[first][:, :, None] == corners[second][:, None, :]).any(axis=2)
+    return np.asarray(points[corners[first][common].reshape(-1, 2)])
+
+
+def _go_on(
+    points: Array, facets: Array, faces: tuple[Array, list[TrueSurface]], pairs: tuple[Array, Array], places: Array
+) -> Array:
+    """Whether the surface goes on without an edge between two facets of different faces, (ne,)."""
+    (face, surfaces), (first, second) = faces, pairs
+    normals = area_vectors(points, facets)
+    normals = normals / np.linalg.norm(normals, axis=1)[:, None]
+    cosine = np.einsum("ed,ed->e", normals[first], normals[second])
+    bound = np.full(len(first), _BENT)
+    known = np.flatnonzero((face[first] >= 0) & (face[second] >= 0))
+    for e in known:
+        middle = places[e].mean(axis=0)[None]
+        of = (surfaces[face[k]].shape.project(middle)[1][0] for k in (first[e], second[e]))
+        cosine[e], bound[e] = float(np.dot(*of)), _GOES_ON
+    return np.asarray(cosine > bound)
+
+
+def _joined(face: Array, first: Array, second: Array, n: int) -> Array:
+    """Number of the group of faces that go on as each other, (n + 1,); the last is that of facets on no surface."""
+    ends = face[first] % (n + 1), face[second] % (n + 1)
+    graph = sp.csr_matrix((np.ones(len(first)), ends), shape=(n + 1, n + 1))
+    return np.asarray(connected_components(graph, directed=False)[1])

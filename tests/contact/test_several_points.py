@@ -1,0 +1,177 @@
+"""Several points of contact on one patch: faces, forces, energies, states, and points that pass from face to face."""
+
+import exudyn as exu
+import netgen.occ as occ
+import numpy as np
+import pytest
+
+import exudyn_partition as ep
+from exudyn_partition.contact.smooth_faces import smooth_faces
+from exudyn_partition.errors import ContactPatchWarning, InputError
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::exudyn_partition.errors.YieldWarning"),
+    pytest.mark.filterwarnings("ignore:.*Left out, so that nothing keeps"),
+]
+SPEED, CLEARANCE, TOP = 0.5, 1e-7, 9e-3
+BUMPS = [(-3e-3, 0, TOP), (3e-3, 0, TOP)]
+
+
+@pytest.fixture(scope="module")
+def bumps():
+    """A steel block with two bumps of 4 mm radius, and one patch of both and what is between them."""
+    block = occ.Box(occ.Pnt(-9e-3, -5e-3, 0), occ.Pnt(9e-3, 5e-3, 8e-3))
+    for x, y, z in BUMPS:
+        ball = occ.Sphere(occ.Pnt(x, y, z - 4e-3), 4e-3)
+        block += ball.Rotate(occ.Axis(occ.Pnt(x, y, z - 4e-3), occ.Dir(1, 0.3, 0.1)), 50)
+    fem = ep.fe_model(block, ep.STEEL, maxh=4e-3, refine=[ep.Refine(top, 1.8e-3, 0.6e-3) for top in BUMPS], grading=0.6)
+    return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, TOP), 5.5e-3, axes="xyz", direction=(0, 0, 1)), f_cut=100e3)
+
+
+def impact(body, friction=None, sliding=0.0, end=50e-6):
+    """Model, body, and contacts of the block that comes with both bumps to a plane."""
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, body, initialVelocity=[sliding, 0, SPEED])
+    plane = ep.RigidPlane((0, 0, TOP + CLEARANCE), (0, 0, -1))
+    contacts = ep.CreatePartitionContact(mbs, [item, plane], formulation="hertz", friction=friction)
+    mbs.Assemble()
+    return mbs, item, contacts
+
+
+def test_faces_of_a_patch_are_found(bumps):
+    faces = smooth_faces(bumps.points, bumps.partition.patches[0].facets)
+    balls = [face.surface for face in faces.known if face.surface.ball is not None]
+    centres = sorted(tuple(np.round(ball.ball[0], 8)) for ball in balls)
+    np.testing.assert_allclose(centres, [(-3e-3, 0, 5e-3), (3e-3, 0, 5e-3)], atol=1e-8)
+    assert [ball.ball[1] for ball in balls] == pytest.approx([4e-3, 4e-3], rel=1e-6)
+    flat = [face.surface.shape.normal for face in faces.known if face.surface.ball is None]
+    np.testing.assert_allclose(flat, [(0, 0, 1)] * len(flat), atol=1e-9)
+    assert not faces.unknown
+    assert not any(len(face.seam) for face in faces.known)  # they meet at edges
+
+
+def test_two_bumps_of_one_patch_share_an_impact(bumps):
+    """Each is a ball of half the mass; energy counts what points do to each other."""
+    mbs, item, contacts = impact(bumps)
+    result = ep.solve_dynamic(mbs, end_time=50e-6, step=0.2e-6)
+    hertz = ep.hertz.impact(bumps.total_mass / 2, SPEED, 4e-3, np.inf, ep.STEEL)
+    forces = [contact.force(result) for contact in contacts]
+    for force in forces:
+        assert force.max() == pytest.approx(hertz.peak_force, rel=0.03)
+    impulse = np.trapezoid(sum(forces), result.t)
+    assert impulse == pytest.approx(2 * bumps.total_mass * SPEED, rel=0.01)
+    energy = item.energy(result) + sum(contact.energy(result) for contact in contacts)
+    assert np.ptp(energy) < 1e-4 * energy[0]
+
+
+@pytest.mark.parametrize(("friction", "taken"), [(None, 1e-5), (0.3, 1e-3)])  # springs of friction slip a little
+def test_forces_of_points_are_the_derivative_of_their_common_energy(bumps, friction, taken):
+    """Without what points do to each other, the energy would be 0.3 % off here."""
+    _, _, contacts = impact(bumps, friction)
+    members = [contact.mechanics.for_run() for contact in contacts]
+    together = contacts[0].together.for_run(members)
+    scale = abs(float(members[0].gaps.jacobian(np.zeros(1, dtype=np.int64))[0, 2]))  # coordinates have a unit of mass
+
+    def at(way):
+        q = np.zeros(members[0].gaps.n)
+        q[2] = way
+        forces = sum(together.forces([q, q]))[2]
+        return forces, sum(member.evaluation.stored for member in members)
+
+    way, step = 4e-6 / scale, 1e-9 / scale
+    slope = (at(way + step)[1] - at(way - step)[1]) / (2 * step)
+    assert at(way)[0] == pytest.approx(-slope, rel=taken)
+
+
+def test_points_of_one_patch_go_on_from_their_states(bumps):
+    """A run in two parts is the same as one, with springs of friction at each point."""
+    mbs, _, contacts = impact(bumps, friction=0.3, sliding=0.2)
+    whole = ep.solve_dynamic(mbs, end_time=12e-6, step=0.4e-6)
+    expected = [contact.force(whole)[-1] for contact in contacts]
+    tangential = [contact.friction.tangential_force(whole)[-1] for contact in contacts]
+    first = impact(bumps, friction=0.3, sliding=0.2)
+    ep.solve_dynamic(first[0], end_time=6e-6, step=0.4e-6)
+    result = ep.solve_dynamic(first[0], end_time=12e-6, step=0.4e-6, go_on=True)
+    assert min(expected) > 1.0
+    assert [contact.force(result)[-1] for contact in first[2]] == pytest.approx(expected, rel=1e-8)
+    for contact, force in zip(first[2], tangential, strict=True):
+        np.testing.assert_allclose(contact.friction.tangential_force(result)[-1], force, rtol=1e-6, atol=1e-9)
+
+
+def test_a_patch_with_several_points_says_how_to_get_them(bumps):
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, bumps)
+    plane = ep.RigidPlane((0, 0, TOP + CLEARANCE), (0, 0, -1))
+    with pytest.raises(InputError, match=r"may touch at 2 points.*2 spheres.*in a list"):
+        ep.CreatePartitionContact(mbs, item, plane, formulation="hertz")
+    with pytest.warns(ContactPatchWarning, match=r"has 2 points.*plane on plane"):
+        contacts = ep.CreatePartitionContact(mbs, [item, plane], formulation="hertz")
+    assert [contact.name for contact in contacts] == ["body 0 on plane", "body 0 on plane (2)"]
+
+
+def test_faces_that_do_not_touch_yet_need_no_room_for_their_kernel(bumps):
+    """A ball between the bumps touches both of them, and hangs above the narrow plane between."""
+    mbs, height = exu.SystemContainer().AddSystem(), np.sqrt(19e-3**2 - 3e-3**2)
+    item, ball = ep.CreatePartitionBody(mbs, bumps), ep.RigidSphere((0, 0, 5e-3 + height + CLEARANCE), 15e-3)
+    contacts = ep.CreatePartitionContact(mbs, [item, ball], formulation="hertz")
+    gaps = sorted(contact.mechanics.gaps.clearance for contact in contacts)
+    assert gaps[:2] == pytest.approx([CLEARANCE * height / 19e-3] * 2, rel=1e-3)
+    assert gaps[2] > 0.5e-3
+
+
+# A point that passes from one face to another.
+
+
+@pytest.fixture(scope="module")
+def dome():
+    """A steel body of revolution: a ball of 10 mm radius goes on as a torus with a tube of 3 mm, 30 degrees aside."""
+    plane = occ.WorkPlane(occ.Axes((0, 0, 0), -occ.Y, occ.X)).MoveTo(0, -10e-3).Direction(1, 0)
+    profile = plane.Arc(10e-3, 30).Arc(3e-3, 60).Line(4e-3).Rotate(90).Line(6.5e-3).Close().Face()
+    fem = ep.fe_model(profile.Revolve(occ.Axis((0, 0, 0), occ.Z), 360), ep.STEEL, maxh=1.5e-3)
+    return ep.reduce(fem, skin=True, f_cut=30e3)
+
+
+@pytest.fixture(scope="module")
+def rolled(dome):
+    """Contacts, and a function that finds forces and shares at an angle, with a depth of the nearest surface."""
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, dome, frame="floating")
+    contacts = ep.CreatePartitionContact(mbs, [item, ep.RigidPlane((0, 0, -11e-3), (0, 0, 1))], formulation="hertz")
+    members = [contact.mechanics.for_run() for contact in contacts]
+    kinematics = members[0].gaps.sides[0].kinematics
+
+    def at(angle, depth=3e-6):
+        way = np.zeros(members[0].gaps.n)
+        way[4] = angle
+        q = kinematics.moved(np.zeros(len(way)), way)
+        for _ in range(4):
+            q = q.copy()
+            q[2] -= min(float(member.gaps.at(q)[0]) for member in members) + depth
+        forces = [float(member.at(q).on_rows.sum()) for member in members]
+        return forces, [member.gaps.share for member in members]
+
+    return contacts, at
+
+
+def test_faces_of_a_dome_go_on_as_each_other(rolled):
+    contacts, _ = rolled
+    faces = {type(contact.mechanics.gaps.faces[0].surface.shape).__name__: contact for contact in contacts}
+    assert set(faces) == {"RigidSphere", "Torus"}
+    of_ball, of_torus = (faces[kind].mechanics.gaps.faces[0] for kind in ("RigidSphere", "Torus"))
+    assert [face is of_torus for face in of_ball.neighbours] == [True]
+    radii = np.linalg.norm(of_ball.seam.reshape(-1, 3)[:, :2], axis=1)
+    np.testing.assert_allclose(radii, 10e-3 * np.sin(np.radians(30)), rtol=1e-3)
+
+
+def test_a_point_passes_from_face_to_face_without_a_jump(rolled):
+    """The torus is softer by 27 %, at the same depth. It takes over step by step."""
+    _, at = rolled
+    angles = np.radians(30) + np.linspace(-0.03, 0.09, 49)
+    forces, shares = map(np.array, zip(*map(at, angles), strict=True))
+    np.testing.assert_allclose(shares.sum(axis=1), 1.0, rtol=1e-9)
+    total = forces.sum(axis=1)
+    assert forces[0].min() == 0.0
+    assert forces[-1].min() == 0.0
+    assert total[-1] < 0.8 * total[0]
+    assert abs(np.diff(total)).max() < 0.06 * total.max()
+    assert abs(np.diff(forces, axis=0)).max() < 0.2 * total.max()
