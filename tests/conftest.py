@@ -14,13 +14,16 @@ import exudyn_partition as ep
 from exudyn_partition.support.compiled import compiles
 
 TESTS = Path(__file__).parent
-# Files begin in this order, by turns for two workers: one builds the site and checks types, for which no loops are
-# compiled, while the other one compiles most of them; what one has compiled, the other reads. Long files come early:
-# the last file of a run keeps one worker busy while the other one has nothing to do.
+# Files begin in this order, by turns for two workers. The first file has most of the loops compiled, which takes minutes
+# after an installation; what follows needs few of them, so that the other worker does not compile the same meanwhile,
+# but reads it from disk later. Long files come before short ones: the last file of a run keeps one worker busy while
+# the other one has nothing to do.
 FIRST = (
     "examples/test_examples.py",
     "house/test_site.py",
     "house",
+    "meshing",
+    "fe",
     "examples",
     "validation",
 )
