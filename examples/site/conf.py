@@ -1,6 +1,5 @@
 """Sphinx configuration of the site; `python -m sphinx -W -b html examples/site out/site` builds it."""
 
-import gc
 import re
 import runpy
 from pathlib import Path
@@ -11,8 +10,6 @@ from numpydoc.xref import DEFAULT_LINKS
 from sphinx.ext import autosummary
 
 import exudyn_partition
-
-gc.set_threshold(100_000, 50, 100)  # documents are trees of millions of nodes, which stay to the end of the build
 
 project = "exudyn_partition"
 author = copyright = "The exudyn_partition developers"
