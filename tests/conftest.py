@@ -1,5 +1,6 @@
 """Small bodies that several tests share; meshes and reductions are made once a session."""
 
+import gc
 import os
 from pathlib import Path
 
@@ -13,21 +14,40 @@ import exudyn_partition as ep
 from exudyn_partition.support.compiled import compiles
 
 TESTS = Path(__file__).parent
-LONG = ("examples", "validation")  # folders of files that take a minute or more
+# Files begin in this order, by turns for two workers. The first file has most of the loops compiled, which takes
+# minutes after an installation; what follows needs few of them, so that the other worker does not compile the same
+# meanwhile, but reads it from disk later. Long files come before short ones: the last file of a run keeps one worker
+# busy while the other one has nothing to do.
+FIRST = (
+    "examples/test_examples.py",
+    "house/test_site.py",
+    "house",
+    "meshing",
+    "fe",
+    "examples",
+    "validation",
+)
 # Two workers fill two cores. Threads of NGSolve and BLAS wait by spinning, and would take the other worker's time.
 ONE_THREAD = ("NGS_NUM_THREADS", "OMP_NUM_THREADS")
 
 
 def pytest_configure(config):
     """Before workers start, which inherit the environment."""
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # each child would translate all modules of the library again
+    gc.set_threshold(20_000, 20, 20)  # by default 700, 10, 10: a tenth of the time of small tests went into it
     if getattr(config.option, "numprocesses", None):
         for name in ONE_THREAD:
             os.environ.setdefault(name, "1")
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with long files: the last file of a run keeps one worker busy while the other one has nothing to do."""
-    items.sort(key=lambda item: item.path.relative_to(TESTS).parts[0] not in LONG)
+    """Put files in their order; see `FIRST`."""
+
+    def place(item):
+        path = item.path.relative_to(TESTS).as_posix()
+        return next((i for i, first in enumerate(FIRST) if f"{path}/".startswith(f"{first}/")), len(FIRST))
+
+    items.sort(key=place)
 
 
 @pytest.fixture(scope="session")

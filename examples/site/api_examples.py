@@ -1,6 +1,7 @@
 """Short examples for the API pages: `conf.py` shows each block beneath the names before its first line.
 
-The blocks are one program. `tests/house/test_site.py` runs it, and holds that each public name has a block.
+The blocks are one program. `tests/examples/test_site_programs.py` runs it; `tests/house/test_site.py` holds that each
+public name has a block.
 """
 
 # %%
