@@ -91,7 +91,8 @@ def hold_rows(
     if loops := kernels("algebra", "product_kernels"):
         held: tuple[Array, Array] = loops.hold_rows(C, rest, by, push, factor.T, scale, shares, *state, step, dofs)
         return held
-    x = sum(share * values[dofs] for share, values in zip(shares, state, strict=True) if share)
+    parts = (share * values[dofs] for share, values in zip(shares, state, strict=True) if share)
+    x = sum(parts, np.zeros(len(dofs)))
     multipliers = scale * lapack.dpotrs(factor, scale * by * (rest + C @ x), lower=1)[0]
     acceleration: Array = push @ multipliers
     state[1][dofs] += 0.5 * step * acceleration

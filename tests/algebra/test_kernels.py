@@ -69,7 +69,8 @@ def test_rows_are_held_the_same():
         found = hold_rows(C, np.ones(3), by, push, factor, scale, shares, (q, q_t, q_tt), step, dofs)
         return *found, q_t, q_tt
 
-    for shares, by in (((1.0, step, step**2 / 2), -1 / step**2), ((0.0, 1.0, 0.0), -2 / step)):
+    nothing, ahead, after = ((0.0,) * 3, -1.0), ((1.0, step, step**2 / 2), -1 / step**2), ((0.0, 1.0, 0.0), -2 / step)
+    for shares, by in (nothing, ahead, after):
         compiled, plain = each_way(lambda shares=shares, by=by: held(shares, by))
         for one, other in zip(compiled, plain, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-10)
