@@ -72,18 +72,25 @@ def unlocked(function: F) -> F:
 
 
 def inner(function: F) -> F:
-    """Return a compiled function that only other loops call: without what Python would call it by."""
-    return _compiled(function, **_OPTIONS, **_NO_DOOR)
+    """Return a compiled function that only other loops call, see `call_kernels.called`."""
+    return called(_compiled(function, **_OPTIONS, **_NO_DOOR))
 
 
 def exact(function: F) -> F:
-    """Return an `inner` function whose sums are made in the order in which they are written, rounded one by one."""
+    """Return a function for other loops whose sums are made in the order in which they are written, rounded each."""
     return _compiled(function, error_model="numpy", **_NO_DOOR)
 
 
 def inlined(function: F) -> F:
-    """Return an `inner` function whose code is put where it is called: calls with arrays cost more than small sums."""
-    return _compiled(function, forceinline=True, **_OPTIONS, **_NO_DOOR)
+    """Return a function for other loops whose code is put into theirs: calls with arrays cost more than small sums."""
+    put_in: Callable[[F], F] = importlib.import_module(".call_kernels", __package__).put_in
+    return put_in(_compiled(function, forceinline=True, **_OPTIONS, **_NO_DOOR))
+
+
+def called(function: F) -> F:
+    """Return what other loops call a `compiled` function by where its code must not become part of theirs."""
+    call: Callable[[F], F] = importlib.import_module(".call_kernels", __package__).called
+    return call(function)
 
 
 def external(module: str, name: str, n_arguments: int) -> Callable[..., None]:
