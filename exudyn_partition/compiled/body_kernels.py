@@ -8,7 +8,9 @@ import numpy as np
 
 from ..frames.kernels import moved_places, places
 from ..support.arrays import Array
-from ..support.compiled import inlined, inner
+from ..support.compiled import called, inlined, inner
+
+place_moved, place_turned = called(moved_places), called(places)
 
 if TYPE_CHECKING:
     from .moving import Frames, MovingState
@@ -56,7 +58,7 @@ def moved_nodes(
         Axes of the body at q = 0.
     """
     if b < 0:
-        return moved_places(start, rows, q)
+        return place_moved(start, rows, q)
     if state.grows[b] and len(growth) > 0:
         start, arms, grown = start.copy(), arms.copy(), np.empty(3)
         for node in range(len(arms)):
@@ -67,4 +69,4 @@ def moved_nodes(
                 arms[node, i] += grown[i]
             for i in range(3):
                 start[node, i] += axes[i, 0] * grown[0] + axes[i, 1] * grown[1] + axes[i, 2] * grown[2]
-    return places(q, start, frames.rotation[b], frames.node_axes[b], arms, rows)
+    return place_turned(q, start, frames.rotation[b], frames.node_axes[b], arms, rows)

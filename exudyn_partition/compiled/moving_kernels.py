@@ -23,7 +23,7 @@ from ..frames.kernels import (
     on_shapes,
 )
 from ..support.arrays import Array
-from ..support.compiled import compiled, inlined, inner
+from ..support.compiled import called, compiled, inlined, inner
 from ..support.struct_kernels import StructType
 from .body_kernels import gathered, matrix_at, moved_nodes
 from .moving import NAMES
@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 Limits = tuple[float, float, int, int]  # see `block_complementarity.LIMITS`
 Bounds = tuple[float, float, float]  # see `MovingPlan`
 _PASSES = 100  # in which contacts press each other
+
+project, push_shapes, push_turned = called(projected), called(on_shapes), called(generalised)
+find_inertia, find_ends, push_mass = called(inertia_force), called(end_velocities), called(on_constant_mass)
 
 
 @structref.register
@@ -161,7 +164,7 @@ def gaps_of_surface(frames: Frames, surfaces: Surfaces, state: MovingState, s: i
         for k in range(m):
             for a in range(3):
                 x[i, a] += weights[i, k] * x_nodes[nodes[i, k], a]
-    of_points, normals = projected(
+    of_points, normals = project(
         surfaces.kind[s], surfaces.point[s], surfaces.axis[s], surfaces.radius[s], surfaces.sign[s], x, np.empty(0)
     )
     for i in range(p):
@@ -383,10 +386,10 @@ def forces_of_surface(
     begin, end, b = surfaces.places[s], surfaces.places[s + 1], surfaces.body[s]
     rows = matrix_at(numbers, surfaces.rows[s], 3 * k, n)
     if b < 0:
-        pushed = on_shapes(rows, on_nodes)
+        pushed = push_shapes(rows, on_nodes)
     else:
         q_s, arms = gathered(surfaces.dofs, begin, end, q), matrix_at(numbers, surfaces.arms[s], k, 3)
-        pushed = generalised(q_s, frames.rotation[b], frames.node_axes[b], arms, rows, on_nodes)
+        pushed = push_turned(q_s, frames.rotation[b], frames.node_axes[b], arms, rows, on_nodes)
     for i in range(end - begin):
         force[surfaces.dofs[begin + i]] += pushed[i]
 
@@ -403,7 +406,7 @@ def act_on_masses(frames: Frames, q: Array, force: Array) -> None:
             n = end - first - 6
             integrals = frames.numbers[frames.integrals[b] :][: 6 * (n + 1) ** 2].reshape(6, n + 1, n + 1)
             cross = frames.numbers[frames.cross[b] :][: 3 * n * n].reshape(3, n, n)
-            pushed = on_constant_mass(integrals, cross, frames.tensor[b], q_b[6:], pushed)
+            pushed = push_mass(integrals, cross, frames.tensor[b], q_b[6:], pushed)
             for i in range(first, end):
                 force[frames.dofs[i]] = pushed[i - first]
 
@@ -547,8 +550,8 @@ def add_inertia(bodies: Bodies, frames: Frames, m: Motion, half_step: float) -> 
         if half_step > 0.0:
             way = z - gathered(frames.dofs, first + 6, end, m.q_start)
             q_t, q_tt = gathered(frames.dofs, first + 3, end, m.v_start), gathered(frames.dofs, first + 3, end, m.a)
-            v = end_velocities(cross, v, stiffness * way, q_t, q_tt, half_step)
-        found = inertia_force(integrals, cross, frames.tensor[b], stiffness * z, frames.coupled[b], v[:3], z, v[3:])
+            v = find_ends(cross, v, stiffness * way, q_t, q_tt, half_step)
+        found = find_inertia(integrals, cross, frames.tensor[b], stiffness * z, frames.coupled[b], v[:3], z, v[3:])
         for i in range(len(found)):
             m.force[frames.dofs[first + 3 + i]] += found[i]
 

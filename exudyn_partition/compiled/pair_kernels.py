@@ -14,7 +14,7 @@ from numba.experimental import structref
 from ..contact.kernels import rows_along
 from ..frames.kernels import body_axes, generalised, on_shapes
 from ..support.arrays import Array
-from ..support.compiled import compiled, inlined, inner
+from ..support.compiled import called, compiled, inlined, inner
 from ..support.struct_kernels import StructType, address_of, struct_at
 from ..surfaces.kernels import weigh
 from ..surfaces.moving_kernels import Followed, follow_rows, forces_on_nodes
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from .moving import Frames, MovingState
 
 Following = tuple[float, int, float, int, float]  # see `pair_rows.FOLLOWING`
+
+find_rows, push_shapes, push_turned = called(rows_along), called(on_shapes), called(generalised)
 
 
 @structref.register
@@ -406,7 +408,7 @@ def add_flexibility(
                 n += 1
             compact[i, k] = column[node]
     points = pair.followed.points
-    rows = rows_along(points.starts, points.columns, points.means, compact, weights, along, n)
+    rows = find_rows(points.starts, points.columns, points.means, compact, weights, along, n)
     own, nr, m = own_of_pair(blocks, pair), len(pair.slots), d * n
     F, moved, n_fields = np.empty((m, m)), np.empty(m), side.fields.shape[1]
     fields = matrix_at(blocks.numbers, blocks.fields[pair.contact], blocks.amplitudes.shape[1], len(own))
@@ -443,10 +445,10 @@ def push_side(frames: Frames, side: PairSide, q: Array, on_nodes: Array, force: 
         for a in range(3):
             some[i, a] = on_nodes[side.nodes[i], a]
     if side.body < 0:
-        pushed = on_shapes(side.rows, some)
+        pushed = push_shapes(side.rows, some)
     else:
         frame = frames.rotation[side.body], frames.node_axes[side.body]
-        pushed = generalised(q_s, frame[0], frame[1], side.arms, side.rows, some)
+        pushed = push_turned(q_s, frame[0], frame[1], side.arms, side.rows, some)
     for i in range(len(side.dofs)):
         force[side.dofs[i]] += pushed[i]
 

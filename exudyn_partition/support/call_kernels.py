@@ -14,7 +14,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, TypeVar, cast
 
-import llvmlite.binding as llvm
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
@@ -25,8 +24,8 @@ F = TypeVar("F", bound=Callable[..., object])
 def called(function: F) -> F:
     """Return what other loops call a compiled function by, so that its code does not become part of theirs.
 
-    Like `numba.njit` it compiles for the types of the arguments. Either the function or what is returned has to be found
-    by the function's name in its module.
+    It compiles for the types of the arguments. Either the function or what is returned has to be found by the
+    function's name in its module.
     """
 
     def call(context: Any, builder: Any, kinds: tuple[Any, ...], values: list[Any]) -> Any:
@@ -61,7 +60,7 @@ def _call(function: F, call: Callable[..., Any]) -> F:
     dispatcher = cast(Any, function)
 
     def define(typing: Any, *given: Any) -> Any:
-        kinds = tuple(map(types.unliteral, given))  # type: ignore[no-untyped-call]
+        kinds = tuple(map(types.unliteral, given))
         dispatcher.compile(kinds)
 
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -75,7 +74,7 @@ def _call(function: F, call: Callable[..., Any]) -> F:
     first = inspect.Parameter("typing", inspect.Parameter.POSITIONAL_OR_KEYWORD)
     define.__signature__ = own.replace(parameters=[first, *own.parameters.values()])  # type: ignore[attr-defined]
     define.__name__ = function.__name__
-    result = intrinsic(define)
+    result: Any = intrinsic(define)
     result.dispatcher = dispatcher
     return cast(F, result)
 
@@ -86,7 +85,9 @@ def _linked(dispatcher: Any, kinds: tuple[Any, ...]) -> tuple[Any, str]:
     found, function = dispatcher.overloads[kinds], dispatcher.py_func
     key = hashlib.sha256(f"{kinds} {found.signature.return_type}".encode()).hexdigest()
     symbol = f"{function.__module__}.{function.__qualname__}.{key[:32]}"
-    llvm.add_symbol(symbol, found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
+    importlib.import_module("llvmlite.binding").add_symbol(
+        symbol, found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
+    )
     return found, symbol
 
 
