@@ -7,7 +7,7 @@ folder for caches, so that only the first process waits for the compiler. Beside
 them changes; in another folder, only if its own module does. NUMBA_CACHE_DIR names such a folder, NUMBA_DISABLE_JIT=1
 switches compiling off.
 
-A loop that others call a few times a step is `inner`, or is called by what `called` returns: it is compiled once, and not
+A loop that others call a few times a step is `inner`, or is called by what `called` returns: it is compiled once, not
 again in each of them. Small ones that are called for each entry are `inlined`.
 
 Loops write arrays entry by entry: `a[:] = b` brings code that tells of other shapes in words, seconds to compile.
