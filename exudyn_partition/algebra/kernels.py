@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..support.arrays import Array
-from ..support.compiled import compiled, inlined, inner
+from ..support.compiled import compiled, inner
 
 if TYPE_CHECKING:
     from .block_complementarity import FlatBlocks, FlatCore
 
 
-@inlined
+@inner
 def on_active(
     F: Array, factor: Array, index: Array, h: Array, rounding: float, scale: float
 ) -> tuple[Array, Array, int]:

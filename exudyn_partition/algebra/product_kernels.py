@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..support.arrays import Array
-from ..support.compiled import compiled
+from ..support.compiled import called, compiled
 
 
 @compiled
@@ -50,11 +50,14 @@ def sparse_product(rows: Array, F: Array, threes: bool, upper: bool) -> Array:
     return result
 
 
+product = called(sparse_product)
+
+
 @compiled
 def congruence(rows: Array, F: Array, threes: bool) -> Array:
     """See `products.congruence`."""
-    half = sparse_product(rows, F, threes, False)
-    result = sparse_product(rows, np.ascontiguousarray(half.T), threes, True)
+    half = product(rows, F, threes, False)
+    result = product(rows, np.ascontiguousarray(half.T), threes, True)
     for i in range(len(rows)):
         for j in range(i):
             result[i, j] = result[j, i]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from ..contact.kernels import FlatContacts, evaluate_frozen
 from ..support.arrays import Array
-from ..support.compiled import inlined, unlocked
+from ..support.compiled import called, inlined, unlocked
 from .friction_kernels import accept_friction, find_friction, keep_friction, watch_friction
 from .moving_kernels import add_inertia, count_steps, evaluate_moving, turn_accelerations, turn_on, watch_edges
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from .plan import Bodies, Motion
 
 Limits = tuple[float, float, int, int]  # see `block_complementarity.LIMITS`
+
+find_at_rest, find_in_motion, find_rough = called(evaluate_frozen), called(evaluate_moving), called(find_friction)
 
 
 @inlined
@@ -88,14 +90,14 @@ def advance(
             m.v[k] += 0.5 * h * m.a[k]
             m.q[k] += h * m.v[k]
         if moving is None:
-            pushing = evaluate_frozen(contacts, m.q, m.force, rounding, settled, steps, patience)
+            pushing = find_at_rest(contacts, m.q, m.force, rounding, settled, steps, patience)
         else:
             turn_on(moving.frames, m, h)
-            pushing = evaluate_moving(contacts, moving, m.q, m.v, m.force, limits)
+            pushing = find_in_motion(contacts, moving, m.q, m.v, m.force, limits)
         if pushing < 0:
             return step
         if friction is not None:
-            if not find_friction(friction, m.q, m.q_start, m.force):
+            if not find_rough(friction, m.q, m.q_start, m.force):
                 return step
             accept_friction(friction, h)
         if moving is not None:

@@ -26,7 +26,7 @@ from ..contact.kernels import (
 from ..frames.kernels import compose, end_velocities, inertia_force, on_constant_mass
 from ..frames.node_kernels import FlatNodes
 from ..support.arrays import Array
-from ..support.compiled import compiled, inlined, inner
+from ..support.compiled import called, compiled, inlined, inner
 from ..support.struct_kernels import StructType, address_of, struct_at
 from .body_kernels import gathered, matrix_at
 from .moving import NAMES
@@ -50,6 +50,9 @@ if TYPE_CHECKING:
 Limits = tuple[float, float, int, int]  # see `block_complementarity.LIMITS`
 Bounds = tuple[float, float, float]  # see `MovingPlan`
 _PASSES = 100  # in which contacts press each other
+
+find_rigid_gaps, push_rigid, find_rows = called(rigid_gaps), called(pushed_rigid), called(rows_along)
+find_inertia, find_ends, push_mass = called(inertia_force), called(end_velocities), called(on_constant_mass)
 
 
 @structref.register
@@ -206,7 +209,7 @@ def gaps_of_surface(surfaces: Surfaces, state: MovingState, s: int, q_s: Array, 
     side, first = side_at(surfaces, s), surfaces.firsts[s]
     surface = surfaces.kind[s], surfaces.point[s], surfaces.axis[s], surfaces.radius[s], surfaces.sign[s]
     products = growing(state, surfaces.body[s])
-    found, normals = rigid_gaps(side.points, side.nodes, surface, q_s, np.empty(0), products, side.x)
+    found, normals = find_rigid_gaps(side.points, side.nodes, surface, q_s, np.empty(0), products, side.x)
     for i in range(len(normals)):
         for a in range(3):
             state.normals[first + i, a] = normals[i, a]
@@ -221,7 +224,7 @@ def rows_on_nodes(surfaces: Surfaces, state: MovingState, s: int) -> Array:
     k, d = surfaces.sizes[s, 0], surfaces.sizes[s, 5]
     if d == 1:
         along = np.full((len(along), 1), -1.0)
-    return rows_along(points.starts, points.columns, points.means, points.nodes, points.weights, along, k)
+    return find_rows(points.starts, points.columns, points.means, points.nodes, points.weights, along, k)
 
 
 @inner
@@ -395,7 +398,7 @@ def forces_of_surface(
     for a in range(3):
         values[2 + a] += total[a]
     begin, end = surfaces.places[s], surfaces.places[s + 1]
-    pushed = pushed_rigid(side.points, side.nodes, lam, normals, gathered(surfaces.dofs, begin, end, q), len(side.x))
+    pushed = push_rigid(side.points, side.nodes, lam, normals, gathered(surfaces.dofs, begin, end, q), len(side.x))
     for i in range(end - begin):
         force[surfaces.dofs[begin + i]] += pushed[i]
 
@@ -412,7 +415,7 @@ def act_on_masses(frames: Frames, q: Array, force: Array) -> None:
             n = end - first - 6
             integrals = frames.numbers[frames.integrals[b] :][: 6 * (n + 1) ** 2].reshape(6, n + 1, n + 1)
             cross = frames.numbers[frames.cross[b] :][: 3 * n * n].reshape(3, n, n)
-            pushed = on_constant_mass(integrals, cross, frames.tensor[b], q_b[6:], pushed)
+            pushed = push_mass(integrals, cross, frames.tensor[b], q_b[6:], pushed)
             for i in range(first, end):
                 force[frames.dofs[i]] = pushed[i - first]
 
@@ -554,8 +557,8 @@ def add_inertia(bodies: Bodies, frames: Frames, m: Motion, half_step: float) -> 
         if half_step > 0.0:
             way = z - gathered(frames.dofs, first + 6, end, m.q_start)
             q_t, q_tt = gathered(frames.dofs, first + 3, end, m.v_start), gathered(frames.dofs, first + 3, end, m.a)
-            v = end_velocities(cross, v, stiffness * way, q_t, q_tt, half_step)
-        found = inertia_force(integrals, cross, frames.tensor[b], stiffness * z, frames.coupled[b], v[:3], z, v[3:])
+            v = find_ends(cross, v, stiffness * way, q_t, q_tt, half_step)
+        found = find_inertia(integrals, cross, frames.tensor[b], stiffness * z, frames.coupled[b], v[:3], z, v[3:])
         for i in range(len(found)):
             m.force[frames.dofs[first + 3 + i]] += found[i]
 

@@ -15,7 +15,7 @@ from ..contact.kernels import FlatPair, followed_gaps, pushed_pairs, resultant, 
 from ..frames.kernels import body_axes
 from ..frames.node_kernels import FlatNodes
 from ..support.arrays import Array
-from ..support.compiled import compiled, inlined, inner
+from ..support.compiled import called, compiled, inlined, inner
 from ..support.struct_kernels import StructType, address_of, struct_at
 from ..surfaces.kernels import weigh
 from .body_kernels import gathered, matrix_at
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from .moving import MovingState
 
 Following = tuple[float, int, float, int, float]  # see `pair_rows.FOLLOWING`
+
+find_rows, find_gaps, push_pairs = called(rows_along), called(followed_gaps), called(pushed_pairs)
 
 
 @structref.register
@@ -252,7 +254,7 @@ def gaps_of_pair(state: MovingState, pair: Pair, q: Array, gap: Array, following
         if pair.may_freeze and pair.steps[0] >= patience:
             return False
         keep_points(pair, False)
-        here, normals, _, lost, found, least, more = followed_gaps(
+        here, normals, _, lost, found, least, more = find_gaps(
             pair.flat, q_j, growing(state, pair.slave.body), growing(state, pair.master.body), pair.slave.x,
             pair.master.x, pair.reach, by, steps, pair.size, bulge, near * pair.size, 0.0,
         )  # fmt: skip
@@ -386,7 +388,7 @@ def add_flexibility(
                 n += 1
             compact[i, k] = column[node]
     points = pair.flat.rows.points
-    rows = rows_along(points.starts, points.columns, points.means, compact, weights, along, n)
+    rows = find_rows(points.starts, points.columns, points.means, compact, weights, along, n)
     own, nr, m = own_of_pair(blocks, pair), len(pair.slots), d * n
     F, moved, n_fields = np.empty((m, m)), np.empty(m), side.fields.shape[1]
     fields = matrix_at(blocks.numbers, blocks.fields[pair.contact], blocks.amplitudes.shape[1], len(own))
@@ -433,7 +435,7 @@ def forces_of_pair(pair: Pair, q: Array, lam: Array, force: Array, values: Array
     total = resultant(pair.flat.rows.points, push, pair.normals)
     for a in range(3):
         values[2 + a] += total[a]
-    pushed = pushed_pairs(pair.flat, push, pair.normals, gathered(pair.dofs, 0, len(pair.dofs), q))
+    pushed = push_pairs(pair.flat, push, pair.normals, gathered(pair.dofs, 0, len(pair.dofs), q))
     for k in range(len(pushed)):
         force[pair.dofs[k]] += pushed[k]
 

@@ -428,7 +428,7 @@ def coordinates_of(rows: FlatRows, j: int, q: Array) -> Array:
     return q_j
 
 
-@inlined
+@inner
 def slid(rows: FlatRows, j: int, q_j: Array) -> float:
     """How far pairs of contact j have slid at its coordinates [m]; NaN if these are not finite."""
     n, first, end = len(q_j), rows.drift_starts[j], rows.drift_starts[j + 1]
@@ -442,7 +442,7 @@ def slid(rows: FlatRows, j: int, q_j: Array) -> float:
     return most
 
 
-@inlined
+@inner
 def gaps_of_contact(rows: FlatRows, j: int, q_j: Array, gap: Array) -> None:
     """Set the gaps of contact j, (nr,), at its coordinates."""
     n, start = len(q_j), rows.starts[j]

@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from ..support.arrays import Array
-from ..support.compiled import compiled, exact, inlined
+from ..support.compiled import compiled, exact, inlined, inner
 
 
-@inlined
+@inner
 def body_axes(q: Array, rotation: Array, node_axes: Array) -> Array:
     """Axes of the body in space, (3, 3), see `FloatingKinematics.frame`."""
     x, y, z = rotation[0] + q[3], rotation[1] + q[4], rotation[2] + q[5]
@@ -113,7 +113,7 @@ def _sines(part: float, before: float, after: float, longer: float) -> tuple[flo
     return of_start, of_end, of_end - of_start
 
 
-@inlined
+@inner
 def change_of_axes(q: Array, rotation: Array, node_axes: Array) -> Array:
     """Change of `body_axes` from q = 0, (3, 3), see `rotations.rotation_change`."""
     u, v, w = rotation[0], rotation[1], rotation[2]

@@ -9,7 +9,7 @@ import numpy as np
 from numba.experimental import structref
 
 from ..support.arrays import Array
-from ..support.compiled import compiled, inlined
+from ..support.compiled import compiled, inner
 from ..support.struct_kernels import StructType
 from .kernels import add_generalised, body_axes, change_of_axes, place_turned, set_torque
 
@@ -42,7 +42,7 @@ def flat_nodes(arrays: tuple[Array, Array, Array, Array, Array, Array, Array, Ar
     return FlatNodes(*arrays, floats)  # type: ignore[no-untyped-call]
 
 
-@inlined
+@inner
 def set_places(nodes: FlatNodes, q: Array, products: Array, x: Array) -> None:
     """Set places x, (np, 3), of the nodes at coordinates q, see `Kinematics.place`; others are left as they are.
 
@@ -73,7 +73,7 @@ def set_places(nodes: FlatNodes, q: Array, products: Array, x: Array) -> None:
         place_turned(q, axes, change, start, arms, rows, i, x, active[i])
 
 
-@inlined
+@inner
 def act(nodes: FlatNodes, q: Array, forces: Array, result: Array) -> None:
     """Add generalised forces of forces on the patch's nodes, (np, 3), to a result, (n,); see `Kinematics.generalised`.
 

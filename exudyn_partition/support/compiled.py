@@ -7,6 +7,9 @@ folder for caches, so that only the first process waits for the compiler. Beside
 them changes; in another folder, only if its own module does. NUMBA_CACHE_DIR names such a folder, NUMBA_DISABLE_JIT=1
 switches compiling off.
 
+A loop that others call a few times a step is `inner`, or is called by what `called` returns: it is compiled once, not
+again in each of them. Small ones that are called for each entry are `inlined`.
+
 Loops write arrays entry by entry: `a[:] = b` brings code that tells of other shapes in words, seconds to compile.
 """
 
@@ -72,18 +75,25 @@ def unlocked(function: F) -> F:
 
 
 def inner(function: F) -> F:
-    """Return a compiled function that only other loops call: without what Python would call it by."""
-    return _compiled(function, **_OPTIONS, **_NO_DOOR)
+    """Return a compiled function that only other loops call, see `call_kernels.called`."""
+    return called(_compiled(function, **_OPTIONS, **_NO_DOOR))
 
 
 def exact(function: F) -> F:
-    """Return an `inner` function whose sums are made in the order in which they are written, rounded one by one."""
+    """Return a function for other loops whose sums are made in the order in which they are written, rounded each."""
     return _compiled(function, error_model="numpy", **_NO_DOOR)
 
 
 def inlined(function: F) -> F:
-    """Return an `inner` function whose code is put where it is called: calls with arrays cost more than small sums."""
-    return _compiled(function, forceinline=True, **_OPTIONS, **_NO_DOOR)
+    """Return a function for other loops whose code is put into theirs: calls with arrays cost more than small sums."""
+    put_in: Callable[[F], F] = importlib.import_module(".call_kernels", __package__).put_in
+    return put_in(_compiled(function, forceinline=True, **_OPTIONS, **_NO_DOOR))
+
+
+def called(function: F) -> F:
+    """Return what other loops call a `compiled` function by where its code must not become part of theirs."""
+    call: Callable[[F], F] = importlib.import_module(".call_kernels", __package__).called
+    return call(function)
 
 
 def external(module: str, name: str, n_arguments: int) -> Callable[..., None]:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..support.arrays import Array
-from ..support.compiled import compiled, inlined
+from ..support.compiled import called, compiled, inlined
 from .projection import CONVEX, SETTLED
 
 Vector = tuple[float, float, float]
@@ -62,6 +62,9 @@ def find_polynomials(which: Array, facets: Array, x_m: Array, table: Array, know
         add_polynomials(which, facets, x_m, table, known, out, 6)
     else:
         add_polynomials(which, facets, x_m, table, known, out, n)
+
+
+expand = called(find_polynomials)
 
 
 @inlined
@@ -144,6 +147,9 @@ def settle(
             newton_steps(i, i + 1, x, c, facet, local, step, normal, gap, frames, cubic)
 
 
+go_on = called(settle)
+
+
 @inlined
 def place_all(nodes: Array, shares: Array, values: Array, result: Array) -> None:
     """Set vectors at points, (p, 3), of those at nodes, see `points.at_points`."""
@@ -211,14 +217,17 @@ def cross_all(
         if not is_lost:
             f, r, s = cross_edge(f, edge, r, s, across, its_edge, turns, middles)
             facet[i], local[i, 0], local[i, 1] = f, r, s
-            find_polynomials(facet[i : i + 1], facets, x_m, table, known, places)
+            expand(facet[i : i + 1], facets, x_m, table, known, places)
             newton_steps(i, i + 1, x, places, facet, local, step, normal, gap, frames, cubic)
-            settle(some[k : k + 1], x, places, facet, local, step, normal, gap, frames, SETTLED, steps, cubic)
+            go_on(some[k : k + 1], x, places, facet, local, step, normal, gap, frames, SETTLED, steps, cubic)
             is_lost = nearest_edge(local[i, 0] + step[i, 0], local[i, 1] + step[i, 1], quad)[0] < -by
         if is_lost:
             lost[n_lost] = i
             n_lost += 1
     return lost[:n_lost]
+
+
+cross = called(cross_all)
 
 
 @compiled
@@ -349,7 +358,7 @@ def closest(
     normal, gap, offset = np.zeros((k, 3)), np.zeros(k), np.zeros(k)
     places, distances = np.empty((nearest.shape[1], 2)), np.empty(nearest.shape[1])
     known, c = np.zeros(nf, np.bool_), np.empty((nf, len(table), 3))
-    find_polynomials(nearest.ravel(), np.arange(nf * n).reshape(nf, n), facets.reshape(nf * n, 3), table, known, c)
+    expand(nearest.ravel(), np.arange(nf * n).reshape(nf, n), facets.reshape(nf * n, 3), table, known, c)
     for i in range(k):
         point = points[i, 0], points[i, 1], points[i, 2]
         for j in range(nearest.shape[1]):

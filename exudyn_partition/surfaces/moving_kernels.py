@@ -12,17 +12,17 @@ import numpy as np
 from numba.experimental import structref
 
 from ..support.arrays import Array
-from ..support.compiled import compiled, inlined
+from ..support.compiled import compiled, inlined, inner
 from ..support.struct_kernels import StructType
 from .kernels import (
-    cross_all,
+    cross,
     cross_edge,
-    find_polynomials,
+    expand,
+    go_on,
     is_quad,
     nearest_edge,
     newton_steps,
     place_all,
-    settle,
     turned,
     weigh,
 )
@@ -99,7 +99,7 @@ def depth(r: float, s: float, quad: bool) -> float:
     return min(min(r, 1 - r), min(s, 1 - s)) if quad else min(min(r, s), 1 - r - s)
 
 
-@inlined
+@inner
 def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size: float) -> tuple[Array, Array, Array]:
     """Normals, (k, 3), and gaps, (k,), of points that have moved, see `pairs.MovingPairs.follow`.
 
@@ -128,7 +128,7 @@ def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size
         last[i, 0] -= local[i, 0]
         last[i, 1] -= local[i, 1]
     known[:] = False
-    find_polynomials(facet, facets, x_m, table, known, places)
+    expand(facet, facets, x_m, table, known, places)
     gap = np.empty(k)
     place_all(m.nodes, m.shares, x_s, x)
     for turn in range(2):  # all points at once, which is quicker than one by one
@@ -146,7 +146,7 @@ def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size
         for i in range(k):
             local[i, 0] += min(max(step[i, 0], -1.0), 1.0)
             local[i, 1] += min(max(step[i, 1], -1.0), 1.0)
-    settle(some[:n_some], x, places, facet, local, step, along, gap, frames, SETTLED, steps, cubic)
+    go_on(some[:n_some], x, places, facet, local, step, along, gap, frames, SETTLED, steps, cubic)
     for i in range(k):
         r, s = local[i, 0] + step[i, 0], local[i, 1] + step[i, 1]
         last[i, 0] += r
@@ -158,7 +158,7 @@ def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size
             last[i, 0] = last[i, 1] = 0.0
             some[n_some] = i
             n_some += 1
-    lost = cross_all(
+    lost = cross(
         some[:n_some], x, facets, x_m, table, known, places, facet, local, step, along, gap, frames,
         across, its_edge, turns, middles, by, steps,
     )  # fmt: skip
@@ -281,7 +281,7 @@ def gaps_of_rows(
     return gap, least if math.isfinite(total) else math.nan, others
 
 
-@inlined
+@inner
 def follow_rows(
     r: Followed,
     x_s: Array,
@@ -331,7 +331,7 @@ def put(nodes: Array, row: int, shares: Array, point: int, x: float, y: float, z
         forces[node, 2] += share * z
 
 
-@inlined
+@inner
 def forces_on_nodes(m: Moving, lam: Array, normals: Array, n_s: int, n_m: int) -> tuple[Array, Array]:
     """Forces on all nodes of both patches, (n, 3), of forces on the rows along their points' normals, (k, 3)."""
     nodes, shares, starts, columns, means = m.nodes, m.shares, m.starts, m.columns, m.means

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from oracles import without_numba
 
@@ -62,3 +63,14 @@ def test_compiled_code_older_than_any_module_is_deleted(tmp_path):
         os.utime(path, (1e9 - age, 1e9 - age))
     compiled.forget_stale(tmp_path)
     assert [path.name for path in caches.iterdir()] == ["kernels.new.nbi"]
+
+
+def test_loops_that_call_each_other_are_compiled_once():
+    """A number that stands in a call, as `True`, does not compile the called loop anew, and its code stays apart."""
+    loops = compiled.kernels("algebra", "product_kernels")
+    if loops is None:
+        pytest.skip("numba is not there")
+    rows, F = np.array([[1.0, 0.0, 2.0], [0.0, 3.0, 0.0]]), np.diag([1.0, 2.0, 3.0])
+    np.testing.assert_allclose(loops.congruence(rows, F, False), rows @ F @ rows.T, rtol=1e-15)
+    of_these = [kinds for kinds in loops.sparse_product.overloads if str(kinds[0]) == "array(float64, 2d, C)"]
+    assert len({kinds[:2] for kinds in of_these}) == len(of_these) > 0
