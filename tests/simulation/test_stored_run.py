@@ -138,7 +138,7 @@ def test_a_pickle_holds_what_the_run_told_and_not_the_model(saved):
     told = sum(data.nbytes for data in result.sensors.values())
     end = [member.contact for member in result.end.contacts.contacts]  # and the state at the end
     told += sum(state.memory.forces.nbytes + 3 * state.memory.path.nbytes + 3 * state.gaps.q.nbytes for state in end)
-    assert path.stat().st_size < 2 * told
+    assert path.stat().st_size < 2.2 * told  # each array of the file has a header
 
 
 def test_friction_and_plastic_strain_are_in_files(mbs, tmp_path):
