@@ -91,6 +91,8 @@ def hold_rows(
     if loops := kernels("algebra", "product_kernels"):
         held: tuple[Array, Array] = loops.hold_rows(C, rest, by, push, factor.T, scale, shares, *state, step, dofs)
         return held
+    if not len(rest):  # LAPACK solves no systems without unknowns
+        return np.zeros(0), np.zeros(len(dofs))
     parts = (share * values[dofs] for share, values in zip(shares, state, strict=True) if share)
     x = sum(parts, np.zeros(len(dofs)))
     multipliers = scale * lapack.dpotrs(factor, scale * by * (rest + C @ x), lower=1)[0]

@@ -1,12 +1,14 @@
 """Joints on a reduced body in both frames: frequencies, statics, pendulum, bushing, and bases that keep nodes."""
 
+from functools import partial
+
 import exudyn as exu
 import exudyn.itemInterface as items
 import exudyn.utilities
 import numpy as np
 import pytest
 import scipy.sparse.linalg
-from oracles import HINGE, by_exudyn, ground, jointed, relative, sensors
+from oracles import HINGE, by_exudyn, each_way, ground, jointed, relative, sensors
 
 import exudyn_partition as ep
 from exudyn_partition.exudyn_bodies.joints import Joints, mass_and_rows
@@ -167,6 +169,21 @@ def test_bushing_explicit_and_implicit(arm_body, frame):
         heads.append(result.sensor(place)[:, 0])
     assert heads[0].max() > 1e-6
     assert relative(*heads) < 1e-3
+
+
+def test_explicit_steps_hold_joints_without_numba(arm_body):
+    """As with it; a model whose joints are all springs has no rows that hold."""
+
+    def swung(joint):
+        mbs = exu.SystemContainer().AddSystem()
+        item = ep.CreatePartitionBody(mbs, arm_body, gravity=[9.81, 0, 0])
+        mbs.AddObject(joint(markerNumbers=[ground(mbs), item.CreateInterfaceMarker(mbs, "foot")]))
+        mbs.Assemble()
+        return item.coordinates(ep.solve_dynamic(mbs, end_time=1e-5, step=2e-7))
+
+    for joint in (items.SphericalJoint, partial(items.RigidBodySpringDamper, stiffness=1e6 * np.eye(6))):
+        compiled, plain = each_way(lambda joint=joint: swung(joint))
+        np.testing.assert_allclose(plain, compiled, rtol=0, atol=1e-10 * abs(compiled).max())
 
 
 def test_masses_of_a_body_on_a_shaft(arm_body):
