@@ -5,6 +5,7 @@ No other module of `contact` knows which of them run. Module `kernels` has the c
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
@@ -82,7 +83,8 @@ def rows_along(points: ContactPoints, nodes: Array, weights: Array, along: Array
     columns = d * nodes[point][:, :, None] + np.arange(d)
     cells = columns + d * n * row[:, None, None]
     values = (share[:, None] * weights[point])[:, :, None] * along[point][:, None, :]
-    return np.bincount(cells.ravel(), values.ravel(), minlength=len(points.area) * d * n).reshape(-1, d * n)
+    size = len(points.area), d * n
+    return np.bincount(cells.ravel(), values.ravel(), minlength=math.prod(size)).reshape(size)
 
 
 def directed_rows(
@@ -109,7 +111,7 @@ def directed_rows(
         return rows
     carried = rows_along(points, nodes, weights, np.ones((len(normals), 1)), n)[index]
     result = np.empty((len(index), 3, n, 3))
-    result[:, 0] = rows_along(points, nodes, weights, normals, n)[index].reshape(-1, n, 3)
+    result[:, 0] = rows_along(points, nodes, weights, normals, n)[index].reshape(len(index), n, 3)
     result[:, 1:] = carried[:, None, :, None] * tangents[:, :, None, :]
     return result.reshape(3 * len(index), 3 * n)
 

@@ -80,7 +80,7 @@ class PlasticZone:
     def strain(self) -> sp.csr_matrix:
         """E, (6 g, 3 nz): deviatoric strains at the points in Mandel's notation, by displacements of the nodes."""
         values = np.einsum("vab,pkb->pvka", _MANDEL, self.gradient).ravel()
-        columns = np.repeat(node_dofs(self.own.ravel()).reshape(len(self), -1), 6, axis=0)
+        columns = np.repeat(node_dofs(self.own.ravel()).reshape(len(self), 3 * self.own.shape[1]), 6, axis=0)
         starts = columns.shape[1] * np.arange(6 * len(self) + 1)
         return sp.csr_matrix((values, columns.ravel(), starts), shape=(6 * len(self), 3 * len(self.nodes)))
 

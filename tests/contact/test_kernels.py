@@ -4,12 +4,13 @@ from contextlib import nullcontext
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from oracles import compliant, each_way, floating, inertial, moved, relative, without_numba
 
 from exudyn_partition.algebra.coulomb import Coulomb
-from exudyn_partition.contact import gaps
+from exudyn_partition.contact import gaps, loops
 from exudyn_partition.contact.patch_gaps import PatchGaps
-from exudyn_partition.surfaces.points import ROWS
+from exudyn_partition.surfaces.points import ROWS, ContactPoints
 
 
 def ways(slave, n_master):
@@ -87,3 +88,15 @@ def test_forces_with_friction_are_the_same(round_body, flat_body):
     compiled, plain = each_way(forces)
     assert relative(compiled, plain) < 1e-8
     assert plain[-1, 0] > 0
+
+
+def test_rows_may_need_no_nodes():
+    """As those of a contact on a skin that sleeps."""
+    nodes, weights, normals = np.zeros((0, 6), dtype=np.int64), np.zeros((0, 6)), np.zeros((0, 3))
+    mean, none, two = sp.csr_matrix((2, 0)), sp.csr_matrix((0, 0)), np.arange(2)
+    points = ContactPoints(nodes, weights, mean, two, np.ones(2), none, none.tocsc())
+    for along in each_way(lambda: loops.rows_along(points, nodes, weights, normals, 0)):
+        assert along.shape == (2, 0)
+    tangents = np.zeros((2, 2, 3))
+    for directed in each_way(lambda: loops.directed_rows(points, two, nodes, weights, normals, tangents, 0)):
+        assert directed.shape == (6, 0)

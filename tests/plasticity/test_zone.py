@@ -99,6 +99,10 @@ def test_elastic_forces_of_the_zone_are_those_of_plastic_strain(model, zone):
     assert abs(resultant[3:]).max() < 1e-9 * abs(p).sum() * 3e-3
 
 
+def test_a_part_of_a_zone_may_be_empty(zone):
+    assert zone.part(np.zeros(len(zone), dtype=bool)).strain.shape == (0, 0)
+
+
 @pytest.mark.parametrize("hardening", [0.0, 500e6, ((0.0, 200e6), (1e-3, 260e6), (4e-3, 300e6))])
 def test_compiled_loops_give_the_same_flow(model, hardening):
     """Also of a part of the zone, from the state that a first step leaves behind."""
