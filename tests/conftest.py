@@ -15,7 +15,7 @@ from exudyn_partition.support.compiled import compiles
 
 TESTS = Path(__file__).parent
 # Files begin in this order, by turns for two workers. The first file has most of the loops compiled, which takes
-# minutes after an installation; what follows needs few of them, so that the other worker does not compile the same
+# long after an installation; what follows needs few of them, so that the other worker does not compile the same
 # meanwhile, but reads it from disk later. Long files come before short ones: the last file of a run keeps one worker
 # busy while the other one has nothing to do.
 FIRST = (
@@ -34,7 +34,7 @@ ONE_THREAD = ("NGS_NUM_THREADS", "OMP_NUM_THREADS")
 def pytest_configure(config):
     """Before workers start, which inherit the environment."""
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # each child would translate all modules of the library again
-    gc.set_threshold(20_000, 20, 20)  # by default 700, 10, 10: a tenth of the time of small tests went into it
+    gc.set_threshold(20_000, 20, 20)  # by default 700, 10, 10, so that small tests wait for it often
     if getattr(config.option, "numprocesses", None):
         for name in ONE_THREAD:
             os.environ.setdefault(name, "1")
