@@ -57,7 +57,9 @@ class BroadPhase:
         self._sides, self._motion = number, sp.csr_matrix(sp.vstack([sp.csr_matrix((1, n)), *rows]))
         self._from = np.zeros(n)
         self._sleeps = np.zeros(len(contacts), dtype=bool)
-        self._left = np.array([0.0 if contact.gaps.anywhere else np.inf for contact in contacts])
+        # Bodies of other kinds, which carry surfaces, may move at any speed: these contacts never sleep.
+        sleeping = [contact.gaps.anywhere and not contact.gaps.carried for contact in contacts]
+        self._left = np.where(sleeping, 0.0, np.inf)
         self.awake, self.looks = tuple(range(len(contacts))), 0
 
     def look(self, q: Array) -> tuple[int, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,14 +10,17 @@ import numpy as np
 from ..contact.rigid import RigidSurface
 from ..contact.side import Side
 from ..errors import EmptyRegionError, InputError
+from ..exudyn_bodies.carriers import pose, validate_carrier
 from ..exudyn_bodies.model import registered
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from ..support.checks import listed, validate_positive
-from ..support.foreign import MainSystem
+from ..support.foreign import MainSystem, ObjectIndex
 from ..surfaces.near import faces_near, near_patches
 from .contact_plan import RIGID, BodyPatch
+
+CarriedSurface = tuple[RigidSurface, ObjectIndex | None]  # and the body that carries it; None if it is fixed in space
 
 
 class FoundPair(NamedTuple):
@@ -29,11 +32,14 @@ class FoundPair(NamedTuple):
     master : (PartitionBody, int) or RigidSurface
     anywhere : bool
         Whether both may touch anywhere at any time: one of the patches is the skin of its body.
+    carrier : exudyn.ObjectIndex, optional
+        The body that carries the rigid surface. Default: it is fixed in space.
     """
 
     slave: BodyPatch
     master: BodyPatch | RigidSurface
     anywhere: bool
+    carrier: ObjectIndex | None = None
 
 
 def pairs_of(mbs: MainSystem, members: object, within: float | None) -> list[FoundPair]:
@@ -44,7 +50,8 @@ def pairs_of(mbs: MainSystem, members: object, within: float | None) -> list[Fou
     Parameters
     ----------
     mbs : exudyn.MainSystem
-    members : sequence of PartitionBody or RigidSurface
+    members : sequence of PartitionBody, RigidSurface, or (RigidSurface, exudyn.ObjectIndex)
+        The latter is a surface and the body that carries it.
     within : float, optional
         Distance up to which a pair gets a contact [m]. Default: any distance for skins; the radius of the smaller patch
         for others.
@@ -74,10 +81,11 @@ def pairs_of(mbs: MainSystem, members: object, within: float | None) -> list[Fou
                     yield int(i), int(j), True
 
     found = [FoundPair(sides[i], sides[j], anywhere) for i, j, anywhere in between_bodies()]
-    for surface in surfaces:
+    for surface, carrier in surfaces:
         for side, patch, skin in zip(sides, placed, skins, strict=True):
-            if (skin and within is None) or faces_near(patch, *surface.project(patch.points), within, anywhere=skin):
-                found.append(FoundPair(side, surface, skin))
+            projected = _projected(mbs, surface, carrier, patch.points)
+            if (skin and within is None) or faces_near(patch, *projected, within, anywhere=skin):
+                found.append(FoundPair(side, surface, skin, carrier))
     if not found:
         raise EmptyRegionError(
             f"slave: no two patches of these {len(bodies)} bodies face each other nearby. Give a larger distance by "
@@ -86,25 +94,52 @@ def pairs_of(mbs: MainSystem, members: object, within: float | None) -> list[Fou
     return found
 
 
-def _members(mbs: MainSystem, members: object) -> tuple[list[PartitionBody], list[RigidSurface]]:
+def _members(mbs: MainSystem, members: object) -> tuple[list[PartitionBody], list[CarriedSurface]]:
     """Bodies and rigid surfaces of a list."""
-    expected = "slave: expected a list of what CreatePartitionBody returns, and of rigid surfaces if there are any"
+    expected = (
+        "slave: expected a list of what CreatePartitionBody returns, and of rigid surfaces if there are any. One that "
+        "a body carries is a pair in the list, (surface, body)"
+    )
     if (items := listed(members)) is None:
         raise InputError(f"{expected}, got {type(members).__name__}")
+    bodies, surfaces = list[PartitionBody](), list[CarriedSurface]()
     for i, item in enumerate(items):
-        if not isinstance(item, (PartitionBody, *RIGID)):
+        surface, carrier = item if isinstance(item, tuple) and len(item) == 2 else (item, None)
+        if isinstance(item, PartitionBody):
+            bodies.append(item)
+        elif isinstance(surface, RIGID):
+            if surface is not item:
+                validate_carrier(f"slave: body of index {i}", mbs, carrier)
+            surfaces.append((surface, carrier))
+        else:
             raise InputError(f"{expected}, got {type(item).__name__} at index {i}")
-    bodies = [item for item in items if isinstance(item, PartitionBody)]
-    if len(items) < 2 or not bodies or len(set(map(id, items))) < len(items):
+    _check_members(mbs, bodies, surfaces)
+    return bodies, surfaces
+
+
+def _check_members(mbs: MainSystem, bodies: Sequence[PartitionBody], surfaces: Sequence[CarriedSurface]) -> None:
+    """Something can touch, each member is given once, and belongs to the model."""
+    given = [*bodies, *(surface for surface, _ in surfaces)]
+    if len(given) < 2 or not bodies or len(set(map(id, given))) < len(given):
         raise InputError(
             f"slave: expected at least one body and something that it can touch, each of them once, got {len(bodies)} "
-            f"bodies and {len(items) - len(bodies)} rigid surfaces"
+            f"bodies and {len(surfaces)} rigid surfaces"
         )
     known = [*registered(mbs).bodies.values()]
     for item in bodies:
         if item not in known:
             raise InputError(f"slave: body {item.name!r} belongs to another model, or to this one before a Reset")
-    return bodies, [item for item in items if not isinstance(item, PartitionBody)]
+
+
+def _projected(
+    mbs: MainSystem, surface: RigidSurface, carrier: ObjectIndex | None, points: Array
+) -> tuple[Array, Array]:
+    """Gaps, (k,) [m], and outward normals, (k, 3), of a rigid surface at points in space, (k, 3)."""
+    if carrier is None:
+        return surface.project(points)
+    place, axes = pose(mbs, carrier)()
+    gap, normals = surface.project((points - place) @ axes)
+    return gap, normals @ axes.T
 
 
 def is_skin(body: ReducedBody, patch: int) -> bool:

@@ -54,7 +54,7 @@ def CreatePartitionContact(
 @overload
 def CreatePartitionContact(
     mbs: MainSystem,
-    slave: Sequence[PartitionBody | RigidSurface],
+    slave: Sequence[PartitionBody | RigidSurface | tuple[RigidSurface, ObjectIndex]],
     *,
     within: float | None = ...,
     formulation: FormulationName | Formulation = ...,
@@ -68,7 +68,7 @@ def CreatePartitionContact(
 @spelled
 def CreatePartitionContact(
     mbs: MainSystem,
-    slave: PartitionBody | Sequence[PartitionBody | RigidSurface],
+    slave: PartitionBody | Sequence[PartitionBody | RigidSurface | tuple[RigidSurface, ObjectIndex]],
     master: PartitionBody | RigidSurface | None = None,
     *,
     formulation: FormulationName | Formulation = "compliance",
@@ -92,14 +92,17 @@ def CreatePartitionContact(
     the ends of a clip, or one patch of `Partition.surface` folds.
 
     Many bodies are given as one sequence: `CreatePartitionContact(mbs, bodies)`. Rigid surfaces may be among them, such
-    as a floor and walls. Any two of their patches that are near and face each other at the start get a contact. Bodies
-    with a skin, see `reduce(fem, skin=True)`, get contacts with all others, wherever they are: nobody needs to know
-    where they will meet. Contacts of bodies that are far apart cost next to nothing in a step.
+    as a floor and walls; one that a body carries is a pair, `(surface, body)`, as the shell of a drum. Any two of
+    their patches that are near and face each other at the start get a contact. Bodies with a skin, see
+    `reduce(fem, skin=True)`, get contacts with all others, wherever they are: nobody needs to know where they will
+    meet. Contacts of bodies that are far apart cost next to nothing in a step; those with a carried surface never
+    sleep.
 
     Parameters
     ----------
     mbs : exudyn.MainSystem
     slave : PartitionBody, or sequence of bodies and rigid surfaces
+        In a sequence, a surface that another body of Exudyn carries is a pair, `(surface, body)`.
     master : PartitionBody, RigidPlane, RigidSphere, RigidCylinder, RigidProfile or RigidMesh
         Rigid surfaces are fixed in space, or to `masterBody`. Left out if a sequence is given.
     formulation : {"compliance", "lagrange", "penalty", "hertz"} or Formulation
@@ -156,7 +159,10 @@ def CreatePartitionContact(
     """
     if master is None and not isinstance(slave, PartitionBody):
         if any(choice is not None for choice in (slavePatch, masterPatch, masterBody)):
-            raise InputError("slavePatch, masterPatch, masterBody: of a sequence of bodies, all patches are looked at")
+            raise InputError(
+                "slavePatch, masterPatch, masterBody: of a sequence of bodies, all patches are looked at; a surface "
+                "that a body carries is a pair in the sequence, (surface, body)"
+            )
         if isinstance(rows, str) and rows == "edges":
             raise InputError("rows: 'edges' are made of two bodies at a time, beside their contact")
         plan_pair = partial(plan_contact, mbs, formulation=formulation, stiffness=stiffness, friction=friction)
@@ -194,11 +200,11 @@ def _contacts_of(
     validate_text("name", name)
     contacts, joining = list[PartitionContact](), Joining(partition_items(mbs)[1])
     try:
-        for i, (((slave, patch), master, anywhere), faces) in enumerate(pairs, 1):
+        for i, (((slave, patch), master, anywhere, carrier), faces) in enumerate(pairs, 1):
             named, body = name and f"{name} {i}", isinstance(master, tuple)
             partner, of_partner = master if isinstance(master, tuple) else (master, None)
             sides = {"slavePatch": patch, "masterPatch": of_partner, "anywhere": anywhere}
-            plan = plan_whole(slave, partner, **sides, name=named, faces=faces)
+            plan = plan_whole(slave, partner, **sides, masterBody=carrier, name=named, faces=faces)
             contacts.append(_build(mbs, plan, joining.join))
             if anywhere and body and needs_edges(plan):
                 edges = plan_edges(slave, partner, **sides, name=f"{plan.name} edges")

@@ -4,6 +4,7 @@ import exudyn as exu
 import netgen.occ as occ
 import numpy as np
 import pytest
+from exudyn.utilities import InertiaCuboid
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
@@ -340,3 +341,61 @@ def test_contacts_of_a_list_are_named_by_their_bodies(brick, pebble, mbs):
     names = [contact.name for contact in contacts]
     assert len({*names}) == len(names)
     assert {"low on high", "low on high edges", "low on body 2", "low on plane", "body 2 on plane"} <= {*names}
+
+
+# Surfaces that a body of another kind carries.
+
+
+def struck(pebble, named):
+    """A pebble at rest that a fast rigid plane reaches after 20 us, by a list or by two names; contact and result."""
+    mbs = exu.SystemContainer().AddSystem()
+    item = put(mbs, pebble, (0, 0, 0))
+    motion = {"referencePosition": [0, 0, R + 0.2e-3], "initialVelocity": [0, 0, -10.0]}
+    motion["nodeType"] = exu.NodeType.RotationRotationVector
+    carrier = mbs.CreateRigidBody(inertia=InertiaCuboid(7800, [0.05] * 3), **motion)
+    face = ep.RigidPlane(normal=(0, 0, -1))  # in the axes of the carrier
+    if named:
+        contact = ep.CreatePartitionContact(mbs, item, face, masterBody=carrier)
+    else:
+        (contact,) = ep.CreatePartitionContact(mbs, [item, (face, carrier)])
+    mbs.Assemble()
+    return contact, ep.solve_dynamic(mbs, end_time=40e-6, step=STEP)
+
+
+def test_a_carried_surface_may_be_in_a_list(pebble):
+    """It reaches a skin that does not move itself, and never sleeps."""
+    (contact, result), (by_name, same) = struck(pebble, False), struck(pebble, True)
+    assert contact.force(result).max() > 1000.0
+    np.testing.assert_allclose(contact.force(result), by_name.force(same), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("height", "meets"), [(0.0, True), (-0.05, False)])
+def test_a_carried_surface_is_near_where_its_body_is(fem, mbs, height, meets):
+    """Patches that are no skins meet what is near; the surface itself passes through the origin of its body."""
+    body = ep.reduce(fem, ep.Partition.surface(fem, plane=((0, 0, 0), (0, 0, -1)), axes="xyz"), f_cut=F_CUT)
+    item = ep.CreatePartitionBody(mbs, body, referencePosition=[0, 0, 1e-3])
+    turned = Rotation.from_euler("x", 90, degrees=True).as_matrix()
+    carrier = mbs.CreateRigidBody(
+        inertia=InertiaCuboid(7800, [0.05] * 3), referencePosition=[0, 0, height], referenceRotationMatrix=turned
+    )
+    members = [item, (ep.RigidPlane(normal=(0, 1, 0)), carrier)]  # upwards, as the carrier is turned
+    if meets:
+        assert len(ep.CreatePartitionContact(mbs, members)) == 1
+    else:
+        with pytest.raises(EmptyRegionError, match="no two patches"):
+            ep.CreatePartitionContact(mbs, members)
+
+
+def test_what_cannot_be_carried(pebble, mbs):
+    item = put(mbs, pebble, (0, 0, 0))
+    ground = mbs.CreateGround()
+    for members, expected in (
+        ([item, (FLOOR, 99)], "body of index 1: expected the number of a body of this model"),
+        ([item, (FLOOR, None)], "body of index 1: expected the number of a body"),
+        ([item, (item, ground)], r"a pair in the list, \(surface, body\), got tuple at index 1"),
+        ([item, FLOOR, (FLOOR, ground)], "each of them once, got 1 bodies and 2 rigid surfaces"),
+    ):
+        with pytest.raises(InputError, match=expected):
+            ep.CreatePartitionContact(mbs, members)
+    with pytest.raises(InputError, match=r"a pair in the sequence, \(surface, body\)"):
+        ep.CreatePartitionContact(mbs, [item, FLOOR], masterBody=ground)
