@@ -96,17 +96,17 @@ def tree(builder, **options):
 
 def tree_of(builder, page, **options):
     """Tree of the sidebar as a page shows it: links that begin there, and the way to the page marked as current."""
-    up, own, way, marked = "../" * page.count("/"), builder.get_target_uri(page), {}, set()
+    up, own, above, marked = "../" * page.count("/"), builder.get_target_uri(page), {}, set()
     entry = re.compile(r'<li class="toctree-l(\d)"><a class="reference internal" href="([^"#:]+)"')
     for found in entry.finditer(shown := tree(builder, **options)):
-        way = {level: start for level, start in way.items() if level < found[1]} | {found[1]: found.start()}
+        above = {level: start for level, start in above.items() if level < found[1]} | {found[1]: found.start()}
         if found[2] == own:
-            marked |= {*way.values()}
+            marked |= {*above.values()}
 
     def turned(found):
-        current = "current " if found.start() in marked else ""
-        to = "#" if found[2] == own else up + found[2]
-        return f'<li class="toctree-l{found[1]} {current}"><a class="{current}reference internal" href="{to}"'
+        way = " current" if found.start() in marked else ""
+        here, to = ("current ", "#") if found[2] == own else ("", up + found[2])
+        return f'<li class="toctree-l{found[1]}{way}"><a class="{here}reference internal" href="{to}"'
 
     return entry.sub(turned, shown)
 
