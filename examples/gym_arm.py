@@ -46,7 +46,7 @@ def main(argv=None):
     env, begin, tried = HittingArm(fem, body), time.perf_counter(), []
     env.reset(seed=0)
     middle, width = -TORQUE / 2, TORQUE / 4
-    for _ in range(3 if options.quick else 6):  # the better half of the tries says where to try next
+    for _ in range(2 if options.quick else 6):  # the better half of the tries says where to try next
         torques = np.clip(env.np_random.normal(middle, width, 4 if options.quick else 8), -TORQUE, -0.1)
         tried += (found := [(torque, *episode(env, torque)) for torque in torques])
         best = [torque for torque, *_ in sorted(found, key=lambda one: -one[1])[: len(found) // 2]]

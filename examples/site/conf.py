@@ -1,5 +1,6 @@
 """Sphinx configuration of the site; `python -m sphinx -W -b html examples/site out/site` builds it."""
 
+import functools
 import re
 import runpy
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 from docutils import nodes
 from latex2mathml.converter import convert
 from numpydoc.xref import DEFAULT_LINKS
+from sphinx.environment.adapters.toctree import global_toctree_for_doc
 from sphinx.ext import autosummary
 
 import exudyn_partition
@@ -85,6 +87,35 @@ def add_example(app, what, name, thing, options, lines):
         ]
 
 
+@functools.cache
+def tree(builder, **options):
+    """Tree of the sidebar as the front page shows it; to make it for each page took a third of the build."""
+    found = global_toctree_for_doc(builder.env, "index", builder, tags=builder.tags, **options)
+    return builder.render_partial(found)["fragment"]
+
+
+def tree_of(builder, page, **options):
+    """Tree of the sidebar as a page shows it: links that begin there, and the way to the page marked as current."""
+    up, own, above, marked = "../" * page.count("/"), builder.get_target_uri(page), {}, set()
+    entry = re.compile(r'<li class="toctree-l(\d)"><a class="reference internal" href="([^"#:]+)"')
+    for found in entry.finditer(shown := tree(builder, **options)):
+        above = {level: start for level, start in above.items() if level < found[1]} | {found[1]: found.start()}
+        if found[2] == own:
+            marked |= {*above.values()}
+
+    def turned(found):
+        way = " current" if found.start() in marked else ""
+        here, to = ("current ", "#") if found[2] == own else ("", up + found[2])
+        return f'<li class="toctree-l{found[1]}{way}"><a class="{here}reference internal" href="{to}"'
+
+    return entry.sub(turned, shown)
+
+
+def take_tree(app, pagename, templatename, context, doctree):
+    """Let furo take the tree that was made once."""
+    context["toctree"] = functools.partial(tree_of, app.builder, pagename)
+
+
 def write_formula(translator, node):
     """Write a formula of a page as MathML."""
     if isinstance(node, nodes.math_block):  # furo scrolls it, upwards too where its font is high
@@ -110,4 +141,5 @@ def setup(app):
     app.connect("config-inited", run_the_notebook_or_not)
     app.connect("builder-inited", runpy.run_path(str(Path(__file__).with_name("gallery.py")))["write_pages"])
     app.connect("autodoc-process-docstring", add_example, priority=900)  # after numpydoc
+    app.connect("html-page-context", take_tree, priority=400)  # before furo
     app.connect("include-read", links_as_on_the_site)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
+from ..algebra.sparse.multifrontal import Analysis
 from ..algebra.sparse.solver import factorise
 from ..support.arrays import Array
 
@@ -59,10 +60,11 @@ class HHT:
         n = mass.shape[0]
         self._M, self._K, self._G, self._step, self._alpha = mass, stiffness, rows, step, alpha
         self._beta, self._gamma = (1 + alpha) ** 2 / 4, 0.5 + alpha
-        self._factor = factorise(mass + (1 - alpha) * self._beta * step**2 * stiffness)
+        both = Analysis(lambda: sp.csr_matrix(abs(mass) + abs(stiffness)))  # they have entries in the same places
+        self._factor = factorise(mass + (1 - alpha) * self._beta * step**2 * stiffness, both)
         loads = rows.T.toarray()
         self._answer = step**2 / 2 * self._factor.solve(loads)
-        self._push = factorise(mass).solve(loads)
+        self._push = factorise(mass, both).solve(loads)
         self.u, self.a = np.zeros(n), np.zeros(n)
         self.v = np.zeros(n) if velocity is None else velocity
         self._predicted = self._unloaded = self._free = self.u

@@ -28,9 +28,9 @@ def check_files(name, folder, printed):
     return json.loads((folder / "result.json").read_text())
 
 
-def run_quick(name, folder, capsys):
+def run_quick(name, folder, capsys, *more):
     """Call an example's `main`; imports of a process of its own would take as long as a small mesh."""
-    returned = importlib.import_module(name).main(["--quick", "--out", str(folder)])
+    returned = importlib.import_module(name).main(["--quick", "--out", str(folder), *more])
     plt.close("all")
     result = check_files(name, folder, capsys.readouterr().out)
     assert result == json.loads(json.dumps(returned))
@@ -322,7 +322,7 @@ def test_the_arm_is_an_environment_of_gymnasium():
 
 def test_restitution_map(tmp_path, capsys):
     """Against beam theory, and the rigid model with the law against the flexible bar between the map's points."""
-    result = run_quick("restitution_map", tmp_path, capsys)
+    result = run_quick("restitution_map", tmp_path, capsys, "--workers", "1")
     (found,) = result["impacts"]
     for tilt, e, contacts in zip(found["tilt"], found["restitution"], found["contacts"], strict=True):
         theory = tilted_bar.by_beam_theory(found["length_m"], np.radians(tilt), end=0.4e-3, step=5e-8, elements=40)

@@ -112,6 +112,27 @@ def test_each_page_of_the_reference_has_an_example_and_its_source(site):
     assert 'href="exudyn_partition.RigidPlane.html' in contact  # types lead to their pages
 
 
+@pytest.mark.parametrize(
+    ("name", "way"),
+    [
+        ("contact", ["Contact"]),
+        ("reference/exudyn_partition.reduce", ["API reference", "reduce"]),
+        ("_modules/exudyn_partition/reduction/reduction", []),
+    ],
+)
+def test_the_sidebar_leads_to_all_pages_and_shows_where_one_is(site, name, way):
+    """`conf.py` makes it once for all of them."""
+    page = site / f"{name}.html"
+    tree = re.search(r'<div class="sidebar-tree">(.*?)</div>', page.read_text(), re.S)[1]
+    links = [(page.parent / link).resolve() for link in re.findall(r'href="([^"#]+)"', tree)]
+    every = {path.resolve() for folder in (".", "reference", "gallery") for path in (site / folder).glob("*.html")}
+    beside = {site.resolve() / f"{other}.html" for other in ("index", "genindex", "search", "py-modindex")}
+    assert {*links} == every - beside - {page.resolve()}
+    marked = re.findall(r'<li class="[^"]*\bcurrent\b[^"]*"><a class="([^"]*)" href="([^"]*)">([^<]*)', tree)
+    assert [text for *_, text in marked] == way
+    assert [text for kind, link, text in marked if "current" in kind and link == "#"] == way[-1:]
+
+
 def test_summaries_of_the_reference_are_whole_sentences(site):
     """Sphinx takes the full stop of "paper, eq. 30" for the end of one."""
     shown = (site / "api.html").read_text()

@@ -66,7 +66,7 @@ def scripts(tmp_path, monkeypatch):
     names = "good", "bad", "hangs", "busy", "lacks"
     cases = {name: run_all.Case(f"{name}.py", run_all.limits(("x",)), quick=()) for name in names}
     monkeypatch.setattr(run_all, "CASES", cases)
-    monkeypatch.setattr(run_all, "QUICK_LIMIT", 2.0)
+    monkeypatch.setattr(run_all, "QUICK_LIMIT", 1.0)
     monkeypatch.setattr(run_all, "STALL", 4.0)
     return folder
 
@@ -81,7 +81,7 @@ def test_failures_are_isolated_listed_and_what_is_done_is_not_done_again(scripts
     assert "beyond the stated limits: y" in text
     assert "| lacks | not run |  |  | skipped: no other code here | skipped |" in text
     assert "used no processor time for 4 s" in page
-    assert "not done after 2 s of processor time" in page
+    assert "not done after 1 s of processor time" in page
     assert run_all.commit() in page
     good = (out / "good.json").stat().st_mtime_ns
     with pytest.raises(SystemExit):
@@ -92,10 +92,10 @@ def test_failures_are_isolated_listed_and_what_is_done_is_not_done_again(scripts
 
 def test_waiting_beside_other_work_costs_a_case_no_time(scripts, monkeypatch):
     """A case that spends longer than its limit, but hardly any processor time, ends by itself."""
-    (scripts / "hangs.py").write_text("import time\ntime.sleep(3)\n")
+    (scripts / "hangs.py").write_text("import time\ntime.sleep(1.5)\n")
     record = run_all.run_case("hangs", str(scripts), True, "a commit")
     assert record["code"] == 0
-    assert record["time_s"] > 3 > run_all.QUICK_LIMIT > record["processor_s"]
+    assert record["time_s"] > 1.5 > run_all.QUICK_LIMIT > record["processor_s"]
 
 
 # The script says so too: corrections of meshes that no promise is made for.
