@@ -27,6 +27,7 @@ FIRST = (
     "examples",
     "validation",
 )
+NODAL = "free", "craig-bampton"  # bases that keep the motion of the patch's nodes
 # Two workers fill two cores. Threads of NGSolve and BLAS wait by spinning, and would take the other worker's time.
 ONE_THREAD = ("NGS_NUM_THREADS", "OMP_NUM_THREADS")
 
@@ -89,9 +90,18 @@ def mbs():
 @pytest.fixture(scope="session")
 def ball():
     """A steel ball of radius 10 mm, for impacts on the block: south pole at the origin, coarser than `sphere`."""
+    return steel_ball(3.5e-3, ep.Refine((0, 0, 0), 0.6e-3, 0.25e-3))
+
+
+@pytest.fixture(scope="session")
+def coarse_ball():
+    """The same for bases that keep the patch's nodes: fewer of these, and explicit steps that are twice as long."""
+    return steel_ball(5e-3, ep.Refine((0, 0, 0), 1e-3, 0.5e-3))
+
+
+def steel_ball(maxh, fine):
     shape = occ.Sphere(occ.Pnt(0, 0, SPHERE_RADIUS), SPHERE_RADIUS)
-    fine = ep.Refine((0, 0, 0), 0.6e-3, 0.25e-3)
-    fem = ep.fe_model(shape, ep.STEEL, maxh=3.5e-3, refine=[fine], grading=0.5)
+    fem = ep.fe_model(shape, ep.STEEL, maxh=maxh, refine=[fine], grading=0.5)
     return fem, ep.Partition.ball(fem, (0, 0, 0), 1.2e-3)
 
 
@@ -107,9 +117,9 @@ def marble_parts():
 
 
 @pytest.fixture(scope="session")
-def marble(marble_parts):
+def marble(marble_parts, kept):
     """The same, reduced."""
-    return ep.reduce(*marble_parts, f_cut=300e3)
+    return ep.reduce(*marble_parts, f_cut=300e3, cache=kept)
 
 
 @pytest.fixture(scope="session")
@@ -120,9 +130,14 @@ def kept(tmp_path_factory, worker_id):
 
 
 @pytest.fixture(scope="session")
-def pair_of(ball, block, top, kept):
-    """Ball and block, reduced, by the name of a basis."""
-    return lambda basis: tuple(ep.reduce(*pair, basis=basis, f_cut=150e3, cache=kept) for pair in (ball, (block, top)))
+def pair_of(ball, coarse_ball, block, top, kept):
+    """Ball and block, reduced, by the name of a basis, and whether the ball is fine where a coarser one would do."""
+
+    def pair(basis, fine=False):
+        models = coarse_ball if basis in NODAL and not fine else ball, (block, top)
+        return tuple(ep.reduce(*model, basis=basis, f_cut=150e3, cache=kept) for model in models)
+
+    return pair
 
 
 @pytest.fixture(scope="session")
@@ -144,12 +159,12 @@ def round_body(ball, kept):
 
 
 @pytest.fixture(scope="session")
-def yielding():
+def yielding(kept):
     """A coarse ball of a soft metal, with all three directions."""
     shape = occ.Sphere(occ.Pnt(0, 0, SPHERE_RADIUS), SPHERE_RADIUS)
     soft = ep.Material(E=210e9, nu=0.3, rho=7800.0, yield_stress=300e6, hardening=1e9)
     fem = ep.fe_model(shape, soft, maxh=5e-3, refine=[ep.Refine((0, 0, 0), 1e-3, 0.5e-3)])
-    return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 1e-3, axes="xyz"), f_cut=60e3)
+    return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 1e-3, axes="xyz"), f_cut=60e3, cache=kept)
 
 
 @pytest.fixture(scope="session")

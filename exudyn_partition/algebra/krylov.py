@@ -17,6 +17,7 @@ from ..errors import ModeAccuracyError, ModeCountWarning
 from ..support.arrays import Array
 from ..support.progress import Progress
 from ..support.warn import warn
+from .sparse.multifrontal import Analysis
 from .sparse.solver import factorise
 
 _COLUMNS = 24, 96  # least and most unit loads that are solved for at a time
@@ -274,6 +275,7 @@ def eigenmodes(
     tolerance: float = 1e-6,
     block: int = 8,
     progress: Progress | None = None,
+    analysis: Analysis | None = None,
 ) -> RitzPairs:
     """All elastic modes of a free body below `omega_max`.
 
@@ -294,6 +296,8 @@ def eigenmodes(
         Vectors in a block.
     progress : callable, optional
         Called with the converged share of the band, 0 to 1.
+    analysis : Analysis, optional
+        Of the sum of both matrices.
 
     Returns
     -------
@@ -312,7 +316,7 @@ def eigenmodes(
         If more or fewer modes converge than were counted.
     """
     shift = -(omega_max**2)
-    factor = factorise(stiffness + shift * mass)
+    factor = factorise(stiffness + shift * mass, analysis)
     expected = factor.negative_pivots() - rigid.shape[1]
     if expected == 0:
         return RitzPairs(np.empty((len(rigid), 0)), np.empty(0))
@@ -324,7 +328,9 @@ def eigenmodes(
         omega, residual, combination = krylov.ritz_values()
         if (abs(omega - omega_max) < _TOO_CLOSE * omega_max).any():
             beyond = (1 + 1e3 * _TOO_CLOSE) * omega_max
-            return eigenmodes(stiffness, mass, rigid, beyond, tolerance=tolerance, block=block, progress=progress)
+            return eigenmodes(
+                stiffness, mass, rigid, beyond, tolerance=tolerance, block=block, progress=progress, analysis=analysis
+            )
         inside = int(np.searchsorted(omega, omega_max))
         settled = residual < tolerance
         if progress:

@@ -31,7 +31,7 @@ from ..support.arrays import Array
 from ..support.checks import check_floats, check_indices, check_tuple, read_only, validate_choice, validate_text
 from ..support.progress import Progress
 from ..support.warn import warn
-from .free_body import DROP_ABOVE, AdaptedSpace, FreeBody, StaticAnswers
+from .free_body import DROP_ABOVE, AdaptedSpace, FreeBody, StaticAnswers, analysis_of
 from .inertia_relief import static_answers
 from .loads import attached_loads, patch_rows, patch_slice
 
@@ -243,13 +243,15 @@ def craig_bampton(fem: FEModel, partition: Partition, f_cut: float, progress: Pr
     K, M = model.stiffness[interior][:, interior], model.mass[interior][:, interior]
     averaged = [i for i in partition.interfaces if i.kind == "averaged"]
     loads = attached_loads(fem, averaged, partition.loads) @ model.expand
-    held_factors, centrifugal = factorise(K), body.centrifugal()[interior]
+    analysis = analysis_of(K, M)
+    held_factors, centrifugal = factorise(K, analysis), body.centrifugal()[interior]
     answers = held_factors.solve(
         np.hstack([-model.stiffness[interior][:, boundary].toarray(), loads[:, interior].toarray().T, centrifugal])
     )
     of_rotation = np.zeros((model.n, 6))
     of_rotation[interior], answers = answers[:, -6:], answers[:, :-6]
-    held = eigenmodes(K, M, np.empty((len(interior), 0)), 2 * np.pi * f_cut, progress=progress)
+    none = np.empty((len(interior), 0))
+    held = eigenmodes(K, M, none, 2 * np.pi * f_cut, progress=progress, analysis=analysis)
     n_held, n_boundary = len(held.omega), len(boundary)
     # Only the part of these answers that the held modes do not contain is a new motion.
     attached = orthonormal_complement(answers[:, n_boundary:], M, held.vectors)
@@ -401,7 +403,8 @@ def _modes_to(body: FreeBody, f_cut: float, progress: Progress | None) -> RitzPa
             f"f_cut: expected at least {lowest:.3g} Hz, below which round-off hides modes among the rigid ones, got "
             f"{f_cut:.6g} Hz. Take basis='contact-adapted', or a higher f_cut"
         )
-    return eigenmodes(model.stiffness, model.mass, body.rigid, 2 * np.pi * f_cut, progress=progress)
+    band = 2 * np.pi * f_cut
+    return eigenmodes(model.stiffness, model.mass, body.rigid, band, progress=progress, analysis=body.analysis)
 
 
 def least_frequency(stiffness: sp.csr_matrix, mass: sp.csr_matrix) -> float:

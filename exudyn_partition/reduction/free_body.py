@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -27,6 +28,7 @@ from ..fe.patches import Patch
 from ..plasticity.zone_flexibility import ZoneFlexibility
 from ..support.arrays import Array
 from ..support.machine import give_memory_back
+from ..support.once import once
 from ..support.progress import Progress
 from .loads import attached_loads, centrifugal_accelerations, leading, patch_rows, patch_slice, resultants, unit_loads
 from .tied import TiedModel, tie
@@ -89,6 +91,11 @@ class FreeBody:
     partition : Partition
     mass : {"consistent", "lumped"}
 
+    Attributes
+    ----------
+    analysis : Analysis
+        Of its stiffness, its mass and their sums.
+
     Raises
     ------
     InputError
@@ -104,13 +111,16 @@ class FreeBody:
                 "kind='averaged', or a rigid body of Exudyn"
             )
         self.rigid = mass_normalised(self.model.rigid_modes, self.model.mass)
-        K, M = self.model.stiffness, self.model.mass
-        edges = partial(_zone_edges, fem, partition, self.model)  # no method: a cycle would keep all factors
-        self._analysis = Analysis(lambda: sp.csr_matrix(K.astype(bool) + M.astype(bool)), edges)
+        zones, tied = any(patch.plastic for patch in partition.patches), len(self.model.interface_columns) > 0
+        if zones or tied or self.model.n >= LARGE:
+            edges = partial(_zone_edges, fem, partition, self.model)  # no method: a cycle would keep all factors
+            self.analysis = analysis_of(self.model.stiffness, self.model.mass, edges)
+        else:
+            self.analysis = _of_mesh(fem)
 
     def flexibility(self, rows: sp.csr_matrix | None = None) -> FreeBodyFlexibility:
         """Its elastic flexibility; this costs a factorisation. For `rows` see there."""
-        return FreeBodyFlexibility(self.model.stiffness, self.model.mass, self.rigid, self._analysis, rows)
+        return FreeBodyFlexibility(self.model.stiffness, self.model.mass, self.rigid, self.analysis, rows)
 
     def static_answers(self, flexibility: FreeBodyFlexibility | None = None) -> StaticAnswers:
         """Elastic answers of the free body to the loads of its patches and interfaces."""
@@ -149,6 +159,21 @@ class FreeBody:
             If a rigid interface holds some of them.
         """
         return _zone_dofs(self.model, patch)
+
+
+def analysis_of(
+    stiffness: sp.csr_matrix,
+    mass: sp.csr_matrix,
+    last: Callable[[sp.csr_matrix], Sequence[Array]] = lambda pattern: (),
+) -> Analysis:
+    """Of these matrices, (n, n), and their sums; for `last` see `Analysis`."""
+    return Analysis(lambda: sp.csr_matrix(stiffness.astype(bool) + mass.astype(bool)), last)
+
+
+@once
+def _of_mesh(fem: FEModel) -> Analysis:
+    """Of the matrices of a mesh, which is often reduced with other partitions, or for other frequencies."""
+    return analysis_of(fem.stiffness, fem.mass)
 
 
 def _zone_edges(fem: FEModel, partition: Partition, model: TiedModel, pattern: sp.csr_matrix) -> list[Array]:
@@ -272,13 +297,13 @@ class AdaptedSpace(FreeBody):
 
         if model.n >= LARGE:
             with contextlib.suppress(IndefiniteMatrixError):
-                factors, load = factorise(matrix, analysis=self._analysis, single=True), self._leading[:, 0]
+                factors, load = factorise(matrix, analysis=self.analysis, single=True), self._leading[:, 0]
                 answer = factors.solve(load)
                 left = load - model.stiffness @ answer - shift * (model.mass @ answer)
                 if left @ factors.solve(left) <= ROUGH**2 * (load @ answer):  # by energies
                     return factors
                 del factors
-        return factorise(matrix, analysis=self._analysis)
+        return factorise(matrix, analysis=self.analysis)
 
     def grow(self, f_cut: float, progress: Progress | None = None, settled: float = SETTLED) -> None:
         """Grow until the mobility of every load up to `f_cut` changes by no more than `settled`.

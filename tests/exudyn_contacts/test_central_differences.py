@@ -249,7 +249,7 @@ def test_joints_that_do_not_fit_together_stop_the_run(mbs):
         ep.solve_dynamic(mbs, end_time=1e-2, step=1e-3)
 
 
-@pytest.fixture(scope="module", params=["free", "craig-bampton", "contact-adapted"])
+@pytest.fixture(scope="module", params=["craig-bampton", "contact-adapted"])
 def pair(request, pair_of):
     """Ball and block, and the formulation of their contact."""
     return pair_of(request.param), "compliance" if request.param == "contact-adapted" else "lagrange"
@@ -334,6 +334,7 @@ def test_a_mass_on_a_joint_against_the_implicit_solver(pair):
     assert abs(found["explicit"][2][-1]) > 0.05
 
 
+@pytest.mark.parametrize("pair", ["free", "craig-bampton", "contact-adapted"], indirect=True)
 def test_a_joint_presses_on_a_contact(pair):
     """The block is pulled against a ball that is held: a joint pushes on contact rows and the contact back."""
 

@@ -27,14 +27,26 @@ from exudyn_partition.frames.rotations import rotation_matrix
 
 @pytest.fixture(scope="module")
 def tilted(kept):
-    """A steel rod with a round tip at the origin and a block, with all three directions, by the name of a basis."""
-    shape = occ.Sphere(occ.Pnt(0, 0, 6e-3), 6e-3) + occ.Cylinder(occ.Pnt(0, 0, 6e-3), occ.Z, r=6e-3, h=0.03)
-    rod = ep.fe_model(shape, ep.STEEL, maxh=5e-3, refine=[ep.Refine((0, 0, 0), 0.8e-3, 0.3e-3)], grading=0.5)
-    shape = occ.Box(occ.Pnt(-0.02, -0.02, -0.02), occ.Pnt(0.02, 0.02, 0))
-    block = ep.fe_model(shape, ep.ALUMINIUM, maxh=8e-3, refine=[ep.Refine((0, 0, 0), 1e-3, 0.4e-3)], grading=0.5)
-    parts = (rod, 1.2e-3), (block, 1.5e-3)
-    models = [(fem, ep.Partition.ball(fem, (0, 0, 0), r, axes="xyz")) for fem, r in parts]
-    return lambda basis: [ep.reduce(*model, basis=basis, f_cut=90e3, cache=kept) for model in models]
+    """A steel rod with a round tip at the origin and a block, with all three directions, by the name of a basis.
+
+    They are coarser for bases that keep the motion of the nodes.
+    """
+    rod = occ.Sphere(occ.Pnt(0, 0, 6e-3), 6e-3) + occ.Cylinder(occ.Pnt(0, 0, 6e-3), occ.Z, r=6e-3, h=0.03)
+    block = occ.Box(occ.Pnt(-0.02, -0.02, -0.02), occ.Pnt(0.02, 0.02, 0))
+
+    def reduced(basis):
+        coarser, found = 2.0 if basis in ("free", "craig-bampton") else 1.0, []
+        for shape, material, maxh, radius, h in (
+            (rod, ep.STEEL, 5e-3, 1.2e-3, 0.3e-3),
+            (block, ep.ALUMINIUM, 8e-3, 1.5e-3, 0.4e-3),
+        ):
+            fine = [ep.Refine((0, 0, 0), radius / 1.5, coarser * h)]
+            fem = ep.fe_model(shape, material, maxh=maxh, refine=fine, grading=0.5)
+            part = ep.Partition.ball(fem, (0, 0, 0), radius, axes="xyz")
+            found.append(ep.reduce(fem, part, basis=basis, f_cut=90e3, cache=kept))
+        return found
+
+    return reduced
 
 
 def drop(mbs, marble, master, velocity=(0, 0, -0.5), frame="inertial", position=(0, 0, R), moment=False, **options):
@@ -216,7 +228,7 @@ def test_newton_s_cradle(marble, marble_parts):
 
 @pytest.mark.parametrize(("basis", "options", "step"), [
     ("contact-adapted", {"rows": "node-to-segment"}, 0.2e-6), ("contact-adapted", {"rows": "integrated"}, 0.2e-6),
-    ("free", {"formulation": "penalty"}, 0.014e-6), ("free", {"formulation": "lagrange"}, 0.011e-6),
+    ("free", {"formulation": "penalty"}, 0.028e-6), ("free", {"formulation": "lagrange"}, 0.011e-6),
     ("craig-bampton", {"formulation": "lagrange"}, 0.011e-6),
 ])  # fmt: skip
 def test_a_rotating_body_strikes_obliquely(mbs, tilted, basis, options, step):

@@ -293,7 +293,7 @@ def test_a_zone_that_flow_just_reaches_is_wide_enough(speed):
             items.append(ep.CreatePartitionBody(mbs, ep.reduce(fem, part, f_cut=F_CUT), initialVelocity=[0, 0, v]))
         contact = ep.CreatePartitionContact(mbs, *items)
         mbs.Assemble()
-        return contact, ep.solve_dynamic(mbs, end_time=1.7 * hertz.duration, step=hertz.duration / 150)
+        return contact, ep.solve_dynamic(mbs, end_time=hertz.duration, step=hertz.duration / 100)
 
     with warnings.catch_warnings():
         warnings.filterwarnings("error", message=".*reached the edge of its plastic zone")

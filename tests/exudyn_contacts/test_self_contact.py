@@ -18,7 +18,7 @@ from exudyn_partition.reference.laws import Frictional, Frictionless
 from exudyn_partition.surfaces.rows import pair_surfaces
 
 ARM, THICK, MOUTH, R, CLEARANCE = 20e-3, 4e-3, 3e-3, 20e-3, 5e-6  # of the clip, and of the tip on its lower arm [m]
-END, STEP, SPEED = 120e-6, 0.25e-6, 1.0  # [s], [s], of the arms to each other [m/s]
+END, STEP, SPEED = 30e-6, 0.25e-6, 1.0  # [s], [s], of the arms to each other [m/s]; they touch from 5 to 17 us
 FRICTION = 0.3
 TIP, FACE = (17e-3, 0, -CLEARANCE), (17e-3, 0, 0)
 

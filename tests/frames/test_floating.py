@@ -48,7 +48,7 @@ def test_torque_free_rotation_conserves_explicitly(body):
     """Errors are those of the step, of second order, and do not grow over three turns, or a part in short steps."""
     mbs, item = spin(body)
     step = explicit_step(body)
-    turns = 0.3 if len(body.basis.nodal) else 3
+    turns = 0.1 if len(body.basis.nodal) else 3
     result = ep.solve_dynamic(mbs, end_time=turns * 2 * np.pi / 300, step=step, sample_period=turns * 2e-5)
     momentum, energy = item.angular_momentum(result), item.energy(result)
     assert abs(momentum - momentum[0]).max() < 1e-6 * np.linalg.norm(momentum[0])
@@ -209,7 +209,7 @@ def test_axes_of_the_mesh_do_not_matter(body):
     point, histories = (0.2, 0.03, 0.02), []
     for A in (np.eye(3), TURNED):
         mbs, item = spin(body, referenceRotation=A, initialVelocity=A @ [1, 2, 3], initialAngularVelocity=A @ SPIN)
-        result = ep.solve_dynamic(mbs, end_time=1.5e-3)
+        result = ep.solve_dynamic(mbs, end_time=0.5e-3)
         place = PLACE + A @ body.points[body.nearest_node(point)] + item.displacement(result, point)
         histories.append([(part - offset) @ A for part, offset in (
             (place, PLACE), (item.velocity(result, point), 0), (item.angular_momentum(result, PLACE), 0),

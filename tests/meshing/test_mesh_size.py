@@ -14,6 +14,7 @@ from exudyn_partition.errors import InputError, MemoryLimitError, UnitsWarning
 from exudyn_partition.meshing import mesh_size
 
 BLOCK = box(0.01, 0.02, 0.03)
+FILLETED = 0.008, 0.010, 0.012
 
 
 def test_a_mesh_beyond_memory_is_refused_at_once():
@@ -52,13 +53,13 @@ def test_a_large_mesh_is_told_before_it_is_made(caplog, h, said):
 
 
 def with_fillets():
-    block = box(0.02, 0.03, 0.04)
+    block = box(*FILLETED)
     return block.MakeFillet(block.edges, 2e-3)
 
 
 def test_a_mesh_that_fillets_decide_is_told_before_it_is_made(caplog, monkeypatch):
     """Its size, and that `maxh` does not decide it; the mesh is the one that Netgen makes without that look."""
-    monkeypatch.setattr(mesh_size, "LARGE", 1e3)
+    monkeypatch.setattr(mesh_size, "LARGE", 300.0)
     with caplog.at_level("INFO"):
         mesh = ep.generate_mesh(with_fillets(), maxh=5e-3)
     said = next(record.getMessage() for record in caplog.records if "are to come" in record.getMessage())
@@ -66,7 +67,7 @@ def test_a_mesh_that_fillets_decide_is_told_before_it_is_made(caplog, monkeypatc
     assert "maxh does not decide" in said
     estimated = float(said.split("some ")[1].split()[0].replace(",", ""))
     assert 0.5 < mesh.ne / estimated < 2
-    assert mesh.ne > 5 * 4.5 * 0.02 * 0.03 * 0.04 / 5e-3**3  # elements of 5 mm that fill the block
+    assert mesh.ne > 5 * 4.5 * np.prod(FILLETED) / 5e-3**3  # elements of 5 mm that fill the block
     parameters = MeshingParameters(maxh=5e-3, grading=0.3, curvaturesafety=2.0)
     plain = occ.OCCGeometry(with_fillets()).GenerateMesh(mp=parameters)
     np.testing.assert_array_equal(mesh.ngmesh.Coordinates(), plain.Coordinates())

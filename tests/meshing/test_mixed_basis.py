@@ -12,6 +12,7 @@ import exudyn_partition as ep
 from exudyn_partition.algebra.krylov import eigenmodes, mass_normalised
 from exudyn_partition.errors import InputError, MeshError, MeshQualityWarning
 from exudyn_partition.fe.elements import BY_NAME
+from exudyn_partition.support.once import once
 
 KINDS = ("hexahedron", "wedge", "pyramid", "mixed")
 
@@ -166,11 +167,16 @@ def test_recovery_of_a_uniform_strain(models, kind):
         ep.recovery.displacement_rows(fem, 2 * SIZE[None])
 
 
+@once
+def with_end(fem, way):
+    """A block, reduced, with its upper or lower end as the region of impact: 1 or -1."""
+    region = ep.Partition.surface(fem, plane=((0, 0, SIZE[2] if way > 0 else 0.0), (0, 0, way)))
+    return ep.reduce(fem, region, basis="residual", f_cut=1e5)
+
+
 def hit(upper, lower):
     """Force of a block that falls on another, face on face, a little aside."""
-    ends = [(upper, 0.0, -1), (lower, SIZE[2], 1)]
-    regions = [ep.Partition.surface(fem, plane=((0, 0, z), (0, 0, way))) for fem, z, way in ends]
-    bodies = [ep.reduce(fem, r, basis="residual", f_cut=1e5) for (fem, *_), r in zip(ends, regions, strict=True)]
+    bodies = with_end(upper, -1), with_end(lower, 1)
     mbs = exu.SystemContainer().AddSystem()
     place = [7e-4, 3e-4, SIZE[2] + 1e-7]
     falling = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=place, initialVelocity=[0, 0, -1.0])

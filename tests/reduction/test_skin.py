@@ -17,7 +17,7 @@ F_CUT = 60e3
 @pytest.fixture(scope="module")
 def fem():
     bored = occ.Box((0, 0, 0), (12e-3, 10e-3, 8e-3)) - occ.Cylinder(occ.Pnt(6e-3, 5e-3, 0), occ.Z, r=2e-3, h=8e-3)
-    return ep.fe_model(bored, ep.STEEL, maxh=4e-3)
+    return ep.fe_model(bored, ep.STEEL, maxh=4.5e-3)
 
 
 def surface(fem, axes="xyz"):
@@ -46,6 +46,19 @@ def with_array(*model, **options):
     return body
 
 
+@pytest.fixture(scope="module")
+def dense(fem):
+    """The whole skin, with an array."""
+    return with_array(fem, surface(fem))
+
+
+@pytest.fixture(scope="module")
+def lean(fem):
+    """The same, on demand."""
+    with pytest.MonkeyPatch.context() as patch:
+        return on_demand(patch, fem, surface(fem))
+
+
 PARTITIONS = {
     "all": surface,
     "normals": lambda fem: surface(fem, axes="normal"),
@@ -70,28 +83,25 @@ def test_equal_to_an_array(fem, partition, basis, monkeypatch):
             np.testing.assert_allclose(np.asarray(block), known, rtol=0, atol=1e-12 * largest)
 
 
-def test_a_file_holds_no_factors(fem, tmp_path, monkeypatch):
+def test_a_file_holds_no_factors(lean, dense, tmp_path):
     """They are found again, to the last bit; the file is far smaller than that of an array."""
-    body, dense = on_demand(monkeypatch, fem, surface(fem)), with_array(fem, surface(fem))
-    for name, saved in (("skin", body), ("array", dense)):
+    for name, saved in (("skin", lean), ("array", dense)):
         saved.save(tmp_path / name)
     again = ep.load_body(tmp_path / "skin")
-    assert_same(again, body)
-    assert_same(again.basis.flexibility.factors.kept, body.basis.flexibility.factors.kept)
+    assert_same(again, lean)
+    assert_same(again.basis.flexibility.factors.kept, lean.basis.flexibility.factors.kept)
     some = np.arange(60)
-    assert (again.basis.flexibility.between(some) == body.basis.flexibility.between(some)).all()
+    assert (again.basis.flexibility.between(some) == lean.basis.flexibility.between(some)).all()
     assert (tmp_path / "skin").stat().st_size < 0.25 * (tmp_path / "array").stat().st_size
 
 
-def test_an_array_that_is_too_large_is_refused_by_name(fem, monkeypatch):
+def test_an_array_that_is_too_large_is_refused_by_name(lean, dense, monkeypatch):
     """Matrices for other codes have all of the flexibility."""
-    body = on_demand(monkeypatch, fem, surface(fem))
-    dense = with_array(fem, surface(fem)).matrices().contacts["skin"].flexibility
-    found = body.matrices().contacts["skin"].flexibility
-    np.testing.assert_allclose(found, dense, rtol=0, atol=1e-12 * abs(dense).max())
+    found, known = (body.matrices().contacts["skin"].flexibility for body in (lean, dense))
+    np.testing.assert_allclose(found, known, rtol=0, atol=1e-12 * abs(known).max())
     monkeypatch.setattr("exudyn_partition.algebra.sparse.skin_flexibility.MOST_ROWS", 100)
     with pytest.raises(MemoryLimitError, match=r"flexibility: it is found on demand.*needs a smaller patch"):
-        body.matrices()
+        lean.matrices()
 
 
 def test_small_patches_and_those_that_do_not_wander_have_arrays(fem, monkeypatch):
@@ -103,22 +113,20 @@ def test_small_patches_and_those_that_do_not_wander_have_arrays(fem, monkeypatch
     with_array(fem, ball)
 
 
-def test_memory_grows_with_the_factors_not_with_the_square_of_rows(fem, monkeypatch):
+def test_memory_grows_with_the_factors_not_with_the_square_of_rows(fem, lean, monkeypatch):
     part = surface(fem)
-    dense = memory.needed([(fem, part)], "contact-adapted")
+    as_array = memory.needed([(fem, part)], "contact-adapted")
     monkeypatch.setattr(free_body, "SMALL", 100)
-    lean, body = memory.needed([(fem, part)], "contact-adapted"), on_demand(monkeypatch, fem, part)
-    square = 6 * 8.0 * len(body.basis.flexibility) ** 2
-    fronts = body.basis.flexibility.factors.kept.store.nbytes
-    assert fronts < lean - (dense - square) < 4 * fronts
+    square = 6 * 8.0 * len(lean.basis.flexibility) ** 2
+    fronts = lean.basis.flexibility.factors.kept.store.nbytes
+    assert fronts < memory.needed([(fem, part)], "contact-adapted") - (as_array - square) < 4 * fronts
 
 
-def test_factors_of_huge_bodies_stay_in_double_precision(fem, monkeypatch):
+def test_factors_of_huge_bodies_stay_in_double_precision(fem, dense, monkeypatch):
     """Single precision would leave 1e-4 of the flexibility."""
-    dense = with_array(fem, surface(fem)).basis.flexibility
     monkeypatch.setattr(free_body, "HUGE", 100)
-    found = np.asarray(on_demand(monkeypatch, fem, surface(fem)).basis.flexibility)
-    np.testing.assert_allclose(found, dense, rtol=0, atol=1e-12 * abs(dense).max())
+    found, known = np.asarray(on_demand(monkeypatch, fem, surface(fem)).basis.flexibility), dense.basis.flexibility
+    np.testing.assert_allclose(found, known, rtol=0, atol=1e-12 * abs(known).max())
 
 
 def test_another_solver_gives_an_array(fem, monkeypatch):

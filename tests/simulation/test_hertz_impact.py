@@ -20,9 +20,9 @@ def expected():
 
 
 @pytest.fixture(scope="module")
-def run(reduced_sphere, other_sphere):
+def run(reduced_sphere, other_sphere, kept):
     mbs = exu.SystemContainer().AddSystem()
-    upper, lower = reduced_sphere, ep.reduce(*other_sphere, f_cut=200e3)
+    upper, lower = reduced_sphere, ep.reduce(*other_sphere, f_cut=200e3, cache=kept)
     striker = ep.CreatePartitionBody(mbs, upper, name="upper", initialVelocity=[0, 0, -SPEED])
     target = ep.CreatePartitionBody(mbs, lower, name="lower")
     contact = ep.CreatePartitionContact(mbs, striker, target)

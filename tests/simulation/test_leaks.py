@@ -35,7 +35,7 @@ def no_collector():
 
 
 @pytest.mark.parametrize("how", [*({"basis": basis, "f_cut": 150e3} for basis in BASES), {"tolerance": 0.3}], ids=str)
-def test_factors_go_with_the_reduction_that_made_them(ball, how, no_collector):
+def test_factors_go_with_the_reduction_that_made_them(coarse_ball, how, no_collector):
     """Nothing holds them in a circle, however rarely garbage is collected in a process with many objects."""
     factors = []
 
@@ -44,7 +44,7 @@ def test_factors_go_with_the_reduction_that_made_them(ball, how, no_collector):
         return factors[-1]
 
     with solved_by(recorded):
-        body = ep.reduce(*ball, **how)
+        body = ep.reduce(*coarse_ball, **how)
     factors = [weakref.ref(one) for one in factors]
     assert body.n_dofs > 0
     assert len(factors) > 0
@@ -57,7 +57,7 @@ def test_reductions_give_their_memory_back(block, top):
 
     The memory of a process that ran other tests may jump once.
     """
-    sizes, half = [], 8
+    sizes, half = [], 5
     for cycle in range(2 + 2 * half):
         ep.reduce(block, top, f_cut=80e3)
         if cycle in (1, 1 + half, 1 + 2 * half):
@@ -98,13 +98,13 @@ def test_models_that_are_dropped_are_gone(bodies, kind):
 def test_many_models_need_no_more_memory_than_few(bodies):
     """What leaks grows in both halves; the memory of a process that ran other tests may jump once."""
     sizes = []
-    for cycle in range(60):
+    for cycle in range(36):
         for kind in ("floating", "markers", "carried", "view"):
             model(bodies[0], kind)
-        if cycle in (9, 34, 59):
+        if cycle in (5, 20, 35):
             gc.collect()
             sizes.append(resident())
-    assert np.diff(sizes).min() < 100 * 0.1
+    assert np.diff(sizes).min() < 60 * 0.1
 
 
 @pytest.mark.filterwarnings("ignore")

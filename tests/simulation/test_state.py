@@ -32,16 +32,9 @@ MU, STEP = 0.3, 0.25e-6
 
 
 @pytest.fixture(scope="module")
-def pair():
+def pair(round_body, flat_body):
     """A ball and a plate."""
-    ball = occ.Sphere(occ.Pnt(0, 0, 0.01), 0.01)
-    plate = occ.Box(occ.Pnt(-8e-3, -8e-3, -5e-3), occ.Pnt(8e-3, 8e-3, 0))
-    sizes = (ball, 3.5e-3, (0.6e-3, 0.25e-3), 1.0e-3, 150e3), (plate, 4e-3, (1.2e-3, 0.35e-3), 1.6e-3, 120e3)
-    found = []
-    for shape, maxh, fine, radius, f_cut in sizes:
-        fem = ep.fe_model(shape, ep.STEEL, maxh=maxh, refine=[ep.Refine((0, 0, 0), *fine)], grading=0.5)
-        found.append(ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), radius, axes="xyz"), f_cut=f_cut))
-    return found
+    return round_body, flat_body
 
 
 @pytest.fixture(scope="module")
@@ -58,15 +51,6 @@ def nodal_pair():
         partition = ep.Partition.ball(fem, (0, 0, 0), radius, axes="xyz")
         found.append(ep.reduce(fem, partition, basis="free", f_cut=150e3))
     return found
-
-
-@pytest.fixture(scope="module")
-def soft():
-    """A ball that yields."""
-    metal = ep.Material(E=210e9, nu=0.3, rho=7800.0, yield_stress=300e6, hardening=1e9)
-    shape = occ.Sphere(occ.Pnt(0, 0, 0.01), 0.01)
-    fem = ep.fe_model(shape, metal, maxh=5e-3, refine=[ep.Refine((0, 0, 0), 1e-3, 0.5e-3)])
-    return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 1e-3, axes="xyz"), f_cut=60e3)
 
 
 @pytest.fixture(scope="module")
@@ -348,8 +332,8 @@ def test_contacts_that_move_each_other(marbles, friction, frame, tmp_path):
 
 
 @pytest.mark.parametrize("friction", [None, MU])
-def test_plastic_zones(soft, friction, tmp_path):
-    assert_goes_on(lambda: on_surface(soft, friction=friction), 12e-6, tmp_path / "cut.npz", SINGLE, later=1e-4)
+def test_plastic_zones(yielding, friction, tmp_path):
+    assert_goes_on(lambda: on_surface(yielding, friction=friction), 12e-6, tmp_path / "cut.npz", SINGLE, later=1e-4)
 
 
 @pytest.mark.parametrize("friction", [None, MU])
@@ -377,8 +361,8 @@ def test_implicit_steps(pair, friction, tmp_path):
 
 
 @pytest.mark.parametrize("friction", [None, MU])
-def test_implicit_steps_of_plastic_zones(soft, friction, tmp_path):
-    make = lambda: on_surface(soft, friction=friction)  # noqa: E731
+def test_implicit_steps_of_plastic_zones(yielding, friction, tmp_path):
+    make = lambda: on_surface(yielding, friction=friction)  # noqa: E731
     assert_goes_on(make, 12e-6, tmp_path / "cut.npz", 1e-6, **IMPLICIT)
 
 

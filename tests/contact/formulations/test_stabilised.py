@@ -58,10 +58,9 @@ def roughness(force, window=5):
     return (force[middle] / smooth[middle]).max()
 
 
-@pytest.mark.parametrize("basis", ["craig-bampton"], indirect=True)  # the paper's basis is in a joint and a sliding tip
-def test_against_explicit_multipliers_at_twenty_and_forty_times_the_step(nodal):
+def test_against_explicit_multipliers_at_twenty_and_forty_times_the_step(pair_of):
     """Force, impulse and peak; energy falls by little, of second order in the step; momentum is exact."""
-    mbs, striker, target, contact = strike(nodal)
+    mbs, striker, target, contact = strike(pair_of("craig-bampton", fine=True))
     explicit = ep.solve_dynamic(mbs, end_time=END, sample_period=0.4e-6)
     expected, impulse = contact.force(explicit), striker.momentum(explicit)[-1, 2] - striker.momentum(explicit)[0, 2]
     losses = []
@@ -385,9 +384,9 @@ def test_a_sliding_tip(nodal):
     assert relative(*forces) < 0.1
 
 
-@pytest.mark.parametrize("basis", ["craig-bampton"], indirect=True)
-def test_each_step_has_its_own_flexibility(nodal):
+def test_each_step_has_its_own_flexibility(pair_of):
     """Adaptive steps used to keep the flexibility of the first step, as long as pairs were frozen."""
+    nodal = pair_of("craig-bampton", fine=True)
     sides = [Side.of(InertialKinematics(body, np.array(at))) for body, at in zip(nodal, (TOP, (0, 0, 0)), strict=True)]
     laws = [multipliers(PatchGaps(*sides)) for _ in range(2)]
     impulses, other = map(StepImpulses, laws)
