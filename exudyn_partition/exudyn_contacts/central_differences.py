@@ -177,8 +177,7 @@ class MultiplierStep:
     def _starts(self, coordinates: Start) -> list[Start]:
         """Coordinates of each contact, velocities and accelerations, from those of the model."""
         q, q_t, q_tt = coordinates
-        parts = (contact.coordinates_in for contact in self.contacts)
-        return [(part(q), part(q_t), part(q_tt)) for part in parts]
+        return [(c.coordinates_in(q), c.coordinates_in(q_t), c.coordinates_in(q_tt)) for c in self.contacts]
 
     def _accepted(self) -> list[ForwardAnswer]:
         """Multipliers of the contacts in the step that has ended."""
