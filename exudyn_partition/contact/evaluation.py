@@ -55,18 +55,18 @@ class ContactParts:
         """Whether a residual flexibility yields with time, see `viscosity`."""
         return self.betas is not None
 
-    @property
+    @FoundOnce
     def elastic(self) -> bool:
         """Whether forces follow from the coordinates alone and have a potential."""
         return self.law.elastic and not self.remembers and not self.law.ahead
 
-    @property
+    @FoundOnce
     def remembers(self) -> bool:
         """Whether forces within steps depend on those of earlier steps."""
         by_law = self.law.memory > 0 or (self.friction is not None and not self.law.ahead)
         return by_law or self.zones is not None or self.viscous
 
-    @property
+    @FoundOnce
     def damped(self) -> bool:
         """Whether a viscous flexibility or the law itself may take energy."""
         return self.viscous or not (self.law.elastic or self.law.ahead)

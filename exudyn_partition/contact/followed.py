@@ -283,9 +283,10 @@ class Followed(Stage):
     ) -> tuple[Followed, Array, bool] | None:
         """Do the same as `_follow` in one compiled call."""
         rows, bounds = self.rows, (BULGE, NEAR * pair.size, pair.reach)
-        how, places = (reach, FOLLOWED, STEPS, pair.size, *bounds), pair.places_begun(sides, q)
+        how, growing = (reach, FOLLOWED, STEPS, pair.size, *bounds), pair.growing_sides
+        places = [side.places_begun(*part) for side, *part in zip(sides, pair.split(q), growing, strict=True)]
         flat = rows.flat_pair if sides == rows.sides else loops.flat_pair(rows.compiled, sides)
-        followed = loops.followed_gaps(flat, q, pair.growing_sides, places, how)
+        followed = loops.followed_gaps(flat, q, growing, places, how)
         here, normals, of_points, lost, gap, least, more_close = followed
         if not len(normals):
             return None

@@ -25,6 +25,7 @@ from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array, consecutive
+from ..support.attributes import FoundOnce
 from ..surfaces.loops import at_points, on_nodes
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import directed_matrix, point_matrix
@@ -499,6 +500,8 @@ class Gaps:
 
     def moved(self, q: Array, way: Array) -> Array:
         """Coordinates, (n,), after an increment `way`, (n,), from q, (n,); `way` is velocity times time."""
+        if self._linear:
+            return q + way
         parts = zip(self.sides, self.split(q), self.split(way), strict=True)
         return np.concatenate([side.kinematics.moved(*part) for side, *part in parts])
 
@@ -509,8 +512,15 @@ class Gaps:
 
     def way(self, q: Array, end: Array) -> Array:
         """Increment, (n,), that leads from coordinates q to `end`, (n,): the inverse of `moved`."""
+        if self._linear:
+            return end - q
         parts = zip(self.sides, self.split(q), self.split(end), strict=True)
         return np.concatenate([side.kinematics.way(*part) for side, *part in parts])
+
+    @FoundOnce
+    def _linear(self) -> bool:
+        """Whether places of all sides are linear in the coordinates, so that increments add up."""
+        return all(side.kinematics.linear for side in self.sides)
 
     def accelerations(self, rows: Rows) -> Rows:
         """Accelerations of the coordinates, (n, nr), due to unit forces on rows, (nr, n); csr if the rows are csr."""
@@ -536,10 +546,6 @@ class Gaps:
         """The same at an anchor, with its own growth."""
         parts = zip(sides, self.split(anchor.q), self._by_side(anchor.growing), strict=True)
         return [side.place(*part) for side, *part in parts]
-
-    def places_begun(self, sides: Sequence[Side], q: Array) -> list[Array]:
-        """Room for what `places_of` finds, see `Side.places_begun`."""
-        return [side.places_begun(*part) for side, *part in zip(sides, self.split(q), self.growing_sides, strict=True)]
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """Gaps of all rows that can touch next, (k,) [m], their rates [m/s] and accelerations [m/s2], for fixed pairs.
@@ -700,6 +706,8 @@ class Gaps:
         if anchor == _FROZEN:
             return make()
         now, stage = self.present, self._stage_of_anchor(anchor)
+        if stage == now.stage:  # the anchor is here
+            return make()
         self.return_to(Present(stage, anchor.q, stage.places, now.anchor, anchor.growing))
         try:
             return make()
@@ -717,7 +725,9 @@ class Gaps:
             here = self.present
             self.anchor = here.anchor = Anchor(here.q.copy(), self.evaluated_pose, here.growing)
             _ = self.stage.shares  # which are those of the present places only now
-            self._anchored = self.anchor, self.stage.rows, self.stage  # pairs that are followed need no projection anew
+            rows = self.stage.rows
+            self._anchored = self.anchor, rows, self.stage  # pairs that are followed need no projection anew
+            self._stood = self.anchor, rows, self.stance()
         return self.anchor
 
     def go_on_at(self, anchor: Anchor) -> None:

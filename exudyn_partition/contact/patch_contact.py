@@ -258,14 +258,14 @@ class PatchContact:
 
         `evaluated_gap` are the gaps in `Evaluation`.
         """
-        h = gap if pushed is None else gap + pushed[:, 0]
+        h, law = gap if pushed is None else gap + pushed[:, 0], self.parts.law
         least = smallest(h)
         if math.isnan(least):
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
-        if least >= self.reach and not self.law.memory:
+        if least >= law.reach and not law.memory:
             return self.answered(self._all_open(), evaluated_gap, least)
         places = self._places(h, pushed, motion, least)
-        forces = self.law.answer(places)
+        forces = law.answer(places)
         self._check(forces, len(h))
         return self.answered(forces, evaluated_gap, least, places)
 

@@ -82,7 +82,7 @@ class Side:
         """The nodes that are followed, as compiled loops take them."""
         return self.seen.flat(np.arange(self.n_followed) if self.active is None else self.active)
 
-    @property
+    @cached_property
     def flattens(self) -> bool:
         """Whether loops find places and generalised forces of its nodes from `flat`; not if its rows are sparse."""
         return isinstance(self.kinematics.rows, np.ndarray)
@@ -96,7 +96,7 @@ class Side:
             places.fill(np.nan)
         return places
 
-    @property
+    @cached_property
     def normal_only(self) -> bool:
         """Whether the flexibility is that of nodes along the line of contact, for normals of any direction."""
         return self.flexibility is not None and len(self.flexibility) == len(self.surface.points)

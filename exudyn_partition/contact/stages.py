@@ -61,8 +61,8 @@ class Pair(Protocol):
     def places_of(self, sides: Sequence[Side], q: Array) -> list[Array]:
         """See `Gaps.places_of`."""
 
-    def places_begun(self, sides: Sequence[Side], q: Array) -> list[Array]:
-        """See `Gaps.places_begun`."""
+    def split(self, q: Array) -> list[Array]:
+        """See `Gaps.split`."""
 
     def sides_with(self, points: ContactPoints, facets: Array) -> tuple[Side, ...]:
         """The sides with the nodes of these points, and the master's nodes around facets, (p,) int array."""
@@ -222,10 +222,10 @@ class Stage:
         self.rows, self.normals, self.shares, self.pairing = rows, normals, shares, pairing
         self._values: dict[Hashable, Any] = {}
 
-    @property
+    @FoundOnce
     def normal(self) -> Array:
         """(nr, 3) array: mean normal of each row."""
-        return self.once("normal", lambda: self.rows.points.average(self.normals))
+        return self.rows.points.average(self.normals)
 
     def resultant(self, lam: Array) -> Array:
         """Sum of forces on the slave, (3,) [N], from forces on the rows along their normals, (nr,) [N]."""

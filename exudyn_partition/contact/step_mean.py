@@ -83,15 +83,10 @@ class StepMean:
         result: Array = (phi * self.phi - b * self.force) / (1 - b)
         return result
 
-    def applied(self, weights: GeneralizedAlpha, mean: Array) -> Array:
-        """Return f', (n,), for the mean forces within the step, (n,)."""
-        result: Array = weights.share * mean + self.lasting(weights)
-        return result
-
-    def after(self, weights: GeneralizedAlpha, mean: Array) -> StepMean:
-        """After a step with these weights and mean forces, (n,)."""
-        force = self.applied(weights, mean)
+    def after(self, weights: GeneralizedAlpha, mean: Array) -> tuple[Array, StepMean]:
+        """Return f', (n,), for the mean forces within a step, (n,), and the state after that step."""
+        force: Array = weights.share * mean + self.lasting(weights)
         phi = (mean - (1 - weights.gamma) * self.phi) / weights.gamma
         left = max(abs(phi).max(initial=0.0), abs(force).max(initial=0.0))
         largest = max(self.largest, left)
-        return StepMean.none(len(force)) if left <= _GONE * largest else StepMean(phi, force, largest)
+        return force, StepMean.none(len(force)) if left <= _GONE * largest else StepMean(phi, force, largest)

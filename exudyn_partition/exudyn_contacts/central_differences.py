@@ -15,7 +15,7 @@ from ..contact.formulations.explicit_multipliers import AllRows, ByJoints, Forwa
 from ..errors import RunError
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import start_of_step
-from ..support.arrays import Array
+from ..support.arrays import Array, as_slice
 from ..support.foreign import MainSystem
 from .contact_run import ContactRun
 from .run_state import JointState, StepperState
@@ -97,6 +97,7 @@ class MultiplierStep:
     def __init__(self, contacts: Sequence[ContactRun], joints: Joints | None = None) -> None:
         self.contacts, self.joints = contacts, joints
         self._dofs = [contact.dofs for contact in contacts]
+        self._places = [as_slice(dofs) for dofs in self._dofs]
         self._forward = ForwardIncrement([contact.forward for contact in contacts if contact.forward], self._dofs)
         self._shared: list[Sequence[Array]] = []
         none = None
@@ -167,8 +168,8 @@ class MultiplierStep:
             increments, answers = self._forward.increment(last, starts, step, 0.5 if looked else 1.0)
         else:
             jointed, increments, answers = self._apply_joints(self.joints, coordinates, step)
-        for dofs, increment in zip(self._dofs, increments, strict=False):  # none if nothing closes
-            _push(q_t, q_tt, dofs, increment, step)
+        for place, increment in zip(self._places, increments, strict=False):  # none if nothing closes
+            _push(q_t, q_tt, place, increment, step)
         for contact, answer in zip(self.contacts, answers, strict=True):
             contact.apply_ahead(answer, end)
         self._state = StepperState(numbers, looked, step, tuple(increments), jointed)
@@ -176,7 +177,7 @@ class MultiplierStep:
     def _starts(self, coordinates: Start) -> list[Start]:
         """Coordinates of each contact, velocities and accelerations, from those of the model."""
         q, q_t, q_tt = coordinates
-        return [(q[dofs], q_t[dofs], q_tt[dofs]) for dofs in self._dofs]
+        return [(c.coordinates_in(q), c.coordinates_in(q_t), c.coordinates_in(q_tt)) for c in self.contacts]
 
     def _accepted(self) -> list[ForwardAnswer]:
         """Multipliers of the contacts in the step that has ended."""
@@ -339,7 +340,7 @@ class MultiplierStep:
             )
 
 
-def _push(q_t: Array, q_tt: Array, dofs: Array, acceleration: Array, step: float) -> None:
+def _push(q_t: Array, q_tt: Array, place: slice | Array, acceleration: Array, step: float) -> None:
     """Add an acceleration so that Verlet changes the velocity at mid-step by step times this acceleration."""
-    q_t[dofs] += 0.5 * step * acceleration
-    q_tt[dofs] += acceleration
+    q_t[place] += 0.5 * step * acceleration
+    q_tt[place] += acceleration

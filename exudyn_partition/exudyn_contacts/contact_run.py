@@ -179,7 +179,8 @@ class ContactRun:
 
     def coordinates_in(self, q: Array) -> Array:
         """Coordinates of slave and master, (n,), out of the model's."""
-        return np.concatenate([q[s] for s in self._slices])
+        place, *more = self._slices
+        return np.concatenate([q[s] for s in self._slices]) if more else q[place].copy()
 
     def join(self, group: Group, place: int) -> None:
         """Let the group find the forces; `place` is this contact's place in it.

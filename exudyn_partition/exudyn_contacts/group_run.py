@@ -256,7 +256,7 @@ class CoupledRun(GroupRun):
             coordinates = [member.coordinates_in(self._looped[1]) for member in self.members]
             if not self._coupled.answer_as(self._frozen, coordinates):
                 self._looped = None
-        return super().evaluation(place)
+        return self.members[place].mechanics.evaluation
 
     def end(self) -> None:
         """Make evaluations of the last answer, and drop the data of compiled loops."""

@@ -355,17 +355,11 @@ class ModelRun:
         A second call for the same step does nothing.
         """
         self.evaluated_at = t
-        steppers = [
-            stepper
-            for (joins, _), stepper in self._members.steppers.items()
-            if joins == joined and not stepper.has_made(t)
-        ]
-        if not steppers:
-            return
         begin = time.perf_counter()
-        self._turn(mbs)
-        for stepper in steppers:
-            stepper.before_step(mbs, t)
+        for (joins, _), stepper in self._members.steppers.items():
+            if joins == joined and not stepper.has_made(t):
+                self._turn(mbs)
+                stepper.before_step(mbs, t)
         self._spent_s += time.perf_counter() - begin
 
     def look_ahead(self, mbs: MainSystem, t: float) -> None:

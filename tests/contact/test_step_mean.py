@@ -21,7 +21,8 @@ def test_the_momentum_changes_by_the_mean_force_in_each_step(radius):
     random = np.random.default_rng(1)
     forces = np.r_[random.choice([0.0, 1.0, 5.0], 40), np.zeros(40)]
     for step, force in zip(random.choice([0.1, 0.05, 0.02], 80), forces, strict=True):
-        applied = mean.applied(weights, np.array([force]))[0] / mass
+        applied, mean = mean.after(weights, np.array([force]))
+        applied = applied[0] / mass
         ahead = ((1 - weights.alpha_f) * applied + weights.alpha_f * q_tt - weights.alpha_m * a) / (1 - weights.alpha_m)
         q_end = q + step * v + step**2 * ((0.5 - weights.beta) * a + weights.beta * ahead)
         v_end = v + step * ((1 - weights.gamma) * a + weights.gamma * ahead)
@@ -29,7 +30,6 @@ def test_the_momentum_changes_by_the_mean_force_in_each_step(radius):
         if radius == 1.0:  # the trapezoidal rule
             assert q_end - q == pytest.approx(0.5 * step * (v + v_end), abs=1e-12)
         q, v, q_tt, a = q_end, v_end, applied, ahead
-        mean = mean.after(weights, np.array([force]))
 
 
 @pytest.mark.parametrize("radius", [0.5, 0.9])
@@ -37,7 +37,7 @@ def test_a_steady_force_is_applied_as_it_is_and_nothing_is_left_long_after_it(ra
     weights, mean, force = weights_of(radius), StepMean.none(1), np.array([3.0])
     found = []
     for now in [force] * 400 + [0 * force] * 400:
-        found.append(mean.applied(weights, now)[0])
-        mean = mean.after(weights, now)
+        applied, mean = mean.after(weights, now)
+        found.append(applied[0])
     assert found[399] == pytest.approx(3.0, rel=1e-9)
     assert found[-1] == 0.0

@@ -401,7 +401,8 @@ class ForwardRows:
         if state.fading < 1.0:
             gap = gap - state.jump[gaps.row_nodes]
             faded = (1 / state.fading - 1) * abs(state.jump).max(initial=0.0)  # in the step that ended here
-        gaps.return_to(present)
+        if gaps.present != present:  # frozen rows stay
+            gaps.return_to(present)
         if promise is not None and len(promise.gap) == len(gap):
             gap = gap - np.minimum(promise.gap, 0.0)  # the depth that a user's own law allows
         deepest = smallest(gap)

@@ -234,6 +234,8 @@ class StepImpulses:
         self._sides_have: tuple[float, GeneralizedAlpha] | None = None  # step and weights of their flexibility
         self._problem: RowProblem | None = None
         self._posed: StepFlexibility | None = None  # of the problem
+        extent = max(float(abs(side.surface.points).max()) for side in self.gaps.sides)
+        self._rounding = _ROUNDINGS * np.finfo(float).eps * extent  # of places [m]
 
     @property
     def iterations(self) -> int:
@@ -342,7 +344,7 @@ class StepImpulses:
         push, start = acting.by_rows, guess.start
         if gaps.carried:
             push = np.concatenate([push, acting.on_carrier(np.zeros(3))])
-        applied, mean = start.mean.applied(weights, push), start.mean.after(weights, push)
+        applied, mean = start.mean.after(weights, push)
         memory, known_rates = self._slid(acting, iterate, rates)
         state_after = ImpulseState(mean, known_rates, start.impulse + acting.impulse(step), end)
         return ImpulseAnswer(forces, h, least, applied[: gaps.n], applied[gaps.n :], state_after, memory, iterate)
@@ -408,9 +410,8 @@ class StepImpulses:
 
     def _same(self, problem: RowProblem, forces: Array, last: Array) -> bool:
         """Whether the change of forces would move rows by no more than the rounding of places."""
-        extent = max(float(abs(side.surface.points).max()) for side in self.gaps.sides)
         moved = problem.moved_by(forces - last)
-        return bool(abs(moved).max() <= _ROUNDINGS * np.finfo(float).eps * extent)
+        return bool(abs(moved).max() <= self._rounding)
 
     # Flexibility.
 
