@@ -275,7 +275,7 @@ class PartitionContact(Item[Any]):
 
     def _row_forces(self, result: RunSamples, times: Array) -> sp.csr_matrix:
         """See `row_forces`, here at some times of the result, (k,) [s]."""
-        return RowSamples.kept(result.kept(self), times).matrix()
+        return RowSamples(result.kept(self), times).matrix()
 
     def pressure(self, result: RunSamples) -> sp.csr_matrix:
         """Contact pressure around the slave's patch nodes, (n, np) [Pa], columns as those of `row_forces`.
@@ -328,7 +328,7 @@ class PartitionContact(Item[Any]):
         InputError
             If `result` is no result, is of another model, or nothing was kept of its run.
         """
-        return stress_by_rows(self, result, self.force(result), RowSamples.kept(result.kept(self), result.t))
+        return stress_by_rows(self, self.force(result), RowSamples(result.kept(self), result.t))
 
     @property
     def elastic_materials(self) -> list[Material | None]:
@@ -602,12 +602,12 @@ class PartitionContact(Item[Any]):
         return closed_spans(self.force(result))
 
 
-def stress_by_rows(contact: PartitionContact, result: RunSamples, force: Array, rows: RowSamples) -> Stress | None:
+def stress_by_rows(contact: PartitionContact, force: Array, rows: RowSamples) -> Stress | None:
     """See `PartitionContact.largest_stress`, by sums of normal forces, (n,) [N], and by forces of rows."""
     top = int(force.argmax()) if len(force) else 0
     if len(force) and force[top] > 0 and (ellipse := contact.mechanics.law.semi_axes(float(force[top]))) is not None:
-        return Stress.beneath(float(force[top]), ellipse, contact.elastic_materials, time=float(result.t[top]))
-    run, surface = result.kept(contact), contact.mechanics.gaps.slave.surface
+        return Stress.beneath(float(force[top]), ellipse, contact.elastic_materials, time=float(rows.times[top]))
+    run, surface = rows.run, contact.mechanics.gaps.slave.surface
     n, areas = len(surface.points), run.areas[: len(surface.points)]
     large = np.flatnonzero((force >= _LARGE * force.max(initial=0.0)) & (force > 0))
     nodes, forces, bounds = rows.joined(large.tolist())
@@ -627,7 +627,7 @@ def stress_by_rows(contact: PartitionContact, result: RunSamples, force: Array, 
         (a, b),
         contact.elastic_materials,
         mean=load / areas.sum() if whole else 0.0,
-        time=float(result.t[samples[peak]]),
+        time=float(rows.times[samples[peak]]),
     )
 
 

@@ -172,7 +172,7 @@ class ContactHistory:
     @cached_property
     def rows(self) -> RowSamples:
         """Forces of the rows."""
-        return RowSamples.kept(self.kept, self._result.t)
+        return RowSamples(self.kept, self._result.t)
 
     @cached_property
     def ringing(self) -> Ringing | None:
@@ -182,7 +182,7 @@ class ContactHistory:
     @cached_property
     def largest_stress(self) -> Stress | None:
         """Largest stress beneath the contact; None if nothing touched."""
-        return stress_by_rows(self.contact, self._result, self.force, self.rows)
+        return stress_by_rows(self.contact, self.force, self.rows)
 
     def radius_at(self, sample: int) -> float:
         """Radius of a circle of the contact area at a sample [m]."""
