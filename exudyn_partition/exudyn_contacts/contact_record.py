@@ -21,13 +21,13 @@ class LoopedSamples:
     """What results need of samples that compiled loops have evaluated, of all contacts of a group."""
 
     def __init__(self) -> None:
-        self._kept: dict[float, tuple[Array, Sequence[int], Array, Array]] = {}  # keys are times [s]
+        self._kept: dict[float, tuple[Array, Sequence[int], Array, Sequence[float]]] = {}  # keys are times [s]
 
     def drop(self, t: float) -> None:
         """Drop the sample of this time [s], if there is one."""
         self._kept.pop(t, None)
 
-    def add(self, t: float, nodes: Array, bounds: Sequence[int], lam: Array, stored: Array) -> None:
+    def add(self, t: float, nodes: Array, bounds: Sequence[int], lam: Array, stored: Sequence[float]) -> None:
         """Keep a sample.
 
         Parameters
@@ -38,7 +38,7 @@ class LoopedSamples:
             Patch nodes of the closed rows, and the forces on them [N].
         bounds : list of int
             Places where the rows of each contact begin, and where the last ones end.
-        stored : (n,) array
+        stored : list of float
             Energy that each contact stores [J].
         """
         self._kept[t] = nodes, bounds, lam, stored
@@ -62,9 +62,7 @@ class LoopedSamples:
     def stored(self, place: int) -> dict[float, float]:
         """Energy that this contact stored while it was closed [J]; keys are times [s]."""
         return {
-            t: float(stored[place])
-            for t, (_, bounds, _, stored) in self._kept.items()
-            if bounds[place] < bounds[place + 1]
+            t: stored[place] for t, (_, bounds, _, stored) in self._kept.items() if bounds[place] < bounds[place + 1]
         }
 
 

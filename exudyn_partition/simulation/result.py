@@ -219,7 +219,12 @@ class Result:
         item : PartitionBody
             A body of the model; others have none.
         """
-        return next((found for body, found in zip(self.bodies, self.dampings, strict=False) if body == item), ())
+        return self._dampings.get(id(item), ())
+
+    @cached_property
+    def _dampings(self) -> dict[int, tuple[tuple[float, Damping], ...]]:
+        """See `dampings_of`, by the identity of each body."""
+        return {id(body): found for body, found in zip(self.bodies, self.dampings, strict=False)}
 
     def kept(self, contact: PartitionContact) -> ContactRecord | KeptRun:
         """Return the data of the run that a contact kept beside its sensors: forces of rows, states, strains.
