@@ -201,7 +201,7 @@ class Followed(Stage):
     rows: FollowedRows
 
     def __init__(self, rows: FollowedRows, normals: Array, here: Array, shares: Shares | None = None) -> None:
-        self.rows, self.normals, self.here, self.pairing = rows, normals, here, None
+        self.rows, self.normals, self.here, self.shared = rows, normals, here, None
         self._values, self._shares, self._alone = {}, shares, shares is None
         self._projection = rows.search.projections
 

@@ -762,19 +762,19 @@ class Gaps:
         raise NotImplementedError
 
     def _of_all_rows(self) -> RowFlexibility:
-        return RowFlexibility(self._all_flexibility())
+        return RowFlexibility(self.stage.by_pairs("flexibility", self._all_flexibility))
 
     def problem(self) -> Complementarity:
         """Return the regularised problem of the forces on all present rows. Rows on few points may be redundant.
 
-        Runs in which the same rows stay frozen share its matrix.
+        Contacts with the same pairs share its matrix, and so do runs in which the same rows stay frozen.
 
         Raises
         ------
         IndefiniteMatrixError
             If the flexibility of the rows is not positive definite.
         """
-        return self._problem() if self.moving else self.stage.once("problem", self._problem).fresh()
+        return self.stage.by_pairs("problem", self._problem).fresh()
 
     def _problem(self) -> Complementarity:
         return Complementarity(regularised(self.flexibility(np.arange(len(self.row_nodes)))))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from ..algebra.complementarity import Complementarity
 from ..algebra.products import dense
 from ..errors import EmptyRegionError
 from ..reduction.body import ReducedBody
@@ -17,7 +17,6 @@ from ..surfaces.near import pair_as_placed, pair_wandering
 from ..surfaces.points import ContactPoints, RowKind, contact_points
 from ..surfaces.rows import ContactRows, directed_matrix, pair_surfaces
 from ..surfaces.witnesses import spread
-from .linear_gaps import LinearGaps
 from .side import Side
 
 _MOST = 16  # pairings that are kept with a body: the last used
@@ -26,6 +25,7 @@ _ROUNDING = 64 * np.finfo(float).eps  # of the distance from the origin: places 
 # Pairings hold arrays alone. A pairing that held its body would keep both of them in memory for ever.
 KEPT: weakref.WeakKeyDictionary[ReducedBody, list[tuple[object, Pairing]]] = weakref.WeakKeyDictionary()
 _POINTS: weakref.WeakKeyDictionary[ReducedBody, dict[object, ContactPoints]] = weakref.WeakKeyDictionary()
+_ON_PLANES: weakref.WeakKeyDictionary[ReducedBody, dict[object, dict[Hashable, Any]]] = weakref.WeakKeyDictionary()
 
 
 @dataclass(eq=False)
@@ -42,21 +42,15 @@ class Pairing:
         Coordinates of both sides in that pose; zero if the patches face each other at the start.
     places : (k, 3) array
         The nodes of both patches, relative to the first node of the master [m].
-    flexibility : (nr, nr) array or None
-        Residual flexibility of the rows [m/N], once it is known.
-    frozen : LinearGaps or None
-        Gaps of the rows in frames that do not turn, once they are known.
-    problem : Complementarity or None
-        Problem of all rows, once it is known.
+    values : dict
+        What follows from the pairs alone, see `Stage.by_pairs`.
     """
 
     points: ContactPoints
     rows: ContactRows
     pose: Array
     places: Array
-    flexibility: Array | None = None
-    frozen: LinearGaps | None = None
-    problem: Complementarity | None = None
+    values: dict[Hashable, Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, slave: Side, master: Side, kind: RowKind, itself: bool = False, *, pressed: bool = False) -> Pairing:
@@ -95,7 +89,7 @@ class Pairing:
 
     @classmethod
     def _paired(cls, slave: Side, master: Side, kind: RowKind, places: Array, pressed: bool) -> Pairing:
-        points, pose = contact_points(slave.surface, kind), np.zeros(slave.n + master.n)
+        points, pose = points_of(slave, kind), np.zeros(slave.n + master.n)
         if slave.surface.wanders or master.surface.wanders:
             return cls(points, pair_wandering(slave.surface, master.surface, kind, pressed=pressed), pose, places)
         try:
@@ -111,12 +105,26 @@ class Pairing:
 
 def points_of(side: Side, kind: RowKind) -> ContactPoints:
     """All contact points of a side, which are computed once for a body: they do not depend on its place."""
-    surface = side.surface
-    kept = _POINTS.setdefault(side.kinematics.body, {})
-    key = kind, surface.nodes.tobytes(), surface.sharp.tobytes(), side.kinematics.arms.tobytes()  # grown or not
+    kept, key = _POINTS.setdefault(side.kinematics.body, {}), _key_of_points(side, kind)
     if key not in kept:
-        kept[key] = contact_points(surface, kind)
+        kept[key] = contact_points(side.surface, kind)
     return kept[key]
+
+
+def _key_of_points(side: Side, kind: RowKind) -> tuple[object, ...]:
+    surface = side.surface
+    arrays = surface.nodes, surface.facets, surface.sharp, side.kinematics.arms  # part of a patch, grown or not
+    return (kind, *(array.tobytes() for array in arrays))
+
+
+def values_on_plane(side: Side, kind: RowKind, normal: Array) -> dict[Hashable, Any]:
+    """What follows from the rows of a side on a plane, wherever it stands, see `Stage.by_pairs`."""
+    kept = _ON_PLANES.setdefault(side.kinematics.body, {})
+    key = *_key_of_points(side, kind), *_attitude(side), normal.tobytes()
+    kept[key] = values = kept.pop(key, {})  # the last used ones come last
+    for old in [*kept][:-_MOST]:
+        del kept[old]
+    return values
 
 
 def drift_rows(sides: Sequence[Side], shares: Sequence[tuple[Array, Array]], rows: ContactRows) -> Array:

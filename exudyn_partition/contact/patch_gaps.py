@@ -16,7 +16,6 @@ from typing import cast
 
 import numpy as np
 
-from ..algebra.complementarity import Complementarity
 from ..algebra.products import moved, weighted_rows
 from ..algebra.sparse.skin_flexibility import Flexibility
 from ..support.arrays import Array
@@ -31,7 +30,7 @@ from .gaps import Gaps, GapState, Present
 from .linear_gaps import LinearGaps
 from .pairings import Pairing, drift_rows
 from .side import Side
-from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
+from .stages import NOTHING, Anchor, Frozen, PresentRows, Shared, Stage
 
 _HELD = 0.02  # of a facet's size: sliding up to which pairs stay frozen
 _STILL = 0.1  # of _HELD: pairs that slide less than that in PATIENCE steps are frozen again
@@ -169,21 +168,20 @@ class PatchGaps(Gaps):
     def _at_start(self) -> Stage:
         """The stage at the start."""
         pairing = self._pairing
-        stage = self._stage_of(pairing.rows, pairing)
+        stage = self._stage_of(pairing.rows, pairing.values)
         if not all(side.kinematics.linear and not side.surface.wanders for side in self.sides):
             return stage
-        if pairing.frozen is None:
-            pairing.frozen = self._linearised(stage, pairing.rows, pairing.pose)
-        return Frozen(stage.rows, stage.normals, stage.shares, pairing.frozen, pairing)
+        linear = stage.by_pairs("gaps", lambda: self._linearised(stage, pairing.rows, pairing.pose))
+        return Frozen(stage.rows, stage.normals, stage.shares, linear, pairing.values)
 
     def _freeze(self, rows: ContactRows, q: Array) -> Frozen:
         """The stage with these pairs frozen; their gaps belong to coordinates q, (n,)."""
         stage = self._stage_of(rows)
         return Frozen(stage.rows, stage.normals, stage.shares, self._linearised(stage, rows, q))
 
-    def _stage_of(self, rows: ContactRows, pairing: Pairing | None = None) -> Stage:
+    def _stage_of(self, rows: ContactRows, shared: Shared = None) -> Stage:
         shares = (rows.points.nodes, rows.points.weights), (rows.master, -rows.weights)
-        return Stage(PresentRows(rows.points, rows.leaves_at, self.sides, rows.unpaired), rows.normals, shares, pairing)
+        return Stage(PresentRows(rows.points, rows.leaves_at, self.sides, rows.unpaired), rows.normals, shares, shared)
 
     def _linearised(self, stage: Stage, rows: ContactRows, q: Array) -> LinearGaps:
         """Gaps of these pairs while they are frozen; their present gaps belong to coordinates q, (n,)."""
@@ -209,23 +207,6 @@ class PatchGaps(Gaps):
         stage = Stage(rows, projection.normal, shares)
         stage.here, stage.places, stage.of_anchor = seen_from([x_s, x_m], self.witnesses), [x_s, x_m], True
         return stage
-
-    def problem(self) -> Complementarity:
-        """See `Gaps.problem`. Contacts with the same pairs share its matrix."""
-        pairing = self.stage.pairing
-        if pairing is None:
-            return super().problem()
-        if pairing.problem is None:
-            pairing.problem = super().problem()
-        return pairing.problem.fresh()
-
-    def _all_flexibility(self) -> Array:
-        pairing = self.stage.pairing
-        if pairing is None:
-            return super()._all_flexibility()
-        if pairing.flexibility is None:
-            pairing.flexibility = super()._all_flexibility()
-        return pairing.flexibility
 
     # Followed pairs.
 

@@ -11,12 +11,12 @@ import numpy as np
 from ..errors import InputError, PenetrationError, RunError
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_flag, validate_positive, validate_vector
-from ..surfaces.points import ContactPoints, RowKind, contact_points
+from ..surfaces.points import ContactPoints, RowKind
 from ..surfaces.rows import PENETRATION_TOLERANCE
 from . import loops
 from .gaps import Gaps, GapState
 from .linear_gaps import LinearGaps
-from .pairings import points_of
+from .pairings import points_of, values_on_plane
 from .rigid_mesh import RigidMesh
 from .side import Side
 from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
@@ -213,19 +213,20 @@ class RigidGaps(Gaps):
         self.primitive = self._seen.primitive if isinstance(self._seen, Primitives) else None
         self.sides = (slave,)
         self.n, self.size = slave.n, slave.surface.facet_size
-        self._all = points_of(slave, kind) if slave.surface.wanders else contact_points(slave.surface, kind)
-        linear = slave.kinematics.linear and isinstance(surface, RigidPlane) and pose is None
-        linear = linear and not slave.surface.wanders
+        self._all = points_of(slave, kind)
         self._start_q, self._loaded = np.zeros(self.n), {}
         self._start, gap = self._stage_at(self._rows_at_start(), [slave.surface.points - slave.centre], self._start_q)
         self._go_to_stage(self._start, self._start_q)
         self.pressed, self.clearance = pressed, float(gap.min())
         self._check_start(gap)
-        if linear:
+        linear = slave.kinematics.linear and not slave.surface.wanders
+        if linear and isinstance(surface, RigidPlane) and pose is None:
             no_drift = np.zeros((0, self.n)), np.zeros(0)
-            H = self.rows_on_coordinates(self._start, self._start_q)
-            start = self._start.rows, self._start.normals, self._start.shares
-            self._start = Frozen(*start, LinearGaps(H, gap, *no_drift, 0.0))
+            shared = values_on_plane(slave, kind, surface.normal)
+            start = Stage(self._start.rows, self._start.normals, self._start.shares, shared)
+            H = start.by_pairs("rows", lambda: self.rows_on_coordinates(start, self._start_q))
+            linear_gaps = LinearGaps(H, gap, *no_drift, 0.0)
+            self._start = Frozen(start.rows, start.normals, start.shares, linear_gaps, shared)
         self._put_stage(self._start.again())
 
     def _entered(

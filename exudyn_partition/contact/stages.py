@@ -19,7 +19,6 @@ from ..support.attributes import FoundOnce
 from ..surfaces.points import ContactPoints
 from . import loops
 from .linear_gaps import LinearGaps
-from .pairings import Pairing
 from .side import Side
 
 if TYPE_CHECKING:
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Shares = Sequence[tuple[Array, Array]]  # for each side: nodes of the points, and their signed weights in the gap
 NOTHING = np.empty(0)
+Shared = dict[Hashable, Any] | None
 OF_SIDE = "of one side"  # in the names of values that do not depend on what share of flexibilities yields
 
 
@@ -195,8 +195,8 @@ class Stage:
         Outward normals of the master at the contact points.
     shares : sequence of (array, array)
         Nodes of the points on each side, and their signed weights in the gap, (p, k) each.
-    pairing : Pairing, optional
-        The pairs at the start, if these are the rows there.
+    shared : dict, optional
+        Values that contacts with the same pairs at the start share, see `by_pairs`.
 
     Attributes
     ----------
@@ -218,8 +218,8 @@ class Stage:
     pose = NOTHING
     places: list[Array] | None = None
 
-    def __init__(self, rows: PresentRows, normals: Array, shares: Shares, pairing: Pairing | None = None) -> None:
-        self.rows, self.normals, self.shares, self.pairing = rows, normals, shares, pairing
+    def __init__(self, rows: PresentRows, normals: Array, shares: Shares, shared: Shared = None) -> None:
+        self.rows, self.normals, self.shares, self.shared = rows, normals, shares, shared
         self._values: dict[Hashable, Any] = {}
 
     @FoundOnce
@@ -237,13 +237,13 @@ class Stage:
     def on(self, sides: tuple[Side, ...]) -> Stage:
         """Return the same stage for sides with other flexibilities."""
         result = copy.copy(self)
-        result.rows, result.pairing, result._values = self.rows.on(sides), None, {}
+        result.rows, result.shared, result._values = self.rows.on(sides), None, {}
         return result
 
     def yielding(self) -> Stage:
         """Return the same stage when other shares of the sides' flexibilities yield."""
         result = copy.copy(self)
-        result.rows, result.pairing, result._values = self.rows.yielding(), None, {}
+        result.rows, result.shared, result._values = self.rows.yielding(), None, {}
         return result
 
     def again(self) -> Stage:
@@ -259,6 +259,15 @@ class Stage:
         if what not in self._values:
             self._values[what] = make()
         value: T = self._values[what]
+        return value
+
+    def by_pairs(self, what: Hashable, make: Callable[[], T]) -> T:
+        """Value that follows from the pairs alone, wherever the bodies are; it is kept unless the pairs move."""
+        if self.shared is None:
+            return make() if self.moving else self.once(what, make)
+        if what not in self.shared:
+            self.shared[what] = make()
+        value: T = self.shared[what]
         return value
 
     def nodal_forces(self, lam: Array) -> list[Array] | None:
@@ -287,7 +296,7 @@ class Frozen(Stage):
 
     Parameters
     ----------
-    rows, normals, shares, pairing
+    rows, normals, shares, shared
         See `Stage`.
     linear : LinearGaps
     """
@@ -295,9 +304,9 @@ class Frozen(Stage):
     moving = False
 
     def __init__(
-        self, rows: PresentRows, normals: Array, shares: Shares, linear: LinearGaps, pairing: Pairing | None = None
+        self, rows: PresentRows, normals: Array, shares: Shares, linear: LinearGaps, shared: Shared = None
     ) -> None:
-        super().__init__(rows, normals, shares, pairing)
+        super().__init__(rows, normals, shares, shared)
         self.linear = linear
 
     def gap(self, q: Array) -> Array:

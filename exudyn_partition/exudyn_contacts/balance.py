@@ -74,11 +74,11 @@ def taken_by(
     """Energy taken from bodies and contacts so far, (n,) [J], by the name of the cause; empty if nothing took any."""
     works_by_cause = {
         DAMPING: [
-            *(body.dissipated_energy(result) for body in bodies),
-            *(viscous_work(contact, result) for contact in contacts),
+            *(body.dissipated_energy(result) for body in bodies if result.dampings_of(body)),
+            *(viscous_work(contact, result) for contact in contacts if contact.mechanics.damped),
         ],
-        FRICTION: [contact.friction.work(result) for contact in contacts],
-        FLOW: [contact.plastic.work(result) for contact in contacts],
+        FRICTION: [contact.friction.work(result) for contact in contacts if contact.friction],
+        FLOW: [contact.plastic.work(result) for contact in contacts if contact.plastic],
     }
     return {what: np.sum(works, axis=0) for what, works in works_by_cause.items() if np.any(works)}
 

@@ -21,14 +21,13 @@ class LoopedSamples:
     """What results need of samples that compiled loops have evaluated, of all contacts of a group."""
 
     def __init__(self) -> None:
-        self._kept: list[tuple[float, Array, Sequence[int], Array, Array]] = []
+        self._kept: dict[float, tuple[Array, Sequence[int], Array, Sequence[float]]] = {}  # keys are times [s]
 
     def drop(self, t: float) -> None:
-        """Drop the last sample if it has this time [s]."""
-        if self._kept and self._kept[-1][0] == t:
-            self._kept.pop()
+        """Drop the sample of this time [s], if there is one."""
+        self._kept.pop(t, None)
 
-    def add(self, t: float, nodes: Array, bounds: Sequence[int], lam: Array, stored: Array) -> None:
+    def add(self, t: float, nodes: Array, bounds: Sequence[int], lam: Array, stored: Sequence[float]) -> None:
         """Keep a sample.
 
         Parameters
@@ -39,22 +38,32 @@ class LoopedSamples:
             Patch nodes of the closed rows, and the forces on them [N].
         bounds : list of int
             Places where the rows of each contact begin, and where the last ones end.
-        stored : (n,) array
+        stored : list of float
             Energy that each contact stores [J].
         """
-        self._kept.append((t, nodes, bounds, lam, stored))
+        self._kept[t] = nodes, bounds, lam, stored
 
     def samples(self, place: int) -> list[tuple[float, Array, Array]]:
         """Samples of the contact at a place of the group, see `ContactRecord.samples`."""
         return [
             (t, nodes[start:end], lam[start:end])
-            for t, nodes, bounds, lam, _ in self._kept
+            for t, (nodes, bounds, lam, _) in self._kept.items()
             if (start := bounds[place]) < (end := bounds[place + 1])
         ]
 
+    def rows_at(self, t: float, place: int) -> tuple[Array, Array] | None:
+        """See `ContactRecord.rows_at`, of the contact at a place of the group."""
+        if t not in self._kept:
+            return None
+        nodes, bounds, lam, _ = self._kept[t]
+        start, end = bounds[place], bounds[place + 1]
+        return (nodes[start:end], lam[start:end]) if start < end else None
+
     def stored(self, place: int) -> dict[float, float]:
         """Energy that this contact stored while it was closed [J]; keys are times [s]."""
-        return {t: float(stored[place]) for t, _, bounds, _, stored in self._kept if bounds[place] < bounds[place + 1]}
+        return {
+            t: stored[place] for t, (_, bounds, _, stored) in self._kept.items() if bounds[place] < bounds[place + 1]
+        }
 
 
 class ContactRecord:
@@ -102,7 +111,7 @@ class ContactRecord:
         self.near = True
         self.plastic_strains = {} if zones is None else {side: StrainHistory(z.zone) for side, z in zones.motions}
         self._carried, self._damped, self._elastic = gaps.carried, mechanics.damped, mechanics.elastic
-        self._samples: list[tuple[float, Array, Array]] = []
+        self._samples: dict[float, tuple[Array, Array]] = {}  # keys are times [s]
         self._stored: dict[float, float] = {}
         self._looped, self._place = LoopedSamples(), 0
         self._closed = self._closed_nodes = np.empty(0, dtype=np.int64)
@@ -139,9 +148,7 @@ class ContactRecord:
         if closed is not self._closed:  # the same array as long as no row opens or closes
             self._closed, self._closed_nodes = closed, answer.row_nodes[closed]
         self.look_for_edge(t, answer)
-        if self._samples and self._samples[-1][0] == t:  # a second call for this time
-            self._samples.pop()
-        self._samples.append((t, self._closed_nodes, answer.lam.take(closed)))
+        self._samples[t] = self._closed_nodes, answer.lam.take(closed)  # perhaps again
         if self._elastic:
             self._stored[t] = answer.stored
         if answer.parts.friction is not None:
@@ -165,7 +172,7 @@ class ContactRecord:
         tangential : ((na, 3) array, (na,) int8 array) or None
             With friction: tangential forces in space [N], and whether the rows stick or slip.
         """
-        self._samples.append((t, nodes, lam))
+        self._samples[t] = nodes, lam
         if self._elastic:
             self._stored[t] = stored
         if tangential is not None:
@@ -185,12 +192,21 @@ class ContactRecord:
     def samples(self) -> list[tuple[float, Array, Array]]:
         """Times with closed rows [s], the slave's patch nodes of these rows, and the forces on them [N]."""
         looped = self._looped.samples(self._place)
-        return sorted([*self._samples, *looped], key=lambda sample: sample[0]) if self._samples else looped
+        own = [(t, nodes, lam) for t, (nodes, lam) in self._samples.items()]
+        return sorted([*own, *looped], key=lambda sample: sample[0]) if own else looped
+
+    def rows_at(self, t: float) -> tuple[Array, Array] | None:
+        """The slave's patch nodes of the closed rows at a time [s], and the forces on them [N]; None if all are open.
+
+        Of the same time, what loops have found last counts.
+        """
+        return self._looped.rows_at(t, self._place) or self._samples.get(t)
 
     @property
     def stored(self) -> dict[float, float]:
         """Energy that an elastic contact stores while rows are closed [J]; keys are times [s]."""
-        return self._stored | self._looped.stored(self._place)
+        looped = self._looped.stored(self._place)
+        return self._stored | looped if self._stored else looped
 
     @property
     def slip_path(self) -> Array:

@@ -303,7 +303,7 @@ class CoupledRun(GroupRun):
         if len(self._at_edge):
             self._look_for_edges(t, frozen)
         if len(closed):
-            self.samples.add(t, self._nodes, self._bounds, frozen.lam[closed], frozen.stored.copy())
+            self.samples.add(t, self._nodes, self._bounds, frozen.lam[closed], frozen.stored.tolist())
 
     def _keeping(self) -> Sequence[ContactRun]:
         """Members with a sample to keep: those that are awake, and those whose energies are kept while open."""

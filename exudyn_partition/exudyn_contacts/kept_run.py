@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -165,6 +166,14 @@ class KeptRun:
         """See `ContactRecord.samples`."""
         spans = zip(self.times.tolist(), self.starts[:-1], self.starts[1:], strict=True)
         return [(t, self.nodes[start:end], self.forces[start:end]) for t, start, end in spans]
+
+    @cached_property
+    def _rows(self) -> dict[float, tuple[Array, Array]]:
+        return {t: (nodes, forces) for t, nodes, forces in self.samples}
+
+    def rows_at(self, t: float) -> tuple[Array, Array] | None:
+        """See `ContactRecord.rows_at`."""
+        return self._rows.get(t)
 
     @property
     def tangential(self) -> dict[float, tuple[Array, Array]]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,7 @@ from .plastic_results import PlasticResults, dent_motion
 from .row_samples import RowSamples
 
 _LARGE = 0.8  # share of the largest force above which stresses are computed
+_AT_ONCE = 1_000_000  # rows of samples that are looked at together
 _WHOLE = 0.9  # share of a patch's area: a larger contact is no Hertz contact
 
 
@@ -275,7 +276,7 @@ class PartitionContact(Item[Any]):
 
     def _row_forces(self, result: RunSamples, times: Array) -> sp.csr_matrix:
         """See `row_forces`, here at some times of the result, (k,) [s]."""
-        return RowSamples.kept(result.kept(self), times).matrix()
+        return RowSamples(result.kept(self), times).matrix()
 
     def pressure(self, result: RunSamples) -> sp.csr_matrix:
         """Contact pressure around the slave's patch nodes, (n, np) [Pa], columns as those of `row_forces`.
@@ -328,7 +329,7 @@ class PartitionContact(Item[Any]):
         InputError
             If `result` is no result, is of another model, or nothing was kept of its run.
         """
-        return stress_by_rows(self, result, self.force(result), RowSamples.kept(result.kept(self), result.t))
+        return largest_stresses([(self, self.force(result), RowSamples(result.kept(self), result.t))])[0]
 
     @property
     def elastic_materials(self) -> list[Material | None]:
@@ -602,33 +603,106 @@ class PartitionContact(Item[Any]):
         return closed_spans(self.force(result))
 
 
-def stress_by_rows(contact: PartitionContact, result: RunSamples, force: Array, rows: RowSamples) -> Stress | None:
-    """See `PartitionContact.largest_stress`, by sums of normal forces, (n,) [N], and by forces of rows."""
-    top = int(force.argmax()) if len(force) else 0
-    if len(force) and force[top] > 0 and (ellipse := contact.mechanics.law.semi_axes(float(force[top]))) is not None:
-        return Stress.beneath(float(force[top]), ellipse, contact.elastic_materials, time=float(result.t[top]))
-    run, surface = result.kept(contact), contact.mechanics.gaps.slave.surface
-    n, areas = len(surface.points), run.areas[: len(surface.points)]
-    large = np.flatnonzero((force >= _LARGE * force.max(initial=0.0)) & (force > 0))
-    nodes, forces, bounds = rows.joined(large.tolist())
-    pushes = (forces > 0) & (nodes < n)  # no pull is a pressure, and rows of edges alone have no area
-    if not pushes.any() or not areas.any():  # no limit of stress
-        return None
-    samples, nodes, forces = np.repeat(large, np.diff(bounds))[pushes], nodes[pushes], forces[pushes]
-    starts = np.flatnonzero(np.diff(samples, prepend=-1))
-    places, samples = contact.slave.body.points[surface.nodes], samples[starts]
-    axes = semi_axes(nodes, forces, starts, places, areas, not contact.mechanics.gaps.points.nodal)
-    peak = int((force[samples] / axes.prod(axis=1)).argmax())
-    closed = nodes[slice(*[*starts, len(nodes)][peak : peak + 2])]
-    whole = run.edge is None and areas[closed].sum() >= _WHOLE * areas.sum()
-    load, (a, b) = float(force[samples[peak]]), map(float, axes[peak])
-    return Stress.beneath(
-        load,
-        (a, b),
-        contact.elastic_materials,
-        mean=load / areas.sum() if whole else 0.0,
-        time=float(result.t[samples[peak]]),
-    )
+@dataclass(frozen=True, eq=False)
+class _Pressed:
+    """Rows of a contact that are pressed in samples with a large force.
+
+    Parameters
+    ----------
+    contact : PartitionContact
+    force : (n,) array
+        Sums of the normal forces at all samples [N].
+    rows : RowSamples
+    samples : (m,) int array
+        These samples.
+    starts : (m,) int array
+        Where the rows of each begin in `nodes` and `forces`.
+    nodes, forces : (k,) arrays
+        Patch nodes of the rows, and the forces on them [N].
+    """
+
+    contact: PartitionContact
+    force: Array
+    rows: RowSamples
+    samples: Array
+    starts: Array
+    nodes: Array
+    forces: Array
+
+    @classmethod
+    def of(cls, contact: PartitionContact, force: Array, rows: RowSamples) -> _Pressed | None:
+        """Find them; None where no row has an area, so that stress has no limit."""
+        n, large = len(contact.mechanics.gaps.slave.surface.points), force >= _LARGE * force.max(initial=0.0)
+        large = np.flatnonzero(large & (force > 0))
+        nodes, forces, bounds = rows.joined(large.tolist())
+        pushes = (forces > 0) & (nodes < n)  # no pull is a pressure, and rows of edges alone have no area
+        if not pushes.any() or not rows.run.areas[:n].any():
+            return None
+        samples = np.repeat(large, np.diff(bounds))[pushes]
+        starts = np.flatnonzero(np.diff(samples, prepend=-1))
+        return cls(contact, force, rows, samples[starts], starts, nodes[pushes], forces[pushes])
+
+    @property
+    def areas(self) -> Array:
+        """Areas of the rows of the slave's patch nodes, (np,) [m2]."""
+        return self.rows.run.areas[: len(self.contact.mechanics.gaps.slave.surface.points)]
+
+    @property
+    def patch(self) -> tuple[object, ...]:
+        """Key that contacts with equal rows on the same patch of equal bodies share."""
+        gaps = self.contact.mechanics.gaps
+        return self.contact.slave.body, gaps.slave.surface.nodes.tobytes(), self.areas.tobytes(), gaps.points.nodal
+
+    def stress(self, axes: Array) -> Stress:
+        """Largest stress, by the semi-axes of each sample, (m, 2) [m]."""
+        load, areas = self.force[self.samples], self.areas
+        peak = int((load / axes.prod(axis=1)).argmax())
+        closed = self.nodes[slice(*[*self.starts, len(self.nodes)][peak : peak + 2])]
+        whole = self.rows.run.edge is None and areas[closed].sum() >= _WHOLE * areas.sum()
+        a, b = map(float, axes[peak])
+        return Stress.beneath(
+            float(load[peak]),
+            (a, b),
+            self.contact.elastic_materials,
+            mean=float(load[peak]) / areas.sum() if whole else 0.0,
+            time=float(self.rows.times[self.samples[peak]]),
+        )
+
+
+def largest_stresses(histories: Sequence[tuple[PartitionContact, Array, RowSamples]]) -> list[Stress | None]:
+    """See `PartitionContact.largest_stress`, of contacts with sums of normal forces, (n,) [N], and forces of rows.
+
+    Those on equal patches are looked at together, which takes little longer than one of them.
+    """
+    found, alike, size = list[Stress | None](), dict[object, list[tuple[int, _Pressed]]](), 0
+    for contact, force, rows in histories:
+        top = int(force.argmax()) if len(force) else 0
+        ellipse = contact.mechanics.law.semi_axes(float(force[top])) if len(force) and force[top] > 0 else None
+        if ellipse is not None:
+            time = float(rows.times[top])
+            found.append(Stress.beneath(float(force[top]), ellipse, contact.elastic_materials, time=time))
+            continue
+        if (pressed := _Pressed.of(contact, force, rows)) is not None:
+            size += len(pressed.nodes)
+            alike.setdefault((pressed.patch, size // _AT_ONCE), []).append((len(found), pressed))
+        found.append(None)
+    for members in alike.values():
+        every = [pressed for _, pressed in members]
+        begins = np.cumsum([0, *(len(pressed.nodes) for pressed in every)])
+        starts = [begin + pressed.starts for begin, pressed in zip(begins, every, strict=False)]
+        gaps, nodes = every[0].contact.mechanics.gaps, np.concatenate([pressed.nodes for pressed in every])
+        forces, places = np.concatenate([pressed.forces for pressed in every]), gaps.slave.surface.nodes
+        axes = semi_axes(
+            nodes,
+            forces,
+            np.concatenate(starts),
+            every[0].contact.slave.body.points[places],
+            every[0].areas,
+            not gaps.points.nodal,
+        )
+        for (place, pressed), own in zip(members, np.split(axes, np.cumsum([*map(len, starts)])), strict=False):
+            found[place] = pressed.stress(own)
+    return found
 
 
 def partition_items(mbs: MainSystem) -> tuple[list[PartitionBody], list[PartitionContact]]:

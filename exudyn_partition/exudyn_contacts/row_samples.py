@@ -17,29 +17,22 @@ _NONE = np.empty(0, dtype=np.int64), np.empty(0)
 
 @dataclass(frozen=True, eq=False)
 class RowSamples:
-    """Normal forces of rows at some times.
+    """Normal forces of rows at some times of a run. They are looked up when somebody asks.
 
     Parameters
     ----------
-    by_sample : dict of int to ((k,) int array, (k,) array)
-        Patch nodes of the closed rows, and the forces on them [N]; keys are numbers of samples, ascending.
-    shape : (int, int)
-        Numbers of samples and of the slave's patch nodes.
+    run : ContactRecord or KeptRun
+        What the contact kept of it.
+    times : (n,) array
+        Times of the samples [s], ascending.
     """
 
-    by_sample: dict[int, tuple[Array, Array]]
-    shape: tuple[int, int]
-
-    @classmethod
-    def kept(cls, run: ContactRecord | KeptRun, times: Array) -> RowSamples:
-        """Rows that a run kept, at some of its times, (n,) [s], ascending."""
-        numbers = {t: i for i, t in enumerate(times.tolist())}
-        kept = {numbers[t]: (nodes, forces) for t, nodes, forces in run.samples if t in numbers}
-        return cls(kept, (len(times), len(run.areas)))
+    run: ContactRecord | KeptRun
+    times: Array
 
     def at_sample(self, sample: int) -> tuple[Array, Array]:
         """Patch nodes of the closed rows at a sample, (k,), and the forces on them, (k,) [N]."""
-        return self.by_sample.get(sample, _NONE)
+        return self.run.rows_at(float(self.times[sample])) or _NONE
 
     def joined(self, samples: Sequence[int]) -> tuple[Array, Array, Array]:
         """Closed rows at some samples, one after the other.
@@ -54,6 +47,6 @@ class RowSamples:
 
     def matrix(self, samples: Array | None = None) -> sp.csr_matrix:
         """Force of the row of each patch node, (n, np) [N], at all samples or at some, (n,) int array."""
-        chosen = range(self.shape[0]) if samples is None else samples.tolist()
+        chosen = range(len(self.times)) if samples is None else samples.tolist()
         nodes, forces, starts = self.joined(chosen)
-        return sp.csr_matrix((forces, nodes, starts), shape=(len(chosen), self.shape[1]))
+        return sp.csr_matrix((forces, nodes, starts), shape=(len(chosen), len(self.run.areas)))

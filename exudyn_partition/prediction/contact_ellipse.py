@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy.sparse as sp
 
 from ..support.arrays import Array
 
@@ -42,8 +43,8 @@ def semi_axes(nodes: Array, forces: Array, starts: Array, points: Array, areas: 
     """
     x = points - points.mean(axis=0)
     squares = (x[:, :, None] * x[:, None, :]).reshape(-1, 9)
-    terms = forces[:, None] * np.column_stack([np.ones(len(x)), areas, x, squares])[nodes]
-    sums = np.add.reduceat(terms, starts)
+    by_sample = sp.csr_matrix((forces, nodes, np.append(starts, len(nodes))), shape=(len(starts), len(x)))
+    sums = by_sample @ np.column_stack([np.ones(len(x)), areas, x, squares])
     sums /= sums[:, :1]
     area, first = sums[:, 1], sums[:, 2:5]
     moments = sums[:, 5:].reshape(-1, 3, 3) - first[:, :, None] * first[:, None, :]

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from ..support.arrays import Array
 from ..support.optional import require
@@ -140,7 +139,7 @@ def running_mean(t: Array, force: Array, window: float) -> Array:
     """
     if len(t) < 2:
         return force
-    total = cumulative_trapezoid(force, t, initial=0.0)
+    total = np.r_[0.0, np.cumsum(np.diff(t) * (force[1:] + force[:-1]) / 2.0)]
     low, high = np.maximum(t - window / 2, t[0]), np.minimum(t + window / 2, t[-1])
     mean: Array = (np.interp(high, t, total) - np.interp(low, t, total)) / (high - low)
     return mean

@@ -222,7 +222,9 @@ def _keep_rows(
             if end > begin:
                 rows = lam.indices[begin:end]
                 bounds = np.searchsorted(rows, bounds_of_rows).tolist()
-                group.samples.add(float(t[i]), nodes[rows], bounds, lam.data[begin:end], made.stored[i, of_group])
+                group.samples.add(
+                    float(t[i]), nodes[rows], bounds, lam.data[begin:end], made.stored[i, of_group].tolist()
+                )
         _look_for_edges(mbs, model_run, group, lam.tocsc(), bounds_of_rows, t, made)
         for place, number in enumerate(range(of_group.start, of_group.stop)):
             if number in made.left:

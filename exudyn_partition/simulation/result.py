@@ -206,6 +206,11 @@ class Result:
         """Bodies, contacts and sensor of work of the model that was run."""
         return frozenset((*self.bodies, *self.contacts, self.item_work))
 
+    @cached_property
+    def _run_of(self) -> dict[int, ContactRecord | KeptRun]:
+        """Data that each contact kept, by its identity."""
+        return {id(contact): run for contact, run in zip(self.contacts, self.runs, strict=True)}
+
     def dampings_of(self, item: PartitionBody) -> tuple[tuple[float, Damping], ...]:
         """Damping of a body in the run, as joints held it, each with the time from which it acted [s].
 
@@ -214,7 +219,12 @@ class Result:
         item : PartitionBody
             A body of the model; others have none.
         """
-        return next((found for body, found in zip(self.bodies, self.dampings, strict=False) if body == item), ())
+        return self._dampings.get(id(item), ())
+
+    @cached_property
+    def _dampings(self) -> dict[int, tuple[tuple[float, Damping], ...]]:
+        """See `dampings_of`, by the identity of each body."""
+        return {id(body): found for body, found in zip(self.bodies, self.dampings, strict=False)}
 
     def kept(self, contact: PartitionContact) -> ContactRecord | KeptRun:
         """Return the data of the run that a contact kept beside its sensors: forces of rows, states, strains.
@@ -231,7 +241,7 @@ class Result:
                 "result: nothing was kept of forces of rows, pressures, contact areas and the edge of a patch; repeat "
                 "this run"
             )
-        return self.runs[self.contacts.index(contact)]
+        return self._run_of[id(contact)]
 
     def at(self, times: Sequence[float] | Array | int) -> Result:
         """Return the samples nearest to some times, each sample once, for example for frames of a film.

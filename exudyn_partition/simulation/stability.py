@@ -6,7 +6,7 @@ Theory: examples/site/theory.md, "The default step".
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import scipy.linalg
@@ -18,8 +18,10 @@ from ..exudyn_bodies.held_damping import hold_damping
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.contact_pairs import is_skin
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
+from ..reduction.body import ReducedBody
 from ..support.arrays import Array, as_slice, consecutive
 from ..support.foreign import MainSystem
+from ..support.once import once
 
 _TRIES = 10  # of the limit of viscous contacts
 DENSE = 150  # number of coordinates up to which all frequencies are found: Lanczos' iterations take longer
@@ -58,9 +60,15 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
     groups = _joined(bodies, [contact for contact in contacts if contact not in anywhere])
 
     def largest(step: float) -> float:
-        return max(
-            *(_largest(*group, step) for group in groups), *(_landing(contact, step) for contact in anywhere), 0.0
-        )
+        found = [0.0, *(_landing(contact, step) for contact in anywhere)]
+        equal = {}  # many bodies often have equal contacts
+        for group in groups:
+            if sum(item.body.n_dofs for item in group[0]) <= DENSE:
+                matrix = _matrix(*group, step)
+                equal[matrix.tobytes()] = matrix
+            else:
+                found.append(_by_iteration(*group, step))
+        return max(*found, *(float(np.linalg.eigvalsh(matrix)[-1]) for matrix in equal.values()))
 
     square = largest(math.inf)
     if square <= 0.0:
@@ -120,28 +128,47 @@ def _joined(
     return [*{id(each): each for each in group.values()}.values()]
 
 
-def _largest(bodies: list[PartitionBody], contacts: list[PartitionContact], step: float) -> float:
-    """Largest squared frequency of bodies with all rows closed [rad2/s2], with the pairs at the start.
+def _closed(
+    bodies: list[PartitionBody], contacts: list[PartitionContact], step: float
+) -> Iterator[tuple[Array, Array]]:
+    """Numbers of the coordinates that each contact joins, and its stiffness there, with all rows closed.
 
     In steps of this length [s], viscous flexibilities are stiff.
     """
     slices = consecutive([item.body.n_dofs for item in bodies])
     place = {item: np.arange(dofs.start, dofs.stop) for item, dofs in zip(bodies, slices, strict=True)}
-    scale = 1 / np.sqrt(np.concatenate([item.body.mass.diagonal() for item in bodies]))
-    closed = [
-        _on_coordinates(contact, stiffness, place)
-        for contact in contacts
-        if (stiffness := contact.mechanics.closed_stiffness(step)) is not None
-    ]
-    if len(scale) <= DENSE:
-        matrix = np.zeros((len(scale), len(scale)))
-        for item, span in zip(bodies, slices, strict=True):
-            matrix[span, span] = item.body.stiffness.toarray()
-        for dofs, stiffness in closed:
-            matrix[np.ix_(dofs, dofs)] += stiffness
-        return float(np.linalg.eigvalsh(scale[:, None] * matrix * scale)[-1])
+    for contact in contacts:
+        if (stiffness := contact.mechanics.closed_stiffness(step)) is not None:
+            yield _on_coordinates(contact, stiffness, place)
+
+
+@once
+def _scale(body: ReducedBody) -> Array:
+    """Factors by which coordinates have unit mass, (n,)."""
+    return np.asarray(1 / np.sqrt(body.mass.diagonal()))
+
+
+@once
+def _stiffness(body: ReducedBody) -> Array:
+    """Stiffness of a body, (n, n)."""
+    return np.asarray(body.stiffness.toarray())
+
+
+def _matrix(bodies: list[PartitionBody], contacts: list[PartitionContact], step: float) -> Array:
+    """Stiffness of bodies with all rows closed, with the pairs at the start, on coordinates of unit mass, (n, n)."""
+    scale = np.concatenate([_scale(item.body) for item in bodies])
+    matrix = scipy.linalg.block_diag(*(_stiffness(item.body) for item in bodies))
+    for dofs, stiffness in _closed(bodies, contacts, step):
+        matrix[np.ix_(dofs, dofs)] += stiffness
+    value: Array = scale[:, None] * matrix * scale
+    return value
+
+
+def _by_iteration(bodies: list[PartitionBody], contacts: list[PartitionContact], step: float) -> float:
+    """Largest squared frequency of many coordinates [rad2/s2], see `_matrix`."""
+    scale = np.concatenate([_scale(item.body) for item in bodies])
     K = sp.block_diag([item.body.stiffness for item in bodies], format="csr")
-    parts = [(as_slice(dofs), stiffness) for dofs, stiffness in closed]
+    parts = [(as_slice(dofs), stiffness) for dofs, stiffness in _closed(bodies, contacts, step)]
 
     def apply(x: Array) -> Array:
         x = scale * x.ravel()

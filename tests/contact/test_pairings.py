@@ -10,6 +10,7 @@ from oracles import compliant, floating, inertial
 
 from exudyn_partition.contact import pairings
 from exudyn_partition.contact.patch_gaps import PatchGaps
+from exudyn_partition.contact.rigid import RigidGaps, RigidPlane
 from exudyn_partition.errors import PenetrationError
 
 
@@ -92,3 +93,25 @@ def test_kept_pairs_are_few_and_keep_no_body(round_body, flat_body):
     del slave, master
     gc.collect()
     assert [ref() for ref in gone] == [None, None]
+
+
+def test_contacts_on_planes_share_what_follows_from_their_rows(round_body):
+    """Wherever body and plane are; on another plane rows are others, the same as those of a body that knows none."""
+    slave, places = copy_of(round_body), np.array([[0, 0, 0], [0.1, 0.3, -0.7]])
+    one, other = (compliant(RigidGaps(inertial(slave, place), RigidPlane(place))) for place in places)
+    assert one.law.problem.F is other.law.problem.F
+    assert one.gaps.linear.H is other.gaps.linear.H
+    assert one.closed_stiffness() is other.closed_stiffness()
+    tilted = RigidPlane((0, 0, -1e-4), (0.1, 0, 1))
+    late, fresh = (compliant(RigidGaps(inertial(body), tilted)) for body in (slave, copy_of(round_body)))
+    assert abs(late.gaps.linear.H - one.gaps.linear.H).max() > 1e-3
+    np.testing.assert_array_equal(late.gaps.linear.H, fresh.gaps.linear.H)
+    np.testing.assert_array_equal(late.law.problem.F, fresh.law.problem.F)
+    np.testing.assert_array_equal(late.closed_stiffness(), fresh.closed_stiffness())
+    late.gaps.exchange_flexibility([2 * side.flexibility for side in late.gaps.sides])
+    np.testing.assert_allclose(late.gaps.problem().F, 2 * fresh.law.problem.F, rtol=1e-12)
+    np.testing.assert_array_equal(RigidGaps(inertial(slave), tilted).problem().F, fresh.law.problem.F)
+    gone = weakref.ref(slave)
+    del slave, one, other, late
+    gc.collect()
+    assert gone() is None

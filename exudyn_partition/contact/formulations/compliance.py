@@ -159,6 +159,9 @@ class NormalCompliance(Law):
 
     def closed_stiffness(self, rows: RowDirections) -> Array:
         """See `Law`."""
+        return self.gaps.stage.by_pairs("closed stiffness", lambda: self._closed_stiffness(rows))
+
+    def _closed_stiffness(self, rows: RowDirections) -> Array:
         H = dense(rows.jacobian(np.arange(len(self.gaps.row_nodes))))
         half = scipy.linalg.solve_triangular(np.linalg.cholesky(self.gaps.problem().F), H, lower=True)
         value: Array = half.T @ half

@@ -101,7 +101,12 @@ def sinking(run: ReviewedRun) -> Iterator[Finding]:
 
 
 def _sunk(run: ReviewedRun, history: ContactHistory, gaps: RigidGaps) -> Iterator[Finding]:
-    contact, result = history.contact, run.result
+    contact, result, (item, number) = history.contact, run.result, history.contact.sides[0]
+    surface = item.body.surface(np.zeros(3), number)
+    allowed, body = _allowed_depth(surface), run.body(item)
+    deepest = _largest_depths(history, gaps, body)
+    if (deepest <= allowed).all():
+        return
     try:
         dents = dent_motion(contact, result)
     except InputError:
@@ -109,12 +114,9 @@ def _sunk(run: ReviewedRun, history: ContactHistory, gaps: RigidGaps) -> Iterato
     side, chosen = gaps.whole, looked_at(run, history)
     if not len(chosen):
         return
-    t, (item, number) = result.t[chosen], contact.sides[0]
-    surface = item.body.surface(np.zeros(3), number)
-    allowed, body = _allowed_depth(surface), run.body(item)
-    deepest = _largest_depths(history, gaps, body)
+    t = result.t[chosen]
     motion = surface_motion(contact.carrier, result.others, t)
-    if motion is None or (deepest <= allowed).all():
+    if motion is None:
         return
     near = np.flatnonzero(deepest > 0.0)
     (carried, axes), q = motion, body.q[chosen]

@@ -14,10 +14,9 @@ from ...errors import ModelLimitWarning
 from ...exudyn_bodies.partition_body import PartitionBody
 from ...exudyn_contacts.contact_record import ContactRecord
 from ...exudyn_contacts.kept_run import KeptRun
-from ...exudyn_contacts.partition_contact import PartitionContact, stress_by_rows
+from ...exudyn_contacts.partition_contact import PartitionContact
 from ...exudyn_contacts.row_samples import RowSamples
 from ...exudyn_contacts.run_record import Solver
-from ...prediction.yielding import Stress
 from ...reduction.body import ReducedBody
 from ...results.impacts import Ringing, closed_spans
 from ...support.arrays import Array
@@ -172,17 +171,12 @@ class ContactHistory:
     @cached_property
     def rows(self) -> RowSamples:
         """Forces of the rows."""
-        return RowSamples.kept(self.kept, self._result.t)
+        return RowSamples(self.kept, self._result.t)
 
     @cached_property
     def ringing(self) -> Ringing | None:
         """Ringing of the force; None if there is none."""
         return self.contact.ringing(self._result)
-
-    @cached_property
-    def largest_stress(self) -> Stress | None:
-        """Largest stress beneath the contact; None if nothing touched."""
-        return stress_by_rows(self.contact, self._result, self.force, self.rows)
 
     def radius_at(self, sample: int) -> float:
         """Radius of a circle of the contact area at a sample [m]."""

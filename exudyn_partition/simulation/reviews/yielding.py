@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ...errors import YieldWarning
+from ...exudyn_contacts.partition_contact import largest_stresses
 from ...exudyn_contacts.plastic_results import SIDES
 from ..result import called, when
 from .reviewed_run import Finding, ReviewedRun
@@ -21,8 +22,8 @@ _COARSE = 0.6  # distance of nodes by the radius of the contact from which on fl
 def first_yield(run: ReviewedRun) -> Iterator[Finding]:
     """Contacts beyond first yield: one finding for all of them, with the worst."""
     found = []
-    for history in run.contacts:
-        stress = history.largest_stress
+    stresses = largest_stresses([(history.contact, history.force, history.rows) for history in run.contacts])
+    for history, stress in zip(run.contacts, stresses, strict=True):
         if stress is not None and (ratio := stress.yield_ratio or 0.0) > 1.0:
             found.append((ratio, history, stress))
     if not found:
