@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from ..support.arrays import Array
 from .loops import Adjoint, go_back
-from .made_run import MadeRun, OnFriction, Window
+from .made_run import MadeRun, OnFriction, Window, columns
 from .plan import Bodies
 from .rows_back import RowsBack
 
@@ -177,13 +177,13 @@ class _RowsBackwards:
 
     def _given(self, w: Window) -> tuple[Array, Array]:
         """Weights by forces and slips of the rows of a window, (m, k, d) each."""
-        forces, slips = np.zeros((2, len(w.ways), len(w.directions)))
-        forces[:, w.normals] = self._weights.lam[w.samples].toarray()[:, w.rows]
+        forces, slips = np.zeros((2, len(w.ways), self._weights.count, len(w.directions)))
+        lam = columns(self._weights.lam, w.samples, w.rows)[:, None]
+        forces[:, :, : w.plain], w.of_rough(forces)[..., 0] = lam[:, :, : w.plain], lam[:, :, w.plain :]
         if self._weights.friction is not None:
-            w.tangential(forces)[:], w.tangential(slips)[:] = w.weights(self._weights.friction)
-        of_all = (np.repeat(part[:, None], self._weights.count, axis=1) for part in (forces, slips))
-        by_forces, by_slips = of_all
-        return by_forces, by_slips
+            by_forces, by_slips = (part[:, None] for part in w.weights(self._weights.friction))
+            w.of_rough(forces)[..., 1:], w.of_rough(slips)[..., 1:] = by_forces, by_slips
+        return forces, slips
 
     def end(self, w: Window, back: RowsBack | None) -> None:
         """Take what the pass back over a block has found."""

@@ -45,9 +45,9 @@ def direction_of(plain: int, row: int) -> int:
 
 
 @inlined
-def along_way(rows: RowsBack, s: int, u: int, values: Array) -> float:
-    """What values by direction, (d,), are along the way number u in which forces may change."""
-    top, kind, i = rows.changes[u, 0], rows.changes[u, 1], rows.changes[u, 2]
+def along_way(rows: RowsBack, s: int, change: Array, values: Array) -> float:
+    """What values by direction, (d,), are along a way in which forces may change."""
+    top, kind, i = change[0], change[1], change[2]
     value: float = values[top]
     if kind == WHOLE:
         return value
@@ -58,8 +58,8 @@ def along_way(rows: RowsBack, s: int, u: int, values: Array) -> float:
 
 
 @inner
-def list_changes(rows: RowsBack, s: int, first: int, end: int) -> tuple[int, int, int]:
-    """List the ways in which forces on the rows of a group may change.
+def list_changes(rows: RowsBack, s: int, first: int, end: int, changes: Array) -> tuple[int, int, int]:
+    """List the ways in which forces on the rows of a group may change; the list has those of the sample after.
 
     Return the number of those that are the same at the sample after, those without slipping rows, and all.
     """
@@ -69,56 +69,57 @@ def list_changes(rows: RowsBack, s: int, first: int, end: int) -> tuple[int, int
         i = rows.order[p]
         ways = 0 if rows.ways[s, i] == SLIPS else rows.ways[s, i]
         same = same and ways == (0 if rows.ways[later, i] == SLIPS else rows.ways[later, i])
-        for a in range(ways):
-            rows.changes[m, 0], rows.changes[m, 1], rows.changes[m, 2] = direction_of(rows.plain, i) + a, WHOLE, 0
-            m += 1
         if same:
+            m += ways
             kept = m
+            continue
+        for a in range(ways):
+            changes[m, 0], changes[m, 1], changes[m, 2] = direction_of(rows.plain, i) + a, WHOLE, 0
+            m += 1
     stuck = m
     for p in range(first, end):
         i = rows.order[p]
         if rows.ways[s, i] == SLIPS:
             for kind in (ALONG, ACROSS):
-                rows.changes[m, 0], rows.changes[m, 1] = direction_of(rows.plain, i), kind
-                rows.changes[m, 2] = i - rows.plain
+                changes[m, 0], changes[m, 1], changes[m, 2] = direction_of(rows.plain, i), kind, i - rows.plain
                 m += 1
     return kept, stuck, m
 
 
 @inner
-def set_jacobian(rows: RowsBack, s: int, J: Array, kept: int) -> None:
-    """Set how rows move as their forces change, (m, m), see `rows_back`, but for what is kept of its factors."""
+def set_jacobian(rows: RowsBack, s: int, changes: Array, m: int, J: Array, kept: int) -> None:
+    """Set how rows move as their forces change, m times m, see `rows_back`, but for what is kept of its factors."""
     F = rows.F
-    for u in range(len(J)):
-        top, kind, i = rows.changes[u, 0], rows.changes[u, 1], rows.changes[u, 2]
-        for v in range(kept if u < kept else 0, len(J)):
+    for u in range(m):
+        top, kind, i = changes[u, 0], changes[u, 1], changes[u, 2]
+        for v in range(kept if u < kept else 0, m):
             if kind == ACROSS:
                 d1, d2 = rows.across[s, i] * rows.along[s, i, 0], rows.across[s, i] * rows.along[s, i, 1]
-                J[u, v] = d1 * along_way(rows, s, v, F[top + 2]) - d2 * along_way(rows, s, v, F[top + 1])
+                J[u, v] = d1 * along_way(rows, s, changes[v], F[top + 2])
+                J[u, v] -= d2 * along_way(rows, s, changes[v], F[top + 1])
             else:
-                J[u, v] = along_way(rows, s, v, F[top])
+                J[u, v] = along_way(rows, s, changes[v], F[top])
         if kind == ACROSS:
             J[u, u] += rows.yielding[s, i]
 
 
 @inner
-def factorise(J: Array, pivots: Array, kept: int, stuck: int) -> None:
-    """Replace J by its triangular factors, line by line; so many first lines and columns are kept of its last ones.
+def factorise(J: Array, m: int, pivots: Array, kept: int, stuck: int) -> None:
+    """Replace J, m times m, by its factors, line by line; so many first lines and columns are kept of its last ones.
 
     The flexibility of rows that do not slip is positive definite and needs no pivots. They follow in its columns.
     """
-    m = len(J)
     for u in range(m):
-        line, first = J[u], kept if u < kept else 0
+        first = kept if u < kept else 0
         for k in range(u):
             if u >= kept:
-                line[k] /= J[k, k]
-            share, above = line[k], J[k]
+                J[u, k] /= J[k, k]
+            share = J[u, k]
             for v in range(max(k + 1, first), m):
-                line[v] -= share * above[v]
+                J[u, v] -= share * J[k, v]
         best = u
         for v in range(u + 1 if u >= stuck else m, m):
-            if abs(line[v]) > abs(line[best]):
+            if abs(J[u, v]) > abs(J[u, best]):
                 best = v
         pivots[u] = best
         if best != u:
@@ -128,33 +129,31 @@ def factorise(J: Array, pivots: Array, kept: int, stuck: int) -> None:
 
 @inner
 def solve_transposed(J: Array, pivots: Array, x: Array) -> None:
-    """Solve J' x = x by the factors of J."""
-    m = len(J)
+    """Solve J' x = x, (m,), by the factors of J."""
+    m = len(x)
     for i in range(m):
         x[i], x[pivots[i]] = x[pivots[i]], x[i]
     for i in range(m):
-        line = J[i]
-        x[i] /= line[i]
+        x[i] /= J[i, i]
         push = x[i]
         for a in range(i + 1, m):
-            x[a] -= line[a] * push
+            x[a] -= J[i, a] * push
     for i in range(m - 1, -1, -1):
-        push, line = x[i], J[i]
+        push = x[i]
         for a in range(i):
-            x[a] -= line[a] * push
+            x[a] -= J[i, a] * push
 
 
 @inner
-def solve_group(rows: RowsBack, s: int, J: Array, pivots: Array) -> None:
+def solve_group(rows: RowsBack, s: int, changes: Array, J: Array, pivots: Array, x: Array) -> None:
     """Take what the forces of a group do from the slips; `rows.total`, (k, d), are the derivatives by the forces."""
-    x = np.empty(len(J))
     for j in range(len(rows.total)):
         given, slips = rows.total[j], rows.slips[s, j]
-        for u in range(len(J)):
-            x[u] = along_way(rows, s, u, given)
+        for u in range(len(x)):
+            x[u] = along_way(rows, s, changes[u], given)
         solve_transposed(J, pivots, x)
-        for u in range(len(J)):
-            top, kind, i = rows.changes[u, 0], rows.changes[u, 1], rows.changes[u, 2]
+        for u in range(len(x)):
+            top, kind, i = changes[u, 0], changes[u, 1], changes[u, 2]
             if kind == ACROSS:
                 share = rows.across[s, i] * x[u]
                 slips[top + 1] += share * rows.along[s, i, 1]
@@ -170,28 +169,29 @@ def add_moved(rows: RowsBack, s: int, first: int, end: int, given: Array, sign: 
     for j in range(len(given)):
         slips, to = rows.slips[s, j], given[j]
         for i in range(first, end):
-            slip, column = sign * slips[i], F[i]
+            slip = sign * slips[i]
             if slip != 0.0 and (normals or (i - first) % 3 > 0):
                 for a in range(first, end):
-                    to[a] += slip * column[a]
+                    to[a] += slip * F[i, a]
 
 
 @inner
 def solve_groups(rows: RowsBack, s: int) -> None:
     """Set slips of a sample and what they leave to the sample before. Factors are kept of rows that stay closed."""
-    plain, d = rows.plain, len(rows.F)
+    plain, d, factors, room = rows.plain, len(rows.F), rows.factors, np.empty(len(rows.F))
     for g in range(len(rows.groups) - 1):
         first, end = rows.groups[g], rows.groups[g + 1]
         top, last = direction_of(plain, first), direction_of(plain, end)
         if first >= plain:
             add_moved(rows, s, top, last, rows.total, 1.0, True)
-        kept, stuck, m = list_changes(rows, s, first, end)
+        changes = rows.changes[top:last]
+        kept, stuck, m = list_changes(rows, s, first, end, changes)
         if m > 0:
-            J, pivots = rows.factors[top * d : last * d].reshape(last - top, d)[:m, :m], rows.pivots[top:last]
+            J, pivots = factors[top * d :][: (last - top) ** 2].reshape(last - top, last - top), rows.pivots[top:last]
             if kept < m:
-                set_jacobian(rows, s, J, kept)
-                factorise(J, pivots, kept, stuck)
-            solve_group(rows, s, J, pivots)
+                set_jacobian(rows, s, changes, m, J, kept)
+                factorise(J, m, pivots, kept, stuck)
+            solve_group(rows, s, changes, J, pivots, room[:m])
         if first >= plain:
             add_moved(rows, s, top, last, rows.given, 1.0, True)
             add_moved(rows, s, top, last, rows.forces, -1.0, False)
@@ -200,17 +200,17 @@ def solve_groups(rows: RowsBack, s: int) -> None:
 @inner
 def take_coordinates(rows: RowsBack, s: int, y: Array) -> None:
     """Set derivatives by the forces of a sample, and add those of the next coefficients to slips."""
-    ways, plain, nq = rows.ways[s], rows.plain, y.shape[1]
+    ways, plain, nq, B, by_forces = rows.ways[s], rows.plain, y.shape[1], rows.B, rows.by_forces[s]
     for j in range(len(y)):
         slips, given, total, forces, of_y = rows.slips[s, j], rows.given[j], rows.total[j], rows.forces[j], y[j]
         for i in range(len(ways)):
             top = direction_of(plain, i)
             for a in range(top, direction_of(plain, i + 1)):
-                push, row = 0.0, rows.B[a]
+                push = 0.0
                 if ways[i] > 1 or (ways[i] == 1 and a == top):
                     for b in range(nq):
-                        push += row[b] * of_y[b]
-                    push += rows.by_forces[s, j, a] + forces[a]
+                        push += B[a, b] * of_y[b]
+                    push += by_forces[j, a] + forces[a]
                 given[a] = total[a] = push
                 forces[a] = 0.0
         for i in range(len(ways) - plain):
@@ -221,7 +221,7 @@ def take_coordinates(rows: RowsBack, s: int, y: Array) -> None:
 @inner
 def back_over_rows(rows: RowsBack, s: int, y: Array, q: Array) -> None:
     """Go back over the forces of sample s, see `rows_back`: add derivatives by its coordinates, (k, nq), to q."""
-    nq, before, plain = y.shape[1], rows.before, rows.plain
+    nq, before, plain, B = y.shape[1], rows.before, rows.plain, rows.B
     take_coordinates(rows, s, y)
     solve_groups(rows, s)
     for j in range(len(y)):
@@ -233,13 +233,13 @@ def back_over_rows(rows: RowsBack, s: int, y: Array, q: Array) -> None:
         for a in range(nq):
             of_before[a] = 0.0
         for i in range(len(slips)):
-            slip, row = slips[i], rows.B[i]
+            slip = slips[i]
             if slip != 0.0:
                 for a in range(nq):
-                    of_q[a] += slip * row[a]
+                    of_q[a] += slip * B[i, a]
                 if i >= plain and (i - plain) % 3 > 0:
                     for a in range(nq):
-                        of_before[a] += slip * row[a]
+                        of_before[a] += slip * B[i, a]
 
 
 @inner

@@ -60,8 +60,10 @@ class Window(NamedTuple):
         Numbers of the directions of these rows.
     ways : (m, n) int8 array
         See `RowsBack`.
-    forces, before : (m, d) arrays
-        Forces, and those of the step before [N].
+    forces : (m, d) array
+        [N]
+    before : (m, 3 nf) array
+        Forces of the step before on rows with tangents [N].
     slips, after : (m, nf, 2) arrays
         How far rows slip in the step, and in the step after [m].
     slipped, speed, mu : (m, nf) arrays
@@ -92,9 +94,9 @@ class Window(NamedTuple):
         places: Array = np.r_[: self.plain, self.plain : len(self.directions) : 3]
         return places
 
-    def tangential(self, values: Array) -> Array:
-        """Tangential part of values by direction, (..., d): (..., nf, 2), a view."""
-        parts: Array = values[..., self.plain :].reshape(*values.shape[:-1], len(self.rough), 3)[..., 1:]
+    def of_rough(self, values: Array) -> Array:
+        """Values by direction, (..., d), of rows with tangents: (..., nf, 3), a view."""
+        parts: Array = values[..., self.plain :].reshape(*values.shape[:-1], len(self.rough), 3)
         return parts
 
     def weights(self, of: OnFriction) -> tuple[Array, Array]:
@@ -111,7 +113,7 @@ class Window(NamedTuple):
             for some in (numbers, numbers + 1)
         )
         forces += now * self.slips + (numbers > 0)[:, None, None] * then * self.after  # the first step has no forces
-        return forces, now * self.tangential(self.before + self.forces)
+        return forces, now * (self.before + self.forces[:, self.plain :]).reshape(m, len(self.rough), 3)[:, :, 1:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,30 +213,36 @@ class MadeRun:
 
     def blocks(self, k: int) -> list[slice]:
         """Samples in parts that take little memory with k numbers each, the last ones first."""
-        size, n = len(np.unique(self.forces.indices)) + self.B.shape[1], len(self.histories.q)
+        on = np.zeros(len(self.B), dtype=bool)
+        on[self.forces.indices] = True
+        size, n = np.count_nonzero(on) + self.B.shape[1], len(self.histories.q)
         most = max(min(_MOST, _NUMBERS // (size * k)), 1)
         return [slice(max(end - most, 0), end) for end in range(n, 0, -most)]
 
     def window(self, samples: slice) -> Window:
         """Find what rows did in some samples."""
         made, plain, begins = self.histories, self.plain, samples.start < 2
+        assert made.lam is not None
         assert made.status is not None
         some = slice(max(samples.start - 2, 0), min(samples.stop + 1, len(made.q)))
-        all_forces, status = self.forces[some].toarray(), made.status[some].toarray()
-        memory = self.memory or FrictionMemory.none(status.shape[1], len(self.laws))
-        closed = np.concatenate([(all_forces[:, :plain] > 0.0).any(axis=0), status.any(axis=0)])
-        if begins:
-            closed[plain:] |= memory.forces[:, 0] > 0.0
+        memory = self.memory or FrictionMemory.none(made.status.shape[1], len(self.laws))
+        closed = np.zeros(self.plan.contacts.n_rows, dtype=bool)
+        closed[plain:] = begins & (memory.forces[:, 0] > 0.0)
+        for part, top in ((made.lam, 0), (made.status, plain)):
+            closed[top + part.indices[part.indptr[some.start] : part.indptr[some.stop]]] = True
         rows = np.flatnonzero(closed)
         rough, directions = rows[rows >= plain] - plain, self._directions(rows)
-        forces, status, first, nf = all_forces[:, directions], status[:, rough], len(rows) - len(rough), len(rough)
-        slipped, before = (np.concatenate([values[:1], values[:-1]]) for values in (status == SLIP, forces))
+        forces, status = columns(self.forces, some, directions), columns(made.status, some, rough)
+        first, nf = len(rows) - len(rough), len(rough)
+        now, slipped = forces[:, first:], np.concatenate([status[:1], status[:-1]]) == SLIP
+        before = np.concatenate([now[:1], now[:-1]])
         if begins:  # the forces of the start are found, but no step is made
-            before[:2, first:], slipped[:2] = memory.forces[rough].ravel(), memory.slipped[rough]
+            before[:2], slipped[:2] = memory.forces[rough].ravel(), memory.slipped[rough]
         tangents = directions[first:].reshape(-1, 3)[:, 1:].ravel()
-        way = np.diff(made.q[some], axis=0, prepend=made.q[some][:1]) @ self.B[tangents].T
-        slips = way + (forces - before)[:, first:] @ self.F[np.ix_(directions[first:], tangents)]
-        slips = slips.reshape(len(forces), nf, 2) * (np.maximum(forces, before)[:, first::3, None] > 0.0)
+        places = made.q[some] @ self.B[tangents].T
+        slips = np.diff(places, axis=0, prepend=places[:1])
+        slips += (now - before) @ self.F[np.ix_(directions[first:], tangents)]
+        slips = slips.reshape(len(forces), nf, 2) * (np.maximum(now, before)[:, ::3, None] > 0.0)
         speed = np.hypot(*np.moveaxis(slips, 2, 0)) / self.steps.step
         speed = slipped * np.concatenate([speed[:1], speed[:-1]])
         if begins:
@@ -267,7 +275,7 @@ class MadeRun:
     def _margins(self, w: Window) -> Array:
         """Margins of the samples of a window, (m, 2) [N, m], the largest forces and the largest yielding, (m, 2)."""
         first, push = w.plain, w.forces[:, w.normals]
-        off, along = push.copy(), w.tangential(w.forces)
+        off, along = push.copy(), w.of_rough(w.forces)[:, :, 1:]
         slips = self._stiffness(w) * np.hypot(w.slips[:, :, 0], w.slips[:, :, 1])
         sticks = w.mu * push[:, first:] - np.hypot(along[:, :, 0], along[:, :, 1])
         for way, distance in ((STICKS, sticks), (SLIPS, slips)):
@@ -296,7 +304,7 @@ class MadeRun:
         first, d, (k, nq) = w.plain, len(w.directions), (len(forces), self.B.shape[1])
         stiffness, laws = self._stiffness(w), self._laws(w.rough)
         push = np.ascontiguousarray(w.forces[:, first::3])
-        trial = w.tangential(w.forces) - stiffness[:, None] * w.slips
+        trial = w.of_rough(w.forces)[:, :, 1:] - stiffness[:, None] * w.slips
         length = np.hypot(trial[:, :, 0], trial[:, :, 1])
         slides = (w.ways[:, first:] == SLIPS) & (length > 0.0)  # nothing moves rows whose trial force is zero
         along, share = np.zeros(trial.shape), np.zeros(length.shape)
@@ -339,21 +347,22 @@ class MadeRun:
         """
         starts = self._first(self.plan.contacts.all_starts)
         found, edges = list[Array](), np.searchsorted(w.directions, starts)
-        tangential = np.ones(len(w.directions), dtype=bool)
-        tangential[w.normals] = False
         for j, of_contact in enumerate(parts):
             here, values = slice(*edges[j : j + 2]), np.zeros((len(of_contact), slips.shape[1]))
-            own, along = w.directions[here] - starts[j], tangential[here]
+            own = w.directions[here] - starts[j]
             if of_contact and len(own):
                 products = _products(slips[:, :, here], w.forces[:, here])
-                products[:, along] -= _products(slips[:, :, here][:, :, along], w.before[:, here])  # yield by changes
+                if here.start >= w.plain:  # rows yield along the tangents by changes of forces
+                    along = np.arange(len(own)) % 3 > 0
+                    before = w.before[:, here.start - w.plain : here.stop - w.plain]
+                    products[:, along] -= _products(slips[:, :, here][:, :, along], before)
                 values[:] = [np.einsum("kij,ij->k", products, F[np.ix_(own, own)]) for F in of_contact]
             found.append(values)
         return found
 
     def _stiffness(self, w: Window) -> Array:
         """By which slips of rows are scaled to forces, (nf,) [N/m]."""
-        found: Array = np.mean(1.0 / w.tangential(self.F.diagonal()[w.directions]), axis=1)
+        found: Array = np.mean(1.0 / w.of_rough(self.F.diagonal()[w.directions])[:, 1:], axis=1)
         return found
 
     def _by_speed(self, w: Window, laws: Sequence[Coulomb | None]) -> Array:
@@ -389,6 +398,18 @@ class MadeRun:
     def _laws(self, rough: Array) -> list[Coulomb | None]:
         """Laws of some rows with tangents."""
         return [self.laws[contact] for contact in self._frictional_contacts(rough)]
+
+
+def columns(matrix: sp.csr_matrix, lines: slice, some: Array) -> Array:
+    """Some columns of some lines of a sparse matrix, as an array."""
+    begin, end = matrix.indptr[lines.start], matrix.indptr[lines.stop]
+    places, found = np.full(matrix.shape[1], -1), np.zeros((lines.stop - lines.start, len(some)), matrix.dtype)
+    places[some] = np.arange(len(some))
+    numbers = np.repeat(np.arange(len(found)), np.diff(matrix.indptr[lines.start : lines.stop + 1]))
+    at = places[matrix.indices[begin:end]]
+    there = at >= 0
+    found[numbers[there], at[there]] = matrix.data[begin:end][there]
+    return found
 
 
 def _products(slips: Array, forces: Array) -> Array:
