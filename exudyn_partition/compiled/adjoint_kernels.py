@@ -1,22 +1,23 @@
-"""Compiled pass back over the samples of a run; `loops.go_back` and `friction_back` do the same by NumPy."""
+"""Compiled pass back over the samples of a run; `loops.go_back` and `rows_back` do the same by NumPy."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba.experimental import structref
 
 from ..support.arrays import Array
-from ..support.compiled import compiled, external, inner, unlocked
+from ..support.compiled import compiled, inlined, inner, unlocked
 from ..support.struct_kernels import StructType
+from .rows_back import RowsBack
 
 if TYPE_CHECKING:
     from .loops import Adjoint
     from .plan import Bodies
 
-OPEN, STICK, SLIP = 0, 1, 2
-_dgetrf = external("cython_lapack", "dgetrf", 6)
+SLIPS = 2  # see `rows_back`
+WHOLE, ALONG, ACROSS = 0, 1, 2  # a direction of a row, or with and across the tangential force on one that slips
 
 
 @structref.register
@@ -25,237 +26,257 @@ class BackType(StructType):
 
 
 class Back(structref.StructRefProxy):
-    """A `FrictionBack` as one object, with room.
-
-    `given` and `total`, (k, 3 n), are derivatives by forces, without and with those by slips; `factors` and `pivots`
-    those of the Jacobian of each group; `before`, (nq, k), derivatives by the coordinates of the sample before.
-    """
-
-    status: Array
-    mu: Array
-    push: Array
-    along: Array
-    across: Array
-    yielding: Array
-    F: Array
-    B: Array
-    groups: Array
-    by_forces: Array
-    by_speed: Array
-    slips: Array
-    by_mu: Array
-    forces: Array
-    mu_next: Array
-    given: Array
-    total: Array
-    factors: Array
-    pivots: Array
-    before: Array
+    """A `RowsBack` as one object."""
 
 
-structref.define_proxy(Back, BackType, [*Back.__annotations__])  # type: ignore[no-untyped-call]
+structref.define_proxy(Back, BackType, [*RowsBack._fields])  # type: ignore[no-untyped-call]
 
 
 @compiled
-def back_of(*fields: Array) -> Back:
+def back_of(*fields: Any) -> Back:
     """Make one of its fields; unlike its own constructor, this is kept on disk."""
     return Back(*fields)  # type: ignore[no-untyped-call]
 
 
+@inlined
+def direction_of(plain: int, row: int) -> int:
+    """First direction of a row; so many rows before have one, the others three."""
+    return row if row < plain else 3 * row - 2 * plain
+
+
+@inlined
+def along_way(rows: RowsBack, s: int, change: Array, values: Array) -> float:
+    """What values by direction, (d,), are along a way in which forces may change."""
+    top, kind, i = change[0], change[1], change[2]
+    value: float = values[top]
+    if kind == WHOLE:
+        return value
+    d1, d2 = rows.along[s, i, 0], rows.along[s, i, 1]
+    turned: float = d1 * values[top + 1] + d2 * values[top + 2]
+    across: float = d1 * values[top + 2] - d2 * values[top + 1]
+    return across if kind == ACROSS else value + rows.mu[s, i] * turned
+
+
 @inner
-def set_jacobian(rows: Back, s: int, first: int, end: int, J: Array) -> None:
-    """Set how the rows of a group move as their forces change, (m, m), see `friction_back`."""
-    m, status, F, t, line = len(J), rows.status[s], rows.F, np.empty((3, len(J))), 0
-    mu, along, across, yielding = rows.mu[s], rows.along[s], rows.across[s], rows.yielding[s]
-    for i in range(first, end):
-        if status[i] == OPEN:
+def list_changes(rows: RowsBack, s: int, first: int, end: int, changes: Array) -> tuple[int, int, int]:
+    """List the ways in which forces on the rows of a group may change; the list has those of the sample after.
+
+    Return the number of those that are the same at the sample after, those without slipping rows, and all.
+    """
+    m, kept, later = 0, 0, s + 1
+    same = later < len(rows.ways)
+    for p in range(first, end):
+        i = rows.order[p]
+        ways = 0 if rows.ways[s, i] == SLIPS else rows.ways[s, i]
+        same = same and ways == (0 if rows.ways[later, i] == SLIPS else rows.ways[later, i])
+        if same:
+            m += ways
+            kept = m
             continue
-        for a in range(3):
-            of_F, place = F[3 * i + a], 0
-            for j in range(first, end):
-                u, v, w = of_F[3 * j], of_F[3 * j + 1], of_F[3 * j + 2]
-                if status[j] == STICK:
-                    t[a, place], t[a, place + 1], t[a, place + 2] = u, v, w
-                    place += 3
-                elif status[j] == SLIP:
-                    d1, d2 = along[j, 0], along[j, 1]
-                    t[a, place], t[a, place + 1] = u + mu[j] * (d1 * v + d2 * w), d1 * w - d2 * v
-                    place += 2
-        slips, d1, d2 = status[i] == SLIP, across[i] * along[i, 0], across[i] * along[i, 1]
-        for j in range(m):
-            J[line, j], J[line + 1, j] = t[0, j], d1 * t[2, j] - d2 * t[1, j] if slips else t[1, j]
-            if not slips:
-                J[line + 2, j] = t[2, j]
-        if slips:
-            J[line + 1, line + 1] += yielding[i]
-        line += 2 if slips else 3
+        for a in range(ways):
+            changes[m, 0], changes[m, 1], changes[m, 2] = direction_of(rows.plain, i) + a, WHOLE, 0
+            m += 1
+    stuck = m
+    for p in range(first, end):
+        i = rows.order[p]
+        if rows.ways[s, i] == SLIPS:
+            for kind in (ALONG, ACROSS):
+                changes[m, 0], changes[m, 1], changes[m, 2] = direction_of(rows.plain, i), kind, i - rows.plain
+                m += 1
+    return kept, stuck, m
+
+
+@inner
+def set_jacobian(rows: RowsBack, s: int, changes: Array, m: int, J: Array, kept: int) -> None:
+    """Set how rows move as their forces change, m times m, see `rows_back`, but for what is kept of its factors."""
+    F = rows.F
+    for u in range(m):
+        top, kind, i = changes[u, 0], changes[u, 1], changes[u, 2]
+        for v in range(kept if u < kept else 0, m):
+            if kind == ACROSS:
+                d1, d2 = rows.across[s, i] * rows.along[s, i, 0], rows.across[s, i] * rows.along[s, i, 1]
+                J[u, v] = d1 * along_way(rows, s, changes[v], F[top + 2])
+                J[u, v] -= d2 * along_way(rows, s, changes[v], F[top + 1])
+            else:
+                J[u, v] = along_way(rows, s, changes[v], F[top])
+        if kind == ACROSS:
+            J[u, u] += rows.yielding[s, i]
+
+
+@inner
+def factorise(J: Array, m: int, pivots: Array, kept: int, stuck: int) -> None:
+    """Replace J, m times m, by its factors, line by line; so many first lines and columns are kept of its last ones.
+
+    The flexibility of rows that do not slip is positive definite and needs no pivots. They follow in its columns.
+    """
+    for u in range(m):
+        first = kept if u < kept else 0
+        for k in range(u):
+            if u >= kept:
+                J[u, k] /= J[k, k]
+            share = J[u, k]
+            for v in range(max(k + 1, first), m):
+                J[u, v] -= share * J[k, v]
+        best = u
+        for v in range(u + 1 if u >= stuck else m, m):
+            if abs(J[u, v]) > abs(J[u, best]):
+                best = v
+        pivots[u] = best
+        if best != u:
+            for i in range(m):
+                J[i, u], J[i, best] = J[i, best], J[i, u]
 
 
 @inner
 def solve_transposed(J: Array, pivots: Array, x: Array) -> None:
-    """Solve J' x = x by LAPACK's factors of J'."""
-    m = len(J)
+    """Solve J' x = x, (m,), by the factors of J."""
+    m = len(x)
     for i in range(m):
-        x[i], x[pivots[i] - 1] = x[pivots[i] - 1], x[i]
+        x[i], x[pivots[i]] = x[pivots[i]], x[i]
     for i in range(m):
-        push, column = x[i], J[i]
+        x[i] /= J[i, i]
+        push = x[i]
         for a in range(i + 1, m):
-            x[a] -= column[a] * push
+            x[a] -= J[i, a] * push
     for i in range(m - 1, -1, -1):
-        column = J[i]
-        x[i] /= column[i]
         push = x[i]
         for a in range(i):
-            x[a] -= column[a] * push
+            x[a] -= J[i, a] * push
 
 
 @inner
-def solve_group(rows: Back, s: int, first: int, end: int, J: Array, pivots: Array, kept: bool) -> None:
-    """Take what the forces of a group do from the slips; `rows.total`, (k, 3 n), are the derivatives by the forces."""
-    m, status, mu, along, across = len(J), rows.status[s], rows.mu[s], rows.along[s], rows.across[s]
-    if not kept:
-        set_jacobian(rows, s, first, end, J)
-        numbers = np.array([m, 0], np.int32)
-        size = numbers.ctypes.data
-        _dgetrf(size, size, J.ctypes.data, size, pivots.ctypes.data, size + numbers.itemsize)
-        pivots[0] -= numbers[1] > m  # which never is; the array must live until here
-    x = np.empty(m)
+def solve_group(rows: RowsBack, s: int, changes: Array, J: Array, pivots: Array, x: Array) -> None:
+    """Take what the forces of a group do from the slips; `rows.total`, (k, d), are the derivatives by the forces."""
     for j in range(len(rows.total)):
-        place, given, slips = 0, rows.total[j], rows.slips[s, j]
-        for i in range(first, end):
-            u, v, w = given[3 * i], given[3 * i + 1], given[3 * i + 2]
-            if status[i] == STICK:
-                x[place], x[place + 1], x[place + 2] = u, v, w
-                place += 3
-            elif status[i] == SLIP:
-                d1, d2 = along[i, 0], along[i, 1]
-                x[place], x[place + 1] = u + mu[i] * (d1 * v + d2 * w), d1 * w - d2 * v
-                place += 2
+        given, slips = rows.total[j], rows.slips[s, j]
+        for u in range(len(x)):
+            x[u] = along_way(rows, s, changes[u], given)
         solve_transposed(J, pivots, x)
-        place = 0
-        for i in range(first, end):
-            if status[i] == STICK:
-                for a in range(3):
-                    slips[3 * i + a] -= x[place + a]
-                place += 3
-            elif status[i] == SLIP:
-                share = across[i] * x[place + 1]
-                slips[3 * i] -= x[place]
-                slips[3 * i + 1] += share * along[i, 1]
-                slips[3 * i + 2] -= share * along[i, 0]
-                place += 2
+        for u in range(len(x)):
+            top, kind, i = changes[u, 0], changes[u, 1], changes[u, 2]
+            if kind == ACROSS:
+                share = rows.across[s, i] * x[u]
+                slips[top + 1] += share * rows.along[s, i, 1]
+                slips[top + 2] -= share * rows.along[s, i, 0]
+            else:
+                slips[top] -= x[u]
 
 
 @inner
-def add_moved(rows: Back, s: int, first: int, end: int, given: Array, sign: float, normals: bool) -> None:
-    """Add the flexibility of a group times the slips of a sample to what is given, (k, 3 n)."""
+def add_moved(rows: RowsBack, s: int, first: int, end: int, given: Array, sign: float, normals: bool) -> None:
+    """Add the flexibility of a group's directions times the slips of a sample to what is given, (k, d)."""
     F = rows.F
     for j in range(len(given)):
         slips, to = rows.slips[s, j], given[j]
-        for i in range(3 * first, 3 * end):
-            slip, column = sign * slips[i], F[i]
-            if slip != 0.0 and (normals or i % 3 > 0):
-                for a in range(3 * first, 3 * end):
-                    to[a] += slip * column[a]
-
-
-@inner
-def solve_groups(rows: Back, s: int) -> None:
-    """Set slips of a sample and what they leave to the sample before. Jacobians are kept while the same rows stick."""
-    n, after = rows.status.shape[1], min(s + 1, len(rows.status) - 1)
-    for g in range(len(rows.groups) - 1):
-        first, end, m, kept = rows.groups[g], rows.groups[g + 1], 0, s < after
         for i in range(first, end):
-            m += 3 if rows.status[s, i] == STICK else 2 if rows.status[s, i] == SLIP else 0
-            kept = kept and rows.status[s, i] != SLIP and rows.status[s, i] == rows.status[after, i]
-        add_moved(rows, s, first, end, rows.total, 1.0, True)
+            slip = sign * slips[i]
+            if slip != 0.0 and (normals or (i - first) % 3 > 0):
+                for a in range(first, end):
+                    to[a] += slip * F[i, a]
+
+
+@inner
+def solve_groups(rows: RowsBack, s: int) -> None:
+    """Set slips of a sample and what they leave to the sample before. Factors are kept of rows that stay closed."""
+    plain, d, factors, room = rows.plain, len(rows.F), rows.factors, np.empty(len(rows.F))
+    for g in range(len(rows.groups) - 1):
+        first, end = rows.groups[g], rows.groups[g + 1]
+        top, last = direction_of(plain, first), direction_of(plain, end)
+        if first >= plain:
+            add_moved(rows, s, top, last, rows.total, 1.0, True)
+        changes = rows.changes[top:last]
+        kept, stuck, m = list_changes(rows, s, first, end, changes)
         if m > 0:
-            J = rows.factors[9 * first * n :][: m * m].reshape(m, m)
-            solve_group(rows, s, first, end, J, rows.pivots[3 * first :], kept)
-        add_moved(rows, s, first, end, rows.given, 1.0, True)
-        add_moved(rows, s, first, end, rows.forces, -1.0, False)
+            J, pivots = factors[top * d :][: (last - top) ** 2].reshape(last - top, last - top), rows.pivots[top:last]
+            if kept < m:
+                set_jacobian(rows, s, changes, m, J, kept)
+                factorise(J, m, pivots, kept, stuck)
+            solve_group(rows, s, changes, J, pivots, room[:m])
+        if first >= plain:
+            add_moved(rows, s, top, last, rows.given, 1.0, True)
+            add_moved(rows, s, top, last, rows.forces, -1.0, False)
 
 
 @inner
-def take_coordinates(rows: Back, s: int, y: Array) -> None:
+def take_coordinates(rows: RowsBack, s: int, y: Array) -> None:
     """Set derivatives by the forces of a sample, and add those of the next coefficients to slips."""
-    status, nq = rows.status[s], len(y)
-    for j in range(len(rows.given)):
-        slips, given, total, forces = rows.slips[s, j], rows.given[j], rows.total[j], rows.forces[j]
-        for i in range(len(given)):
-            row, push = rows.B[i], 0.0
-            if status[i // 3] != OPEN:
-                push = rows.by_forces[s, j, i] + forces[i]
-                for a in range(nq):
-                    push += row[a] * y[a, j]
-            given[i] = total[i] = push
-            forces[i] = 0.0
-        for i in range(len(status)):
+    ways, plain, nq, B, by_forces = rows.ways[s], rows.plain, y.shape[1], rows.B, rows.by_forces[s]
+    for j in range(len(y)):
+        slips, given, total, forces, of_y = rows.slips[s, j], rows.given[j], rows.total[j], rows.forces[j], y[j]
+        for i in range(len(ways)):
+            top = direction_of(plain, i)
+            for a in range(top, direction_of(plain, i + 1)):
+                push = 0.0
+                if ways[i] > 1 or (ways[i] == 1 and a == top):
+                    for b in range(nq):
+                        push += B[a, b] * of_y[b]
+                    push += by_forces[j, a] + forces[a]
+                given[a] = total[a] = push
+                forces[a] = 0.0
+        for i in range(len(ways) - plain):
             for a in range(2):
-                slips[3 * i + 1 + a] += rows.mu_next[j, i] * rows.by_speed[s, i, a]
+                slips[plain + 3 * i + 1 + a] += rows.mu_next[j, i] * rows.by_speed[s, i, a]
 
 
 @inner
-def back_over_rows(rows: Back, s: int, y: Array, q: Array) -> None:
-    """Go back over the forces of sample s, see `friction_back`: add derivatives by its coordinates, (nq, k), to q."""
-    nq, before = len(y), rows.before
+def back_over_rows(rows: RowsBack, s: int, y: Array, q: Array) -> None:
+    """Go back over the forces of sample s, see `rows_back`: add derivatives by its coordinates, (k, nq), to q."""
+    nq, before, plain, B = y.shape[1], rows.before, rows.plain, rows.B
     take_coordinates(rows, s, y)
     solve_groups(rows, s)
-    for j in range(len(rows.given)):
-        given, slips = rows.given[j], rows.slips[s, j]
+    for j in range(len(y)):
+        given, slips, of_q, of_before = rows.given[j], rows.slips[s, j], q[j], before[j]
         for i in range(rows.mu_next.shape[1]):
-            turned = given[3 * i + 1] * rows.along[s, i, 0] + given[3 * i + 2] * rows.along[s, i, 1]
+            top = plain + 3 * i
+            turned = given[top + 1] * rows.along[s, i, 0] + given[top + 2] * rows.along[s, i, 1]
             rows.by_mu[s, j, i] = rows.mu_next[j, i] = rows.push[s, i] * turned
         for a in range(nq):
-            before[a, j] = 0.0
+            of_before[a] = 0.0
         for i in range(len(slips)):
-            slip, row = slips[i], rows.B[i]
+            slip = slips[i]
             if slip != 0.0:
                 for a in range(nq):
-                    q[a, j] += slip * row[a]
-                    if i % 3 > 0:
-                        before[a, j] += slip * row[a]
+                    of_q[a] += slip * B[i, a]
+                if i >= plain and (i - plain) % 3 > 0:
+                    for a in range(nq):
+                        of_before[a] += slip * B[i, a]
+
+
+@inner
+def forget_later(rows: RowsBack) -> None:
+    """Forget what the samples after leave: the first step goes on from the memory of the start."""
+    for j in range(len(rows.forces)):
+        for i in range(rows.forces.shape[1]):
+            rows.forces[j, i] = 0.0
+        for i in range(rows.mu_next.shape[1]):
+            rows.mu_next[j, i] = 0.0
 
 
 @unlocked
 def go_back(
-    bodies: Bodies,
-    by_rows: Array,
-    by_q: Array,
-    by_v: Array,
-    h: float,
-    starts: bool,
-    adjoint: Adjoint,
-    rows: Back | None,
-    y: Array,
+    bodies: Bodies, by_q: Array, by_v: Array, h: float, first: int, adjoint: Adjoint, rows: RowsBack | None, y: Array
 ) -> None:
-    """Go back over the samples of a block, see `loops.go_back`. Without friction its part is not compiled."""
+    """Go back over the samples of a block, see `loops.go_back`. Without closed rows their part is not compiled."""
     q, u, v = adjoint.q, adjoint.u, adjoint.v
-    n, k = q.shape
+    k, n = q.shape
     for s in range(len(y) - 1, -1, -1):
-        begins = starts and s == 0
-        for i in range(n):
-            share = 0.5 * h / bodies.mass[i]
-            for j in range(k):
-                v[i, j] += by_v[s, i, j]
-                y[s, i, j] = share * (u[i, j] if begins else u[i, j] + v[i, j])
-        for i in range(n):
-            for j in range(k):
-                q[i, j] += by_q[s, i, j] - bodies.stiffness[i] * y[s, i, j]
-        for i in range(len(by_rows)):
-            for m in range(n):
-                factor = by_rows[i, m]
-                for j in range(k):
-                    q[i, j] -= factor * y[s, m, j]
+        begins = first + s == 0
+        for j in range(k):
+            for i in range(n):
+                v[j, i] += by_v[s, j, i]
+                y[s, j, i] = 0.5 * h / bodies.mass[i] * (u[j, i] if begins else u[j, i] + v[j, i])
+                q[j, i] += by_q[s, j, i] - bodies.stiffness[i] * y[s, j, i]
         if rows is not None:
             back_over_rows(rows, s, y[s], q)
-        for i in range(n):
-            for j in range(k):
-                v[i, j] -= bodies.damping[i] * y[s, i, j]
-                if not begins:
-                    v[i, j] += h * q[i, j]
-                    u[i, j] = v[i, j]
-        if rows is not None:
+        for j in range(k):
             for i in range(n):
-                for j in range(k):
-                    q[i, j] -= rows.before[i, j]
+                v[j, i] -= bodies.damping[i] * y[s, j, i]
+                if not begins:
+                    v[j, i] += h * q[j, i]
+                    u[j, i] = v[j, i]
+        if rows is not None:
+            for j in range(k):
+                for i in range(n):
+                    q[j, i] -= rows.before[j, i]
+            if first + s == 1:
+                forget_later(rows)

@@ -19,13 +19,13 @@ from ..contact.loops import evaluate_frozen, flat_contacts
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..support.compiled import kernels
-from .friction_back import FrictionBack, back_over_rows
 from .friction_plan import CHOICES, N_FRICTION, FlatFrictionRows, FrictionPlan, FrictionState
 from .friction_steps import FrictionSteps
 from .moving import Anchors, MovingPlan
 from .pair_rows import FOLLOWING, PairRows
 from .plain_moving import PlainMoving
 from .plan import Bodies, FrozenPlan, Motion, StepPlan
+from .rows_back import RowsBack, back_over_rows
 from .start import Start
 
 N_VALUES = 6  # of each contact, see `frozen.FrozenContacts`
@@ -643,7 +643,7 @@ class Adjoint(NamedTuple):
 
     Parameters
     ----------
-    q, u, v : (nq, k) arrays
+    q, u, v : (k, nq) arrays
         Of coordinates, of velocities in the middle of the step after the sample, and of velocities.
     """
 
@@ -653,63 +653,46 @@ class Adjoint(NamedTuple):
 
 
 def go_back(
-    bodies: Bodies,
-    by_rows: Array,
-    by_q: Array,
-    by_v: Array,
-    h: float,
-    starts: bool,
-    adjoint: Adjoint,
-    rows: FrictionBack | None = None,
+    bodies: Bodies, by_q: Array, by_v: Array, h: float, first: int, adjoint: Adjoint, rows: RowsBack | None
 ) -> Array:
-    """Go back over the m samples of a block in which the same rows are closed.
+    """Go back over m samples.
 
     Parameters
     ----------
     bodies : Bodies
-    by_rows : (nq, nq) array
-        Stiffness of the closed rows without friction; (0, nq) without such rows.
-    by_q, by_v : (m, nq, k) arrays
+    by_q, by_v : (m, k, nq) arrays
         Derivatives of the numbers by coordinates and velocities at the samples.
     h : float
         Step [s].
-    starts : bool
-        Whether the first sample of the block is that of the start.
+    first : int
+        Number of the first of these samples, 0 for the start of the run.
     adjoint : Adjoint
-    rows : FrictionBack, optional
-        Closed rows with friction; their slips and what comes from coefficients are set.
+    rows : RowsBack or None
+        Closed rows; their slips and what comes from coefficients are set.
 
     Returns
     -------
-    (m, nq, k) array
+    (m, k, nq) array
         Adjoint of the accelerations over the masses, at all samples.
     """
     by_q, by_v = np.ascontiguousarray(by_q), np.ascontiguousarray(by_v)  # loops are compiled for each order
     y = np.empty_like(by_q)
     if loops := kernels("compiled", "adjoint_kernels"):
-        loops.go_back(bodies, by_rows, by_q, by_v, h, starts, adjoint, rows and _for_loops(loops, rows, y), y)
+        loops.go_back(bodies, by_q, by_v, h, first, adjoint, rows and loops.back_of(*rows), y)
         return y
-    share, stiffness, damping = 0.5 * h / bodies.mass[:, None], bodies.stiffness[:, None], bodies.damping[:, None]
     q, u, v = adjoint
     for s in range(len(y) - 1, -1, -1):
-        begins = starts and s == 0
+        begins = first + s == 0
         v += by_v[s]
-        y[s] = share * (u if begins else u + v)
-        q += by_q[s] - stiffness * y[s]
-        if len(by_rows):
-            q -= by_rows @ y[s]
+        y[s] = 0.5 * h / bodies.mass * (u if begins else u + v)
+        q += by_q[s] - bodies.stiffness * y[s]
         along, before = (0.0, 0.0) if rows is None else back_over_rows(rows, s, y[s])
         q += along
-        v -= damping * y[s]
+        v -= bodies.damping * y[s]
         if not begins:
             v += h * q
             u[:] = v
         q -= before
+        if rows is not None and first + s == 1:  # the first step goes on from the memory of the start
+            rows.forces[:], rows.mu_next[:] = 0.0, 0.0
     return y
-
-
-def _for_loops(loops: Any, rows: FrictionBack, y: Array) -> Any:
-    """Rows with friction as compiled loops take them."""
-    size, (_, nq, k) = len(rows.F), y.shape
-    room = np.empty((k, size)), np.empty((k, size)), np.empty(size * size), np.empty(size, dtype=np.int32)
-    return loops.back_of(*rows, *room, np.empty((nq, k)))

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from ..compiled.adjoint import OneNumber, Sums, Weights, row_jacobian, row_starts
-from ..compiled.friction_adjoint import FrictionMade, OnFriction
-from ..compiled.plan import Bodies, StepPlan
-from ..compiled.run import EqualSteps, Histories
+from ..compiled.adjoint import OneNumber, Sums, Weights
+from ..compiled.made_run import MadeRun, OnFriction
+from ..compiled.plan import Bodies
+from ..compiled.run import Histories
 from ..errors import InputError
 from ..results.impacts import closed_spans
 from ..support.arrays import Array
@@ -33,7 +33,7 @@ class Number:
     explicit: Bodies | None = None
 
 
-def number_of_contact(of: str, j: int, plan: StepPlan, steps: EqualSteps, made: Histories) -> Number:
+def number_of_contact(of: str, j: int, run: MadeRun) -> Number:
     """Number of contact j.
 
     Raises
@@ -41,17 +41,18 @@ def number_of_contact(of: str, j: int, plan: StepPlan, steps: EqualSteps, made: 
     InputError
         If it never closes, or its duration is not known.
     """
+    made, contacts = run.histories, run.plan.contacts
     assert made.lam is not None
-    force, h, (n, nq) = made.values[:, j, 0], steps.step, made.q.shape
-    rows, nothing = slice(*plan.contacts.all_starts[j : j + 2]), np.zeros((n, nq))
+    force, h, (n, nq) = made.values[:, j, 0], run.steps.step, made.q.shape
+    rows, nothing = slice(*contacts.all_starts[j : j + 2]), np.zeros((n, nq))
     if not force.any():
-        raise InputError(f"at: contact {plan.contacts.names[j]!r} never closes in this run")
+        raise InputError(f"at: contact {contacts.all_names[j]!r} never closes in this run")
     on_samples = _of_impulse(n, h)
     if of == "peak_force":
         on_samples = np.zeros(n)
         on_samples[force.argmax()] = 1.0
     elif of == "duration":
-        value, by_q = _duration(j, plan, steps, made)
+        value, by_q = _duration(j, run)
         return Number(np.array([value]), OneNumber(sp.csr_matrix(made.lam.shape), by_q, np.zeros(nq)))
     closed = made.lam.copy()
     there = (closed.indices >= rows.start) & (closed.indices < rows.stop)
@@ -66,23 +67,23 @@ def _of_impulse(n: int, step: float) -> Array:
     return weights
 
 
-def number_of_friction(
-    of: str, contact: int, direction: Array, steps: EqualSteps, made: Histories, friction: FrictionMade
-) -> Number:
-    """Number of a contact with friction, the place of which is among these.
+def number_of_friction(of: str, contact: int, direction: Array, run: MadeRun) -> Number:
+    """Number of a contact with friction, the place of which is among those with tangents.
 
     Raises
     ------
     InputError
         If the contact has no friction, or the direction is that of its normals.
     """
-    plan, (n, nq) = friction.plan, made.q.shape
+    plan, made = run.plan.contacts.friction, run.histories
+    assert plan is not None
+    n, nq = made.q.shape
     if plan.laws[contact] is None:
         raise InputError(f"at: for {of!r} expected a contact with friction, got {plan.names[contact]!r} without")
     rows, samples, along = slice(*plan.rows.starts[contact : contact + 2]), np.zeros(n), np.zeros((plan.n_rows, 2))
     taken, closed = np.zeros(plan.n_rows, dtype=bool), made.values[:, contact - len(plan.names), 1] > 0.0
     if of == "friction_impulse":
-        samples, along[rows] = _of_impulse(n, steps.step), plan.tangents[rows] @ direction
+        samples, along[rows] = _of_impulse(n, run.steps.step), plan.tangents[rows] @ direction
         if abs(along).max(initial=0.0) < 1e-6 * np.linalg.norm(direction):
             raise InputError(
                 f"direction: expected one along the surfaces of contact {plan.names[contact]!r} for {of!r}, got "
@@ -96,38 +97,40 @@ def number_of_friction(
     return Number(np.array([value]), OneNumber(nothing, np.zeros((n, nq)), np.zeros(nq), weighted))
 
 
-def _duration(j: int, plan: StepPlan, steps: EqualSteps, made: Histories) -> tuple[float, Array]:
+def _duration(j: int, run: MadeRun) -> tuple[float, Array]:
     """Time in contact [s], and its derivatives by the coordinates of all samples, (n, nq)."""
-    if plan.contacts.move_each_other:
+    made, contacts, h = run.histories, run.plan.contacts, run.steps.step
+    if contacts.move_each_other:
         raise InputError("of: 'duration' is not known where contacts move each other; take another number")
-    rows, (n, nq) = slice(*plan.contacts.all_starts[j : j + 2]), made.q.shape
-    H, by_q, total = row_jacobian(plan.contacts, nq)[rows], np.zeros((n, nq)), 0.0
-    start_gaps = row_starts(plan.contacts)[rows]
+    rows, (n, nq) = slice(*contacts.all_starts[j : j + 2]), made.q.shape
+    H, by_q, total = run.B[run.normals[rows]], np.zeros((n, nq)), 0.0
+    start_gaps = run.gap_starts[rows]
 
     def crossing(inside: int, outside: int, sign: float) -> float:
         if not 0 <= outside < n:
-            return sign * inside * steps.step
+            return sign * inside * h
         gaps = [start_gaps + H @ made.q[s] for s in (inside, outside)]
         row_in, row_out = (int(gap.argmin()) for gap in gaps)
         g_in, g_out = float(gaps[0][row_in]), float(gaps[1][row_out])
-        way, slope = (outside - inside) * steps.step, (g_in - g_out) ** 2
+        way, slope = (outside - inside) * h, (g_in - g_out) ** 2
         by_q[inside] -= sign * way * g_out / slope * H[row_in]
         by_q[outside] += sign * way * g_in / slope * H[row_out]
-        return sign * (inside * steps.step + way * g_in / (g_in - g_out))
+        return sign * (inside * h + way * g_in / (g_in - g_out))
 
     for first, last in closed_spans(made.values[:, j, 0]):
         total += crossing(last, last + 1, 1.0) + crossing(first, first - 1, -1.0)
     return total, by_q
 
 
-def energy_of_body(dofs: Array, plan: StepPlan, made: Histories) -> Number:
+def energy_of_body(dofs: Array, run: MadeRun) -> Number:
     """Kinetic and strain energy at the end of a body with these coordinates [J]."""
+    made, bodies = run.histories, run.plan.bodies
     assert made.lam is not None
     (n, nq), q, v = made.q.shape, made.q[-1], made.v[-1]
     by_q, by_v, mass, stiffness = np.zeros((n, nq)), *np.zeros((3, nq))
     mass[dofs], stiffness[dofs] = 0.5 * v[dofs] ** 2, 0.5 * q[dofs] ** 2
-    by_v[dofs], by_q[-1, dofs] = (plan.bodies.mass * v)[dofs], (plan.bodies.stiffness * q)[dofs]
-    value = float(plan.bodies.mass @ mass + plan.bodies.stiffness @ stiffness)
+    by_v[dofs], by_q[-1, dofs] = (bodies.mass * v)[dofs], (bodies.stiffness * q)[dofs]
+    value = float(bodies.mass @ mass + bodies.stiffness @ stiffness)
     weights = OneNumber(sp.csr_matrix(made.lam.shape), by_q, by_v)
     return Number(np.array([value]), weights, Bodies(mass, stiffness, np.zeros(nq), np.zeros(nq)))
 

@@ -12,16 +12,8 @@ import scipy.sparse as sp
 
 from ..algebra.blas_threads import one_blas_thread
 from ..algebra.complementarity import regularised
-from ..compiled.adjoint import (
-    Derivatives,
-    backwards,
-    flexibility_between,
-    friction_made,
-    friction_margins,
-    row_jacobian,
-    set_changes,
-)
-from ..compiled.friction_adjoint import FrictionMade
+from ..compiled.adjoint import Derivatives, backwards
+from ..compiled.made_run import MadeRun
 from ..compiled.plan import StepPlan
 from ..compiled.run import EqualSteps, Histories, run
 from ..compiled.start import Start
@@ -187,21 +179,20 @@ def sensitivity(
     _check_adjoint(model, plan)
     steps, start = EqualSteps(model.times.step, model.times.steps), model.entries.start(0)
     with one_blas_thread():
-        plan, made = _run(plan, start, steps)
-        friction = None if plan.contacts.friction is None else friction_made(plan, steps, made, start.friction)
+        plan, histories = _run(plan, start, steps)
+        made = MadeRun(plan, steps, histories, start.friction)
         if isinstance(at, PartitionContact):
             place = model.contacts.index(at)
-            if of in OF_FRICTION and friction is not None:
+            if of in OF_FRICTION:
                 along = np.asarray(direction, dtype=float)
-                number = number_of_friction(of, place - len(plan.contacts.names), along, steps, made, friction)
+                number = number_of_friction(of, place - len(plan.contacts.names), along, made)
             else:
-                number = number_of_contact(of, place, plan, steps, made)
+                number = number_of_contact(of, place, made)
         elif history is None:
-            number = energy_of_body(model.places[at], plan, made)
+            number = energy_of_body(model.places[at], made)
         else:
-            number = history.number(model.places[at], steps, made)
-        found = backwards(plan, steps, made, number.weights, _parts(plan, model), friction)
-        changes, margins = _edges(plan, made, friction)
+            number = history.number(model.places[at], steps, histories)
+        found, margins = backwards(made, number.weights, _parts(plan, model)), made.margins
     derivatives = _Derivatives(model, plan, found, number)
     single = history is None or history.times is None
     found_by: dict[PartitionBody | PartitionContact, dict[str, Array]] = {item: derivatives.by(item) for item in bodies}
@@ -210,7 +201,7 @@ def sensitivity(
             found_by[contact] = derivatives.by_friction(place)
     by = {item: {name: _shown(value, single) for name, value in of_item.items()} for item, of_item in found_by.items()}
     edges, margin = int(np.count_nonzero(margins < _EDGE)), float(margins.min(initial=np.inf))
-    return Sensitivity(of, _shown(number.values, single), by, steps.count, changes, edges, margin)
+    return Sensitivity(of, _shown(number.values, single), by, steps.count, made.changes, edges, margin)
 
 
 def _check_friction(of: str, at: PartitionContact | PartitionBody) -> None:
@@ -348,25 +339,6 @@ def _parts(plan: StepPlan, model: VariedModel) -> list[list[Array]]:
     ]
 
 
-def _edges(plan: StepPlan, made: Histories, friction: FrictionMade | None) -> tuple[int, Array]:
-    """Steps in which the status of rows changes, and the least margin of rows to another status, (n,).
-
-    It is a share of the largest force on a row, or of the largest yielding.
-    """
-    assert made.lam is not None
-    rows, n = plan.contacts.rows, len(plan.contacts.rows.start)
-    lam, H = made.lam[:, :n], row_jacobian(plan.contacts, made.q.shape[1])[:n]
-    forces, yielding = lam.toarray(), lam @ flexibility_between(plan.contacts, np.arange(n))
-    gaps = abs(made.q @ H.T + rows.start + yielding)
-    largest, farthest = max(forces.max(initial=0.0), 1e-300), max(abs(yielding).max(initial=0.0), 1e-300)
-    margins = np.where(forces > 0.0, forces / largest, gaps / farthest).min(axis=1, initial=np.inf)
-    changes = {*set_changes(lam).tolist()}
-    if friction is not None:
-        margins = np.minimum(margins, friction_margins(friction))
-        changes |= {*set_changes(friction.status).tolist(), *set_changes(friction.slipping).tolist()}
-    return len(changes), margins
-
-
 class _Derivatives:
     """Derivatives of k numbers by what `run_many` varies.
 
@@ -387,14 +359,14 @@ class _Derivatives:
         model, found, dofs = self._model, self._found, self._model.places[item]
         rigid, kinematics, values = item.body.rigid, item.kinematics, model.variations
         E, rho = (values.factor(item, name, 0) for name in ("E", "rho"))
-        damping, load = found.bodies.damping[dofs].T, found.bodies.load[dofs].T
+        damping, load = found.bodies.damping[:, dofs], found.bodies.load[:, dofs]
         by_ratios = math.sqrt(E * rho) * damping[:, 6:] * model.entries.of_ratio_one[item][6:]
         gravity, ratio = values.of(item, "gravity", 0), values.of(item, "damping", 0)
         of_each_mode = isinstance(item.ratios, Sequence | np.ndarray) if ratio is None else ratio.ndim
         result = {
-            "initialVelocity": found.v[dofs].T @ rigid[:, :3],
-            "initialAngularVelocity": found.v[dofs].T @ rigid[:, 3:],
-            "referencePosition": found.q[dofs].T @ rigid[:, :3],
+            "initialVelocity": found.v[:, dofs] @ rigid[:, :3],
+            "initialAngularVelocity": found.v[:, dofs] @ rigid[:, 3:],
+            "referencePosition": found.q[:, dofs] @ rigid[:, :3],
             "gravity": rho * load @ np.array([kinematics.weight(axis) for axis in np.eye(3)]).T,
             "damping": by_ratios if of_each_mode else by_ratios.sum(axis=1),
         }
@@ -425,7 +397,7 @@ class _Derivatives:
 
     def _of_matrix(self, name: Literal["mass", "stiffness"], dofs: Array) -> Array:
         """Derivatives by a factor of a body's masses or stiffnesses, (k,)."""
-        by_numbers = getattr(self._found.bodies, name)[dofs].T
+        by_numbers = getattr(self._found.bodies, name)[:, dofs]
         if self._number.explicit is not None:
             by_numbers = by_numbers + getattr(self._number.explicit, name)[dofs]
         by_factor: Array = by_numbers @ getattr(self._plan.bodies, name)[dofs]
@@ -433,7 +405,7 @@ class _Derivatives:
 
     def _of_sides(self, item: PartitionBody) -> Array:
         """Derivatives by a factor of a body's flexibility in all contacts, (k,)."""
-        of_sides = np.zeros(self._found.v.shape[1])
+        of_sides = np.zeros(len(self._found.v))
         for contact, parts in zip(self._model.contacts, self._found.flexibility, strict=True):
             for (side, _), part in zip(contact.sides, parts, strict=True):
                 if side == item:

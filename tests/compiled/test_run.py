@@ -5,7 +5,8 @@ import pytest
 import scipy.sparse as sp
 from oracles import each_way
 
-from exudyn_partition.compiled.adjoint import OneNumber, Sums, accelerations, backwards
+from exudyn_partition.compiled.adjoint import OneNumber, Sums, backwards
+from exudyn_partition.compiled.made_run import MadeRun
 from exudyn_partition.compiled.plan import Bodies, FrozenPlan, StepPlan, joined_fields
 from exudyn_partition.compiled.run import EqualSteps, run
 from exudyn_partition.compiled.start import Start
@@ -96,7 +97,7 @@ def test_steps_by_numpy_are_the_same():
 def test_accelerations_of_all_samples():
     plan, steps = wall(load=7.0, stiffness=50.0, damping=30.0), EqualSteps(np.pi / OMEGA / 200, 250)
     made = thrown(plan, steps)
-    found = accelerations(plan, steps, made)
+    found = MadeRun(plan, steps, made).accelerations
     np.testing.assert_allclose(np.diff(made.v, axis=0), 0.5 * steps.step * (found[1:] + found[:-1]), rtol=0, atol=1e-12)
     np.testing.assert_allclose(found[-1], made.end.a, rtol=1e-12)
 
@@ -107,7 +108,7 @@ def test_derivatives_of_the_velocity_afterwards():
     plan = wall()
     made = thrown(plan, steps)
     weights = OneNumber(0 * made.lam, np.zeros_like(made.q), np.ones(1))
-    found = backwards(plan, steps, made, weights, [[np.array([[F]])]])
+    found = backwards(MadeRun(plan, steps, made), weights, [[np.array([[F]])]])
     assert found.v.item() == pytest.approx(-1.0, abs=1e-3)
     assert abs(found.bodies.mass.item()) * M < 1e-2 * SPEED
     assert abs(found.flexibility[0].item()) < 1e-2 * SPEED
@@ -121,7 +122,7 @@ def test_derivatives_of_the_largest_force():
     lam = 0 * made.lam
     lam[int(made.values[:, 0, 0].argmax()), 0] = 1.0
     found = backwards(
-        plan, steps, made, OneNumber(lam.tocsr(), np.zeros_like(made.q), np.zeros(1)), [[np.array([[F]])]]
+        MadeRun(plan, steps, made), OneNumber(lam.tocsr(), np.zeros_like(made.q), np.zeros(1)), [[np.array([[F]])]]
     )
     peak = SPEED * np.sqrt(M / F)
     assert -SPEED * found.v.item() == pytest.approx(peak, rel=1e-5)
@@ -145,9 +146,9 @@ def test_compiled_and_plain_adjoints_agree():
     weights = Sums(sp.csr_matrix(made.lam.shape), samples, np.array([0.3]), np.array([1.0]))
 
     def found():
-        of_sums = backwards(plan, steps, made, weights, [[np.array([[F]])]])
-        return [of_sums.q, of_sums.v, *of_sums.bodies, *of_sums.flexibility]
+        of_sums = backwards(MadeRun(plan, steps, made), weights, [[np.array([[F]])]])
+        return [of_sums.q, of_sums.v, *of_sums.bodies, of_sums.flexibility[0].T]
 
     for compiled, plain in zip(*each_way(found), strict=True):
-        assert compiled.shape[-1] == 3
+        assert compiled.shape == (3, 1)
         np.testing.assert_allclose(compiled, plain, rtol=1e-11, atol=1e-12 * abs(plain).max())

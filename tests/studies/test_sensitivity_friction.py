@@ -261,6 +261,9 @@ def test_what_is_refused(ball):
         ep.sensitivity(mbs, of="dissipated", at=contacts[0], **options)
     with pytest.raises(InputError, match="values: contact 'contact 0' has no friction"):
         ep.sensitivity(mbs, of="impulse", at=contacts[1], values={contacts[0]: {"friction": 0.2}}, **options)
+    mbs, _, [contact] = fall(ball, referencePosition=[0, 0, 2 * R])
+    with pytest.raises(InputError, match="at: contact 'floor' never closes in this run"):
+        ep.sensitivity(mbs, of="peak_force", at=contact, **options)
     mbs, _, [contact] = fall(ball)
     with pytest.raises(InputError, match="direction: expected one along the surfaces of contact 'floor'"):
         ep.sensitivity(mbs, of="friction_impulse", at=contact, **options)

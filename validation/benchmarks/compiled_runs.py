@@ -7,10 +7,13 @@ reviews; of its steps alone, `compiled.run.run`, which keep all samples and forc
 have coarser patches of some 60 rows, and one flies aside, so that rows stick and slip.
 The same of a ball that tumbles, in a floating frame, and hits a rigid plane: of its steps alone, of `solve_dynamic` and
 of the force; its reference is Exudyn's run of the same scene in the same process.
+A gradient: the pass back over the steps alone, `compiled.adjoint.backwards`, over these steps: derivatives of the peak
+force by all velocities, places, masses, stiffnesses, damping, loads, and by both halves of the contact's flexibility.
 The wait for the compiler: processor time of a new process that loads the balls from files, makes the model and runs it
 compiled, without compiled code on disk, and with it.
 Limits: the steps alone take at most 0.25 of the reference, an entry of `run_many` 0.25, a compiled run 0.9, with
-friction 0.25, 0.25 and 0.6; differences are at most 1e-9. Of the ball that tumbles: 0.25 and 0.9.
+friction 0.25, 0.25 and 0.6, a gradient 0.5 of its steps; differences are at most 1e-9. Of the ball that tumbles: 0.25
+and 0.9.
 
     python -m validation.benchmarks.compiled_runs
 """
@@ -30,17 +33,21 @@ from rich.console import Console
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.blas_threads import one_blas_thread
+from exudyn_partition.compiled.adjoint import backwards
+from exudyn_partition.compiled.made_run import MadeRun
 from exudyn_partition.compiled.run import EqualSteps, run
 from exudyn_partition.compiled.start import Start
 from exudyn_partition.errors import YieldWarning
 from exudyn_partition.exudyn_contacts.partition_contact import partition_items
 from exudyn_partition.simulation.compiled_plan import at_start, moving_contacts, read_plan, with_anchors
+from exudyn_partition.studies.run_numbers import number_of_contact
 from validation.contact import scenes
 
 R, SPEED, END, STEP, MANY, REPETITIONS = 0.010, 0.5, 100e-6, 2e-7, 64, 5
 SPIN = (300.0, -200.0, 100.0)  # [rad/s]
 LIMITS = {"steps": 0.25, "many": 0.25, "compiled": 0.9, "difference": 1e-9}
 LIMITS |= {"rough_steps": 0.25, "rough_many": 0.25, "rough_compiled": 0.6, "rough_difference": 1e-9}
+LIMITS |= {"gradient": 0.5, "rough_gradient": 0.5}
 LIMITS |= {"tumbling_steps": 0.25, "tumbling": 0.9, "tumbling_difference": 1e-9}
 FRICTION, ASIDE = 0.3, 0.03  # of SPEED
 
@@ -88,13 +95,29 @@ def least_ms(work):
     return 1e3 * min(spent)
 
 
-def steps_alone(mbs):
-    """A function that makes the steps alone, from arrays."""
+def arrays_of(mbs):
+    """Plan, start and steps."""
     data, initial = mbs.systemData, exu.ConfigurationType.Initial
     start = Start(np.array(data.GetODE2Coordinates(initial)), np.array(data.GetODE2Coordinates_t(initial)))
     groups, steps = at_start(partition_items(mbs)[1]), EqualSteps(STEP, round(END / STEP))
     plan, start = read_plan(mbs, groups), with_anchors(start, *moving_contacts(mbs, groups))
+    return plan, start, steps
+
+
+def steps_alone(mbs):
+    """A function that makes the steps alone, from arrays."""
+    plan, start, steps = arrays_of(mbs)
     return lambda: run(plan, start, steps)
+
+
+def gradient_alone(mbs):
+    """A function that goes back over the steps."""
+    plan, start, steps = arrays_of(mbs)
+    contacts, made = plan.contacts, run(plan, start, steps)
+    weights = number_of_contact("peak_force", 0, MadeRun(plan, steps, made)).weights
+    flexibilities = contacts.own if contacts.friction is None else contacts.friction.flexibilities
+    parts = [[0.5 * F, 0.5 * F] for F in flexibilities]
+    return lambda: backwards(MadeRun(plan, steps, made), weights, parts)
 
 
 def waits(bodies):
@@ -126,9 +149,11 @@ def times(bodies, *, rough=False):
         "exudyn": least_ms(lambda: ep.solve_dynamic(mbs, **options)),
         "compiled": least_ms(lambda: ep.solve_dynamic(mbs, solver="compiled", **options)),
         "steps": least_ms(steps_alone(mbs)),
+        "gradient": least_ms(gradient_alone(mbs)),
         "many": least_ms(lambda: ep.run_many(mbs, vary=vary, **options)) / MANY,
     }
     found = {name: spent[name] / spent["exudyn"] for name in ("steps", "many", "compiled")}
+    found["gradient"] = spent["gradient"] / spent["steps"]
     found["difference"] = float(abs(contact.force(compiled) - force).max() / force.max())
     return spent, found
 
