@@ -16,8 +16,8 @@ F_CUT = 60e3
 
 @pytest.fixture(scope="module")
 def fem():
-    bored = occ.Box((0, 0, 0), (12e-3, 10e-3, 8e-3)) - occ.Cylinder(occ.Pnt(6e-3, 5e-3, 0), occ.Z, r=2e-3, h=8e-3)
-    return ep.fe_model(bored, ep.STEEL, maxh=4.5e-3)
+    bored = occ.Box((0, 0, 0), (12e-3, 10e-3, 8e-3)) - occ.Cylinder(occ.Pnt(6e-3, 5e-3, 0), occ.Z, r=2.5e-3, h=8e-3)
+    return ep.fe_model(bored, ep.STEEL, maxh=5e-3)
 
 
 def surface(fem, axes="xyz"):
@@ -26,10 +26,10 @@ def surface(fem, axes="xyz"):
 
 def below(fem):
     """The lower half of the skin, beside a rigid interface in the bore and another patch."""
-    hub = ep.Partition.interface(fem, "hub", cylinder=((6e-3, 5e-3, 0), (0, 0, 1), 2e-3))
+    hub = ep.Partition.interface(fem, "hub", cylinder=((6e-3, 5e-3, 0), (0, 0, 1), 2.5e-3))
     rest = (fem.points[fem.facets, 2].max(axis=1) < 6e-3) & ~np.isin(fem.facets, hub.interfaces[0].nodes).any(axis=1)
     low = ep.Partition.surface(fem, rest, axes="xyz", name="low")
-    return low | ep.Partition.ball(fem, (10e-3, 8e-3, 8e-3), 1.5e-3, name="top") | hub
+    return low | ep.Partition.ball(fem, (11e-3, 9e-3, 8e-3), 2e-3, name="top") | hub
 
 
 def on_demand(monkeypatch, *model, **options):
@@ -153,7 +153,7 @@ def test_another_solver_gives_an_array(fem, monkeypatch):
 def test_the_skin_in_one_word(fem):
     """`skin=True` is `Partition.skin`, beside what else the partition has."""
     assert_same(ep.reduce(fem, skin=True, f_cut=F_CUT).basis, ep.reduce(fem, ep.Partition.skin(fem), f_cut=F_CUT).basis)
-    hub = ep.Partition.interface(fem, "hub", cylinder=((6e-3, 5e-3, 0), (0, 0, 1), 2e-3))
+    hub = ep.Partition.interface(fem, "hub", cylinder=((6e-3, 5e-3, 0), (0, 0, 1), 2.5e-3))
     body = ep.reduce(fem, hub, skin=True, f_cut=F_CUT)
     assert [patch.name for patch in body.partition.patches] == ["skin"]
     assert body.partition.interfaces[0].name == "hub"
