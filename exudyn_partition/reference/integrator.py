@@ -60,7 +60,7 @@ class HHT:
         n = mass.shape[0]
         self._M, self._K, self._G, self._step, self._alpha = mass, stiffness, rows, step, alpha
         self._beta, self._gamma = (1 + alpha) ** 2 / 4, 0.5 + alpha
-        both = Analysis(lambda: sp.csr_matrix(abs(mass) + abs(stiffness)))  # they have entries in the same places
+        both = Analysis(lambda: sp.csr_matrix(mass.astype(bool) + stiffness.astype(bool)))
         self._factor = factorise(mass + (1 - alpha) * self._beta * step**2 * stiffness, both)
         loads = rows.T.toarray()
         self._answer = step**2 / 2 * self._factor.solve(loads)

@@ -120,30 +120,6 @@ def test_compiled_loops_find_the_same_fronts(matrix, monkeypatch):
         assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
-def test_fronts_are_found_once_for_matrices_with_entries_in_the_same_places(monkeypatch):
-    """Not for others, be they as large and have as many entries, nor with other rows at the end."""
-    matrix = sp.csr_matrix(springs(30, 35))
-    first = fronts.kept_or_found(matrix)
-    assert fronts.kept_or_found(3.0 * matrix) is first
-    other, rows = sp.csr_matrix(springs(35, 30)), np.arange(5)
-    for found, expected in (
-        (fronts.kept_or_found(other), fronts.find_fronts(other)),
-        (fronts.kept_or_found(matrix, [rows]), fronts.find_fronts(matrix, [rows])),
-        (fronts.kept_or_found(matrix, [rows[:2], rows[2:]]), fronts.find_fronts(matrix, [rows[:2], rows[2:]])),
-    ):
-        assert found is not first
-        np.testing.assert_array_equal(found.order, expected.order)
-        np.testing.assert_array_equal(found.starts, expected.starts)
-    monkeypatch.setattr(fronts, "WIDEST", 8)
-    assert np.diff(fronts.kept_or_found(matrix).starts).max() <= 8
-    for number in range(2, 12):
-        fronts.kept_or_found(sp.csr_matrix(springs(number, 3)))
-    monkeypatch.undo()
-    again = fronts.kept_or_found(matrix)  # forgotten meanwhile
-    assert again is not first
-    np.testing.assert_array_equal(again.order, first.order)
-
-
 def test_two_parts_share_the_work_and_no_front():
     """A root with trees of unequal size, and a tree of its own: the root comes after both parts."""
     children = [[], [], [0, 1], [], [], [3, 4], [], [2, 5, 6], []]

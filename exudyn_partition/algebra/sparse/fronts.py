@@ -5,10 +5,7 @@ Theory: J. W. H. Liu, The multifrontal method for sparse matrix solution: theory
 
 from __future__ import annotations
 
-import contextlib
-import hashlib
 import heapq
-from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -24,7 +21,6 @@ _ZEROS = 0.15  # most zeros that a front may hold, by its entries: few large fro
 _SMALL, _SMALL_ZEROS = 56, 0.5  # and that one with at most so many rows to eliminate may hold
 _EVEN = 0.55  # largest share of two parts that is even enough
 WIDEST = 1024  # most rows that a front eliminates; more do so in a chain of fronts, whose triangles are smaller
-_MANY, _LARGE = 8, 10_000_000  # fronts that are kept for the next matrix; entries of those for which none are
 
 
 class Fronts(NamedTuple):
@@ -121,29 +117,6 @@ def find_fronts(matrix: sp.csr_matrix, last: Sequence[Array] = ()) -> Fronts:
             starts.append(min(starts[-1] + WIDEST, end))
             below.append(np.r_[starts[-1] : end, beyond])
     return Fronts.of(np.argsort(place[node], kind="stable"), np.array(starts), below)
-
-
-_kept: OrderedDict[bytes, Fronts] = OrderedDict()  # those that were used last are at its end
-
-
-def kept_or_found(matrix: sp.csr_matrix, last: Sequence[Array] = ()) -> Fronts:
-    """Take the fronts of an earlier matrix with entries in the same places, or find them, see `find_fronts`.
-
-    A body has several such matrices: when it is reduced, in its full model, and where a run's result shows what its
-    shapes leave out. The search takes as long as the factors of a small one.
-    """
-    if matrix.nnz > _LARGE:
-        return find_fronts(matrix, last)
-    places = hashlib.blake2b(str(WIDEST).encode())
-    for numbers in (matrix.indptr, matrix.indices, *last):
-        places.update(f"{len(numbers)} {numbers.dtype}".encode())
-        places.update(np.ascontiguousarray(numbers))
-    fronts = _kept.pop(key := places.digest(), None) or find_fronts(matrix, last)
-    _kept[key] = fronts
-    with contextlib.suppress(KeyError):  # another thread has taken it out
-        if len(_kept) > _MANY:
-            _kept.popitem(last=False)
-    return fronts
 
 
 def two_parts(children: list[list[int]], work: list[int]) -> tuple[Array, Array, Array]:

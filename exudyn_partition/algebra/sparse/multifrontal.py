@@ -22,7 +22,7 @@ from ...errors import IndefiniteMatrixError
 from ...support.arrays import Array
 from ...support.checks import read_only
 from . import loops
-from .fronts import Fronts, kept_or_found
+from .fronts import Fronts, find_fronts
 from .kept_fronts import KeptFronts, inside, reached
 from .loops import Factor, Factors
 
@@ -56,7 +56,7 @@ class Analysis:
     def fronts(self) -> Fronts:
         """The fronts."""
         pattern = self._pattern()
-        return kept_or_found(pattern, self._last(pattern))
+        return find_fronts(pattern, self._last(pattern))
 
 
 class Ordered(NamedTuple):
@@ -131,7 +131,7 @@ class Factorisation:
             matrix, self.fronts = given
         else:
             matrix = sp.csr_matrix(given() if callable(given) else given)
-            self.fronts = kept_or_found(matrix) if analysis is None else analysis.fronts
+            self.fronts = find_fronts(matrix) if analysis is None else analysis.fronts
             matrix = _ordered(matrix, self.fronts.order)
         fronts = self.fronts
         self._order, self._children = fronts.order, fronts.children
