@@ -45,9 +45,8 @@ def direction_of(plain: int, row: int) -> int:
 
 
 @inlined
-def along_way(rows: RowsBack, s: int, change: Array, values: Array) -> float:
+def along_way(rows: RowsBack, s: int, top: int, kind: int, i: int, values: Array) -> float:
     """What values by direction, (d,), are along a way in which forces may change."""
-    top, kind, i = change[0], change[1], change[2]
     value: float = values[top]
     if kind == WHOLE:
         return value
@@ -92,14 +91,15 @@ def set_jacobian(rows: RowsBack, s: int, changes: Array, m: int, J: Array, kept:
     F = rows.F
     for u in range(m):
         top, kind, i = changes[u, 0], changes[u, 1], changes[u, 2]
+        slips, share, values = kind == ACROSS, 1.0, F[top + 2 if kind == ACROSS else top]
+        if slips:
+            share = rows.across[s, i] * rows.along[s, i, 0]
         for v in range(kept if u < kept else 0, m):
-            if kind == ACROSS:
-                d1, d2 = rows.across[s, i] * rows.along[s, i, 0], rows.across[s, i] * rows.along[s, i, 1]
-                J[u, v] = d1 * along_way(rows, s, changes[v], F[top + 2])
-                J[u, v] -= d2 * along_way(rows, s, changes[v], F[top + 1])
-            else:
-                J[u, v] = along_way(rows, s, changes[v], F[top])
-        if kind == ACROSS:
+            J[u, v] = share * along_way(rows, s, changes[v, 0], changes[v, 1], changes[v, 2], values)
+        if slips:
+            share, values = rows.across[s, i] * rows.along[s, i, 1], F[top + 1]
+            for v in range(m):
+                J[u, v] -= share * along_way(rows, s, changes[v, 0], changes[v, 1], changes[v, 2], values)
             J[u, u] += rows.yielding[s, i]
 
 
@@ -150,7 +150,7 @@ def solve_group(rows: RowsBack, s: int, changes: Array, J: Array, pivots: Array,
     for j in range(len(rows.total)):
         given, slips = rows.total[j], rows.slips[s, j]
         for u in range(len(x)):
-            x[u] = along_way(rows, s, changes[u], given)
+            x[u] = along_way(rows, s, changes[u, 0], changes[u, 1], changes[u, 2], given)
         solve_transposed(J, pivots, x)
         for u in range(len(x)):
             top, kind, i = changes[u, 0], changes[u, 1], changes[u, 2]
