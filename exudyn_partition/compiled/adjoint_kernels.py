@@ -9,7 +9,7 @@ from numba.experimental import structref
 
 from ..support.arrays import Array
 from ..support.compiled import compiled, external, inner, unlocked
-from ..support.struct_kernels import StructType
+from ..support.struct_kernels import StructType, define_struct
 
 if TYPE_CHECKING:
     from .loops import Adjoint
@@ -53,7 +53,7 @@ class Back(structref.StructRefProxy):
     before: Array
 
 
-structref.define_proxy(Back, BackType, [*Back.__annotations__])  # type: ignore[no-untyped-call]
+define_struct(Back, BackType, [*Back.__annotations__])
 
 
 @compiled
