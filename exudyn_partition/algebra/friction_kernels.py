@@ -9,7 +9,8 @@ from numba.experimental import structref
 
 from ..support.arrays import Array
 from ..support.compiled import compiled, external, inner
-from ..support.struct_kernels import StructType
+from ..support.struct_kernels import StructType, define_struct
+from .product_kernels import matrix_at
 
 if TYPE_CHECKING:
     from .flat_friction import FlatFriction
@@ -54,9 +55,7 @@ class FrictionObject(structref.StructRefProxy):
     squares: Array
 
 
-structref.define_proxy(  # type: ignore[no-untyped-call]
-    FrictionObject, FrictionObjectType, [*FrictionObject.__annotations__]
-)
+define_struct(FrictionObject, FrictionObjectType, [*FrictionObject.__annotations__])
 
 
 @compiled
@@ -179,7 +178,7 @@ def chord_step(
 def close_rows(p: FrictionObject) -> None:
     """Take the rows that are in `closed`, as many as the counts say."""
     n, na = p.counts[N_ROWS], p.counts[N_CLOSED]
-    F, scaled = p.F[: 9 * n * n].reshape(3 * n, 3 * n), p.scaled[: 9 * na * na].reshape(3 * na, 3 * na)
+    F, scaled = matrix_at(p.F, 0, 3 * n, 3 * n), matrix_at(p.scaled, 0, 3 * na, 3 * na)
     for row in range(n):
         p.place[row] = -1
     for i in range(na):
@@ -210,7 +209,7 @@ def close_by_state(p: FrictionObject) -> None:
 def residual(p: FrictionObject) -> float:
     """Largest force that the law leaves unbalanced."""
     na = p.counts[N_CLOSED]
-    scaled, value = p.scaled[: 9 * na * na].reshape(3 * na, 3 * na), p.value[: 3 * na]
+    scaled, value = matrix_at(p.scaled, 0, 3 * na, 3 * na), p.value[: 3 * na]
     for i in range(3 * na):
         value[i] = p.h[i]
     for j in range(3 * na):
@@ -241,7 +240,7 @@ def factorise(p: FrictionObject) -> None:
     m = 3 * na
     for i in range(m):
         guessed = guessed or p.forces[i] != 0.0
-    J, scaled = p.factors[: m * m].reshape(m, m), p.scaled
+    J, scaled = matrix_at(p.factors, 0, m, m), p.scaled
     for i in range(m * m):
         p.factors[i] = scaled[i]
     for i in range(na):
@@ -291,7 +290,7 @@ def exchange(p: FrictionObject, h: Array, leaves: float, enters: float) -> bool:
     Not all are opened.
     """
     n, na, some, left = p.counts[N_ROWS], p.counts[N_CLOSED], False, False
-    F, state = p.F[: 9 * n * n].reshape(3 * n, 3 * n), np.empty(n, np.int8)
+    F, state = matrix_at(p.F, 0, 3 * n, 3 * n), np.empty(n, np.int8)
     for row in range(n):
         i = p.place[row]
         if i >= 0:
@@ -361,7 +360,7 @@ def iterate_friction(p: FrictionObject, h: Array, mu: Array, limits: FrictionLim
         p.counts[STEPS] += 1
         steps = p.counts[STEPS]
         farthest = corrected_chord(
-            p.factors[: m * m].reshape(m, m), p.pivots, p.value[:m], p.moves[: (chord + 2) * m].reshape(chord + 2, m),
+            matrix_at(p.factors, 0, m, m), p.pivots, p.value[:m], p.moves[: (chord + 2) * m].reshape(chord + 2, m),
             p.squares, steps - 1, p.step,
         )  # fmt: skip
         for i in range(m):

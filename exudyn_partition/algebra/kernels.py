@@ -9,6 +9,7 @@ import numpy as np
 
 from ..support.arrays import Array
 from ..support.compiled import compiled, inner
+from .product_kernels import matrix_at
 
 if TYPE_CHECKING:
     from .block_complementarity import FlatBlocks, FlatCore
@@ -162,7 +163,7 @@ def settle(core: FlatCore, a: Array, G: Array, pressed: Array, c: Array, settled
             now[:] = 0.0
             for b in range(core.starts[j], core.starts[j + 1]):
                 top, end, left, width = core.spans[b]
-                block = core.numbers[core.places[b] :][: (end - top) * width].reshape(end - top, width)
+                block = matrix_at(core.numbers, core.places[b], end - top, width)
                 pushing = forces[core.sources[b], left : left + width]
                 for r in range(end - top):
                     total = 0.0
@@ -269,7 +270,7 @@ def check_block(blocks: FlatBlocks, j: int, h: Array, rounding: float, scale: fl
     """Forces on the active rows of a block; rows that violate their condition change sides. Return how many do."""
     start, end = blocks.starts[j], blocks.starts[j + 1]
     n, c, pushed = end - start, blocks.amplitudes[j], blocks.pushed[start:end]
-    fields = blocks.numbers[blocks.fields[j] :][: n * len(c)].reshape(len(c), n)
+    fields = matrix_at(blocks.numbers, blocks.fields[j], len(c), n)
     for i in range(n):
         pushed[i] = h[start + i]
     for k in range(len(c)):
@@ -285,8 +286,8 @@ def check_block(blocks: FlatBlocks, j: int, h: Array, rounding: float, scale: fl
                 blocks.active[start + i], blocks.n_closed[j] = True, -1
                 count += 1
         return count
-    F = blocks.numbers[blocks.own[j] :][: n * n].reshape(n, n)
-    factor = blocks.factors[blocks.places[j] :][: na * na].reshape(na, na)
+    F = matrix_at(blocks.numbers, blocks.own[j], n, n)
+    factor = matrix_at(blocks.factors, blocks.places[j], na, na)
     index = blocks.closed[start : start + na]
     lam, wrong, count = on_active(F, factor, index, pushed, rounding, scale)
     for i in range(n):
@@ -310,9 +311,9 @@ def factorise_block(blocks: FlatBlocks, j: int) -> bool:
             index[na] = i
             na += 1
     blocks.n_closed[j] = na
-    F = blocks.numbers[blocks.own[j] :][: n * n].reshape(n, n)
-    fields = blocks.numbers[blocks.fields[j] :][: n * m].reshape(m, n)
-    U = blocks.factors[blocks.places[j] :][: na * na].reshape(na, na)
+    F = matrix_at(blocks.numbers, blocks.own[j], n, n)
+    fields = matrix_at(blocks.numbers, blocks.fields[j], m, n)
+    U = matrix_at(blocks.factors, blocks.places[j], na, na)
     x, G = blocks.responses[start : start + na], blocks.G[j]
     for i in range(na):
         for k in range(i, na):

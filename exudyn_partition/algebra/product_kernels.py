@@ -7,7 +7,13 @@ import math
 import numpy as np
 
 from ..support.arrays import Array
-from ..support.compiled import called, compiled
+from ..support.compiled import called, compiled, inlined
+
+
+@inlined
+def matrix_at(numbers: Array, place: int, rows: int, columns: int) -> Array:
+    """A matrix among numbers, without a copy."""
+    return numbers[place:][: rows * columns].reshape(rows, columns)
 
 
 @compiled

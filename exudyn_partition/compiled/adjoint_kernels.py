@@ -9,7 +9,7 @@ from numba.experimental import structref
 
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner, unlocked
-from ..support.struct_kernels import StructType
+from ..support.struct_kernels import StructType, define_struct
 from .rows_back import RowsBack
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ class Back(structref.StructRefProxy):
     """A `RowsBack` as one object."""
 
 
-structref.define_proxy(Back, BackType, [*RowsBack._fields])  # type: ignore[no-untyped-call]
+define_struct(Back, BackType, RowsBack._fields)
 
 
 @compiled

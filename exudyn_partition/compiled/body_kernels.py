@@ -1,4 +1,4 @@
-"""Compiled views of what compiled runs have in long arrays: coordinates of a body, and matrices."""
+"""Compiled views of what compiled runs have in long arrays: coordinates of a body."""
 
 from __future__ import annotations
 
@@ -15,9 +15,3 @@ def gathered(dofs: Array, first: int, end: int, values: Array) -> Array:
     for i in range(end - first):
         result[i] = values[dofs[first + i]]
     return result
-
-
-@inlined
-def matrix_at(numbers: Array, place: int, rows: int, columns: int) -> Array:
-    """A matrix among numbers."""
-    return numbers[place:][: rows * columns].reshape(rows, columns)

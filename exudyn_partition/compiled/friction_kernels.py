@@ -16,10 +16,11 @@ from ..algebra.friction_kernels import (
     iterate_friction,
     turn_to,
 )
+from ..algebra.product_kernels import matrix_at
 from ..contact.kernels import choose_near, coordinates_of, gaps_of_contact, slid
 from ..support.arrays import Array
 from ..support.compiled import compiled, inner
-from ..support.struct_kernels import StructType
+from ..support.struct_kernels import StructType, define_struct
 
 if TYPE_CHECKING:
     from ..algebra.flat_friction import FlatFriction
@@ -80,7 +81,7 @@ class Friction(structref.StructRefProxy):
     choosing: Choosing
 
 
-structref.define_proxy(Friction, FrictionType, [*Friction.__annotations__])  # type: ignore[no-untyped-call]
+define_struct(Friction, FrictionType, [*Friction.__annotations__])
 
 
 @compiled
@@ -133,12 +134,12 @@ def set_up(f: Friction, g: int, choosing: Choosing) -> None:
     starts, p = f.rows.starts, f.problem
     top, end = starts[f.groups[g]], starts[f.groups[g + 1]]
     size, n = 3 * (end - top), 0
-    F_all = f.flexible[f.F_starts[g] :][: size * size].reshape(size, size)
+    F_all = matrix_at(f.flexible, f.F_starts[g], size, size)
     for i in range(top, end):
         if f.near[i]:
             f.chosen[top + n] = i - top
             n += 1
-    F = p.F[: 9 * n * n].reshape(3 * n, 3 * n)
+    F = matrix_at(p.F, 0, 3 * n, 3 * n)
     for i in range(n):
         for a in range(3):
             of_all, of_near = F_all[3 * f.chosen[top + i] + a], F[3 * i + a]
@@ -168,7 +169,7 @@ def set_up(f: Friction, g: int, choosing: Choosing) -> None:
 def moved_by(p: FrictionObject, forces: Array, moved: Array) -> None:
     """Set how far forces, (3 n,), move the rows of a problem, (3 n,)."""
     m = 3 * p.counts[N_ROWS]
-    F = p.F[: m * m].reshape(m, m)
+    F = matrix_at(p.F, 0, m, m)
     for i in range(m):
         moved[i] = 0.0
     for j in range(m):
@@ -184,7 +185,7 @@ def push_others(f: Friction, g: int) -> None:
     starts, first = f.rows.starts, f.groups[g]
     top, end = starts[first], starts[f.groups[g + 1]]
     size = 3 * (end - top)
-    F = f.flexible[f.F_starts[g] :][: size * size].reshape(size, size)
+    F = matrix_at(f.flexible, f.F_starts[g], size, size)
     for j in range(first, f.groups[g + 1]):
         for i in range(starts[j], starts[j + 1]):
             f.pushed[i], of_row = f.gap[i], F[3 * (i - top)]
@@ -316,8 +317,8 @@ def values_of_contact(f: Friction, j: int, force: Array) -> None:
     flat, start, end = f.rows, f.rows.starts[j], f.rows.starts[j + 1]
     nr, dofs, least = end - start, flat.dofs[flat.places[j] : flat.places[j + 1]], np.inf
     n, values, friction = len(dofs), f.values[j], f.friction[j]
-    normals = flat.numbers[flat.normals[j] :][: 3 * nr].reshape(nr, 3)
-    H = flat.numbers[flat.H[j] :][: n * nr].reshape(n, nr)
+    normals = matrix_at(flat.numbers, flat.normals[j], nr, 3)
+    H = matrix_at(flat.numbers, flat.H[j], n, nr)
     along = f.numbers[f.ways[j] :][: 2 * nr * n].reshape(n, nr, 2)
     for k in range(len(values)):
         values[k] = 0.0

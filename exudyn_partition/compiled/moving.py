@@ -20,7 +20,7 @@ from ..contact.rigid import RigidGaps
 from ..contact.stages import NOTHING, Anchor
 from ..frames.floating import FloatingKinematics
 from ..reduction.inertia import InertiaIntegrals
-from ..support.arrays import Array
+from ..support.arrays import Array, as_read_only
 
 K, P, M, NR, N, D, FIELDS = range(7)  # columns of `Surfaces.sizes`
 _NONE = np.zeros(0)
@@ -327,7 +327,7 @@ def frames_of(bodies: Sequence[Turning]) -> Frames:
         np.concatenate([body.dofs for body in bodies]) if bodies else np.zeros(0, dtype=np.int64),
         np.array([motion.rotation for motion in kinematics]).reshape(-1, 3),
         np.array([motion.node_axes for motion in kinematics]).reshape(-1, 3, 3),
-        tensor, np.linalg.inv(tensor), numbers, places[::2].copy(), places[1::2].copy(),
+        tensor, np.linalg.inv(tensor), as_read_only(numbers), places[::2].copy(), places[1::2].copy(),
         np.array([body.coupled for body in bodies], dtype=bool),
         np.array([motion.acting.constant for motion in kinematics], dtype=bool),
         np.array([np.zeros(6) if spin is None else spin.largest for spin in spins], dtype=float).reshape(-1, 6),
@@ -367,8 +367,8 @@ def surfaces_of(contacts: Sequence[Following]) -> Surfaces:
         _starts([one.dofs for one in contacts]),
         np.concatenate([one.dofs for one in contacts]) if contacts else np.zeros(0, dtype=np.int64),
         np.array([one.kind for one in primitives], dtype=np.int64),
-        np.array([one.point for one in primitives], dtype=float).reshape(-1, 3),
-        np.array([one.axis for one in primitives], dtype=float).reshape(-1, 3),
+        as_read_only(np.array([one.point for one in primitives], dtype=float).reshape(-1, 3)),
+        as_read_only(np.array([one.axis for one in primitives], dtype=float).reshape(-1, 3)),
         np.array([one.radius for one in primitives]), np.array([one.sign for one in primitives]),
         sizes_of, np.cumsum(np.r_[0, sizes_of[:, P]]), all_numbers,
         np.concatenate([np.zeros(0), *flat]).astype(np.int64),

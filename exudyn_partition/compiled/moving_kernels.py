@@ -13,6 +13,7 @@ import numpy as np
 from numba.experimental import structref
 
 from ..algebra.kernels import settle_blocks
+from ..algebra.product_kernels import matrix_at
 from ..contact.kernels import (
     FlatContacts,
     FlatPoints,
@@ -27,8 +28,8 @@ from ..frames.kernels import compose, end_velocities, inertia_force, on_constant
 from ..frames.node_kernels import FlatNodes
 from ..support.arrays import Array
 from ..support.compiled import called, compiled, inlined, inner
-from ..support.struct_kernels import StructType, address_of, struct_at
-from .body_kernels import gathered, matrix_at
+from ..support.struct_kernels import StructType, address_of, define_struct, struct_at
+from .body_kernels import gathered
 from .moving import NAMES
 from .pair_kernels import (
     Pairs,
@@ -52,7 +53,7 @@ Bounds = tuple[float, float, float]  # see `MovingPlan`
 _PASSES = 100  # in which contacts press each other
 
 find_rigid_gaps, push_rigid, find_rows = called(rigid_gaps), called(pushed_rigid), called(rows_along)
-find_inertia, find_ends, push_mass = called(inertia_force), called(end_velocities), called(on_constant_mass)
+push_mass = called(on_constant_mass)
 
 
 @structref.register
@@ -73,7 +74,7 @@ class RigidSide(structref.StructRefProxy):
     x: Array
 
 
-structref.define_proxy(RigidSide, RigidSideType, [*RigidSide.__annotations__])  # type: ignore[no-untyped-call]
+define_struct(RigidSide, RigidSideType, [*RigidSide.__annotations__])
 
 
 @structref.register
@@ -98,9 +99,9 @@ class FlatState(structref.StructRefProxy):
     """`MovingState` as one object."""
 
 
-structref.define_proxy(FlatFrames, FramesType, [*NAMES[0]])  # type: ignore[no-untyped-call]
-structref.define_proxy(FlatSurfaces, SurfacesType, [*NAMES[1], "sides", "example"])  # type: ignore[no-untyped-call]
-structref.define_proxy(FlatState, StateType, [*NAMES[2]])  # type: ignore[no-untyped-call]
+define_struct(FlatFrames, FramesType, [*NAMES[0]])
+define_struct(FlatSurfaces, SurfacesType, [*NAMES[1], "sides", "example"])
+define_struct(FlatState, StateType, [*NAMES[2]])
 
 
 @compiled
@@ -557,8 +558,8 @@ def add_inertia(bodies: Bodies, frames: Frames, m: Motion, half_step: float) -> 
         if half_step > 0.0:
             way = z - gathered(frames.dofs, first + 6, end, m.q_start)
             q_t, q_tt = gathered(frames.dofs, first + 3, end, m.v_start), gathered(frames.dofs, first + 3, end, m.a)
-            v = find_ends(cross, v, stiffness * way, q_t, q_tt, half_step)
-        found = find_inertia(integrals, cross, frames.tensor[b], stiffness * z, frames.coupled[b], v[:3], z, v[3:])
+            v = end_velocities(cross, v, stiffness * way, q_t, q_tt, half_step)
+        found = inertia_force(integrals, cross, frames.tensor[b], stiffness * z, frames.coupled[b], v[:3], z, v[3:])
         for i in range(len(found)):
             m.force[frames.dofs[first + 3 + i]] += found[i]
 

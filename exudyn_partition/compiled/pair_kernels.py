@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba.experimental import structref
 
+from ..algebra.product_kernels import matrix_at
 from ..contact.kernels import FlatPair, followed_gaps, pushed_pairs, resultant, rows_along
 from ..frames.kernels import body_axes
 from ..frames.node_kernels import FlatNodes
 from ..support.arrays import Array
 from ..support.compiled import called, compiled, inlined, inner
-from ..support.struct_kernels import StructType, address_of, struct_at
+from ..support.struct_kernels import StructType, address_of, define_struct, struct_at
 from ..surfaces.kernels import weigh
-from .body_kernels import gathered, matrix_at
+from .body_kernels import gathered
 
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
@@ -54,7 +55,7 @@ class PairSide(structref.StructRefProxy):
     fields: Array
 
 
-structref.define_proxy(PairSide, SideType, [*PairSide.__annotations__])  # type: ignore[no-untyped-call]
+define_struct(PairSide, SideType, [*PairSide.__annotations__])
 
 
 @structref.register
@@ -133,7 +134,7 @@ class Pair(structref.StructRefProxy):
     steps: Array
 
 
-structref.define_proxy(Pair, PairType, [*Pair.__annotations__])  # type: ignore[no-untyped-call]
+define_struct(Pair, PairType, [*Pair.__annotations__])
 
 
 @structref.register
@@ -153,7 +154,7 @@ class Pairs(structref.StructRefProxy):
     following: Following
 
 
-structref.define_proxy(Pairs, PairsType, [*Pairs.__annotations__])  # type: ignore[no-untyped-call]
+define_struct(Pairs, PairsType, [*Pairs.__annotations__])
 
 
 @compiled

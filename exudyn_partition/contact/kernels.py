@@ -9,10 +9,11 @@ import numpy as np
 from numba.experimental import structref
 
 from ..algebra.kernels import on_active, settle_blocks
+from ..algebra.product_kernels import matrix_at
 from ..frames.node_kernels import FlatNodes, act, set_places
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner
-from ..support.struct_kernels import StructType
+from ..support.struct_kernels import StructType, define_struct
 from ..surfaces.moving_kernels import Followed, Moving, follow_rows, forces_on_nodes, gaps_of_rows
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ class FlatPair(structref.StructRefProxy):
     n_m: int
 
 
-structref.define_proxy(FlatPair, FlatPairType, [*FlatPair.__annotations__])  # type: ignore[no-untyped-call]
+define_struct(FlatPair, FlatPairType, [*FlatPair.__annotations__])
 
 
 @compiled
@@ -110,7 +111,7 @@ class FlatPoints(structref.StructRefProxy):
     means: Array
 
 
-structref.define_proxy(FlatPoints, FlatPointsType, [*FlatPoints.__annotations__])  # type: ignore[no-untyped-call]
+define_struct(FlatPoints, FlatPointsType, [*FlatPoints.__annotations__])
 
 
 @compiled
@@ -432,7 +433,7 @@ def coordinates_of(rows: FlatRows, j: int, q: Array) -> Array:
 def slid(rows: FlatRows, j: int, q_j: Array) -> float:
     """How far pairs of contact j have slid at its coordinates [m]; NaN if these are not finite."""
     n, first, end = len(q_j), rows.drift_starts[j], rows.drift_starts[j + 1]
-    drift, most = rows.numbers[rows.drift[j] :][: (end - first) * n].reshape(end - first, n), 0.0
+    drift, most = matrix_at(rows.numbers, rows.drift[j], end - first, n), 0.0
     for i in range(end - first):
         total = -rows.drift_start[first + i]
         for k in range(n):
@@ -446,7 +447,7 @@ def slid(rows: FlatRows, j: int, q_j: Array) -> float:
 def gaps_of_contact(rows: FlatRows, j: int, q_j: Array, gap: Array) -> None:
     """Set the gaps of contact j, (nr,), at its coordinates."""
     n, start = len(q_j), rows.starts[j]
-    H = rows.numbers[rows.H[j] :][: n * len(gap)].reshape(n, len(gap))
+    H = matrix_at(rows.numbers, rows.H[j], n, len(gap))
     for i in range(len(gap)):
         gap[i] = rows.start[start + i]
     most = n - n % 4
@@ -480,8 +481,8 @@ def forces_of_frozen(
     for j in range(len(values)):
         dofs, start, values_j = rows.dofs[rows.places[j] : rows.places[j + 1]], rows.starts[j], values[j]
         n, nr, least = len(dofs), rows.starts[j + 1] - start, np.inf
-        H = rows.numbers[rows.H[j] :][: n * nr].reshape(n, nr)
-        normals = rows.numbers[rows.normals[j] :][: 3 * nr].reshape(nr, 3)
+        H = matrix_at(rows.numbers, rows.H[j], n, nr)
+        normals = matrix_at(rows.numbers, rows.normals[j], nr, 3)
         force_j = np.zeros(n)
         for i in range(nr):
             least, push = min(least, pushed[start + i]), lam[start + i]
@@ -519,7 +520,7 @@ class FlatContacts(structref.StructRefProxy):
     stored: Array
 
 
-structref.define_proxy(FlatContacts, FlatContactsType, [*FlatContacts.__annotations__])  # type: ignore[no-untyped-call]
+define_struct(FlatContacts, FlatContactsType, [*FlatContacts.__annotations__])
 
 
 @compiled

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..algebra.block_complementarity import LIMITS
 from ..algebra.complementarity import ROUNDING
-from ..support.arrays import Array
+from ..support.arrays import Array, as_read_only
 from ..support.compiled import kernels
 from ..surfaces.points import ContactPoints
 from ..surfaces.surface import Surface
@@ -59,7 +59,7 @@ def pushes(points: ContactPoints, lam: Array, normals: Array) -> Array:
     """Forces at points, (p, 3) [N], from forces on the rows, (nr,) [N], along the normals of their points, (p, 3)."""
     if compiled := kernels("contact"):
         mean = points.mean
-        forces: Array = compiled.pushes(mean.indptr, mean.indices, mean.data, lam, normals)
+        forces: Array = compiled.pushes(mean.indptr, mean.indices, mean.data, lam, as_read_only(normals))
         return forces
     return points.spread(lam)[:, None] * normals
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ..errors import InputError, PenetrationError, RunError
-from ..support.arrays import Array, Vector
+from ..support.arrays import Array, Vector, as_read_only
 from ..support.checks import validate_flag, validate_positive, validate_vector
 from ..surfaces.points import ContactPoints, RowKind
 from ..surfaces.rows import PENETRATION_TOLERANCE
@@ -95,7 +95,7 @@ class RigidSphere:
     @property
     def primitive(self) -> loops.Primitive:
         """The sphere as loops take it."""
-        return loops.Primitive(1, self.center, np.zeros(3), self.radius, 1.0)
+        return loops.Primitive(1, self.center, as_read_only(np.zeros(3)), self.radius, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +155,7 @@ def _unit(name: str, vector: Array) -> Array:
     if length == 0:
         raise InputError(f"{name}: expected a vector of any length other than zero")
     value: Array = vector / length
-    return value
+    return as_read_only(value)
 
 
 class OnRigid(Stage):

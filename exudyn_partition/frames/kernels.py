@@ -93,7 +93,7 @@ def on_shapes(rows: Array, forces: Array) -> Array:
     return result
 
 
-@compiled
+@inner
 def _turning(x: float, y: float, z: float) -> Array:
     """Matrix of the cross product with a vector, (3, 3)."""
     turn = np.zeros((3, 3))
@@ -242,7 +242,7 @@ def on_constant_mass(integrals: Array, cross: Array, tensor: Array, z: Array, fo
     return result
 
 
-@compiled
+@inner
 def _angular_acceleration(J: Array, C: Array, torque: Array, force: Array) -> Array:
     """See `inertia.angular_acceleration`; J by its components, (6,). The equations are solved by Cramer's rule."""
     A, b = np.empty((3, 3)), torque.copy()
@@ -265,7 +265,7 @@ def _angular_acceleration(J: Array, C: Array, torque: Array, force: Array) -> Ar
     return x
 
 
-@compiled
+@inner
 def end_velocities(cross: Array, middle: Array, change: Array, q_t: Array, q_tt: Array, half_step: float) -> Array:
     """See `InertiaForces.end_velocities`; `cross` as in `inertia_force`."""
     n, v = len(change), middle + half_step * q_tt
@@ -281,7 +281,7 @@ def end_velocities(cross: Array, middle: Array, change: Array, q_t: Array, q_tt:
     return v
 
 
-@compiled
+@inner
 def inertia_force(
     integrals: Array, cross: Array, tensor: Array, elastic: Array, coupling: bool, omega: Array, z: Array, z_t: Array
 ) -> Array:

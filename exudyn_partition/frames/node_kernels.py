@@ -10,7 +10,7 @@ from numba.experimental import structref
 
 from ..support.arrays import Array
 from ..support.compiled import compiled, inner
-from ..support.struct_kernels import StructType
+from ..support.struct_kernels import StructType, define_struct
 from .kernels import add_generalised, body_axes, change_of_axes, place_turned, set_torque
 
 
@@ -33,7 +33,7 @@ class FlatNodes(structref.StructRefProxy):
     floats: bool
 
 
-structref.define_proxy(FlatNodes, FlatNodesType, [*FlatNodes.__annotations__])  # type: ignore[no-untyped-call]
+define_struct(FlatNodes, FlatNodesType, [*FlatNodes.__annotations__])
 
 
 @compiled

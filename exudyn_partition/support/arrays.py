@@ -13,6 +13,13 @@ Array = NDArray[Any]  # docstrings say shapes, and where it is not floats
 Vector = Sequence[float] | Array  # three numbers from a user, in a tuple, list or array
 
 
+def as_read_only(array: Array) -> Array:
+    """Return a view that cannot be written to; loops are compiled anew for arrays that can."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 def consecutive(sizes: Sequence[int]) -> list[slice]:
     """Slices of parts with these sizes that lie one behind the other."""
     ends = np.cumsum([0, *sizes]).tolist()

@@ -16,6 +16,7 @@ Loops write arrays entry by entry: `a[:] = b` brings code that tells of other sh
 from __future__ import annotations
 
 import contextlib
+import gc
 import importlib
 from collections.abc import Callable
 from functools import cache
@@ -118,18 +119,30 @@ def external(module: str, name: str, n_arguments: int) -> Callable[..., None]:
 
 @cache
 def _tell_of_compiling() -> None:
-    """Let the first loop that numba compiles in this process be told; code that is read from disk is not compiled."""
+    """Let the first loop that numba compiles in this process be told; code that is read from disk is not compiled.
+
+    Meanwhile garbage is not collected: the compiler makes many objects and lets few of them go, so that to look for
+    garbage again and again takes a good part of its time.
+    """
     events, ours = importlib.import_module("numba.core.event"), __name__.partition(".")[0]
-    told = False
+    told, collects = False, list[bool]()  # whether garbage was collected before each loop that is being compiled
 
     def on_start(listener: object, event: Any) -> None:
         nonlocal told
         module = getattr(event.data["dispatcher"].py_func, "__module__", None) or ""
-        if not told and module.partition(".")[0] == ours:
+        own = module.partition(".")[0] == ours
+        collects.append(own and gc.isenabled())
+        if own:
+            gc.disable()
+        if own and not told:
             told = True
             say(f"{ours}: numba compiles inner loops, which may take a minute; later runs find them on disk")
 
-    listener = type("Listener", (events.Listener,), {"on_start": on_start, "on_end": lambda listener, event: None})
+    def on_end(listener: object, event: Any) -> None:
+        if collects.pop():
+            gc.enable()
+
+    listener = type("Listener", (events.Listener,), {"on_start": on_start, "on_end": on_end})
     events.register("numba:compile", listener())
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..fe.shapes import TABLES, corners_of, curvature, shape_functions
-from ..support.arrays import Array
+from ..support.arrays import Array, as_read_only
 from ..support.compiled import kernels
 from .projection import CONVEX, Projection, clip, newton_step
 from .vectors import triangle_frame
@@ -42,7 +42,7 @@ def average(points: Means, values: Array) -> Array:
     """Means of each row, (nr, ...), of values at the points, (p, ...)."""
     if compiled := kernels("surfaces"):
         mean, columns = points.mean, values if values.ndim == 2 else values[:, None]
-        means: Array = compiled.average(mean.indptr, mean.indices, mean.data, columns)
+        means: Array = compiled.average(mean.indptr, mean.indices, mean.data, as_read_only(columns))
         return means if values.ndim == 2 else means[:, 0]
     value: Array = points.quick_mean @ values
     return value
@@ -71,7 +71,7 @@ def at_points(nodes: Array, weights: Array, values: Array) -> Array:
 def on_nodes(nodes: Array, weights: Array, forces: Array, n: int) -> Array:
     """Forces on n nodes, (n, 3), of forces at points, (p, 3), with the nodes that carry each and their weights."""
     if compiled := kernels("surfaces"):
-        carried: Array = compiled.on_nodes(nodes, weights, forces, n)
+        carried: Array = compiled.on_nodes(as_read_only(nodes), weights, forces, n)
         return carried
     active = np.flatnonzero(forces.any(axis=1))
     at, share, some = nodes.take(active, axis=0).ravel(), weights.take(active, axis=0), forces.take(active, axis=0)

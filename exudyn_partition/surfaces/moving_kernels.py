@@ -13,7 +13,7 @@ from numba.experimental import structref
 
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner
-from ..support.struct_kernels import StructType
+from ..support.struct_kernels import StructType, define_struct
 from .kernels import (
     cross,
     cross_edge,
@@ -84,7 +84,7 @@ class Moving(structref.StructRefProxy):
     places: Array
 
 
-structref.define_proxy(Moving, MovingType, [*Moving.__annotations__])  # type: ignore[no-untyped-call]
+define_struct(Moving, MovingType, [*Moving.__annotations__])
 
 
 @compiled
@@ -237,7 +237,7 @@ class Followed(structref.StructRefProxy):
     pose: Array
 
 
-structref.define_proxy(Followed, FollowedType, [*Followed.__annotations__])  # type: ignore[no-untyped-call]
+define_struct(Followed, FollowedType, [*Followed.__annotations__])
 
 
 @compiled

@@ -1,5 +1,6 @@
 """Inner loops are compiled if numba is there, and done by NumPy if not."""
 
+import gc
 import os
 import subprocess
 import sys
@@ -25,6 +26,26 @@ def test_loops_are_compiled_where_they_cannot_be_kept():
     twice = compiled.compiled(scope["twice"])
     assert twice(2.0) == 4.0
     assert len(twice.signatures) == 1
+
+
+def test_garbage_is_not_collected_while_a_loop_is_compiled():
+    """But again afterwards, also if the compiler refuses the loop."""
+    events = pytest.importorskip("numba.core.event")
+    collected = []
+    kept = {
+        "on_start": lambda listener, event: collected.append(gc.isenabled()),
+        "on_end": lambda listener, event: None,
+    }
+    scope = {"__name__": "exudyn_partition.made_here"}
+    exec("def twice(x):\n    return 2 * x\ndef wrong(x):\n    return x.no_such_name", scope)
+    twice, wrong = compiled.compiled(scope["twice"]), compiled.compiled(scope["wrong"])
+    with events.install_listener("numba:run_pass", type("Listener", (events.Listener,), kept)()):
+        assert twice(2.0) == 4.0
+        with pytest.raises(Exception, match="no_such_name"):
+            wrong(2.0)
+    assert len(collected) > 10
+    assert not any(collected)
+    assert gc.isenabled()
 
 
 PROGRAM = """
