@@ -104,11 +104,12 @@ def _members(mbs: MainSystem, members: object) -> tuple[list[PartitionBody], lis
         raise InputError(f"{expected}, got {type(members).__name__}")
     bodies, surfaces = list[PartitionBody](), list[CarriedSurface]()
     for i, item in enumerate(items):
-        surface, carrier = item if isinstance(item, tuple) and len(item) == 2 else (item, None)
+        carried = isinstance(item, tuple) and len(item) == 2
+        surface, carrier = item if carried else (item, None)
         if isinstance(item, PartitionBody):
             bodies.append(item)
         elif isinstance(surface, RIGID):
-            if surface is not item:
+            if carried:
                 validate_carrier(f"slave: body of index {i}", mbs, carrier)
             surfaces.append((surface, carrier))
         else:
