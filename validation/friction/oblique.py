@@ -10,8 +10,8 @@ contact, with an impact of the same angles at 2.7 times the speed, which closes 
 same flight without friction.
 
 Limits: normal force 1 %, tangential force 2 %, velocities of the tip 2 %, energy with what friction took 1e-4, momentum
-1e-9, at most 2 ms a step in contact, as long in free flight as without friction within the noise of 5 %, and 200 times
-quicker than the reference.
+1e-9, at most 2 ms a step in contact, in free flight 1.5 times as long as without friction, where one compiled call tells
+that all rows are open, and 200 times quicker than the reference.
 
     python -m validation.friction.oblique [--quick]
 """
@@ -34,7 +34,7 @@ OTHERS = {"penalty": "contact-adapted", "lagrange": "craig-bampton"}  # formulat
 ALONG = {"stick": 0.03, "partial slip": 0.16, "gross slip": 0.6}  # m/s
 MANY_ROWS = 2.7  # times the speed, which closes 60 rows
 LIMITS = {"normal": 0.01, "tangential": 0.02, "velocity_tip": 0.02, "energy": 1e-4, "momentum": 1e-9, "ms_a_step": 2.0,
-          "free_flight": 1.05}  # fmt: skip
+          "free_flight": 1.5}  # fmt: skip
 QUICKER = 200  # than the reference
 
 
