@@ -53,7 +53,7 @@ def bar_of_modes(length, n, *, speed, gap, end, step=1e-3):
     """Speed of the centre of mass after a bar of `UNIT` and side 2 met a wall: n axial modes, the others static."""
     mass, omega = 4.0 * length, np.r_[0.0, np.arange(1, n + 1) * math.pi / length]
     shapes = np.r_[1.0, np.full(n, math.sqrt(2))] / math.sqrt(mass)  # of the end that meets it
-    rest = length / 12 - ((shapes / omega.clip(1e-300)) ** 2)[1:].sum()  # flexibility of a free bar: l / 3 E A
+    rest = length / 12 - ((shapes / omega.clip(1e-300))[1:] ** 2).sum()  # flexibility of a free bar: l / 3 E A
     q, q_t = np.zeros(n + 1), np.r_[-speed * math.sqrt(mass), np.zeros(n)]
     for _ in range(round(end / step)):
         force = max(0.0, -(gap + shapes @ q) / rest)

@@ -106,14 +106,14 @@ def sheet(method):
     return ball_on_sheet(method, 1e-3, 0.1, 4e-3)
 
 
-@case("thin strip, 1:1000", "momentum, energy, complementarity; warns of a contact of one row",
-      warns=("ModelLimitWarning",))  # fmt: skip
+@case("thin strip, 1:1000", "momentum, energy, complementarity; warns of a contact of one row, and of long elements",
+      warns=("MeshQualityWarning", "ModelLimitWarning"))  # fmt: skip
 def strip(method):
     return ball_on_sheet(method, 1e-4, 5e-3, 0.8e-3)
 
 
-@case("thin sheet, 1:1000, coarse", "FrequencyRangeError: its elements bend with no wave", methods=("explicit",),
-      raises="FrequencyRangeError")  # fmt: skip
+@case("thin sheet, 1:1000, coarse", "FrequencyRangeError: its elements bend with no wave; warns of these",
+      methods=("explicit",), raises="FrequencyRangeError", warns=("MeshQualityWarning",))  # fmt: skip
 def coarse_sheet(method):
     ball_on_sheet(method, 1e-4, 0.1, 10e-3)
 
