@@ -563,8 +563,9 @@ class PartitionContact(Item[Any]):
     def ringing(self, result: RunSamples) -> Ringing | None:
         """Ringing of the force: the impact in which it is strongest, its period and means; None if there is none.
 
-        It is measured in the history of the force, see `results.impacts.ringing`. It is None for statics and for
-        multipliers, and if a period of `f_cut` has fewer than four samples.
+        It is measured in the history of the force, see `results.impacts.ringing`. It is None for statics, for
+        multipliers of explicit steps, which jump from step to step, and if a period of `f_cut` has fewer than four
+        samples.
 
         Raises
         ------
@@ -572,7 +573,7 @@ class PartitionContact(Item[Any]):
             If `result` is no result, or is of another model.
         """
         force = self.force(result)
-        if not self.compliant or result.method == "static":
+        if result.method == "static" or not (self.compliant or result.method == "implicit"):
             return None
         return ringing(result.t, force, 1 / min(item.body.f_cut for item, _ in self.sides))
 

@@ -10,8 +10,8 @@ contact, with an impact of the same angles at 2.7 times the speed, which closes 
 same flight without friction.
 
 Limits: normal force 1 %, tangential force 2 %, velocities of the tip 2 %, energy with what friction took 1e-4, momentum
-1e-9, at most 2 ms a step in contact, in free flight 1.5 times as long as without friction, where one compiled call tells
-that all rows are open, and 200 times quicker than the reference.
+1e-9, at most 2 ms a step in contact, in free flight 1.5 times as long as without friction, where one compiled call
+tells that all rows are open, and 200 times quicker than the reference.
 
     python -m validation.friction.oblique [--quick]
 """
