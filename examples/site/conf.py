@@ -89,7 +89,7 @@ def add_example(app, what, name, thing, options, lines):
 
 @functools.cache
 def tree(builder, **options):
-    """Tree of the sidebar as the front page shows it; to make it for each page took a third of the build."""
+    """Tree of the sidebar as the front page shows it. To make it for each page takes long."""
     found = global_toctree_for_doc(builder.env, "index", builder, tags=builder.tags, **options)
     return builder.render_partial(found)["fragment"]
 
