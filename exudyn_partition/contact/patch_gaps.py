@@ -19,11 +19,12 @@ import numpy as np
 from ..algebra.products import moved, weighted_rows
 from ..algebra.sparse.skin_flexibility import Flexibility
 from ..support.arrays import Array
+from ..surfaces.facing import ALONG_LINE, closest_met, facing
 from ..surfaces.loops import at_points
 from ..surfaces.points import ContactPoints, RowKind
 from ..surfaces.projection import Projection
-from ..surfaces.rows import ContactRows, facing, rows_of
-from ..surfaces.surface import Surface, closest_points
+from ..surfaces.rows import ContactRows, rows_of
+from ..surfaces.surface import Surface
 from ..surfaces.witnesses import seen_from, witnesses_of
 from .followed import MET, NEAR, SEARCHED, Apart, Followed, Search
 from .gaps import Gaps, GapState, Present
@@ -239,9 +240,10 @@ class PatchGaps(Gaps):
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`."""
         x_s, x_m = self.dented(self.sides, q, dents)
-        projection = closest_points(np.vstack([x_s, self._all.at(x_s)]), x_m[self.sides[1].surface.facets])
         direction = replace(self.slave.surface, points=x_s).normal_here
-        return float(projection.gap[facing(projection, direction, self.size)].min(initial=np.inf))
+        master = replace(self.sides[1].surface, points=x_m)
+        projection = closest_met(np.vstack([x_s, self._all.at(x_s)]), direction, master)
+        return float(projection.gap[facing(projection, direction, self.size, ALONG_LINE)].min(initial=np.inf))
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """See `Gaps.closing`; the last entry bounds all points without rows, by their least gap and largest speed."""
@@ -289,13 +291,13 @@ class PatchGaps(Gaps):
         """Rows of all points that face the master, and the least gap [m]."""
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
         projection = self._projection(self._all, slave, master)
-        paired = facing(projection, slave.normal_here, self.size)
+        paired = facing(projection, slave.normal_here, self.size, ALONG_LINE)
         least = projection.gap[paired].min(initial=np.hypot(projection.gap, projection.offset).min())
         return rows_of(self._all, projection, paired, slave, master, self.approach), float(least)
 
     def _projection(self, points: ContactPoints, slave: Surface, master: Surface) -> Projection:
         """Closest points of some points of the slave on the master."""
-        return closest_points(points.at(slave.points), master.points[master.facets])
+        return closest_met(points.at(slave.points), slave.normal_here, master)
 
     def search(self, q: Array, within: float | None = None) -> tuple[Stage, Array]:
         """See `Pair`.

@@ -14,7 +14,8 @@ import numpy as np
 
 from ..algebra.products import largest_change
 from ..support.arrays import Array
-from ..surfaces.near import LIMIT, NODE_TO_FACET, NearParts, closest_met, facing_locally, near_rows
+from ..surfaces.facing import closest_met, facing
+from ..surfaces.near import LIMIT, NODE_TO_FACET, NearParts, near_rows
 from ..surfaces.points import ContactPoints
 from ..surfaces.projection import Projection
 from ..surfaces.rows import ContactRows
@@ -167,9 +168,9 @@ class WanderingGaps(PatchGaps):
         nodes = near.nodes[:, None]
         carriers = (points.nodes, points.weights), (nodes, np.ones(nodes.shape))
         places = np.vstack([points.at(slave.points), slave.points[near.nodes]])
-        projection = closest_points(places, master.points[master.facets])
         normals = np.vstack([slave.normals_at(*carrier) for carrier in carriers])
-        return float(projection.gap[facing_locally(projection, normals, self.size)].min(initial=np.inf))
+        projection = closest_met(places, normals, master)
+        return float(projection.gap[facing(projection, normals, self.size)].min(initial=np.inf))
 
     def _distance(self, x_s: Array, x_m: Array) -> float:
         return self._near_parts(self.present.q).least if self._apart_by_far else self.project(x_s, x_m)[1]

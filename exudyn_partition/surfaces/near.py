@@ -18,13 +18,12 @@ from scipy.spatial import cKDTree
 from ..errors import EmptyRegionError, PenetrationError
 from ..fe.facets import area_vectors, facet_corners
 from ..support.arrays import Array
+from .facing import LOCALLY, closest_met, facing
 from .points import ContactPoints, RowKind, contact_points
-from .projection import Projection
-from .rows import EDGE_TOLERANCE, PENETRATION_TOLERANCE, TOUCHING, ContactRows, rows_of
+from .rows import PENETRATION_TOLERANCE, TOUCHING, ContactRows, rows_of
 from .surface import Surface, closest_points
 
 _OPPOSITE = math.cos(math.radians(30))  # between normals and the line across a gap
-_FACING = 0.5  # points meet if the cosine between their local normal and the master's inward normal is above
 NODE_TO_FACET = 0.6  # of a facet's longest edge: no point of it is further from the nearest node
 _START = 2.0  # facets around the nearest nodes that are projected at the start
 _APPROACHES = 10  # most projections until patches touch
@@ -57,10 +56,10 @@ def near_patches(
         distance, nearest = cKDTree(other.points).query(one.points)
         k = int(distance.argmin())
         if distance[k] <= reach + NODE_TO_FACET * max(one.longest, other.longest):
-            normal, facing = (s.normals_at(np.array([[node]]), np.ones((1, 1)))[0] for s, node in (
+            normal, opposite = (s.normals_at(np.array([[node]]), np.ones((1, 1)))[0] for s, node in (
                 (one, k), (other, nearest[k]),
             ))  # fmt: skip
-            if normal @ facing < -_FACING:
+            if normal @ opposite < -LOCALLY:
                 found.append((i, j))
     return found
 
@@ -83,7 +82,7 @@ def faces_near(surface: Surface, gap: Array, normals: Array, within: float | Non
     if gap[nearest] > (reach if within is None else within):
         return False
     normal = surface.normals_at(np.array([[nearest]]), np.ones((1, 1)))[0]
-    return anywhere or bool(normal @ normals[nearest] < -_FACING)
+    return anywhere or bool(normal @ normals[nearest] < -LOCALLY)
 
 
 def edge_meets(one: Surface, other: Surface) -> bool:
@@ -95,7 +94,7 @@ def edge_meets(one: Surface, other: Surface) -> bool:
         near = NearParts.of(surface, opposite)
         found = closest_points(surface.points[near.nodes], opposite.points[opposite.facets[near.master_facets]])
         normals = surface.normals_at(near.nodes[:, None], np.ones((len(near.nodes), 1)))
-        met = facing_locally(found, normals, opposite.facet_size)
+        met = facing(found, normals, opposite.facet_size)
         least = min(least, float(found.gap[met].min(initial=np.inf)))
     met &= found.gap <= least + TOUCHING * size
     return bool(np.isin(near.nodes[met], one.sharp).any())
@@ -191,37 +190,6 @@ class NearParts:
         return replace(some, facets=some.facets[self.slave_facets])
 
 
-def facing_locally(projection: Projection, normals: Array, size: float) -> Array:
-    """Which points meet the surface that they were projected on, (k,) bool, by the slave's normals there, (k, 3)."""
-    cosine = np.einsum("kd,kd->k", projection.normal, normals)
-    return np.asarray((projection.offset <= EDGE_TOLERANCE * size) & (cosine < -_FACING))
-
-
-def closest_met(places: Array, normals: Array, master: Surface) -> Projection:
-    """Project points on a surface; points within a thin wall on the face through which their body has come.
-
-    The back of a wall is nearer to points that have passed half its thickness, but looks the way of their body. They
-    are projected on the facets that face them.
-
-    Parameters
-    ----------
-    places, normals : (k, 3) arrays
-        Points [m], and their body's outward unit normals there.
-    master : Surface
-    """
-    facets = master.points[master.facets]
-    found = closest_points(places, facets)
-    on_back = np.flatnonzero((found.gap < 0.0) & (np.einsum("kd,kd->k", found.normal, normals) > _FACING))
-    if not len(on_back):
-        return found
-    outward = area_vectors(master.points, master.facets)
-    facing = np.flatnonzero(outward @ normals[on_back].mean(axis=0) < -_FACING * np.linalg.norm(outward, axis=1))
-    if len(facing):
-        front = closest_points(places[on_back], facets[facing])
-        found.put(on_back, replace(front, facet=facing[front.facet]))
-    return found
-
-
 def near_rows(
     points: ContactPoints, slave: Surface, master: Surface, approach: Array, way: float = 0.0
 ) -> tuple[ContactRows, float]:
@@ -241,7 +209,7 @@ def near_rows(
     size = master.facet_size
     normals = slave.normals_at(points.nodes, points.weights)
     found = closest_met(points.at(slave.points), normals, master)
-    paired = facing_locally(found, normals, size)
+    paired = facing(found, normals, size)
     least = found.gap[paired].min(initial=np.hypot(found.gap, found.offset).min())
     # A row is a pair if its mean gap is small; points that face nothing count as far away.
     gaps = points.mean @ np.where(paired, found.gap, LIMIT * size)
@@ -334,8 +302,9 @@ def pair_wandering(
         other = replace(master, facets=master.facets[near.master_facets])
         points = near.points(everything)
         places = points.at(part.points)
-        found = closest_points(places, other.points[other.facets])
-        paired = facing_locally(found, part.normals_at(points.nodes, points.weights), size)
+        normals = part.normals_at(points.nodes, points.weights)
+        found = closest_met(places, normals, other)
+        paired = facing(found, normals, size)
         if rows == "edges" and not paired.any():  # they may meet a face later
             return near_rows(points, part, other, -found.normal[found.gap.argmin()])[0]
         if not paired.any():

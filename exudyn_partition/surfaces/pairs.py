@@ -12,9 +12,9 @@ from ..fe.edges import edge_middles
 from ..fe.shapes import QUADS, TABLES, curvature, shape_functions
 from ..support.arrays import Array
 from . import loops
+from .facing import EDGE_TOLERANCE
 from .points import ContactPoints
 from .projection import SETTLED, Projection, newton_step
-from .rows import EDGE_TOLERANCE
 from .surface import Surface, closest_points
 from .vectors import cross
 

@@ -14,12 +14,11 @@ from ..errors import EmptyRegionError, PenetrationError
 from ..fe.facets import facet_corners
 from ..support.arrays import Array
 from ..support.checks import read_only
+from .facing import ALONG_LINE, EDGE_TOLERANCE, closest_met, facing
 from .points import ContactPoints, RowKind, contact_points
 from .projection import Projection
-from .surface import Surface, closest_points
+from .surface import Surface
 
-EDGE_TOLERANCE = 0.02  # of a facet's size: a point that projects past the patch's edge by less is paired
-_FACING = 0.9  # points meet if the cosine between line of contact and master's inward normal is above
 TOUCHING = 1e-3  # of a facet's size: patches are brought as close as this before pairing
 _APPROACHES = 10  # most projections to get there
 PENETRATION_TOLERANCE = 1e-4  # of a facet's size: round-off and the faceting of curved surfaces
@@ -106,11 +105,6 @@ def directed_matrix(nodes: Array, weights: Array, directions: Array, n_nodes: in
     return sp.csr_matrix((values.ravel(), columns.ravel(), 3 * k * np.arange(p + 1)), shape=(p, 3 * n_nodes))
 
 
-def facing(projection: Projection, direction: Array, size: float) -> Array:
-    """Which points meet the surface that they were projected on, (k,) bool: neither past its edge nor too oblique."""
-    return (projection.offset <= EDGE_TOLERANCE * size) & (projection.normal @ direction < -_FACING)
-
-
 def pair_surfaces(
     slave: Surface,
     master: Surface,
@@ -144,12 +138,12 @@ def pair_surfaces(
     """
     points = contact_points(slave, rows)
     places = points.at(slave.points)
-    facets, size = master.points[master.facets], master.facet_size
+    size = master.facet_size
     approach = slave.direction if slave.flatness > master.flatness else -master.direction
     way = 0.0
     for _ in range(_APPROACHES):
-        projection = closest_points(places + way * approach, facets)
-        paired = facing(projection, slave.direction, size)
+        projection = closest_met(places + way * approach, slave.direction, master)
+        paired = facing(projection, slave.direction, size, ALONG_LINE)
         if way == 0.0 and paired.any() and projection.gap[paired].min() < -PENETRATION_TOLERANCE * size:
             if pressed:
                 return rows_of(points, projection, paired, slave, master, approach)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from exudyn_partition.surfaces.facing import EDGE_TOLERANCE
 from exudyn_partition.surfaces.pairs import MovingPairs
 from exudyn_partition.surfaces.points import ContactPoints
-from exudyn_partition.surfaces.rows import EDGE_TOLERANCE
 from exudyn_partition.surfaces.surface import closest_points
 
 

@@ -17,7 +17,7 @@ from ...exudyn_bodies.partition_body import PartitionBody
 from ...fe.facets import area_vectors, facet_corners
 from ...support.arrays import Array
 from ...support.once import once
-from ...surfaces.rows import EDGE_TOLERANCE
+from ...surfaces.facing import EDGE_TOLERANCE
 from ...surfaces.surface import Surface, closest_points
 from ...surfaces.witnesses import witnesses_of
 from ..result import called

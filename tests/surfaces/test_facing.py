@@ -1,0 +1,56 @@
+"""Which facets of a master points meet, beside sharp edges."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from exudyn_partition.fe.edges import sharp_nodes
+from exudyn_partition.surfaces.facing import EDGE_TOLERANCE, closest_met, facing
+from exudyn_partition.surfaces.surface import Surface
+
+UP, OUTWARD = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def corner():
+    """A block's top, z = 0, and its side, x = 0, with five facets along each edge: quadrilaterals of size 1."""
+    along = np.arange(6.0)
+    down, y = (grid.ravel() for grid in np.meshgrid(along[1:], along, indexing="ij"))
+    points = np.vstack([np.c_[np.repeat(-along, 6), np.tile(along, 6), np.zeros(36)], np.c_[0 * y, y, -down]])
+    first = (6 * np.arange(5)[:, None] + np.arange(5)).ravel()
+    rows = np.vstack([np.arange(6), 36 + np.arange(30).reshape(5, 6)])
+    side = np.stack([rows[:-1, :-1], rows[1:, :-1], rows[1:, 1:], rows[:-1, 1:]], axis=-1).reshape(-1, 4)
+    facets = np.vstack([np.c_[first, first + 1, first + 7, first + 6], side])
+    empty = np.empty(0, dtype=np.int64)
+    return Surface(points, facets, UP, empty, np.arange(len(points)), wanders=True, sharp=sharp_nodes(points, facets))
+
+
+@pytest.mark.parametrize("height", [-1e-3, -1e-9, 0.0, 1e-9, 0.2])
+@pytest.mark.parametrize("past", [-1e-3, -1e-12, 1e-12, 1e-9, 0.8 * EDGE_TOLERANCE])
+def test_a_point_just_past_a_sharp_edge_meets_the_face_that_faces_it(corner, past, height):
+    """By round-off it is nearest to the face beside the edge; flush bodies lost these points."""
+    places = np.c_[[past, past], [0.3, 2.7], [height, height]]
+    for normals in (-UP, np.tile(-UP, (2, 1))):
+        found = closest_met(places, normals, corner)
+        assert facing(found, normals, corner.facet_size).all()
+        np.testing.assert_allclose(found.normal, [UP, UP], atol=1e-12)
+        np.testing.assert_allclose(found.gap, height, atol=1e-12)
+    turned = closest_met(places[:, [2, 1, 0]], -OUTWARD, corner)  # the same point of a body beside the block
+    np.testing.assert_allclose(turned.normal, [OUTWARD, OUTWARD], atol=1e-12)
+    np.testing.assert_allclose(turned.gap, height, atol=1e-12)
+
+
+def test_points_beside_a_face_do_not_meet_the_one_above(corner):
+    """Below the edge by more than the tolerance, or past it by more, a point that looks down meets nothing."""
+    for past, height in ((1e-3, -0.5), (2 * EDGE_TOLERANCE, 1e-3), (2 * EDGE_TOLERANCE, 0.3)):
+        found = closest_met(np.array([[past, 2.2, height]]), -UP, corner)
+        assert not facing(found, -UP, corner.facet_size).any()
+
+
+def test_points_of_several_faces_each_meet_their_own(corner):
+    places = np.array([[1e-10, 1.4, 1e-10], [1e-10, 1.4, 1e-10]])
+    found = closest_met(places, np.array([-UP, -OUTWARD]), corner)
+    np.testing.assert_allclose(found.normal, [UP, OUTWARD], atol=1e-12)
+    smooth = replace(corner, sharp=corner.sharp[:0])
+    assert np.ptp(closest_met(places, np.array([-UP, -OUTWARD]), smooth).facet) == 0
