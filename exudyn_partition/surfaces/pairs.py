@@ -147,20 +147,14 @@ class MovingPairs:
     ) -> None:
         """Project the points `lost` of those that were followed on all facets, and put their normals and gaps right.
 
-        Find out, too, which of them are past the edge. These are projected on their facets beyond it, as when they are
-        followed. So forces do not depend on when points were searched.
+        Find out, too, which of them are past the edge, see `continue_past_rim`.
         """
         x = loops.at_points(points.nodes[lost], points.weights[lost], x_s)
         found = closest_points(x, x_m[self.facets])
         facet, local, rest = self._here
         searched = index[lost]
-        offset = np.where(self._at_rim(found.facet, found.local), found.offset, 0.0)
-        self._past[searched] = past = offset > _ON_EDGE * self.size
-        self._gone[searched] = gone = offset > EDGE_TOLERANCE * self.size
-        beyond = np.flatnonzero(past & ~gone)
-        if len(beyond):
-            own = found.facet[beyond]
-            found.put(beyond, follow(x[beyond], x_m[self.facets[own]], own, found.local[beyond]))
+        past, gone = continue_past_rim(found, x, x_m[self.facets], self._neighbours[0], self.size)
+        self._past[searched], self._gone[searched] = past, gone
         facet[lost], local[lost] = found.facet, found.local
         rest[lost] = 0.0 if self._points is points else found.weights
         self._facet[searched], self._local[searched] = found.facet, found.local
@@ -211,11 +205,6 @@ class MovingPairs:
         turned = np.einsum("kij,kj->ki", turn, last)
         return np.where(over[:, 0], neighbour, facet), np.where(over, there, local), np.where(over, turned, last)
 
-    def _at_rim(self, facet: Array, local: Array) -> Array:
-        """Which closest points lie on edges without a neighbour facet, (k,) bool."""
-        on = np.stack(_depths(local, self.facets.shape[1]), axis=1) < _ON_EDGE
-        return np.asarray((on & (self._neighbours[0][facet] < 0)).any(axis=1))
-
     def _cross_again(self, pairs: Projection, left: Array, x: Array, x_m: Array) -> Array:
         """Project points, x (k, 3), that have left their facets, on the neighbours; return those that are not there."""
         before = pairs.facet[left]
@@ -259,6 +248,41 @@ def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int =
             start = local[far] + np.clip(step[far], -1.0, 1.0)
             found.put(far, follow(points[far], nodes[far], facet[far], start, steps - 1))
     return found
+
+
+def continue_past_rim(
+    found: Projection, points: Array, nodes: Array, across: Array, size: float
+) -> tuple[Array, Array]:
+    """Project points that are a little past the rim of a patch on their facets beyond it, as when they are followed.
+
+    So forces do not depend on when points were searched.
+
+    Parameters
+    ----------
+    found : Projection
+        Of the k points on the patch; it is changed.
+    points : (k, 3) array
+        Places of the points [m].
+    nodes : (nf, n, 3) array
+        Positions of the nodes of each facet [m].
+    across : (nf, number of edges) int array
+        Neighbour across each edge, -1 where there is none.
+    size : float
+        Of the facets [m].
+
+    Returns
+    -------
+    two (k,) bool arrays
+        Which points are past the rim, and which by more than the tolerance.
+    """
+    on = np.stack(_depths(found.local, nodes.shape[1]), axis=1) < _ON_EDGE
+    offset = np.where((on & (across[found.facet] < 0)).any(axis=1), found.offset, 0.0)
+    past, gone = offset > _ON_EDGE * size, offset > EDGE_TOLERANCE * size
+    beyond = np.flatnonzero(past & ~gone)
+    if len(beyond):
+        own = found.facet[beyond]
+        found.put(beyond, follow(points[beyond], nodes[own], own, found.local[beyond]))
+    return past, gone
 
 
 def _depths(local: Array, n_nodes: int) -> list[Array]:

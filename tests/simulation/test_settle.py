@@ -174,6 +174,21 @@ def test_stacked_cubes_stay_at_rest_in_the_steps_that_follow(mbs, cube):
         np.testing.assert_allclose(forces, np.tile([0, 0, above * weight], (len(forces), 1)), atol=2e-5 * weight)
 
 
+@pytest.mark.parametrize("angle", [8.0, 20.0])
+def test_stacked_cubes_that_are_turned_begin_steps_with_the_forces_of_statics(mbs, cube, angle):
+    """Flexibilities found at an anchor took points a little past the lower one's edge on the edge, not beyond it."""
+    options = {"frame": "floating", "gravity": (0.0, 0.0, -500 * G)}
+    lower = ep.CreatePartitionBody(mbs, cube, **options)
+    options |= {"referencePosition": [9e-4, 7e-4, 10e-3], "referenceRotationMatrix": about_z(np.radians(angle))}
+    upper = ep.CreatePartitionBody(mbs, cube, **options)
+    ep.CreatePartitionContact(mbs, lower, ep.RigidPlane(), slavePatch="foot", friction=0.3)
+    seam = ep.CreatePartitionContact(mbs, upper, lower, slavePatch="foot", masterPatch="head", friction=0.3)
+    mbs.Assemble()
+    ep.solve_static(mbs, load_steps=1, update_initial=True)
+    result = ep.solve_dynamic(mbs, end_time=8e-6, step=2e-6, method="implicit")
+    np.testing.assert_allclose(seam.force(result), 500 * G * cube.total_mass, rtol=1e-7)
+
+
 def about_z(angle):
     """Rotation about the z axis, (3, 3)."""
     c, s = np.cos(angle), np.sin(angle)
