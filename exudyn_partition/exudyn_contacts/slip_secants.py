@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from ..support.foreign import MainSolver
 
+_OVER = 1e-6  # relative: round-off of the lengths of load steps
+
 
 class SlipSecants:
     """Share of the secants of friction, forces by ways, in the Jacobian, beside its tangents.
@@ -22,6 +24,8 @@ class SlipSecants:
         How long secants last. Where no load step has settled, their share is one at first and wherever the residual
         has grown, and falls with its square root. Else it is the residual over the largest one of the load step: a
         body that slides on all its contacts gets in a few iterations to where rows stick, and not far past that.
+        Such secants go when the load step is divided, and come again at the next division: a table whose legs slip a
+        little settles by tangents alone.
 
     References
     ----------
@@ -31,6 +35,7 @@ class SlipSecants:
 
     def __init__(self, *, lasting: bool = True) -> None:
         self._lasting, self._share, self._residual, self._largest = lasting, 1.0, 0.0, 0.0
+        self._acts, self._length = True, 0.0
 
     def share(self, solver: MainSolver) -> float:
         """Share in the iteration of Newton's method that the static solver begins now; none in the first."""
@@ -40,5 +45,8 @@ class SlipSecants:
         self._share = self._share * (residual / self._residual) ** 0.5 if falls else 1.0
         self._residual = residual
         if first:
+            divided, self._length = solver.it.currentStepSize < (1 - _OVER) * self._length, solver.it.currentStepSize
+            self._acts = self._lasting or self._acts != divided
+        if first or not self._acts:
             return 0.0
         return self._share if self._lasting or not self._largest else residual / self._largest
