@@ -18,8 +18,9 @@ from ..prediction.pair_impact import ImpactSide, impact_between
 from ..reduction.body import ReducedBody
 from ..reduction.loads import patch_slice
 from ..support.arrays import Array
+from ..surfaces.facing import PENETRATION_TOLERANCE
 from ..surfaces.points import ContactPoints, coarser_hats, contact_points
-from ..surfaces.rows import PENETRATION_TOLERANCE, directed_matrix, pair_surfaces, point_matrix
+from ..surfaces.rows import directed_matrix, pair_surfaces, point_matrix
 from ..surfaces.surface import Surface
 
 Pair = tuple[FEModel, ReducedBody]

@@ -13,7 +13,8 @@ import scipy.sparse.linalg
 
 from ..errors import InputError, PenetrationError
 from ..fe.facets import facet_corners
-from ..surfaces.rows import PENETRATION_TOLERANCE, directed_matrix
+from ..surfaces.facing import PENETRATION_TOLERANCE
+from ..surfaces.rows import directed_matrix
 from ..surfaces.surface import Surface
 from .gaps import Gaps
 from .side import Side

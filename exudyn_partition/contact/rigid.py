@@ -11,8 +11,8 @@ import numpy as np
 from ..errors import InputError, PenetrationError, RunError
 from ..support.arrays import Array, Vector, as_read_only
 from ..support.checks import validate_flag, validate_positive, validate_vector
+from ..surfaces.facing import PENETRATION_TOLERANCE
 from ..surfaces.points import ContactPoints, RowKind
-from ..surfaces.rows import PENETRATION_TOLERANCE
 from . import loops
 from .gaps import Gaps, GapState
 from .linear_gaps import LinearGaps

@@ -22,8 +22,8 @@ import scipy.sparse as sp
 from ..errors import InputError, PenetrationError
 from ..prediction.point_contact import PointContact
 from ..support.arrays import Array
+from ..surfaces.facing import PENETRATION_TOLERANCE
 from ..surfaces.points import ContactPoints
-from ..surfaces.rows import PENETRATION_TOLERANCE
 from .gaps import Gaps, GapState, Present
 from .linear_gaps import LinearGaps
 from .rigid import RigidPlane, RigidSurface

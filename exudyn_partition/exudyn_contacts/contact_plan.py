@@ -31,9 +31,9 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..fe.partition import number_of_patch
 from ..support.checks import validate_choice, validate_positive
 from ..support.foreign import MainSystem, ObjectIndex
+from ..surfaces.facing import PENETRATION_TOLERANCE
 from ..surfaces.near import edge_meets, opposite_parts
 from ..surfaces.points import ROW_KINDS, RowKind
-from ..surfaces.rows import PENETRATION_TOLERANCE
 from ..surfaces.surface import Surface
 from .point_pairs import only_pair
 

@@ -25,7 +25,7 @@ from ..support.checks import validate_number, validate_positive, validate_result
 from ..support.foreign import MainSystem, NodeIndex, SensorIndex
 from ..support.items import Item
 from ..support.optional import require
-from ..surfaces.rows import PENETRATION_TOLERANCE
+from ..surfaces.facing import PENETRATION_TOLERANCE
 from .contact_plan import ContactPlan
 from .contact_replay import nodal_forces, stored_energy, viscous_work
 from .contact_samples import RunSamples, growing_at, mean_forces

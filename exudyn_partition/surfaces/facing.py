@@ -16,6 +16,8 @@ from .surface import Surface, closest_points, nearest_places
 EDGE_TOLERANCE = 0.02  # of a facet's size: a point that projects past the edge of a face by less is paired with it
 LOCALLY, ALONG_LINE = 0.5, 0.9  # points meet if the cosine between their normal, or the line of contact, and the
 # master's inward normal is above
+PENETRATION_TOLERANCE = 1e-4  # of a facet's size: round-off and the faceting of curved surfaces
+_BESIDE = 1e-6  # of a facet's size: round-off of a point that lies on the face beside an edge
 _AROUND = 24  # facets that are tried for points beside a sharp edge, nearest centroids first
 
 
@@ -40,8 +42,9 @@ def closest_met(places: Array, normals: Array, master: Surface) -> Projection:
     """Project points on a surface, where faces meet at sharp edges and in thin walls on the face that they come from.
 
     A point just past a sharp edge is nearest to the face beside the edge, by round-off where bodies are flush. It is
-    projected on the face that faces it, if that is hardly further away. A point that has passed half the thickness of a
-    wall is nearest to the wall's back, which looks the way of its body. It is projected on the facets that face it.
+    projected on the face that faces it, if that is hardly further away. But a point outside beside the edge is not
+    taken as one inside, as below a body that stands on its edge. A point that has passed half the thickness of a wall
+    is nearest to the wall's back, which looks the way of its body. It is projected on the facets that face it.
 
     Parameters
     ----------
@@ -82,8 +85,9 @@ def _put_beside_edges(found: Projection, aside: Array, places: Array, normals: A
     tried = loops.closest(places - centre, facets - centre, np.where(faces, near, first[:, None]))
     before = found.part(index)
     further = np.hypot(tried.gap, tried.offset) - np.hypot(before.gap, before.offset)
-    tolerance = EDGE_TOLERANCE * master.facet_size
-    taken = np.flatnonzero(facing(tried, normals, master.facet_size) & (further <= tolerance))
+    size = master.facet_size
+    right = (tried.gap >= -PENETRATION_TOLERANCE * size) | (before.gap <= _BESIDE * size)
+    taken = np.flatnonzero(facing(tried, normals, size) & (further <= EDGE_TOLERANCE * size) & right)
     found.put(index[taken], replace(tried, facet=few[tried.facet]).part(taken))
 
 

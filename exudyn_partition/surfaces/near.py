@@ -18,9 +18,9 @@ from scipy.spatial import cKDTree
 from ..errors import EmptyRegionError, PenetrationError
 from ..fe.facets import area_vectors, facet_corners
 from ..support.arrays import Array
-from .facing import LOCALLY, closest_met, facing
+from .facing import LOCALLY, PENETRATION_TOLERANCE, closest_met, facing
 from .points import ContactPoints, RowKind, contact_points
-from .rows import PENETRATION_TOLERANCE, TOUCHING, ContactRows, rows_of
+from .rows import TOUCHING, ContactRows, rows_of
 from .surface import Surface, closest_points
 
 _OPPOSITE = math.cos(math.radians(30))  # between normals and the line across a gap

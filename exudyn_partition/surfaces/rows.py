@@ -14,14 +14,13 @@ from ..errors import EmptyRegionError, PenetrationError
 from ..fe.facets import facet_corners
 from ..support.arrays import Array
 from ..support.checks import read_only
-from .facing import ALONG_LINE, EDGE_TOLERANCE, closest_met, facing
+from .facing import ALONG_LINE, EDGE_TOLERANCE, PENETRATION_TOLERANCE, closest_met, facing
 from .points import ContactPoints, RowKind, contact_points
 from .projection import Projection
 from .surface import Surface
 
 TOUCHING = 1e-3  # of a facet's size: patches are brought as close as this before pairing
 _APPROACHES = 10  # most projections to get there
-PENETRATION_TOLERANCE = 1e-4  # of a facet's size: round-off and the faceting of curved surfaces
 
 
 @dataclass(frozen=True, eq=False)

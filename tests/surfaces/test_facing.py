@@ -30,12 +30,16 @@ def corner():
 @pytest.mark.parametrize("past", [-1e-3, -1e-12, 1e-12, 1e-9, 0.8 * EDGE_TOLERANCE])
 def test_a_point_just_past_a_sharp_edge_meets_the_face_that_faces_it(corner, past, height):
     """By round-off it is nearest to the face beside the edge; flush bodies lost these points."""
+    if past > 1e-6 and height < -1e-4:
+        pytest.skip("it is beside the body, below its edge")
     places = np.c_[[past, past], [0.3, 2.7], [height, height]]
     for normals in (-UP, np.tile(-UP, (2, 1))):
         found = closest_met(places, normals, corner)
         assert facing(found, normals, corner.facet_size).all()
         np.testing.assert_allclose(found.normal, [UP, UP], atol=1e-12)
         np.testing.assert_allclose(found.gap, height, atol=1e-12)
+    if height > 1e-6 and past < -1e-4:
+        return
     turned = closest_met(places[:, [2, 1, 0]], -OUTWARD, corner)  # the same point of a body beside the block
     np.testing.assert_allclose(turned.normal, [OUTWARD, OUTWARD], atol=1e-12)
     np.testing.assert_allclose(turned.gap, height, atol=1e-12)
@@ -43,7 +47,7 @@ def test_a_point_just_past_a_sharp_edge_meets_the_face_that_faces_it(corner, pas
 
 def test_points_beside_a_face_do_not_meet_the_one_above(corner):
     """Below the edge by more than the tolerance, or past it by more, a point that looks down meets nothing."""
-    for past, height in ((1e-3, -0.5), (2 * EDGE_TOLERANCE, 1e-3), (2 * EDGE_TOLERANCE, 0.3)):
+    for past, height in ((1e-3, -0.5), (1e-3, -1e-3), (2 * EDGE_TOLERANCE, 1e-3), (2 * EDGE_TOLERANCE, 0.3)):
         found = closest_met(np.array([[past, 2.2, height]]), -UP, corner)
         assert not facing(found, -UP, corner.facet_size).any()
 
@@ -54,3 +58,11 @@ def test_points_of_several_faces_each_meet_their_own(corner):
     np.testing.assert_allclose(found.normal, [UP, OUTWARD], atol=1e-12)
     smooth = replace(corner, sharp=corner.sharp[:0])
     assert np.ptp(closest_met(places, np.array([-UP, -OUTWARD]), smooth).facet) == 0
+
+
+def test_what_is_outside_beside_an_edge_is_not_inside_beneath_its_other_face(corner):
+    """A plate below a block that stands on its edge: the face that hardly faces the plate is in front of the point."""
+    leans = (0.447 * OUTWARD + 0.894 * UP) / np.hypot(0.447, 0.894)
+    found = closest_met(np.array([[3e-3, 2.2, -6e-3]]), -leans, corner)
+    np.testing.assert_allclose(found.normal, [OUTWARD], atol=1e-12)
+    assert found.gap[0] == pytest.approx(3e-3)

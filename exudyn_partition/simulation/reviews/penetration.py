@@ -14,7 +14,7 @@ from ...exudyn_contacts.plastic_results import dent_motion
 from ...fe.facets import area_vectors, facet_corners
 from ...support.arrays import Array
 from ...support.once import once
-from ...surfaces.rows import PENETRATION_TOLERANCE
+from ...surfaces.facing import PENETRATION_TOLERANCE
 from ...surfaces.surface import Surface
 from ..result import called, when
 from .crossing_edges import looked_at, neighbours
