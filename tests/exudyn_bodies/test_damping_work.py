@@ -12,7 +12,7 @@ import exudyn_partition as ep
     "damping", [0.05, ep.Rayleigh(0.0, 1e-6), ep.Rayleigh(5e3, 0.0)], ids=["ratio", "stiffness", "mass"]
 )
 def test_balance_of_a_body_that_a_static_load_lets_go(arm_body, frame, damping):
-    """Static shapes swing far above f_cut, so that powers at the ends of steps counted too much; in soft bodies by half."""
+    """Static shapes swing far above f_cut: powers at the ends of steps counted too much, in soft bodies by half."""
     mbs, item, _ = jointed(arm_body, frame, damping=damping)
     tip = item.CreatePointMarker(mbs, (0.005, 0.004, 0.06))
     load = mbs.AddLoad(items.LoadForceVector(markerNumber=tip, loadVector=[10.0, 0, 0]))
