@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.integrate import cumulative_trapezoid
 
 from ..errors import InputError
 from ..fe.model import FEModel
@@ -19,6 +18,7 @@ from ..support.arrays import Array, Vector
 from ..support.checks import validate_result, validate_vector
 from ..support.foreign import ItemIndex, MainSystem, NodeIndex
 from ..support.items import Item
+from .damping_work import damping_work
 from .model import Samples
 from .static_part import (
     Static,
@@ -255,16 +255,15 @@ class BodyResults(Item[ItemIndex]):
     def dissipated_energy(self, result: Samples) -> Array:
         """Energy that damping has taken from the body since the start of the result, (n,) [J].
 
-        It is integrated by the trapezoidal rule; the samples must resolve the vibration.
+        It is what implicit steps take, if each has a sample. Otherwise it is integrated by the trapezoidal rule; the
+        samples must resolve the vibration.
         """
-        q_t, power = self.coordinates_t(result), np.zeros(len(result.t))
-        if not (dampings := result.dampings_of(self)):
-            return power
-        for since, damping in dampings:
-            then = result.t >= since
-            power[then] = np.sum(q_t[then] * damping.force(q_t[then]), axis=1)
-        value: Array = cumulative_trapezoid(power, result.t, initial=0.0)
-        return value
+        return damping_work(
+            result,
+            self.coordinates_t(result),
+            result.dampings_of(self),
+            lambda damping, q_t: np.sum(q_t * damping.force(q_t), axis=1),
+        )
 
     def rigid_motion(self, q: Array) -> Array:
         """Rigid motion at coordinates q, (n, n_dofs): (n, 6), translation [m] and rotation [rad] of the whole body.

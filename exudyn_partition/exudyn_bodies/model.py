@@ -100,6 +100,10 @@ class Samples(Protocol):
         """Solver: "explicit", "implicit", "static", or "" if it is not known."""
 
     @property
+    def steps(self) -> int:
+        """Steps taken."""
+
+    @property
     def contacts(self) -> Sequence[ContactItem]:
         """Contacts of the model."""
 

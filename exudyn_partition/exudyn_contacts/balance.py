@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..exudyn_bodies.damping_work import has_all_steps
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_bodies.user_functions import RIGID
 from ..support.arrays import Array
@@ -99,11 +100,6 @@ def taken_by_steps(result: RunResult) -> dict[str, Array]:
             q = np.concatenate([q[:, :3], np.full((len(q), 3), np.nan), q[:, RIGID:]], axis=1)
         works.append(result.newmark.taken(result.t, q, item.coordinates_t(result), item.kinematics.mass))
     return {STEPS: np.sum(works, axis=0)}
-
-
-def has_all_steps(result: RunResult) -> bool:
-    """Whether there is a sample at the end of each step."""
-    return 0 < result.steps < len(result.t)
 
 
 def given(result: RunResult) -> dict[str, Array]:

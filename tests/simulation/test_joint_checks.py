@@ -50,6 +50,17 @@ def test_initial_velocities_that_violate_a_joint(arm_body, frame):
                 ep.solve_dynamic(mbs, end_time=2e-5, step=2e-6, method="implicit")
 
 
+@pytest.mark.parametrize("switch", [("activeConnector", False), ("constrainedAxes", [0] * 6)], ids=["off", "axes"])
+def test_a_joint_that_lets_go_of_a_preload_is_not_open(arm_body, frame, switch):
+    """The force that it had is no gap: that of gravity here counted as 0.37 m."""
+    mbs, item, joint = jointed(arm_body, frame, gravity=[0, 0, -9.81])
+    mbs.Assemble()
+    ep.solve_static(mbs, update_initial=True)
+    mbs.SetObjectParameter(joint, *switch)
+    result = ep.solve_dynamic(mbs, end_time=1e-4, step=2e-6, method="implicit")
+    assert item.momentum(result)[-1, 2] == pytest.approx(-9.81e-4 * arm_body.total_mass, rel=1e-6)
+
+
 @pytest.mark.parametrize("method", ["implicit", "explicit"])
 def test_a_joint_whose_markers_do_not_meet(arm_body, frame, method):
     mbs, *_ = jointed(arm_body, frame, HINGE, referencePosition=[0.2, 0, 0])

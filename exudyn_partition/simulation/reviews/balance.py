@@ -8,11 +8,12 @@ import numpy as np
 
 from ...contact.formulations.choices import Compliance, Hertz, Lagrange, Penalty
 from ...errors import InputError
+from ...exudyn_bodies.damping_work import damping_work, has_all_steps
 from ...exudyn_bodies.item_work import Others
 from ...exudyn_bodies.joints import Joints
 from ...exudyn_bodies.model import is_ours, user_function
 from ...exudyn_bodies.partition_body import PartitionBody
-from ...exudyn_contacts.balance import STEPS, Balance, doubt, given, has_all_steps, taken
+from ...exudyn_contacts.balance import STEPS, Balance, doubt, given, taken
 from ...exudyn_contacts.partition_contact import PartitionContact
 from ...frames.damping import ModeDamping
 from ...frames.floating import FloatingKinematics
@@ -127,14 +128,13 @@ def _by_strong_damping(body: BodyHistory, result: Result) -> float:
     dampings = [
         (since, damping) for since, damping in result.dampings_of(body.item) if isinstance(damping, ModeDamping)
     ]
-    if not dampings:
-        return 0.0
-    q_t, power = body.q_t, np.zeros(len(result.t))
-    for since, damping in dampings:
-        then = result.t >= since
+
+    def power(damping: ModeDamping, q_t: Array) -> Array:
         strong = (damping.rates >= 2 * _STRONG * damping.omega) & (damping.rates > 0)
-        power[then] = damping.power(q_t[then])[:, strong].sum(axis=1)
-    return float(np.trapezoid(power, result.t))
+        value: Array = damping.power(q_t)[:, strong].sum(axis=1)
+        return value
+
+    return float(damping_work(result, body.q_t, dampings, power)[-1])
 
 
 def _momenta(run: ReviewedRun, bodies: Sequence[BodyHistory], judged: Array) -> Iterator[Finding]:

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from ...exudyn_bodies.damping_work import has_all_steps
 from ...exudyn_bodies.partition_body import PartitionBody
-from ...exudyn_contacts.balance import has_all_steps
 from ...exudyn_contacts.partition_contact import PartitionContact
 from ...support.arrays import Array
 from ...support.optional import require
