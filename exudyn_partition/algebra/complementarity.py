@@ -124,6 +124,8 @@ class Complementarity:
 
     def solve_active(self, rhs: Array) -> Array:
         """Solve F_AA x = rhs on the present active set; rhs (na,) or (na, k)."""
+        if not self.index.size:  # LAPACK solves no systems without unknowns
+            return np.zeros_like(rhs)
         solution: Array = lapack.dpotrs(self._active_factor(), rhs, lower=1)[0]
         return solution
 

@@ -179,12 +179,13 @@ class _Factors:
         J = (blocks[some] @ through.reshape(len(some), 3, n)).reshape(n, n)
         J.flat[:: n + 1] += 1.0
         # The transpose is in the order of LAPACK, which needs no copy of it.
-        self._lu = lapack.sgetrf(J.T, overwrite_a=1)[:2]
+        self._lu = lapack.sgetrf(J.T, overwrite_a=1)[:2] if n else None  # LAPACK refuses a matrix without rows
 
     def solve(self, rhs: Array) -> Array:
         """Solve for a right-hand side, (3 nr,) float32."""
         solution = rhs.copy()
-        solution[self._places] = lapack.sgetrs(*self._lu, rhs[self._places], trans=1)[0]
+        if self._lu is not None:
+            solution[self._places] = lapack.sgetrs(*self._lu, rhs[self._places], trans=1)[0]
         return solution
 
 

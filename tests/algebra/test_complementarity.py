@@ -128,3 +128,9 @@ def test_active_rows_that_are_not_definite_are_an_error():
     problem.replace(np.array([[1.0, -2.0], [-2.0, 1.0]]), np.zeros(2, dtype=bool))
     with pytest.raises(IndefiniteMatrixError, match="not positive definite"):
         problem.solve(np.array([-1.0, 0.5]))
+
+
+def test_rows_that_are_all_open_do_not_respond():
+    response, G = Complementarity(np.eye(3)).response(np.ones((3, 2)))
+    assert response.shape == (0, 2)
+    np.testing.assert_array_equal(G, np.zeros((2, 2)))

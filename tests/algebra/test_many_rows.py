@@ -44,6 +44,15 @@ def test_forces_are_those_of_few_rows(face, monkeypatch):
     assert {*np.concatenate(states)} == {friction.OPEN, friction.STICK, friction.SLIP}
 
 
+def test_a_plate_that_leaves_at_once_has_no_force(face):
+    """No row is closed then, and the Jacobian has no rows: LAPACK refused it with an error of its own."""
+    mu, inverse = np.full(len(face) // 3, 0.3), np.repeat(1 / np.diag(face)[::3, None], 3, axis=1)
+    pressed = ManyRows(face, inverse).solve(landing(0), mu, np.zeros((len(mu), 3)))
+    assert pressed.closed.any()
+    away = ManyRows(face, inverse).solve(landing(0) + [100.0, 0.0, 0.0], mu, pressed.forces)
+    assert not away.forces.any()
+
+
 def test_the_derivative_is_that_of_few_rows(face, monkeypatch):
     mu, problems = np.full(len(face) // 3, 0.3), []
     for most in (friction.MANY, 10**6):
