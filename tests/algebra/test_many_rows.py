@@ -49,7 +49,7 @@ def test_a_plate_that_leaves_at_once_has_no_force(face):
     mu, inverse = np.full(len(face) // 3, 0.3), np.repeat(1 / np.diag(face)[::3, None], 3, axis=1)
     pressed = ManyRows(face, inverse).solve(landing(0), mu, np.zeros((len(mu), 3)))
     assert pressed.closed.any()
-    away = ManyRows(face, inverse).solve(landing(0) + [100.0, 0.0, 0.0], mu, pressed.forces)
+    away = ManyRows(face, inverse).solve(landing(0) + np.array([100.0, 0.0, 0.0]), mu, pressed.forces)
     assert not away.forces.any()
 
 
