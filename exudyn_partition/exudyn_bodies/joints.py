@@ -23,6 +23,7 @@ from ..support.arrays import Array
 from ..support.foreign import Exudyn, ItemEntry, MainSystem, ObjectIndex
 from ..support.optional import require
 from .model import registered
+from .rotation_vectors import rotation_vectors
 
 HOLONOMIC = (
     "ConnectorCoordinate", "ConnectorCoordinateVector", "ConnectorDistance", "JointGeneric", "JointPrismatic2D",
@@ -135,15 +136,10 @@ class Joints:
 
     def _take_turns(self, exu: Exudyn) -> None:
         """Find the rotation vectors among the coordinates, and their reference values."""
-        turns, references = [], []
-        for number in map(exu.NodeIndex, range(self._mbs.systemData.NumberOfNodes())):
-            node = self._mbs.GetNode(number)
-            if node["nodeType"] == "RigidBodyRotVecLG":
-                first = self._mbs.GetNodeODE2Index(number) + 3
-                if first in self.dofs:
-                    turns.append(self._place[first] + np.arange(3))
-                    references.append(node["referenceCoordinates"][3:])
-        self._turns, self._references = np.reshape(turns, (-1, 3)).astype(int), np.reshape(references, (-1, 3))
+        first = np.intersect1d([*rotation_vectors(self._mbs)], self.dofs).astype(int)
+        self._turns = self._place[first][:, None] + np.arange(3)
+        references = self._mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Reference)
+        self._references = references[first[:, None] + np.arange(3)]
 
     def update(self) -> bool:
         """Compute rows and masses at the present coordinates; return whether they have changed."""

@@ -6,11 +6,13 @@ import contextlib
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+import scipy.sparse as sp
 
 from ..algebra.friction import SLIP
 from ..algebra.products import dense
 from ..errors import ModelLimitWarning
 from ..exudyn_bodies.model import latest_solver, method_of, user_function
+from ..exudyn_bodies.rotation_vectors import turns
 from ..exudyn_bodies.user_functions import sparse_container, terms
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
@@ -74,7 +76,11 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
             _warn_of_slips(run, contacts)
         if run.slip_secants is not None:
             blocks += _of_slips(mbs, run, contacts, run.slip_secants.share(mbs.sys["staticSolver"]) * fODE2)
-        return sparse_container(*_assembled(blocks, run.dofs), len(run.dofs))
+        found = _assembled(blocks, run.dofs)
+        if run.vectors and not run.over:
+            n, own = len(run.dofs), turns(mbs, run.vectors)[run.dofs][:, run.dofs]
+            found = terms(sp.csr_matrix((found[2], found[:2]), shape=(n, n)) @ own)
+        return sparse_container(*found, len(run.dofs))
 
     return mbs.AddObject(
         items.ObjectGenericODE2(

@@ -18,6 +18,7 @@ from ..errors import ComplementarityError, RunError
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import latest_solver, method_of, registered
 from ..exudyn_bodies.other_bodies import OtherBodies
+from ..exudyn_bodies.rotation_vectors import rotation_vectors
 from ..support.arrays import Array, as_slice
 from ..support.foreign import MainSolver, MainSystem
 from ..support.optional import require
@@ -83,6 +84,8 @@ class ModelRun:
         Whether contacts have forces within steps; multipliers ahead of steps do not count.
     idle : bool
         Whether there is nothing to do ahead of steps.
+    vectors : tuple of int
+        First coordinates of rotation vectors, to which the static solver adds its steps.
     others : OtherBodies
         Record of where Exudyn's own bodies are, for pictures.
     unsampled : bool
@@ -124,6 +127,7 @@ class ModelRun:
         self.of_object = as_slice(self.dofs)
         self.slip_secants: SlipSecants | None = None
         self.divides = False
+        self.vectors = tuple(rotation_vectors(mbs)) if method == "static" else ()
 
         self.evaluated_at, self._spent_s = t, 0.0
         self.ended: tuple[float, Array] | None = None

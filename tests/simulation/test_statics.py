@@ -1,6 +1,8 @@
 """Equilibria with contact: balance of forces, stiffness by hand, nothing passes through, preloads, and frequencies."""
 
+import functools
 import math
+import operator
 import warnings
 
 import exudyn as exu
@@ -303,9 +305,14 @@ def test_a_strip_that_bends_on_two_rollers_keeps_its_load_steps(mbs):
     assert pushes[0][0] > 0.1 * load / 2 > -0.1 * load / 2 > pushes[1][0]  # the lower face stretches
 
 
-@pytest.mark.parametrize("load_steps", [1, 5])
-def test_a_table_settles_under_a_load_beside_its_middle(mbs, load_steps):
-    """Its legs slip a little. With a stiffness along slips no iteration settled: the run ended at 2 % of the load."""
+@pytest.mark.filterwarnings("ignore:.*rows are closed at the peak", "ignore:.*nothing holds it against some motion")
+@pytest.mark.parametrize(("load_steps", "friction"), [(1, 0.3), (5, 0.3), (4, None)])
+def test_a_table_settles_under_a_load_beside_its_middle(mbs, load_steps, friction):
+    """With friction its legs slip a little, and with a stiffness along slips the run ended at 2 % of the load.
+
+    Without it, the table may turn on the plane. Newton's method took such a turn for a change of the rotation vector,
+    which tilts the table a little, and did not settle.
+    """
     x, y, load = 0.18, 0.08, 100.0
     legs = [(-x, -y), (-x, y), (x, -y), (x, y)]
     shape = occ.Box((-0.2, -0.1, 0.1), (0.2, 0.1, 0.12))
@@ -319,7 +326,7 @@ def test_a_table_settles_under_a_load_beside_its_middle(mbs, load_steps):
     body = ep.reduce(fem, feet[0] | feet[1] | feet[2] | feet[3], f_cut=4e3)
     table = ep.CreatePartitionBody(mbs, body, frame="floating", gravity=[0, 0, -9.81])
     contacts = [
-        ep.CreatePartitionContact(mbs, table, ep.RigidPlane(), slavePatch=f"leg {i}", friction=0.3, name=f"leg {i}")
+        ep.CreatePartitionContact(mbs, table, ep.RigidPlane(), slavePatch=f"leg {i}", friction=friction)
         for i in range(4)
     ]
     mbs.AddLoad(items.Force(markerNumber=table.CreatePointMarker(mbs, (0.1, 0.05, 0.12)), loadVector=[0, 0, -load]))
@@ -331,6 +338,31 @@ def test_a_table_settles_under_a_load_beside_its_middle(mbs, load_steps):
     assert sum(push.sum() for push in pushes) == pytest.approx(load + 9.81 * body.total_mass, rel=1e-8)
     moments = sum(push @ place for push, place in zip(pushes, places, strict=True))
     np.testing.assert_allclose(moments, load * np.array([0.1, 0.05]), rtol=0.02)  # rows act a little within their nodes
+
+
+@pytest.mark.filterwarnings("ignore:.*nothing holds it against some motion", "ignore:.*reached the edge of its patch")
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+@pytest.mark.parametrize("feet", [1, 2], ids=["whole", "two feet"])
+def test_a_strip_that_bends_lifts_off_a_plane_in_part(mbs, frame, feet):
+    """Rows closed with larger gaps than those that could: forces jumped, and no load settled."""
+    size, height, load = np.array([0.1, 0.04]), 0.01, 100.0
+    fem = ep.fe_model(occ.Box((*-size / 2, 0), (*size / 2, height)), ep.STEEL, maxh=0.015)
+    centres = fem.points[fem.facets[:, :3]].mean(axis=1)
+    down, x = centres[:, 2] < 1e-9, centres[:, 0]
+    parts = [down] if feet == 1 else [down & (x < -0.015), down & (x > 0.015)]
+    patches = [ep.Partition.surface(fem, np.flatnonzero(part), name=f"foot {i}") for i, part in enumerate(parts)]
+    body = ep.reduce(fem, functools.reduce(operator.or_, patches), f_cut=20e3)
+    strip, found = ep.CreatePartitionBody(mbs, body, frame=frame, gravity=[0, 0, -9.81]), []
+    contacts = [ep.CreatePartitionContact(mbs, strip, ep.RigidPlane(), slavePatch=f"foot {i}") for i in range(feet)]
+    mbs.AddLoad(items.Force(markerNumber=strip.CreatePointMarker(mbs, (0.02, 0.01, height)), loadVector=[0, 0, -load]))
+    mbs.Assemble()
+    for load_steps in (1, 4):
+        result = ep.solve_static(mbs, load_steps=load_steps)
+        assert result.status == "finished"
+        found.append(np.concatenate([contact.row_forces(result).toarray()[-1] for contact in contacts]))
+        assert found[-1].sum() == pytest.approx(load + 9.81 * body.total_mass, rel=1e-6)
+        assert 0 < np.count_nonzero(found[-1]) < 0.5 * len(found[-1])
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-4 * load)
 
 
 def test_what_nothing_holds_has_no_equilibrium(mbs, bodies):

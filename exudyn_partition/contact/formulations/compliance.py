@@ -25,6 +25,7 @@ _MARGIN = 2 * BULGE  # of the deepest row's depth: rows with smaller gaps enter,
 _SPARE = 10  # far rows that may stay in the problem before rows are chosen again
 _FEW_SPARE = 1.3  # as many times the rows that can close are left if these are many: the rest costs time
 CHOOSING = BULGE, _MARGIN, _SPARE, MANY, _FEW_SPARE  # as `loops.choose_rows` takes them
+WITHIN, WIDER = 0.5, 4.0  # share of the largest gap of rows that enter: closed ones above it call for so many times it
 
 
 def compliance(rows: RowDirections) -> Law:
@@ -47,8 +48,9 @@ class NormalCompliance(Law):
 
     While pairs slide, F is projected on the present normals and facets. It is computed again when the patches have slid
     by 1 % of a facet. Only rows that can close enter. These are rows with a negative gap, and rows whose gap is below a
-    quarter of the deepest row's depth, because the surface bulges around a contact. The change of F itself causes no
-    force, because rows are frictionless.
+    quarter of the deepest row's depth, because the surface bulges around a contact. Where a body bends, as a plate on a
+    plane, rows with larger gaps close too: if one closes above half of that bound, four times as large gaps enter. The
+    change of F itself causes no force, because rows are frictionless.
 
     Parameters
     ----------
@@ -64,7 +66,8 @@ class NormalCompliance(Law):
     _frozen_stage: object = None  # the frozen rows that `problem` belongs to
     _everything: Array  # their numbers
     _near: Array | None = None  # rows that could close at the last answer
-    _stood: tuple[object, object, Array] = (None, None, NOTHING)  # these rows, their anchor, and their stance there
+    # These rows, their anchor, their stance there, and the share of the depth below which gaps entered.
+    _stood: tuple[object, object, Array, float] = (None, None, NOTHING, BULGE)
     problem: Complementarity
 
     def __init__(self, gaps: Gaps) -> None:
@@ -89,18 +92,23 @@ class NormalCompliance(Law):
         h, least = places.gap, places.least
         if self.gaps.moving and (found := self._answer_as_before(h, least)) is not None:
             return found
-        near = self.near(h, least)
-        iterations_before = self.problem.iterations
-        lam = self.problem.solve(h if len(near) == len(h) else h[near], least)
-        return self._on_rows(h, near, lam, self.problem.iterations - iterations_before)
+        share, iterations = BULGE, 0
+        while True:
+            near, before = self.near(h, least, share), self.problem.iterations
+            lam = self.problem.solve(h if len(near) == len(h) else h[near], least)
+            iterations += self.problem.iterations - before
+            if not self.misses(h, near, least, share):
+                return self._on_rows(h, near, lam, iterations)
+            share *= WIDER
 
     def _answer_as_before(self, h: Array, least: float) -> Forces | None:
         """Answer in one compiled call if the same rows may close as before, and have hardly moved since; else None."""
         gaps, near = self.gaps, self._near
         if near is None or self._stood[:2] != (gaps.stage.rows, gaps.anchor) or not loops.at_once():
             return None
-        problem, stance = self.problem, (gaps.stance(), self._stood[2], SAME)
-        wrong, forces = loops.answer_as_before(h, -BULGE * least, near, stance, problem.compiled)
+        problem, (_, _, then, share) = self.problem, self._stood
+        stance = gaps.stance(), then, SAME
+        wrong, forces = loops.answer_as_before(h, -share * least, near, stance, problem.compiled)
         if wrong < 0:
             return None
         before = problem.iterations
@@ -108,17 +116,28 @@ class NormalCompliance(Law):
             forces[near, 0] = problem.solve(h[near], least)
         else:
             problem.iterations += 1
+        if self.misses(h, near, least, share):
+            return None
         return self._of_near(near, forces, problem.iterations - before)
 
-    def near(self, h: Array, least: float) -> Array:
+    def misses(self, h: Array, near: Array, least: float, share: float) -> bool:
+        """Whether rows that did not enter may close, too, for one that is closed has a gap near their bound.
+
+        Gaps are h, (nr,) [m], the smallest is `least`, and those below a share of its depth, `near`, have entered.
+        """
+        if len(near) == len(h):
+            return False
+        return bool(h[near[self.problem.index]].max(initial=least) > -WITHIN * share * least)
+
+    def near(self, h: Array, least: float, share: float = BULGE) -> Array:
         """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.
 
-        `least` is the smallest gap. If rows are frozen, all of them enter.
+        `least` is the smallest gap. Gaps below a share of its depth enter; if rows are frozen, all of them.
         """
         if not self.gaps.moving:
             self.renew_problem()
             return self._everything
-        near = self._near = loops.rows_below(h, -BULGE * least, self._near)
+        near = self._near = loops.rows_below(h, -share * least, self._near)
         F = self.gaps.regularised_flexibility(near)
         if self.problem.F is not F:
             (nodes, rows), closed = self._closed, np.zeros(len(self.gaps.slave.surface.points), dtype=bool)
@@ -126,7 +145,8 @@ class NormalCompliance(Law):
             self.problem.replace(F, closed[self.gaps.row_nodes[near]])
             self._frozen_stage = None  # the problem of the frozen rows is lost
         anchor = self.gaps.anchor
-        self._stood = self.gaps.stage.rows, anchor, NOTHING if anchor is None else self.gaps.stance_at(anchor)
+        stance = NOTHING if anchor is None else self.gaps.stance_at(anchor)
+        self._stood = self.gaps.stage.rows, anchor, stance, share
         return near
 
     def renew_problem(self) -> None:

@@ -17,10 +17,11 @@ from ...errors import ComplementarityError
 from ...support.arrays import Array, consecutive
 from .. import loops
 from ..between import Between, Exchange, FlexibilityBetween, Link, RowFields
+from ..followed import BULGE
 from ..frozen import FrozenContacts
 from ..patch_contact import PatchContact
 from ..viscosity import lasting
-from .compliance import NormalCompliance
+from .compliance import WIDER, NormalCompliance
 
 if TYPE_CHECKING:
     from typing import Self
@@ -370,14 +371,19 @@ class CoupledContacts(Coupled):
         pushed, near, lam = [*gaps], dict[int, Array](), dict[int, Array]()
         for law in self._laws:
             law.problem.iterations = 0
+        shares, missing = [BULGE] * len(gaps), set[int]()
         for _ in range(_PASSES):
-            entering = [j for j, h in enumerate(pushed) if _presses(h, near.get(j))]
+            entering = [j for j, h in enumerate(pushed) if j in missing or _presses(h, near.get(j))]
             if not entering:
                 break
             for j in entering:
-                near[j] = self._laws[j].near(pushed[j], pushed[j].min())
+                shares[j] *= WIDER if j in missing else 1.0
+                near[j] = self._laws[j].near(pushed[j], pushed[j].min(), shares[j])
             lam = self._solve(near, gaps)
             pushed = [self._pushed_gap(j, gap) for j, gap in enumerate(gaps)]
+            missing = {
+                j for j, rows in near.items() if self._laws[j].misses(pushed[j], rows, pushed[j].min(), shares[j])
+            }
         else:
             raise ComplementarityError(
                 f"the rows that close in {len(gaps)} contacts on common bodies did not settle in {_PASSES} passes"
