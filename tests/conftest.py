@@ -51,6 +51,17 @@ def pytest_collection_modifyitems(items):
     items.sort(key=place)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def forget_what_is_old():
+    """Collect what a file leaves, once, and let later collections pass over what lives on.
+
+    Each would go through all that earlier files made: trees of sources, notebooks, compiled loops. That takes seconds.
+    """
+    yield
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(scope="session")
 def block():
     """A steel block, 10 x 20 x 30 mm, all frequencies simple."""

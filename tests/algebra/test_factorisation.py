@@ -1,5 +1,6 @@
 """Factorisation: solutions of blocks, counts of negative pivots, threads of BLAS."""
 
+import functools
 import threading
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
@@ -60,37 +61,43 @@ def springs(*shape):
     return sp.csr_matrix(total + sp.diags(np.linspace(0.0, 0.1, total.shape[0])))
 
 
+MATRICES = {
+    "plane": lambda: springs(30, 35),
+    "solid": lambda: springs(9, 10, 11),
+    "two parts": lambda: sp.block_diag([springs(9), springs(30, 40)]),
+    "three dofs a node": lambda: sp.kron(springs(7, 8, 9), np.eye(3) + 1),
+}
+
+
+@functools.cache
+def by_dense_algebra(name, shift):
+    """A matrix less a shift, the number of its negative eigenvalues, loads with their answers, and rows with theirs."""
+    matrix = MATRICES[name]()
+    matrix = sp.csr_matrix(matrix - shift * sp.identity(matrix.shape[0]))
+    dense, n = matrix.toarray(), matrix.shape[0]
+    rhs = np.random.default_rng(1).standard_normal((n, 5))
+    rows = sp.csr_matrix(([1.0, 2.0, -1.0], ([0, 1, 1], [3, 5, n - 1])), shape=(2, n))
+    answers = np.linalg.solve(dense, np.hstack([rhs, rows.T.toarray()]))
+    return matrix, np.count_nonzero(np.linalg.eigvalsh(dense) < 0), rhs, answers[:, :5], rows, rows @ answers[:, 5:]
+
+
 @pytest.mark.parametrize("way", ["loops", "loops in two threads", "NumPy"])
 @pytest.mark.parametrize("shift", [0.0, 2.0])
-@pytest.mark.parametrize(
-    "matrix",
-    [
-        springs(30, 35),
-        springs(9, 10, 11),
-        sp.block_diag([springs(9), springs(30, 40)]),
-        sp.kron(springs(7, 8, 9), np.eye(3) + 1),
-    ],
-    ids=["plane", "solid", "two parts", "three dofs a node"],
-)
-def test_fronts_against_dense_algebra(matrix, shift, way, monkeypatch):
+@pytest.mark.parametrize("name", MATRICES)
+def test_fronts_against_dense_algebra(name, shift, way, monkeypatch):
     """Chains of fronts, fronts that several children change, and fronts with negative pivots."""
     monkeypatch.setattr(fronts, "WIDEST", 40)
     if way == "NumPy":
         monkeypatch.setattr(loops, "kernels", lambda *layer: None)
     if way == "loops in two threads":
         monkeypatch.setattr(multifrontal, "TWO_THREADS_FROM", 0)
-    matrix = sp.csr_matrix(matrix - shift * sp.identity(matrix.shape[0]))
-    dense = matrix.toarray()
+    matrix, negative, rhs, expected, rows, at_rows = by_dense_algebra(name, shift)
     factors = Factorisation(matrix)
-    assert factors.negative_pivots() == np.count_nonzero(np.linalg.eigvalsh(dense) < 0)
-    rhs = np.random.default_rng(1).standard_normal((len(dense), 5))
-    expected = np.linalg.solve(dense, rhs)
-    few = rhs[:, :3]  # one by one
+    assert factors.negative_pivots() == negative
+    before, few = rhs.copy(), rhs[:, :3]  # one by one
     for b, x in ((rhs, expected), (few, expected[:, :3]), (rhs[:, 4], expected[:, 4])):
         np.testing.assert_allclose(factors.solve(b), x, rtol=0, atol=1e-10 * abs(expected).max())
-    np.testing.assert_array_equal(few, rhs[:, :3])
-    rows = sp.csr_matrix(([1.0, 2.0, -1.0], ([0, 1, 1], [3, 5, len(dense) - 1])), shape=(2, len(dense)))
-    at_rows = rows @ np.linalg.solve(dense, rows.T.toarray())
+    np.testing.assert_array_equal(rhs, before)
     np.testing.assert_allclose(factors.inverse_at(rows), at_rows, rtol=0, atol=1e-10 * abs(at_rows).max())
     assert factors.inverse_at(rows[:0]).shape == (0, 0)
 

@@ -45,7 +45,7 @@ def test_multipliers_conserve_momentum_and_agree_with_compliance(pair_of, impact
     change = [item.momentum(result)[-1, 2] - item.momentum(result)[0, 2] for item in (striker, target)]
     assert change[0] == pytest.approx(-change[1], rel=1e-9)
     assert change[0] == pytest.approx(result.history(contact).impulse, rel=1e-9)
-    seldom = ep.solve_dynamic(mbs, end_time=30e-6, sample_period=1e-6)  # with slightly shorter steps
+    seldom = ep.solve_dynamic(mbs, end_time=10e-6, sample_period=1e-6)  # with slightly shorter steps
     assert np.ptp(striker.momentum(seldom)[[0, -1], 2]) == pytest.approx(seldom.history(contact).impulse, rel=1e-9)
     energy = striker.energy(result) + target.energy(result)
     assert energy[-1] == pytest.approx(energy[0], rel=0.02)
@@ -109,11 +109,11 @@ def test_times_of_an_impact_are_those_of_its_speeds(mbs, nodal_bodies):
 @both_bases
 def test_pairs_that_are_followed_from_now_on_cause_no_impact(mbs, nodal_bodies):
     """The ball slides out of reach of the frozen pairs: gaps jump by what they did not know, and the force does not."""
-    striker = ep.CreatePartitionBody(mbs, nodal_bodies[0], referencePosition=TOP, initialVelocity=[8.0, 0, -1.0])
+    striker = ep.CreatePartitionBody(mbs, nodal_bodies[0], referencePosition=TOP, initialVelocity=[16.0, 0, -1.0])
     target = ep.CreatePartitionBody(mbs, nodal_bodies[1])
     contact = ep.CreatePartitionContact(mbs, striker, target, formulation="lagrange")
     mbs.Assemble()
-    result = ep.solve_dynamic(mbs, end_time=20e-6, step=0.5 * ep.stability_limit(mbs))
+    result = ep.solve_dynamic(mbs, end_time=10e-6, step=0.5 * ep.stability_limit(mbs))
     assert result.work.pair_searches > 0
     force = contact.force(result)
     assert abs(np.diff(force)).max() < 0.005 * force.max()

@@ -82,12 +82,13 @@ def test_energy_is_kept(run):
 
 
 def test_floating_frames_agree(bodies, run):
-    """Samples lie up to a step beside each other."""
-    _, contact, result = fall(bodies, frame="floating", end=2e-6)
-    expected = run[1].force(run[2])[: len(result.t)]
-    np.testing.assert_allclose(contact.force(result), expected, atol=1e-2 * expected.max())
-    strain = run[1].plastic.strain(run[2])[len(result.t) - 1]
+    """Samples lie up to a step beside each other; the last force is that of the step before it alone."""
+    _, contact, result = fall(bodies, frame="floating", end=1.5e-6)
+    expected = np.interp(result.t, run[2].t, run[1].force(run[2]))
+    np.testing.assert_allclose(contact.force(result)[:-1], expected[:-1], atol=1e-2 * expected.max())
+    strain = np.interp(result.t[-1], run[2].t, run[1].plastic.strain(run[2]))
     assert contact.plastic.strain(result)[-1] == pytest.approx(strain, rel=2e-2)
+    assert strain > 1e-3
 
 
 def test_a_dented_body_rests_and_the_next_run_knows_its_dent(bodies, run):
@@ -104,7 +105,7 @@ def test_a_dented_body_rests_and_the_next_run_knows_its_dent(bodies, run):
 
 def test_friction_and_plastic_flow_together(bodies):
     """Energy ripples in contact by central differences; with friction, the balance is the same within a part of it."""
-    rough, smooth = (fall(bodies, velocity=(0.5, 0, -SPEED), end=2e-6, friction=friction) for friction in (0.2, None))
+    rough, smooth = (fall(bodies, velocity=(0.5, 0, -SPEED), end=1.4e-6, friction=friction) for friction in (0.2, None))
     contact, result = rough[1:]
     assert contact.plastic.work(result)[-1] > 0
     assert contact.dissipated_energy(result)[-1] > 1.2 * contact.plastic.work(result)[-1]
@@ -137,7 +138,7 @@ def test_a_zone_within_an_interface_is_refused(models):
 
 def test_a_run_that_goes_on_knows_its_plastic_strain(bodies):
     """Two halves of a run end as one."""
-    step, half, end = 2.5e-9, 1.2e-6, 1.6e-6  # 20 steps a sample
+    step, half, end = 2.5e-9, 1.2e-6, 1.4e-6  # 20 steps a sample
     mbs, _, contact = pair(bodies)
     whole = solve(mbs, end, step=step)
     force, strain = contact.force(whole)[-1], contact.plastic.strain(whole)[-1]

@@ -164,10 +164,10 @@ def test_two_sliding_marbles_on_one_patch_as_on_a_patch_each(plate_of, rough_mar
         patches = ["top"] * 2 if shared else ["left", "right"]
         sliding = {"along": 0.1, "frictions": (MU, MU), "frame": "floating"}
         mbs, items, contacts = hit(plate_of(shared, "xyz"), rough_marble, patches, **sliding)
-        result = ep.solve_dynamic(mbs, end_time=16e-6, step=step, method=method)
+        result = ep.solve_dynamic(mbs, end_time=12e-6, step=step, method=method)
         slid = [contact.friction.tangential_force(result)[:, 0] for contact in contacts]
         found = np.array([*(contact.force(result) for contact in contacts), *slid])
-        times = np.linspace(0, 16e-6, 81)
+        times = np.linspace(0, 12e-6, 61)
         forces.append([np.interp(times, result.t, force) for force in found])
         assert abs(found[2:]).max(axis=1).min() > 2
         momentum = sum(item.momentum(result) for item in items)

@@ -137,8 +137,8 @@ def test_a_tapered_column_of_one_element_is_no_overlap(tmp_path, name, foot, top
 
 @pytest.fixture(scope="module")
 def exact():
-    """Frequencies of the block by cubic tetrahedra, right to 1e-5."""
-    return frequencies(ep.fe_model(box(*SIZE), ep.STEEL, order=3, maxh=3e-3), 9e4)[:4]
+    """Frequencies of the block by cubic tetrahedra, right to some 1e-5."""
+    return frequencies(ep.fe_model(box(*SIZE), ep.STEEL, order=3, maxh=4e-3), 9e4)[:4]
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -123,7 +123,7 @@ def test_free_basis_frequencies_are_never_below_the_full_ones(block, radius, f_c
     """Rayleigh-Ritz: a reduced model is stiffer than the full one, whatever the region."""
     partition = ep.Partition.ball(block, (0, 0, 0.03), radius)
     body = ep.reduce(block, partition, basis="free", f_cut=f_cut)
-    reduced = scipy.linalg.eigvalsh(body.stiffness.toarray(), body.mass.toarray())[6:10]
+    reduced = scipy.linalg.eigvalsh(body.stiffness.toarray(), body.mass.toarray(), subset_by_index=(6, 9))
     full = _lumped_eigenvalues(block)[6:10]
     assert (reduced > full * (1 - 1e-9)).all()
 
@@ -133,8 +133,9 @@ _CACHE = {}
 
 def _lumped_eigenvalues(fem):
     if id(fem) not in _CACHE:
-        _CACHE[id(fem)] = scipy.linalg.eigvalsh(
-            fem.stiffness.toarray(), fem.lumped_mass_matrix.toarray(), subset_by_index=(0, 12)
+        mass = fem.lumped_mass_matrix.tocsc()
+        _CACHE[id(fem)] = np.sort(
+            scipy.sparse.linalg.eigsh(fem.stiffness.tocsc(), 12, mass, sigma=-1e9, return_eigenvectors=False)
         )
     return _CACHE[id(fem)]
 

@@ -111,7 +111,7 @@ def test_a_mesh_is_put_in_order_once(basis, monkeypatch):
 
 def test_static_answers_of_all_rows_are_never_held_at_once(monkeypatch):
     """Dense arrays of all dofs by all patch rows: 16 GB for a fine patch, of which its own rows are read."""
-    fem = ep.fe_model(box(0.01, 0.02, 0.03), ep.STEEL, maxh=2e-3)
+    fem = ep.fe_model(box(0.01, 0.02, 0.03), ep.STEEL, maxh=2.5e-3)
     part = ep.Partition.ball(fem, (0, 0, 0.03), 9e-3)
     rows, body = loads.patch_rows(fem, part), free_body.FreeBody(fem, part)
     flexibility = body.flexibility()

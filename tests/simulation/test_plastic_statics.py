@@ -73,7 +73,7 @@ def test_contacts_on_one_body_settle_too():
     refine = [ep.Refine(place, 0.4e-3, 0.15e-3) for place in places]
     fem = ep.fe_model(shape, MATERIAL, maxh=3e-3, refine=refine, grading=0.7)
     first, second = (
-        ep.Partition.ball(fem, place, REACH, direction=(0, 0, 1), plastic_radius=0.4e-3) for place in places
+        ep.Partition.ball(fem, place, REACH, direction=(0, 0, 1), plastic_radius=0.33e-3) for place in places
     )
     bottom = ep.Partition.interface(fem, "bottom", "bottom", kind="averaged")
     contacts, result = pressed(ep.reduce(fem, first | second | bottom, f_cut=100e3), 6, places=places)

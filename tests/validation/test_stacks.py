@@ -42,6 +42,6 @@ def test_blocks_rest_on_faces_of_which_rounding_has_closed_a_part():
 def test_a_block_beyond_the_edge_of_another_has_no_rest(blocks):
     mbs = exu.SystemContainer().AddSystem()
     places = [[0.0, 0.0, 0.0], [6e-3, 0.0, 8e-3]]  # the lower one ends at 4 mm
-    stacks.stand(mbs, [blocks[0], blocks[0]], places, [0.0, 0.0], [0.3, 0.3], 9810.0)
+    stacks.stand(mbs, [blocks[1], blocks[1]], places, [0.0, 0.0], [0.3, 0.3], 9810.0)
     with pytest.raises(ep.errors.RunError, match="tips over, because the weight above a face lies beside it"):
         ep.solve_static(mbs, load_steps=1)

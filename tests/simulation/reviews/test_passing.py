@@ -13,7 +13,7 @@ from exudyn_partition.errors import ContactPatchWarning
 
 SIDE = 10e-3
 TURNING = {"frame": "floating", "initialVelocity": [0, 0, -1.0], "initialAngularVelocity": [0, 500.0, 0]}
-LONG = {"end_time": 2.5e-3, "step": 5e-6, "method": "implicit"}
+LONG = {"end_time": 2.5e-3, "step": 1e-5, "method": "implicit"}
 
 
 @pytest.mark.parametrize("below", ["plane", "carried plane", "body"])

@@ -1,5 +1,6 @@
 """From 1e-9 to 100 m/s."""
 
+import functools
 import math
 
 from validation.stability.cases.registry import case
@@ -20,12 +21,16 @@ def plain(method):
     return kept(run) | hertz(run, 1.0)
 
 
-def slow(method, speed):
-    """One node touches: a mass on a linear spring, whose stiffness is that of the FE model's static answer."""
+@functools.cache
+def node_stiffness():
+    """Stiffness of the ball at its lowest node, by the FE model's static answer [N/m]."""
     fem, part = ball_model()
-    contact = run_nodes(fem, part)
-    stiffness = 1 / free_flexibility(fem, contact)
-    mass = fem.total_mass
+    return 1 / free_flexibility(fem, lowest_node(fem, part))
+
+
+def slow(method, speed):
+    """One node touches: a mass on a linear spring."""
+    stiffness, mass = node_stiffness(), ball_model()[0].total_mass
     period = math.pi * math.sqrt(mass / stiffness)
     run = strike(method, ball(), speed=speed, end_time=1.5 * period)
     impact = run.contacts[0].impacts(run.result)
@@ -37,7 +42,7 @@ def slow(method, speed):
     }
 
 
-def run_nodes(fem, part):
+def lowest_node(fem, part):
     """Return the patch's lowest node."""
     nodes = part.patch_nodes
     return int(nodes[fem.points[nodes, 2].argmin()])
