@@ -6,13 +6,14 @@ import warnings
 
 import exudyn as exu
 import exudyn.itemInterface as items
+import exudyn.utilities
 import numpy as np
 import pytest
 import scipy.linalg
 from oracles import MARBLE_RADIUS, SPHERE_RADIUS, TOP, add_force
 
 import exudyn_partition as ep
-from exudyn_partition.errors import ModelLimitWarning, PartitionWarning, StoppedRunWarning
+from exudyn_partition.errors import ModelLimitWarning, PartitionWarning, StepSizeError, StoppedRunWarning
 from exudyn_partition.simulation import stability, step_choice
 
 
@@ -112,6 +113,55 @@ def test_damping_lowers_the_limit(mbs, marble, ratio, monkeypatch):
     assert result.status == "finished"
     with pytest.warns(StoppedRunWarning, match="beyond all bounds"):
         ep.solve_dynamic(mbs, end_time=300 * limit, step=1.03 * limit)
+
+
+@pytest.mark.parametrize(("stiffness", "rate"), [(1e13, 0.0), (0.0, 3e6), (4e12, 2e6), (0.0, 1e2)])
+def test_springs_and_dampers_lower_the_limit(mbs, marble, frame, stiffness, rate, monkeypatch):
+    """A spring and a damper on a free translation: h^2 k / m + 2 h d / m = 4; and a run below and above."""
+    item = ep.CreatePartitionBody(mbs, marble, frame=frame, initialVelocity=[0.1, 0, 0])
+    free, mass = ep.stability_limit(mbs), marble.total_mass if frame == "floating" else 1.0
+    wall = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0))
+    at = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=item.nodes[0], coordinate=0))
+    options = {"stiffness": stiffness * mass, "damping": rate * mass}
+    mbs.AddObject(items.CoordinateSpringDamper(name="wall", markerNumbers=[wall, at], **options))
+    mbs.Assemble()
+    limit = ep.stability_limit(mbs)
+    expected = 4 / (rate + np.hypot(rate, 2 * np.sqrt(stiffness)))
+    assert limit == pytest.approx(min(expected, free), rel=1e-2)
+    if expected > free:
+        return
+    with pytest.raises(StepSizeError, match=r"wall \(ConnectorCoordinateSpringDamper\) causes it"):
+        ep.solve_dynamic(mbs, end_time=300 * limit, step=1.04 * limit)
+    stable = ep.solve_dynamic(mbs, end_time=300 * limit, step=0.97 * limit)
+    monkeypatch.setattr(step_choice, "stability_limit", lambda mbs: np.inf)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PartitionWarning)
+        grown = ep.solve_dynamic(mbs, end_time=600 * limit, step=1.04 * limit)
+    assert abs(item.coordinates(grown)[:, 0]).max() > 1e3 * abs(item.coordinates(stable)[:, 0]).max()
+
+
+@pytest.mark.parametrize("basis", ["contact-adapted", "craig-bampton"])
+def test_dampers_of_an_interface_lower_the_limit(mbs, arm, frame, basis, kept, monkeypatch):
+    """Between the body and a rigid one, on a marker of six rows: a run below the limit, and one above it.
+
+    Where the basis keeps nodes in an inertial frame, joints tie a small mass to the interface, which limits nothing.
+    """
+    body = ep.reduce(*arm, f_cut=60e3, basis=basis, cache=kept)
+    item = ep.CreatePartitionBody(mbs, body, frame=frame, initialVelocity=[0.1, 0.05, 0])
+    free = ep.stability_limit(mbs)
+    inertia = exudyn.utilities.InertiaCuboid(7850, [0.01, 0.02, 0.03])
+    by_vector = exu.NodeType.RotationRotationVector
+    other = mbs.CreateRigidBody(inertia=inertia, nodeType=by_vector)
+    damping = np.diag([1e4] * 3 + [1.0] * 3)
+    ends = [mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=other)), item.CreateInterfaceMarker(mbs, "foot")]
+    mbs.AddObject(items.RigidBodySpringDamper(markerNumbers=ends, damping=damping))
+    mbs.Assemble()
+    limit = ep.stability_limit(mbs)
+    assert 1e-3 * free < limit < 0.9 * free
+    assert ep.solve_dynamic(mbs, end_time=300 * limit, step=0.97 * limit).status == "finished"
+    monkeypatch.setattr(step_choice, "stability_limit", lambda mbs: np.inf)
+    with pytest.warns(PartitionWarning):
+        assert ep.solve_dynamic(mbs, end_time=900 * limit, step=1.04 * limit).status == "unstable"
 
 
 @pytest.mark.parametrize("factor", [1.1, 1.3])
