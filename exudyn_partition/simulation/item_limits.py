@@ -25,6 +25,7 @@ from ..support.arrays import Array
 from ..support.foreign import MainSystem
 
 DENSE = 150  # number of coordinates up to which all frequencies are found: Lanczos' iterations take longer
+_CAUSES = 1.2  # limits: an item that allows steps no longer than this by itself is the cause of the limit
 
 Group = tuple[list[PartitionBody], list[PartitionContact]]
 
@@ -113,6 +114,16 @@ class HeldByItems:
     def _allowed(self, x: Array) -> Array:
         value: Array = x - self.prevented @ (self.prevented.T @ x)
         return value
+
+
+def shorter_steps(mbs: MainSystem, limit: float) -> str:
+    """What the user may do about a stability limit [s]: about the spring or damper that causes it, if one does."""
+    items = held_by_items(mbs)
+    if items is not None:
+        name, alone = items.fastest(limit)
+        if alone < _CAUSES * limit:
+            return f"{name} causes it by its stiffness or damping. Take at most {limit:.3g} s, less of these"
+    return f"Take at most {limit:.3g} s, a lower f_cut, a region with larger elements"
 
 
 def held_by_items(mbs: MainSystem) -> HeldByItems | None:

@@ -15,11 +15,9 @@ from ..prediction.default_step import SAFETY, STEPS_A_PERIOD
 from ..support.checks import validate_positive
 from ..support.foreign import MainSystem
 from ..support.optional import require
-from .item_limits import held_by_items
+from .item_limits import shorter_steps
 from .stability import stability_limit
 from .step_control import impact_step
-
-_CAUSES = 1.2  # limits: an item that allows steps no longer than this by itself is the cause of the limit
 
 
 def chosen_step(mbs: MainSystem, step: float | None, method: Integrator) -> float:
@@ -43,19 +41,9 @@ def chosen_step(mbs: MainSystem, step: float | None, method: Integrator) -> floa
     if step > limit:
         raise StepSizeError(
             f"step: {step:.4g} s is above the stability limit of explicit integration, {limit:.4g} s (all contact rows "
-            f"closed). {_shorter(mbs, limit)}, or method='implicit'"
+            f"closed). {shorter_steps(mbs, limit)}, or method='implicit'"
         )
     return step
-
-
-def _shorter(mbs: MainSystem, limit: float) -> str:
-    """What the user may do about a stability limit [s]: about the spring or damper that causes it, if one does."""
-    items = held_by_items(mbs)
-    if items is not None:
-        name, alone = items.fastest(limit)
-        if alone < _CAUSES * limit:
-            return f"{name} causes it by its stiffness or damping. Take at most {limit:.3g} s, less of these"
-    return f"Take at most {limit:.3g} s, a lower f_cut, a region with larger elements"
 
 
 def _impact_steps(mbs: MainSystem, limit: float) -> Iterator[float]:

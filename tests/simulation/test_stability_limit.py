@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import re
 import warnings
 
 import exudyn as exu
@@ -207,3 +208,25 @@ def test_the_limit_of_a_model_is_that_of_its_stiffest_group(marble, bodies, most
     assert model(True, True) == pytest.approx(min(alone), rel=1e-4)
     monkeypatch.setattr(stability, "DENSE", 10**6)
     assert min(alone) == pytest.approx(model(True, True), rel=1e-4)
+
+
+def test_a_damper_that_acts_later_is_named_as_the_cause(mbs, marble):
+    """Nothing knew it before the run, and the body seemed to rotate too far."""
+    item = ep.CreatePartitionBody(mbs, marble, initialVelocity=[0.1, 0, 0])
+    wall = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0))
+    at = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=item.nodes[0], coordinate=3))
+    dashpot = items.CoordinateSpringDamper(name="dashpot", markerNumbers=[wall, at], damping=1e8, activeConnector=False)
+    number = mbs.AddObject(dashpot)
+    mbs.SetNodeParameter(item.nodes[0], "initialCoordinates_t", np.full(marble.n_dofs, 1e-3))
+
+    def switch(mbs, t):
+        mbs.SetObjectParameter(number, "activeConnector", t > 2e-6)
+        return True
+
+    mbs.SetPreStepUserFunction(switch)
+    mbs.Assemble()
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        ep.solve_dynamic(mbs, end_time=20e-6)
+    said = [str(each.message) for each in said]
+    assert any(re.search(r"above the stability limit.* dashpot .* causes it", text) for text in said), said
