@@ -13,11 +13,12 @@ from scipy.spatial import cKDTree
 
 from ..errors import InputError
 from ..support.arrays import Array, Vector
-from ..support.checks import validate_array, validate_vector
+from ..support.checks import answer_of, validate_array, validate_vector
 from ..surfaces.surface import nearest_places
 
 _FEWEST = 8  # points of a curve
 _SAMPLED = 720  # points of a curve that is given as a function
+_TASK = "angles, (k,) [rad], that returns points, (k, 2) [m]"
 _STARTS = 8  # places between two points; the search for the closest point starts from the nearest place
 _STEPS = 8  # of Newton's method
 _CLOSE = 1e-7  # of the curve's length: last step; errors: of the place its square, of the gap its fourth power
@@ -69,7 +70,7 @@ class RigidProfile:
     def __post_init__(self) -> None:
         given = self.curve
         if callable(given):
-            given = given(np.linspace(0.0, 2 * np.pi, _SAMPLED, endpoint=False))
+            given = answer_of("curve", given, np.linspace(0.0, 2 * np.pi, _SAMPLED, endpoint=False), _TASK)
         curve = validate_array("curve", given, (None, 2))
         if len(curve) < _FEWEST:
             raise InputError(f"curve: expected at least {_FEWEST} points, got {len(curve)}")

@@ -255,11 +255,12 @@ class BodyResults(Item[ItemIndex]):
     def dissipated_energy(self, result: Samples) -> Array:
         """Energy that damping has taken from the body since the start of the result, (n,) [J].
 
-        It is what implicit steps take, if each has a sample. Otherwise it is integrated by the trapezoidal rule; the
-        samples must resolve the vibration.
+        It is what the steps take, if each has a sample. Otherwise it is integrated by the trapezoidal rule; the samples
+        must resolve the vibration.
         """
         return damping_work(
             result,
+            self.coordinates(result),
             self.coordinates_t(result),
             result.dampings_of(self),
             lambda damping, q_t: np.sum(q_t * damping.force(q_t), axis=1),

@@ -9,7 +9,7 @@ Theory: examples/site/theory.md, "Damping".
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -256,15 +256,33 @@ def _inverse(mass: sp.csr_matrix, needed: Array) -> sp.csr_matrix:
 
     It is zero where there is no mass, as along Euler parameters.
     """
+    return _by_blocks(mass, needed, np.reciprocal, scipy.linalg.pinvh)
+
+
+def root_of_inverse(mass: sp.csr_matrix, needed: Array) -> sp.csr_matrix:
+    """Matrix R with R R' = `_inverse`, (n, n)."""
+
+    def root(block: Array) -> Array:
+        values, vectors = scipy.linalg.eigh(scipy.linalg.pinvh(block))
+        value: Array = vectors * np.sqrt(np.maximum(values, 0.0))
+        return value
+
+    return _by_blocks(mass, needed, lambda diagonal: 1 / np.sqrt(diagonal), root)
+
+
+def _by_blocks(
+    mass: sp.csr_matrix, needed: Array, of_diagonal: Callable[[Array], Array], of_block: Callable[[Array], Array]
+) -> sp.csr_matrix:
+    """Functions of the blocks of a mass matrix, (n, n): of those of one coordinate, (k,), and of each larger one."""
     labels = scipy.sparse.csgraph.connected_components(mass)[1]
     groups = np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels))[:-1])
     diagonal = mass.diagonal()
     alone = np.array([group[0] for group in groups if len(group) == 1], dtype=int)
     alone = alone[diagonal[alone] > 0]
-    parts = [(alone, alone, 1 / diagonal[alone])]
+    parts = [(alone, alone, of_diagonal(diagonal[alone]))]
     for group in groups:
         if len(group) > 1 and np.isin(group, needed).any():
-            block = scipy.linalg.pinvh(mass[group][:, group].toarray())
+            block = of_block(mass[group][:, group].toarray())
             parts.append((np.repeat(group, len(group)), np.tile(group, len(group)), block.ravel()))
     rows, columns, values = (np.concatenate(each) for each in zip(*parts, strict=True))
     return sp.csr_matrix((values, (rows, columns)), shape=mass.shape)
@@ -272,10 +290,18 @@ def _inverse(mass: sp.csr_matrix, needed: Array) -> sp.csr_matrix:
 
 def _solve(yields: Array, rhs: Array) -> Array:
     """Multipliers, (k, m), that give the rows the accelerations rhs, (k, m); rows may be redundant."""
+    values, vectors = independent(yields)
+    multipliers: Array = vectors / values @ (vectors.T @ rhs)
+    return multipliers
+
+
+def independent(yields: Array) -> tuple[Array, Array]:
+    """Values v, (m,), and vectors V, (k, m), of rows that yield by unit multipliers as (k, k): V' yields V = diag(v).
+
+    Redundant rows have none.
+    """
     diagonal = yields.diagonal()
     scale = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 0.0)
     values, vectors = np.linalg.eigh(scale[:, None] * yields * scale)
     kept = values > _REDUNDANT
-    vectors = scale[:, None] * vectors[:, kept]
-    multipliers: Array = vectors / values[kept] @ (vectors.T @ rhs)
-    return multipliers
+    return values[kept], scale[:, None] * vectors[:, kept]

@@ -152,6 +152,16 @@ class Kind:
             return np.column_stack([r, s * (1 - r), t * (1 - r) * (1 - s)]), weight * (1 - r) ** 2 * (1 - s)
         return np.column_stack([r, s, t]), weight
 
+    def masses(self, x: Array) -> Array:
+        """Integrals of products of the shape functions over elements with nodes x, (m, n, 3) [m]: (m, n, n) [m3].
+
+        They are exact: on the cube, functions and places are polynomials of the element's order in each coordinate.
+        """
+        local, weights = self.gauss((5 * self.order + 1) // 2)
+        values, slopes = self.functions(local)
+        volumes = weights * np.linalg.det(np.einsum("qnr,mnd->mqrd", slopes, x))
+        return np.asarray(np.swapaxes(values[None] * volumes[:, :, None], 1, 2) @ values)
+
     @cached_property
     def gradients(self) -> Array:
         """(q, n, 3) array: derivatives of the shape functions at the points of `rule`."""

@@ -18,9 +18,10 @@ import scipy.sparse as sp
 
 from ..errors import InputError
 from ..support.arrays import Array
-from ..support.checks import validate_array, validate_number
+from ..support.checks import answer_of, validate_array, validate_number
 from .kinematics import Kinematics, Rows
 
+_TASK = "frequencies, (n,) [Hz], that returns a ratio for each, (n,)"
 _STILL = 1e-12  # squared frequency of a deformation that joints prevent, as a share of the largest: round-off
 
 
@@ -205,7 +206,7 @@ def _rates(omega: Array, damping: Ratios) -> Array:
     if isinstance(damping, Rayleigh):
         return damping.alpha + damping.beta * omega**2
     if callable(damping):
-        ratios = validate_array("damping", damping(omega / (2 * np.pi)), (len(omega),))
+        ratios = validate_array("damping", answer_of("damping", damping, omega / (2 * np.pi), _TASK), (len(omega),))
     elif getattr(damping, "ndim", 0) or (isinstance(damping, Sequence) and not isinstance(damping, str)):
         ratios = validate_array("damping", damping, (len(omega),))
     else:

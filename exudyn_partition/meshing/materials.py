@@ -10,11 +10,12 @@ import numpy as np
 from ..errors import InputError
 from ..fe.material import Material, Regions
 from ..support.arrays import Array
-from ..support.checks import validate_array, validate_callable
+from ..support.checks import answer_of, validate_array, validate_callable
 from .file_mesh import CellRegions, refuse_regions
 
 Modulus = Callable[[Array], Array]  # Young's modulus by place, (k, 3) [m] -> (k,) [Pa]
 
+_TASK = "places, (k, 3) [m], that returns (k,) [Pa]"
 _UNNAMED = (None, "", "default")  # names of regions that nobody has named
 
 
@@ -48,7 +49,7 @@ class GivenMaterial:
         if several and not self.material:
             raise InputError("material: expected at least one {name: Material}, got an empty dict")
         if self.modulus is not None:
-            validate_callable("modulus", self.modulus, "a function of places, (k, 3) [m], that returns (k,) [Pa]")
+            validate_callable("modulus", self.modulus, f"a function of {_TASK}")
 
     @property
     def several(self) -> bool:
@@ -118,7 +119,7 @@ class GivenMaterial:
 
     def _moduli(self, centres: Array) -> Array:
         assert self.modulus is not None
-        return validate_array("modulus", self.modulus(centres), (len(centres),))
+        return validate_array("modulus", answer_of("modulus", self.modulus, centres, _TASK), (len(centres),))
 
 
 def _listed(names: Sequence[str | None] | Mapping[str, Material]) -> str:

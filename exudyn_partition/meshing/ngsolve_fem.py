@@ -54,6 +54,7 @@ _LOG = logging.getLogger(__name__)
 _FINER = 1.0, 0.9, 0.75, 0.6, 0.45
 
 _HIGHER = {1: 7.0, 2: 3.3, 3: 2.4}  # nodes of elements of one order more, by those of the order
+_AT_ONCE = 1000  # pyramids
 _THREADS_FROM = 5_000  # nodes; fewer are assembled before NGSolve's threads have started, which wait by spinning
 _VOLUME_MISSED = 0.05  # allowed relative difference in volume of a mesh and its shape
 
@@ -429,7 +430,7 @@ def surplus_of(fem: FEModel) -> Surplus:
     check_memory_of_model(int(_HIGHER[order] * fem.n_nodes), min(order + 1, 3))
     with ONE_AT_A_TIME:
         mesh, to_hierarchical = _deformed_mesh(ngsolve, fem.points, fem.cells)
-        stiffness, mass = _forms(ngsolve, mesh, fem.elastic, order + 1, False)
+        stiffness, mass = _forms(ngsolve, mesh, fem.elastic, order + 1, False, _pyramids(fem.cells, False))
         return Surplus(fem, ngsolve, mesh, to_hierarchical, _csr(stiffness.mat), _csr(mass.mat))
 
 
@@ -472,7 +473,8 @@ def _assemble(
     """Assemble by NGSolve, in the mesh's unit of length [m]; change from its hierarchical basis to nodal values."""
     order = 2 if hexahedra and cells.shape[1] == 20 else ORDERS[cells.shape[1]]
     check_memory_of_model(to_hierarchical.shape[0], order)
-    stiffness, mass = _forms(ngsolve, mesh, elastic, order, hexahedra)
+    pyramids = _pyramids(cells, hexahedra)
+    stiffness, mass = _forms(ngsolve, mesh, elastic, order, hexahedra, pyramids)
     if hexahedra:  # NGSolve moves the tips of pyramids a little
         volume = integrals(points, cells, True)[0]
     else:
@@ -482,10 +484,13 @@ def _assemble(
         volume *= unit**3
     change = sp.kron(to_hierarchical, sp.identity(3), format="csr")
     back, back_scalar = change.T.tocsr(), to_hierarchical.T.tocsr()  # products of rows with rows need no conversion
+    of_one = back_scalar @ (_csr(mass.mat) @ to_hierarchical)
+    if len(pyramids):
+        of_one = of_one + _mass_of_pyramids(points, cells, pyramids, elastic.rho)
     return FEModel(
         points=points,
         cells=cells,
-        mass=sp.kron(_symmetric(back_scalar @ (_csr(mass.mat) @ to_hierarchical)), unit**3 * sp.identity(3), "csr"),
+        mass=sp.kron(_symmetric(of_one), unit**3 * sp.identity(3), "csr"),
         stiffness=unit * _symmetric(back @ (_csr(stiffness.mat) @ change)),
         cell_mass=elastic.rho * volume,
         material=elastic.largest(volume) if isinstance(elastic, Regions) else elastic,
@@ -496,12 +501,12 @@ def _assemble(
 
 
 def _forms(
-    ngsolve: NGSolve, mesh: NGSolveMesh, elastic: Material | Regions, order: int, hexahedra: bool
+    ngsolve: NGSolve, mesh: NGSolveMesh, elastic: Material | Regions, order: int, hexahedra: bool, pyramids: Array
 ) -> tuple[NGSolveObject, NGSolveObject]:
     """Stiffness of a vector, dofs xyz interleaved, and mass of one component, in NGSolve's basis.
 
-    The mass is exact, also of tapered and curved elements. Of pyramids it has a relative error of some 1e-10, because
-    NGSolve moves their tips.
+    The mass is exact, also of tapered and curved elements. That of pyramids, rows of cells, is left out: NGSolve moves
+    their tips, by which it has a relative error of some 1e-10.
     """
     u, v = ngsolve.H1(mesh, order=order, dim=3).TnT()  # a VectorH1 has the same matrix, but takes longer
     scalar = ngsolve.H1(mesh, order=order)
@@ -514,7 +519,11 @@ def _forms(
         constants.vec.FV().NumPy()[:] = value
         return constants
 
-    shear, lame, density = map(by_element, (elastic.shear_modulus, elastic.lame, elastic.rho))
+    density = elastic.rho
+    if len(pyramids):
+        density = np.broadcast_to(density, mesh.ne).copy()
+        density[pyramids] = 0.0
+    shear, lame, density = map(by_element, (elastic.shear_modulus, elastic.lame, density))
     beyond = _degree_of_volume(order, hexahedra)  # NGSolve integrates as if all elements had straight, parallel sides
     with _threads(ngsolve, scalar.ndof):
         grad = ngsolve.Grad(u)  # alone: div(u) beside it would cost half as much again
@@ -522,6 +531,23 @@ def _forms(
         stiffness = ngsolve.BilinearForm(ngsolve.InnerProduct(stress, ngsolve.Grad(v)) * ngsolve.dx).Assemble()
         mass = ngsolve.BilinearForm(density * p * q * ngsolve.dx(bonus_intorder=beyond)).Assemble()
     return stiffness, mass
+
+
+def _pyramids(cells: Array, hexahedra: bool) -> Array:
+    """Rows of cells that are pyramids."""
+    return next((rows for kind, rows in kinds_of(cells, hexahedra) if kind.corners == 5), np.zeros(0, dtype=int))
+
+
+def _mass_of_pyramids(points: Array, cells: Array, pyramids: Array, density: float | Array) -> sp.csr_matrix:
+    """Mass of one component of pyramids, rows of cells, by nodes, (n, n), of points in metres."""
+    kind, n = next((kind for kind, _ in kinds_of(cells[pyramids], True))), len(points)
+    density = np.broadcast_to(density, len(cells))[pyramids]
+    rows, mass = cells[pyramids][:, kind.columns], sp.csr_matrix((n, n))
+    for some in np.array_split(np.arange(len(rows)), len(rows) // _AT_ONCE + 1):
+        own = density[some, None, None] * kind.masses(points[rows[some]])
+        at = np.broadcast_to(rows[some, :, None], own.shape)
+        mass += sp.csr_matrix((own.ravel(), (at.ravel(), np.swapaxes(at, 1, 2).ravel())), shape=(n, n))
+    return mass
 
 
 def _degree_of_volume(order: int, hexahedra: bool) -> int:

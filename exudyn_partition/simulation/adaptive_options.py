@@ -18,7 +18,7 @@ from ..support.checks import validate_positive
 from ..support.foreign import MainSystem
 from ..support.warn import warn
 from .contact_work import ContactWork
-from .stability import limit_of
+from .stability import limit_with
 from .step_control import LONGEST, UNRESOLVED, State, StepControl
 from .velocity_error import TOLERANCE
 
@@ -86,7 +86,7 @@ class AdaptiveOptions:
         unresolved = UNRESOLVED if unresolved is None else validate_positive("unresolved", unresolved, "")
         tolerance = self._velocity_tolerance(method)
         if method == "explicit":
-            longest = min(longest, SAFETY * limit_of(bodies, []))
+            longest = min(longest, SAFETY * limit_with(mbs, []))
         longest = max(step, min(longest, sample_period or math.inf))
         _warn_of_many_steps(duration, longest, method)
         return StepControl(

@@ -20,6 +20,7 @@ from ..errors import PartitionError
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import coordinate_slices, registered, start_of_step, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_bodies.tangents import places, tangents
 from ..exudyn_contacts.contact_object import skip_needless_calls
 from ..exudyn_contacts.model_run import ModelRun, runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
@@ -34,7 +35,7 @@ from .step_control import Pace, Pacing, StepControl
 _RESIDUAL = 3e-18  # share of forces that move bodies by their size in a period of f_cut: 1e-8 N for some centimetres
 _OVER = 1e-6  # share of a step: a run that has less time left is at its end
 _SETTLED = 2  # divided load steps that settle before they are longer again
-_ROUNDINGS = 4  # number of roundings of a patch's places that reach its forces
+_ROUNDINGS = 4  # number of roundings of places, of patches or markers, that reach their forces
 _FAR = 1e-3  # share of a facet's size: largest motion in an iteration of bodies that springs hold
 _SLOW = 0.1  # rad/s, frequency of bodies on such springs if forces are balanced
 _PRESSED = 0.03  # of f_cut: frequency of bodies on such springs if contacts press them from the start
@@ -57,11 +58,12 @@ def residual(mbs: MainSystem, duration: float = 0.0) -> float:
     Residuals are generalised forces: those of modes are forces over the square root of a mass.
 
     Gaps are differences of places, which count from the contact, and have their rounding errors. A stiff patch turns
-    them into forces, and no iteration reaches a smaller residual. So has the elastic force of a body that keeps nodes
-    and flies far, in a run of some duration [s].
+    them into forces, and no iteration reaches a smaller residual. So do stiff springs of Exudyn. So has the elastic
+    force of a body that keeps nodes and flies far, in a run of some duration [s].
     """
     bodies, contacts = partition_items(mbs)
     goal = max((max(_RESIDUAL * _by_size(item), _rounding(mbs, item, duration)) for item in bodies), default=0.0)
+    goal = max(goal, _rounding_of_springs(mbs))
     for contact in contacts:
         goal = max(goal, _ROUNDINGS * np.finfo(float).eps * _extent(mbs, contact, duration) * _force_by_depth(contact))
     return goal or require("exudyn").SimulationSettings().timeIntegration.newton.absoluteTolerance
@@ -98,6 +100,15 @@ def _rounding(mbs: MainSystem, item: PartitionBody, duration: float) -> float:
     way = np.ptp(item.body.points, axis=0).max() + duration * _speed(mbs, item)
     sums = abs(item.body.stiffness) @ abs(item.body.rigid[:, :3]).max(axis=1)
     return float(np.finfo(float).eps * way * np.linalg.norm(sums))
+
+
+def _rounding_of_springs(mbs: MainSystem) -> float:
+    """Norm of the forces that rounding of places leaves in items of Exudyn."""
+    forces = np.zeros(mbs.systemData.ODE2Size())
+    way = places(mbs)
+    for item in tangents(mbs):
+        np.add.at(forces, item.columns, abs(item.stiffness) @ way[item.columns])
+    return float(_ROUNDINGS * np.finfo(float).eps * np.linalg.norm(forces))
 
 
 def _norm_of_weight(item: PartitionBody) -> float:

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-import scipy.sparse.linalg
 
 from ..contact.landings import stiffest_landing
 from ..exudyn_bodies.held_damping import hold_damping
@@ -22,9 +21,9 @@ from ..reduction.body import ReducedBody
 from ..support.arrays import Array, as_slice, consecutive
 from ..support.foreign import MainSystem
 from ..support.once import once
+from .item_limits import DENSE, Group, held_by_items, largest_eigenvalue, longest_step
 
-_TRIES = 10  # of the limit of viscous contacts
-DENSE = 150  # number of coordinates up to which all frequencies are found: Lanczos' iterations take longer
+_TRIES = 10  # of the limit of viscous contacts and dampers
 _CLOSE = 1e-2  # relative change of the limit with which it is known
 
 
@@ -34,9 +33,10 @@ def stability_limit(mbs: MainSystem) -> float:
     It is 2 / omega_max of K + H' F^-1 H and M, with the pairs and normals at the start. Contact through the residual
     flexibility of a skin may be anywhere: then each body lies on each of its six sides, see `contact.landings`. Damping
     of the bodies lowers the limit. This is computed by a bound that is exact if the highest mode has the largest
-    damping. Other items of the model are not included, nor is the mass of a body that carries a rigid surface.
-    Multipliers of the lagrange formulation do not lower the limit. Viscous flexibilities of contacts do, see
-    `contact.viscosity`.
+    damping. Springs, dampers and other items of Exudyn have their stiffness and damping of the initial state, if the
+    model is assembled, see `item_limits`; bodies then move as joints allow. Multipliers of the lagrange formulation do
+    not lower the limit. Viscous flexibilities of contacts do, see `contact.viscosity`. The mass of a body that carries
+    a rigid surface is not included.
 
     Parameters
     ----------
@@ -47,22 +47,27 @@ def stability_limit(mbs: MainSystem) -> float:
     float
         `math.inf` for a model without partition bodies, or if its bodies neither vibrate nor touch.
     """
-    bodies, contacts = partition_items(mbs)
     hold_damping(mbs)
-    return limit_of(bodies, contacts)
+    return limit_with(mbs, partition_items(mbs)[1])
 
 
-def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> float:
-    """Return the largest stable step of some bodies with some contacts [s], see `stability_limit`."""
+def limit_with(mbs: MainSystem, contacts: list[PartitionContact]) -> float:
+    """Return the largest stable step of the model with some of its contacts [s], see `stability_limit`."""
+    bodies, items = partition_items(mbs)[0], held_by_items(mbs)
     if not bodies:
         return float("inf")
     anywhere = [contact for contact in contacts if _may_be_anywhere(contact)]
-    groups = _joined(bodies, [contact for contact in contacts if contact not in anywhere])
+    alone: list[Group] = []
+    among_items: list[Group] = []
+    for group in _joined(bodies, [contact for contact in contacts if contact not in anywhere]):
+        (among_items if items is not None and items.hold(group[0]) else alone).append(group)
 
     def largest(step: float) -> float:
         found = [0.0, *(_landing(contact, step) for contact in anywhere)]
+        if items is not None:
+            found.append(items.largest_square(among_items, step))
         equal = {}  # many bodies often have equal contacts
-        for group in groups:
+        for group in alone:
             if sum(item.body.n_dofs for item in group[0]) <= DENSE:
                 matrix = _matrix(*group, step)
                 equal[matrix.tobytes()] = matrix
@@ -70,18 +75,17 @@ def limit_of(bodies: list[PartitionBody], contacts: list[PartitionContact]) -> f
                 found.append(_by_iteration(*group, step))
         return max(*found, *(float(np.linalg.eigvalsh(matrix)[-1]) for matrix in equal.values()))
 
-    square = largest(math.inf)
-    if square <= 0.0:
-        return math.inf  # bodies without elastic coordinates that touch nothing
+    square = max(largest(math.inf), 0.0)
     omega = math.sqrt(square)
     rate = max((item.damping.largest_rate(omega) for item in bodies if item.damping is not None), default=0.0)
-    # VelocityVerlet computes damping forces with the velocities half a step before: h^2 omega^2 + 2 h d <= 4.
-    limit = 4 / (rate + math.hypot(rate, 2 * omega))
-    if not any(contact.mechanics.viscous for contact in contacts):
+    limit = longest_step(omega, rate)
+    if not any(contact.mechanics.viscous for contact in contacts) and not (items is not None and items.damped):
         return limit
-    for _ in range(_TRIES):  # viscous contacts have omega^2 + d / h instead of omega^2, where d hardly depends on h
-        late = limit * (largest(limit) - square) / 2
-        shorter = 4 / (rate + late + math.hypot(rate + late, 2 * omega))
+    # Viscous contacts and dampers have omega^2 + 2 d / h instead of omega^2, where d hardly depends on h.
+    for _ in range(_TRIES):
+        tried = limit if math.isfinite(limit) else 1.0  # s: any step has the same d without a stiffness
+        late = max(tried * (largest(tried) - square) / 2, 0.0)
+        shorter = longest_step(omega, rate + late)
         if shorter > (1 - _CLOSE) * limit:
             break
         limit = shorter
@@ -178,10 +182,7 @@ def _by_iteration(bodies: list[PartitionBody], contacts: list[PartitionContact],
         value: Array = scale * y
         return value
 
-    n = len(scale)
-    operator = scipy.sparse.linalg.LinearOperator((n, n), matvec=apply, dtype=float)
-    found = scipy.sparse.linalg.eigsh(operator, k=1, which="LA", tol=1e-4, v0=np.ones(n), return_eigenvectors=False)
-    return float(found[0])
+    return largest_eigenvalue(apply, len(scale))
 
 
 def _on_coordinates(

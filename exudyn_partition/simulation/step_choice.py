@@ -15,6 +15,7 @@ from ..prediction.default_step import SAFETY, STEPS_A_PERIOD
 from ..support.checks import validate_positive
 from ..support.foreign import MainSystem
 from ..support.optional import require
+from .item_limits import shorter_steps
 from .stability import stability_limit
 from .step_control import impact_step
 
@@ -40,7 +41,7 @@ def chosen_step(mbs: MainSystem, step: float | None, method: Integrator) -> floa
     if step > limit:
         raise StepSizeError(
             f"step: {step:.4g} s is above the stability limit of explicit integration, {limit:.4g} s (all contact rows "
-            f"closed). Take at most {limit:.3g} s, a lower f_cut, a region with larger elements, or method='implicit'"
+            f"closed). {shorter_steps(mbs, limit)}, or method='implicit'"
         )
     return step
 

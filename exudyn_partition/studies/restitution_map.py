@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import InputError, ModelLimitWarning
 from ..support.arrays import Array, Vector
-from ..support.checks import validate_array, validate_number, validate_positive, validate_vector
+from ..support.checks import answer_of, validate_array, validate_number, validate_positive, validate_vector
 from ..support.foreign import DaskClient
 from ..support.progress import Progress
 from ..support.spelling import spelled
@@ -177,4 +177,5 @@ def impact_at(
 @functools.lru_cache(maxsize=1)  # impacts of one place follow each other
 def _made(bodies: Callable[[float], Pair], place: float) -> Pair:
     """Bodies at a place."""
-    return validate_pair(f"bodies({place:g})", bodies(place))
+    pair = answer_of(f"bodies({place:g})", bodies, place, "a place, which returns the two bodies of an impact there")
+    return validate_pair(f"bodies({place:g})", pair)

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import operator
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, PartitionError
 from .arrays import Array
 
 Item = TypeVar("Item")
@@ -237,6 +237,23 @@ def validate_callable(name: str, value: object, expected: str) -> None:
     """Raise unless `value` can be called and is no class, as dict is; `expected` says with what."""
     if not callable(value) or isinstance(value, type):
         raise InputError(f"{name}: expected {expected}, got {_called(value)}")
+
+
+def answer_of(name: str, function: Callable[[Any], Any], value: Any, task: str) -> Any:
+    """Answer of a user's function to a value; `task` says what it takes and returns.
+
+    Raises
+    ------
+    InputError
+        If the function raises an error, which is its cause.
+    """
+    try:
+        return function(value)
+    except PartitionError:
+        raise  # it says itself what is wrong
+    except Exception as error:
+        said = f"{type(error).__name__}: {error}".rstrip(": ")
+        raise InputError(f"{name}: expected a function of {task}, got one that raises {said}") from error
 
 
 def validate_choice(name: str, value: object, choices: Iterable[Choice]) -> Choice:

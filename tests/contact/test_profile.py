@@ -93,6 +93,7 @@ def test_rows_to_a_rigid_plane_come_and_go_with_the_place_of_contact():
         (circle(np.linspace(0, 6, 5)), "at least 8"),
         (circle(np.linspace(0, 2 * np.pi, 20)), "each point once"),
         ([(float(i), 0.0) for i in range(9)], "enclose none"),
+        (lambda angle: 1 / 0, "curve: expected a function of angles.*raises ZeroDivisionError"),
     ],
 )
 def test_wrong_curves_have_named_errors(curve, match):

@@ -179,7 +179,7 @@ def test_explicit_steps_hold_joints_without_numba(arm_body):
         item = ep.CreatePartitionBody(mbs, arm_body, gravity=[9.81, 0, 0])
         mbs.AddObject(joint(markerNumbers=[ground(mbs), item.CreateInterfaceMarker(mbs, "foot")]))
         mbs.Assemble()
-        return item.coordinates(ep.solve_dynamic(mbs, end_time=1e-5, step=2e-7))
+        return item.coordinates(ep.solve_dynamic(mbs, end_time=1e-5, step=1.5e-7))
 
     for joint in (items.SphericalJoint, partial(items.RigidBodySpringDamper, stiffness=1e6 * np.eye(6))):
         compiled, plain = each_way(lambda joint=joint: swung(joint))

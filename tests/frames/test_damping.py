@@ -136,7 +136,8 @@ def test_explicit_steps_are_stable_up_to_the_limit_and_not_beyond(bar, ratio):
 @pytest.mark.parametrize(
     ("damping", "said"),
     [(-0.01, "zero or above"), (float("nan"), "ratio"), ("much", "ratio"), ([0.01, 0.02], "shape"),
-     (lambda f: f[:1], "shape"), (lambda f: -f, "zero or above")],
+     (lambda f: f[:1], "shape"), (lambda f: -f, "zero or above"),
+     (lambda f: {}["much"], "frequencies.*raises KeyError: 'much'"), (lambda f: f * np.nan, "finite")],
 )  # fmt: skip
 @pytest.mark.parametrize("frame", FRAMES)
 def test_wrong_damping_is_refused(bar, frame, damping, said):

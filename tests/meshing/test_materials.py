@@ -196,6 +196,7 @@ def test_names_that_do_not_fit(material, message):
     [
         (lambda x: -np.ones(len(x)), "modulus: expected positive"),
         (lambda x: np.ones(3), "modulus: expected shape"),
+        (lambda x: x.no, "modulus: expected a function of places.*raises AttributeError"),
         (200e9, "modulus: expected a function of places"),
     ],
 )

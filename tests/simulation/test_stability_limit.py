@@ -2,17 +2,19 @@
 
 import contextlib
 import itertools
+import re
 import warnings
 
 import exudyn as exu
 import exudyn.itemInterface as items
+import exudyn.utilities
 import numpy as np
 import pytest
 import scipy.linalg
 from oracles import MARBLE_RADIUS, SPHERE_RADIUS, TOP, add_force
 
 import exudyn_partition as ep
-from exudyn_partition.errors import ModelLimitWarning, PartitionWarning, StoppedRunWarning
+from exudyn_partition.errors import ModelLimitWarning, PartitionWarning, StepSizeError, StoppedRunWarning
 from exudyn_partition.simulation import stability, step_choice
 
 
@@ -114,6 +116,55 @@ def test_damping_lowers_the_limit(mbs, marble, ratio, monkeypatch):
         ep.solve_dynamic(mbs, end_time=300 * limit, step=1.03 * limit)
 
 
+@pytest.mark.parametrize(("stiffness", "rate"), [(1e13, 0.0), (0.0, 3e6), (4e12, 2e6), (0.0, 1e2)])
+def test_springs_and_dampers_lower_the_limit(mbs, marble, frame, stiffness, rate, monkeypatch):
+    """A spring and a damper on a free translation: h^2 k / m + 2 h d / m = 4; and a run below and above."""
+    item = ep.CreatePartitionBody(mbs, marble, frame=frame, initialVelocity=[0.1, 0, 0])
+    free, mass = ep.stability_limit(mbs), marble.total_mass if frame == "floating" else 1.0
+    wall = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0))
+    at = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=item.nodes[0], coordinate=0))
+    options = {"stiffness": stiffness * mass, "damping": rate * mass}
+    mbs.AddObject(items.CoordinateSpringDamper(name="wall", markerNumbers=[wall, at], **options))
+    mbs.Assemble()
+    limit = ep.stability_limit(mbs)
+    expected = 4 / (rate + np.hypot(rate, 2 * np.sqrt(stiffness)))
+    assert limit == pytest.approx(min(expected, free), rel=1e-2)
+    if expected > free:
+        return
+    with pytest.raises(StepSizeError, match=r"wall \(ConnectorCoordinateSpringDamper\) causes it"):
+        ep.solve_dynamic(mbs, end_time=300 * limit, step=1.04 * limit)
+    stable = ep.solve_dynamic(mbs, end_time=300 * limit, step=0.97 * limit)
+    monkeypatch.setattr(step_choice, "stability_limit", lambda mbs: np.inf)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PartitionWarning)
+        grown = ep.solve_dynamic(mbs, end_time=600 * limit, step=1.04 * limit)
+    assert abs(item.coordinates(grown)[:, 0]).max() > 1e3 * abs(item.coordinates(stable)[:, 0]).max()
+
+
+@pytest.mark.parametrize("basis", ["contact-adapted", "craig-bampton"])
+def test_dampers_of_an_interface_lower_the_limit(mbs, arm, frame, basis, kept, monkeypatch):
+    """Between the body and a rigid one, on a marker of six rows: a run below the limit, and one above it.
+
+    Where the basis keeps nodes in an inertial frame, joints tie a small mass to the interface, which limits nothing.
+    """
+    body = ep.reduce(*arm, f_cut=60e3, basis=basis, cache=kept)
+    item = ep.CreatePartitionBody(mbs, body, frame=frame, initialVelocity=[0.1, 0.05, 0])
+    free = ep.stability_limit(mbs)
+    inertia = exudyn.utilities.InertiaCuboid(7850, [0.01, 0.02, 0.03])
+    by_vector = exu.NodeType.RotationRotationVector
+    other = mbs.CreateRigidBody(inertia=inertia, nodeType=by_vector)
+    damping = np.diag([1e4] * 3 + [1.0] * 3)
+    ends = [mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=other)), item.CreateInterfaceMarker(mbs, "foot")]
+    mbs.AddObject(items.RigidBodySpringDamper(markerNumbers=ends, damping=damping))
+    mbs.Assemble()
+    limit = ep.stability_limit(mbs)
+    assert 1e-3 * free < limit < 0.9 * free
+    assert ep.solve_dynamic(mbs, end_time=300 * limit, step=0.97 * limit).status == "finished"
+    monkeypatch.setattr(step_choice, "stability_limit", lambda mbs: np.inf)
+    with pytest.warns(PartitionWarning):
+        assert ep.solve_dynamic(mbs, end_time=900 * limit, step=1.04 * limit).status == "unstable"
+
+
 @pytest.mark.parametrize("factor", [1.1, 1.3])
 def test_an_unstable_run_tells_it_in_our_words_alone(mbs, marble, factor, monkeypatch):
     """Energies overflow before gaps do. Between two planes rows are closed when the run ends, whatever its phase."""
@@ -157,3 +208,25 @@ def test_the_limit_of_a_model_is_that_of_its_stiffest_group(marble, bodies, most
     assert model(True, True) == pytest.approx(min(alone), rel=1e-4)
     monkeypatch.setattr(stability, "DENSE", 10**6)
     assert min(alone) == pytest.approx(model(True, True), rel=1e-4)
+
+
+def test_a_damper_that_acts_later_is_named_as_the_cause(mbs, marble):
+    """Nothing knew it before the run, and the body seemed to rotate too far."""
+    item = ep.CreatePartitionBody(mbs, marble, initialVelocity=[0.1, 0, 0])
+    wall = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0))
+    at = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=item.nodes[0], coordinate=3))
+    dashpot = items.CoordinateSpringDamper(name="dashpot", markerNumbers=[wall, at], damping=1e8, activeConnector=False)
+    number = mbs.AddObject(dashpot)
+    mbs.SetNodeParameter(item.nodes[0], "initialCoordinates_t", np.full(marble.n_dofs, 1e-3))
+
+    def switch(mbs, t):
+        mbs.SetObjectParameter(number, "activeConnector", t > 2e-6)
+        return True
+
+    mbs.SetPreStepUserFunction(switch)
+    mbs.Assemble()
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        ep.solve_dynamic(mbs, end_time=20e-6)
+    said = [str(each.message) for each in said]
+    assert any(re.search(r"above the stability limit.* dashpot .* causes it", text) for text in said), said

@@ -7,6 +7,7 @@ import warnings
 
 import exudyn as exu
 import exudyn.itemInterface as items
+import exudyn.utilities
 import netgen.occ as occ
 import numpy as np
 import pytest
@@ -363,6 +364,37 @@ def test_a_strip_that_bends_lifts_off_a_plane_in_part(mbs, frame, feet):
         assert found[-1].sum() == pytest.approx(load + 9.81 * body.total_mass, rel=1e-6)
         assert 0 < np.count_nonzero(found[-1]) < 0.5 * len(found[-1])
     np.testing.assert_allclose(*found, rtol=0, atol=1e-4 * load)
+
+
+@pytest.mark.parametrize("far", [0.0, 30.0])
+@pytest.mark.parametrize("kind", ["rigid", "inertial", "floating"])
+def test_stiff_springs_have_rounding_that_newton_s_method_knows(mbs, arm_body, kind, far):
+    """A chain on springs, far from the origin too: it moves by F (1/k + 1/k), in any number of load steps."""
+    place, stiffness = np.array([far, 0, 0]), 1e8
+    before = ground(mbs, place)
+    for i in range(2):
+        at = place + 0.06 * i * np.array([0, 0, 1])
+        if kind == "rigid":
+            inertia = exudyn.utilities.InertiaCuboid(7850, [0.01, 0.01, 0.06])
+            number = mbs.CreateRigidBody(referencePosition=at, inertia=inertia)
+            ends = [mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=number, localPosition=[0, 0, z])) for z in (0, 0.06)]
+        else:
+            item = ep.CreatePartitionBody(mbs, arm_body, referencePosition=at, frame=kind)
+            ends = [item.CreateInterfaceMarker(mbs, name) for name in ("foot", "head")]
+        springs = np.diag([stiffness] * 3 + [1e-3 * stiffness] * 3)
+        mbs.AddObject(items.RigidBodySpringDamper(markerNumbers=[before, ends[0]], stiffness=springs))
+        before = ends[1]
+    mbs.AddLoad(items.LoadForceVector(markerNumber=ends[0], loadVector=[0, 0, 1.0]))
+    sensor = mbs.AddSensor(
+        items.SensorMarker(
+            markerNumber=ends[0], outputVariableType=exu.OutputVariableType.Displacement, storeInternal=True
+        )
+    )
+    mbs.Assemble()
+    for load_steps in (1, 7, 10):
+        assert ep.solve_static(mbs, load_steps=load_steps).status == "finished"
+        moved = mbs.GetSensorValues(sensor)[2]
+        assert moved == pytest.approx(2 / stiffness, rel=0.5 if kind != "rigid" else 1e-6)
 
 
 def test_what_nothing_holds_has_no_equilibrium(mbs, bodies):

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from exudyn_partition.errors import InputError
+from exudyn_partition.errors import InputError, MeshError
 from exudyn_partition.support.checks import (
+    answer_of,
     check_floats,
     listed,
     shape_of,
@@ -208,3 +209,16 @@ def test_what_is_no_array_has_the_shape_of_one_without_axes(value, shape):
 def test_no_time_is_no_choice_of_times():
     with pytest.raises(InputError, match="frames: expected at least one time"):
         validate_times("frames", [], np.arange(3.0))
+
+
+def test_an_error_of_a_user_s_function_is_named_and_is_the_cause():
+    """An error of the library, as of bodies that a function reduces, names what is wrong itself."""
+
+    def fails(x):
+        raise (LookupError if x == 3 else MeshError)(f"no {x}")
+
+    with pytest.raises(InputError, match=r"curve: expected a function of angles, .* LookupError: no 3") as caught:
+        answer_of("curve", fails, 3, "angles")
+    assert type(caught.value.__cause__) is LookupError
+    with pytest.raises(MeshError, match=r"^no 4$"):
+        answer_of("curve", fails, 4, "angles")

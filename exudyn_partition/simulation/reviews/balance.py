@@ -134,7 +134,7 @@ def _by_strong_damping(body: BodyHistory, result: Result) -> float:
         value: Array = damping.power(q_t)[:, strong].sum(axis=1)
         return value
 
-    return float(damping_work(result, body.q_t, dampings, power)[-1])
+    return float(damping_work(result, body.q, body.q_t, dampings, power)[-1])
 
 
 def _momenta(run: ReviewedRun, bodies: Sequence[BodyHistory], judged: Array) -> Iterator[Finding]:

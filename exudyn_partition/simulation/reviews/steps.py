@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...exudyn_contacts.model_run import runs_of
+from ..item_limits import held_by_items, shorter_steps
 from ..stability import stability_limit
 from .reviewed_run import Finding, ReviewedRun
 
@@ -25,12 +26,16 @@ def missing_steps(run: ReviewedRun) -> Iterator[Finding]:
 
 
 def unstable_steps(run: ReviewedRun) -> Iterator[Finding]:
-    """Explicit steps above the stability limit, if nothing checked them before the run."""
-    solver = run.solver
-    if solver is not None and solver.verlet and solver.step > (limit := stability_limit(run.mbs)):
+    """Explicit steps above the stability limit, of runs that nothing checked, or in which an item began to act."""
+    step = 0.0
+    if run.solver is not None:
+        step = run.solver.step if run.solver.verlet else 0.0
+    elif run.result.method == "explicit" and run.result.status == "unstable" and held_by_items(run.mbs) is not None:
+        step = run.result.step
+    if step and step > (limit := stability_limit(run.mbs)):
         yield Finding(
-            f"the explicit steps of {solver.step:.4g} s are above the stability limit, {limit:.4g} s (all contact rows "
-            f"closed): the bodies may gain energy without bound. Take at most {limit:.3g} s, or an implicit solver"
+            f"the explicit steps of {step:.4g} s are above the stability limit, {limit:.4g} s (all contact rows "
+            f"closed): the bodies may gain energy without bound. {shorter_steps(run.mbs, limit)}, or an implicit solver"
         )
 
 
