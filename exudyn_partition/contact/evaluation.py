@@ -171,6 +171,8 @@ class Evaluation(RowForces):
     def edge_reached(self) -> Array | None:
         """Place of a row with which contact leaves its patch, (3,) [m]; None if there is none. Pulling rows do not."""
         law, rows = self.parts.law, self._present.stage.rows
+        if not rows.at_edge:
+            return None
         closed = self.index[self.lam[self.index] > 0.0] if law.reach else self.index
         if not closed.size:
             return None

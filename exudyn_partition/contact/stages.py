@@ -94,8 +94,11 @@ class Anchor:
 
     def equals(self, anchor: Anchor) -> bool:
         """Whether the other anchor has the same place."""
-        both = zip((self.q, self.pose, self.growing), (anchor.q, anchor.pose, anchor.growing), strict=True)
-        return self == anchor or all(np.array_equal(*values) for values in both)
+        return self == anchor or (
+            np.array_equal(self.q, anchor.q)
+            and np.array_equal(self.pose, anchor.pose)
+            and np.array_equal(self.growing, anchor.growing)
+        )
 
 
 class PresentRows:
@@ -117,6 +120,11 @@ class PresentRows:
         self.points, self.row_nodes, self.area = points, points.row_nodes, points.area
         self.leaves_at, self.sides, self.unpaired = leaves_at, sides, unpaired
         self._at_anchors: dict[Hashable, tuple[Anchor, Any, Array]] = {}
+
+    @FoundOnce
+    def at_edge(self) -> bool:
+        """Whether contact leaves the patch at some of the rows."""
+        return bool(np.isfinite(self.leaves_at).any())
 
     @FoundOnce
     def flat(self) -> FlatPoints:
