@@ -39,6 +39,8 @@ def damping_work(
     power : callable
         Of a damping and velocities, (m, k): the power that it takes, (m,) [W].
     """
+    if not dampings:
+        return np.zeros(len(result.t))
     by_step = result.method == "implicit" and has_all_steps(result)
     velocities = (q_t[1:] + q_t[:-1]) / 2 if by_step else q_t
     powers = np.zeros(len(velocities))
