@@ -282,8 +282,8 @@ class Stage:
         """See `Gaps.nodal_forces`; None if there is no faster way."""
         return None
 
-    def generalised(self, lam: Array, q: Array) -> Array | None:
-        """See `Gaps.generalised`, at coordinates q, (n,); None if there is no faster way than through the nodes."""
+    def acted(self, lam: Array, q: Array) -> tuple[Array, Array] | None:
+        """See `Gaps.acted`, at coordinates q, (n,); None if there is no faster way than through the nodes."""
         return None
 
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
@@ -321,9 +321,9 @@ class Frozen(Stage):
         """Gaps, (nr,) [m], at coordinates q, (n,)."""
         return moved(self.linear.start, self.linear.H, q)
 
-    def generalised(self, lam: Array, q: Array) -> Array:
-        """See `Gaps.generalised`."""
-        return weighted_rows(lam, self.linear.H)
+    def acted(self, lam: Array, q: Array) -> tuple[Array, Array]:
+        """See `Gaps.acted`."""
+        return weighted_rows(lam, self.linear.H), self.resultant(lam)
 
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.advance`; when the pairs have slid, they are followed."""
