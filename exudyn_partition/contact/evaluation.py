@@ -324,6 +324,12 @@ class Evaluation(RowForces):
 
     # State.
 
+    @property
+    def adds_to_state(self) -> bool:
+        """Whether a step that ends with this answer may change more of the state than where the rows are."""
+        open_then = not (self.index.size or self.state.memory.closed) and self.opening == self.state.opening
+        return not open_then or self.plastic is not None or self.parts.damped
+
     def after(self, end: float) -> ContactState:
         """State after a step that ends at time `end` [s] with this answer."""
         if self.parts.remembers and end <= self.since:  # the answer belongs to the start of a step
