@@ -12,7 +12,7 @@ import numpy as np
 from numba.experimental import structref
 
 from ..algebra.product_kernels import matrix_at
-from ..contact.kernels import FlatPair, followed_gaps, pushed_pairs, resultant, rows_along
+from ..contact.kernels import FlatPair, followed_gaps, pushed_pairs, rows_along
 from ..frames.kernels import body_axes
 from ..frames.node_kernels import FlatNodes
 from ..support.arrays import Array
@@ -433,10 +433,9 @@ def forces_of_pair(pair: Pair, q: Array, lam: Array, force: Array, values: Array
                 for k in range(pair.H.shape[1]):
                     force[pair.dofs[k]] += push[i] * pair.H[i, k]
         return
-    total = resultant(pair.flat.rows.points, push, pair.normals)
+    pushed, total = push_pairs(pair.flat, push, pair.normals, gathered(pair.dofs, 0, len(pair.dofs), q))
     for a in range(3):
         values[2 + a] += total[a]
-    pushed = push_pairs(pair.flat, push, pair.normals, gathered(pair.dofs, 0, len(pair.dofs), q))
     for k in range(len(pushed)):
         force[pair.dofs[k]] += pushed[k]
 

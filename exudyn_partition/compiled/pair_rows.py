@@ -289,8 +289,8 @@ class PairRows:
             values[5] = np.inf
         of_rows = lam[self._slots]
         if of_rows.any():
-            values[2:5] = self.gaps.nodal_forces(of_rows)[0].sum(axis=0)
-            force[self._following.dofs] += self.gaps.generalised(of_rows)
+            pushed, values[2:5] = self.gaps.acted(of_rows)
+            force[self._following.dofs] += pushed
 
     def watch_edge(self, values: Array, h: Array, lam: Array, q: Array) -> None:
         """See `moving_kernels.watch_edges`; `values`, `h` and `lam` are of all contacts, and of all their rows."""

@@ -171,6 +171,8 @@ class Evaluation(RowForces):
     def edge_reached(self) -> Array | None:
         """Place of a row with which contact leaves its patch, (3,) [m]; None if there is none. Pulling rows do not."""
         law, rows = self.parts.law, self._present.stage.rows
+        if not rows.at_edge:
+            return None
         closed = self.index[self.lam[self.index] > 0.0] if law.reach else self.index
         if not closed.size:
             return None
@@ -321,6 +323,12 @@ class Evaluation(RowForces):
         return self._yielding.elastic(self.on_rows)
 
     # State.
+
+    @property
+    def adds_to_state(self) -> bool:
+        """Whether a step that ends with this answer may change more of the state than where the rows are."""
+        open_then = not (self.index.size or self.state.memory.closed) and self.opening == self.state.opening
+        return not open_then or self.plastic is not None or self.parts.damped
 
     def after(self, end: float) -> ContactState:
         """State after a step that ends at time `end` [s] with this answer."""

@@ -228,8 +228,8 @@ class Followed(Stage):
         n_nodes = (len(side.surface.points) for side in self.rows.sides)
         return self.rows.search.pairs.nodal_forces(lam, self.normals, *n_nodes) if self._newest else None
 
-    def generalised(self, lam: Array, q: Array) -> Array | None:
-        """See `Stage.generalised`; one compiled call."""
+    def acted(self, lam: Array, q: Array) -> tuple[Array, Array] | None:
+        """See `Stage.acted`; one compiled call."""
         if not (self._newest and self.rows.flattens):
             return None
         return loops.pushed_pairs(self.rows.flat_pair, lam, self.normals, q)

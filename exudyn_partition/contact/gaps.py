@@ -625,13 +625,13 @@ class Gaps:
         sides = zip(self.shares, self.sides, strict=True)
         return [on_nodes(*shares, forces, len(side.surface.points)) for shares, side in sides]
 
-    def generalised(self, lam: Array) -> Array:
-        """Generalised forces, (n,), from forces on the present rows, (nr,) [N]."""
-        by_stage = self.stage.generalised(lam, self.present.q)
+    def acted(self, lam: Array) -> tuple[Array, Array]:
+        """Generalised forces, (n,), and force on the slave, (3,) [N], from forces on the present rows, (nr,) [N]."""
+        by_stage = self.stage.acted(lam, self.present.q)
         if by_stage is not None:
             return by_stage
         parts = zip(self.near_sides, self.split(self.present.q), self.nodal_forces(lam), strict=True)
-        return np.concatenate([side.generalised(q, on_nodes) for side, q, on_nodes in parts])
+        return np.concatenate([side.generalised(q, f) for side, q, f in parts]), self.stage.resultant(lam)
 
     def moment(self, lam: Array, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m], from forces on the present rows, (nr,) [N]."""

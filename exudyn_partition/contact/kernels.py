@@ -14,7 +14,7 @@ from ..frames.node_kernels import FlatNodes, act, set_places
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner
 from ..support.struct_kernels import StructType, define_struct
-from ..surfaces.moving_kernels import Followed, Moving, follow_rows, forces_on_nodes, gaps_of_rows
+from ..surfaces.moving_kernels import Followed, follow_rows, forces_on_nodes, gaps_of_rows
 
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
@@ -87,13 +87,17 @@ def followed_gaps(
 
 
 @compiled
-def pushed_pairs(pair: FlatPair, lam: Array, normals: Array, q: Array) -> Array:
-    """Generalised forces, (n,), of forces on the rows, (nr,), see `loops.pushed_pairs`."""
+def pushed_pairs(pair: FlatPair, lam: Array, normals: Array, q: Array) -> tuple[Array, Array]:
+    """Generalised forces, (n,), and sum, (3,), of forces on the rows, (nr,), see `loops.pushed_pairs`."""
     of_slave, of_master = forces_on_nodes(pair.rows.points, lam, normals, pair.n_s, pair.n_m)
     result = np.zeros(len(q))
     act(pair.slave, q[: pair.n], of_slave, result[: pair.n])
     act(pair.master, q[pair.n :], of_master, result[pair.n :])
-    return result
+    total = np.zeros(3)
+    for node in range(len(of_slave)):
+        for a in range(3):
+            total[a] += of_slave[node, a]
+    return result, total
 
 
 @structref.register
@@ -121,7 +125,7 @@ def flat_points(*fields: Array) -> FlatPoints:
 
 
 @compiled
-def resultant(points: FlatPoints | Moving, lam: Array, normals: Array) -> Array:
+def resultant(points: FlatPoints, lam: Array, normals: Array) -> Array:
     """See `loops.resultant`."""
     starts, columns, means, result = points.starts, points.columns, points.means, np.zeros(3)
     for row in range(len(lam)):

@@ -271,12 +271,12 @@ def followed_gaps(
     return gaps
 
 
-def pushed_pairs(pair: FlatPair, lam: Array, normals: Array, q: Array) -> Array:
-    """Generalised forces, (n,), at coordinates q, (n,), of forces on rows that are followed, (nr,) [N].
+def pushed_pairs(pair: FlatPair, lam: Array, normals: Array, q: Array) -> tuple[Array, Array]:
+    """Generalised forces, (n,), at coordinates q, (n,), and sum, (3,) [N], of forces on rows that are followed, (nr,).
 
     They act along the normals of the rows' points, (k, 3). Both sides must flatten.
     """
-    found: Array = _compiled().pushed_pairs(pair, lam, normals, q)
+    found: tuple[Array, Array] = _compiled().pushed_pairs(pair, lam, normals, q)
     return found
 
 

@@ -69,9 +69,9 @@ class NormalRows:
         """Tangential forces in space, (nr, 3) [N], from forces on rows, (nr, 1) [N]: zero."""
         return np.zeros((len(forces), 3))
 
-    def generalised(self, forces: Array) -> Array:
-        """Generalised forces, (n,), from forces on the present rows, (nr, 1) [N]."""
-        return self.gaps.generalised(forces[:, 0])
+    def acted(self, forces: Array) -> tuple[Array, Array]:
+        """See `Gaps.acted`; forces on the present rows are (nr, 1) [N]."""
+        return self.gaps.acted(forces[:, 0])
 
     def nodal_forces(self, forces: Array) -> list[Array]:
         """Forces on the nodes of the patches, (np, 3) for each side [N], from forces on the rows, (nr, 1) [N]."""

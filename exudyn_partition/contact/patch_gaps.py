@@ -104,14 +104,13 @@ class PatchGaps(Gaps):
 
     def after(self) -> GapState:
         """See `Gaps`."""
-        stood, steps = self.accepted.stood, self.accepted.steps
-        frozen = self._frozen_at()
-        if frozen is None and self.may_freeze and len(self.row_nodes):
+        present, stage = self.present, self.stage
+        stood, steps, frozen = self.accepted.stood, self.accepted.steps, self._frozen_at()
+        if frozen is None and self.may_freeze and len(stage.rows.row_nodes):
             steps += 1
             if steps >= PATIENCE:
-                frozen, stood, steps = self._freezes_at(stood), self.stage.here, 0
-        present = self.present
-        return GapState(present.q, self.evaluated_pose, self.anchor, frozen, None, stood, steps, present.growing)
+                frozen, stood, steps = self._freezes_at(stood), stage.here, 0
+        return GapState(present.q, stage.pose, self.anchor, frozen, None, stood, steps, present.growing)
 
     def _freezes_at(self, stood: Array | None) -> Array | None:
         """Present coordinates, if the patches touch and have hardly slid since `stood`: then pairs are frozen again."""
@@ -216,7 +215,7 @@ class PatchGaps(Gaps):
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         stage, gap = self.stage.advance(self, q)
-        self._go_to_stage(stage, q)
+        super().return_to(Present(stage, q, stage.places, self.anchor, self.growing))  # it knows its pairs
         return gap
 
     def of_present(self, q: Array) -> Array:

@@ -161,10 +161,12 @@ def _unit(name: str, vector: Array) -> Array:
 class OnRigid(Stage):
     """Rows on a primitive surface, which loops have placed."""
 
-    def generalised(self, lam: Array, q: Array) -> Array | None:
-        """See `Stage.generalised`; one compiled call."""
+    def acted(self, lam: Array, q: Array) -> tuple[Array, Array] | None:
+        """See `Stage.acted`; compiled calls."""
         (side,) = self.rows.sides
-        return loops.pushed_rigid(self.rows.flat, lam, self.normals, side, q) if side.flattens else None
+        if not side.flattens:
+            return None
+        return loops.pushed_rigid(self.rows.flat, lam, self.normals, side, q), self.resultant(lam)
 
 
 class RigidGaps(Gaps):

@@ -72,9 +72,14 @@ class RowForces:
         return self._present.stage.rows.row_nodes
 
     @FoundOnce
+    def _acted(self) -> tuple[Array, Array]:
+        """Generalised forces, (n,), by the rows, and the sum of their normal forces, (3,) [N]."""
+        return self._there().acted(self.on_rows) if self.index.size else (np.zeros(self.rows.gaps.n), np.zeros(3))
+
+    @property
     def by_rows(self) -> Array:
         """Generalised forces, (n,), by the rows."""
-        return self._there().generalised(self.on_rows) if self.index.size else np.zeros(self.rows.gaps.n)
+        return self._acted[0]
 
     def resultant(self) -> Array:
         """Force on the slave, (3,) [N]."""
@@ -84,7 +89,8 @@ class RowForces:
     def _resultant(self) -> Array:
         if not self.index.size:
             return np.zeros(3)
-        along = self._present.stage.resultant(self.lam)
+        acted = vars(self).get("_acted")  # most contacts need both, and one loop finds them
+        along = self._present.stage.resultant(self.lam) if acted is None else acted[1]
         return along if self.rows.d == 1 else along + self.traction.sum(axis=0)
 
     def moment(self, point: Array) -> Array:

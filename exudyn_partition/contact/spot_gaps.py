@@ -372,7 +372,7 @@ class SpotGaps(Gaps):
         where = zip(self._makers, meeting.points, meeting.outward, strict=True)
         spots = [maker.at(point, outward) for maker, point, outward in where]
         kernel, surface = spots[0].kernel, self.sides[0].surface
-        n, nf = len(surface.points), len(surface.facets)
+        n = len(surface.points)
         points = ContactPoints(
             nodes=kernel.nodes[None],
             weights=kernel.weights[None],
@@ -380,7 +380,6 @@ class SpotGaps(Gaps):
             row_nodes=np.array([self._row_node]),
             area=np.zeros(1),
             pressures=sp.csr_matrix((n, n)),
-            facets=sp.csc_matrix((nf, 1)),
         )
         sides = self.with_nodes([spot.kernel.nodes for spot in spots])
         rows = SpotRows(points, np.array([np.inf if all(spot.whole for spot in spots) else 0.0]), sides)

@@ -94,8 +94,11 @@ class Anchor:
 
     def equals(self, anchor: Anchor) -> bool:
         """Whether the other anchor has the same place."""
-        both = zip((self.q, self.pose, self.growing), (anchor.q, anchor.pose, anchor.growing), strict=True)
-        return self == anchor or all(np.array_equal(*values) for values in both)
+        return self == anchor or (
+            np.array_equal(self.q, anchor.q)
+            and np.array_equal(self.pose, anchor.pose)
+            and np.array_equal(self.growing, anchor.growing)
+        )
 
 
 class PresentRows:
@@ -117,6 +120,11 @@ class PresentRows:
         self.points, self.row_nodes, self.area = points, points.row_nodes, points.area
         self.leaves_at, self.sides, self.unpaired = leaves_at, sides, unpaired
         self._at_anchors: dict[Hashable, tuple[Anchor, Any, Array]] = {}
+
+    @FoundOnce
+    def at_edge(self) -> bool:
+        """Whether contact leaves the patch at some of the rows."""
+        return bool(np.isfinite(self.leaves_at).any())
 
     @FoundOnce
     def flat(self) -> FlatPoints:
@@ -274,8 +282,8 @@ class Stage:
         """See `Gaps.nodal_forces`; None if there is no faster way."""
         return None
 
-    def generalised(self, lam: Array, q: Array) -> Array | None:
-        """See `Gaps.generalised`, at coordinates q, (n,); None if there is no faster way than through the nodes."""
+    def acted(self, lam: Array, q: Array) -> tuple[Array, Array] | None:
+        """See `Gaps.acted`, at coordinates q, (n,); None if there is no faster way than through the nodes."""
         return None
 
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
@@ -313,9 +321,9 @@ class Frozen(Stage):
         """Gaps, (nr,) [m], at coordinates q, (n,)."""
         return moved(self.linear.start, self.linear.H, q)
 
-    def generalised(self, lam: Array, q: Array) -> Array:
-        """See `Gaps.generalised`."""
-        return weighted_rows(lam, self.linear.H)
+    def acted(self, lam: Array, q: Array) -> tuple[Array, Array]:
+        """See `Gaps.acted`."""
+        return weighted_rows(lam, self.linear.H), self.resultant(lam)
 
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.advance`; when the pairs have slid, they are followed."""

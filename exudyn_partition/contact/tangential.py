@@ -336,13 +336,16 @@ class TangentialRows:
         couple[turned] = cross(np.tile(turn, (len(arms), 1)), arms)
         return couple
 
-    def generalised(self, lam: Array) -> Array:
-        """Generalised forces, (n,), from forces along the directions of the present rows, (nr, 3) [N]."""
-        gaps = self.gaps
+    def acted(self, lam: Array) -> tuple[Array, Array]:
+        """See `Gaps.acted`; of forces along the directions of the present rows, (nr, 3) [N], second is that of normals.
+
+        Who asks for it has tangential forces in space.
+        """
+        gaps, along = self.gaps, self.gaps.stage.resultant(lam[:, 0])
         if not gaps.moving:
-            return np.asarray(self._all_rows().T @ lam.ravel())
+            return np.asarray(self._all_rows().T @ lam.ravel()), along
         parts = zip(gaps.near_sides, gaps.coordinates, self.nodal_forces(lam), strict=True)
-        return np.concatenate([side.generalised(q, on_nodes) for side, q, on_nodes in parts])
+        return np.concatenate([side.generalised(q, on_nodes) for side, q, on_nodes in parts]), along
 
 
 def directions(index: Array) -> Array:

@@ -46,6 +46,8 @@ def damping_work(
     power : callable
         Of a damping and velocities, (m, k): the power that it takes, (m,) [W], a quadratic form.
     """
+    if not dampings:
+        return np.zeros(len(result.t))
     steps, whole = np.diff(result.t), has_all_steps(result)
     if result.method == "implicit" and whole:
         powers = _powers(result.t[:-1], (q_t[1:] + q_t[:-1]) / 2, dampings, power)

@@ -170,7 +170,7 @@ class ContactRun:
     @property
     def pushes(self) -> bool:
         """Whether any force may not be zero in the last evaluation."""
-        return self.force is not None and (self.impulses is not None or self.evaluation.pushes)
+        return self.force is not None and (self.impulses is not None or self.mechanics.evaluation.pushes)
 
     @property
     def remembers(self) -> bool:

@@ -635,7 +635,7 @@ class _Pressed:
         """Find them; None where no row has an area, so that stress has no limit."""
         n, large = len(contact.mechanics.gaps.slave.surface.points), force >= _LARGE * force.max(initial=0.0)
         large = np.flatnonzero(large & (force > 0))
-        nodes, forces, bounds = rows.joined(large.tolist())
+        nodes, forces, bounds = rows.joined(large)
         pushes = (forces > 0) & (nodes < n)  # no pull is a pressure, and rows of edges alone have no area
         if not pushes.any() or not rows.run.areas[:n].any():
             return None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +33,7 @@ class RowSamples:
         """Patch nodes of the closed rows at a sample, (k,), and the forces on them, (k,) [N]."""
         return self.run.rows_at(float(self.times[sample])) or _NONE
 
-    def joined(self, samples: Sequence[int]) -> tuple[Array, Array, Array]:
+    def joined(self, samples: Array) -> tuple[Array, Array, Array]:
         """Closed rows at some samples, one after the other.
 
         Returns
@@ -42,11 +41,12 @@ class RowSamples:
         (k,) int array, (k,) array, (n + 1,) int array
             Patch nodes, forces on them [N], and where the rows of each sample begin.
         """
-        nodes, forces = zip(_NONE, *(self.at_sample(sample) for sample in samples), strict=True)
+        rows_at, times = self.run.rows_at, self.times[samples].tolist()
+        nodes, forces = zip(_NONE, *[rows_at(t) or _NONE for t in times], strict=True)
         return np.concatenate(nodes), np.concatenate(forces), np.cumsum([*map(len, nodes)])
 
     def matrix(self, samples: Array | None = None) -> sp.csr_matrix:
         """Force of the row of each patch node, (n, np) [N], at all samples or at some, (n,) int array."""
-        chosen = range(len(self.times)) if samples is None else samples.tolist()
+        chosen = np.arange(len(self.times)) if samples is None else samples
         nodes, forces, starts = self.joined(chosen)
         return sp.csr_matrix((forces, nodes, starts), shape=(len(chosen), len(self.run.areas)))

@@ -212,42 +212,45 @@ def _leaves_at(
     further apart than the row, and touches when the row is deeper than this difference: earlier than in truth, for the
     surfaces yield most where they are deepest.
     """
-    past_rim, past_edge = (np.isin(master.facets[projection.facet], n).any(axis=1) for n in (master.rim, master.sharp))
-    within = projection.offset <= EDGE_TOLERANCE * master.facet_size
-    gap = projection.gap - _rise(projection, master)
-    past, aslant = (
-        _least_around(points, lost, gap, slave)
-        for lost in (~paired & past_rim & ~within, ~paired & within & ~past_edge)
-    )
+    facets, within = master.facets[projection.facet], projection.offset <= EDGE_TOLERANCE * master.facet_size
+    past_rim, past_edge = (master.has(nodes)[facets].any(axis=1) for nodes in (master.rim, master.sharp))
+    gap, beside = projection.gap.copy(), np.flatnonzero(~paired & past_rim & ~within)
+    gap[beside] -= _rise(projection, beside, master)
+    past = _least_around(points, beside, gap, slave)
+    aslant = _least_around(points, np.flatnonzero(~paired & within & ~past_edge), gap, slave)
     aslant[slave.sharp] = np.inf
     nodes, of_rows = rows
     value: Array = np.maximum(np.minimum(past, aslant)[nodes] - of_rows, 0.0)
-    value[np.isin(nodes, slave.rim)] = 0.0
+    value[slave.has(slave.rim)[nodes]] = 0.0
     return value
 
 
 def _least_around(points: ContactPoints, chosen: Array, gap: Array, slave: Surface) -> Array:
-    """Least gap of the chosen points (a mask) in the facets around each node of the slave's patch, (np,) [m]."""
+    """Least gap of chosen points, an index, in the facets around each node of the slave's patch, (np,) [m].
+
+    A point is in the facet of its nodes, or at one of them and in all facets around that.
+    """
     least = np.full(len(slave.points), np.inf)
-    if chosen.any():
-        index = np.flatnonzero(chosen)
-        facet, point = points.facets[:, index].nonzero()
-        np.minimum.at(least, slave.facets[facet], gap[index[point], None])
+    if len(chosen):
+        nodes, of_point, at_node = points.nodes[chosen], gap[chosen], points.weights[chosen] == 1.0
+        np.minimum.at(least, nodes[at_node], of_point[at_node.any(axis=1)])
+        around = least[slave.facets].min(axis=1)
+        np.minimum.at(least, slave.facets, around[:, None])
+        within = ~at_node.any(axis=1)
+        np.minimum.at(least, nodes[within], of_point[within, None])
     return least
 
 
-def _rise(projection: Projection, master: Surface) -> Array:
-    """How far a hollow master may rise above its tangents at the closest points, where points project beside it, (k,).
+def _rise(projection: Projection, beside: Array, master: Surface) -> Array:
+    """How far a hollow master may rise above its tangents at the closest points, for points beside it, an index: (k,).
 
     Its curvature is that of the normals at the facet's corners. At the rim these are means over one side alone, and
     show as little as half of it.
     """
-    beside = np.flatnonzero(projection.offset > EDGE_TOLERANCE * master.facet_size)
-    rise = np.zeros(len(projection.gap))
-    if len(beside):
-        normals = master.normals_at(np.arange(len(master.points))[:, None], np.ones((len(master.points), 1)))
-        corners = facet_corners(master.facets[projection.facet[beside]])
-        x, n = (values[corners] - values[np.roll(corners, 1, axis=1)] for values in (master.points, normals))
-        bend = (np.einsum("kcd,kcd->kc", n, x) / np.einsum("kcd,kcd->kc", x, x)).min(axis=1)
-        rise[beside] = np.maximum(-bend, 0.0) * projection.offset[beside] ** 2
-    return rise
+    if not len(beside):
+        return np.zeros(0)
+    normals = master.normals_at(np.arange(len(master.points))[:, None], np.ones((len(master.points), 1)))
+    corners = facet_corners(master.facets[projection.facet[beside]])
+    x, n = (values[corners] - values[np.roll(corners, 1, axis=1)] for values in (master.points, normals))
+    bend = (np.einsum("kcd,kcd->kc", n, x) / np.einsum("kcd,kcd->kc", x, x)).min(axis=1)
+    return np.asarray(np.maximum(-bend, 0.0) * projection.offset[beside] ** 2)

@@ -84,7 +84,13 @@ class Surface:
         normals = area_vectors(self.points, self.facets)
         return float(np.linalg.norm(normals.sum(axis=0)) / np.linalg.norm(normals, axis=1).sum())
 
-    @property
+    def has(self, nodes: Array) -> Array:
+        """Whether each node of the patch is one of some nodes, (np,) bool."""
+        found = np.zeros(len(self.points), dtype=bool)
+        found[nodes] = True
+        return found
+
+    @cached_property
     def normal_here(self) -> Array:
         """Mean unit normal of the facets in their present places, (3,)."""
         total = area_vectors(self.points, self.facets).sum(axis=0)

@@ -47,7 +47,7 @@ def cloud(n, seed=0):
     share = rng.uniform(0.2, 0.8, n)
     mean = sp.random(n // 3, n, 0.2, format="csr", random_state=1)
     nodes = np.column_stack([np.arange(n), np.arange(1, n + 1)])
-    points = ContactPoints(nodes, np.column_stack([share, 1 - share]), mean, np.arange(n // 3), share, mean, mean)
+    points = ContactPoints(nodes, np.column_stack([share, 1 - share]), mean, np.arange(n // 3), share, mean)
     x = rng.uniform([0.3, 0.3, -0.05], [3.5, 3.5, 0.2], (n + 1, 3))
     return points, x
 
@@ -70,7 +70,7 @@ def test_points_are_followed_equally(n_nodes):
             x_s = x + 0.012 * step * np.array([1.0, 0.4, 0.02])
             x_m = master.points + 0.01 * np.sin(0.1 * step + master.points[:, ::-1])
             index = np.arange(60)[step % 3 :: 2]
-            some = ContactPoints(points.nodes[index], points.weights[index], points.mean[:, index], *[None] * 4)
+            some = ContactPoints(points.nodes[index], points.weights[index], points.mean[:, index], *[None] * 3)
             normal, gap = pairs.follow(some, index, x_s, x_m)
             seen.append((pairs.local[index], *pairs.carriers, normal, gap, gap == pairs.size, pairs.facet[index]))
         return seen, pairs.facet

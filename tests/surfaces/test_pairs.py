@@ -15,7 +15,7 @@ from exudyn_partition.surfaces.surface import closest_points
 def single_points(n):
     """Contact points that are the slave's nodes themselves."""
     one = sp.identity(n, format="csr")
-    return ContactPoints(np.arange(n)[:, None], np.ones((n, 1)), one, np.arange(n), np.ones(n), one, one)
+    return ContactPoints(np.arange(n)[:, None], np.ones((n, 1)), one, np.arange(n), np.ones(n), one)
 
 
 @pytest.mark.usefixtures("each_path")

@@ -284,11 +284,8 @@ class CoupledContacts(Coupled):
     def frozen(self, dofs: Sequence[Array], last: FrozenContacts | None) -> FrozenContacts | None:
         """See `Coupled`."""
         gaps = [contact.gaps for contact in self.contacts]
-        if (
-            any(rows.moving for rows in gaps)
-            or not loops.at_once()
-            or any(contact.opening for contact in self._pressed)
-        ):
+        moving, pressed = any([rows.moving for rows in gaps]), any([contact.opening for contact in self._pressed])
+        if moving or pressed or not loops.at_once():
             return None
         if last is None or not last.has_pairs_of(gaps):
             own, fields, _ = self.blocks()
