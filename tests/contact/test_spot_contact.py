@@ -147,6 +147,18 @@ def test_pressure_between_unlike_bodies_slides_as_spence_says(friction):
     assert stuck == pytest.approx(radius, abs=0.15)  # as wide as the rings are
 
 
+def test_what_pressure_slides_has_no_jumps_while_it_falls():
+    """The slope of the slide has a logarithm at the edge of contact, which passes over springs."""
+    springs, peak = Springs(R, 1.15e11, (1e11, 1e11), 0.25), 900.0
+    forces = np.linspace(0.3, 1.0, 400) * peak
+    found = [springs.driven(springs.reach(peak), springs.reach(P), P) for P in forces]
+    slopes = np.array([driven.by_force for driven in found])
+    assert abs(np.diff(slopes, axis=0)).max() < 0.03 * abs(slopes).max()
+    changes = np.array([driven.change for driven in found])
+    by_means = (slopes[1:] + slopes[:-1]) / 2 * np.diff(forces)[:, None, None]
+    np.testing.assert_allclose(np.diff(changes, axis=0), by_means, rtol=0, atol=0.02 * abs(by_means).max())
+
+
 MAW = {0.5: 0.048, 1.0: -0.060, 2.0: -0.837, 3.0: -1.380, 4.0: -1.437, 4.5: -1.218, 6.0: 0.235}  # psi1: psi2, nu = 0.3
 
 
