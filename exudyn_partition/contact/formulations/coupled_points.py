@@ -31,6 +31,8 @@ class CoupledPoints(CoupledZones):
 
     def _begin(self) -> None:
         super()._begin()
+        for contact in self.contacts:
+            contact.told = self._frictional  # gaps depend on no earlier forces
         self._blocks: dict[tuple[int, int], tuple[tuple[int, int], Array]] = {}
 
     def _find(self, gaps: list[Array]) -> None:
@@ -99,7 +101,8 @@ class CoupledPoints(CoupledZones):
                 forces = forces._replace(stored=forces.stored + 0.5 * float(np.dot(on_rows[j], pushed)))
             least = float(gap[0] + pushed[0])
             pushed[1:] -= from_last[j][1:]
-            contact.answered(forces, gap, least, contact.places(gap, pushed[None]))
+            places = None if contact.friction is None else contact.places(gap, pushed[None])
+            contact.answered(forces, gap, least, places)
 
 
 def _size(forces: Array) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from ...algebra.products import dense
 from ...prediction.point_contact import PointContact
 from ...support.arrays import Array
+from ...support.attributes import FoundOnce
 from ..law import Forces, Law, Places, RowDirections
 from ..spot_gaps import SpotGaps
 
@@ -114,6 +115,10 @@ class HertzStep:
     def __init__(self, law: HertzPoint, gap: float) -> None:
         self._law, self._gap = law, gap
 
+    @FoundOnce
+    def _curve(self) -> HertzCurve:
+        return self._law.curve(self._law.gaps.share or 1.0)
+
     def begin(self) -> HertzTouch:
         """See `PointStep`."""
         return _OPEN
@@ -121,14 +126,14 @@ class HertzStep:
     def better(self, touch: HertzTouch, moved: Array) -> HertzTouch:
         """See `PointStep`."""
         approach = -self._gap - float(moved[0])
-        force, before = self._law.present_curve.force(approach) if approach > 0.0 else 0.0, float(touch.on_row[0])
+        force, before = self._curve.force(approach) if approach > 0.0 else 0.0, float(touch.on_row[0])
         if abs(force - before) <= _SAME * force:
             return HertzTouch(touch.on_row, settled=True)
         return HertzTouch(np.array([force]))
 
     def forces(self, touch: HertzTouch) -> Forces:
         """See `PointStep`."""
-        curve, force = self._law.present_curve, float(touch.on_row[0])
+        curve, force = self._curve, float(touch.on_row[0])
         return Forces(
             touch.on_row[None],
             np.flatnonzero(touch.on_row),
@@ -173,13 +178,8 @@ class HertzPoint(Law):
             self._known = key, HertzCurve(*key)
         return self._known[1]
 
-    @property
-    def present_curve(self) -> HertzCurve:
-        """Force by approach of the share of the contact that is on the present faces."""
-        return self.curve(self.gaps.share or 1.0)
-
     def step(self, places: Places) -> HertzStep:
-        """See `PointLaw`."""
+        """See `point_step.PointLaw`."""
         return HertzStep(self, float(places.gap[0]))
 
     def answer(self, places: Places) -> Forces:

@@ -528,7 +528,7 @@ class HertzFriction(Law):
         return self.yielding(1.0).beside(force)
 
     def step(self, places: Places) -> FrictionStep:
-        """See `PointLaw`."""
+        """See `point_step.PointLaw`."""
         return FrictionStep(self, places)
 
     def answer(self, places: Places) -> Forces:
