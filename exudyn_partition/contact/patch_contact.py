@@ -287,10 +287,15 @@ class PatchContact:
                 f"law says, got {np.shape(forces.memory)}"
             )
 
-    def places(self, gap: Array) -> Places:
-        """Places of the present rows with gaps, (nr,) [m], for which others find the forces, see `answered`."""
+    def places(self, gap: Array, pushed: Array | None = None) -> Places:
+        """Places of the present rows with gaps, (nr,) [m], for which others find the forces, see `answered`.
+
+        For `pushed` see `answer`.
+        """
         lasting = self._begin_answer()
-        return self._places(gap if lasting is None else gap + lasting[:, 0], lasting, None)
+        if lasting is not None:
+            pushed = lasting if pushed is None else pushed + lasting
+        return self._places(gap if pushed is None else gap + pushed[:, 0], pushed, None)
 
     def _places(self, gap: Array, pushed: Array | None, motion: Motion | None, least: float | None = None) -> Places:
         memory = self.state.law[self.gaps.row_nodes] if self.law.memory else None

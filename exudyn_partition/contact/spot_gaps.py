@@ -1,10 +1,11 @@
 """The gap of a contact at one point that the mesh does not resolve, between the true surfaces of both sides.
 
 One of both surfaces is a ball. The other one is a plane, a ball, a cylinder, a bore or a torus, of a body or rigid.
-Or a torus touches a plane: the nearest point is that of the tube there, which is a ball for this. The row of the
-contact is the mean over a kernel on each side (`surfaces.smooth_kernel`). It wanders over the patches with the
-point of contact: near its place it is tilted, further away it is made anew. A patch may have several smooth faces; each
-two that touch have gaps of their own, and where the surface goes on, they share the contact.
+Or a torus touches a plane: the nearest point is that of the tube there, which is a ball for this. Or it touches a
+cylinder or a torus, where the middles of both are nearest. The row of the contact is the mean over a kernel on each
+side (`surfaces.smooth_kernel`). It wanders over the patches with the point of contact: near its place it is tilted,
+further away it is made anew. A patch may have several smooth faces; each two that touch have gaps of their own, and
+where the surface goes on, they share the contact.
 
 Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 """
@@ -32,7 +33,7 @@ from .smooth_faces import SmoothFace
 from .spot import Spot, SpotMaker
 from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
 from .touching import ROLES, Touching, touching
-from .true_surface import TrueSurface
+from .true_surface import TrueSurface, nearest_places
 
 _TILTED = 0.1  # of a kernel's radius: motion of the point of contact after which the kernel is made anew
 _HANDS_OVER = 0.3  # of the surfaces' radius: distance from a seam beyond which a contact is on one face alone
@@ -161,7 +162,7 @@ class SpotGaps(Gaps):
     Raises
     ------
     InputError
-        If a surface is none of these, neither is a ball, or the patches do not hold the kernel.
+        If a surface is none of these, they touch at no point, or the patches do not hold the kernel.
     PenetrationError
         If the surfaces overlap at the start.
     """
@@ -293,6 +294,8 @@ class SpotGaps(Gaps):
         """
         poses = self._all_poses(poses, carried)
         found = found or self._found
+        if found.ball is None:
+            return self._of_tubes(poses, found.shapes)
         shapes, ball, second = found.shapes, found.ball, 1 - found.ball
         facing = shapes[second].shape
         towards = facing.normal if isinstance(facing, RigidPlane) else np.zeros(3)
@@ -312,6 +315,24 @@ class SpotGaps(Gaps):
             [points[n] for n in sides],
             [normals[n] for n in sides],
         )
+
+    def _of_tubes(self, poses: Sequence[Pose], shapes: Sequence[TrueSurface]) -> Meeting:
+        """See `_meeting`; both sides are tubes or cylinders."""
+        middles = []
+        for pose, shape in zip(poses, shapes, strict=True):
+            middle = shape.middle
+            assert middle is not None
+            middles.append(middle._replace(centre=pose.out(middle.centre), axis=pose.axes @ middle.axis))
+        places = nearest_places(*middles)
+        arm = places[0] - places[1]
+        distance = float(np.linalg.norm(arm))
+        outward = arm / distance
+        points, normals = [], []
+        for pose, middle, place, facing in zip(poses, middles, places, (-outward, outward), strict=True):
+            points.append(pose.into(place + middle.radius * facing))
+            normals.append(facing @ pose.axes)
+        n = len(self.sides)
+        return Meeting(distance - middles[0].radius - middles[1].radius, outward, points[:n], normals[:n])
 
     def _all_poses(self, poses: list[Pose], carried: Array) -> list[Pose]:
         """Poses of both sides, a rigid surface included."""

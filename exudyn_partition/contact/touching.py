@@ -34,15 +34,15 @@ class Touching:
         Of the slave, and of the master; those of bodies in their axes, from the centre of mass.
     materials : list of Material
         Of the sides that are bodies.
-    ball : int
-        Number of a shape that is a ball, or a torus that meets a plane.
+    ball : int or None
+        Number of a shape that is a ball, or a torus that meets a plane; None of a torus that meets a torus or cylinder.
     modulus : float
         E* of both bodies [Pa].
     """
 
     shapes: list[TrueSurface]
     materials: list[Material]
-    ball: int
+    ball: int | None
     modulus: float
 
     @cached_property
@@ -93,8 +93,8 @@ def touching(
     ------
     InputError
         If the facets are not those of quadratic or cubic tetrahedra, a material is not known, a surface is neither a
-        plane, a ball, a cylinder, a bore nor a torus, none is a ball or a torus on a plane, or a ball fits its bore
-        too closely.
+        plane, a ball, a cylinder, a bore nor a torus, none is a ball, nor a torus on a plane, cylinder or torus, or a
+        ball fits its bore too closely.
     """
     materials, of_sides = [], [*(shapes or ())]
     for side, patch, role in zip(sides, patches, ROLES, strict=False):
@@ -115,18 +115,21 @@ def touching(
     return found
 
 
-def _ball(shapes: list[TrueSurface]) -> int:
-    """Number of a shape that touches as a ball does, wherever the other one is."""
+def _ball(shapes: list[TrueSurface]) -> int | None:
+    """Number of a shape that touches as a ball does, wherever the other one is; None if both are tubes."""
     for number, shape in enumerate(shapes):
         if shape.ball is not None:
             return number
     for number, shape in enumerate(shapes):
         if isinstance(shape.shape, Torus) and isinstance(shapes[1 - number].shape, RigidPlane):
             return number
+    if any(isinstance(shape.shape, Torus) for shape in shapes) and all(shape.middle for shape in shapes):
+        return None
     kinds = " and a ".join(type(shape.shape).__name__.removeprefix("Rigid").lower() for shape in shapes)
     raise InputError(
-        "slave, master: formulation 'hertz' needs a ball that touches at a point, or a torus on a plane, got a "
-        f"{kinds}. Round the patch of one body, or take formulation='compliance' with facets that resolve the contact"
+        "slave, master: formulation 'hertz' needs a ball that touches at a point, or a torus on a plane, cylinder "
+        f"or torus, got a {kinds}. Round the patch of one body, or take formulation='compliance' with facets that "
+        "resolve the contact"
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.optimize
@@ -21,6 +22,7 @@ _FITS = 2e-3  # of the sagitta of a patch: corners that lie nearer to a curved s
 _ROUNDING = 1e-7  # of a patch's size, of places from a file
 _WIDEST = 1e3  # radius by the size of a patch, above which no curvature can be told
 
+_BY_TURNS, _MOST, _NEAREST = 3, 30, 1e-13  # steps to places nearest to each other, and the last one by the radii
 _FEWEST = 12  # corners of facets from which a torus is found
 _TRIES = 60  # steps to a torus from one start
 _SLANTS = (0.3, 0.8, 1.3, -0.3, -0.8, -1.3)  # angles from the ring's plane with which a torus is looked for
@@ -68,6 +70,61 @@ class Torus:
         return np.asarray(np.outer(across, across) / self.tube + second * np.outer(around, around))
 
 
+class Middle(NamedTuple):
+    """Circle in the middle of a tube, or the axis of a cylinder.
+
+    Parameters
+    ----------
+    centre : (3,) array
+        [m]
+    axis : (3,) array
+        Unit vector.
+    ring : float
+        Radius of the circle [m]; zero of a cylinder.
+    radius : float
+        Of the tube or cylinder [m].
+    """
+
+    centre: Array
+    axis: Array
+    ring: float
+    radius: float
+
+    def nearest(self, x: Array) -> Array:
+        """Place on it that is nearest to a point, (3,) [m]."""
+        along = ((x - self.centre) @ self.axis) * self.axis
+        if not self.ring:
+            return np.asarray(self.centre + along)
+        flat = x - self.centre - along
+        return np.asarray(self.centre + self.ring * flat / np.linalg.norm(flat))
+
+    def course(self, x: Array) -> tuple[Array, Array]:
+        """Unit tangent at a place x on it, (3,), and its derivative by the way, (3,) [1/m]."""
+        if not self.ring:
+            return self.axis, np.zeros(3)
+        inward = (self.centre - x) / self.ring
+        return np.asarray(np.cross(inward, self.axis)), inward / self.ring
+
+
+def nearest_places(first: Middle, second: Middle) -> tuple[Array, Array]:
+    """Places on both that are nearest to each other, (3,) each [m], by Newton's method."""
+    x = first.nearest(second.centre)
+    for _ in range(_BY_TURNS):
+        y = second.nearest(x)
+        x = first.nearest(y)
+    for _ in range(_MOST):
+        arm = x - y
+        (along, bent), (other, other_bent) = first.course(x), second.course(y)
+        off = np.array([along @ arm, -other @ arm])
+        across = -along @ other
+        slope = np.array([[1 + bent @ arm, across], [across, 1 - other_bent @ arm]])
+        step = np.linalg.lstsq(slope, off, rcond=None)[0]
+        x, y = first.nearest(x - step[0] * along), second.nearest(y - step[1] * other)
+        if abs(step).max() <= _NEAREST * (first.radius + second.radius):
+            break
+    return x, y
+
+
 Shape = RigidPlane | RigidSphere | RigidCylinder | Torus
 
 
@@ -94,6 +151,16 @@ class TrueSurface:
         It is a ball itself, or the tube of a torus; None of other surfaces.
         """
         return (self.shape.middle(normal), self.shape.tube) if isinstance(self.shape, Torus) else self.ball
+
+    @property
+    def middle(self) -> Middle | None:
+        """Middle of a tube or of a cylinder; None of other surfaces, and of bores."""
+        shape = self.shape
+        if isinstance(shape, Torus):
+            return Middle(shape.centre, shape.axis, shape.ring, shape.tube)
+        if isinstance(shape, RigidCylinder) and not shape.hollow:
+            return Middle(shape.point, shape.axis, 0.0, shape.radius)
+        return None
 
     def tolerance(self, size: float) -> float:
         """How far from it corners may lie that are on it, of facets over a size [m]: [m]."""

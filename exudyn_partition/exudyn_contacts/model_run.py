@@ -484,7 +484,9 @@ class Runs:
         initial, present = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial), self._present
         earlier = [end for end in (self._ends() if present.given is None else present.given) if end is not None]
         goes_on = present.goes_on
-        if present.run is not None and present.run.has_steps:  # otherwise a run begins again before its first step
+        if present.given is not None or (
+            present.run is not None and present.run.has_steps  # otherwise a run begins again before its first step
+        ):
             goes_on = any(end.ended_in(initial) for end in earlier)
         same = next((end for end in earlier if end.ended_at(t, method, initial)), None)
         if present.run is not None:

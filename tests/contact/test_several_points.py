@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import exudyn_partition as ep
+from exudyn_partition.contact.formulations.hertz_friction import Springs
 from exudyn_partition.contact.smooth_faces import smooth_faces
 from exudyn_partition.errors import ContactPatchWarning, InputError
 
@@ -83,18 +84,47 @@ def test_forces_of_points_are_the_derivative_of_their_common_energy(bumps, frict
     assert at(way)[0] == pytest.approx(-slope, rel=taken)
 
 
-def test_points_of_one_patch_go_on_from_their_states(bumps):
-    """A run in two parts is the same as one, with springs of friction at each point."""
+def test_points_that_move_each_other_cost_little_more(bumps, monkeypatch):
+    """What takes time are the springs of each point."""
+    _, _, contacts = impact(bumps, friction=0.3)
+    asked, held = [0], Springs.held
+
+    def counted(springs, *arguments):
+        asked[0] += 1
+        return held(springs, *arguments)
+
+    monkeypatch.setattr(Springs, "held", counted)
+
+    def press(together):
+        members, asked[0] = [contact.mechanics.for_run() for contact in contacts], 0
+        coupled = contacts[0].together.for_run(members)
+        scale = abs(float(members[0].gaps.jacobian(np.zeros(1, dtype=np.int64))[0, 2]))
+        for k in range(6):
+            q = np.zeros(members[0].gaps.n)
+            q[0], q[2] = 0.1e-6 * k / scale, (1e-6 + 0.2e-6 * k) / scale
+            if together:
+                coupled.forces([q, q])
+            for member in members:
+                if not together:
+                    member.at(q)
+                member.accept(1e-7 * (k + 1))
+        return asked[0]
+
+    assert press(True) <= 1.5 * press(False)
+
+
+def test_points_of_one_patch_go_on_from_their_states(bumps, tmp_path):
+    """From a file, a new model goes on as one run does, with springs of friction at each point."""
     mbs, _, contacts = impact(bumps, friction=0.3, sliding=0.2)
     whole = ep.solve_dynamic(mbs, end_time=12e-6, step=0.4e-6)
     expected = [contact.force(whole)[-1] for contact in contacts]
     tangential = [contact.friction.tangential_force(whole)[-1] for contact in contacts]
-    first = impact(bumps, friction=0.3, sliding=0.2)
-    ep.solve_dynamic(first[0], end_time=6e-6, step=0.4e-6)
-    result = ep.solve_dynamic(first[0], end_time=12e-6, step=0.4e-6, go_on=True)
+    ep.solve_dynamic(impact(bumps, friction=0.3, sliding=0.2)[0], end_time=6e-6, step=0.4e-6).save(tmp_path / "cut.npz")
+    again, _, fresh = impact(bumps, friction=0.3, sliding=0.2)
+    result = ep.solve_dynamic(again, end_time=12e-6, step=0.4e-6, go_on=ep.Result.load(tmp_path / "cut.npz", again))
     assert min(expected) > 1.0
-    assert [contact.force(result)[-1] for contact in first[2]] == pytest.approx(expected, rel=1e-8)
-    for contact, force in zip(first[2], tangential, strict=True):
+    assert [contact.force(result)[-1] for contact in fresh] == pytest.approx(expected, rel=1e-9)
+    for contact, force in zip(fresh, tangential, strict=True):
         np.testing.assert_allclose(contact.friction.tangential_force(result)[-1], force, rtol=1e-6, atol=1e-9)
 
 

@@ -1,6 +1,7 @@
 """Contact at a point that facets do not resolve: against Hertz, Mindlin and Maw, and by its own balances."""
 
 import math
+from dataclasses import replace
 
 import exudyn as exu
 import netgen.occ as occ
@@ -13,7 +14,7 @@ from scipy.special import ellipk
 import exudyn_partition as ep
 from exudyn_partition.contact.formulations.hertz import HertzCurve
 from exudyn_partition.contact.formulations.hertz_friction import Springs
-from exudyn_partition.contact.true_surface import fitted
+from exudyn_partition.contact.true_surface import Middle, fitted, nearest_places
 from exudyn_partition.errors import ContactPatchWarning, InputError, PartitionWarning, PenetrationError
 from exudyn_partition.prediction.point_contact import PointContact
 from exudyn_partition.surfaces.smooth_kernel import kernel_around
@@ -145,6 +146,18 @@ def test_pressure_between_unlike_bodies_slides_as_spence_says(friction):
     rings = slips.reshape(-1, springs.spokes).any(axis=1)[:-1]  # all but the last one, which does not touch
     stuck = springs.ends[1:-1][~rings].max() / a
     assert stuck == pytest.approx(radius, abs=0.15)  # as wide as the rings are
+
+
+def test_what_pressure_slides_has_no_jumps_while_it_falls():
+    """The slope of the slide has a logarithm at the edge of contact, which passes over springs."""
+    springs, peak = Springs(R, 1.15e11, (1e11, 1e11), 0.25), 900.0
+    forces = np.linspace(0.3, 1.0, 400) * peak
+    found = [springs.driven(springs.reach(peak), springs.reach(P), P) for P in forces]
+    slopes = np.array([driven.by_force for driven in found])
+    assert abs(np.diff(slopes, axis=0)).max() < 0.03 * abs(slopes).max()
+    changes = np.array([driven.change for driven in found])
+    by_means = (slopes[1:] + slopes[:-1]) / 2 * np.diff(forces)[:, None, None]
+    np.testing.assert_allclose(np.diff(changes, axis=0), by_means, rtol=0, atol=0.02 * abs(by_means).max())
 
 
 MAW = {0.5: 0.048, 1.0: -0.060, 2.0: -0.837, 3.0: -1.380, 4.0: -1.437, 4.5: -1.218, 6.0: 0.235}  # psi1: psi2, nu = 0.3
@@ -316,6 +329,68 @@ def test_a_rounded_corner_on_a_ball_has_the_curvatures_of_both(rounded):
     np.testing.assert_allclose(gaps.contact.curvatures, expected, rtol=1e-4)
     assert gaps.clearance == pytest.approx(1e-7, rel=1e-3)
     np.testing.assert_allclose(abs(gaps.long_axis), [0.5**0.5, 0.5**0.5, 0.0], atol=1e-3)  # around the ring
+
+
+def on_cylinder(rounded, turned, radius=5e-3, friction=None, frame="inertial"):
+    """Model, body, and contact of the rounded corner that comes to a cylinder, turned from the ring's direction."""
+    body, _, place, n = rounded
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, body, frame=frame, initialVelocity=list(SPEED * n))
+    around = np.array([-(0.5**0.5), 0.5**0.5, 0.0])
+    axis = math.cos(turned) * around + math.sin(turned) * np.cross(n, around)
+    cylinder = ep.RigidCylinder(place + (radius + 1e-7) * n, axis, radius)
+    contact = ep.CreatePartitionContact(mbs, item, cylinder, formulation="hertz", friction=friction)
+    mbs.Assemble()
+    return mbs, item, contact
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.6, math.pi / 2])
+def test_a_rounded_corner_on_a_cylinder_has_the_curvatures_of_both(rounded, turned):
+    """Those of the sum of two tensors: A + B is the sum of all, and A - B depends on the angle (Johnson, eq. 4.5)."""
+    gaps = on_cylinder(rounded, turned, friction=MU)[2].mechanics.gaps
+    cosine = math.sqrt(2 / 3)
+    along, across, other = cosine / (4e-3 + 4e-3 * cosine), 1 / 4e-3, 1 / 5e-3
+    apart = across - along
+    size = math.sqrt(apart**2 + other**2 + 2 * apart * other * math.cos(2 * turned))
+    middle = along + across + other
+    np.testing.assert_allclose(sorted(gaps.contact.curvatures), [(middle - size) / 2, (middle + size) / 2], rtol=1e-4)
+    assert gaps.clearance == pytest.approx(1e-7, rel=2e-3)
+    along_ring = gaps.long_axis @ [-(0.5**0.5), 0.5**0.5, 0.0]
+    angle = 0.5 * math.atan2(other * math.sin(2 * turned), apart + other * math.cos(2 * turned))
+    assert abs(along_ring) == pytest.approx(math.cos(angle), abs=2e-3)
+
+
+def test_a_rounded_corner_hits_a_cylinder_by_hertz_s_law_of_both_curvatures(rounded):
+    """The force of a rigid body with its inertia, which turns; the block is stiffer than half-spaces."""
+    body, _, place, n = rounded
+    mbs, item, contact = on_cylinder(rounded, 0.6, frame="floating")
+    result = ep.solve_dynamic(mbs, end_time=70e-6, step=0.2e-6)
+    point = contact.mechanics.gaps.contact
+    motion = np.r_[n, np.cross(place - body.centre_of_mass, n)]
+    inertia = body.rigid.T @ (body.mass @ body.rigid)
+    mass = 1 / (motion @ np.linalg.solve(inertia, motion))
+    approach = (1.25 * mass * SPEED**2 * point.yielding**1.5) ** 0.4
+    force = contact.force(result)
+    assert force.max() == pytest.approx((approach / point.yielding) ** 1.5, rel=0.04)
+    assert np.trapezoid(force, result.t) == pytest.approx(2 * mass * SPEED, rel=0.04)
+    assert np.ptp(energy_of([item], contact, result)) < 1e-4 * item.energy(result)[0]
+
+
+def test_tubes_are_nearest_where_no_other_places_are_nearer():
+    """Circles and lines in any direction, against all their places."""
+    rng, angle = np.random.default_rng(3), np.linspace(0, 2 * np.pi, 2001)
+    for ring in (0.0, 0.0, 0.7, 0.7):
+        axes = [axis / np.linalg.norm(axis) for axis in rng.normal(size=(2, 3))]
+        circle, other = Middle(np.zeros(3), axes[0], 0.4, 0.3), Middle(2.5 * axes[1][[2, 0, 1]], axes[1], ring, 0.2)
+        x, y = nearest_places(circle, other)
+        places = []
+        for middle in (circle, other):
+            across = np.linalg.svd(middle.axis[None])[2][1:]
+            round_ = middle.ring * np.column_stack([np.cos(angle), np.sin(angle)]) @ across
+            places.append(middle.centre + (round_ if middle.ring else np.outer(np.linspace(-4, 4, 2001), middle.axis)))
+        found = np.linalg.norm(places[0][:, None, :] - places[1][None, ::10], axis=2).min()
+        assert np.linalg.norm(x - y) == pytest.approx(found, rel=1e-3)
+        assert np.linalg.norm(x - y) <= found
 
 
 def test_a_kernel_is_whole_centred_and_follows_small_ways(coarse):
@@ -636,7 +711,7 @@ def test_what_cannot_be_is_refused_by_name(coarse, ball, rounded):
     refused("got a RigidProfile", ep.RigidProfile(curve, (0, 0, -R - 6e-3), (0, 1, 0)))
     barrel = ep.RigidCylinder((0, 0, -2 * R), (0, 1, 0), R - 1e-6)
     torus = ep.CreatePartitionBody(mbs, rounded[0], referencePosition=[0.0, 0.0, 0.1])
-    refused("or a torus on a plane, got a torus and a cylinder", barrel, slave=torus)
+    refused("on a plane, cylinder or torus, got a torus and a cylinder", replace(barrel, hollow=True), slave=torus)
     refused("smaller than the bore", ep.RigidCylinder((0, 0, 0), (0, 1, 0), R, hollow=True))
     with pytest.raises(InputError, match="'spot'"):
         ep.CreatePartitionContact(mbs, item, plane, rows="spot")

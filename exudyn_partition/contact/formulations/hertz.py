@@ -6,12 +6,14 @@ Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from ...algebra.products import dense
 from ...prediction.point_contact import PointContact
 from ...support.arrays import Array
+from ...support.attributes import FoundOnce
 from ..law import Forces, Law, Places, RowDirections
 from ..spot_gaps import SpotGaps
 
@@ -23,6 +25,8 @@ LEFT_OUT = [
 ]
 _STIFFEST = 0.25  # share of Hertz's own compliance there, that is left at least beside that of the bodies
 _SETTLED, _MOST = 1e-14, 100  # relative change of the last step of Newton's method, and most steps
+_SAME = 1e-12  # relative change of a force that is none
+_NOT_MOVED = np.zeros(1)
 
 
 class HertzCurve:
@@ -49,7 +53,9 @@ class HertzCurve:
         self._stored = self._curved(self.largest)
 
     def approach(self, force: float) -> float:
-        """Approach under a force on the curve [N]: [m]."""
+        """Approach under a force [N]: [m]."""
+        if force > self.largest:
+            return self._deepest + (force - self.largest) / self.stiffest
         return float(self.f * force + self.k * force ** (2 / 3))
 
     def _curved(self, force: float) -> float:
@@ -89,6 +95,56 @@ class HertzCurve:
         return root / (self.f * root + 2 / 3 * self.k) if root else 0.0
 
 
+class HertzTouch(NamedTuple):
+    """Force at a point, see `point_step.Touch`."""
+
+    on_row: Array
+    settled: bool = False
+
+
+class HertzStep:
+    """A step of a contact at a point without friction, see `point_step.PointStep`.
+
+    Parameters
+    ----------
+    law : HertzPoint
+    gap : float
+        [m]
+    """
+
+    def __init__(self, law: HertzPoint, gap: float) -> None:
+        self._law, self._gap = law, gap
+
+    @FoundOnce
+    def _curve(self) -> HertzCurve:
+        return self._law.curve(self._law.gaps.share or 1.0)
+
+    def begin(self) -> HertzTouch:
+        """See `PointStep`."""
+        return _OPEN
+
+    def better(self, touch: HertzTouch, moved: Array) -> HertzTouch:
+        """See `PointStep`."""
+        approach = -self._gap - float(moved[0])
+        force, before = self._curve.force(approach) if approach > 0.0 else 0.0, float(touch.on_row[0])
+        if abs(force - before) <= _SAME * force:
+            return HertzTouch(touch.on_row, settled=True)
+        return HertzTouch(np.array([force]))
+
+    def forces(self, touch: HertzTouch) -> Forces:
+        """See `PointStep`."""
+        curve, force = self._curve, float(touch.on_row[0])
+        return Forces(
+            touch.on_row[None],
+            np.flatnonzero(touch.on_row),
+            stored=curve.stored(force),
+            stiffness=lambda: np.array([[curve.stiffness(force)]]),
+        )
+
+
+_OPEN = HertzTouch(np.zeros(1))
+
+
 class HertzPoint(Law):
     """Force of a contact at a point without friction.
 
@@ -122,16 +178,14 @@ class HertzPoint(Law):
             self._known = key, HertzCurve(*key)
         return self._known[1]
 
+    def step(self, places: Places) -> HertzStep:
+        """See `point_step.PointLaw`."""
+        return HertzStep(self, float(places.gap[0]))
+
     def answer(self, places: Places) -> Forces:
         """See `Law`."""
-        curve = self.curve(self.gaps.share or 1.0)
-        force = curve.force(-float(places.gap[0])) if places.gap[0] < 0.0 else 0.0
-        return Forces(
-            np.array([[force]]),
-            np.flatnonzero([force]),
-            stored=curve.stored(force),
-            stiffness=lambda: np.array([[curve.stiffness(force)]]),
-        )
+        step = self.step(places)
+        return step.forces(step.better(step.begin(), _NOT_MOVED))
 
     def closed_stiffness(self, rows: RowDirections) -> Array:
         """See `Law`; that at the largest contact for which the law is Hertz's."""

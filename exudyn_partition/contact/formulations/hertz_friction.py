@@ -33,20 +33,21 @@ from ...algebra.friction import OPEN, SLIP, STICK
 from ...algebra.products import dense
 from ...prediction.point_contact import PointContact
 from ...support.arrays import Array
+from ...support.attributes import FoundOnce
 from ..law import Forces, Law, Places, RowDirections
 from ..spot_directions import SpotDirections
 from .hertz import LEFT_OUT, WIDEST, HertzCurve
+from .point_step import settled
 
 _SPRINGS = 24
 _SPOKES = 6
 _INNERMOST = 1 / 30  # of the largest radius of contact: where the first spring ends
-_MOST, _SETTLED = 60, 1e-13  # steps of Newton's method, and relative change of the last one
+_MOST, _SLIPPED = 60, 1e-13  # steps of Newton's method for slips of springs, and relative change of the last one
+_SETTLED = 1e-12  # relative change of normal force and stretch that is none
 _ALIKE = 0.02  # Dundurs' constant of bodies whose normal forces hardly move the springs
-_GAUSS = np.polynomial.legendre.leggauss(4)
 _SMALL = 1e-5  # change by which a derivative is found
-_EDGE = 1 - 1e-12  # of the contact's radius: places nearer to its edge are put there
+_TINY = 1e-300  # whose logarithm is finite
 _SLIPS = 1 - 1e-9  # share of the largest tangential force with which all springs slip
-_PASSES = 3  # by which normal and tangential forces settle with each other: each leaves a ten-thousandth
 _ONE = np.zeros(1, dtype=np.int64)
 
 
@@ -148,11 +149,13 @@ class Springs:
         if self.spokes == 1 or not force:
             return None
         ends = self._ends(max(since, reach))
-        x = (ends[:-1, None] + ends[1:, None] + np.diff(ends)[:, None] * _GAUSS[0]) / 2
-        (before, _), (now, slope) = (_free_way(x, a) for a in (since, reach))
-        by_force = slope * reach / (3 * force)
-        ways = [np.repeat(part @ _GAUSS[1] / 2 * self._drive, self.spokes) for part in (now - before, by_force)]
-        return Driven(ways[0][:, None] * self._ways, ways[1][:, None] * self._ways)
+        width = np.diff(ends)
+        (before, _), (now, slope) = (_free_way(ends, a) for a in (since, reach))
+        ways = []
+        for along in (now - before, slope * reach / (3 * force)):
+            mean = np.divide(np.diff(along), width, out=np.zeros_like(width), where=width > 0.0)
+            ways.append((self._drive * np.repeat(mean, self.spokes))[:, None] * self._ways)
+        return Driven(*ways)
 
     def bent(self, reach: float, force: float) -> Array:
         """Derivative of `Driven.by_force` by the force, (n, 2) [m/N2], at a force [N] and its reach [m]."""
@@ -193,13 +196,14 @@ def spokes_of(mismatch: float) -> int:
 
 
 def _free_way(x: Array, a: float) -> tuple[Array, Array]:
-    """W of `Springs.driven` at places x in a contact of radius a, and its derivative by a; outside as at the edge."""
+    """Integrals from 0 to x of W in `Springs.driven`, and of its derivative by a; outside W stays as at the edge."""
     if not a:
-        return 2 * x**2, np.zeros_like(x)
-    part = np.minimum(x / a, _EDGE)
-    log, inside = np.log((1 + part) / (1 - part)), x < a
-    way = a**2 * ((1 - part**2) * log + 2 * part)
-    return np.where(inside, way, 2 * x**2), np.where(inside, 2 * a * log, 0.0)
+        return 2 / 3 * x**3, np.zeros_like(x)
+    inside = np.minimum(x, a)
+    plus, minus = a + inside, a - inside
+    logs = np.log(plus / a), np.log(np.maximum(minus / a, _TINY))
+    way = (plus**2 * (minus + a) * logs[0] + minus**2 * (plus + a) * logs[1] + 2 * a * inside**2) / 3
+    return way + 2 / 3 * (x**3 - inside**3), 2 * a * (plus * logs[0] + minus * logs[1])
 
 
 def _slips(elongations: Array, yielding: Array, bounds: Array) -> Array:
@@ -212,7 +216,7 @@ def _slips(elongations: Array, yielding: Array, bounds: Array) -> Array:
         # The inverse of the force's size is nearly linear in the slip, and linear with one G*.
         more = (np.sqrt(square) / bounds - 1) * square / slope
         slips = slips + more
-        if (abs(more) <= _SETTLED * (yielding[:, :1] + slips)).all():
+        if (abs(more) <= _SLIPPED * (yielding[:, :1] + slips)).all():
             break
     return slips
 
@@ -224,6 +228,7 @@ class Yielding(NamedTuple):
     ----------
     normal : HertzCurve
     springs : Springs
+    contact : PointContact
     between : (2,) array
         Tangential motion under a unit normal force, and the reverse [m/N].
     across : (2, 2) array
@@ -236,10 +241,228 @@ class Yielding(NamedTuple):
 
     normal: HertzCurve
     springs: Springs
+    contact: PointContact
     between: Array
     across: Array
     curved: Array
     turn: Array
+
+    def beside(self, force: float) -> Array:
+        """Tangential flexibility of bodies, (2, 2) [m/N], where the contact is as large as under a normal force [N]."""
+        if not force:
+            return self.across
+        a, b = self.contact.semi_axes(force)
+        return np.asarray(self.across - 0.5 * math.log(a * b) * self.curved)
+
+
+class FrictionTouch(NamedTuple):
+    """Forces at a point, as far as they are found.
+
+    Parameters
+    ----------
+    on_row : (3,) array
+        On the slave, along the normal and the tangents of the row [N].
+    stretch : (2,) array
+        How far the ends of the springs move in this step, in the axes of the ellipse [m].
+    held : Held
+        The springs there.
+    driven : Driven or None
+    F : (2, 2) array
+        Tangential flexibility of the bodies [m/N].
+    slopes : _Slopes
+        Without the curvature of `driven` over the normal force.
+    size : float
+        Largest elongation of the springs before this step [m].
+    settled : bool
+        See `Touch`.
+    """
+
+    on_row: Array
+    stretch: Array
+    held: Held
+    driven: Driven | None
+    F: Array
+    slopes: _Slopes
+    size: float = math.nan
+    settled: bool = False
+
+    @property
+    def force(self) -> float:
+        """Normal force [N]."""
+        return float(self.on_row[0])
+
+    @property
+    def pushed(self) -> float:
+        """Approach of the bodies by which forces of springs add to a normal force that moves them [m]."""
+        return 0.0 if self.driven is None else float(np.sum(self.driven.by_force * self.held.forces))
+
+
+class _Before(NamedTuple):
+    """What a step begins with, in the axes of the ellipse.
+
+    Parameters
+    ----------
+    force : float
+        Normal force at the end of the last accepted step [N].
+    last : (2,) array
+        Tangential force then [N].
+    reach : float
+        Of the springs then [m].
+    covered : (n,) array
+        Their lengths then [m].
+    carried : (n, 2) array
+        Their forces then [N].
+    rest : (2,) array
+        Way in this step, without what tangential forces of this step move the bodies [m].
+    driven : Driven or None
+        Motion of the springs' ends until then.
+    """
+
+    force: float
+    last: Array
+    reach: float
+    covered: Array
+    carried: Array
+    rest: Array
+    driven: Driven | None
+
+
+class FrictionStep:
+    """A step of a contact at a point with friction, see `point_step.PointStep`.
+
+    Newton's method finds the approach and the stretch of the springs together.
+
+    Parameters
+    ----------
+    law : HertzFriction
+    places : Places
+    """
+
+    def __init__(self, law: HertzFriction, places: Places) -> None:
+        self._law, self._places = law, places
+        self._gap, self._force_before = float(places.gap[0]), float(places.last[0, 0])
+
+    @FoundOnce
+    def _mu(self) -> float:
+        return float(self._places.mu[0])
+
+    @FoundOnce
+    def _yielding(self) -> Yielding:
+        return self._law.yielding()
+
+    @FoundOnce
+    def _before(self) -> _Before:
+        yielding, places, force = self._yielding, self._places, self._force_before
+        springs, turn = yielding.springs, yielding.turn
+        last, reach = turn @ places.last[0, 1:], springs.reach(force)
+        carried = _turned(places.memory[0].reshape(-1, 2) @ turn.T, last)
+        rest = turn @ places.way[0] - yielding.between * force - yielding.beside(force) @ last
+        driven = springs.driven(0.0, reach, force)
+        return _Before(force, last, reach, springs.lengths(reach), carried, rest, driven)
+
+    def begin(self) -> FrictionTouch:
+        """See `PointStep`: the forces of the last step, with springs that all stick or all slip."""
+        if not self._force_before:
+            return _OPEN
+        before, yielding = self._before, self._yielding
+        sticks = np.linalg.norm(before.last) < _SLIPS * self._mu * before.force
+        stiffness = np.diag(sticks * before.covered.sum() * yielding.springs.shear)
+        none = np.zeros_like(before.carried)
+        held = Held(before.carried, -before.last, stiffness, none, none)
+        on_row = np.array([before.force, *(yielding.turn.T @ before.last)])
+        share = before.last / before.force
+        slopes = _Slopes(np.zeros(2) if sticks else -share, np.zeros(2), 0.0)
+        return FrictionTouch(on_row, np.zeros(2), held, before.driven, yielding.beside(before.force), slopes)
+
+    def better(self, touch: FrictionTouch, moved: Array) -> FrictionTouch:
+        """See `PointStep`."""
+        gap, force = self._gap + float(moved[0]), touch.force
+        if not force and gap >= 0.0:
+            return _OPEN
+        yielding, T = self._yielding, -touch.held.total
+        curve, between, turning = yielding.normal, yielding.between, yielding.curved @ T / (3 * force or 1.0)
+        approach = -gap - float(between @ T) + float(T @ turning) / 2 + touch.pushed
+        if approach <= 0.0:
+            return _OPEN._replace(settled=not force)
+        rest = self._before.rest + yielding.turn @ moved[1:]
+        if not force:
+            P = curve.force(approach)
+            return self._at(P, rest + between * P)
+        deep = curve.approach(force)
+        off = np.array([deep - approach, *(touch.stretch - rest - between * force - touch.F @ T)])
+        step = np.linalg.solve(self._derivative(touch, turning), off)
+        deeper, stretch = deep - float(step[0]), touch.stretch - step[1:]
+        P = curve.force(deeper if deeper > 0.0 else approach)
+        most = _SETTLED * (touch.size + np.abs(stretch).max())
+        if abs(P - force) <= _SETTLED * P and np.abs(step[1:]).max() <= most:
+            return touch._replace(settled=True)
+        return self._at(P, stretch)
+
+    def _derivative(self, touch: FrictionTouch, turning: Array) -> Array:
+        """Derivative of what is off in `better` by the approach and the stretch, (3, 3)."""
+        yielding, slopes, held = self._yielding, touch.slopes, touch.held
+        k, between = yielding.normal.stiffness(touch.force), yielding.between - turning
+        result = np.eye(3)
+        result[0, 0] -= k * (between @ slopes.tangential + held.total @ turning / (2 * touch.force) + slopes.own)
+        result[0, 1:] = -between @ held.stiffness - slopes.by_way
+        result[1:, 0] = k * (touch.F @ slopes.tangential - between)
+        result[1:, 1:] += touch.F @ held.stiffness
+        return result
+
+    def _at(self, P: float, stretch: Array) -> FrictionTouch:
+        """Forces under a normal force [N], where the ends of the springs move by `stretch`, (2,) [m]."""
+        before, springs = self._before, self._yielding.springs
+        reach = springs.reach(P)
+        lengths, bounds = springs.lengths(reach), self._mu * springs.normal(reach)
+        # Where the contact grows, new parts of springs have no elongation.
+        kept = springs.elongations(before.carried, np.maximum(before.covered, lengths))
+        driven = springs.driven(before.reach, reach, P)
+        kept = kept if driven is None else kept + driven.change
+        held = springs.held(kept + stretch, lengths, bounds)
+        on_row = np.array([P, *(self._yielding.turn.T @ -held.total)])
+        slopes = _Slopes.of(held, self._mu * springs.normal_slope(reach), driven)
+        F, size = self._yielding.beside(P), float(np.abs(kept).max())
+        return FrictionTouch(on_row, stretch, held, driven, F, slopes, size)
+
+    def forces(self, touch: FrictionTouch) -> Forces:
+        """See `PointStep`."""
+        if not touch.force:
+            return self._opened()
+        before, yielding, P, T = self._before, self._yielding, touch.force, -touch.held.total
+        curve, springs, between, curved = yielding.normal, yielding.springs, yielding.between, yielding.curved
+        turn, stretch, forces, F = yielding.turn, touch.stretch, touch.held.forces, touch.F
+        reach = springs.reach(P)
+        stored = 0.5 * float(np.sum(forces * springs.elongations(forces, springs.lengths(reach))))
+        lost = 0.5 * float(np.sum(before.carried * springs.elongations(before.carried, before.covered))) - stored
+        mean, pushed = (T + before.last) / 2, (touch.pushed + _pushed(before.driven, before.carried)) / 2
+        taken, size = lost - float(mean @ stretch) + pushed * (P - before.force), float(mean @ mean)
+        along = taken
+        if touch.driven is not None:  # springs slip towards the middle, too
+            along = min(taken, math.sqrt(size * float(stretch @ stretch)))
+        status = SLIP if np.linalg.norm(T) >= _SLIPS * self._mu * P else STICK
+        stored += float(0.5 * T @ F @ T - T @ curved @ T / 6 + P * (between @ T)) - P * touch.pushed
+
+        def stiffness() -> Array:
+            bent = float(np.sum(touch.held.forces * springs.bent(reach, P)))
+            slopes = touch.slopes._replace(own=touch.slopes.own + bent)
+            moved = between - curved @ T / (3 * P)
+            return _stiffness(curve.stiffness(P), slopes, touch.held.stiffness, F, moved, turn)
+
+        return Forces(
+            touch.on_row[None],
+            _ONE,
+            np.array([status], dtype=np.int8),
+            -along * (turn.T @ mean)[None] / size if size > 0 else np.zeros((1, 2)),
+            taken=taken - along,
+            memory=(forces @ turn).reshape(1, -1),
+            stored=curve.stored(P) + stored,
+            stiffness=stiffness,
+        )
+
+    def _opened(self) -> Forces:
+        """Answer without contact."""
+        none, memory = np.zeros((1, 3)), np.zeros((1, self._law.memory))
+        return Forces(none, _ONE[:0], np.array([OPEN], dtype=np.int8), none[:, 1:], memory=memory, stored=0.0)
 
 
 class HertzFriction(Law):
@@ -278,12 +501,14 @@ class HertzFriction(Law):
             known = self._known = series, contact, share, HertzCurve(float(series[0, 0]), contact, share), springs
         return known[3], series, known[4]
 
-    def _yielding(self, share: float = 1.0) -> Yielding:
-        curve, F, springs = self._curve(share)
+    def yielding(self, share: float | None = None) -> Yielding:
+        """How bodies yield beside the contact, of which a share is on the present faces; by default that of now."""
+        curve, F, springs = self._curve(share or self.gaps.share or 1.0)
         turn, curved, fixed = self.gaps.stage.once(("point", self.rows.axis), self._axes)
         return Yielding(
-            curve, springs, turn @ F[1:, 0], turn @ (F[1:, 1:] + fixed) @ turn.T, turn @ curved @ turn.T, turn
-        )
+            curve, springs, self.gaps.contact, turn @ F[1:, 0], turn @ (F[1:, 1:] + fixed) @ turn.T,
+            turn @ curved @ turn.T, turn,
+        )  # fmt: skip
 
     def _axes(self) -> tuple[Array, Array, Array]:
         """Axes of the ellipse as rows, (2, 2), and what curved bodies add, (2, 2) [m/N], see `SpotGaps.curved`."""
@@ -295,81 +520,27 @@ class HertzFriction(Law):
         along /= np.linalg.norm(along)
         return np.array([along, [-along[1], along[0]]]), curved, fixed
 
-    def _across(self, yielding: Yielding, force: float) -> Array:
-        """Tangential flexibility of bodies, (2, 2) [m/N], where the contact is as large as under a normal force [N]."""
-        if not force:
-            return yielding.across
-        a, b = self.gaps.contact.semi_axes(force)
-        return np.asarray(yielding.across - 0.5 * math.log(a * b) * yielding.curved)
-
     def beside(self, force: float) -> Array:
         """Residual flexibility of the bodies beside the contact, along the ellipse and across it, (2, 2) [m/N].
 
         It is that beyond half-spaces, with a contact under a normal force [N].
         """
-        return self._across(self._yielding(), force)
+        return self.yielding(1.0).beside(force)
+
+    def step(self, places: Places) -> FrictionStep:
+        """See `point_step.PointLaw`."""
+        return FrictionStep(self, places)
 
     def answer(self, places: Places) -> Forces:
         """See `Law`."""
-        yielding = self._yielding(self.gaps.share or 1.0)
-        curve, springs, between, _, curved, turn = yielding
-        gap, mu = float(places.gap[0]), float(places.mu[0])
-        before, last = float(places.last[0, 0]), turn @ places.last[0, 1:]
-        covered = springs.lengths(springs.reach(before))
-        carried = _turned(places.memory[0].reshape(-1, 2) @ turn.T, last)
-        rest = turn @ places.way[0] - between * before - self._across(yielding, before) @ last
-        P, T, forces = before, last, carried
-        driven = springs.driven(0.0, springs.reach(before), before)
-        pushed_before = pushed = _pushed(driven, carried)
-        for _ in range(_PASSES):
-            approach = -gap - float(between @ T) + float(T @ curved @ T) / (6 * P or 1.0) + pushed
-            if approach <= 0.0:
-                return self._opened()
-            P = curve.force(approach)
-            reach = springs.reach(P)
-            lengths, bounds = springs.lengths(reach), mu * springs.normal(reach)
-            # Where the contact grows, new parts of springs have no elongation.
-            kept = springs.elongations(carried, np.maximum(covered, lengths))
-            driven = springs.driven(springs.reach(before), reach, P)
-            kept = kept if driven is None else kept + driven.change
-            F = self._across(yielding, P)
-            stretch, held = _stretched(springs, kept, lengths, bounds, F, rest + between * P)
-            T, forces = -held.total, held.forces
-            pushed = _pushed(driven, forces)
-        stored = 0.5 * float(np.sum(forces * springs.elongations(forces, lengths)))
-        lost, mean = 0.5 * float(np.sum(carried * springs.elongations(carried, covered))) - stored, (T + last) / 2
-        taken, size = lost - mean @ stretch + (pushed + pushed_before) / 2 * (P - before), mean @ mean
-        along = taken
-        if driven is not None:  # springs slip towards the middle, too
-            along = min(taken, math.sqrt(size * (stretch @ stretch)))
-        status = SLIP if np.linalg.norm(T) >= _SLIPS * mu * P else STICK
-        stored += float(0.5 * T @ F @ T - T @ curved @ T / 6 + P * (between @ T)) - P * pushed
-        slopes = _Slopes.of(held, mu * springs.normal_slope(reach), driven, springs.bent(reach, P))
-        moved = between - curved @ T / (3 * P)
-        return Forces(
-            np.array([[P, *(turn.T @ T)]]),
-            _ONE,
-            np.array([status], dtype=np.int8),
-            -along * (turn.T @ mean)[None] / size if size > 0 else np.zeros((1, 2)),
-            taken=taken - along,
-            memory=(forces @ turn).reshape(1, -1),
-            stored=curve.stored(P) + stored,
-            stiffness=lambda: _stiffness(curve.stiffness(P), slopes, held.stiffness, F, moved, turn),
-        )
-
-    def _opened(self) -> Forces:
-        """Answer without contact."""
-        none = np.zeros((1, 3))
-        return Forces(
-            none, _ONE[:0], np.array([OPEN], dtype=np.int8), none[:, 1:], memory=np.zeros((1, self.memory)), stored=0.0
-        )
+        return settled(self.step(places))
 
     def closed_stiffness(self, rows: RowDirections) -> Array:
         """See `Law`; that at the largest contact for which the law is Hertz's."""
-        H, yielding = dense(rows.jacobian(_ONE)), self._yielding()
+        H, yielding = dense(rows.jacobian(_ONE)), self.yielding(1.0)
         largest, turn, springs = yielding.normal.largest, yielding.turn, yielding.springs
         k = np.diag(springs.lengths(springs.reach(largest)).sum() * springs.shear)
-        F = self._across(yielding, largest)
+        F = yielding.beside(largest)
         K = _stiffness(yielding.normal.stiffest, _Slopes(np.zeros(2), np.zeros(2), 0.0), k, F, np.zeros(2), turn)
         return np.asarray(H.T @ ((K + K.T) / 2) @ H)
 
@@ -413,14 +584,14 @@ class _Slopes(NamedTuple):
     own: float
 
     @classmethod
-    def of(cls, held: Held, by_force: Array, driven: Driven | None, bent: Array) -> _Slopes:
-        """Slopes where springs' largest forces have derivatives by the normal one, (n,); `bent` is `Springs.bent`."""
+    def of(cls, held: Held, by_force: Array, driven: Driven | None) -> _Slopes:
+        """Slopes where springs' largest forces have derivatives by the normal one, (n,), for a linear `driven`."""
         forces = by_force[:, None] * held.by_bounds
         if driven is None:
             return cls(forces.sum(axis=0), np.zeros(2), 0.0)
         pulled = np.einsum("nij,nj->ni", held.of_each, driven.by_force)
         forces = forces + pulled
-        own = float(np.sum(forces * driven.by_force) + np.sum(held.forces * bent))
+        own = float(np.sum(forces * driven.by_force))
         return cls(forces.sum(axis=0), pulled.sum(axis=0), own)
 
 
@@ -450,23 +621,6 @@ def _stiffness(normal: float, slopes: _Slopes, own: Array, F: Array, moved: Arra
     return K
 
 
-def _stretched(
-    springs: Springs, elongations: Array, lengths: Array, bounds: Array, F: Array, rest: Array
-) -> tuple[Array, Held]:
-    """How far springs are stretched, (2,) [m], if bodies of a flexibility F, (2, 2) [m/N], leave `rest` to both."""
-    stretch = rest.copy()
-    held = springs.held(elongations + stretch, lengths, bounds)
-    scale = float(np.abs(elongations).max(initial=0.0) + np.abs(rest).max()) or 1.0
-    for _ in range(_MOST):
-        off = stretch - rest + F @ held.total
-        step = np.linalg.solve(np.eye(2) + F @ held.stiffness, off)
-        stretch = stretch - step
-        held = springs.held(elongations + stretch, lengths, bounds)
-        if np.abs(step).max() <= _SETTLED * scale:
-            break
-    return stretch, held
-
-
 def _turned(forces: Array, last: Array) -> Array:
     """Forces of springs, (n, 2) [N], in the present axes, in which the force on the slave was `last`, (2,) [N]."""
     remembered = -forces.sum(axis=0)
@@ -476,3 +630,14 @@ def _turned(forces: Array, last: Array) -> Array:
     c = float(remembered @ last) / size
     s = float(remembered[0] * last[1] - remembered[1] * last[0]) / size
     return np.asarray(forces @ np.array([[c, s], [-s, c]]))
+
+
+_OPEN = FrictionTouch(
+    np.zeros(3),
+    np.zeros(2),
+    Held(np.zeros((0, 2)), np.zeros(2), np.zeros((2, 2)), np.zeros((0, 2)), np.zeros((0, 2, 2))),
+    None,
+    np.zeros((2, 2)),
+    _Slopes(np.zeros(2), np.zeros(2), 0.0),
+    settled=True,
+)
