@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from ..support.arrays import Array
 from .loops import Adjoint, go_back
-from .made_run import MadeRun, OnFriction, Window, columns
+from .made_run import MadeRun, OnFriction, Part, Window, columns
 from .plan import Bodies
 from .rows_back import RowsBack
 
@@ -113,8 +113,8 @@ class Derivatives:
         By coordinates and velocities at the start.
     bodies : Bodies
         By masses, stiffnesses, damping and loads, (k, nq) each.
-    flexibility : list of (m, k) arrays
-        For each contact, by factors of the m parts of its flexibility.
+    flexibility : (m, k) array
+        By factors of m parts of the flexibility.
     friction : (nf, 3, k) array
         By static and kinetic coefficient and decay of each contact with friction, or of those that it moves.
     """
@@ -122,11 +122,11 @@ class Derivatives:
     q: Array
     v: Array
     bodies: Bodies
-    flexibility: list[Array]
+    flexibility: Array
     friction: Array
 
 
-def backwards(run: MadeRun, weights: Weights, parts: Sequence[Sequence[Array]]) -> Derivatives:
+def backwards(run: MadeRun, weights: Weights, parts: Sequence[Part]) -> Derivatives:
     """Go back from the end of a run to its start.
 
     A step is u = v + h a / 2, q = q + h u, a = (f(q) + load - K q - D u) / M, v = u + h a / 2. With adjoints q', u',
@@ -137,8 +137,8 @@ def backwards(run: MadeRun, weights: Weights, parts: Sequence[Sequence[Array]]) 
     ----------
     run : MadeRun
     weights : Weights
-    parts : sequence of sequences of (nr, nr) arrays
-        For each contact, parts of its flexibility [m/N], with friction (3 nr, 3 nr) arrays.
+    parts : sequence of Part
+        Of the flexibility.
     """
     h, made, k = run.steps.step, run.histories, weights.count
     middle = np.vstack([made.v[:1], made.v[1:] - 0.5 * h * run.accelerations[1:]])
@@ -160,15 +160,15 @@ class _RowsBackwards:
     Attributes
     ----------
     by_law : (nf, 3, k) array
-    flexibility : list of (m, k) arrays
+    flexibility : (m, k) array
         See `Derivatives`.
     """
 
-    def __init__(self, run: MadeRun, weights: Weights, parts: Sequence[Sequence[Array]]) -> None:
+    def __init__(self, run: MadeRun, weights: Weights, parts: Sequence[Part]) -> None:
         self._run, self._weights, self._parts, k = run, weights, parts, weights.count
         self._later = np.zeros((k, run.B.shape[0])), np.zeros((k, len(run.normals) - run.plain))
         self.by_law = np.zeros((len(run.laws), 3, k))
-        self.flexibility = [np.zeros((len(of_contact), k)) for of_contact in parts]
+        self.flexibility = np.zeros((len(parts), k))
 
     def begin(self, block: slice) -> tuple[Window, RowsBack | None]:
         """What rows did in a block, and what the pass back over it needs; None if no row is closed."""
@@ -191,6 +191,5 @@ class _RowsBackwards:
         if back is None:
             return
         self.by_law += self._run.by_law(w, back.by_mu)
-        for part, more in zip(self.flexibility, self._run.by_parts(w, back.slips, self._parts), strict=True):
-            part += more
+        self.flexibility += self._run.by_parts(w, back.slips, self._parts)
         self._later[0][:, w.directions], self._later[1][:, w.rough] = back.forces, back.mu_next

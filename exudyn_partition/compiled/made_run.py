@@ -48,6 +48,21 @@ class OnFriction(NamedTuple):
     closed: Array
 
 
+class Part(NamedTuple):
+    """A part of the flexibility.
+
+    Parameters
+    ----------
+    directions : (e,) int array
+        Numbers of the directions of its rows, which are sorted.
+    F : (e, e) array
+        [m/N]
+    """
+
+    directions: Array
+    F: Array
+
+
 class Window(NamedTuple):
     """What rows did in m samples: n rows that are closed there, or just before or after, the last nf with tangents.
 
@@ -163,17 +178,14 @@ class MadeRun:
     @cached_property
     def F(self) -> Array:
         """Flexibility of all rows, (d, d) [m/N], that of rows with friction regularised as in the steps."""
-        contacts, n = self.plan.contacts, self.plain
-        F = np.zeros((len(self.B),) * 2)
-        for j, own in enumerate(contacts.own):
-            rows = slice(*contacts.rows.starts[j : j + 2])
-            F[rows, rows] = own
-        for (j, k), core in contacts.core.items():
-            rows, others = (slice(*contacts.rows.starts[i : i + 2]) for i in (j, k))
-            F[rows, others] += contacts.fields[j] @ core @ contacts.fields[k].T
-        if contacts.friction is not None:
-            F[n:, n:] = _frictional_flexibility(contacts.friction)
-        return F
+        return _flexibility(self.plan.contacts)
+
+    def part(self, contacts: FrozenPlan, some: Sequence[int]) -> Part:
+        """Flexibility of some contacts by a plan in which only a part of it yields."""
+        starts = self._first(contacts.all_starts)
+        numbers = [np.arange(*starts[j : j + 2]) for j in sorted(some)]
+        directions = np.concatenate([np.zeros(0, dtype=np.int64), *numbers])
+        return Part(directions, _flexibility(contacts)[np.ix_(directions, directions)])
 
     @cached_property
     def gap_starts(self) -> Array:
@@ -339,25 +351,22 @@ class MadeRun:
                 found[contact, place] = np.einsum("ski,si->k", by_mu[:, :, of_contact], by)
         return found
 
-    def by_parts(self, w: Window, slips: Array, parts: Sequence[Sequence[Array]]) -> list[Array]:
-        """For each contact, (m, k): derivatives by factors of m parts of its flexibility [m/N].
+    def by_parts(self, w: Window, slips: Array, parts: Sequence[Part]) -> Array:
+        """Derivatives of k numbers by factors of m parts of the flexibility, (m, k).
 
-        `slips`, (m, k, d), are those by gaps and slips of the rows of a window. A part is an (nr, nr) array, or
-        (3 nr, 3 nr) if rows have tangents.
+        `slips`, (m, k, d), are those by gaps and slips of the rows of a window.
         """
-        starts = self._first(self.plan.contacts.all_starts)
-        found, edges = list[Array](), np.searchsorted(w.directions, starts)
-        for j, of_contact in enumerate(parts):
-            here, values = slice(*edges[j : j + 2]), np.zeros((len(of_contact), slips.shape[1]))
-            own = w.directions[here] - starts[j]
-            if of_contact and len(own):
-                products = _products(slips[:, :, here], w.forces[:, here])
-                if here.start >= w.plain:  # rows yield along the tangents by changes of forces
-                    along = np.arange(len(own)) % 3 > 0
-                    before = w.before[:, here.start - w.plain : here.stop - w.plain]
-                    products[:, along] -= _products(slips[:, :, here][:, :, along], before)
-                values[:] = [np.einsum("kij,ij->k", products, F[np.ix_(own, own)]) for F in of_contact]
-            found.append(values)
+        found, tangents = np.zeros((len(parts), slips.shape[1])), np.ones(len(w.directions), dtype=bool)
+        tangents[w.normals] = False
+        changes = w.forces.copy()  # by which rows yield along the tangents
+        changes[:, w.plain :] -= w.before
+        for p, (directions, F) in enumerate(parts):
+            here = np.flatnonzero(np.isin(w.directions, directions))
+            own = np.searchsorted(directions, w.directions[here])
+            for some, forces in ((~tangents[here], w.forces), (tangents[here], changes)):
+                if some.any():
+                    products = _products(slips[:, :, here[some]], forces[:, here])
+                    found[p] += np.einsum("kij,ij->k", products, F[np.ix_(own[some], own)])
         return found
 
     def _stiffness(self, w: Window) -> Array:
@@ -425,6 +434,21 @@ def _groups(contacts: FrozenPlan) -> Array:
     starts, end = contacts.rows.starts[first], contacts.rows.starts[-1]
     found: Array = np.append(starts, end if friction is None else end + friction.rows.starts[friction.groups])
     return found
+
+
+def _flexibility(contacts: FrozenPlan) -> Array:
+    """See `MadeRun.F`."""
+    starts, n, friction = contacts.rows.starts, len(contacts.rows.start), contacts.friction
+    F = np.zeros((n + (0 if friction is None else 3 * friction.n_rows),) * 2)
+    for j, own in enumerate(contacts.own):
+        rows = slice(*starts[j : j + 2])
+        F[rows, rows] = own
+    for (j, k), core in contacts.core.items():
+        rows, others = (slice(*starts[i : i + 2]) for i in (j, k))
+        F[rows, others] += contacts.fields[j] @ core @ contacts.fields[k].T
+    if friction is not None:
+        F[n:, n:] = _frictional_flexibility(friction)
+    return F
 
 
 def _frictional_flexibility(plan: FrictionPlan) -> Array:
