@@ -11,6 +11,7 @@ from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner, unlocked
 from ..support.struct_kernels import StructType, define_struct
 from .rows_back import RowsBack
+from .surfaces_back import SurfaceRows
 
 if TYPE_CHECKING:
     from .loops import Adjoint
@@ -30,6 +31,24 @@ class Back(structref.StructRefProxy):
 
 
 define_struct(Back, BackType, RowsBack._fields)
+
+
+@structref.register
+class SurfaceRowsType(StructType):
+    """Type of `OnSurfaces` in compiled loops."""
+
+
+class OnSurfaces(structref.StructRefProxy):
+    """`SurfaceRows` as one object."""
+
+
+define_struct(OnSurfaces, SurfaceRowsType, SurfaceRows._fields)
+
+
+@compiled
+def surfaces_of(*fields: Any) -> OnSurfaces:
+    """Make one of its fields; unlike its own constructor, this is kept on disk."""
+    return OnSurfaces(*fields)  # type: ignore[no-untyped-call]
 
 
 @compiled
@@ -243,6 +262,66 @@ def back_over_rows(rows: RowsBack, s: int, y: Array, q: Array) -> None:
 
 
 @inner
+def set_rows(some: SurfaceRows, ways: Array, s: int, B: Array) -> None:
+    """See `SurfaceRows.rows_at`; of the rows that are closed."""
+    dofs, places, normals, columns, means = some.dofs, some.places, some.normals[s], some.columns, some.means
+    rows, starts, contact, room = some.rows, some.starts, some.contact, np.empty(some.dofs.shape[1])
+    for i in range(len(rows)):
+        if ways[rows[i]] == 0:
+            continue
+        c = contact[columns[starts[i]]]
+        for k in range(len(room)):
+            room[k] = 0.0
+        for e in range(starts[i], starts[i + 1]):
+            p, mean = columns[e], means[e]
+            x, y, z = mean * normals[p, 0], mean * normals[p, 1], mean * normals[p, 2]
+            for k in range(len(room)):
+                room[k] += x * places[p, 0, k] + y * places[p, 1, k] + z * places[p, 2, k]
+        for k in range(some.counts[c]):
+            B[rows[i], dofs[c, k]] = room[k]
+
+
+@inner
+def add_curvature(some: SurfaceRows, s: int, y: Array, q: Array) -> None:
+    """See `SurfaceRows.curvature`; added to q, (k, nq)."""
+    dofs, places, push, curved = some.dofs, some.places, some.push[s], some.curved[s]
+    normals, axes = some.normals[s], some.axes
+    of_y, of_q = np.zeros(dofs.shape[1]), np.zeros(dofs.shape[1])
+    for c in range(len(dofs)):
+        for j in range(len(y)):
+            for k in range(some.counts[c]):
+                of_y[k], of_q[k] = y[j, dofs[c, k]], 0.0
+            for k in range(some.counts[c], len(of_y)):
+                of_y[k], of_q[k] = 0.0, 0.0
+            for p in range(some.points[c], some.points[c + 1]):
+                share = push[p] * curved[p]
+                if share == 0.0:
+                    continue
+                u, v, w = 0.0, 0.0, 0.0
+                for k in range(len(of_y)):
+                    u += places[p, 0, k] * of_y[k]
+                    v += places[p, 1, k] * of_y[k]
+                    w += places[p, 2, k] * of_y[k]
+                along = u * normals[p, 0] + v * normals[p, 1] + w * normals[p, 2]
+                by_axis = u * axes[c, 0] + v * axes[c, 1] + w * axes[c, 2]
+                u = share * (u - along * normals[p, 0] - by_axis * axes[c, 0])
+                v = share * (v - along * normals[p, 1] - by_axis * axes[c, 1])
+                w = share * (w - along * normals[p, 2] - by_axis * axes[c, 2])
+                for k in range(len(of_q)):
+                    of_q[k] += u * places[p, 0, k] + v * places[p, 1, k] + w * places[p, 2, k]
+            for k in range(some.counts[c]):
+                q[j, dofs[c, k]] += of_q[k]
+
+
+@inner
+def go_along(some: SurfaceRows | None, rows: RowsBack, s: int, y: Array, q: Array) -> None:
+    """Set rows on curved rigid surfaces at a sample, and add what comes from their change; see `surfaces_back`."""
+    if some is not None:
+        set_rows(some, rows.ways[s], s, rows.B)
+        add_curvature(some, s, y, q)
+
+
+@inner
 def forget_later(rows: RowsBack) -> None:
     """Forget what the samples after leave: the first step goes on from the memory of the start."""
     for j in range(len(rows.forces)):
@@ -254,9 +333,17 @@ def forget_later(rows: RowsBack) -> None:
 
 @unlocked
 def go_back(
-    bodies: Bodies, by_q: Array, by_v: Array, h: float, first: int, adjoint: Adjoint, rows: RowsBack | None, y: Array
+    bodies: Bodies,
+    by_q: Array,
+    by_v: Array,
+    h: float,
+    first: int,
+    adjoint: Adjoint,
+    rows: RowsBack | None,
+    on_surfaces: SurfaceRows | None,
+    y: Array,
 ) -> None:
-    """Go back over the samples of a block, see `loops.go_back`. Without closed rows their part is not compiled."""
+    """Go back over the samples of a block, see `loops.go_back`. What a block does not have is not compiled."""
     q, u, v = adjoint.q, adjoint.u, adjoint.v
     k, n = q.shape
     for s in range(len(y) - 1, -1, -1):
@@ -267,6 +354,7 @@ def go_back(
                 y[s, j, i] = 0.5 * h / bodies.mass[i] * (u[j, i] if begins else u[j, i] + v[j, i])
                 q[j, i] += by_q[s, j, i] - bodies.stiffness[i] * y[s, j, i]
         if rows is not None:
+            go_along(on_surfaces, rows, s, y[s], q)
             back_over_rows(rows, s, y[s], q)
         for j in range(k):
             for i in range(n):

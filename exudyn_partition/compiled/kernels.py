@@ -8,7 +8,15 @@ from ..contact.kernels import FlatContacts, evaluate_frozen
 from ..support.arrays import Array
 from ..support.compiled import called, inlined, unlocked
 from .friction_kernels import accept_friction, find_friction, keep_friction, watch_friction
-from .moving_kernels import add_inertia, count_steps, evaluate_moving, turn_accelerations, turn_on, watch_edges
+from .moving_kernels import (
+    add_inertia,
+    count_steps,
+    evaluate_moving,
+    keep_fresh,
+    turn_accelerations,
+    turn_on,
+    watch_edges,
+)
 
 if TYPE_CHECKING:
     from .friction_kernels import Friction
@@ -112,6 +120,7 @@ def advance(
             keep(contacts, m, samples, step // between - 1)
             if moving is not None:
                 watch_edges(contacts, moving.pairs, moving.state, m.q)
+                keep_fresh(moving.state, samples.fresh[step // between - 1])
             if friction is not None:
                 keep_friction(friction, samples, step // between - 1)
     return count + 1

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from .loops import ContactParts
 from .plan import FrozenPlan, StepPlan
 from .rows_back import SLIPS, STICKS, RowsBack
 from .run import EqualSteps, Histories
+from .surfaces_back import SurfaceRows, SurfacesBack
 
 _MOST = 1000  # samples that are gone back over at a time
 _NUMBERS = 1 << 21  # of adjoints and slips that are kept at a time: 16 MB
@@ -56,7 +58,7 @@ class Part(NamedTuple):
     directions : (e,) int array
         Numbers of the directions of its rows, which are sorted.
     F : (e, e) array
-        [m/N]
+        [m/N]; zero for rows on curved rigid surfaces, whose flexibility is that of their body alone.
     """
 
     directions: Array
@@ -188,6 +190,27 @@ class MadeRun:
         return Part(directions, _flexibility(contacts)[np.ix_(directions, directions)])
 
     @cached_property
+    def surfaces(self) -> SurfacesBack:
+        """Contacts with curved rigid surfaces. B and F have zeros for them."""
+        made = self.histories
+        return SurfacesBack(self.plan.contacts, made.q, made.fresh, made.start.anchors)
+
+    def flexibility(self, sample: int, some: Array, others: Array) -> Array:
+        """Flexibility between some directions and others in a sample, (na, nb) [m/N]."""
+        found: Array = self.F[np.ix_(some, others)]
+        self.surfaces.set_flexibility(found, sample, some, others)
+        return found
+
+    def gaps(self, j: int, sample: int) -> tuple[Array, Array]:
+        """Gaps of the rows of a contact in a sample, (nr,) [m], and their derivatives by the coordinates, (nr, nq)."""
+        q, rows = self.histories.q[sample], slice(*self.plan.contacts.all_starts[j : j + 2])
+        for one in self.surfaces.surfaces:
+            if one.contact == j:
+                return one.gaps_by_coordinates(q)
+        H = self.B[self.normals[rows]]
+        return self.gap_starts[rows] + H @ q, H
+
+    @cached_property
     def gap_starts(self) -> Array:
         """Gaps of all rows at coordinates of zero, (nr,) [m]."""
         contacts = self.plan.contacts
@@ -206,12 +229,21 @@ class MadeRun:
         return sp.csr_matrix((joined.data, places[joined.indices], joined.indptr), joined.shape)
 
     @cached_property
-    def accelerations(self) -> Array:
-        """Accelerations at all samples, (n, nq)."""
+    def _rest(self) -> Array:
+        """Generalised forces of all samples, but those of rows on curved rigid surfaces, (n, nq)."""
         bodies, made = self.plan.bodies, self.histories
-        rest = self.forces @ self.B + bodies.load - bodies.stiffness * made.q - bodies.damping * made.v
+        found: Array = self.forces @ self.B + bodies.load - bodies.stiffness * made.q - bodies.damping * made.v
+        return found
+
+    def accelerations(self, samples: slice, on_surfaces: SurfaceRows | None) -> Array:
+        """Accelerations at some samples, (m, nq), with their closed rows on curved rigid surfaces."""
+        bodies, rest = self.plan.bodies, self._rest[samples]
+        if on_surfaces is not None:
+            rest = rest.copy()
+            on_surfaces.add_forces(rest)
         found: Array = rest / (bodies.mass - 0.5 * self.steps.step * bodies.damping)  # by velocities half a step before
-        found[0] = rest[0] / bodies.mass
+        if samples.start == 0:
+            found[0] = rest[0] / bodies.mass
         return found
 
     @property
@@ -228,8 +260,10 @@ class MadeRun:
         on = np.zeros(len(self.B), dtype=bool)
         on[self.forces.indices] = True
         size, n = np.count_nonzero(on) + self.B.shape[1], len(self.histories.q)
-        most = max(min(_MOST, _NUMBERS // (size * k)), 1)
-        return [slice(max(end - most, 0), end) for end in range(n, 0, -most)]
+        most, found = max(min(_MOST, _NUMBERS // (size * k)), 1), list[slice]()
+        for first, last in pairwise(np.unique([0, *self.surfaces.edges, n]).tolist()):  # with one flexibility each
+            found += [slice(begin, min(begin + most, last)) for begin in range(first, last, most)]
+        return found[::-1]
 
     def window(self, samples: slice) -> Window:
         """Find what rows did in some samples."""
@@ -293,8 +327,12 @@ class MadeRun:
         for way, distance in ((STICKS, sticks), (SLIPS, slips)):
             there = w.ways[:, first:] == way
             off[:, first:][there] = np.minimum(distance, push[:, first:])[there]
-        moved = self.forces[w.samples] @ self.F[:, self.normals]
-        gaps = abs(self.histories.q[w.samples] @ self.B[self.normals].T + self.gap_starts + moved)
+        moved, q = self.forces[w.samples] @ self.F[:, self.normals], self.histories.q[w.samples]
+        gaps = q @ self.B[self.normals].T + self.gap_starts
+        if self.surfaces.surfaces:
+            moved = w.forces @ self.flexibility(w.samples.start, w.directions, self.normals)
+            self.surfaces.set_gaps(gaps, q)
+        gaps = abs(gaps + moved)
         gaps[:, w.rows] = np.where(w.ways == 0, gaps[:, w.rows], np.inf)
         closest = np.where(w.ways == 0, np.inf, off).min(axis=1, initial=np.inf), gaps.min(axis=1, initial=np.inf)
         largest = push.max(axis=1, initial=0.0), abs(moved).max(axis=1, initial=0.0)
@@ -326,12 +364,18 @@ class MadeRun:
         groups = np.searchsorted(w.rows, _groups(self.plan.contacts))
         numbers, longest = np.repeat(np.arange(len(groups) - 1), np.diff(groups)), -np.count_nonzero(w.ways, axis=0)
         return RowsBack(
-            first, w.ways, w.mu, push, along, share, yielding, self.F[np.ix_(w.directions, w.directions)],
-            self.B[w.directions], groups, np.lexsort((longest, numbers)), given[0], self._by_speed(w, laws), given[1],
+            first, w.ways, w.mu, push, along, share, yielding,
+            self.flexibility(w.samples.start, w.directions, w.directions), self.B[w.directions], groups,
+            np.lexsort((longest, numbers)), given[0], self._by_speed(w, laws), given[1],
             np.zeros((len(push), k, len(w.rough))), np.ascontiguousarray(forces[:, w.directions]),
             np.ascontiguousarray(mu_next[:, w.rough]), np.zeros((k, d)), np.zeros((k, d)), np.zeros(d * d),
             np.zeros(d, dtype=np.int64), np.zeros((d, 3), dtype=np.int64), np.zeros((k, nq)),
         )  # fmt: skip
+
+    def on_surfaces(self, w: Window) -> SurfaceRows | None:
+        """Closed rows of a window on curved rigid surfaces."""
+        rows, forces = w.rows[: w.plain], w.forces[:, : w.plain]
+        return SurfaceRows.of(self.surfaces, self.histories.q[w.samples], rows, forces)
 
     def by_law(self, w: Window, by_mu: Array) -> Array:
         """Derivatives of k numbers by static and kinetic coefficient and decay of each contact, (nc, 3, k).
@@ -351,10 +395,11 @@ class MadeRun:
                 found[contact, place] = np.einsum("ski,si->k", by_mu[:, :, of_contact], by)
         return found
 
-    def by_parts(self, w: Window, slips: Array, parts: Sequence[Part]) -> Array:
+    def by_parts(self, w: Window, slips: Array, flexibility: Array, parts: Sequence[Part]) -> Array:
         """Derivatives of k numbers by factors of m parts of the flexibility, (m, k).
 
-        `slips`, (m, k, d), are those by gaps and slips of the rows of a window.
+        `slips`, (m, k, d), are those by the gaps and slips of the rows of a window, and `flexibility`, (d, d), is
+        theirs.
         """
         found, tangents = np.zeros((len(parts), slips.shape[1])), np.ones(len(w.directions), dtype=bool)
         tangents[w.normals] = False
@@ -363,10 +408,12 @@ class MadeRun:
         for p, (directions, F) in enumerate(parts):
             here = np.flatnonzero(np.isin(w.directions, directions))
             own = np.searchsorted(directions, w.directions[here])
+            F_here = F[np.ix_(own, own)]
+            self.surfaces.copy_flexibility(flexibility, F_here, w.directions, here)
             for some, forces in ((~tangents[here], w.forces), (tangents[here], changes)):
                 if some.any():
                     products = _products(slips[:, :, here[some]], forces[:, here])
-                    found[p] += np.einsum("kij,ij->k", products, F[np.ix_(own[some], own)])
+                    found[p] += np.einsum("kij,ij->k", products, F_here[some])
         return found
 
     def _stiffness(self, w: Window) -> Array:

@@ -347,9 +347,11 @@ def softened(plan: FrozenPlan, groups: Groups, shares: Shares) -> FrozenPlan:
             flexibilities.append(_whole(together, members, of_group))
         n += len(members)
     fields, core = joined_fields(blocks)
+    moving = plan.moving and plan.moving.softened([shares[j][0] for j in plan.moving.surfaces.contact])
     return replace(
-        plan, own=tuple(own), fields=fields, core=core, friction=friction and friction.softened(flexibilities)
-    )
+        plan, own=tuple(own), fields=fields, core=core, friction=friction and friction.softened(flexibilities),
+        moving=moving,
+    )  # fmt: skip
 
 
 def _whole(together: Together, members: Sequence[PatchContact], shares: Shares | None = None) -> Array:

@@ -154,8 +154,8 @@ def sensitivity(
     Raises
     ------
     CompiledRunError
-        If compiled runs cannot hold the model, or a frame is floating, or a rigid surface curved; the message lists all
-        reasons.
+        If compiled runs cannot hold the model, or a frame is floating, or rows follow facets of another body; the
+        message lists all reasons.
     InputError
         If an argument is wrong, or nothing touches.
     RunError
@@ -216,13 +216,16 @@ def _check_adjoint(model: VariedModel, plan: StepPlan) -> None:
     moving = plan.contacts.moving
     if moving is None:
         return
+    names = plan.contacts.names
     bodies = [f"body {item.name!r} has a floating frame" for item in model.places if item.frame == "floating"]
-    rows = [f"contact {plan.contacts.names[j]!r} has rows that follow the motion" for j in moving.contact]
-    listed = "".join(f"\n- {reason}" for reason in (*bodies, *rows))
-    raise CompiledRunError(
-        f"sensitivity: derivatives are those of steps in which gaps are linear in the coordinates:{listed}\nTake "
-        "frame='inertial' and rigid planes, or differences of ep.run_many"
-    )
+    pairs = [f"contact {names[one.contact]!r} has rows that follow facets of another body" for one in moving.pairs]
+    if bodies or pairs:
+        listed = "".join(f"\n- {reason}" for reason in (*bodies, *pairs))
+        advice = [*["frame='inertial'"] * bool(bodies), *["pairs that stay where they are"] * bool(pairs)]
+        raise CompiledRunError(
+            f"sensitivity: the pass back over the steps does not have all of this model:{listed}\n"
+            f"Take {' and '.join(advice)}, or differences of ep.run_many"
+        )
 
 
 def _run(plan: StepPlan, start: Start, steps: EqualSteps) -> tuple[StepPlan, Histories]:

@@ -182,15 +182,15 @@ class Entries:
     def _check_turning(self) -> None:
         """Raise an error if E or rho varies of a body whose inertia forces or moving rows go with them."""
         moving = self._plan.contacts.moving
-        contacts = [] if moving is None else [self._contacts[j] for j in moving.contact.tolist()]
+        contacts = [] if moving is None else [self._contacts[one.contact] for one in moving.pairs]
         follow = [item for contact in contacts for item, _ in contact.sides]
         for item in self._places:
             named = [name for name in POSITIVE if self._variations.varies(item, name)]
             if named and (item.frame == "floating" or item in follow):
                 raise InputError(
-                    f"vary: {named[0]} of body {item.name!r}, which has a floating frame, or touches a curved rigid "
-                    "surface: compiled runs have no factor for its growth and its rows. Reduce a body of each "
-                    "material, or take frame='inertial' and a RigidPlane"
+                    f"vary: {named[0]} of body {item.name!r}, which has a floating frame, or rows that follow facets "
+                    "of another body: compiled runs have no factor for its growth and these rows. Reduce a body of "
+                    "each material, or take frame='inertial' and pairs that stay where they are"
                 )
 
     @property
