@@ -141,6 +141,7 @@ def backwards(run: MadeRun, weights: Weights, parts: Sequence[Part]) -> Derivati
         Of the flexibility.
     """
     h, made, k = run.steps.step, run.histories, weights.count
+    middle = np.vstack([made.v[:1], made.v[1:] - 0.5 * h * made.a[1:]])
     adjoint, sums = Adjoint(*np.zeros((3, k, made.q.shape[1]))), Bodies(*np.zeros((4, k, made.q.shape[1])))
     of_rows = _RowsBackwards(run, weights, parts)
     for block in run.blocks(k):
@@ -151,10 +152,7 @@ def backwards(run: MadeRun, weights: Weights, parts: Sequence[Part]) -> Derivati
         of_rows.end(window, rows)
         if block.start in run.surfaces.edges:
             adjoint.add(of_rows.by_anchors(block.start), h, begins=block.start == 0)
-        a, middle = run.accelerations(block, on_surfaces), made.v[block].copy()
-        moved = slice(1 if block.start == 0 else 0, None)
-        middle[moved] -= 0.5 * h * a[moved]
-        new = [-np.einsum("ski,si->ki", y, motion) for motion in (a, made.q[block], middle)]
+        new = [-np.einsum("ski,si->ki", y, motion[block]) for motion in (made.a, made.q, middle)]
         sums = Bodies(*(part + more for part, more in zip(sums, [*new, y.sum(axis=0)], strict=True)))
     adjoint.add(of_rows.by_anchors(-1), h, begins=True)
     return Derivatives(adjoint.q, adjoint.v, sums, of_rows.flexibility, of_rows.by_law)

@@ -60,7 +60,7 @@ def keep(contacts: FlatContacts, m: Motion, samples: Samples, place: int) -> Non
     values, stored, lam = contacts.values, contacts.stored, contacts.blocks.lam
     if len(samples.q) > 0:
         for k in range(len(m.q)):
-            samples.q[place, k], samples.v[place, k] = m.q[k], m.v[k]
+            samples.q[place, k], samples.v[place, k], samples.a[place, k] = m.q[k], m.v[k], m.a[k]
     for j in range(len(values)):
         for k in range(values.shape[1]):
             samples.values[place, j, k] = values[j, k]

@@ -50,11 +50,12 @@ class Stop(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Room for samples. Without rows, `q` and `v`, or `stored` and `lam`, are not kept.
+    """Room for samples. Motion, or `stored` and `lam`, need not be kept.
 
     Parameters
     ----------
-    q, v : (n, nq) arrays
+    q, v, a : (n, nq) arrays
+        Coordinates, velocities and accelerations.
     values : (n, nc, 6) array
         Of each contact, see `frozen.FrozenContacts`.
     stored : (n, nc) array
@@ -71,6 +72,7 @@ class Samples(NamedTuple):
 
     q: Array
     v: Array
+    a: Array
     values: Array
     stored: Array
     lam: Array
@@ -83,11 +85,12 @@ class Samples(NamedTuple):
     def of(cls, plan: StepPlan, n: int, *, motion: bool, rows: bool) -> Samples:
         """Room for n samples; `motion` and `rows` say whether coordinates and forces on rows are kept."""
         contacts, friction, nq = plan.contacts, plan.contacts.friction, len(plan.bodies.mass)
-        nc, nr, (q, v), kept = len(contacts.all_names), contacts.n_rows, np.empty((2, n if motion else 0, nq)), n * rows
+        nc, nr, (q, v, a), kept = len(contacts.all_names), contacts.n_rows, np.empty((3, n * motion, nq)), n * rows
         nf, k = (0, 0) if friction is None else (len(friction.names), friction.n_rows)
         of_friction = np.empty((n, nf, N_FRICTION)), np.empty((kept, 2 * k)), np.empty((kept, k), dtype=np.int8)
         fresh = np.zeros((n, 0 if contacts.moving is None else len(contacts.moving.contact)), dtype=bool)
-        return cls(q, v, np.empty((n, nc, N_VALUES)), np.empty((kept, nc)), np.empty((kept, nr)), *of_friction, fresh)
+        values, stored, lam = np.empty((n, nc, N_VALUES)), np.empty((kept, nc)), np.empty((kept, nr))
+        return cls(q, v, a, values, stored, lam, *of_friction, fresh)
 
 
 class Peaks(NamedTuple):
@@ -599,7 +602,7 @@ class Stepper:
     def keep(self, samples: Samples, place: int) -> None:
         """Write the present state to a place of samples."""
         if len(samples.q):
-            samples.q[place], samples.v[place] = self.motion.q, self.motion.v
+            samples.q[place], samples.v[place], samples.a[place] = self.motion.q, self.motion.v, self.motion.a
         samples.values[place] = self.values
         if len(samples.stored):
             samples.stored[place], samples.lam[place] = self.stored, self._lam()
@@ -713,10 +716,7 @@ def go_back(
         v += by_v[s]
         y[s] = 0.5 * h / bodies.mass * (u if begins else u + v)
         q += by_q[s] - bodies.stiffness * y[s]
-        if rows is not None and on_surfaces is not None:
-            on_surfaces.rows_at(s, rows.B)
-            q += on_surfaces.curvature(s, y[s])
-        along, before = (0.0, 0.0) if rows is None else back_over_rows(rows, s, y[s])
+        along, before = (0.0, 0.0) if rows is None else _back_over_rows(rows, on_surfaces, s, y[s])
         q += along
         v -= bodies.damping * y[s]
         if not begins:
@@ -726,3 +726,13 @@ def go_back(
         if rows is not None and first + s == 1:  # the first step goes on from the memory of the start
             rows.forces[:], rows.mu_next[:] = 0.0, 0.0
     return y
+
+
+def _back_over_rows(rows: RowsBack, on_surfaces: SurfaceRows | None, s: int, y: Array) -> tuple[Array, Array]:
+    """See `rows_back.back_over_rows`; also of rows on curved rigid surfaces."""
+    if on_surfaces is None:
+        return back_over_rows(rows, s, y)
+    ways = on_surfaces.add_pushes(s, y, rows.by_forces[s])
+    along, before = back_over_rows(rows, s, y)
+    on_surfaces.back(s, ways, rows.slips[s], along)
+    return along, before

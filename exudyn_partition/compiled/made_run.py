@@ -228,24 +228,6 @@ class MadeRun:
         places = np.concatenate([self.normals, tangents])
         return sp.csr_matrix((joined.data, places[joined.indices], joined.indptr), joined.shape)
 
-    @cached_property
-    def _rest(self) -> Array:
-        """Generalised forces of all samples, but those of rows on curved rigid surfaces, (n, nq)."""
-        bodies, made = self.plan.bodies, self.histories
-        found: Array = self.forces @ self.B + bodies.load - bodies.stiffness * made.q - bodies.damping * made.v
-        return found
-
-    def accelerations(self, samples: slice, on_surfaces: SurfaceRows | None) -> Array:
-        """Accelerations at some samples, (m, nq), with their closed rows on curved rigid surfaces."""
-        bodies, rest = self.plan.bodies, self._rest[samples]
-        if on_surfaces is not None:
-            rest = rest.copy()
-            on_surfaces.add_forces(rest)
-        found: Array = rest / (bodies.mass - 0.5 * self.steps.step * bodies.damping)  # by velocities half a step before
-        if samples.start == 0:
-            found[0] = rest[0] / bodies.mass
-        return found
-
     @property
     def changes(self) -> int:
         """Steps in which rows have closed or opened, have begun to slip, or have ceased to."""
@@ -401,19 +383,30 @@ class MadeRun:
         `slips`, (m, k, d), are those by the gaps and slips of the rows of a window, and `flexibility`, (d, d), is
         theirs.
         """
-        found, tangents = np.zeros((len(parts), slips.shape[1])), np.ones(len(w.directions), dtype=bool)
-        tangents[w.normals] = False
-        changes = w.forces.copy()  # by which rows yield along the tangents
-        changes[:, w.plain :] -= w.before
+        found, known = np.zeros((len(parts), slips.shape[1])), dict[bytes, Array]()
         for p, (directions, F) in enumerate(parts):
             here = np.flatnonzero(np.isin(w.directions, directions))
+            if not len(here):
+                continue
             own = np.searchsorted(directions, w.directions[here])
             F_here = F[np.ix_(own, own)]
             self.surfaces.copy_flexibility(flexibility, F_here, w.directions, here)
-            for some, forces in ((~tangents[here], w.forces), (tangents[here], changes)):
-                if some.any():
-                    products = _products(slips[:, :, here[some]], forces[:, here])
-                    found[p] += np.einsum("kij,ij->k", products, F_here[some])
+            if (key := here.tobytes()) not in known:
+                known[key] = self._by_flexibility(w, slips, here)
+            found[p] = np.einsum("kij,ij->k", known[key], F_here)
+        return found
+
+    def _by_flexibility(self, w: Window, slips: Array, here: Array) -> Array:
+        """Derivatives of k numbers by the flexibility between some directions, (k, d, d); see `by_parts`."""
+        if here[-1] - here[0] == len(here) - 1:
+            some: Array | slice = slice(int(here[0]), int(here[-1]) + 1)  # a view
+        else:
+            some = here
+        found, rough = _products(slips[:, :, some], w.forces[:, some]), np.flatnonzero(here >= w.plain)
+        if len(rough):  # rows yield along the tangents by changes of forces
+            tangents = rough[~np.isin(here[rough], w.normals)]
+            before = w.before[:, here[rough] - w.plain]
+            found[:, tangents[:, None], rough] -= _products(slips[:, :, here[tangents]], before)
         return found
 
     def _stiffness(self, w: Window) -> Array:

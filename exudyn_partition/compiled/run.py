@@ -41,8 +41,8 @@ class Histories:
 
     Parameters
     ----------
-    q, v : (n, nq) arrays
-        Samples of coordinates and velocities, with that of the start; n is 0 if they were not asked for.
+    q, v, a : (n, nq) arrays
+        Samples of coordinates, velocities and accelerations, with that of the start; n is 0 if they were not asked for.
     values : (n, nc, 6) array
         Samples of each contact, see `frozen.FrozenContacts`.
     stored : (n, nc) array
@@ -76,6 +76,7 @@ class Histories:
 
     q: Array
     v: Array
+    a: Array
     values: Array
     stored: Array
     lam: sp.csr_matrix | None
@@ -144,19 +145,19 @@ def without_start(made: Histories) -> Histories:
     """Return a run without the sample of its start, for it goes on from another one."""
     lam, along, status = (None if part is None else part[1:] for part in (made.lam, made.along, made.status))
     return replace(
-        made, q=made.q[1:], v=made.v[1:], values=made.values[1:], stored=made.stored[1:], friction=made.friction[1:],
-        lam=lam, along=along, status=status, fresh=made.fresh[1:],
+        made, q=made.q[1:], v=made.v[1:], a=made.a[1:], values=made.values[1:], stored=made.stored[1:],
+        friction=made.friction[1:], lam=lam, along=along, status=status, fresh=made.fresh[1:],
     )  # fmt: skip
 
 
 def joined(first: Histories, later: Histories) -> Histories:
     """One run of two, the second `without_start`. It has nothing of rows: their plans may have others."""
-    names = "q", "v", "values", "stored", "friction"
-    q, v, values, stored, friction = (
+    names = "q", "v", "a", "values", "stored", "friction"
+    q, v, a, values, stored, friction = (
         np.concatenate([getattr(part, name) for part in (first, later)]) for name in names
     )
     return replace(
-        later, q=q, v=v, values=values, stored=stored, friction=friction, start=first.start, lam=None, along=None,
+        later, q=q, v=v, a=a, values=values, stored=stored, friction=friction, start=first.start, lam=None, along=None,
         status=None, fresh=np.zeros((len(q), 0), dtype=bool), made=first.made + later.made,
         iterations=first.iterations + later.iterations,
     )  # fmt: skip
@@ -196,12 +197,12 @@ class Record:
     def histories(self, made: int, stopped: Stop | None) -> Histories:
         """All that was added; `made` is the number of steps, `stopped` what stopped them."""
         stepper = self._stepper
-        q, v, values, stored, _, friction, _, _, fresh = (
+        q, v, a, values, stored, _, friction, _, _, fresh = (
             np.concatenate(parts) for parts in zip(*self._kept, strict=True)
         )
         lam, along, status = (sp.vstack(parts, format="csr") if self._rows else None for parts in self._on_rows)
         return Histories(
-            q, v, values, stored, lam, friction, along, status, fresh,
+            q, v, a, values, stored, lam, friction, along, status, fresh,
             start=self._start, end=stepper.state(), end_values=stepper.values.copy(), end_stored=stepper.stored.copy(),
             peaks=Peaks(*(part.copy() for part in stepper.peaks)),
             left=stepper.left, iterations=stepper.iterations, made=made, stopped=stopped,

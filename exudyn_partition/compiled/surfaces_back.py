@@ -22,6 +22,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
 from ..algebra.complementarity import REGULARISATION
 from ..support.arrays import Array
@@ -60,8 +61,8 @@ class SurfaceBack:
     contact : int
         Its number in the plan.
     dofs : (n,) int array
-    places : (p, 3, n) array
-        Places of its points by the coordinates, P.
+    shapes : (v, 3, n) array
+        Places of its nodes by the coordinates.
     mean : (nr, p) array
         A.
     directed : bool
@@ -74,12 +75,32 @@ class SurfaceBack:
         self.contact, self.dofs, self.mean, self.directed = plain.contact, plain.dofs, plain.mean, plain.d > 1
         self._points = slice(*plan.surfaces.firsts[s : s + 2])
         k, n = plain.on_points.shape[1], plain.rows_on_nodes.shape[1]
-        self.places = np.tensordot(plain.on_points, plain.rows_on_nodes.reshape(k, 3, n), 1)
+        self.shapes = plain.rows_on_nodes.reshape(k, 3, n)
         self._start = plain.on_points @ plain.start - plain.surface[1]
+
+    def places(self, some: Array | slice = _ALL) -> Array:
+        """Places of some points by the coordinates, P, (p, 3, n)."""
+        k, _, n = self.shapes.shape
+        on_points = self._plain.on_points[some]
+        found: Array = (on_points @ self.shapes.reshape(k, 3 * n)).reshape(len(on_points), 3, n)
+        return found
+
+    def between(self, rows: Array) -> tuple[Array, Array, Array, Array]:
+        """What is between some rows and the coordinates.
+
+        Returns
+        -------
+        Rows by their points, (na, p), numbers of these, (p,), points by their nodes, (p, v), and numbers of these.
+        """
+        mean = self.mean[rows]
+        points = np.flatnonzero(mean.any(axis=0))
+        on_nodes = self._plain.on_points[points]
+        nodes = np.flatnonzero(on_nodes.any(axis=0))
+        return mean[:, points], points, on_nodes[:, nodes], nodes
 
     def _arms(self, q: Array, some: Array | slice) -> tuple[Array, Array]:
         """From the centre or axis to some points at coordinates of the model, (m, nq): (m, p, 3), sizes (m, p) [m]."""
-        axis, places = self._plain.surface[2], self.places[some]
+        axis, places = self._plain.surface[2], self.places(some)
         p, _, n = places.shape
         arms = self._start[some] + (q[:, self.dofs] @ places.reshape(3 * p, n).T).reshape(len(q), p, 3)
         if axis.any():
@@ -102,7 +123,7 @@ class SurfaceBack:
     def gaps_by_coordinates(self, q: Array) -> tuple[Array, Array]:
         """Gaps of its rows at coordinates of the model, (nq,): (nr,) [m], and their derivatives, (nr, nq)."""
         normals, H = self.at(q[None]).normals[0], np.zeros((len(self.mean), len(q)))
-        H[:, self.dofs] = self.mean @ np.einsum("pa,pan->pn", normals, self.places)
+        H[:, self.dofs] = self.mean @ np.einsum("pa,pan->pn", normals, self.places())
         return self.gaps(q[None])[0], H
 
     def on_nodes(self, along: Array, some: Array) -> Array:
@@ -137,9 +158,8 @@ class SurfaceBack:
             - np.einsum("kpa,pa,pb->kpb", by_normals, normals, normals)
             - (by_normals @ axis)[:, :, None] * axis
         )
-        p, _, n = self.places.shape
-        turned = (across * there.curved[0][:, None]).reshape(-1, 3 * p)
-        return np.asarray(turned @ self.places.reshape(3 * p, n))
+        places = self.places()
+        return np.tensordot(across * there.curved[0][:, None], places, 2)
 
     @property
     def axis(self) -> Array:
@@ -269,45 +289,45 @@ def _within(own: slice, rows: Array) -> tuple[Array, Array]:
 class SurfaceRows(NamedTuple):
     """Closed rows of such contacts in m samples, as the pass back takes them.
 
-    There are n of them, on p points of c contacts, whose bodies have up to n_dofs coordinates each.
+    There are n of them, on p points between v nodes of c contacts, whose bodies have up to n_dofs coordinates each.
 
     Parameters
     ----------
+    place : (m,) int array
+        Where each sample is in `normals`, `curved` and `push`, which have those with forces; -1 without any.
     rows : (n,) int array
         Their numbers in `RowsBack`.
-    starts : (n + 1,) int array
-        Where the points of each row begin in `columns` and `means`.
-    columns : (e,) int array
-    means : (e,) array
-        How much each point counts.
-    contact : (p,) int array
-        Of each point; points of a contact follow each other.
-    points : (c + 1,) int array
-        First point of each contact.
+    starts, columns, means : (n + 1,) int, (e,) int, (e,) arrays
+        Points of each row, and how much they count.
+    node_starts, nodes, weights : (p + 1,) int, (f,) int, (f,) arrays
+        Nodes of each point, and how much they count.
+    firsts, node_firsts : (c + 1,) int arrays
+        First point and first node of each contact.
     counts : (c,) int array
         Number of coordinates of each body.
     dofs : (c, n_dofs) int array
     axes : (c, 3) array
         See `loops.Primitive`.
-    places : (p, 3, n_dofs) array
-        See `SurfaceBack`.
-    normals : (m, p, 3) array
-    curved : (m, p) array
-        See `Stance`.
-    push : (m, p) array
-        Forces on the points [N].
+    shapes : (v, 3, n_dofs) array
+        Places of the nodes by these coordinates.
+    normals, curved, push : (ms, p, 3), (ms, p), (ms, p) arrays
+        See `Stance`; forces on the points [N].
     """
 
+    place: Array
     rows: Array
     starts: Array
     columns: Array
     means: Array
-    contact: Array
-    points: Array
+    node_starts: Array
+    nodes: Array
+    weights: Array
+    firsts: Array
+    node_firsts: Array
     counts: Array
     dofs: Array
     axes: Array
-    places: Array
+    shapes: Array
     normals: Array
     curved: Array
     push: Array
@@ -317,59 +337,87 @@ class SurfaceRows(NamedTuple):
         """Those among rows, (nw,), with forces (m, nw) at coordinates of the model, (m, nq); None without any."""
         surfaces, n_dofs = some.surfaces, max((len(one.dofs) for one in some.surfaces), default=0)
         dofs, axes = np.zeros((len(surfaces), n_dofs), dtype=np.int64), np.zeros((len(surfaces), 3))
-        on_rows, on_points, points = list[tuple[Array, ...]](), list[tuple[Array, ...]](), [0]
-        for s, one in enumerate(surfaces):
-            own, here = _within(some.rows(s), rows)
-            dofs[s, : len(one.dofs)], axes[s] = one.dofs, one.axis
-            mean = one.mean[own]
-            used = np.flatnonzero(mean.any(axis=0))
-            mean = mean[:, used]
-            if len(used):
-                row, column = np.nonzero(mean)
-                lengths = np.bincount(row, minlength=len(own))
-                on_rows.append((here, lengths, column + points[-1], mean[row, column]))
-                places = np.zeros((len(used), 3, n_dofs))
-                places[:, :, : len(one.dofs)] = one.places[used]
-                on_points.append((np.full(len(used), s), places, *one.at(q, used), lam[:, here] @ mean))
-            points.append(points[-1] + len(used))
-        if not on_points:
+        within = [_within(some.rows(s), rows) for s in range(len(surfaces))]
+        closed = np.concatenate([np.zeros(0, dtype=np.int64), *(here for _, here in within)])
+        there = np.flatnonzero(lam[:, closed].any(axis=1))
+        if not len(there):
             return None
-        here, lengths, columns, means = map(np.concatenate, zip(*on_rows, strict=True))
-        contact, places = (np.concatenate([part[i] for part in on_points]) for i in (0, 1))
-        normals, curved, push = (np.concatenate([part[i] for part in on_points], axis=1) for i in (2, 3, 4))
-        counts = np.array([len(one.dofs) for one in surfaces])
+        place, means, on_nodes = np.full(len(q), -1), list[Array](), list[Array]()
+        shapes, at = list[Array](), list[tuple[Array, Array, Array]]()
+        place[there] = np.arange(len(there))
+        for s, (one, (own, here)) in enumerate(zip(surfaces, within, strict=True)):
+            dofs[s, : len(one.dofs)], axes[s] = one.dofs, one.axis
+            mean, used, points, nodes = one.between(own)
+            means.append(mean)
+            on_nodes.append(points)
+            of_nodes = np.zeros((len(nodes), 3, n_dofs))
+            of_nodes[:, :, : len(one.dofs)] = one.shapes[nodes]
+            shapes.append(of_nodes)
+            at.append((*one.at(q[there], used), lam[np.ix_(there, here)] @ mean))
+        normals, curved, push = (np.concatenate(parts, axis=1) for parts in zip(*at, strict=True))
         return cls(
-            here, np.r_[0, np.cumsum(lengths)], columns, means, contact, np.array(points), counts, dofs, axes, places,
-            normals, curved, push,
+            place, closed, *_flat(means), *_flat(on_nodes), _ends([mean.shape[1] for mean in means]),
+            _ends([len(of_nodes) for of_nodes in shapes]), np.array([len(one.dofs) for one in surfaces]), dofs, axes,
+            np.concatenate(shapes), normals, curved, push,
         )  # fmt: skip
 
-    def add_forces(self, force: Array) -> None:
-        """Add the generalised forces of all samples, (m, nq)."""
-        pushes = self.push[:, :, None] * self.normals
-        for contact in np.unique(self.contact):
-            points, n = self.contact == contact, self.counts[contact]
-            on_points = pushes[:, points].reshape(len(force), -1)
-            force[:, self.dofs[contact, :n]] += on_points @ self.places[points].reshape(on_points.shape[1], -1)[:, :n]
-
-    def rows_at(self, s: int, B: Array) -> None:
-        """Set the rows at sample s among all, (d, nq)."""
-        along = np.einsum("pa,pak->pk", self.normals[s], self.places)
-        for row, (first, end) in zip(self.rows, _pairs(self.starts), strict=True):
-            contact = self.contact[self.columns[first]]
-            n = self.counts[contact]
-            B[row, self.dofs[contact, :n]] = self.means[first:end] @ along[self.columns[first:end], :n]
-
-    def curvature(self, s: int, y: Array) -> Array:
-        """Derivatives by the coordinates at fixed forces, (k, nq), by the adjoint of accelerations over masses."""
-        found = np.zeros(y.shape)
+    def _points(self, s: int, y: Array) -> Array:
+        """Ways of the points, (k, p, 3), by those of the coordinates, (k, nq)."""
+        ways = np.zeros((len(y), len(self.push[0]), 3))
         for contact, n in enumerate(self.counts):
-            points, dofs, axis = self.contact == contact, self.dofs[contact, :n], self.axes[contact]
-            places, normals = self.places[points, :, :n], self.normals[s, points]
-            way = np.einsum("pan,kn->kpa", places, y[:, dofs])
-            way -= np.einsum("kpa,pa,pb->kpb", way, normals, normals) + (way @ axis)[:, :, None] * axis
-            push = self.push[s, points] * self.curved[s, points]
-            found[:, dofs] += np.einsum("kpa,p,pan->kn", way, push, places)
-        return found
+            own, nodes = self._own(contact)
+            shapes = self.shapes[nodes, :, :n]
+            ways[:, own] = np.einsum("pv,van,kn->kpa", self._on_nodes(contact), shapes, y[:, self.dofs[contact, :n]])
+        return ways
+
+    def _own(self, contact: int) -> tuple[slice, slice]:
+        """Points and nodes of a contact."""
+        return slice(*self.firsts[contact : contact + 2]), slice(*self.node_firsts[contact : contact + 2])
+
+    def _on_nodes(self, contact: int) -> Array:
+        """Points by nodes of a contact, (p, v)."""
+        points, nodes = self._own(contact)
+        entries = self.weights, self.nodes, self.node_starts
+        found: Array = sp.csr_matrix(entries, (len(self.push[0]), len(self.shapes))).toarray()
+        return found[points, nodes]
+
+    def add_pushes(self, s: int, y: Array, by_forces: Array) -> Array:
+        """Add derivatives by the forces, (k, d), by the adjoint of accelerations over masses, (k, nq), at sample s.
+
+        Return the ways of the points, (k, p, 3), for `back`.
+        """
+        ways, there = self._points(s, y), self.place[s]
+        if there >= 0:
+            along = np.einsum("kpa,pa->kp", ways, self.normals[there])
+            for row, (first, end) in zip(self.rows, _pairs(self.starts), strict=True):
+                by_forces[:, row] += along[:, self.columns[first:end]] @ self.means[first:end]
+        return ways
+
+    def back(self, s: int, ways: Array, slips: Array, q: Array) -> None:
+        """Add derivatives by the coordinates to q, (k, nq), by those by gaps, (k, d)."""
+        there, on_points = self.place[s], np.zeros(ways.shape[:2])
+        if there < 0:
+            return
+        for row, (first, end) in zip(self.rows, _pairs(self.starts), strict=True):
+            on_points[:, self.columns[first:end]] += slips[:, row, None] * self.means[first:end]
+        normals, share = self.normals[there], self.push[there] * self.curved[there]
+        for contact, n in enumerate(self.counts):
+            own, nodes = self._own(contact)
+            normal, axis, way = normals[own], self.axes[contact], ways[:, own]
+            across = way - np.einsum("kpa,pa,pb->kpb", way, normal, normal) - (way @ axis)[:, :, None] * axis
+            of_points = on_points[:, own, None] * normal + share[own, None] * across
+            shapes = self.shapes[nodes, :, :n]
+            q[:, self.dofs[contact, :n]] += np.einsum("kpa,pv,van->kn", of_points, self._on_nodes(contact), shapes)
+
+
+def _flat(parts: Sequence[Array]) -> tuple[Array, Array, Array]:
+    """Entries of matrices on a diagonal that are not zero: starts of the lines, columns and values."""
+    joined = sp.block_diag([sp.csr_matrix(part) for part in parts], format="csr")
+    return joined.indptr.astype(np.int64), joined.indices.astype(np.int64), joined.data
+
+
+def _ends(sizes: Sequence[int]) -> Array:
+    return np.cumsum([0, *sizes])
 
 
 def _pairs(starts: Array) -> Sequence[tuple[int, int]]:
