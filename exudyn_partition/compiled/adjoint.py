@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from ..support.arrays import Array
 from .loops import Adjoint, go_back
-from .made_run import MadeRun, OnFriction, Window, columns
+from .made_run import MadeRun, OnFriction, Part, Window, columns
 from .plan import Bodies
 from .rows_back import RowsBack
 
@@ -113,8 +113,8 @@ class Derivatives:
         By coordinates and velocities at the start.
     bodies : Bodies
         By masses, stiffnesses, damping and loads, (k, nq) each.
-    flexibility : list of (m, k) arrays
-        For each contact, by factors of the m parts of its flexibility.
+    flexibility : (m, k) array
+        By factors of m parts of the flexibility.
     friction : (nf, 3, k) array
         By static and kinetic coefficient and decay of each contact with friction, or of those that it moves.
     """
@@ -122,11 +122,11 @@ class Derivatives:
     q: Array
     v: Array
     bodies: Bodies
-    flexibility: list[Array]
+    flexibility: Array
     friction: Array
 
 
-def backwards(run: MadeRun, weights: Weights, parts: Sequence[Sequence[Array]]) -> Derivatives:
+def backwards(run: MadeRun, weights: Weights, parts: Sequence[Part]) -> Derivatives:
     """Go back from the end of a run to its start.
 
     A step is u = v + h a / 2, q = q + h u, a = (f(q) + load - K q - D u) / M, v = u + h a / 2. With adjoints q', u',
@@ -137,20 +137,24 @@ def backwards(run: MadeRun, weights: Weights, parts: Sequence[Sequence[Array]]) 
     ----------
     run : MadeRun
     weights : Weights
-    parts : sequence of sequences of (nr, nr) arrays
-        For each contact, parts of its flexibility [m/N], with friction (3 nr, 3 nr) arrays.
+    parts : sequence of Part
+        Of the flexibility.
     """
     h, made, k = run.steps.step, run.histories, weights.count
-    middle = np.vstack([made.v[:1], made.v[1:] - 0.5 * h * run.accelerations[1:]])
+    middle = np.vstack([made.v[:1], made.v[1:] - 0.5 * h * made.a[1:]])
     adjoint, sums = Adjoint(*np.zeros((3, k, made.q.shape[1]))), Bodies(*np.zeros((4, k, made.q.shape[1])))
     of_rows = _RowsBackwards(run, weights, parts)
     for block in run.blocks(k):
         by_q, by_v = weights.of_block(block)
         window, rows = of_rows.begin(block)
-        y = go_back(run.plan.bodies, by_q, by_v, h, block.start, adjoint, rows)
+        on_surfaces = None if rows is None else run.on_surfaces(window)
+        y = go_back(run.plan.bodies, by_q, by_v, h, block.start, adjoint, rows, on_surfaces)
         of_rows.end(window, rows)
-        new = [-np.einsum("ski,si->ki", y, motion[block]) for motion in (run.accelerations, made.q, middle)]
+        if block.start in run.surfaces.edges:
+            adjoint.add(of_rows.by_anchors(block.start), h, begins=block.start == 0)
+        new = [-np.einsum("ski,si->ki", y, motion[block]) for motion in (made.a, made.q, middle)]
         sums = Bodies(*(part + more for part, more in zip(sums, [*new, y.sum(axis=0)], strict=True)))
+    adjoint.add(of_rows.by_anchors(-1), h, begins=True)
     return Derivatives(adjoint.q, adjoint.v, sums, of_rows.flexibility, of_rows.by_law)
 
 
@@ -160,15 +164,16 @@ class _RowsBackwards:
     Attributes
     ----------
     by_law : (nf, 3, k) array
-    flexibility : list of (m, k) arrays
+    flexibility : (m, k) array
         See `Derivatives`.
     """
 
-    def __init__(self, run: MadeRun, weights: Weights, parts: Sequence[Sequence[Array]]) -> None:
+    def __init__(self, run: MadeRun, weights: Weights, parts: Sequence[Part]) -> None:
         self._run, self._weights, self._parts, k = run, weights, parts, weights.count
         self._later = np.zeros((k, run.B.shape[0])), np.zeros((k, len(run.normals) - run.plain))
         self.by_law = np.zeros((len(run.laws), 3, k))
-        self.flexibility = [np.zeros((len(of_contact), k)) for of_contact in parts]
+        self.flexibility = np.zeros((len(parts), k))
+        self._by_normals: list[Array | None] = [None] * len(run.surfaces.surfaces)
 
     def begin(self, block: slice) -> tuple[Window, RowsBack | None]:
         """What rows did in a block, and what the pass back over it needs; None if no row is closed."""
@@ -191,6 +196,25 @@ class _RowsBackwards:
         if back is None:
             return
         self.by_law += self._run.by_law(w, back.by_mu)
-        for part, more in zip(self.flexibility, self._run.by_parts(w, back.slips, self._parts), strict=True):
-            part += more
+        self.flexibility += self._run.by_parts(w, back.slips, back.F, self._parts)
+        self._take_normals(w, back.slips)
         self._later[0][:, w.directions], self._later[1][:, w.rough] = back.forces, back.mu_next
+
+    def _take_normals(self, w: Window, slips: Array) -> None:
+        """Take derivatives by the normals on which the flexibility of rows on curved surfaces depends."""
+        surfaces = self._run.surfaces
+        for s, one in enumerate(surfaces.surfaces):
+            if one.directed:
+                new = surfaces.by_normals(s, w.samples.start, w.directions, slips, w.forces)
+                before = self._by_normals[s]
+                self._by_normals[s] = new if before is None else before + new
+
+    def by_anchors(self, sample: int) -> Array:
+        """Derivatives by the coordinates of a sample in which anchors were found, (k, nq); -1 is the start."""
+        surfaces, q = self._run.surfaces, self._run.histories.q
+        found = np.zeros((self._weights.count, q.shape[1]))
+        for s, (one, by_normals) in enumerate(zip(surfaces.surfaces, self._by_normals, strict=True)):
+            if by_normals is not None and surfaces.anchors[s, max(sample, 0)] == sample:
+                found[:, one.dofs] += one.by_coordinates(q[max(sample, 0)], by_normals)
+                self._by_normals[s] = None
+        return found

@@ -11,6 +11,7 @@ from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner, unlocked
 from ..support.struct_kernels import StructType, define_struct
 from .rows_back import RowsBack
+from .surfaces_back import SurfaceRows
 
 if TYPE_CHECKING:
     from .loops import Adjoint
@@ -30,6 +31,24 @@ class Back(structref.StructRefProxy):
 
 
 define_struct(Back, BackType, RowsBack._fields)
+
+
+@structref.register
+class SurfaceRowsType(StructType):
+    """Type of `OnSurfaces` in compiled loops."""
+
+
+class OnSurfaces(structref.StructRefProxy):
+    """`SurfaceRows` as one object."""
+
+
+define_struct(OnSurfaces, SurfaceRowsType, SurfaceRows._fields)
+
+
+@compiled
+def surfaces_of(*fields: Any) -> OnSurfaces:
+    """Make one of its fields; unlike its own constructor, this is kept on disk."""
+    return OnSurfaces(*fields)  # type: ignore[no-untyped-call]
 
 
 @compiled
@@ -243,6 +262,119 @@ def back_over_rows(rows: RowsBack, s: int, y: Array, q: Array) -> None:
 
 
 @inner
+def room_of(some: SurfaceRows | None, k: int) -> Array:
+    """Room for ways of points, (k, p, 3)."""
+    p = 0
+    if some is not None:
+        p = some.push.shape[1]
+    return np.zeros((k, p, 3))
+
+
+@inner
+def add_pushes(some: SurfaceRows | None, rows: RowsBack, s: int, y: Array, ways: Array) -> None:
+    """See `SurfaceRows.add_pushes`; sets the ways of the points, (k, p, 3)."""
+    if some is not None:
+        there, dofs, shapes, counts, firsts = some.place[s], some.dofs, some.shapes, some.counts, some.node_firsts
+        if there >= 0:
+            normals, along, of_nodes = some.normals[there], np.zeros(ways.shape[1]), np.zeros((len(shapes), 3))
+            of_y = np.zeros(dofs.shape[1])
+            for j in range(len(y)):
+                way = ways[j]
+                for c in range(len(dofs)):
+                    n = counts[c]
+                    for k in range(n):
+                        of_y[k] = y[j, dofs[c, k]]
+                    for v in range(firsts[c], firsts[c + 1]):
+                        u, v_y, w = 0.0, 0.0, 0.0
+                        for k in range(n):
+                            u += shapes[v, 0, k] * of_y[k]
+                            v_y += shapes[v, 1, k] * of_y[k]
+                            w += shapes[v, 2, k] * of_y[k]
+                        of_nodes[v, 0], of_nodes[v, 1], of_nodes[v, 2] = u, v_y, w
+                on_points(some, of_nodes, some.push[there], way)
+                for p in range(len(along)):
+                    along[p] = way[p, 0] * normals[p, 0] + way[p, 1] * normals[p, 1] + way[p, 2] * normals[p, 2]
+                on_rows(some, along, rows.by_forces[s, j])
+
+
+@inner
+def on_points(some: SurfaceRows, of_nodes: Array, push: Array, ways: Array) -> None:
+    """Set ways of points with forces, (p, 3), by those of nodes, (v, 3); rows that are closed push all their points."""
+    starts, nodes, weights = some.node_starts, some.nodes, some.weights
+    for p in range(len(ways)):
+        x, y, z = 0.0, 0.0, 0.0
+        for e in range(starts[p], starts[p + 1] if push[p] != 0.0 else starts[p]):
+            x += weights[e] * of_nodes[nodes[e], 0]
+            y += weights[e] * of_nodes[nodes[e], 1]
+            z += weights[e] * of_nodes[nodes[e], 2]
+        ways[p, 0], ways[p, 1], ways[p, 2] = x, y, z
+
+
+@inner
+def on_rows(some: SurfaceRows, along: Array, by_forces: Array) -> None:
+    """Add what rows have of values at points, (p,), to derivatives by forces, (d,)."""
+    rows, starts, columns, means = some.rows, some.starts, some.columns, some.means
+    for i in range(len(rows)):
+        total = 0.0
+        for e in range(starts[i], starts[i + 1]):
+            total += means[e] * along[columns[e]]
+        by_forces[rows[i]] += total
+
+
+@inner
+def back_on_surfaces(some: SurfaceRows | None, rows: RowsBack, s: int, ways: Array, q: Array) -> None:
+    """See `SurfaceRows.back`; added to q, (k, nq)."""
+    if some is not None:
+        there, dofs, shapes, counts, firsts = some.place[s], some.dofs, some.shapes, some.counts, some.node_firsts
+        if there >= 0:
+            of_nodes, of_q = np.empty((len(shapes), 3)), np.empty(dofs.shape[1])
+            for j in range(len(q)):
+                push_nodes(some, there, rows.slips[s, j], ways[j], of_nodes)
+                for c in range(len(dofs)):
+                    n = counts[c]
+                    for k in range(n):
+                        of_q[k] = 0.0
+                    for v in range(firsts[c], firsts[c + 1]):
+                        x, y, z = of_nodes[v, 0], of_nodes[v, 1], of_nodes[v, 2]
+                        for k in range(n):
+                            of_q[k] += x * shapes[v, 0, k] + y * shapes[v, 1, k] + z * shapes[v, 2, k]
+                    for k in range(n):
+                        q[j, dofs[c, k]] += of_q[k]
+
+
+@inner
+def push_nodes(some: SurfaceRows, there: int, slips: Array, ways: Array, of_nodes: Array) -> None:
+    """Set what nodes have of the derivatives by gaps, (d,), and of the curvature along ways of points, (p, 3)."""
+    rows, starts, columns, means, along = some.rows, some.starts, some.columns, some.means, np.zeros(len(ways))
+    for i in range(len(rows)):
+        slip = slips[rows[i]]
+        if slip != 0.0:
+            for e in range(starts[i], starts[i + 1]):
+                along[columns[e]] += slip * means[e]
+    for v in range(len(of_nodes)):
+        of_nodes[v, 0], of_nodes[v, 1], of_nodes[v, 2] = 0.0, 0.0, 0.0
+    normals, push, curved = some.normals[there], some.push[there], some.curved[there]
+    axes, firsts = some.axes, some.firsts
+    starts, nodes, weights = some.node_starts, some.nodes, some.weights
+    for c in range(len(axes)):
+        a, b, d = axes[c, 0], axes[c, 1], axes[c, 2]
+        for p in range(firsts[c], firsts[c + 1]):
+            if push[p] == 0.0:
+                continue
+            share, x, y, z = push[p] * curved[p], normals[p, 0], normals[p, 1], normals[p, 2]
+            u, v, w = ways[p, 0], ways[p, 1], ways[p, 2]
+            n_way, a_way = x * u + y * v + z * w, a * u + b * v + d * w
+            n_way = along[p] - share * n_way
+            x, y, z = n_way * x + share * (u - a_way * a), n_way * y + share * (v - a_way * b), n_way * z
+            z += share * (w - a_way * d)
+            for e in range(starts[p], starts[p + 1]):
+                node, weight = nodes[e], weights[e]
+                of_nodes[node, 0] += weight * x
+                of_nodes[node, 1] += weight * y
+                of_nodes[node, 2] += weight * z
+
+
+@inner
 def forget_later(rows: RowsBack) -> None:
     """Forget what the samples after leave: the first step goes on from the memory of the start."""
     for j in range(len(rows.forces)):
@@ -254,11 +386,20 @@ def forget_later(rows: RowsBack) -> None:
 
 @unlocked
 def go_back(
-    bodies: Bodies, by_q: Array, by_v: Array, h: float, first: int, adjoint: Adjoint, rows: RowsBack | None, y: Array
+    bodies: Bodies,
+    by_q: Array,
+    by_v: Array,
+    h: float,
+    first: int,
+    adjoint: Adjoint,
+    rows: RowsBack | None,
+    on_surfaces: SurfaceRows | None,
+    y: Array,
 ) -> None:
-    """Go back over the samples of a block, see `loops.go_back`. Without closed rows their part is not compiled."""
+    """Go back over the samples of a block, see `loops.go_back`. What a block does not have is not compiled."""
     q, u, v = adjoint.q, adjoint.u, adjoint.v
     k, n = q.shape
+    ways = room_of(on_surfaces, k)
     for s in range(len(y) - 1, -1, -1):
         begins = first + s == 0
         for j in range(k):
@@ -267,7 +408,9 @@ def go_back(
                 y[s, j, i] = 0.5 * h / bodies.mass[i] * (u[j, i] if begins else u[j, i] + v[j, i])
                 q[j, i] += by_q[s, j, i] - bodies.stiffness[i] * y[s, j, i]
         if rows is not None:
+            add_pushes(on_surfaces, rows, s, y[s], ways)
             back_over_rows(rows, s, y[s], q)
+            back_on_surfaces(on_surfaces, rows, s, ways, q)
         for j in range(k):
             for i in range(n):
                 v[j, i] -= bodies.damping[i] * y[s, j, i]

@@ -8,7 +8,15 @@ from ..contact.kernels import FlatContacts, evaluate_frozen
 from ..support.arrays import Array
 from ..support.compiled import called, inlined, unlocked
 from .friction_kernels import accept_friction, find_friction, keep_friction, watch_friction
-from .moving_kernels import add_inertia, count_steps, evaluate_moving, turn_accelerations, turn_on, watch_edges
+from .moving_kernels import (
+    add_inertia,
+    count_steps,
+    evaluate_moving,
+    keep_fresh,
+    turn_accelerations,
+    turn_on,
+    watch_edges,
+)
 
 if TYPE_CHECKING:
     from .friction_kernels import Friction
@@ -52,7 +60,7 @@ def keep(contacts: FlatContacts, m: Motion, samples: Samples, place: int) -> Non
     values, stored, lam = contacts.values, contacts.stored, contacts.blocks.lam
     if len(samples.q) > 0:
         for k in range(len(m.q)):
-            samples.q[place, k], samples.v[place, k] = m.q[k], m.v[k]
+            samples.q[place, k], samples.v[place, k], samples.a[place, k] = m.q[k], m.v[k], m.a[k]
     for j in range(len(values)):
         for k in range(values.shape[1]):
             samples.values[place, j, k] = values[j, k]
@@ -112,6 +120,7 @@ def advance(
             keep(contacts, m, samples, step // between - 1)
             if moving is not None:
                 watch_edges(contacts, moving.pairs, moving.state, m.q)
+                keep_fresh(moving.state, samples.fresh[step // between - 1])
             if friction is not None:
                 keep_friction(friction, samples, step // between - 1)
     return count + 1

@@ -27,6 +27,7 @@ from .plain_moving import PlainMoving
 from .plan import Bodies, FrozenPlan, Motion, StepPlan
 from .rows_back import RowsBack, back_over_rows
 from .start import Start
+from .surfaces_back import SurfaceRows
 
 N_VALUES = 6  # of each contact, see `frozen.FrozenContacts`
 
@@ -49,11 +50,12 @@ class Stop(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Room for samples. Without rows, `q` and `v`, or `stored` and `lam`, are not kept.
+    """Room for samples. Motion, or `stored` and `lam`, need not be kept.
 
     Parameters
     ----------
-    q, v : (n, nq) arrays
+    q, v, a : (n, nq) arrays
+        Coordinates, velocities and accelerations.
     values : (n, nc, 6) array
         Of each contact, see `frozen.FrozenContacts`.
     stored : (n, nc) array
@@ -64,25 +66,31 @@ class Samples(NamedTuple):
         Of each contact with friction, see `contact_run.ContactRun.friction_values`.
     along, status : (n, 2 k), (n, k) arrays
         Tangential forces on the rows of these contacts [N], and whether they stick or slip.
+    fresh : (n, ns) bool array
+        Whether moving contacts have found another anchor since the sample before.
     """
 
     q: Array
     v: Array
+    a: Array
     values: Array
     stored: Array
     lam: Array
     friction: Array
     along: Array
     status: Array
+    fresh: Array
 
     @classmethod
     def of(cls, plan: StepPlan, n: int, *, motion: bool, rows: bool) -> Samples:
         """Room for n samples; `motion` and `rows` say whether coordinates and forces on rows are kept."""
         contacts, friction, nq = plan.contacts, plan.contacts.friction, len(plan.bodies.mass)
-        nc, nr, (q, v), kept = len(contacts.all_names), contacts.n_rows, np.empty((2, n if motion else 0, nq)), n * rows
+        nc, nr, (q, v, a), kept = len(contacts.all_names), contacts.n_rows, np.empty((3, n * motion, nq)), n * rows
         nf, k = (0, 0) if friction is None else (len(friction.names), friction.n_rows)
         of_friction = np.empty((n, nf, N_FRICTION)), np.empty((kept, 2 * k)), np.empty((kept, k), dtype=np.int8)
-        return cls(q, v, np.empty((n, nc, N_VALUES)), np.empty((kept, nc)), np.empty((kept, nr)), *of_friction)
+        fresh = np.zeros((n, 0 if contacts.moving is None else len(contacts.moving.contact)), dtype=bool)
+        values, stored, lam = np.empty((n, nc, N_VALUES)), np.empty((kept, nc)), np.empty((kept, nr))
+        return cls(q, v, a, values, stored, lam, *of_friction, fresh)
 
 
 class Peaks(NamedTuple):
@@ -239,6 +247,10 @@ class MovingSteps:
         for pair in self._pairs:
             pair.watch_edge(values, h, lam, q)
 
+    def keep_fresh(self, fresh: Array) -> None:
+        """See `moving_kernels.keep_fresh`."""
+        fresh[:], self._state.fresh[:] = self._state.fresh, False
+
     @property
     def left(self) -> dict[int, Array]:
         """See `run.Histories`."""
@@ -255,7 +267,7 @@ class MovingSteps:
     def take_anchors(self, start: Start) -> None:
         """Have the anchors of a state. What an evaluation there finds is lost before the first step, as in Exudyn."""
         state = self._state
-        state.anchored[:], state.found[:], state.added[:] = False, state.frozen, -1.0
+        state.anchored[:], state.fresh[:], state.found[:], state.added[:] = False, False, state.frozen, -1.0
         self._blocks.n_closed[:] = -1
         if (anchors := start.anchors) is not None:
             first = len(anchors.anchored)
@@ -590,12 +602,13 @@ class Stepper:
     def keep(self, samples: Samples, place: int) -> None:
         """Write the present state to a place of samples."""
         if len(samples.q):
-            samples.q[place], samples.v[place] = self.motion.q, self.motion.v
+            samples.q[place], samples.v[place], samples.a[place] = self.motion.q, self.motion.v, self.motion.a
         samples.values[place] = self.values
         if len(samples.stored):
             samples.stored[place], samples.lam[place] = self.stored, self._lam()
         if self._moving is not None:
             self._moving.watch_edges(self.values, self._h, self._blocks.lam, self.motion.q)
+            self._moving.keep_fresh(samples.fresh[place])
         if self._friction is not None:
             s = self._friction
             samples.friction[place] = s.friction
@@ -651,9 +664,23 @@ class Adjoint(NamedTuple):
     u: Array
     v: Array
 
+    def add(self, by_q: Array, h: float, *, begins: bool) -> None:
+        """Add derivatives by the coordinates of a sample, (k, nq), over which `go_back` has gone, the start or not."""
+        self.q[:] += by_q
+        if not begins:
+            self.v[:] += h * by_q
+            self.u[:] += h * by_q
+
 
 def go_back(
-    bodies: Bodies, by_q: Array, by_v: Array, h: float, first: int, adjoint: Adjoint, rows: RowsBack | None
+    bodies: Bodies,
+    by_q: Array,
+    by_v: Array,
+    h: float,
+    first: int,
+    adjoint: Adjoint,
+    rows: RowsBack | None,
+    on_surfaces: SurfaceRows | None,
 ) -> Array:
     """Go back over m samples.
 
@@ -669,6 +696,8 @@ def go_back(
     adjoint : Adjoint
     rows : RowsBack or None
         Closed rows; their slips and what comes from coefficients are set.
+    on_surfaces : SurfaceRows or None
+        Those of them on curved rigid surfaces.
 
     Returns
     -------
@@ -678,7 +707,8 @@ def go_back(
     by_q, by_v = np.ascontiguousarray(by_q), np.ascontiguousarray(by_v)  # loops are compiled for each order
     y = np.empty_like(by_q)
     if loops := kernels("compiled", "adjoint_kernels"):
-        loops.go_back(bodies, by_q, by_v, h, first, adjoint, rows and loops.back_of(*rows), y)
+        of_surfaces = on_surfaces and loops.surfaces_of(*on_surfaces)
+        loops.go_back(bodies, by_q, by_v, h, first, adjoint, rows and loops.back_of(*rows), of_surfaces, y)
         return y
     q, u, v = adjoint
     for s in range(len(y) - 1, -1, -1):
@@ -686,7 +716,7 @@ def go_back(
         v += by_v[s]
         y[s] = 0.5 * h / bodies.mass * (u if begins else u + v)
         q += by_q[s] - bodies.stiffness * y[s]
-        along, before = (0.0, 0.0) if rows is None else back_over_rows(rows, s, y[s])
+        along, before = (0.0, 0.0) if rows is None else _back_over_rows(rows, on_surfaces, s, y[s])
         q += along
         v -= bodies.damping * y[s]
         if not begins:
@@ -696,3 +726,13 @@ def go_back(
         if rows is not None and first + s == 1:  # the first step goes on from the memory of the start
             rows.forces[:], rows.mu_next[:] = 0.0, 0.0
     return y
+
+
+def _back_over_rows(rows: RowsBack, on_surfaces: SurfaceRows | None, s: int, y: Array) -> tuple[Array, Array]:
+    """See `rows_back.back_over_rows`; also of rows on curved rigid surfaces."""
+    if on_surfaces is None:
+        return back_over_rows(rows, s, y)
+    ways = on_surfaces.add_pushes(s, y, rows.by_forces[s])
+    along, before = back_over_rows(rows, s, y)
+    on_surfaces.back(s, ways, rows.slips[s], along)
+    return along, before

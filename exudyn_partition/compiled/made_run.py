@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from .loops import ContactParts
 from .plan import FrozenPlan, StepPlan
 from .rows_back import SLIPS, STICKS, RowsBack
 from .run import EqualSteps, Histories
+from .surfaces_back import SurfaceRows, SurfacesBack
 
 _MOST = 1000  # samples that are gone back over at a time
 _NUMBERS = 1 << 21  # of adjoints and slips that are kept at a time: 16 MB
@@ -46,6 +48,21 @@ class OnFriction(NamedTuple):
     along: Array
     taken: Array
     closed: Array
+
+
+class Part(NamedTuple):
+    """A part of the flexibility.
+
+    Parameters
+    ----------
+    directions : (e,) int array
+        Numbers of the directions of its rows, which are sorted.
+    F : (e, e) array
+        [m/N]; zero for rows on curved rigid surfaces, whose flexibility is that of their body alone.
+    """
+
+    directions: Array
+    F: Array
 
 
 class Window(NamedTuple):
@@ -163,17 +180,35 @@ class MadeRun:
     @cached_property
     def F(self) -> Array:
         """Flexibility of all rows, (d, d) [m/N], that of rows with friction regularised as in the steps."""
-        contacts, n = self.plan.contacts, self.plain
-        F = np.zeros((len(self.B),) * 2)
-        for j, own in enumerate(contacts.own):
-            rows = slice(*contacts.rows.starts[j : j + 2])
-            F[rows, rows] = own
-        for (j, k), core in contacts.core.items():
-            rows, others = (slice(*contacts.rows.starts[i : i + 2]) for i in (j, k))
-            F[rows, others] += contacts.fields[j] @ core @ contacts.fields[k].T
-        if contacts.friction is not None:
-            F[n:, n:] = _frictional_flexibility(contacts.friction)
-        return F
+        return _flexibility(self.plan.contacts)
+
+    def part(self, contacts: FrozenPlan, some: Sequence[int]) -> Part:
+        """Flexibility of some contacts by a plan in which only a part of it yields."""
+        starts = self._first(contacts.all_starts)
+        numbers = [np.arange(*starts[j : j + 2]) for j in sorted(some)]
+        directions = np.concatenate([np.zeros(0, dtype=np.int64), *numbers])
+        return Part(directions, _flexibility(contacts)[np.ix_(directions, directions)])
+
+    @cached_property
+    def surfaces(self) -> SurfacesBack:
+        """Contacts with curved rigid surfaces. B and F have zeros for them."""
+        made = self.histories
+        return SurfacesBack(self.plan.contacts, made.q, made.fresh, made.start.anchors)
+
+    def flexibility(self, sample: int, some: Array, others: Array) -> Array:
+        """Flexibility between some directions and others in a sample, (na, nb) [m/N]."""
+        found: Array = self.F[np.ix_(some, others)]
+        self.surfaces.set_flexibility(found, sample, some, others)
+        return found
+
+    def gaps(self, j: int, sample: int) -> tuple[Array, Array]:
+        """Gaps of the rows of a contact in a sample, (nr,) [m], and their derivatives by the coordinates, (nr, nq)."""
+        q, rows = self.histories.q[sample], slice(*self.plan.contacts.all_starts[j : j + 2])
+        for one in self.surfaces.surfaces:
+            if one.contact == j:
+                return one.gaps_by_coordinates(q)
+        H = self.B[self.normals[rows]]
+        return self.gap_starts[rows] + H @ q, H
 
     @cached_property
     def gap_starts(self) -> Array:
@@ -193,15 +228,6 @@ class MadeRun:
         places = np.concatenate([self.normals, tangents])
         return sp.csr_matrix((joined.data, places[joined.indices], joined.indptr), joined.shape)
 
-    @cached_property
-    def accelerations(self) -> Array:
-        """Accelerations at all samples, (n, nq)."""
-        bodies, made = self.plan.bodies, self.histories
-        rest = self.forces @ self.B + bodies.load - bodies.stiffness * made.q - bodies.damping * made.v
-        found: Array = rest / (bodies.mass - 0.5 * self.steps.step * bodies.damping)  # by velocities half a step before
-        found[0] = rest[0] / bodies.mass
-        return found
-
     @property
     def changes(self) -> int:
         """Steps in which rows have closed or opened, have begun to slip, or have ceased to."""
@@ -216,8 +242,10 @@ class MadeRun:
         on = np.zeros(len(self.B), dtype=bool)
         on[self.forces.indices] = True
         size, n = np.count_nonzero(on) + self.B.shape[1], len(self.histories.q)
-        most = max(min(_MOST, _NUMBERS // (size * k)), 1)
-        return [slice(max(end - most, 0), end) for end in range(n, 0, -most)]
+        most, found = max(min(_MOST, _NUMBERS // (size * k)), 1), list[slice]()
+        for first, last in pairwise(np.unique([0, *self.surfaces.edges, n]).tolist()):  # with one flexibility each
+            found += [slice(begin, min(begin + most, last)) for begin in range(first, last, most)]
+        return found[::-1]
 
     def window(self, samples: slice) -> Window:
         """Find what rows did in some samples."""
@@ -281,8 +309,12 @@ class MadeRun:
         for way, distance in ((STICKS, sticks), (SLIPS, slips)):
             there = w.ways[:, first:] == way
             off[:, first:][there] = np.minimum(distance, push[:, first:])[there]
-        moved = self.forces[w.samples] @ self.F[:, self.normals]
-        gaps = abs(self.histories.q[w.samples] @ self.B[self.normals].T + self.gap_starts + moved)
+        moved, q = self.forces[w.samples] @ self.F[:, self.normals], self.histories.q[w.samples]
+        gaps = q @ self.B[self.normals].T + self.gap_starts
+        if self.surfaces.surfaces:
+            moved = w.forces @ self.flexibility(w.samples.start, w.directions, self.normals)
+            self.surfaces.set_gaps(gaps, q)
+        gaps = abs(gaps + moved)
         gaps[:, w.rows] = np.where(w.ways == 0, gaps[:, w.rows], np.inf)
         closest = np.where(w.ways == 0, np.inf, off).min(axis=1, initial=np.inf), gaps.min(axis=1, initial=np.inf)
         largest = push.max(axis=1, initial=0.0), abs(moved).max(axis=1, initial=0.0)
@@ -314,12 +346,18 @@ class MadeRun:
         groups = np.searchsorted(w.rows, _groups(self.plan.contacts))
         numbers, longest = np.repeat(np.arange(len(groups) - 1), np.diff(groups)), -np.count_nonzero(w.ways, axis=0)
         return RowsBack(
-            first, w.ways, w.mu, push, along, share, yielding, self.F[np.ix_(w.directions, w.directions)],
-            self.B[w.directions], groups, np.lexsort((longest, numbers)), given[0], self._by_speed(w, laws), given[1],
+            first, w.ways, w.mu, push, along, share, yielding,
+            self.flexibility(w.samples.start, w.directions, w.directions), self.B[w.directions], groups,
+            np.lexsort((longest, numbers)), given[0], self._by_speed(w, laws), given[1],
             np.zeros((len(push), k, len(w.rough))), np.ascontiguousarray(forces[:, w.directions]),
             np.ascontiguousarray(mu_next[:, w.rough]), np.zeros((k, d)), np.zeros((k, d)), np.zeros(d * d),
             np.zeros(d, dtype=np.int64), np.zeros((d, 3), dtype=np.int64), np.zeros((k, nq)),
         )  # fmt: skip
+
+    def on_surfaces(self, w: Window) -> SurfaceRows | None:
+        """Closed rows of a window on curved rigid surfaces."""
+        rows, forces = w.rows[: w.plain], w.forces[:, : w.plain]
+        return SurfaceRows.of(self.surfaces, self.histories.q[w.samples], rows, forces)
 
     def by_law(self, w: Window, by_mu: Array) -> Array:
         """Derivatives of k numbers by static and kinetic coefficient and decay of each contact, (nc, 3, k).
@@ -339,25 +377,36 @@ class MadeRun:
                 found[contact, place] = np.einsum("ski,si->k", by_mu[:, :, of_contact], by)
         return found
 
-    def by_parts(self, w: Window, slips: Array, parts: Sequence[Sequence[Array]]) -> list[Array]:
-        """For each contact, (m, k): derivatives by factors of m parts of its flexibility [m/N].
+    def by_parts(self, w: Window, slips: Array, flexibility: Array, parts: Sequence[Part]) -> Array:
+        """Derivatives of k numbers by factors of m parts of the flexibility, (m, k).
 
-        `slips`, (m, k, d), are those by gaps and slips of the rows of a window. A part is an (nr, nr) array, or
-        (3 nr, 3 nr) if rows have tangents.
+        `slips`, (m, k, d), are those by the gaps and slips of the rows of a window, and `flexibility`, (d, d), is
+        theirs.
         """
-        starts = self._first(self.plan.contacts.all_starts)
-        found, edges = list[Array](), np.searchsorted(w.directions, starts)
-        for j, of_contact in enumerate(parts):
-            here, values = slice(*edges[j : j + 2]), np.zeros((len(of_contact), slips.shape[1]))
-            own = w.directions[here] - starts[j]
-            if of_contact and len(own):
-                products = _products(slips[:, :, here], w.forces[:, here])
-                if here.start >= w.plain:  # rows yield along the tangents by changes of forces
-                    along = np.arange(len(own)) % 3 > 0
-                    before = w.before[:, here.start - w.plain : here.stop - w.plain]
-                    products[:, along] -= _products(slips[:, :, here][:, :, along], before)
-                values[:] = [np.einsum("kij,ij->k", products, F[np.ix_(own, own)]) for F in of_contact]
-            found.append(values)
+        found, known = np.zeros((len(parts), slips.shape[1])), dict[bytes, Array]()
+        for p, (directions, F) in enumerate(parts):
+            here = np.flatnonzero(np.isin(w.directions, directions))
+            if not len(here):
+                continue
+            own = np.searchsorted(directions, w.directions[here])
+            F_here = F[np.ix_(own, own)]
+            self.surfaces.copy_flexibility(flexibility, F_here, w.directions, here)
+            if (key := here.tobytes()) not in known:
+                known[key] = self._by_flexibility(w, slips, here)
+            found[p] = np.einsum("kij,ij->k", known[key], F_here)
+        return found
+
+    def _by_flexibility(self, w: Window, slips: Array, here: Array) -> Array:
+        """Derivatives of k numbers by the flexibility between some directions, (k, d, d); see `by_parts`."""
+        if here[-1] - here[0] == len(here) - 1:
+            some: Array | slice = slice(int(here[0]), int(here[-1]) + 1)  # a view
+        else:
+            some = here
+        found, rough = _products(slips[:, :, some], w.forces[:, some]), np.flatnonzero(here >= w.plain)
+        if len(rough):  # rows yield along the tangents by changes of forces
+            tangents = rough[~np.isin(here[rough], w.normals)]
+            before = w.before[:, here[rough] - w.plain]
+            found[:, tangents[:, None], rough] -= _products(slips[:, :, here[tangents]], before)
         return found
 
     def _stiffness(self, w: Window) -> Array:
@@ -425,6 +474,21 @@ def _groups(contacts: FrozenPlan) -> Array:
     starts, end = contacts.rows.starts[first], contacts.rows.starts[-1]
     found: Array = np.append(starts, end if friction is None else end + friction.rows.starts[friction.groups])
     return found
+
+
+def _flexibility(contacts: FrozenPlan) -> Array:
+    """See `MadeRun.F`."""
+    starts, n, friction = contacts.rows.starts, len(contacts.rows.start), contacts.friction
+    F = np.zeros((n + (0 if friction is None else 3 * friction.n_rows),) * 2)
+    for j, own in enumerate(contacts.own):
+        rows = slice(*starts[j : j + 2])
+        F[rows, rows] = own
+    for (j, k), core in contacts.core.items():
+        rows, others = (slice(*starts[i : i + 2]) for i in (j, k))
+        F[rows, others] += contacts.fields[j] @ core @ contacts.fields[k].T
+    if friction is not None:
+        F[n:, n:] = _frictional_flexibility(friction)
+    return F
 
 
 def _frictional_flexibility(plan: FrictionPlan) -> Array:

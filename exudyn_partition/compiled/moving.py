@@ -160,6 +160,8 @@ class MovingState(NamedTuple):
     left : (ns,) bool array
     left_at : (ns, nq) array
         Whether closed rows between two bodies have left their patch, and the coordinates of the first such sample.
+    fresh : (ns,) bool array
+        Whether contacts have found another anchor since the last sample.
     """
 
     products: Array
@@ -178,6 +180,7 @@ class MovingState(NamedTuple):
     lost: Array
     left: Array
     left_at: Array
+    fresh: Array
 
 
 NAMES = Frames._fields, Surfaces._fields, MovingState._fields
@@ -280,8 +283,18 @@ class MovingPlan:
             np.zeros((nb, 6)), np.zeros(nb, dtype=bool), np.zeros((points, 3)), no(), np.zeros((ns, n)),
             np.zeros((points, 3)), np.zeros((ns, 12)), no(), np.zeros(n_rows), np.zeros(ns),
             np.zeros(n_rows, dtype=bool),
-            self.contact, no(), np.full(1, -1), no(), np.zeros((ns, n)),
+            self.contact, no(), np.full(1, -1), no(), np.zeros((ns, n)), no(),
         )  # fmt: skip
+
+    def softened(self, shares: Sequence[float]) -> MovingPlan:
+        """The same if shares of the flexibilities of the bodies on rigid surfaces yield, by these contacts."""
+        surfaces, end = self.surfaces, len(self.surfaces.numbers)
+        numbers, places = [surfaces.numbers], surfaces.flexibility.copy()
+        for s, share in enumerate(shares):
+            size = int(surfaces.sizes[s, D] * surfaces.sizes[s, K]) ** 2
+            numbers.append(share * surfaces.numbers[places[s] :][:size])
+            places[s], end = end, end + size
+        return replace(self, surfaces=surfaces._replace(numbers=np.concatenate(numbers), flexibility=places))
 
     def with_room(self, blocks: FlatBlocks) -> FlatBlocks:
         """Return blocks in which each moving contact has matrices of its own, for they change in a run."""

@@ -277,7 +277,7 @@ def anchor_surface(blocks: FlatBlocks, surfaces: Surfaces, state: MovingState, s
             for a in range(3):
                 most = max(most, abs(here[i - first, a] - state.along[i, a]))
     if not most <= same:
-        state.anchored[s], state.found[s] = True, False
+        state.anchored[s], state.fresh[s], state.found[s] = True, True, False
         for i in range(len(q)):
             state.anchors[s, i] = q[i]
         for c in range(6):
@@ -504,6 +504,13 @@ def count_steps(pairs: Pairs | None) -> None:
             one = pair_at(pairs, s)
             if one.may_freeze and not one.frozen and len(one.slots) > 0:
                 one.steps[0] += 1
+
+
+@inner
+def keep_fresh(state: MovingState, fresh: Array) -> None:
+    """Keep which contacts have found another anchor since the last sample, (ns,)."""
+    for s in range(len(fresh)):
+        fresh[s], state.fresh[s] = state.fresh[s], False
 
 
 @inner

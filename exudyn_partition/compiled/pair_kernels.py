@@ -319,7 +319,7 @@ def anchor_pair(blocks: FlatBlocks, pair: Pair, state: MovingState, s: int, q: A
         for k in range(3):
             most = max(most, abs(pair.here[i, k] / pair.size - pair.at_here[i, k] / pair.size))
     if not most <= same:
-        state.anchored[s], state.found[s] = True, False
+        state.anchored[s], state.fresh[s], state.found[s] = True, True, False
         for i in range(len(q)):
             state.anchors[s, i] = q[i]
         for c in range(6):

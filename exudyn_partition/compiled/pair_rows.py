@@ -313,7 +313,7 @@ class PairRows:
         before = gaps.anchor
         if gaps.anchored(same) != before:
             assert gaps.anchor is not None
-            state.anchored[self.s], state.found[self.s] = True, False
+            state.anchored[self.s], state.fresh[self.s], state.found[self.s] = True, True, False
             state.anchors[self.s, self._following.dofs] = gaps.anchor.q
             state.growing[self.s] = _both(gaps.anchor.growing)
             if self.compiled is not None:

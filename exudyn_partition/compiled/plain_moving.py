@@ -100,33 +100,33 @@ class PlainSurface:
         def matrix(name: str, rows: int, columns: int) -> Array:
             return surfaces.numbers[getattr(surfaces, name)[s] :][: rows * columns].reshape(rows, columns)
 
-        self._start, self._arms = matrix("start", k, 3), matrix("arms", k, 3)
-        self._rows, self._axes = matrix("rows", 3 * k, n), surfaces.axes[s]
+        self.start, self._arms = matrix("start", k, 3), matrix("arms", k, 3)
+        self.rows_on_nodes, self._axes = matrix("rows", 3 * k, n), surfaces.axes[s]
         self._growth = matrix("growth", 3 * k, 6) if surfaces.growth[s] >= 0 else None
-        self._F, self._fields = matrix("flexibility", d * k, d * k), matrix("fields", d * k, n_fields)
+        self.flexibility, self.node_fields = matrix("flexibility", d * k, d * k), matrix("fields", d * k, n_fields)
         nodes = surfaces.indices[surfaces.nodes[s] :][: p * m].reshape(p, m)
-        self._on_points = np.zeros((p, k))
-        np.add.at(self._on_points, (np.arange(p)[:, None], nodes), matrix("weights", p, m))
+        self.on_points = np.zeros((p, k))
+        np.add.at(self.on_points, (np.arange(p)[:, None], nodes), matrix("weights", p, m))
         begins = surfaces.indices[surfaces.begins[s] :][: nr + 1]
         columns, mean = surfaces.indices[surfaces.columns[s] :], surfaces.numbers[surfaces.mean[s] :]
-        self._mean = np.zeros((nr, p))
+        self.mean = np.zeros((nr, p))
         for row in range(nr):
             some = slice(begins[row], begins[row + 1])
-            self._mean[row, columns[some]] = mean[some]
-        self._surface = surfaces.kind[s], surfaces.point[s], surfaces.axis[s], surfaces.radius[s], surfaces.sign[s]
+            self.mean[row, columns[some]] = mean[some]
+        self.surface = surfaces.kind[s], surfaces.point[s], surfaces.axis[s], surfaces.radius[s], surfaces.sign[s]
 
     def gaps(self, state: MovingState, q: Array) -> Array:
         """Gaps of its rows, (nr,) [m]; sets the normals at its points."""
-        q_s, start, arms = q[self.dofs], self._start, self._arms
+        q_s, start, arms = q[self.dofs], self.start, self._arms
         if self.body is None:
-            x = loops.moved_places(start, self._rows, q_s)
+            x = loops.moved_places(start, self.rows_on_nodes, q_s)
         else:
             if state.grows[self.body.b] and self._growth is not None:
                 grown = node_fields(self._growth, state.products[self.body.b])
                 start, arms = start + grown @ self._axes.T, arms + grown
-            x = loops.places(q_s, start, self.body.rotation, self.body.node_axes, arms, self._rows)
-        kind, point, axis, radius, sign = self._surface
-        arm = self._on_points @ x - point
+            x = loops.places(q_s, start, self.body.rotation, self.body.node_axes, arms, self.rows_on_nodes)
+        kind, point, axis, radius, sign = self.surface
+        arm = self.on_points @ x - point
         along = arm @ axis
         if kind == 0:
             gap, state.normals[self.points] = along, axis
@@ -135,7 +135,7 @@ class PlainSurface:
             distance = np.sqrt(np.einsum("pa,pa->p", arm, arm))
             gap = sign * (distance - radius)
             state.normals[self.points] = sign * arm / np.maximum(distance, 1e-300)[:, None]
-        return np.asarray(self._mean @ gap)
+        return np.asarray(self.mean @ gap)
 
     def anchor(self, blocks: FlatBlocks, state: MovingState, q: Array, same: float) -> bool:
         """See `anchor_surface`."""
@@ -147,19 +147,19 @@ class PlainSurface:
                 here = here @ turned @ self.body.node_axes.T
             far = far or not abs(here - state.along[self.points]).max() <= same
         if far:
-            state.anchored[s], state.found[s], state.anchors[s] = True, False, q
+            state.anchored[s], state.fresh[s], state.found[s], state.anchors[s] = True, True, False, q
             state.growing[s, :6] = 0.0 if self.body is None else state.products[self.body.b]
             if self.d > 1:
                 state.along[self.points] = here
         if state.found[s]:
             return False
-        j, nr, k = self.contact, len(self._mean), len(self._start)
-        along = state.along[self.points] if self.d > 1 else np.full((len(self._on_points), 1), -1.0)
-        rows = np.einsum("rp,pk,pa->rka", self._mean, self._on_points, along).reshape(nr, self.d * k)
-        own = rows @ self._F @ rows.T
+        j, nr, k = self.contact, len(self.mean), len(self.start)
+        along = state.along[self.points] if self.d > 1 else np.full((len(self.on_points), 1), -1.0)
+        rows = np.einsum("rp,pk,pa->rka", self.mean, self.on_points, along).reshape(nr, self.d * k)
+        own = rows @ self.flexibility @ rows.T
         self.own(blocks)[:], state.diagonal[self.rows(blocks)] = 0.5 * (own + own.T), own.diagonal()
-        n_fields = self._fields.shape[1]
-        blocks.numbers[blocks.fields[j] :][: n_fields * nr] = (rows @ self._fields).T.ravel()
+        n_fields = self.node_fields.shape[1]
+        blocks.numbers[blocks.fields[j] :][: n_fields * nr] = (rows @ self.node_fields).T.ravel()
         state.found[s], blocks.n_closed[j], state.added[s] = True, -1, -1.0
         return True
 
@@ -169,12 +169,12 @@ class PlainSurface:
 
     def own(self, blocks: FlatBlocks) -> Array:
         """Its flexibility, (nr, nr), regularised; a view."""
-        nr = len(self._mean)
+        nr = len(self.mean)
         return blocks.numbers[blocks.own[self.contact] :][: nr * nr].reshape(nr, nr)
 
     def fields(self, blocks: FlatBlocks) -> Array:
         """Its fields, (nr, m)."""
-        n_fields, nr = self._fields.shape[1], len(self._mean)
+        n_fields, nr = self.node_fields.shape[1], len(self.mean)
         return blocks.numbers[blocks.fields[self.contact] :][: n_fields * nr].reshape(n_fields, nr).T
 
     def regularise(self, blocks: FlatBlocks, state: MovingState, gap: Array, bulge: float, share: float) -> None:
@@ -189,14 +189,14 @@ class PlainSurface:
 
     def push(self, state: MovingState, q: Array, lam: Array, force: Array, values: Array) -> None:
         """See `forces_of_surface`."""
-        pushes = (self._mean.T @ lam)[:, None] * state.normals[self.points]
+        pushes = (self.mean.T @ lam)[:, None] * state.normals[self.points]
         values[2:5] = pushes.sum(axis=0)
-        on_nodes = np.ascontiguousarray(self._on_points.T @ pushes)
+        on_nodes = np.ascontiguousarray(self.on_points.T @ pushes)
         if self.body is None:
-            force[self.dofs] += loops.on_shapes(self._rows, on_nodes)
+            force[self.dofs] += loops.on_shapes(self.rows_on_nodes, on_nodes)
         else:
             frame = self.body.rotation, self.body.node_axes
-            force[self.dofs] += loops.generalised(q[self.dofs], *frame, self._arms, self._rows, on_nodes)
+            force[self.dofs] += loops.generalised(q[self.dofs], *frame, self._arms, self.rows_on_nodes, on_nodes)
 
 
 class PlainPair:

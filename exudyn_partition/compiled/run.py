@@ -41,8 +41,8 @@ class Histories:
 
     Parameters
     ----------
-    q, v : (n, nq) arrays
-        Samples of coordinates and velocities, with that of the start; n is 0 if they were not asked for.
+    q, v, a : (n, nq) arrays
+        Samples of coordinates, velocities and accelerations, with that of the start; n is 0 if they were not asked for.
     values : (n, nc, 6) array
         Samples of each contact, see `frozen.FrozenContacts`.
     stored : (n, nc) array
@@ -53,6 +53,8 @@ class Histories:
         Samples of each contact with friction, see `loops.Samples`.
     along, status : (n, 2 k), (n, k) csr matrices or None
         Tangential forces on the rows of these contacts, and states, see there; None if they were not asked for.
+    fresh : (n, ns) bool array
+        See `loops.Samples`.
     start : Start
         State before the first step, with accelerations.
     end : Start
@@ -74,12 +76,14 @@ class Histories:
 
     q: Array
     v: Array
+    a: Array
     values: Array
     stored: Array
     lam: sp.csr_matrix | None
     friction: Array
     along: sp.csr_matrix | None
     status: sp.csr_matrix | None
+    fresh: Array
     start: Start
     end: Start
     end_values: Array
@@ -141,20 +145,21 @@ def without_start(made: Histories) -> Histories:
     """Return a run without the sample of its start, for it goes on from another one."""
     lam, along, status = (None if part is None else part[1:] for part in (made.lam, made.along, made.status))
     return replace(
-        made, q=made.q[1:], v=made.v[1:], values=made.values[1:], stored=made.stored[1:], friction=made.friction[1:],
-        lam=lam, along=along, status=status,
+        made, q=made.q[1:], v=made.v[1:], a=made.a[1:], values=made.values[1:], stored=made.stored[1:],
+        friction=made.friction[1:], lam=lam, along=along, status=status, fresh=made.fresh[1:],
     )  # fmt: skip
 
 
 def joined(first: Histories, later: Histories) -> Histories:
-    """One run of two, the second `without_start`. It has no forces on rows: their plans may have other rows."""
-    names = "q", "v", "values", "stored", "friction"
-    q, v, values, stored, friction = (
+    """One run of two, the second `without_start`. It has nothing of rows: their plans may have others."""
+    names = "q", "v", "a", "values", "stored", "friction"
+    q, v, a, values, stored, friction = (
         np.concatenate([getattr(part, name) for part in (first, later)]) for name in names
     )
     return replace(
-        later, q=q, v=v, values=values, stored=stored, friction=friction, start=first.start, lam=None, along=None,
-        status=None, made=first.made + later.made, iterations=first.iterations + later.iterations,
+        later, q=q, v=v, a=a, values=values, stored=stored, friction=friction, start=first.start, lam=None, along=None,
+        status=None, fresh=np.zeros((len(q), 0), dtype=bool), made=first.made + later.made,
+        iterations=first.iterations + later.iterations,
     )  # fmt: skip
 
 
@@ -192,10 +197,12 @@ class Record:
     def histories(self, made: int, stopped: Stop | None) -> Histories:
         """All that was added; `made` is the number of steps, `stopped` what stopped them."""
         stepper = self._stepper
-        q, v, values, stored, _, friction, *_ = (np.concatenate(parts) for parts in zip(*self._kept, strict=True))
+        q, v, a, values, stored, _, friction, _, _, fresh = (
+            np.concatenate(parts) for parts in zip(*self._kept, strict=True)
+        )
         lam, along, status = (sp.vstack(parts, format="csr") if self._rows else None for parts in self._on_rows)
         return Histories(
-            q, v, values, stored, lam, friction, along, status,
+            q, v, a, values, stored, lam, friction, along, status, fresh,
             start=self._start, end=stepper.state(), end_values=stepper.values.copy(), end_stored=stepper.stored.copy(),
             peaks=Peaks(*(part.copy() for part in stepper.peaks)),
             left=stepper.left, iterations=stepper.iterations, made=made, stopped=stopped,

@@ -19,6 +19,9 @@ from .stages import Standing
 
 _NONE = np.zeros(1, dtype=bool)
 
+# Of each contact and side: how much of the flexibility of its body counts.
+Shares = Sequence[Sequence[float]]
+
 # Numbers of a contact and its side, of another and its side, and the body's flexibility between the patches [m/N].
 Link = tuple[int, int, int, int, Flexibility]
 
@@ -34,6 +37,9 @@ class HasRows(Protocol):
 
     def side_rows(self, side: int) -> Rows:
         """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
+
+    def side_flexibility(self, place: int) -> Array:
+        """Contribution of one side to the flexibility of the present rows, (d nr, d nr) [m/N]."""
 
     def standing(self) -> Standing:
         """Where the rows stand."""
@@ -226,13 +232,19 @@ class Exchange:
         """Which fields of contact j are those of a side, (m,) bool."""
         return self._of_sides.get((j, side), _NONE)
 
-    def yielding(self, shares: Sequence[Sequence[float]]) -> dict[tuple[int, int], Array]:
+    def yielding(self, shares: Shares) -> dict[tuple[int, int], Array]:
         """Return `core` if only shares of the bodies' flexibilities yield, by the sides of the contacts."""
         core = {}
         for (j, k), block in self.core.items():
             rows = sum(share * self.of_side(j, side) for side, share in enumerate(shares[j]))
             core[j, k] = np.reshape(rows, (-1, 1)) * block
         return core
+
+
+def shared_flexibility(rows: HasRows, shares: Sequence[float]) -> Array:
+    """Flexibility of the present rows of a contact, (d nr, d nr) [m/N], with shares of those of its sides."""
+    parts = [share * rows.side_flexibility(place) for place, share in enumerate(shares)]
+    return np.asarray(np.sum(parts, axis=0))
 
 
 class RowFields(Between):

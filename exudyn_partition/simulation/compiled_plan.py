@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,8 +21,9 @@ from ..compiled.moving import (
     rows_of,
     surfaces_of,
 )
-from ..compiled.plan import Bodies, FrozenPlan, StepPlan, joined_fields
+from ..compiled.plan import Bodies, Core, FrozenPlan, StepPlan, joined_fields
 from ..compiled.start import Start
+from ..contact.between import Shares, shared_flexibility
 from ..contact.followed import BULGE
 from ..contact.formulations.choices import Compliance
 from ..contact.formulations.coupled import CoupledContacts, SharedPatches
@@ -48,6 +49,8 @@ from ..support.arrays import Array
 from ..support.foreign import ItemEntry, MainSystem
 from ..support.optional import require
 
+# Contacts that are solved together at the start of a run, and what finds their forces.
+Groups = Sequence[tuple[Together, Sequence[PatchContact]]]
 MOST_ROWS = 700  # of contacts with friction that are solved together: their matrices take 100 MB
 
 
@@ -186,7 +189,7 @@ def _of_sensors(mbs: MainSystem) -> Iterator[str]:
             yield f"sensor {entry['name']!r} writes a file"
 
 
-def read_plan(mbs: MainSystem, groups: Sequence[tuple[Together, Sequence[PatchContact]]]) -> StepPlan:
+def read_plan(mbs: MainSystem, groups: Groups) -> StepPlan:
     """Plan of the compiled steps of a model that `check_held` has passed.
 
     Parameters
@@ -241,7 +244,7 @@ def at_start(contacts: Sequence[PartitionContact]) -> list[tuple[Together, list[
 def _contacts_plan(
     mbs: MainSystem,
     contacts: Sequence[PartitionContact],
-    groups: Sequence[tuple[Together, Sequence[PatchContact]]],
+    groups: Groups,
 ) -> FrozenPlan:
     """Plan of all contacts, group by group."""
     ordered = in_groups(contacts)
@@ -280,7 +283,7 @@ def _rows(mbs: MainSystem, contacts: Sequence[PartitionContact], members: Sequen
 def _friction_plan(
     mbs: MainSystem,
     ordered: Sequence[Sequence[PartitionContact]],
-    groups: Sequence[tuple[Together, Sequence[PatchContact]]],
+    groups: Groups,
 ) -> FrictionPlan:
     """Plan of groups of contacts with friction."""
     contacts, members = [one for group in ordered for one in group], [one for _, some in groups for one in some]
@@ -301,11 +304,7 @@ def _friction_plan(
             ways.append(np.zeros((2 * nr, mechanics.gaps.n)))
             tangents.append(np.zeros((nr, 2, 3)))
     for together, some in groups:
-        every = np.arange(len(some[0].gaps.row_nodes))
-        if isinstance(together, CoupledFriction):
-            F = together.whole_flexibility()
-        else:
-            F = some[0].rows.flexibility(every)
+        F = _whole(together, some)
         Complementarity(regularised(F))  # which checks it
         flexibilities.append(F)
     starts = np.cumsum([0, *(len(some) for _, some in groups)])
@@ -333,17 +332,49 @@ def friction_memory(groups: Sequence[Sequence[PatchContact]]) -> FrictionMemory:
     )  # fmt: skip
 
 
+def softened(plan: FrozenPlan, groups: Groups, shares: Shares) -> FrozenPlan:
+    """The same contacts if only shares of the bodies' flexibilities yield, by the sides of all contacts of a plan."""
+    friction, n, places = plan.friction, 0, iter(shares)
+    blocks, flexibilities = list[tuple[Sequence[Array], Core]](), list[Array]()
+    own = list[Array]()
+    for together, members in groups:
+        of_group = [next(places) for _ in members]
+        if n < len(plan.names):
+            of_contacts, fields, core = _blocks(together, members, of_group)
+            blocks.append((fields, core))
+            own += of_contacts
+        else:
+            flexibilities.append(_whole(together, members, of_group))
+        n += len(members)
+    fields, core = joined_fields(blocks)
+    moving = plan.moving and plan.moving.softened([shares[j][0] for j in plan.moving.surfaces.contact])
+    return replace(
+        plan, own=tuple(own), fields=fields, core=core, friction=friction and friction.softened(flexibilities),
+        moving=moving,
+    )  # fmt: skip
+
+
+def _whole(together: Together, members: Sequence[PatchContact], shares: Shares | None = None) -> Array:
+    """See `CoupledFriction.whole_flexibility`; also of a contact alone."""
+    if isinstance(together, CoupledFriction):
+        return together.whole_flexibility(shares)
+    (alone,) = members
+    if shares is None:
+        return alone.rows.flexibility(np.arange(len(alone.gaps.row_nodes)))
+    return shared_flexibility(alone.rows, shares[0])
+
+
 def _blocks(
-    together: Together, members: Sequence[PatchContact]
-) -> tuple[Sequence[Array], Sequence[Array], Mapping[tuple[int, int], Array]]:
+    together: Together, members: Sequence[PatchContact], shares: Shares | None = None
+) -> tuple[Sequence[Array], Sequence[Array], Core]:
     """See `CoupledContacts.blocks`; a contact alone whose rows move exchanges nothing."""
     if isinstance(together, CoupledContacts):
-        return together.blocks()
+        return together.blocks(shares)
     sizes = [len(rows_of(member.gaps)) for member in members]
     return [np.zeros((n, n)) for n in sizes], [np.zeros((n, 0)) for n in sizes], {}
 
 
-def _moving(mbs: MainSystem, groups: Sequence[tuple[Together, Sequence[PatchContact]]]) -> MovingPlan | None:
+def _moving(mbs: MainSystem, groups: Groups) -> MovingPlan | None:
     """Bodies in floating frames and moving contacts; None if there are none."""
     turning, (rigid, pairs) = _turning(mbs), moving_contacts(mbs, groups)
     if not turning and not rigid and not pairs:
@@ -362,9 +393,7 @@ def _turning(mbs: MainSystem) -> list[Turning]:
     return found
 
 
-def moving_contacts(
-    mbs: MainSystem, groups: Sequence[tuple[Together, Sequence[PatchContact]]]
-) -> tuple[list[Following], list[Following]]:
+def moving_contacts(mbs: MainSystem, groups: Groups) -> tuple[list[Following], list[Following]]:
     """Contacts whose rows follow the motion, with rigid surfaces and of two bodies; `groups` as `read_plan` takes."""
     bodies, contacts = partition_items(mbs)
     floating = [item for item in bodies if item.frame == "floating"]
@@ -393,9 +422,7 @@ def with_anchors(start: Start, rigid: Sequence[Following], pairs: Sequence[Follo
     )
 
 
-def follow_frozen(
-    mbs: MainSystem, groups: Sequence[tuple[Together, Sequence[PatchContact]]], pairs: Sequence[Following], end: Start
-) -> list[GapState]:
+def follow_frozen(mbs: MainSystem, groups: Groups, pairs: Sequence[Following], end: Start) -> list[GapState]:
     """Let contacts with frozen pairs, without friction, be those of a plan whose rows follow facets.
 
     Parameters

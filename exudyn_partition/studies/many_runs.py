@@ -140,7 +140,7 @@ def run_many(
         - "damping", (B,) or (B, k): ratio of all modes, or of each of the k elastic modes;
         - "E", "rho", (B,) [Pa, kg/m3]: of the body's one material, without a new reduction. Shapes stay, stiffness goes
           with E, mass with rho, the contact's flexibility with 1 / E, and ratios of damping stay. Not of bodies in
-          floating frames, or in contact with curved rigid surfaces.
+          floating frames, or whose rows follow facets of another body.
 
         For a contact that has friction, "friction", (B,): the coefficient, the same in stick and slip.
     step : float, optional

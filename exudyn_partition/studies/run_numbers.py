@@ -102,19 +102,18 @@ def _duration(j: int, run: MadeRun) -> tuple[float, Array]:
     made, contacts, h = run.histories, run.plan.contacts, run.steps.step
     if contacts.move_each_other:
         raise InputError("of: 'duration' is not known where contacts move each other; take another number")
-    rows, (n, nq) = slice(*contacts.all_starts[j : j + 2]), made.q.shape
-    H, by_q, total = run.B[run.normals[rows]], np.zeros((n, nq)), 0.0
-    start_gaps = run.gap_starts[rows]
+    n, nq = made.q.shape
+    by_q, total = np.zeros((n, nq)), 0.0
 
     def crossing(inside: int, outside: int, sign: float) -> float:
         if not 0 <= outside < n:
             return sign * inside * h
-        gaps = [start_gaps + H @ made.q[s] for s in (inside, outside)]
-        row_in, row_out = (int(gap.argmin()) for gap in gaps)
-        g_in, g_out = float(gaps[0][row_in]), float(gaps[1][row_out])
+        (gaps_in, H_in), (gaps_out, H_out) = run.gaps(j, inside), run.gaps(j, outside)
+        row_in, row_out = int(gaps_in.argmin()), int(gaps_out.argmin())
+        g_in, g_out = float(gaps_in[row_in]), float(gaps_out[row_out])
         way, slope = (outside - inside) * h, (g_in - g_out) ** 2
-        by_q[inside] -= sign * way * g_out / slope * H[row_in]
-        by_q[outside] += sign * way * g_in / slope * H[row_out]
+        by_q[inside] -= sign * way * g_out / slope * H_in[row_in]
+        by_q[outside] += sign * way * g_in / slope * H_out[row_out]
         return sign * (inside * h + way * g_in / (g_in - g_out))
 
     for first, last in closed_spans(made.values[:, j, 0]):

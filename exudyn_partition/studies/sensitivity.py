@@ -11,7 +11,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.blas_threads import one_blas_thread
-from ..algebra.complementarity import regularised
 from ..compiled.adjoint import Derivatives, backwards
 from ..compiled.made_run import MadeRun
 from ..compiled.plan import StepPlan
@@ -56,8 +55,8 @@ class Sensitivity:
     by : dict of PartitionBody or PartitionContact to dict of str to array or float
         Derivatives by what `run_many` varies: (3,) arrays for vectors, floats for numbers, and (n_elastic,) for a
         damping that has a ratio for each mode. Of k numbers, arrays have one dimension more, the first. E and rho are
-        missing for bodies of no one material, and E where contacts move each other. Of a contact with friction, that
-        by its coefficient, "friction"; if the coefficient falls, by "static" and "kinetic" one and "decay" [s/m].
+        missing for bodies of no one material. Of a contact with friction, that by its coefficient, "friction"; if the
+        coefficient falls, by "static" and "kinetic" one and "decay" [s/m].
     steps : int
         Steps of the run.
     changes : int
@@ -155,8 +154,8 @@ def sensitivity(
     Raises
     ------
     CompiledRunError
-        If compiled runs cannot hold the model, or a frame is floating, or a rigid surface curved; the message lists all
-        reasons.
+        If compiled runs cannot hold the model, or a frame is floating, or rows follow facets of another body; the
+        message lists all reasons.
     InputError
         If an argument is wrong, or nothing touches.
     RunError
@@ -192,8 +191,10 @@ def sensitivity(
             number = energy_of_body(model.places[at], made)
         else:
             number = history.number(model.places[at], steps, histories)
-        found, margins = backwards(made, number.weights, _parts(plan, model)), made.margins
-    derivatives = _Derivatives(model, plan, found, number)
+        yielding = [item for item in bodies if model.entries.touching(item)]
+        parts = [made.part(model.entries.part(item, 0), model.entries.touching(item)) for item in yielding]
+        found, margins = backwards(made, number.weights, parts), made.margins
+    derivatives = _Derivatives(model, plan, found, number, yielding)
     single = history is None or history.times is None
     found_by: dict[PartitionBody | PartitionContact, dict[str, Array]] = {item: derivatives.by(item) for item in bodies}
     for place, contact in enumerate(model.contacts):
@@ -215,13 +216,16 @@ def _check_adjoint(model: VariedModel, plan: StepPlan) -> None:
     moving = plan.contacts.moving
     if moving is None:
         return
+    names = plan.contacts.names
     bodies = [f"body {item.name!r} has a floating frame" for item in model.places if item.frame == "floating"]
-    rows = [f"contact {plan.contacts.names[j]!r} has rows that follow the motion" for j in moving.contact]
-    listed = "".join(f"\n- {reason}" for reason in (*bodies, *rows))
-    raise CompiledRunError(
-        f"sensitivity: derivatives are those of steps in which gaps are linear in the coordinates:{listed}\nTake "
-        "frame='inertial' and rigid planes, or differences of ep.run_many"
-    )
+    pairs = [f"contact {names[one.contact]!r} has rows that follow facets of another body" for one in moving.pairs]
+    if bodies or pairs:
+        listed = "".join(f"\n- {reason}" for reason in (*bodies, *pairs))
+        advice = [*["frame='inertial'"] * bool(bodies), *["pairs that stay where they are"] * bool(pairs)]
+        raise CompiledRunError(
+            f"sensitivity: the pass back over the steps does not have all of this model:{listed}\n"
+            f"Take {' and '.join(advice)}, or differences of ep.run_many"
+        )
 
 
 def _run(plan: StepPlan, start: Start, steps: EqualSteps) -> tuple[StepPlan, Histories]:
@@ -328,17 +332,6 @@ def _one_row(item: PartitionBody, rows: object) -> Array:
     return by_coordinates
 
 
-def _parts(plan: StepPlan, model: VariedModel) -> list[list[Array]]:
-    """Parts of each contact's flexibility, by its sides, (d nr, d nr) [m/N]; none where contacts move each other."""
-    if plan.contacts.move_each_other:
-        return [[] for _ in model.gaps]
-    E = [[model.variations.factor(item, "E", 0) for item, _ in contact.sides] for contact in model.contacts]
-    return [
-        [regularised(rows.side_flexibility(place)) / factor for place, factor in enumerate(factors)]
-        for rows, factors in zip(model.entries.rows, E, strict=True)
-    ]
-
-
 class _Derivatives:
     """Derivatives of k numbers by what `run_many` varies.
 
@@ -349,10 +342,20 @@ class _Derivatives:
         Of its one entry.
     found : Derivatives
     number : Number
+    yielding : sequence of PartitionBody
+        Whose flexibility is each of the parts in `found`.
     """
 
-    def __init__(self, model: VariedModel, plan: StepPlan, found: Derivatives, number: Number) -> None:
+    def __init__(
+        self,
+        model: VariedModel,
+        plan: StepPlan,
+        found: Derivatives,
+        number: Number,
+        yielding: Sequence[PartitionBody],
+    ) -> None:
         self._model, self._plan, self._found, self._number = model, plan, found, number
+        self._flexibility = dict(zip(yielding, found.flexibility, strict=True))
 
     def by(self, item: PartitionBody) -> dict[str, Array]:
         """Derivatives by the quantities of a body, (k,), (k, 3) or (k, n_elastic)."""
@@ -379,9 +382,8 @@ class _Derivatives:
         weight = before if gravity is None else kinematics.weight(gravity)
         of_mass = self._of_matrix("mass", dofs) + rho * load @ weight
         result["rho"] = (of_mass + by_rho * of_damping) / (rho * material.rho)
-        if not self._plan.contacts.move_each_other:
-            stiff = self._of_matrix("stiffness", dofs) + by_E * of_damping - self._of_sides(item)
-            result["E"] = stiff / (E * material.E)
+        stiff = self._of_matrix("stiffness", dofs) + by_E * of_damping - self._flexibility.get(item, 0.0)
+        result["E"] = stiff / (E * material.E)
         return result
 
     def by_friction(self, place: int) -> dict[str, Array]:
@@ -402,12 +404,3 @@ class _Derivatives:
             by_numbers = by_numbers + getattr(self._number.explicit, name)[dofs]
         by_factor: Array = by_numbers @ getattr(self._plan.bodies, name)[dofs]
         return by_factor
-
-    def _of_sides(self, item: PartitionBody) -> Array:
-        """Derivatives by a factor of a body's flexibility in all contacts, (k,)."""
-        of_sides = np.zeros(len(self._found.v))
-        for contact, parts in zip(self._model.contacts, self._found.flexibility, strict=True):
-            for (side, _), part in zip(contact.sides, parts, strict=True):
-                if side == item:
-                    of_sides = of_sides + part
-        return of_sides

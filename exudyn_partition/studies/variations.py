@@ -9,18 +9,16 @@ from functools import cached_property
 
 import numpy as np
 
-from ..algebra.complementarity import regularised
 from ..algebra.coulomb import Coulomb
 from ..compiled.moving import Following, anchors_at, pairs_at
 from ..compiled.plan import Bodies, FrozenPlan, StepPlan
 from ..compiled.start import Start
-from ..contact.normal_rows import NormalRows
-from ..contact.tangential import TangentialRows
 from ..errors import InputError
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..frames.damping import Ratios, Rayleigh, damping_of
 from ..frames.floating import FloatingKinematics
+from ..simulation.compiled_plan import Groups, softened
 from ..support.arrays import Array
 from ..support.checks import validate_array
 
@@ -160,8 +158,8 @@ class Entries:
         Numbers of the coordinates of each body.
     contacts : sequence of PartitionContact
         In the order of the plan.
-    rows : sequence of NormalRows or TangentialRows
-        Of these contacts at the start.
+    groups : Groups
+        These contacts at the start, as they are solved together.
     variations : Variations
     following : two sequences of Following
         Contacts whose rows follow the motion: with rigid surfaces, and of two bodies.
@@ -173,43 +171,27 @@ class Entries:
         start: Start,
         places: Mapping[PartitionBody, Array],
         contacts: Sequence[PartitionContact],
-        rows: Sequence[NormalRows | TangentialRows],
+        groups: Groups,
         variations: Variations,
         following: tuple[Sequence[Following], Sequence[Following]] = ((), ()),
     ) -> None:
         self._plan, self._start, self._places, self._contacts = plan, start, places, contacts
-        self._rows, self._variations, self._following = rows, variations, following
+        self._groups, self._variations, self._following = groups, variations, following
         self._check_turning()
-        if self._differ() and plan.contacts.move_each_other:
-            raise InputError(
-                "vary: E of bodies whose contacts move each other through them: give each body the same factor of E "
-                "in an entry, or run entries by solve_dynamic"
-            )
 
     def _check_turning(self) -> None:
         """Raise an error if E or rho varies of a body whose inertia forces or moving rows go with them."""
         moving = self._plan.contacts.moving
-        contacts = [] if moving is None else [self._contacts[j] for j in moving.contact.tolist()]
+        contacts = [] if moving is None else [self._contacts[one.contact] for one in moving.pairs]
         follow = [item for contact in contacts for item, _ in contact.sides]
         for item in self._places:
             named = [name for name in POSITIVE if self._variations.varies(item, name)]
             if named and (item.frame == "floating" or item in follow):
                 raise InputError(
-                    f"vary: {named[0]} of body {item.name!r}, which has a floating frame, or touches a curved rigid "
-                    "surface: compiled runs have no factor for its growth and its rows. Reduce a body of each "
-                    "material, or take frame='inertial' and a RigidPlane"
+                    f"vary: {named[0]} of body {item.name!r}, which has a floating frame, or rows that follow facets "
+                    "of another body: compiled runs have no factor for its growth and these rows. Reduce a body of "
+                    "each material, or take frame='inertial' and pairs that stay where they are"
                 )
-
-    def _differ(self) -> bool:
-        """Whether bodies have different factors of E in an entry."""
-        values, count = self._variations, self._variations.count
-        factors = np.array([[values.factor(item, "E", i) for item in self._places] for i in range(count)])
-        return bool((np.ptp(factors, axis=1) > 0).any())
-
-    @property
-    def rows(self) -> Sequence[NormalRows | TangentialRows]:
-        """Of all contacts at the start."""
-        return self._rows
 
     @property
     def size(self) -> int:
@@ -230,28 +212,25 @@ class Entries:
         contacts, key = self._plan.contacts, self.flexibility_key(entry)
         if all(factor == 1.0 for factor in key):
             return contacts
-        if contacts.move_each_other:  # then all factors are the same
-            core = {pair: block / key[0] for pair, block in contacts.core.items()}
-            friction = contacts.friction and contacts.friction.softened(
-                [F / key[0] for F in contacts.friction.flexibilities]
-            )
-            return replace(contacts, own=tuple(F / key[0] for F in contacts.own), core=core, friction=friction)
-        factors, parts = dict(zip(self._places, key, strict=True)), list[Array]()
-        for contact, sides in zip(self._contacts, self._sides, strict=True):
-            parts.append(np.sum([F / factors[item] for (item, _), F in zip(contact.sides, sides, strict=True)], axis=0))
-        n = len(contacts.names)
-        friction = contacts.friction and contacts.friction.softened(parts[n:])
-        return replace(contacts, own=tuple(map(regularised, parts[:n])), friction=friction)
+        return self._softened({item: 1.0 / factor for item, factor in zip(self._places, key, strict=True)})
+
+    def part(self, item: PartitionBody, entry: int) -> FrozenPlan:
+        """Contacts of an entry in which no body but one yields."""
+        return self._softened({item: 1.0 / self._variations.factor(item, "E", entry)})
+
+    def touching(self, item: PartitionBody) -> list[int]:
+        """Numbers of the contacts of a body."""
+        return [j for j, contact in enumerate(self._contacts) if any(side == item for side, _ in contact.sides)]
+
+    def _softened(self, shares: Mapping[PartitionBody, float]) -> FrozenPlan:
+        """Contacts in which shares of the flexibilities of some bodies yield."""
+        of_sides = [[shares.get(item, 0.0) for item, _ in contact.sides] for contact in self._contacts]
+        return softened(self._plan.contacts, self._groups, of_sides)
 
     @cached_property
     def of_ratio_one(self) -> dict[PartitionBody, Array]:
         """Diagonal of each body's damping with a ratio of one, (n_dofs,); its elastic modes come last."""
         return {item: damping_of(item.kinematics, 1.0).matrix().diagonal() for item in self._places}
-
-    @cached_property
-    def _sides(self) -> list[list[Array]]:
-        """Flexibility of each side at the rows of each contact, (d nr, d nr) [m/N]."""
-        return [[rows.side_flexibility(place) for place in range(len(rows.gaps.sides))] for rows in self._rows]
 
     def plan(self, entry: int, contacts: FrozenPlan) -> StepPlan:
         """Plan of an entry with its contacts.

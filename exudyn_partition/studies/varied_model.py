@@ -69,11 +69,10 @@ class VariedModel:
         times = _times(mbs, end_time, step, bodies, variations, progress)
         hold_damping(mbs)
         groups, planned = at_start(contacts), [contact for group in in_groups(contacts) for contact in group]
-        places, members = {item: dofs_of(mbs, item) for item in bodies}, [one for _, some in groups for one in some]
-        rows, gaps = [one.rows for one in members], [one.gaps for one in members]
+        places, gaps = {item: dofs_of(mbs, item) for item in bodies}, [one.gaps for _, some in groups for one in some]
         following = moving_contacts(mbs, groups)
         start = with_anchors(initial_start(mbs), *following)
-        entries = Entries(read_plan(mbs, groups), start, places, planned, rows, variations, following)
+        entries = Entries(read_plan(mbs, groups), start, places, planned, groups, variations, following)
         return cls(places, planned, gaps, variations, times, entries)
 
 

@@ -6,7 +6,7 @@ import scipy.sparse as sp
 from oracles import each_way
 
 from exudyn_partition.compiled.adjoint import OneNumber, Sums, backwards
-from exudyn_partition.compiled.made_run import MadeRun
+from exudyn_partition.compiled.made_run import MadeRun, Part
 from exudyn_partition.compiled.plan import Bodies, FrozenPlan, StepPlan, joined_fields
 from exudyn_partition.compiled.run import EqualSteps, run
 from exudyn_partition.compiled.start import Start
@@ -14,6 +14,8 @@ from exudyn_partition.contact.linear_gaps import FlatRows, LinearGaps
 
 M, F, SPEED = 2.0, 1e-4, 3.0  # [kg], flexibility of the wall [m/N], [m/s]
 OMEGA = 1 / np.sqrt(M * F)
+
+PART = Part(np.array([0]), np.array([[F]]))  # all of the flexibility
 
 
 def wall(gap=0.0, reach=np.inf, **bodies):
@@ -97,7 +99,7 @@ def test_steps_by_numpy_are_the_same():
 def test_accelerations_of_all_samples():
     plan, steps = wall(load=7.0, stiffness=50.0, damping=30.0), EqualSteps(np.pi / OMEGA / 200, 250)
     made = thrown(plan, steps)
-    found = MadeRun(plan, steps, made).accelerations
+    found = made.a
     np.testing.assert_allclose(np.diff(made.v, axis=0), 0.5 * steps.step * (found[1:] + found[:-1]), rtol=0, atol=1e-12)
     np.testing.assert_allclose(found[-1], made.end.a, rtol=1e-12)
 
@@ -108,10 +110,10 @@ def test_derivatives_of_the_velocity_afterwards():
     plan = wall()
     made = thrown(plan, steps)
     weights = OneNumber(0 * made.lam, np.zeros_like(made.q), np.ones(1))
-    found = backwards(MadeRun(plan, steps, made), weights, [[np.array([[F]])]])
+    found = backwards(MadeRun(plan, steps, made), weights, [PART])
     assert found.v.item() == pytest.approx(-1.0, abs=1e-3)
     assert abs(found.bodies.mass.item()) * M < 1e-2 * SPEED
-    assert abs(found.flexibility[0].item()) < 1e-2 * SPEED
+    assert abs(found.flexibility.item()) < 1e-2 * SPEED
 
 
 def test_derivatives_of_the_largest_force():
@@ -121,13 +123,11 @@ def test_derivatives_of_the_largest_force():
     made = thrown(plan, steps)
     lam = 0 * made.lam
     lam[int(made.values[:, 0, 0].argmax()), 0] = 1.0
-    found = backwards(
-        MadeRun(plan, steps, made), OneNumber(lam.tocsr(), np.zeros_like(made.q), np.zeros(1)), [[np.array([[F]])]]
-    )
+    found = backwards(MadeRun(plan, steps, made), OneNumber(lam.tocsr(), np.zeros_like(made.q), np.zeros(1)), [PART])
     peak = SPEED * np.sqrt(M / F)
     assert -SPEED * found.v.item() == pytest.approx(peak, rel=1e-5)
     assert M * found.bodies.mass.item() == pytest.approx(0.5 * peak, rel=2e-3)
-    assert found.flexibility[0].item() == pytest.approx(-0.5 * peak, rel=2e-3)
+    assert found.flexibility.item() == pytest.approx(-0.5 * peak, rel=2e-3)
 
 
 def test_fields_of_groups_that_exchange_nothing():
@@ -146,8 +146,8 @@ def test_compiled_and_plain_adjoints_agree():
     weights = Sums(sp.csr_matrix(made.lam.shape), samples, np.array([0.3]), np.array([1.0]))
 
     def found():
-        of_sums = backwards(MadeRun(plan, steps, made), weights, [[np.array([[F]])]])
-        return [of_sums.q, of_sums.v, *of_sums.bodies, of_sums.flexibility[0].T]
+        of_sums = backwards(MadeRun(plan, steps, made), weights, [PART])
+        return [of_sums.q, of_sums.v, *of_sums.bodies, of_sums.flexibility.T]
 
     for compiled, plain in zip(*each_way(found), strict=True):
         assert compiled.shape == (3, 1)

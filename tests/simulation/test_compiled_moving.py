@@ -460,9 +460,6 @@ def test_what_cannot_vary(marbles):
     mbs, [ball], _ = thrown(marbles["normal"], PLANE)
     with pytest.raises(InputError, match="vary: E of body 'ball', which has a floating frame"):
         ep.run_many(mbs, end_time=END, vary={ball: {"E": [2e11]}})
-    mbs, [ball], _ = thrown(marbles["normal"], HILL, frame="inertial")
-    with pytest.raises(InputError, match="vary: rho of body 'ball', which has a floating frame, or touches a curved"):
-        ep.run_many(mbs, end_time=END, vary={ball: {"rho": [7e3]}})
 
 
 def test_no_derivatives(marbles):
@@ -470,7 +467,7 @@ def test_no_derivatives(marbles):
     with pytest.raises(CompiledRunError) as raised:
         ep.sensitivity(mbs, end_time=END, of="peak_force", at=contact)
     assert "- body 'ball' has a floating frame" in str(raised.value)
-    assert "- contact 'ball south' has rows that follow the motion" in str(raised.value)
+    assert str(raised.value).count("\n- ") == 1
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,9 @@ have coarser patches of some 60 rows, and one flies aside, so that rows stick an
 The same of a ball that tumbles, in a floating frame, and hits a rigid plane: of its steps alone, of `solve_dynamic` and
 of the force; its reference is Exudyn's run of the same scene in the same process.
 A gradient: the pass back over the steps alone, `compiled.adjoint.backwards`, over these steps: derivatives of the peak
-force by all velocities, places, masses, stiffnesses, damping, loads, and by both halves of the contact's flexibility.
+force by all velocities, places, masses, stiffnesses, damping, loads, and by the contact's flexibility, twice. The same
+of a ball that hits a rigid sphere in an inertial frame, so that rows and their flexibility follow the motion; it has no
+limit.
 The wait for the compiler: processor time of a new process that loads the balls from files, makes the model and runs it
 compiled, without compiled code on disk, and with it.
 Limits: the steps alone take at most 0.25 of the reference, an entry of `run_many` 0.25, a compiled run 0.9, with
@@ -84,6 +86,15 @@ def tumbling(body):
     return mbs, contact
 
 
+def on_a_sphere(body):
+    """Model of a ball that hits a rigid sphere."""
+    mbs = exu.SystemContainer().AddSystem()
+    ball = ep.CreatePartitionBody(mbs, body, name="ball", initialVelocity=[SPEED, 0, -SPEED])
+    ep.CreatePartitionContact(mbs, ball, ep.RigidSphere((0, 0, -R), R))
+    mbs.Assemble()
+    return mbs
+
+
 def least_ms(work):
     """Least processor time of a function [ms], after one call that does not count."""
     work()
@@ -114,9 +125,8 @@ def gradient_alone(mbs):
     """A function that goes back over the steps."""
     plan, start, steps = arrays_of(mbs)
     contacts, made = plan.contacts, run(plan, start, steps)
-    weights = number_of_contact("peak_force", 0, MadeRun(plan, steps, made)).weights
-    flexibilities = contacts.own if contacts.friction is None else contacts.friction.flexibilities
-    parts = [[0.5 * F, 0.5 * F] for F in flexibilities]
+    whole = MadeRun(plan, steps, made)
+    weights, parts = number_of_contact("peak_force", 0, whole).weights, [whole.part(contacts, [0])] * 2
     return lambda: backwards(MadeRun(plan, steps, made), weights, parts)
 
 
@@ -159,6 +169,14 @@ def times(bodies, *, rough=False):
 
 
 @one_blas_thread()
+def curved_times(body):
+    """Steps and a gradient of a ball that hits a rigid sphere."""
+    mbs = on_a_sphere(body)
+    spent = {"steps": least_ms(steps_alone(mbs)), "gradient": least_ms(gradient_alone(mbs))}
+    return spent, {"curved_gradient": spent["gradient"] / spent["steps"]}
+
+
+@one_blas_thread()
 def tumbling_times(body):
     """The same of a ball that tumbles."""
     (mbs, contact), options = tumbling(body), {"end_time": END, "step": STEP, "progress": lambda share: None}
@@ -184,12 +202,14 @@ def main():
         spent, found = times(bodies)
         rough, of_rough = times(balls(rough=True), rough=True)
         tumbling_ms, of_tumbling = tumbling_times(bodies[0])
-    found |= {f"rough_{name}": value for name, value in of_rough.items()} | of_tumbling
+        curved_ms, of_curved = curved_times(bodies[0])
+    found |= {f"rough_{name}": value for name, value in of_rough.items()} | of_tumbling | of_curved
     first, second = waits(bodies)
     result = {
         "ms": spent,
         "rough_ms": rough,
         "tumbling_ms": tumbling_ms,
+        "curved_ms": curved_ms,
         "found": found,
         "limits": LIMITS,
         "first_process_s": first,

@@ -62,11 +62,15 @@ def surface_of(number):
     return surfaces[number % 4]
 
 
-def on_surface(number):
-    """Model of a body that flies at a rigid surface, its body and contact, and how long it runs [s]."""
+def on_surface(number, frame=None):
+    """Model of a body that flies at a rigid surface, its body and contact, and how long it runs [s].
+
+    Without a `frame`, some are inertial ones.
+    """
     scene, mbs = replace(drawn(number), shapes=("ball", "ball")), exu.SystemContainer().AddSystem()
     rng, ((upper, _), _) = np.random.default_rng(number), random_scenes.bodies_of(scene)
-    frame = "inertial" if number % 4 and rng.random() < 0.3 else "floating"
+    if frame is None:
+        frame = "inertial" if number % 4 and rng.random() < 0.3 else "floating"
     spin = {"initialAngularVelocity": 2e3 * rng.normal(size=3)} if frame == "floating" else {}
     thrown = ep.CreatePartitionBody(
         mbs, upper, name="upper", damping=scene.damping, gravity=1e3 * rng.normal(size=3), frame=frame,

@@ -1,11 +1,14 @@
 """Derivatives by the adjoint against differences of runs, in the random scenes of `compiled_runs`.
 
-Even seeds are scenes that have friction, half of them on a rigid plane; of a third the coefficient falls as contact
-slips. Odd seeds are all scenes, without friction.
+A third of the seeds are scenes that have friction, half of them on a rigid plane; of a third of these the coefficient
+falls as contact slips. A third are all scenes, without friction. A third are balls on rigid spheres, cylinders and
+bores: rows follow the motion, and normals and flexibility with them.
 Reference: central differences of `run_many`, whose parameters change by a share of a usual size: 1 m/s, 10 rad/s, 1 um,
 1e4 m/s2, a damping ratio of 0.02, E and rho of steel, a coefficient of 0.1. The share is 1e-5, 1e-6 or, with friction,
-1e-7 or 2e-8, whichever agrees best. Differences are curved where a coefficient falls with the speed of slip. Where a
-row changes its status within the larger change, there is a kink, and the smaller one has more round-off.
+1e-7 or 2e-8, on curved surfaces 3e-6, whichever agrees best. Differences are curved where a coefficient falls with the
+speed of slip. Where a row changes its status within the larger change, there is a kink, and the smaller one has more
+round-off, most on curved surfaces, where gaps are differences of lengths. There the flexibility of rows is found again
+where normals have changed by a hundredth; it jumps if a change moves that to another step.
 Quantity: largest difference of the derivatives of peak force, impulse, duration and the work of friction, times the
 usual size, over the number itself or the largest derivative of the kind. Scenes whose pairs slide are left out, and
 derivatives by places of bodies that touch at the start: these hold for one direction alone, which `Sensitivity.edges`
@@ -25,9 +28,11 @@ from rich.console import Console
 import exudyn_partition as ep
 from exudyn_partition.errors import RunError
 from validation.contact import scenes
-from validation.stability.compiled_runs import drawn, of_two
+from validation.stability.compiled_runs import drawn, of_two, on_surface
 
-COUNT, LIMITS, SHARES = 200, {"difference": 1e-6}, (1e-5, 1e-6, 1e-7, 2e-8)
+KINDS = ("with_friction", "without", "curved")
+COUNT, LIMITS, SHARES = 300, {"difference": 1e-6}, (1e-5, 1e-6)
+SHARES_OF = {"with_friction": (*SHARES, 1e-7, 2e-8), "without": SHARES, "curved": (1e-5, 3e-6, 1e-6)}
 NUMBERS = {"peak_force": "peak", "impulse": "impulse", "duration": "duration", "dissipated": "dissipated"}
 SIZES = {
     "initialVelocity": 1.0, "initialAngularVelocity": 10.0, "referencePosition": 1e-6, "gravity": 1e4,
@@ -48,7 +53,8 @@ def values(number, item, name):
     thrown = item.name == "upper"
     given = {"referencePosition": item.position}
     if thrown:
-        given |= {"initialVelocity": scene.velocity, "gravity": 1e3 * np.random.default_rng(number).normal(size=3)}
+        gravity = item.weight @ item.body.rigid[:, :3] / item.body.total_mass
+        given |= {"initialVelocity": scene.velocity, "gravity": gravity}
     return np.array(given.get(name, np.zeros(3)), dtype=float)
 
 
@@ -60,17 +66,21 @@ def changed(value, name, share):
 
 
 def scene_of(seed):
-    """Number of a scene, and whether its friction counts."""
-    if seed % 2:
-        return seed // 2, False
+    """Number of a scene, and its kind."""
+    kind, place = KINDS[seed % 3], seed // 3
+    if kind == "without":
+        return place, kind
+    if kind == "curved":  # every fourth surface is a plane
+        return place // 3 * 4 + place % 3 + 1, kind
     rough = (number for number in itertools.count() if drawn(number).friction is not None)
-    return next(itertools.islice(rough, seed // 2, None)), True
+    return next(itertools.islice(rough, place, None)), kind
 
 
 def checked(seed):
     """The row of a scene: its largest difference, and whether bodies touch at the start; None if pairs slide."""
-    number, friction = scene_of(seed)
-    mbs, _, contact, end = of_two(number, friction=friction)
+    number, kind = scene_of(seed)
+    friction = kind == "with_friction"
+    mbs, _, contact, end = on_surface(number, "inertial") if kind == "curved" else of_two(number, friction=friction)
     numbers = [of for of in NUMBERS if friction or of != "dissipated"]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -87,12 +97,12 @@ def checked(seed):
                 if (name == "damping" and not value) or (name == "referencePosition" and touch):
                     continue  # less than no damping is refused
                 errors = []
-                for share in SHARES[: 4 if friction else 2]:
+                for share in SHARES_OF[kind]:
                     vary = {item: {name: changed(value, name, share)}}
                     runs = ep.run_many(mbs, end_time=end, step=step, vary=vary, histories=())
                     errors.append([error(found[of], item, name, runs, share) for of in numbers])
                 worst = {of: max(worst[of], least) for of, least in zip(numbers, np.min(errors, axis=0), strict=True)}
-    return {"difference": float(max(worst.values())), "touch": touch, "friction": friction, "margin": one.margin}
+    return {"difference": float(max(worst.values())), "touch": touch, "kind": kind, "margin": one.margin}
 
 
 def error(found, item, name, runs, share):
@@ -114,10 +124,7 @@ def main():
                 rows[seed] = row
             report((seed + 1) / options.count)
     beyond = {seed: row for seed, row in rows.items() if row["difference"] > LIMITS["difference"]}
-    differences = {
-        kind: [row["difference"] for row in rows.values() if row["friction"] == (kind == "with_friction")]
-        for kind in ("with_friction", "without")
-    }
+    differences = {kind: [row["difference"] for row in rows.values() if row["kind"] == kind] for kind in KINDS}
     result = {
         "scenes": {kind: len(some) for kind, some in differences.items()},
         "touching": sum(row["touch"] for row in rows.values()),

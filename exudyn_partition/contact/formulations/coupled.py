@@ -16,7 +16,7 @@ from ...algebra.products import dense
 from ...errors import ComplementarityError
 from ...support.arrays import Array, consecutive
 from .. import loops
-from ..between import Between, Exchange, FlexibilityBetween, Link, RowFields
+from ..between import Between, Exchange, FlexibilityBetween, Link, RowFields, Shares, shared_flexibility
 from ..followed import BULGE
 from ..frozen import FrozenContacts
 from ..patch_contact import PatchContact
@@ -293,8 +293,13 @@ class CoupledContacts(Coupled):
         last.guess(np.concatenate([contact.evaluation.lam > 0.0 for contact in self.contacts]))
         return last
 
-    def blocks(self) -> tuple[list[Array], list[Array], Mapping[tuple[int, int], Array]]:
+    def blocks(self, shares: Shares | None = None) -> tuple[list[Array], list[Array], Mapping[tuple[int, int], Array]]:
         """Problem of the forces while pairs are frozen, see `BlockComplementarity`; zero for contacts whose rows move.
+
+        Parameters
+        ----------
+        shares : Shares, optional
+            How much of the flexibility of each side's body counts. Default: all.
 
         Returns
         -------
@@ -310,9 +315,11 @@ class CoupledContacts(Coupled):
                 fields.append(np.zeros((n_rows, n_fields)))
             else:
                 law.renew_problem()
-                own.append(law.problem.F)
+                own.append(
+                    law.problem.F if shares is None else regularised(shared_flexibility(contact.rows, shares[j]))
+                )
                 fields.append(self._fields.fields(j))
-        return own, fields, self._exchange.core
+        return own, fields, self._exchange.core if shares is None else self._exchange.yielding(shares)
 
     def patch_fields(self, j: int, side: int) -> Array:
         """Fields of a side's patch of contact j that contacts exchange, (d np, m), see `between.Exchange`."""

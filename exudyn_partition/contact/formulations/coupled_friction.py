@@ -16,6 +16,7 @@ from ...algebra.complementarity import Complementarity
 from ...algebra.products import smallest
 from ...errors import ComplementarityError
 from ...support.arrays import Array, consecutive
+from ..between import Shares, shared_flexibility
 from ..law import Forces, Places
 from ..patch_contact import PatchContact
 from .compliance import ClosingRows, FrictionalCompliance
@@ -43,19 +44,20 @@ class CoupledFriction(Coupled):
         self._versions: list[int] = []  # how often the rows between contacts were found for the problem
         self._pushing: dict[int, Any] = {}  # what the last forces on each contact push others with
 
-    def whole_flexibility(self) -> Array:
+    def whole_flexibility(self, shares: Shares | None = None) -> Array:
         """Flexibility of all rows of all contacts while pairs are frozen, (3 n, 3 n) [m/N], not regularised.
 
-        Rows of contacts without friction have tangents too, which nothing moves.
+        Rows of contacts without friction have tangents too, which nothing moves. `shares` as in `CoupledContacts`.
         """
         rows = [contact.rows for contact in self.contacts]
         every = [np.arange(len(of_contact.gaps.row_nodes)) for of_contact in rows]
         parts, fields = consecutive([3 * len(index) for index in every]), []
         F = np.zeros((parts[-1].stop,) * 2)
         for j, (part, own, contact, index) in enumerate(zip(self._parts, parts, rows, every, strict=True)):
-            F[own, own] = part.in_three(contact.flexibility(index))
+            of_rows = contact.flexibility(index) if shares is None else shared_flexibility(contact, shares[j])
+            F[own, own] = part.in_three(of_rows)
             fields.append(part.spread(self._fields.fields(j)))
-        for (j, k), S in self._fields.core.items():
+        for (j, k), S in (self._fields.core if shares is None else self._exchange.yielding(shares)).items():
             F[parts[j], parts[k]] = fields[j] @ S @ fields[k].T
         return F
 

@@ -1,0 +1,127 @@
+"""Derivatives of runs whose rows follow the motion on curved rigid surfaces are those of differences between runs."""
+
+from dataclasses import replace
+
+import exudyn as exu
+import netgen.occ as occ
+import numpy as np
+import pytest
+from oracles import MARBLE_RADIUS as R
+from oracles import each_way
+
+import exudyn_partition as ep
+
+pytestmark = pytest.mark.filterwarnings("ignore::exudyn_partition.errors.PartitionWarning")
+STEP, END = 0.2e-6, 16e-6
+WITHIN = 1e-6  # of the number, or of the largest derivative of a kind
+VELOCITY = np.array([4.0, 1.0, -1.0])  # normals change by 0.03 in a run: flexibility is found several times
+SIZES = {
+    "initialVelocity": 0.5, "initialAngularVelocity": 100.0, "referencePosition": 1e-6, "gravity": 1e4,
+    "damping": 0.02, "E": ep.STEEL.E, "rho": ep.STEEL.rho,
+}  # fmt: skip
+DIRECTION = np.array([0.3, 0.1, 1.0])
+
+
+def reduced(axes, material=ep.STEEL):
+    """A ball with a patch at either pole."""
+    refine = [ep.Refine((0, 0, z), 0.3e-3, 0.15e-3) for z in (-R, R)]
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), material, maxh=5e-3, refine=refine, grading=0.9)
+    patches = [ep.Partition.ball(fem, (0, 0, z), 0.35e-3, name=name, axes=axes) for z, name in ((-R, "s"), (R, "n"))]
+    return ep.reduce(fem, patches[0] | patches[1], f_cut=250e3 * np.sqrt(material.E / ep.STEEL.E))
+
+
+@pytest.fixture(scope="module")
+def balls():
+    return {axes: reduced(axes) for axes in ("normal", "xyz")}
+
+
+HILL, ROOF = ep.RigidSphere((0, 0, -2e-3), 2e-3), ep.RigidSphere((0, 0, 2 * R + 2e-3 + 3e-7), 2e-3)
+BORE = ep.RigidCylinder((0, 0, 1.6 * R), (0.1, 1, 0), 1.6 * R, hollow=True)
+SCENES = {  # axes of the flexibility, and surfaces below and above
+    "hill": ("xyz", HILL),
+    "bore": ("normal", BORE),
+    "under a plane": ("xyz", HILL, ep.RigidPlane((0, 0, 2 * R + 3e-7), (0, 0, -1))),
+    "between": ("xyz", HILL, ROOF),
+}
+
+
+def flies(ball, *surfaces):
+    """A ball that flies along a surface, perhaps beneath another one."""
+    mbs = exu.SystemContainer().AddSystem()
+    motion = {"referencePosition": [0, 0, R + 1e-7], "initialVelocity": VELOCITY, "gravity": [0, 0, -2e4]}
+    item = ep.CreatePartitionBody(mbs, ball, name="ball", damping=0.03, **motion)
+    contacts = [
+        ep.CreatePartitionContact(mbs, item, surface, slavePatch=patch, name=patch)
+        for surface, patch in zip(surfaces, "sn", strict=False)
+    ]
+    mbs.Assemble()
+    return mbs, item, contacts
+
+
+def differences(mbs, item, name, share):
+    """Central differences of the peak of the first contact, its impulse, and the momentum, by a parameter's entries."""
+    given = {"initialVelocity": VELOCITY, "gravity": (0, 0, -2e4), "referencePosition": item.position, "damping": 0.03}
+    value, change = np.array(given.get(name, SIZES[name] if name in ("E", "rho") else np.zeros(3))), share * SIZES[name]
+    ways = change * np.concatenate([np.eye(max(value.size, 1)), -np.eye(max(value.size, 1))])
+    vary = {item: {name: value + (ways if value.ndim else ways[:, 0])}}
+    runs = ep.run_many(mbs, end_time=END, step=STEP, vary=vary, histories=())
+    found = {
+        "peak_force": runs.peak[:, 0],
+        "impulse": runs.impulse[:, 0],
+        "velocity": runs.momentum[:, 1, 0] @ DIRECTION,
+    }
+    return {of: (more - less) / (2 * change) for of, (more, less) in ((k, np.split(v, 2)) for k, v in found.items())}
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_derivatives_are_differences_of_runs(balls, scene):
+    axes, *surfaces = SCENES[scene]
+    mbs, item, contacts = flies(balls[axes], *surfaces)
+    options, mass = {"end_time": END, "step": STEP}, item.body.total_mass
+    found = {of: ep.sensitivity(mbs, of=of, at=contacts[0], **options) for of in ("peak_force", "impulse")}
+    found["velocity"] = ep.sensitivity(mbs, of="velocity", at=item, direction=DIRECTION, **options)
+    assert found["impulse"].changes > 1
+    assert found["impulse"].edges == 0
+    for name, size in SIZES.items():
+        errors = []
+        for share in (1e-5, 1e-6):
+            by_runs = differences(mbs, item, name, share)
+            errors.append([])
+            for of, one in found.items():
+                if (of, name) == ("velocity", "rho"):
+                    continue  # the mass is another one too
+                right = np.atleast_1d(one.by[item][name])
+                difference = abs(right - by_runs[of] / (mass if of == "velocity" else 1.0)).max() * size
+                errors[-1].append(difference / max(abs(one.value), abs(right).max() * size))
+        assert np.min(errors, axis=0).max() <= WITHIN, (name, errors)
+
+
+def test_duration(balls):
+    """That of a short contact, of which both ends are within the run."""
+    mbs, item, [contact] = flies(balls["normal"], BORE)
+    options = {"end_time": 40e-6, "step": STEP}
+    found = ep.sensitivity(mbs, of="duration", at=contact, **options).by[item]["initialVelocity"]
+    change = 1e-6 * np.concatenate([np.eye(3), -np.eye(3)])
+    runs = ep.run_many(mbs, vary={item: {"initialVelocity": VELOCITY + change}}, histories=(), **options)
+    assert (runs.duration < 39e-6).all()
+    more, less = np.split(runs.duration[:, 0], 2)
+    np.testing.assert_allclose(found, (more - less) / 2e-6, rtol=0, atol=WITHIN * abs(found).max())
+
+
+def test_without_loops_it_is_the_same(balls):
+    def found():
+        mbs, item, contacts = flies(balls["xyz"], HILL, ROOF)
+        one = ep.sensitivity(mbs, end_time=8e-6, step=STEP, of="impulse", at=contacts[0])
+        return [one.value, one.margin, *map(np.array, one.by[item].values())]
+
+    for right, plain in zip(*each_way(found), strict=True):
+        np.testing.assert_allclose(plain, right, rtol=0, atol=1e-8 * max(abs(np.array(right)).max(), 1e-12))
+
+
+def test_stiffness_on_a_curved_surface_is_that_of_a_new_reduction(balls):
+    soft = replace(ep.STEEL, E=0.5 * ep.STEEL.E)
+    mbs, item, _ = flies(balls["xyz"], HILL)
+    runs = ep.run_many(mbs, end_time=END, step=STEP, vary={item: {"E": [soft.E]}}, histories=("force",))
+    other, _, [contact] = flies(reduced("xyz", soft), HILL)
+    force = contact.force(ep.solve_dynamic(other, end_time=END, step=STEP))
+    np.testing.assert_allclose(runs.force[0, 0], force, rtol=0, atol=1e-6 * force.max())
