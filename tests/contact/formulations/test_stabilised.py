@@ -328,8 +328,8 @@ class FlatRows(SimpleNamespace):
     def rigid_part(self, q_t):
         return q_t
 
-    def generalised(self, lam):
-        return lam @ self.H
+    def acted(self, lam):
+        return lam @ self.H, np.zeros(3)
 
     def flexibility(self, index):
         met = np.linalg.inv(4 / self.step**2 * np.diag(self.mass))
