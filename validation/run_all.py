@@ -344,7 +344,7 @@ CASES = {
                                 figures=("friction_half_space.png",)),
     "friction_random_starts": Case("friction/random_starts.py", limits(("failures", "violation", "newton_steps"))),
     "friction_stacks": Case("friction/stacks.py", limits(
-        ("two", "two_turned", "three", "three_turned", "table_s", "same_forces", "table_forces", "rest", "still",
+        ("two", "two_turned", "three", "three_turned", "table_s", "forces", "table_forces", "rest", "still",
          "failures", "no_rest", "weights", "cone"))),
     "friction_motion": Case("friction/motion.py", limits(
         ("slope_1", "slope_0.1", "slope_0.01", "belt", "rolls_after", "rolls_at", "spin", "drum_after", "drum_at")),
