@@ -198,6 +198,7 @@ def pushed_rigid(points: FlatPoints, nodes: FlatNodes, lam: Array, normals: Arra
 def answer_as_before(
     h: Array,
     limit: float,
+    within: float,
     near: Array,
     now: Array,
     then: Array,
@@ -214,6 +215,10 @@ def answer_as_before(
             return -1, lam
     if not same_rows(h, limit, near):
         return -1, lam
+    if len(near) < len(h):
+        for i in index:
+            if h[near[i]] > within * limit:
+                return -1, lam
     some = np.empty(len(near))
     for i in range(len(near)):
         some[i] = h[near[i]]

@@ -107,17 +107,17 @@ class NormalCompliance(Law):
         if near is None or self._stood[:2] != (gaps.stage.rows, gaps.anchor) or not loops.at_once():
             return None
         problem, (_, _, then, share) = self.problem, self._stood
-        stance = gaps.stance(), then, SAME
-        wrong, forces = loops.answer_as_before(h, -share * least, near, stance, problem.compiled)
+        bounds, stance = (-share * least, WITHIN), (gaps.stance(), then, SAME)
+        wrong, forces = loops.answer_as_before(h, bounds, near, stance, problem.compiled)
         if wrong < 0:
             return None
         before = problem.iterations
         if wrong:
             forces[near, 0] = problem.solve(h[near], least)
+            if self.misses(h, near, least, share):
+                return None
         else:
             problem.iterations += 1
-        if self.misses(h, near, least, share):
-            return None
         return self._of_near(near, forces, problem.iterations - before)
 
     def misses(self, h: Array, near: Array, least: float, share: float) -> bool:
