@@ -70,10 +70,13 @@ class BodyResults(Item[ItemIndex]):
 
     def is_in(self, mbs: MainSystem) -> bool:
         """Whether the model still holds this body's object, with the same nodes and size."""
-        nodes = mbs.GetObject(self["oGenericODE2"]).get("nodeNumbers", [])
-        if [*map(int, nodes)] != [*map(int, self.nodes)]:
+        try:
+            nodes = mbs.GetObjectParameter(self["oGenericODE2"], "nodeNumbers")
+            if [*map(int, nodes)] != [*map(int, self.nodes)]:
+                return False
+            held = [len(mbs.GetNodeParameter(node, "referenceCoordinates")) for node in nodes]
+        except ValueError:  # items of another kind, without such a parameter
             return False
-        held = [mbs.GetNode(node).get("numberOfODE2Coordinates", RIGID) for node in nodes]
         return bool(sum(held) == self.body.n_dofs)
 
     def coordinates(self, result: Samples) -> Array:

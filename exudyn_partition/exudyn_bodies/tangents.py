@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import reduce
+from operator import or_
 from typing import NamedTuple
 
 import numpy as np
 
 from ..support.arrays import Array
-from ..support.foreign import MainSystem, ObjectIndex
+from ..support.foreign import Exudyn, MainSystem, ObjectIndex
 from ..support.optional import require
 from .model import coordinate_slices, registered
 from .partition_body import PartitionBody
@@ -37,6 +40,15 @@ class Tangent(NamedTuple):
     damping: Array
 
 
+class _Item(NamedTuple):
+    """An item of a model, with the coordinates that its forces depend on, (k,) int; `by_functions` of the user."""
+
+    number: ObjectIndex
+    name: str
+    columns: Array
+    by_functions: bool
+
+
 def tangents(mbs: MainSystem) -> list[Tangent]:
     """Tangents of all items that are not of this library: springs, dampers, and objects with matrices of their own.
 
@@ -44,26 +56,22 @@ def tangents(mbs: MainSystem) -> list[Tangent]:
     differences of forces. An item whose user function cannot be called outside of a run is left out. A model that is
     not assembled has none.
     """
-    if not mbs.systemIsConsistent:
+    items = [*_items(mbs)] if mbs.systemIsConsistent else []
+    if not items:
         return []
     data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
-    present = data.GetODE2Coordinates(), data.GetODE2Coordinates_t()
-    found = []
-    for number in _numbers(mbs):
-        columns = np.array(data.GetObjectLTGODE2(number), dtype=int)
-        if not 0 < len(columns) <= _MOST:
-            continue
+    present, found = (data.GetODE2Coordinates(), data.GetODE2Coordinates_t()), dict[int, Tangent]()
+    try:
         _set(mbs, data.GetODE2Coordinates(initial), data.GetODE2Coordinates_t(initial))
-        try:
-            if _has_forces(mbs, number):
-                entry = mbs.GetObject(number)
-                of_both = (_derivative(mbs, number, columns, rates=rates) for rates in (False, True))
-                found.append(Tangent(f"{entry['name']} ({entry['objectType']})", columns, *of_both))
-        except Exception:  # of a user function, in whatever type Exudyn wraps it: the run will tell of it
-            continue
-        finally:
-            _set(mbs, *present)
-    return found
+        items = [item for item in items if _ode2_forces() in mbs.ComputeItem(item.number)]
+        for group in _apart(items):
+            of_both = (_derivatives(mbs, group, rates=rates) for rates in (False, True))
+            for item, stiffness, damping in zip(group, *of_both, strict=True):
+                if stiffness is not None and damping is not None:
+                    found[int(item.number)] = Tangent(item.name, item.columns, stiffness, damping)
+    finally:
+        _set(mbs, *present)
+    return [found[int(item.number)] for item in items if int(item.number) in found]
 
 
 def places(mbs: MainSystem) -> Array:
@@ -93,16 +101,46 @@ def _of_translation(item: PartitionBody) -> Array:
     return np.asarray(abs(item.body.rigid[:, :3]).max(axis=1))
 
 
-def _numbers(mbs: MainSystem) -> Iterator[ObjectIndex]:
+def _items(mbs: MainSystem) -> Iterator[_Item]:
     """Objects that are not of this library, with forces that may depend on coordinates or velocities."""
-    held = registered(mbs)
+    held, data = registered(mbs), mbs.systemData
     keys = ("oGenericODE2", "oFFRFreducedOrder")
     ours = {int(item[key]) for item in held.bodies.values() for key in keys if key in item}
     ours |= {int(contact["oContact"]) for contact in held.contacts.values()}
-    for number in map(require("exudyn").ObjectIndex, range(mbs.systemData.NumberOfObjects())):
-        algebraic = len(mbs.systemData.GetObjectLTGAE(number))
-        if int(number) not in ours and not algebraic and not mbs.GetObject(number)["objectType"].startswith(_RIGID):
-            yield number
+    for place in range(data.NumberOfObjects()):
+        if place in ours or len(data.GetObjectLTGAE(place)):
+            continue
+        columns = np.array(data.GetObjectLTGODE2(place), dtype=int)
+        if not 0 < len(columns) <= _MOST:
+            continue
+        entry, number = mbs.GetObject(place), require("exudyn").ObjectIndex(place)
+        if entry["objectType"].startswith(_RIGID) or not entry.get("activeConnector", True):
+            continue
+        by_functions = any(isinstance(value, dict) for value in entry.values())
+        yield _Item(number, f"{entry['name']} ({entry['objectType']})", columns, by_functions)
+
+
+def _apart(items: Iterable[_Item]) -> Iterable[list[_Item]]:
+    """Items in groups whose forces depend on none of each other's coordinates, so that all can be moved at once.
+
+    To set the coordinates of a large model takes longer than all else. User functions may read any coordinates.
+    """
+    taken, groups = defaultdict[int, int](int), defaultdict[int, list[_Item]](list)
+    for item in items:
+        if item.by_functions:
+            groups[-1 - int(item.number)].append(item)
+            continue
+        of_groups = reduce(or_, (taken[column] for column in item.columns))  # a bit for each group
+        free = ~of_groups & (of_groups + 1)
+        groups[free].append(item)
+        for column in item.columns:
+            taken[column] |= free
+    return groups.values()
+
+
+def _ode2_forces() -> Exudyn:
+    """Exudyn's name of the forces by which an item opposes motion."""
+    return require("exudyn").ComputeItemType.ODE2LHS
 
 
 def _set(mbs: MainSystem, q: Array, q_t: Array) -> None:
@@ -110,27 +148,41 @@ def _set(mbs: MainSystem, q: Array, q_t: Array) -> None:
     mbs.systemData.SetODE2Coordinates_t(q_t)
 
 
-def _has_forces(mbs: MainSystem, number: ObjectIndex) -> bool:
-    """Whether an object opposes motion by forces."""
-    active = mbs.GetObject(number).get("activeConnector", True)
-    return bool(active) and require("exudyn").ComputeItemType.ODE2LHS in mbs.ComputeItem(number)
+def _forces(mbs: MainSystem, item: _Item) -> Array | None:
+    """Forces by which an item opposes motion, in the present state, (k,); None if they cannot be found."""
+    try:
+        return np.array(mbs.ComputeItem(item.number, _ode2_forces()), dtype=float).ravel()
+    except Exception:  # of a user function, in whatever type Exudyn wraps it: the run will tell of it
+        return None
 
 
-def _derivative(mbs: MainSystem, number: ObjectIndex, columns: Array, *, rates: bool) -> Array:
-    """Derivative of an object's forces by its coordinates or their rates, (k, k), by central differences."""
-    data, what = mbs.systemData, require("exudyn").ComputeItemType.ODE2LHS
+def _derivatives(mbs: MainSystem, items: Sequence[_Item], *, rates: bool) -> list[Array | None]:
+    """Derivative of each item's forces by its coordinates or their rates, (k, k), by central differences.
+
+    No coordinate is of two of the items. None of an item whose forces are not known.
+    """
+    data = mbs.systemData
     at: Callable[[], Array] = data.GetODE2Coordinates_t if rates else data.GetODE2Coordinates
     move: Callable[[Array], None] = data.SetODE2Coordinates_t if rates else data.SetODE2Coordinates
-    start, value = at(), np.zeros((len(columns),) * 2)
-    for j, column in enumerate(columns):
-        if column in columns[:j]:  # the forces of one that is there twice are those of its first entry
-            continue
-        step, ends = _STEP * (_LEAST + abs(start[column])), []
+    start, values = at(), [np.zeros((len(item.columns),) * 2) for item in items]
+    steps, failed = _STEP * (_LEAST + abs(start)), set[int]()
+    for j in range(max(len(item.columns) for item in items)):
+        # The forces of a column that is there twice are those of its first entry.
+        moving = [i for i, item in enumerate(items) if j < len(item.columns) and _is_first(item.columns, j)]
+        columns, ends = [items[i].columns[j] for i in moving], []
         for side in (1, -1):
             moved = start.copy()
-            moved[column] += side * step
+            moved[columns] += side * steps[columns]
             move(moved)
-            ends.append(np.array(mbs.ComputeItem(number, what), dtype=float).ravel())
-        value[:, j] = (ends[0] - ends[1]) / (2 * step)
+            ends.append([_forces(mbs, items[i]) for i in moving])
+        for i, column, ahead, behind in zip(moving, columns, *ends, strict=True):
+            if ahead is None or behind is None:
+                failed.add(i)
+            else:
+                values[i][:, j] = (ahead - behind) / (2 * steps[column])
     move(start)
-    return value
+    return [None if i in failed else value for i, value in enumerate(values)]
+
+
+def _is_first(columns: Array, j: int) -> bool:
+    return columns[j] not in columns[:j]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +12,7 @@ from scipy.sparse.linalg import LinearOperator, aslinearoperator
 from ..fe.model import node_dofs
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
+from ..support.once import once
 from . import loops
 from .kinematics import NO_NODES, STILL, node_fields
 
@@ -156,7 +156,7 @@ class InertialKinematics:
     @property
     def mass_integral(self) -> Array:
         """See `Kinematics.mass_integral`; of all coordinates, (3, n_dofs)."""
-        return np.asarray(self.body.mass @ self.body.rigid[:, :3]).T
+        return _mass_integral(self.body)
 
     def momentum(self, q_t: Array) -> Array:
         """See `Kinematics.momentum`."""
@@ -179,11 +179,10 @@ class InertialKinematics:
         motion: Array = q @ self.projection
         return motion
 
-    @cached_property
+    @property
     def projection(self) -> Array:
         """Rigid motion by coordinates, transposed, (n_dofs, 6)."""
-        M_rigid = self.body.mass @ self.body.rigid
-        return np.linalg.solve(self.body.rigid.T @ M_rigid, M_rigid.T).T
+        return _projection(self.body)
 
     def deformed(self, q: Array) -> Array:
         """See `Kinematics.deformed`."""
@@ -202,3 +201,14 @@ class InertialKinematics:
     def deformation(self, q: Array) -> Array:
         """See `Kinematics.deformation`."""
         return node_fields(self.rows, self.deformed(q))
+
+
+@once
+def _mass_integral(body: ReducedBody) -> Array:
+    return np.asarray(body.mass @ body.rigid[:, :3]).T
+
+
+@once
+def _projection(body: ReducedBody) -> Array:
+    M_rigid = body.mass @ body.rigid
+    return np.linalg.solve(body.rigid.T @ M_rigid, M_rigid.T).T

@@ -9,7 +9,6 @@ import math
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse as sp
 
 from ..contact.landings import stiffest_landing
@@ -161,7 +160,9 @@ def _stiffness(body: ReducedBody) -> Array:
 def _matrix(bodies: list[PartitionBody], contacts: list[PartitionContact], step: float) -> Array:
     """Stiffness of bodies with all rows closed, with the pairs at the start, on coordinates of unit mass, (n, n)."""
     scale = np.concatenate([_scale(item.body) for item in bodies])
-    matrix = scipy.linalg.block_diag(*(_stiffness(item.body) for item in bodies))
+    matrix = np.zeros((len(scale),) * 2)
+    for item, place in zip(bodies, consecutive([item.body.n_dofs for item in bodies]), strict=True):
+        matrix[place, place] = _stiffness(item.body)
     for dofs, stiffness in _closed(bodies, contacts, step):
         matrix[np.ix_(dofs, dofs)] += stiffness
     value: Array = scale[:, None] * matrix * scale

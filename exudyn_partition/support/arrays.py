@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,7 @@ def as_read_only(array: Array) -> Array:
 
 def consecutive(sizes: Sequence[int]) -> list[slice]:
     """Slices of parts with these sizes that lie one behind the other."""
-    ends = np.cumsum([0, *sizes]).tolist()
-    return [slice(a, b) for a, b in pairwise(ends)]
+    return [slice(a, b) for a, b in pairwise(accumulate(map(int, sizes), initial=0))]
 
 
 def as_slice(places: Array) -> slice | Array:

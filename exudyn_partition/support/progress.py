@@ -54,25 +54,39 @@ def progress(title: str, *, after: float = 0.0) -> Iterator[Progress]:
     after = validate_number("after", after, "a time in s")
     if after < 0:
         raise InputError(f"after: expected a time of at least zero, got {after!r}")
-    bar = terminal_bar()
-    task, begin, lines = bar.add_task(_plain(title), total=1.0), time.perf_counter(), _Lines(title, bar.disable)
+    begin, made = time.perf_counter(), list[ProgressBar]()
+
+    def bar() -> ProgressBar:  # made when it is needed: short runs take less time than that
+        if not made:
+            made.append(terminal_bar())
+            made[0].add_task(_plain(title), total=1.0)
+            made[0].tasks[0].start_time = begin
+        return made[0]
+
+    def show(share: float) -> None:
+        if not bar().live.is_started:
+            bar().start()
+        bar().update(bar().task_ids[0], completed=share)
+
+    lines = _Lines(title, lambda: bool(bar().disable))
 
     def report(share: float) -> None:
         share = validate_number("share", share)
         seconds = time.perf_counter() - begin
-        if not bar.live.is_started and seconds >= after:
-            bar.start()
-        bar.update(task, completed=share)
+        if seconds >= after:
+            show(share)
         if (line := lines.at(seconds, share)) is not None:
-            _tell(bar, line)
+            _tell(bar(), line)
 
     try:
         if not after:
-            bar.start()
+            show(0.0)
         yield report
-        bar.update(task, completed=1.0)
+        if made:
+            bar().update(bar().task_ids[0], completed=1.0)
     finally:
-        _stop(bar)
+        if made:
+            _stop(bar())
 
 
 class _Lines:
@@ -84,10 +98,11 @@ class _Lines:
     Parameters
     ----------
     title : str
-    on_the_way : bool
+    on_the_way : callable
+        Returns whether there is no bar.
     """
 
-    def __init__(self, title: str, on_the_way: bool) -> None:
+    def __init__(self, title: str, on_the_way: Callable[[], bool]) -> None:
         self._title, self._on_the_way = title, on_the_way
         self._look, self._looks, self._announced, self._next = (0.0, 0.0), 0, False, FIRST_LINE
 
@@ -103,7 +118,7 @@ class _Lines:
         if not self._announced and _WORTH_TELLING <= seconds + left < _NO_END:
             self._announced = True
             return f"{self._title}: about {duration(seconds + left)} in all"
-        if self._on_the_way and seconds >= self._next:
+        if seconds >= self._next and self._on_the_way():
             self._next = _next_line(seconds)
             rest = f"about {duration(left)} left" if left < _NO_END else "it hardly goes on"
             return f"{self._title}: {share:.0%} after {duration(seconds)}, {rest}"
@@ -182,7 +197,7 @@ def terminal_bar() -> ProgressBar:
     console = require("rich.console").Console(stderr=True)
     times = rich.TimeElapsedColumn(), rich.TimeRemainingColumn()
     columns = rich.TextColumn("{task.description:<28}"), rich.BarColumn(), *times
-    return rich.Progress(*columns, console=console, disable=not console.is_terminal)
+    return rich.Progress(*columns, console=console, disable=not console.is_terminal, get_time=time.perf_counter)
 
 
 def _stop(bar: ProgressBar) -> None:

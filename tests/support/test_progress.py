@@ -112,6 +112,16 @@ def test_short_work_says_nothing(monkeypatch, capsys):
     assert not capsys.readouterr().err
 
 
+def test_work_shorter_than_its_bar_makes_none(monkeypatch):
+    """To make a bar takes longer than a short run; one that comes late counts from the begin of the work."""
+    made, terminal_bar = [], progress.terminal_bar
+    monkeypatch.setattr(progress, "terminal_bar", lambda: made.append(terminal_bar()) or made[-1])
+    told(monkeypatch, "steps", [(0.1, 0.1), (1.9, 0.9)], after=2.0)
+    assert not made
+    told(monkeypatch, "steps", [(0.5, 0.1), (2.5, 0.5)], after=2.0)
+    assert made[0].tasks[0].finished_time == 2.5
+
+
 def test_a_run_that_is_slow_is_looked_at_each_second(monkeypatch, marble):
     """Its first hundredth may take long: the share done is told before."""
     clock, shares = Clock(monkeypatch), []
