@@ -654,6 +654,10 @@ class Gaps:
         """`flexibility`, regularised as in `problem`; for the same rows, it is the same array too."""
         return self._row_flexibility(index).regularised_between(index)
 
+    def moved_by(self, index: Array, forces: Array) -> Array:
+        """Motion of all present rows, (nr,) [m], by forces on some of them, (k,) [N]; not if `on_demand`."""
+        return self._row_flexibility(index).moved_by(index, forces)
+
     def _row_flexibility(self, index: Array) -> RowFlexibility:
         """Flexibility that knows these rows: of all present rows, or of these alone if it is found on demand."""
         if self.on_demand:
@@ -871,6 +875,10 @@ class RowFlexibility:
             self._index, self.regularised = index, None
             self._some = self._F.take(index, axis=0).take(index, axis=1)
         return self._some
+
+    def moved_by(self, index: Array, forces: Array) -> Array:
+        """Motion of all rows, (nr,) [m], by forces on some, (k,) [N]. F is symmetric, and its rows are at hand."""
+        return np.asarray(forces @ self._F.take(index, axis=0))
 
     def regularised_between(self, index: Array) -> Array:
         """Regularised flexibility between some rows, (na, na); the same array for the same rows."""
