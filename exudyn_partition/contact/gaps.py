@@ -654,6 +654,18 @@ class Gaps:
         """`flexibility`, regularised as in `problem`; for the same rows, it is the same array too."""
         return self._row_flexibility(index).regularised_between(index)
 
+    def shuts(self, gap: Array, index: Array, forces: Array, depth: float) -> bool:
+        """Whether forces on some rows push others deeper than to a gap `depth` [m]; not if `on_demand`.
+
+        Parameters
+        ----------
+        gap : (nr,) array
+            Of the present rows without these forces [m].
+        index, forces : (k,) arrays
+            Rows, ascending, and the forces on them [N].
+        """
+        return self._row_flexibility(index).shuts(gap, index, forces, depth)
+
     def _row_flexibility(self, index: Array) -> RowFlexibility:
         """Flexibility that knows these rows: of all present rows, or of these alone if it is found on demand."""
         if self.on_demand:
@@ -871,6 +883,10 @@ class RowFlexibility:
             self._index, self.regularised = index, None
             self._some = self._F.take(index, axis=0).take(index, axis=1)
         return self._some
+
+    def shuts(self, gap: Array, index: Array, forces: Array, depth: float) -> bool:
+        """See `Gaps.shuts`."""
+        return loops.shuts(self._F, gap, index, forces, depth)
 
     def regularised_between(self, index: Array) -> Array:
         """Regularised flexibility between some rows, (na, na); the same array for the same rows."""

@@ -198,7 +198,6 @@ def pushed_rigid(points: FlatPoints, nodes: FlatNodes, lam: Array, normals: Arra
 def answer_as_before(
     h: Array,
     limit: float,
-    within: float,
     near: Array,
     now: Array,
     then: Array,
@@ -215,10 +214,6 @@ def answer_as_before(
             return -1, lam
     if not same_rows(h, limit, near):
         return -1, lam
-    if len(near) < len(h):
-        for i in index:
-            if h[near[i]] > within * limit:
-                return -1, lam
     some = np.empty(len(near))
     for i in range(len(near)):
         some[i] = h[near[i]]
@@ -226,6 +221,23 @@ def answer_as_before(
     for i in range(len(near)):
         lam[near[i], 0] = forces[i]
     return count, lam
+
+
+@compiled
+def shuts(F: Array, gap: Array, index: Array, forces: Array, depth: float) -> bool:
+    """See `loops.shuts`."""
+    own = 0
+    for i in range(len(gap)):
+        if own < len(index) and index[own] == i:
+            own += 1
+            continue
+        pushed = gap[i]
+        for k in range(len(index)):
+            if forces[k] != 0.0:
+                pushed += F[i, index[k]] * forces[k]
+        if pushed < depth:
+            return True
+    return False
 
 
 @compiled

@@ -197,6 +197,15 @@ def choose_rows(
     return True
 
 
+def shuts(F: Array, gap: Array, index: Array, forces: Array, depth: float) -> bool:
+    """Whether forces push other rows shut, see `Gaps.shuts`; F, (nr, nr) [m/N], is symmetric."""
+    if compiled := kernels("contact"):
+        return bool(compiled.shuts(F, gap, index, forces, depth))
+    pushed = gap + forces @ F.take(index, axis=0)
+    pushed[index] = 0.0
+    return bool((pushed < depth).any())
+
+
 # Several steps in one call, only if `at_once()`.
 
 
@@ -323,11 +332,7 @@ def pushed_rigid(points: FlatPoints, lam: Array, normals: Array, side: SideNodes
 
 
 def answer_as_before(
-    gap: Array,
-    bounds: tuple[float, float],
-    near: Array,
-    stance: tuple[Array, Array, float],
-    problem: tuple[Array, Array, Array],
+    gap: Array, limit: float, near: Array, stance: tuple[Array, Array, float], problem: tuple[Array, Array, Array]
 ) -> tuple[int, Array]:
     """Forces on all rows, (nr, 1) [N], if the same rows may close and are active as before, and have hardly moved.
 
@@ -335,8 +340,8 @@ def answer_as_before(
     ----------
     gap : (nr,) array
         [m]
-    bounds : two floats
-        Gap below which rows may close [m], and the share of it below which those that are closed must be.
+    limit : float
+        Rows with smaller gaps may close [m].
     near : (k,) int array
         Those that could before.
     stance : two arrays and float
@@ -349,7 +354,7 @@ def answer_as_before(
     How many rows violate their condition, with which forces are wrong; -1 if other rows may close, or have moved.
     """
     now, then, by = stance
-    count, forces = _compiled().answer_as_before(gap, *bounds, near, now.ravel(), then.ravel(), by, *problem, ROUNDING)
+    count, forces = _compiled().answer_as_before(gap, limit, near, now.ravel(), then.ravel(), by, *problem, ROUNDING)
     return count, forces
 
 

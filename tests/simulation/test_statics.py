@@ -345,7 +345,7 @@ def test_a_table_settles_under_a_load_beside_its_middle(mbs, load_steps, frictio
 @pytest.mark.parametrize("frame", ["inertial", "floating"])
 @pytest.mark.parametrize("feet", [1, 2], ids=["whole", "two feet"])
 def test_a_strip_that_bends_lifts_off_a_plane_in_part(mbs, frame, feet):
-    """Rows closed with larger gaps than those that could: forces jumped, and no load settled."""
+    """Rows closed with larger gaps than those that could: forces jumped, and no load, or not each, settled."""
     size, height, load = np.array([0.1, 0.04]), 0.01, 100.0
     fem = ep.fe_model(occ.Box((*-size / 2, 0), (*size / 2, height)), ep.STEEL, maxh=0.015)
     centres = fem.points[fem.facets[:, :3]].mean(axis=1)
@@ -357,7 +357,7 @@ def test_a_strip_that_bends_lifts_off_a_plane_in_part(mbs, frame, feet):
     contacts = [ep.CreatePartitionContact(mbs, strip, ep.RigidPlane(), slavePatch=f"foot {i}") for i in range(feet)]
     mbs.AddLoad(items.Force(markerNumber=strip.CreatePointMarker(mbs, (0.02, 0.01, height)), loadVector=[0, 0, -load]))
     mbs.Assemble()
-    for load_steps in (1, 4):
+    for load_steps in (1, 10):
         result = ep.solve_static(mbs, load_steps=load_steps)
         assert result.status == "finished"
         found.append(np.concatenate([contact.row_forces(result).toarray()[-1] for contact in contacts]))

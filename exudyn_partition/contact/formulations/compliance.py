@@ -25,7 +25,9 @@ _MARGIN = 2 * BULGE  # of the deepest row's depth: rows with smaller gaps enter,
 _SPARE = 10  # far rows that may stay in the problem before rows are chosen again
 _FEW_SPARE = 1.3  # as many times the rows that can close are left if these are many: the rest costs time
 CHOOSING = BULGE, _MARGIN, _SPARE, MANY, _FEW_SPARE  # as `loops.choose_rows` takes them
-WITHIN, WIDER = 0.5, 4.0  # share of the largest gap of rows that enter: closed ones above it call for so many times it
+WIDER = 4.0  # as many times the gaps of rows that enter where others close, too
+_WITHIN = 0.5  # share of the largest of these gaps: closed rows above it tell that others close, if no row is asked
+_SHUT = 1e-9  # of the deepest row's depth: rows that are pushed no deeper than this stay out
 
 
 def compliance(rows: RowDirections) -> Law:
@@ -49,7 +51,8 @@ class NormalCompliance(Law):
     While pairs slide, F is projected on the present normals and facets. It is computed again when the patches have slid
     by 1 % of a facet. Only rows that can close enter. These are rows with a negative gap, and rows whose gap is below a
     quarter of the deepest row's depth, because the surface bulges around a contact. Where a body bends, as a plate on a
-    plane, rows with larger gaps close too: if one closes above half of that bound, four times as large gaps enter. The
+    plane, rows with larger gaps close too: if the forces push one shut, four times as large gaps enter. Where F is
+    found on demand, this is not known of other rows: there a row that closes above half of the bound tells it. The
     change of F itself causes no force, because rows are frictionless.
 
     Parameters
@@ -97,7 +100,7 @@ class NormalCompliance(Law):
             near, before = self.near(h, least, share), self.problem.iterations
             lam = self.problem.solve(h if len(near) == len(h) else h[near], least)
             iterations += self.problem.iterations - before
-            if not self.misses(h, near, least, share):
+            if not self.misses(h, near, lam, least, share):
                 return self._on_rows(h, near, lam, iterations)
             share *= WIDER
 
@@ -107,27 +110,30 @@ class NormalCompliance(Law):
         if near is None or self._stood[:2] != (gaps.stage.rows, gaps.anchor) or not loops.at_once():
             return None
         problem, (_, _, then, share) = self.problem, self._stood
-        bounds, stance = (-share * least, WITHIN), (gaps.stance(), then, SAME)
-        wrong, forces = loops.answer_as_before(h, bounds, near, stance, problem.compiled)
+        stance = gaps.stance(), then, SAME
+        wrong, forces = loops.answer_as_before(h, -share * least, near, stance, problem.compiled)
         if wrong < 0:
             return None
         before = problem.iterations
         if wrong:
             forces[near, 0] = problem.solve(h[near], least)
-            if self.misses(h, near, least, share):
-                return None
         else:
             problem.iterations += 1
+        if self.misses(h, near, forces[near, 0], least, share):
+            return None
         return self._of_near(near, forces, problem.iterations - before)
 
-    def misses(self, h: Array, near: Array, least: float, share: float) -> bool:
-        """Whether rows that did not enter may close, too, for one that is closed has a gap near their bound.
+    def misses(self, h: Array, near: Array, lam: Array, least: float, share: float) -> bool:
+        """Whether rows close that did not enter.
 
-        Gaps are h, (nr,) [m], the smallest is `least`, and those below a share of its depth, `near`, have entered.
+        Gaps are h, (nr,) [m], the smallest is `least`. Those below a share of its depth, `near`, have entered, and have
+        forces lam, (k,) [N].
         """
-        if len(near) == len(h):
+        if len(near) == len(h) or not len(near):
             return False
-        return bool(h[near[self.problem.index]].max(initial=least) > -WITHIN * share * least)
+        if self.gaps.on_demand:
+            return bool(h[near[lam > 0.0]].max(initial=least) > -_WITHIN * share * least)
+        return self.gaps.shuts(h, near, lam, _SHUT * least)
 
     def near(self, h: Array, least: float, share: float = BULGE) -> Array:
         """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.

@@ -386,7 +386,9 @@ class CoupledContacts(Coupled):
             lam = self._solve(near, gaps)
             pushed = [self._pushed_gap(j, gap) for j, gap in enumerate(gaps)]
             missing = {
-                j for j, rows in near.items() if self._laws[j].misses(pushed[j], rows, pushed[j].min(), shares[j])
+                j
+                for j, rows in near.items()
+                if self._laws[j].misses(pushed[j], rows, lam[j], pushed[j].min(), shares[j])
             }
         else:
             raise ComplementarityError(
