@@ -67,12 +67,12 @@ def forget_stale(folder: Path) -> None:
 
 def compiled(function: F) -> F:
     """Return the function, which is compiled when it is called first, for the types of its arguments."""
-    return _compiled(function, **_OPTIONS)
+    return _compiled(function, no_cfunc_wrapper=True, **_OPTIONS)
 
 
 def unlocked(function: F) -> F:
     """Return a compiled function that lets other Python threads run; for loops that take long."""
-    return _compiled(function, nogil=True, **_OPTIONS)
+    return _compiled(function, nogil=True, no_cfunc_wrapper=True, **_OPTIONS)
 
 
 def inner(function: F) -> F:
