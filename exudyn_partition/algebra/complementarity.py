@@ -67,10 +67,6 @@ class Complementarity:
                 "largest entry): the basis leaves no local flexibility, or rows are redundant. Keep fewer modes "
                 "(lower f_cut) or use formulation='lagrange'"
             )
-        if len(self.F):
-            self.reset()
-            self.iterations = self.single_pivots = 0
-            self.solve(np.where(np.arange(len(F)) > 0, 1.0, -1.0))  # so that loops are compiled before a run begins
         self.iterations = 0
         self.single_pivots = 0
         self.reset()

@@ -160,7 +160,8 @@ def settle(core: FlatCore, a: Array, G: Array, pressed: Array, c: Array, settled
     for _ in range(steps):
         change = size = 0.0
         for j in range(n):
-            now[:] = 0.0
+            for r in range(m):
+                now[r] = 0.0
             for b in range(core.starts[j], core.starts[j + 1]):
                 top, end, left, width = core.spans[b]
                 block = matrix_at(core.numbers, core.places[b], end - top, width)
@@ -230,9 +231,11 @@ def settle_blocks(blocks: FlatBlocks, h: Array, rounding: float, settled: float,
     if not math.isfinite(total):
         return False
     if not some:
-        blocks.amplitudes[:], blocks.lam[:] = 0.0, 0.0
+        for j in range(n):
+            for k in range(m):
+                blocks.amplitudes[j, k] = 0.0
         for i in range(len(h)):
-            blocks.pushed[i] = h[i]
+            blocks.lam[i], blocks.pushed[i] = 0.0, h[i]
         return True
     fewest, left = len(h) + 1, patience
     while left:
@@ -280,8 +283,8 @@ def check_block(blocks: FlatBlocks, j: int, h: Array, rounding: float, scale: fl
                 pushed[i] += amplitude * fields[k, i]
     na, count = blocks.n_closed[j], 0
     if na == 0:
-        blocks.lam[start:end] = 0.0
         for i in range(n):
+            blocks.lam[start + i] = 0.0
             if pushed[i] < -rounding * scale:
                 blocks.active[start + i], blocks.n_closed[j] = True, -1
                 count += 1
@@ -341,7 +344,9 @@ def factorise_block(blocks: FlatBlocks, j: int) -> bool:
                 x[i, p] -= share * x[k, p]
         for p in range(m):
             x[i, p] /= U[i, i]
-    G[:] = 0.0
+    for k in range(m):
+        for p in range(m):
+            G[k, p] = 0.0
     for i in range(na):
         for k in range(m):
             share = fields[k, index[i]]

@@ -63,7 +63,12 @@ product = called(sparse_product)
 def congruence(rows: Array, F: Array, threes: bool) -> Array:
     """See `products.congruence`."""
     half = product(rows, F, threes, False)
-    result = product(rows, np.ascontiguousarray(half.T), threes, True)
+    n, m = half.shape
+    across = np.empty((m, n))
+    for i in range(n):
+        for k in range(m):
+            across[k, i] = half[i, k]
+    result = product(rows, across, threes, True)
     for i in range(len(rows)):
         for j in range(i):
             result[i, j] = result[j, i]
@@ -73,12 +78,12 @@ def congruence(rows: Array, F: Array, threes: bool) -> Array:
 @compiled
 def moved(start: Array, rows: Array, way: Array) -> Array:
     """See `products.moved`."""
-    result = start.copy()
+    result = np.empty(len(rows))
     for i in range(len(rows)):
         total = 0.0
         for k in range(len(way)):
             total += rows[i, k] * way[k]
-        result[i] += total
+        result[i] = start[i] + total
     return result
 
 

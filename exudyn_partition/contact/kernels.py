@@ -498,8 +498,13 @@ def forces_of_frozen(
     rows: FlatRows, h: Array, lam: Array, pushed: Array, force: Array, values: Array, stored: Array
 ) -> int:
     """Set generalised forces, and values of sensors, see `frozen.FrozenContacts`; return how many contacts push."""
-    force[:], values[:], stored[:], pushing = 0.0, 0.0, 0.0, 0
+    pushing = 0
+    for k in range(len(force)):
+        force[k] = 0.0
     for j in range(len(values)):
+        stored[j] = 0.0
+        for k in range(values.shape[1]):
+            values[j, k] = 0.0
         dofs, start, values_j = rows.dofs[rows.places[j] : rows.places[j + 1]], rows.starts[j], values[j]
         n, nr, least = len(dofs), rows.starts[j + 1] - start, np.inf
         H = matrix_at(rows.numbers, rows.H[j], n, nr)

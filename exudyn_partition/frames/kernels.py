@@ -68,7 +68,7 @@ def place_moved(start: Array, rows: Array, q: Array, first: int, node: int, resu
 @compiled
 def moved_places(start: Array, rows: Array, q: Array) -> Array:
     """Places of nodes, (k, 3) [m], see `InertialKinematics.place`."""
-    result = np.empty_like(start)
+    result = np.empty((len(start), 3))
     for node in range(len(start)):
         place_moved(start, rows, q, 0, node, result)
     return result

@@ -354,11 +354,15 @@ def closest(
     `facets`, (nf, n, 3), are the places of their nodes.
     """
     k, (nf, n, _), cubic = len(points), facets.shape, len(table) == 10
-    facet, local, weights = np.zeros(k, np.int64), np.zeros((k, 2)), np.zeros((k, n))
-    normal, gap, offset = np.zeros((k, 3)), np.zeros(k), np.zeros(k)
+    facet, local, step, weights = np.empty(k, np.int64), np.empty((k, 2)), np.empty((k, 2)), np.empty((k, n))
+    normal, gap, offset = np.empty((k, 3)), np.empty(k), np.empty(k)
     places, distances = np.empty((nearest.shape[1], 2)), np.empty(nearest.shape[1])
-    known, c = np.zeros(nf, np.bool_), np.empty((nf, len(table), 3))
-    expand(nearest.ravel(), np.arange(nf * n).reshape(nf, n), facets.reshape(nf * n, 3), table, known, c)
+    known, c, nodes = np.empty(nf, np.bool_), np.empty((nf, len(table), 3)), np.empty((nf, n), np.int64)
+    for f in range(nf):
+        known[f] = False
+        for j in range(n):
+            nodes[f, j] = f * n + j
+    expand(nearest.reshape(nearest.size), nodes, facets.reshape(nf * n, 3), table, known, c)
     for i in range(k):
         point = points[i, 0], points[i, 1], points[i, 2]
         for j in range(nearest.shape[1]):
@@ -373,7 +377,7 @@ def closest(
             best += 1
         f, r, s = nearest[i, best], places[best, 0], places[best, 1]
         a, b, miss = place_on(c, f, r, s, point, cubic)
-        facet[i], local[i, 0], local[i, 1] = f, r, s
+        facet[i], local[i, 0], local[i, 1], step[i, 0], step[i, 1] = f, r, s, 0.0, 0.0
         x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
         length = math.sqrt(x * x + y * y + z * z)
         x, y, z = x / length, y / length, z / length
@@ -381,5 +385,5 @@ def closest(
         gap[i] = away = dot(miss, (x, y, z))
         aside = (miss[0] - away * x, miss[1] - away * y, miss[2] - away * z)
         offset[i] = math.sqrt(dot(aside, aside))
-    weigh(local, np.zeros_like(local), table, weights)
+    weigh(local, step, table, weights)
     return facet, local, weights, normal, gap, offset
