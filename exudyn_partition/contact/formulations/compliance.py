@@ -129,7 +129,7 @@ class NormalCompliance(Law):
         Gaps are h, (nr,) [m], the smallest is `least`. Those below a share of its depth, `near`, have entered, and have
         forces lam, (k,) [N].
         """
-        if len(near) == len(h) or not len(near):
+        if len(near) == len(h) or least >= 0.0:  # others may have moved all rows apart
             return False
         if self.gaps.on_demand:
             return bool(h[near[lam > 0.0]].max(initial=least) > -_WITHIN * share * least)
