@@ -31,7 +31,6 @@ F = TypeVar("F", bound=Callable[..., object])
 _PACKAGE = Path(__file__).parents[1]
 _NO_DOOR = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _OPTIONS = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "nsz"}}  # sums in any order; NaN stays NaN
-_CALLED_FROM_PYTHON = {"no_cfunc_wrapper": True}  # by Python alone, and not by address from C
 
 
 @cache
@@ -68,12 +67,12 @@ def forget_stale(folder: Path) -> None:
 
 def compiled(function: F) -> F:
     """Return the function, which is compiled when it is called first, for the types of its arguments."""
-    return _compiled(function, **_OPTIONS, **_CALLED_FROM_PYTHON)
+    return _compiled(function, **_OPTIONS)
 
 
 def unlocked(function: F) -> F:
     """Return a compiled function that lets other Python threads run; for loops that take long."""
-    return _compiled(function, nogil=True, **_OPTIONS, **_CALLED_FROM_PYTHON)
+    return _compiled(function, nogil=True, **_OPTIONS)
 
 
 def inner(function: F) -> F:
