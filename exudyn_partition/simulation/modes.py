@@ -12,6 +12,7 @@ import scipy.linalg
 from ..algebra.blas_threads import one_blas_thread
 from ..errors import ModelLimitWarning, RunError
 from ..exudyn_bodies.model import validate_model
+from ..exudyn_bodies.reactions import Reactions
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import partition_items
 from ..support.arrays import Array
@@ -20,13 +21,17 @@ from ..support.foreign import MainSolver, MainSystem
 from ..support.optional import require
 from .hooks import silence
 
+_NEUTRAL = 1e-12  # share of the largest stiffness: what has less is free to move, and gives no answer to forces
+
 
 def natural_modes(mbs: MainSystem, *, slipping: bool = False) -> tuple[Array, Array]:
     """Find natural frequencies and modes of small vibration about the initial state, such as that of a preload.
 
     Rows that are closed there stay closed. With friction, all of them stick, also those that slipped under the preload:
     the least vibration lets them stick, as far as it does not reach the limit of friction again. Joints hold what they
-    hold. Damping is left out. Call it after `solve_static(mbs, update_initial=True)`.
+    hold, and their reactions keep their directions in space where bodies turn, as loads do: a link that hangs swings.
+    Damping is left out. Call it after `solve_static(mbs, update_initial=True)`. Otherwise reactions are those that
+    balance the forces of the initial state, after a linear answer of what joints allow.
 
     Parameters
     ----------
@@ -97,8 +102,10 @@ def ignore_slips() -> Iterator[None]:
         yield
 
 
-def linearised(mbs: MainSystem, solver: MainSolver) -> tuple[Array, Array, Array]:
+def linearised(mbs: MainSystem, solver: MainSolver, reactions: bool = True) -> tuple[Array, Array, Array]:
     """Mass and stiffness in the solver's present state, (k, k), of motions that joints allow, (n, k), its last value.
+
+    The stiffness has that of loads, and with `reactions` that of joints, see `Reactions`.
 
     Raises
     ------
@@ -110,11 +117,30 @@ def linearised(mbs: MainSystem, solver: MainSolver) -> tuple[Array, Array, Array
         raise RunError("mbs: coordinates of first order have no natural modes; remove nodes such as NodeGenericODE1")
     solver.ComputeMassMatrix(mbs)
     M = np.array(solver.GetSystemMassMatrix())
-    solver.ComputeJacobianODE2RHS(mbs, scalarFactor_ODE2=-1, scalarFactor_ODE2_t=0, scalarFactor_ODE1=0)
-    if joints:
-        solver.ComputeJacobianAE(
-            mbs, scalarFactor_ODE2=1.0, scalarFactor_ODE2_t=0.0, scalarFactor_ODE1=0.0, velocityLevel=False
-        )
+    solver.ComputeODE2RHS(mbs)
+    forces = np.array(solver.GetSystemResidual())[:n]
+    solver.ComputeJacobianODE2RHS(
+        mbs, scalarFactor_ODE2=-1, scalarFactor_ODE2_t=0, scalarFactor_ODE1=0, computeLoadsJacobian=1
+    )
+    if not joints:
+        return M, np.array(solver.GetSystemJacobian()), np.eye(n)
+    solver.ComputeJacobianAE(
+        mbs, scalarFactor_ODE2=1.0, scalarFactor_ODE2_t=0.0, scalarFactor_ODE1=0.0, velocityLevel=False
+    )
     system = np.array(solver.GetSystemJacobian())
-    allowed = scipy.linalg.null_space(system[len(system) - joints :, :n]) if joints else np.eye(n)
-    return allowed.T @ M @ allowed, allowed.T @ system[:n, :n] @ allowed, allowed
+    K, C = system[:n, :n], system[len(system) - joints :, :n]
+    allowed = scipy.linalg.null_space(C)
+    if reactions:
+        K = K + Reactions.of(mbs).stiffness(_multipliers(K, C, allowed, forces))
+    return allowed.T @ M @ allowed, allowed.T @ K @ allowed, allowed
+
+
+def _multipliers(K: Array, C: Array, allowed: Array, forces: Array) -> Array:
+    """Multipliers, (m,), of rows C, (m, n), that balance forces, (n,), after a linear answer of motions `allowed`.
+
+    Without this answer, reactions in a state without balance would be those of a fall. What joints hold twice shares
+    its reaction.
+    """
+    answer = allowed @ np.linalg.lstsq(allowed.T @ K @ allowed, allowed.T @ forces, rcond=_NEUTRAL)[0]
+    multipliers: Array = np.linalg.lstsq(C.T, forces - K @ answer)[0]
+    return multipliers

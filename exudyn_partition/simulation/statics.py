@@ -44,6 +44,7 @@ from .hooks import (
     watch_steps,
 )
 from .joint_checks import check_start
+from .joint_jacobian import turn_reactions
 from .modes import ignore_slips, linearised
 from .result import Result, called, samples
 from .reviews.review import reviewed
@@ -509,6 +510,7 @@ def _default_settings(mbs: MainSystem, load_steps: int) -> SimulationSettings:
     settings.staticSolver.adaptiveStepDecrease = 0.5
     settings.staticSolver.minimumStepSize = _SHORTEST / load_steps
     newton = settings.staticSolver.newton
+    newton.adaptInitialResidual = False  # else a huge residual on the way would count as the first forces
     newton.absoluteTolerance = residual(mbs)
     if all(contact.mechanics.zones is None for contact in partition_items(mbs)[1]):
         newton.relativeTolerance = _RELATIVE  # forces of plastic zones are not known as closely
@@ -530,6 +532,7 @@ def _attempt(
         watch_steps(mbs, plan.start, plan.end, plan.step, report) as watch,
         divide_load_steps(mbs, plan.settings, plan.start, plan.step / parts) as run,
         plan.springs(),
+        turn_reactions(mbs),
         more or contextlib.nullcontext(),
         keep_apart(mbs, plan.settings),
     ):
@@ -629,26 +632,39 @@ def _limit_division(settings: SimulationSettings, least: float) -> Iterator[None
         static.minimumStepSize = former
 
 
+def _unstable(pressed: Sequence[PartitionBody]) -> str:
+    """What to do about an unstable equilibrium; `pressed` bodies have geometric stiffness."""
+    if not pressed:
+        return (
+            "This equilibrium is unstable, as that of a link that stands on its hinge. Start nearer to the stable one, "
+            "or let a dynamic run with damping find it"
+        )
+    return (
+        f"{' and '.join(called(item) for item in pressed)}: this equilibrium is unstable, compression has buckled "
+        "what should hold it. Lower the load. To find the bent shape, add a small force across, and take more "
+        "load steps"
+    )
+
+
 def _equilibrium(run: ReviewedRun) -> Iterator[Finding]:
     """Equilibrium in which nothing holds a body against some motion, or which no body keeps."""
     mbs, bodies = run.mbs, run.result.bodies
     n = mbs.systemData.ODE2Size()
     if run.result.status != "finished" or not bodies or n + mbs.systemData.AEsize() > _MOST_DENSE:
         return
-    with ignore_slips():
-        M, K, allowed = linearised(mbs, mbs.sys["staticSolver"])
-    M += _LEAST_MASS * np.trace(M) / n * np.eye(len(M))  # nodes without mass are fine in statics
-    squares, motions = scipy.linalg.eigh((K + K.T) / 2, M)
     least = (_NEUTRAL * 2 * np.pi * max(item.body.f_cut for item in bodies)) ** 2
     pressed = [item for item in bodies if item.body.stiffening is not None]
-    # Compression alone makes a squared frequency negative, by geometric stiffness. The stiffness of friction is not
-    # symmetric, and tells nothing.
-    if squares[0] < -least and pressed and not run.contacts:
-        yield Finding(
-            f"{' and '.join(called(item) for item in pressed)}: this equilibrium is unstable, compression has buckled "
-            "what should hold it. Lower the load. To find the bent shape, add a small force across, and take more "
-            "load steps"
-        )
+    for reactions in (bool(pressed), True):  # which take long, and seldom decide
+        with ignore_slips():
+            M, K, allowed = linearised(mbs, mbs.sys["staticSolver"], reactions)
+        M += _LEAST_MASS * np.trace(M) / n * np.eye(len(M))  # nodes without mass are fine in statics
+        squares, motions = scipy.linalg.eigh((K + K.T) / 2, M)
+        if reactions or squares[0] > least:
+            break
+    # The stiffness of friction is not symmetric, and tells nothing.
+    if squares[0] < -least and not run.contacts:
+        yield Finding(_unstable(pressed))
+        return
     slowest = int(abs(squares).argmin())
     if abs(squares[slowest]) > least:
         return

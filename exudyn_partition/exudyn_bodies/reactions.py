@@ -1,0 +1,152 @@
+"""Stiffness by reactions of joints: forces C' lambda change with the coordinates, because rows C turn with bodies.
+
+Exudyn's Jacobians have the rows, but not how they change. A hanging link has no other stiffness against turns, and a
+pressed strut in a floating frame misses a share of its load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from ..frames.rotations import turned
+from ..support.arrays import Array
+from ..support.foreign import ItemEntry, MainSystem, MarkerIndex, ObjectIndex
+from ..support.optional import require
+from .rotation_vectors import rotation_vectors
+
+_WAY = 1e-6  # of central differences, in a coordinate: rows are almost linear over it
+
+
+class _Joint(NamedTuple):
+    """A constraint: its number, rows, (m,), and coordinates, (k,), and its markers on bodies with their coordinates."""
+
+    number: ObjectIndex
+    rows: Array
+    columns: Array
+    markers: list[tuple[MarkerIndex, Array]]
+
+
+@dataclass(frozen=True, eq=False)
+class Reactions:
+    """Forces C' lambda of the joints of a model, and their changes with its coordinates.
+
+    Rotation vectors change by turns about their node's axes. Each change takes two calls of Exudyn a coordinate and
+    joint, some 0.1 ms each.
+
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+        An assembled model.
+    joints : list of _Joint
+        Its constraints that are switched on.
+    turning : dict
+        Place of the rotation vector of each coordinate that is a component of one.
+    references : (nq,) array
+        Coordinates of the reference configuration.
+    """
+
+    mbs: MainSystem
+    joints: list[_Joint]
+    turning: dict[int, slice]
+    references: Array
+
+    @classmethod
+    def of(cls, mbs: MainSystem) -> Reactions:
+        """Reactions of an assembled model, with the joints that are switched on now."""
+        turning = {i: slice(first, first + 3) for first in rotation_vectors(mbs) for i in range(first, first + 3)}
+        references = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Reference)
+        return cls(mbs, [*_joints(mbs)], turning, references)
+
+    def stiffness(self, multipliers: Array) -> Array:
+        """Changes of the forces of constant multipliers, (m,), with all coordinates, (nq, nq)."""
+        result = np.zeros((len(self.references),) * 2)
+        for joint in self.joints:
+            by = np.unique(joint.columns)
+            result[:, by] += self._changes(partial(self._forces, joint, multipliers), by)
+        return result
+
+    def stiffness_as_loads(self, multipliers: Array, columns: Array) -> Array:
+        """Changes of these forces on one body with its own coordinates `columns`, (k,), as if they were loads, (k, k).
+
+        Loads keep their directions in space. For motions that joints allow this adds up to `stiffness`, except where a
+        body slides along another one that turns. Rotations by deformation count as linear.
+        """
+        result = np.zeros((len(self.references),) * 2)
+        for joint in self.joints:
+            for marker, own in joint.markers:
+                turns = np.array([i for i in own if i in self.turning], dtype=int)
+                if turns.size and np.isin(own, columns).all():
+                    load = np.linalg.lstsq(self._ways(marker).T, self._forces(joint, multipliers)[own])[0]
+                    changes = self._changes(partial(self._load, marker, load), turns)
+                    others = np.isin(own, turns, invert=True)
+                    result[np.ix_(own, turns)] += changes
+                    result[np.ix_(turns, own[others])] += changes[others].T
+        of_body: Array = result[np.ix_(columns, columns)]
+        return of_body
+
+    def _forces(self, joint: _Joint, multipliers: Array) -> Array:
+        """Forces of a joint on the model's coordinates, (nq,)."""
+        rows = np.asarray(self.mbs.ComputeItem(joint.number, require("exudyn").ComputeItemType.ConstraintJacobian))
+        forces = np.zeros(len(self.references))
+        np.add.at(forces, joint.columns, rows.T @ multipliers[joint.rows])  # a joint may name a coordinate twice
+        return forces
+
+    def _ways(self, marker: MarkerIndex) -> Array:
+        """Velocity and angular velocity of a marker by those of its coordinates, (6, k)."""
+        kind = require("exudyn").ComputeItemType
+        return np.vstack([self.mbs.ComputeItem(marker, one) for one in (kind.PositionJacobian, kind.RotationJacobian)])
+
+    def _load(self, marker: MarkerIndex, load: Array) -> Array:
+        """Forces of a force and a moment in space, (6,), on a marker's coordinates, (k,)."""
+        forces: Array = self._ways(marker).T @ load
+        return forces
+
+    def _changes(self, function: Callable[[], Array], by: Array) -> Array:
+        """Changes of a function's value, (j,), with coordinates `by`, (k,): (j, k), by central differences."""
+        q, result = self.mbs.systemData.GetODE2Coordinates(copy=False), []
+        for i in by.tolist():
+            place, ends = self.turning.get(i, slice(i, i + 1)), []
+            start = q[place].copy()
+            for way in (_WAY, -_WAY):
+                q[place] = self._moved(place, start, i, way)
+                ends.append(function())
+            q[place] = start
+            result.append((ends[0] - ends[1]) / (2 * _WAY))
+        return np.column_stack(result)
+
+    def _moved(self, place: slice, start: Array, i: int, way: float) -> Array:
+        """Coordinates at a place, (1,) or (3,) for a rotation vector, after number i of the model's has moved."""
+        ways = np.zeros(len(start))
+        ways[i - place.start] = way
+        if i not in self.turning:
+            return start + ways
+        return turned(self.references[place] + start, ways) - self.references[place]
+
+
+def _joints(mbs: MainSystem) -> Iterator[_Joint]:
+    exu, data = require("exudyn"), mbs.systemData
+    for number in map(exu.ObjectIndex, range(data.NumberOfObjects())):
+        rows = np.array(data.GetObjectLTGAE(number), dtype=int)
+        entry = mbs.GetObject(number) if rows.size else {}
+        active = rows.size and entry.get("activeConnector", True)
+        if active and exu.ComputeItemType.ConstraintJacobian in mbs.ComputeItem(number):
+            columns = np.array(data.GetObjectLTGODE2(number), dtype=int)
+            of_one_body = len(np.unique(columns)) < len(columns)  # whose inner forces give it no stiffness
+            yield _Joint(number, rows, columns, [] if of_one_body else [*_markers(mbs, entry)])
+
+
+def _markers(mbs: MainSystem, entry: ItemEntry) -> Iterator[tuple[MarkerIndex, Array]]:
+    """Markers of a joint that have a place and axes, with the coordinates, (k,), of what they are on."""
+    data, kind = mbs.systemData, require("exudyn").ComputeItemType
+    for marker in entry.get("markerNumbers", ()):
+        if {kind.PositionJacobian, kind.RotationJacobian} <= {*mbs.ComputeItem(marker)}:
+            on = mbs.GetMarker(marker)
+            columns = (
+                data.GetObjectLTGODE2(on["bodyNumber"]) if "bodyNumber" in on else data.GetNodeLTGODE2(on["nodeNumber"])
+            )
+            yield marker, np.array(columns, dtype=int)
