@@ -11,16 +11,21 @@ import scipy.linalg
 
 from ..algebra.blas_threads import one_blas_thread
 from ..errors import ModelLimitWarning, RunError
-from ..exudyn_bodies.model import validate_model
+from ..exudyn_bodies.model import coordinate_slices, validate_model
 from ..exudyn_bodies.reactions import Reactions
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import partition_items
+from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array
 from ..support.checks import validate_flag
 from ..support.foreign import MainSolver, MainSystem
 from ..support.optional import require
-from .hooks import silence
+from ..support.warn import warn
+from .hooks import silence, stop_bodies
+from .result import called
 
+_SPIN = 0.01  # rate of rotation by a frequency above which this changes noticeably
+_RIGID = 1e-6  # share of the highest frequency below which a mode is rigid motion
 _NEUTRAL = 1e-12  # share of the largest stiffness: what has less is free to move, and gives no answer to forces
 
 
@@ -55,6 +60,11 @@ def natural_modes(mbs: MainSystem, *, slipping: bool = False) -> tuple[Array, Ar
     RunError
         If the model is not assembled, if contacts have multipliers, which have no stiffness, if coordinates have no
         mass or are of first order, or if `slipping` does not follow a run of `solve_static` with `update_initial=True`.
+
+    Warns
+    -----
+    ModelLimitWarning
+        If a body turns in the initial state, at more than a hundredth of an elastic frequency.
     """
     validate_model(mbs)
     validate_flag("slipping", slipping)
@@ -75,7 +85,7 @@ def natural_modes(mbs: MainSystem, *, slipping: bool = False) -> tuple[Array, Ar
         if not (run.method == "static" and run.has_steps and run.ended_in(initial)):
             raise RunError("slipping: which rows slip is known only after solve_static(mbs, update_initial=True)")
     solver = exu.MainSolverStatic()
-    with one_blas_thread(), silence(True), ignore_slips() if slipping else runs.linearise_aside(mbs):
+    with one_blas_thread(), silence(True), stop_bodies(mbs), ignore_slips() if slipping else runs.linearise_aside(mbs):
         for contact in () if slipping else contacts:
             runs.at_work(contact).mechanics.sticks = True
         mbs.sys["staticSolver"] = solver
@@ -91,7 +101,24 @@ def natural_modes(mbs: MainSystem, *, slipping: bool = False) -> tuple[Array, Ar
         squares, modes = scipy.linalg.eigh((K + K.T) / 2, M)
     except scipy.linalg.LinAlgError as error:
         raise RunError("mbs: coordinates have no mass, so that natural_modes finds no frequencies") from error
-    return np.sign(squares) * np.sqrt(abs(squares)) / (2 * np.pi), allowed @ modes
+    frequencies = np.sign(squares) * np.sqrt(abs(squares)) / (2 * np.pi)
+    _warn_of_spin(mbs, frequencies)
+    return frequencies, allowed @ modes
+
+
+def _warn_of_spin(mbs: MainSystem, frequencies: Array) -> None:
+    """Warn if a body turns in the initial state at a rate that changes frequencies, (k,)."""
+    q_t = mbs.systemData.GetODE2Coordinates_t(require("exudyn").ConfigurationType.Initial)
+    for item in partition_items(mbs)[0]:
+        if isinstance(item.kinematics, FloatingKinematics):
+            rate = float(np.linalg.norm(q_t[next(iter(coordinate_slices(mbs, item)))][3:6]))
+            elastic = frequencies[frequencies > _RIGID * frequencies[-1]]
+            if rate > _SPIN * 2 * np.pi * elastic.min(initial=np.inf):
+                warn(
+                    f"{called(item)} turns at {rate:.3g} rad/s in the initial state, and these are modes of a body "
+                    f"at rest, from {elastic.min():.3g} Hz on: gyroscopic and centrifugal forces change them",
+                    ModelLimitWarning,
+                )
 
 
 @contextlib.contextmanager

@@ -138,3 +138,11 @@ def test_a_clamped_column_has_the_same_modes_in_both_frames(strut):
         ep.solve_static(mbs, load_steps=1, update_initial=True)
         found.append(lowest(mbs, 3))
     np.testing.assert_allclose(found[1], found[0], rtol=1e-3)
+
+
+def test_modes_of_a_body_that_spins_warn(link):
+    mbs = exu.SystemContainer().AddSystem()
+    ep.CreatePartitionBody(mbs, link, name="bar", frame="floating", initialAngularVelocity=[0, 0, 100.0])
+    mbs.Assemble()
+    with pytest.warns(ModelLimitWarning, match="body 'bar' turns at 100 rad/s in the initial state"):
+        ep.natural_modes(mbs)
