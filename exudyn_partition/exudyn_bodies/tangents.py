@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import reduce
 from operator import or_
 from typing import NamedTuple
 
@@ -130,7 +130,7 @@ def _apart(items: Iterable[_Item]) -> Iterable[list[_Item]]:
         if item.by_functions:
             groups[-1 - int(item.number)].append(item)
             continue
-        of_groups = reduce(or_, (taken[column] for column in item.columns))  # a bit for each group
+        of_groups = functools.reduce(or_, (taken[column] for column in item.columns))  # a bit for each group
         free = ~of_groups & (of_groups + 1)
         groups[free].append(item)
         for column in item.columns:
@@ -138,6 +138,7 @@ def _apart(items: Iterable[_Item]) -> Iterable[list[_Item]]:
     return groups.values()
 
 
+@functools.cache  # it is asked for thousands of times
 def _ode2_forces() -> Exudyn:
     """Exudyn's name of the forces by which an item opposes motion."""
     return require("exudyn").ComputeItemType.ODE2LHS
