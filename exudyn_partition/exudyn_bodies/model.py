@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from itertools import chain
+from itertools import chain, islice
 from typing import Any, Protocol
 
 import scipy.sparse as sp
@@ -32,6 +32,7 @@ from ..support.optional import require
 REGISTRY = "exudynPartition"  # key in mbs.sys
 _PACKAGE = f"{__name__.partition('.')[0]}."
 WORK = "work of items"  # name of the sensor of `CreateWorkSensor`
+OBJECTS = "oGenericODE2", "oFFRFreducedOrder"  # keys of a body's objects
 DAMPING = "damping of held bodies"  # name of the sensor that finds the joints which hold damped bodies
 
 
@@ -158,6 +159,12 @@ class Registry:
         if len(contact.sides) == 1:
             surface = contact.master
             self._surfaces.setdefault(type(surface), {})[id(surface)] = self.surface_number(surface)
+
+    @property
+    def objects(self) -> set[int]:
+        """Numbers of the objects of all bodies, and of that of all contacts."""
+        ours = {int(item[key]) for item in self.bodies.values() for key in OBJECTS if key in item}
+        return ours | {int(contact["oContact"]) for contact in islice(self.contacts.values(), 1)}
 
     def place(self, item: BodyItem) -> int:
         """How many bodies were entered before this one."""

@@ -104,9 +104,7 @@ def _of_translation(item: PartitionBody) -> Array:
 def _items(mbs: MainSystem) -> Iterator[_Item]:
     """Objects that are not of this library, with forces that may depend on coordinates or velocities."""
     held, data = registered(mbs), mbs.systemData
-    keys = ("oGenericODE2", "oFFRFreducedOrder")
-    ours = {int(item[key]) for item in held.bodies.values() for key in keys if key in item}
-    ours |= {int(contact["oContact"]) for contact in held.contacts.values()}
+    ours = held.objects
     for place in range(data.NumberOfObjects()):
         if place in ours or len(data.GetObjectLTGAE(place)):
             continue

@@ -194,7 +194,7 @@ def _matrix(bodies: list[PartitionBody], contacts: list[PartitionContact], step:
     for item, place in zip(bodies, consecutive([item.body.n_dofs for item in bodies]), strict=True):
         matrix[place, place] = _stiffness(item.body)
     for dofs, stiffness in _closed(bodies, contacts, step):
-        matrix[np.ix_(dofs, dofs)] += stiffness
+        matrix[dofs[:, None], dofs] += stiffness
     value: Array = scale[:, None] * matrix * scale
     return value
 
