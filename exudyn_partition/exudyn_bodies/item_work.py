@@ -9,7 +9,6 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from ..errors import InputError
 from ..frames.floating import ActingMass
@@ -59,7 +58,7 @@ class WorkSensor:
         if result.method == "static":
             raise InputError("result: expected one of dynamics; a static answer has no velocities, and so no power")
         power = result.sensor_of(self, self.number)
-        work = cumulative_trapezoid(power, result.t, axis=0, initial=0.0)
+        work = require("scipy.integrate").cumulative_trapezoid(power, result.t, axis=0, initial=0.0)
         return dict(zip(self.names, work.T, strict=True))
 
 
