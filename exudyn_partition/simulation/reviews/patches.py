@@ -59,7 +59,8 @@ def directions(run: ReviewedRun) -> Iterator[Finding]:
                 yield from _off_normals(run, history, side, top)
                 continue
             line = item.kinematics.frame(run.body(item).q[top])[1] @ patch.direction
-            aside = math.acos(min(max(sign * float(force @ line) / math.hypot(*force), -1.0), 1.0))
+            along = sign * float(force @ line)
+            aside = math.atan2(math.sqrt(max(float(force @ force) - along**2, 0.0)), along)  # zero without a resultant
             if aside > _ASIDE:
                 yield Finding(
                     f"{called(contact)} at {when(run.result, run.result.t[top])}: the force on {name} is "
