@@ -126,6 +126,8 @@ class Registry:
     damping : DampingSensor or None
     springs : dict of int to (n, n) csr matrix
         What holds bodies in the present run, beside the stiffness that their objects were made with; by object number.
+    nodes_in_contact : dict of int to NodeIndex
+        Nodes of the object of all contacts, by their numbers; empty if they have to be read from it.
     """
 
     def __init__(self) -> None:
@@ -138,6 +140,7 @@ class Registry:
         """Hold these bodies and contacts alone, see `bodies` and `contacts`."""
         self.bodies: dict[int, Any] = {}
         self.contacts: dict[int, Any] = {}
+        self.nodes_in_contact: dict[int, NodeIndex] = {}
         self._places: dict[BodyItem, int] = {}
         self._on_body: dict[BodyItem, list[Any]] = {}
         self._surfaces: dict[type, dict[int, int]] = {}  # by their identity: surfaces of users may have no hash

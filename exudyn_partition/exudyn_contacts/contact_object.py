@@ -38,14 +38,18 @@ def add_to_object(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Obj
     Without this stiffness Newton's method does not converge where only contacts hold a carrier or a body.
     """
     runs.add_contact()
+    held = registered(mbs)
     nodes = {int(node): node for node in contact.nodes + _carrying_nodes(contact)}
-    earlier = next(iter(registered(mbs).contacts.values()), None)
+    earlier = next(iter(held.contacts.values()), None)
     if earlier is None:
+        held.nodes_in_contact = nodes
         return _add_object(mbs, [*nodes.values()], runs)
     number: ObjectIndex = earlier["oContact"]
-    present = {int(node): node for node in mbs.GetObjectParameter(number, "nodeNumbers")}
-    if not nodes.keys() <= present.keys():
-        mbs.SetObjectParameter(number, "nodeNumbers", [*(present | nodes).values()])
+    if not held.nodes_in_contact:
+        held.nodes_in_contact = {int(node): node for node in mbs.GetObjectParameter(number, "nodeNumbers")}
+    if not nodes.keys() <= held.nodes_in_contact.keys():
+        held.nodes_in_contact |= nodes
+        mbs.SetObjectParameter(number, "nodeNumbers", [*held.nodes_in_contact.values()])
     return number
 
 
