@@ -20,7 +20,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.optimize
 
 from ..errors import FrequencyRangeError
 from ..fe.material import Material
@@ -30,6 +29,7 @@ from ..meshing.netgen_mesh import CURVATURE
 from ..prediction.spectrum import truncation_frequency
 from ..support.arrays import Array
 from ..support.foreign import NGSolveMesh
+from ..support.optional import require
 
 GRADING = 0.5  # growth of elements away from the contact
 REFINED = 1.2  # semi-axes of the refined region, by those of the contact
@@ -180,7 +180,7 @@ def bending_wavelength(frequency: float, thickness: float, material: Material) -
     low, high = 1e-3 * thickness, 1e6 * thickness
     if off(math.log(low)) < 0:
         return low
-    return math.exp(float(scipy.optimize.brentq(off, math.log(low), math.log(high))))
+    return math.exp(float(require("scipy.optimize").brentq(off, math.log(low), math.log(high))))
 
 
 def energy_frequency(t: Array, force: Array) -> float:

@@ -23,7 +23,11 @@ def one_blas_thread() -> Iterator[None]:
         yield
         return
     try:
-        with _libraries().limit(limits=1, user_api="blas"):
+        libraries = _libraries()
+        if all(library.num_threads == 1 for library in libraries.lib_controllers):  # as workers of a study have it
+            yield
+            return
+        with libraries.limit(limits=1):
             yield
     finally:
         _LIMITING.release()
@@ -31,5 +35,5 @@ def one_blas_thread() -> Iterator[None]:
 
 @functools.cache  # a search takes milliseconds; NumPy and SciPy, whose BLAS the library calls, are loaded by then
 def _libraries() -> ThreadpoolController:
-    """Libraries with threads that the process has loaded."""
-    return ThreadpoolController()
+    """Libraries of BLAS that the process has loaded."""
+    return ThreadpoolController().select(user_api="blas")

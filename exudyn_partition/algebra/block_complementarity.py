@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from hashlib import blake2b
 from typing import Any, NamedTuple
 
@@ -160,17 +161,22 @@ class BlockComplementarity:
     """
 
     def __init__(self, n: int, core: Mapping[tuple[int, int], Array]) -> None:
-        pairs = sorted(core)
-        m = len(core[pairs[0]]) if pairs else 0
-        self._core = sp.csr_matrix((n * m, n * m))
-        if pairs:
-            blocks, columns = np.array([core[pair] for pair in pairs]), np.array([k for _, k in pairs])
-            starts = np.searchsorted([j for j, _ in pairs], np.arange(n + 1))
-            self._core = sp.bsr_matrix((blocks, columns, starts), shape=(n * m, n * m)).tocsr()
-            self._core.eliminate_zeros()
+        self._of_pairs, m = core, max(map(len, core.values()), default=0)
         self._flat_core = FlatCore.of(n, core)
         self.amplitudes = np.zeros((n, m))
         self.pushed: dict[int, Array] = {}
+
+    @cached_property
+    def _core(self) -> sp.csr_matrix:
+        """S as a matrix, (n m, n m). Compiled steps do not ask for it."""
+        (n, m), pairs = self.amplitudes.shape, sorted(self._of_pairs)
+        if not pairs:
+            return sp.csr_matrix((n * m, n * m))
+        blocks, columns = np.array([self._of_pairs[pair] for pair in pairs]), np.array([k for _, k in pairs])
+        starts = np.searchsorted([j for j, _ in pairs], np.arange(n + 1))
+        core = sp.bsr_matrix((blocks, columns, starts), shape=(n * m, n * m)).tocsr()
+        core.eliminate_zeros()
+        return core
 
     def solve(
         self, problems: Mapping[int, Complementarity], h: Mapping[int, Array], fields: Mapping[int, Array]

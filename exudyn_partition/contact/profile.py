@@ -8,13 +8,16 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
 from ..errors import InputError
 from ..support.arrays import Array, Vector
 from ..support.checks import answer_of, validate_array, validate_vector
+from ..support.optional import require
 from ..surfaces.surface import nearest_places
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 _FEWEST = 8  # points of a curve
 _SAMPLED = 720  # points of a curve that is given as a function
@@ -102,7 +105,9 @@ class RigidProfile:
         """The curve as a function of the length of its chords."""
         closed = np.vstack([self.curve, self.curve[:1]])
         way = np.linalg.norm(np.diff(closed, axis=0), axis=1)
-        return CubicSpline(np.concatenate([[0.0], np.cumsum(way)]), closed, bc_type="periodic")
+        return require("scipy.interpolate").CubicSpline(
+            np.concatenate([[0.0], np.cumsum(way)]), closed, bc_type="periodic"
+        )
 
     @cached_property
     def _starts(self) -> tuple[Array, cKDTree]:

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import scipy.optimize
 
 from ..errors import InputError
 from ..fe.facets import area_vectors, facet_corners
 from ..support.arrays import Array
+from ..support.optional import require
 from .rigid import RigidCylinder, RigidPlane, RigidSphere
 
 _FLAT = 1e-5  # of a patch's size: corners that lie nearer to a plane are on it
@@ -282,7 +282,7 @@ def _cylinders(x: Array, outward: Array, middles: Array) -> list[RigidCylinder]:
         arm = arms - (values[:2] * scale) @ across
         return np.asarray(np.linalg.norm(arm - np.outer(arm @ along, along), axis=1) / scale - values[4])
 
-    best = scipy.optimize.least_squares(off, [*(start[:2] / scale), 0.0, 0.0, 1.0], xtol=1e-14, ftol=1e-14).x
+    best = require("scipy.optimize").least_squares(off, [*(start[:2] / scale), 0.0, 0.0, 1.0], xtol=1e-14, ftol=1e-14).x
     along, centre, radius = axis + best[2:4] @ across, middle + (best[:2] * scale) @ across, best[4] * scale
     along /= np.linalg.norm(along)
     arm = middles - centre
@@ -323,7 +323,7 @@ def _tori(x: Array, outward: Array, middles: Array) -> list[Torus]:
         radial = math.cos(slant) * normal - math.sin(slant) * steep
         axis = math.sin(slant) * normal + math.cos(slant) * steep
         start = [*((height[0] - tube) * normal - ring * radial), *axis, ring, tube]
-        best = scipy.optimize.least_squares(off, start, xtol=1e-14, ftol=1e-14, max_nfev=_TRIES)
+        best = require("scipy.optimize").least_squares(off, start, xtol=1e-14, ftol=1e-14, max_nfev=_TRIES)
         if best.cost < least:
             shape, least = torus(best.x), best.cost
         if least < len(arms) * _ROUNDING**2:

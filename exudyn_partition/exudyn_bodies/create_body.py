@@ -176,7 +176,7 @@ def _add_body(mbs: MainSystem, plan: BodyPlan) -> PartitionBody:
             for n in item.nodes
         ]
     item.as_made = made(mbs, item)
-    registry(mbs).bodies[int(item["oGenericODE2"])] = item
+    registry(mbs).enter_body(int(item["oGenericODE2"]), item)
     if plan.damping is not None:
         item.dampings = ((-np.inf, plan.damping),)
         add_damping_sensor(mbs)

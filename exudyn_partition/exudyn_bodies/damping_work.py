@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from ..frames.damping import Damping
 from ..support.arrays import Array
+from ..support.optional import require
 from .model import Samples
 
 Kind = TypeVar("Kind", bound=Damping)
@@ -58,7 +58,7 @@ def damping_work(
         powers = _powers(result.t, mean, dampings, power) - _powers(result.t, half, dampings, power)
     else:
         powers = _powers(result.t, q_t, dampings, power)
-    work: Array = cumulative_trapezoid(powers, result.t, initial=0.0)
+    work: Array = require("scipy.integrate").cumulative_trapezoid(powers, result.t, initial=0.0)
     return work
 
 

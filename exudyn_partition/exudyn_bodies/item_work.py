@@ -9,7 +9,6 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from ..errors import InputError
 from ..frames.floating import ActingMass
@@ -18,12 +17,11 @@ from ..support.checks import validate_result
 from ..support.foreign import ItemEntry, ItemIndex, MainSystem, SensorIndex
 from ..support.optional import require
 from .joints import HOLONOMIC
-from .model import WORK, BodyItem, Registry, Samples, coordinate_slices, is_ours, registered
+from .model import OBJECTS, WORK, BodyItem, Registry, Samples, coordinate_slices, is_ours, registered
 
 Power = Callable[[MainSystem, Array, Array], float]  # of the model, its velocities, and which of these are of bodies
 
 _SENSED = ("MassProportional", "Coordinate", "ForceVector", "TorqueVector")  # loads
-_BODY_KEYS = ("oGenericODE2", "oFFRFreducedOrder")
 
 
 class WorkSensor:
@@ -60,7 +58,7 @@ class WorkSensor:
         if result.method == "static":
             raise InputError("result: expected one of dynamics; a static answer has no velocities, and so no power")
         power = result.sensor_of(self, self.number)
-        work = cumulative_trapezoid(power, result.t, axis=0, initial=0.0)
+        work = require("scipy.integrate").cumulative_trapezoid(power, result.t, axis=0, initial=0.0)
         return dict(zip(self.names, work.T, strict=True))
 
 
@@ -149,9 +147,7 @@ def _objects(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
 
         return power
 
-    objects, nodes = _numbers(held.bodies)
-    ours = objects | {int(contact["oContact"]) for contact in held.contacts.values()}
-    terms = []
+    (objects, nodes), ours, terms = _numbers(held.bodies), held.objects, []
     for index in range(mbs.systemData.NumberOfObjects()):
         entry = mbs.GetObject(index)
         if index in ours:
@@ -236,15 +232,15 @@ class Others:
         """Items of a model, as they are; `told` is whether a sensor has their work."""
         held = registered(mbs)
         acted_on, not_told, driven = set[int](), [], False
-        each = {number: _numbers({number: item}) for number, item in held.bodies.items()}
-        everything = _numbers(held.bodies)
         for number, item in held.bodies.items():
             force = np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"), dtype=float)
             expected = np.zeros(len(force)) if item.weight is None else item.weight
             if not np.array_equal(force, expected):
                 acted_on.add(id(item))
                 not_told += [] if told else [f"the force vector of {item.name or f'body {number}'}"]
-        for entry, nodes, markers in _others(mbs, held):
+        others, everything = [*_others(mbs, held)], _numbers(held.bodies)
+        each = {number: _numbers({number: item}) for number, item in held.bodies.items()} if others else {}
+        for entry, nodes, markers in others:
             touched = [n for n, of_item in each.items() if _touches(markers, nodes, of_item)]
             acted_on |= {id(held.bodies[n]) for n in touched}
             sensed = told and (entry.get("loadType") in _SENSED or "markerNumbers" in entry or _has_force(entry))
@@ -271,7 +267,7 @@ def acts_on_constant_mass(mbs: MainSystem, item: BodyItem, acting: ActingMass) -
 
 def _others(mbs: MainSystem, held: Registry) -> Iterator[tuple[ItemEntry, set[int], list[ItemEntry]]]:
     """Each object and load that is not of this library, with its nodes and markers."""
-    ours = _numbers(held.bodies)[0] | {int(contact["oContact"]) for contact in held.contacts.values()}
+    ours = held.objects
     for index in range(mbs.systemData.NumberOfObjects()):
         if index not in ours and not _is_idle(entry := mbs.GetObject(index)):
             yield (
@@ -318,7 +314,7 @@ def _is_on_ground(mbs: MainSystem, marker: ItemEntry) -> bool:
 def _numbers(bodies: Mapping[int, BodyItem]) -> tuple[set[int], set[int]]:
     """Objects and nodes of bodies."""
     items: list[Any] = [*bodies.values()]
-    objects = {int(item[key]) for item in items for key in _BODY_KEYS if key in item}
+    objects = {int(item[key]) for item in items for key in OBJECTS if key in item}
     return objects, {int(node) for item in items for node in item.nodes}
 
 

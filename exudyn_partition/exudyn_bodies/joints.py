@@ -17,6 +17,7 @@ from scipy.linalg import lapack
 
 from ..algebra.complementarity import regularised
 from ..algebra.products import hold_rows
+from ..algebra.sparse.assembly import assembled
 from ..errors import InputError
 from ..frames.rotations import turned
 from ..support.arrays import Array
@@ -106,11 +107,11 @@ class Joints:
         for number, columns, mass in _masses(self._mbs):
             if mass is None:
                 varying.append((number, columns))
-                linked.append(_placed(sp.coo_matrix(np.ones((len(columns),) * 2)), columns, n))
+                linked.append((columns, np.ones((len(columns),) * 2)))
             else:
-                constant.append(_placed(mass, columns, n))
-        M = sp.csr_matrix(sum(constant, sp.csr_matrix((n, n))))
-        groups = scipy.sparse.csgraph.connected_components(sum(linked, M), directed=False)[1]
+                constant.append((columns, mass))
+        M = assembled(constant, n)
+        groups = scipy.sparse.csgraph.connected_components(M + assembled(linked, n), directed=False)[1]
         touched = groups[np.concatenate([columns for *_, columns, _ in self._objects])]
         self.dofs = np.flatnonzero(np.isin(groups, touched))
         self._place = np.zeros(n, dtype=int)
@@ -257,10 +258,8 @@ def mass_and_rows(mbs: MainSystem) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """
     exu, data, kind = require("exudyn"), mbs.systemData, require("exudyn").ComputeItemType
     n = data.ODE2Size()
-    M = sp.csr_matrix((n, n))
-    for number, columns, mass in _masses(mbs):
-        own = sp.coo_matrix(mbs.ComputeItem(number, kind.MassMatrix)) if mass is None else mass
-        M = M + _placed(own, columns, n)
+    masses = ((at, mbs.ComputeItem(i, kind.MassMatrix) if mass is None else mass) for i, at, mass in _masses(mbs))
+    M = assembled(masses, n)
     places: list[tuple[Array, Array, Array]] = [(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0))]
     for number in map(exu.ObjectIndex, range(data.NumberOfObjects())):
         rows, columns = np.array(data.GetObjectLTGAE(number), int), np.array(data.GetObjectLTGODE2(number), int)
@@ -274,7 +273,7 @@ def mass_and_rows(mbs: MainSystem) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     return M, C
 
 
-def _masses(mbs: MainSystem) -> Iterator[tuple[ObjectIndex, Array, sp.coo_matrix | None]]:
+def _masses(mbs: MainSystem) -> Iterator[tuple[ObjectIndex, Array, Array | sp.coo_matrix | None]]:
     """Number, coordinates and mass matrix of each object with mass; None in place of a mass that may vary."""
     exu, data = require("exudyn"), mbs.systemData
     for number in map(exu.ObjectIndex, range(data.NumberOfObjects())):
@@ -303,17 +302,17 @@ def _is_linear(entry: ItemEntry) -> bool:
     return entry["objectType"] in _LINEAR and not quadratic and not isinstance(entry.get(_TIMED[1]), dict)
 
 
-def _constant_mass(entry: ItemEntry, n: int) -> sp.coo_matrix | None:
+def _constant_mass(entry: ItemEntry, n: int) -> Array | sp.coo_matrix | None:
     """Mass matrix, (n, n), from GetObject, because ComputeItem returns no sparse matrices; None if it may vary."""
     kind = entry["objectType"]
     if kind in ("Mass1D", "MassPoint", "MassPoint2D"):
-        return sp.coo_matrix(entry["mass"] * np.eye(n))
+        return np.asarray(entry["mass"] * np.eye(n))
     if kind == "RotationalMass1D":
-        return sp.coo_matrix(entry["inertia"] * np.eye(n))
+        return np.asarray(entry["inertia"] * np.eye(n))
     if kind == "FFRFreducedOrder" and is_massless(entry):
         return sp.coo_matrix((n, n))
     if kind == "RigidBody2D" and not np.any(entry.get("centerOfMass", 0.0)):
-        return sp.coo_matrix(np.diag([entry["mass"], entry["mass"], entry["inertia"]]))
+        return np.diag([entry["mass"], entry["mass"], entry["inertia"]])
     if kind != "GenericODE2" or isinstance(entry["massMatrixUserFunction"], dict):
         return None
     matrix = entry["massMatrix"].GetPythonObject()
@@ -329,8 +328,3 @@ def is_massless(entry: ItemEntry) -> bool:
         return False
     matrix = entry["massMatrixReduced"].GetPythonObject()
     return not isinstance(matrix, dict) and not np.any(matrix)
-
-
-def _placed(matrix: sp.coo_matrix, columns: Array, n: int) -> sp.csr_matrix:
-    """Matrix, (n, n), with the entries of a (k, k) matrix at the coordinates `columns`, (k,)."""
-    return sp.csr_matrix((matrix.data, (columns[matrix.row], columns[matrix.col])), shape=(n, n))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from itertools import chain, islice
 from typing import Any, Protocol
 
 import scipy.sparse as sp
@@ -32,6 +32,7 @@ from ..support.optional import require
 REGISTRY = "exudynPartition"  # key in mbs.sys
 _PACKAGE = f"{__name__.partition('.')[0]}."
 WORK = "work of items"  # name of the sensor of `CreateWorkSensor`
+OBJECTS = "oGenericODE2", "oFFRFreducedOrder"  # keys of a body's objects
 DAMPING = "damping of held bodies"  # name of the sensor that finds the joints which hold damped bodies
 
 
@@ -114,11 +115,10 @@ class Samples(Protocol):
         """Samples of sensor `number`, which belongs to `item`, (n, k)."""
 
 
-@dataclass
 class Registry:
     """Items of this library in a model.
 
-    Parameters
+    Attributes
     ----------
     bodies, contacts : dict
         By number of their object, and of their sensor.
@@ -126,13 +126,61 @@ class Registry:
     damping : DampingSensor or None
     springs : dict of int to (n, n) csr matrix
         What holds bodies in the present run, beside the stiffness that their objects were made with; by object number.
+    nodes_in_contact : dict of int to NodeIndex
+        Nodes of the object of all contacts, by their numbers; empty if they have to be read from it.
     """
 
-    bodies: dict[int, Any] = field(default_factory=dict)
-    contacts: dict[int, Any] = field(default_factory=dict)
-    work: Any = None
-    damping: Any = None
-    springs: dict[int, sp.csr_matrix] = field(default_factory=dict)
+    def __init__(self) -> None:
+        self.work: Any = None
+        self.damping: Any = None
+        self.springs: dict[int, sp.csr_matrix] = {}
+        self.hold({}, {})
+
+    def hold(self, bodies: Mapping[int, Any], contacts: Mapping[int, Any]) -> None:
+        """Hold these bodies and contacts alone, see `bodies` and `contacts`."""
+        self.bodies: dict[int, Any] = {}
+        self.contacts: dict[int, Any] = {}
+        self.nodes_in_contact: dict[int, NodeIndex] = {}
+        self._places: dict[BodyItem, int] = {}
+        self._on_body: dict[BodyItem, list[Any]] = {}
+        self._surfaces: dict[type, dict[int, int]] = {}  # by their identity: surfaces of users may have no hash
+        for number, item in bodies.items():
+            self.enter_body(number, item)
+        for number, contact in contacts.items():
+            self.enter_contact(number, contact)
+
+    def enter_body(self, number: int, item: BodyItem) -> None:
+        """Enter a new body with the number of its object."""
+        self.bodies[number] = item
+        self._places[item] = len(self._places)
+
+    def enter_contact(self, number: int, contact: Any) -> None:
+        """Enter a new contact with the number of its sensor."""
+        self.contacts[number] = contact
+        for item in {item for item, _ in contact.sides}:
+            self._on_body.setdefault(item, []).append(contact)
+        if len(contact.sides) == 1:
+            surface = contact.master
+            self._surfaces.setdefault(type(surface), {})[id(surface)] = self.surface_number(surface)
+
+    @property
+    def objects(self) -> set[int]:
+        """Numbers of the objects of all bodies, and of that of all contacts."""
+        ours = {int(item[key]) for item in self.bodies.values() for key in OBJECTS if key in item}
+        return ours | {int(contact["oContact"]) for contact in islice(self.contacts.values(), 1)}
+
+    def place(self, item: BodyItem) -> int:
+        """How many bodies were entered before this one."""
+        return self._places[item]
+
+    def surface_number(self, surface: object) -> int:
+        """Which of the model's rigid surfaces of its kind this is, from one, or would be if it is new."""
+        alike = self._surfaces.get(type(surface), {})
+        return alike.get(id(surface), len(alike) + 1)
+
+    def contacts_on(self, items: Iterable[BodyItem]) -> list[Any]:
+        """Contacts of some bodies, each once."""
+        return [*dict.fromkeys(chain.from_iterable(self._on_body.get(item, ()) for item in items))]
 
 
 def validate_model(mbs: MainSystem) -> None:
@@ -173,13 +221,9 @@ def registered(mbs: MainSystem) -> Registry:
         return number < objects and bool(held.bodies[number].is_in(mbs))
 
     if held.bodies and not holds(next(reversed(held.bodies))):
-        held.bodies = {number: item for number, item in held.bodies.items() if holds(number)}
-        there = {*held.bodies.values()}
-        held.contacts = {
-            number: contact
-            for number, contact in held.contacts.items()
-            if all(item in there for item, _ in contact.sides)
-        }
+        bodies = {number: item for number, item in held.bodies.items() if holds(number)}
+        there, contacts = {*bodies.values()}, held.contacts.items()
+        held.hold(bodies, {n: contact for n, contact in contacts if all(item in there for item, _ in contact.sides)})
 
     def is_there(number: SensorIndex, name: str) -> bool:
         return int(number) < sensors and bool(mbs.GetSensor(number)["name"] == name)

@@ -19,6 +19,7 @@ from ..support.checks import read_only
 from ..support.foreign import ItemEntry, MainSystem
 from ..support.optional import require
 from .carriers import Carrier, pose_in
+from .model import registered
 from .signs import signs_of
 
 _MOST = 1000  # places of a body that are kept
@@ -197,8 +198,10 @@ class OtherBodies:
     """
 
     def __init__(self, mbs: MainSystem, carriers: Iterable[int]) -> None:
-        bodies, carrying = list[_Watched](), {*carriers}
+        bodies, carrying, ours = list[_Watched](), {*carriers}, registered(mbs).objects
         for number in range(mbs.systemData.NumberOfObjects()):
+            if number in ours:  # they are no other bodies, and entries with large matrices take long
+                continue
             entry = mbs.GetObject(number)
             points, triangles = _shape(mbs, number, entry)
             if len(triangles) or number in carrying:

@@ -60,8 +60,9 @@ def signs_of(mbs: MainSystem) -> list[Sign]:
 
 def _connectors(mbs: MainSystem) -> Iterator[Sign]:
     """Signs of joints, springs and drives, and of the ground where it holds them."""
-    held = {int(marker) for item in registered(mbs).bodies.values() for marker in item.frame_markers}
-    for number in range(mbs.systemData.NumberOfObjects()):
+    ours = registered(mbs)
+    held = {int(marker) for item in ours.bodies.values() for marker in item.frame_markers}
+    for number in sorted({*range(mbs.systemData.NumberOfObjects())} - ours.objects):
         entry = mbs.GetObject(number)
         markers = entry.get("markerNumbers", ())
         if len(markers) != 2 or not held.isdisjoint(map(int, markers)) or not entry.get("activeConnector", True):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import reduce
 from operator import or_
 from typing import NamedTuple
 
@@ -104,9 +104,7 @@ def _of_translation(item: PartitionBody) -> Array:
 def _items(mbs: MainSystem) -> Iterator[_Item]:
     """Objects that are not of this library, with forces that may depend on coordinates or velocities."""
     held, data = registered(mbs), mbs.systemData
-    keys = ("oGenericODE2", "oFFRFreducedOrder")
-    ours = {int(item[key]) for item in held.bodies.values() for key in keys if key in item}
-    ours |= {int(contact["oContact"]) for contact in held.contacts.values()}
+    ours = held.objects
     for place in range(data.NumberOfObjects()):
         if place in ours or len(data.GetObjectLTGAE(place)):
             continue
@@ -130,7 +128,7 @@ def _apart(items: Iterable[_Item]) -> Iterable[list[_Item]]:
         if item.by_functions:
             groups[-1 - int(item.number)].append(item)
             continue
-        of_groups = reduce(or_, (taken[column] for column in item.columns))  # a bit for each group
+        of_groups = functools.reduce(or_, (taken[column] for column in item.columns))  # a bit for each group
         free = ~of_groups & (of_groups + 1)
         groups[free].append(item)
         for column in item.columns:
@@ -138,6 +136,7 @@ def _apart(items: Iterable[_Item]) -> Iterable[list[_Item]]:
     return groups.values()
 
 
+@functools.cache  # it is asked for thousands of times
 def _ode2_forces() -> Exudyn:
     """Exudyn's name of the forces by which an item opposes motion."""
     return require("exudyn").ComputeItemType.ODE2LHS

@@ -81,7 +81,7 @@ def taken_by(
         FRICTION: [contact.friction.work(result) for contact in contacts if contact.friction],
         FLOW: [contact.plastic.work(result) for contact in contacts if contact.plastic],
     }
-    return {what: np.sum(works, axis=0) for what, works in works_by_cause.items() if np.any(works)}
+    return {what: np.sum(works, axis=0) for what, works in works_by_cause.items() if works and np.any(works)}
 
 
 def taken(result: RunResult) -> dict[str, Array]:

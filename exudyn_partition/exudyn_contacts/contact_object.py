@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from ..algebra.friction import SLIP
 from ..algebra.products import dense
 from ..errors import ModelLimitWarning
-from ..exudyn_bodies.model import latest_solver, method_of, user_function
+from ..exudyn_bodies.model import latest_solver, method_of, registered, user_function
 from ..exudyn_bodies.rotation_vectors import turns
 from ..exudyn_bodies.user_functions import sparse_container, terms
 from ..frames.kinematics import Rows
@@ -30,9 +30,7 @@ _ROUNDING = 1e-11  # share of a facet's size: rows that are no deeper are closed
 Block = tuple[Rows, Array, Array]  # a part of a matrix, (k, l), and its rows, (k,), and columns, (l,)
 
 
-def add_to_object(
-    mbs: MainSystem, contact: PartitionContact, earlier: Sequence[PartitionContact], runs: Runs
-) -> ObjectIndex:
+def add_to_object(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> ObjectIndex:
     """Add a new contact to the model's one object of contacts; returns the object's number.
 
     The object has no mass. Its nodes are those of all bodies in contact and of bodies that carry rigid surfaces. So
@@ -40,12 +38,18 @@ def add_to_object(
     Without this stiffness Newton's method does not converge where only contacts hold a carrier or a body.
     """
     runs.add_contact()
+    held = registered(mbs)
     nodes = {int(node): node for node in contact.nodes + _carrying_nodes(contact)}
-    if not earlier:
+    earlier = next(iter(held.contacts.values()), None)
+    if earlier is None:
+        held.nodes_in_contact = nodes
         return _add_object(mbs, [*nodes.values()], runs)
-    number: ObjectIndex = earlier[0]["oContact"]
-    present = {int(node): node for node in mbs.GetObjectParameter(number, "nodeNumbers")}
-    mbs.SetObjectParameter(number, "nodeNumbers", [*(present | nodes).values()])
+    number: ObjectIndex = earlier["oContact"]
+    if not held.nodes_in_contact:
+        held.nodes_in_contact = {int(node): node for node in mbs.GetObjectParameter(number, "nodeNumbers")}
+    if not nodes.keys() <= held.nodes_in_contact.keys():
+        held.nodes_in_contact |= nodes
+        mbs.SetObjectParameter(number, "nodeNumbers", [*held.nodes_in_contact.values()])
     return number
 
 

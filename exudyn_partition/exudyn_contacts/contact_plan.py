@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol, get_args
 
@@ -210,21 +210,18 @@ def _name_of(
 ) -> str:
     """Name of a contact that was given none, as "ball on plate"; no other contact of the model has it."""
     held = registered(mbs)
-    numbers = {item: number for number, item in enumerate(held.bodies.values())}
-    of_slave, of_master = (item and (item.name or f"body {numbers[item]}") for item in (slave, master))
+    of_slave, of_master = (item and (item.name or f"body {held.place(item)}") for item in (slave, master))
     if master == slave:
         of_master = "itself"
     elif rigid is not None:
-        of_master = _name_of_surface(held.contacts.values(), rigid)
+        of_master = _name_of_surface(rigid, held.surface_number(rigid))
     name = f"{of_slave} on {of_master}{' edges' if rows == 'edges' else ''}"
     more = (name if i == 1 else f"{name} ({i})" for i in itertools.count(1))
     return next(one for one in more if not any(is_taken(mbs, one, kind) for kind in _NAMED))
 
 
-def _name_of_surface(contacts: Iterable[PlannedContact], rigid: RigidSurface) -> str:
-    """Kind of a rigid surface, as "plane", with a number from the second one of a model on."""
-    alike = [contact.master for contact in contacts if isinstance(contact.master, type(rigid))]
-    number = [*dict.fromkeys(map(id, [*alike, rigid]))].index(id(rigid)) + 1
+def _name_of_surface(rigid: RigidSurface, number: int) -> str:
+    """Kind of a rigid surface, as "plane", with its number from the second one of a model on."""
     return type(rigid).__name__.removeprefix("Rigid").lower() + (f" {number}" if number > 1 else "")
 
 

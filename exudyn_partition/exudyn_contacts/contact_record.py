@@ -51,13 +51,22 @@ class LoopedSamples:
             if (start := bounds[place]) < (end := bounds[place + 1])
         ]
 
-    def rows_at(self, t: float, place: int) -> tuple[Array, Array] | None:
+    def rows_at(self, times: Sequence[float], place: int) -> list[tuple[Array, Array] | None]:
         """See `ContactRecord.rows_at`, of the contact at a place of the group."""
-        if t not in self._kept:
-            return None
-        nodes, bounds, lam, _ = self._kept[t]
-        start, end = bounds[place], bounds[place + 1]
-        return (nodes[start:end], lam[start:end]) if start < end else None
+        found: list[tuple[Array, Array] | None] = []
+        for sample in map(self._kept.get, times):
+            rows = None
+            if sample is not None and (start := sample[1][place]) < (end := sample[1][place + 1]):
+                rows = sample[0][start:end], sample[2][start:end]
+            found.append(rows)
+        return found
+
+    def stored_at(self, times: Sequence[float], place: int) -> list[float]:
+        """See `ContactRecord.stored_at`, of the contact at a place of the group."""
+        return [
+            0.0 if sample is None or sample[1][place] == sample[1][place + 1] else sample[3][place]
+            for sample in map(self._kept.get, times)
+        ]
 
     def stored(self, place: int) -> dict[float, float]:
         """Energy that this contact stored while it was closed [J]; keys are times [s]."""
@@ -195,12 +204,22 @@ class ContactRecord:
         own = [(t, nodes, lam) for t, (nodes, lam) in self._samples.items()]
         return sorted([*own, *looped], key=lambda sample: sample[0]) if own else looped
 
-    def rows_at(self, t: float) -> tuple[Array, Array] | None:
-        """The slave's patch nodes of the closed rows at a time [s], and the forces on them [N]; None if all are open.
+    def rows_at(self, times: Sequence[float]) -> list[tuple[Array, Array] | None]:
+        """The slave's patch nodes of the closed rows at some times [s], and forces there [N]; None where all are open.
 
         Of the same time, what loops have found last counts.
         """
-        return self._looped.rows_at(t, self._place) or self._samples.get(t)
+        looped = self._looped.rows_at(times, self._place)
+        if not self._samples:
+            return looped
+        return [rows or self._samples.get(t) for t, rows in zip(times, looped, strict=True)]
+
+    def stored_at(self, times: Sequence[float]) -> list[float]:
+        """Energy that an elastic contact stored at each time [s]; none where all rows were open [J]."""
+        if not self._stored:
+            return self._looped.stored_at(times, self._place)
+        kept = self.stored
+        return [kept.get(t, 0.0) for t in times]
 
     @property
     def stored(self) -> dict[float, float]:

@@ -36,8 +36,7 @@ def nodal_forces(contact: ModelContact, result: RunSamples) -> list[Array]:
 def stored_energy(contact: ModelContact, result: RunSamples) -> Array:
     """Energy that an elastic contact stored, (n,) [J]: as the run kept it, or computed from the coordinates."""
     if result.runs:
-        kept = result.kept(contact).stored
-        return np.array([kept.get(t, 0.0) for t in result.t.tolist()])
+        return np.array(result.kept(contact).stored_at(result.t.tolist()))
     energies = _ENERGIES.setdefault(result, {})  # energies of all contacts of the group, which are found together
     if id(contact.group) not in energies:
         energies[id(contact.group)] = np.array(

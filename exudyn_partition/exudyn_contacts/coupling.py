@@ -15,32 +15,27 @@ from ..support.arrays import consecutive
 from .partition_contact import PartitionContact
 
 
-def solve_together(contact: PartitionContact, contacts: list[PartitionContact]) -> None:
+def solve_together(contact: PartitionContact, beside: Sequence[PartitionContact]) -> None:
     """Join a new contact to those whose forces move its rows, and to those whose rows move by its forces.
+
+    `beside` are the contacts that share a body with it.
 
     Raises
     ------
     InputError
         If no formulation solves both together.
     """
-    group = coupled_with(contact, contacts)
+    group = [contact, *itertools.chain(*_groups_of(contact, beside))]
     together = contact.formulation.together([member.mechanics for member in group], _Links(group))
     for member in group:
         member.group, member.together = group, together
 
 
-def coupled_with(contact: PartitionContact, contacts: Sequence[PartitionContact]) -> list[PartitionContact]:
-    """Return the contact and all that it is solved together with, directly or through other contacts."""
-    return [contact, *itertools.chain(*_groups_of(contact, contacts))]
-
-
-def _groups_of(contact: PartitionContact, contacts: Sequence[PartitionContact]) -> list[list[PartitionContact]]:
-    """Groups of the contacts that a contact is solved together with, each once."""
+def _groups_of(contact: PartitionContact, beside: Sequence[PartitionContact]) -> list[list[PartitionContact]]:
+    """Groups of the contacts beside it that a contact is solved together with, each once."""
     groups: dict[int, list[PartitionContact]] = {}
-    bodies, anywhere = {item for item, _ in contact.sides}, contact.mechanics.gaps.anywhere
-    for neighbour in contacts:
-        if not any(item in bodies for item, _ in neighbour.sides):
-            continue
+    anywhere = contact.mechanics.gaps.anywhere
+    for neighbour in beside:
         if _same_sides(contact, neighbour):
             raise InputError(
                 f"slave, master: these two already have the contact {neighbour.name!r} between the same patches"
@@ -68,27 +63,14 @@ class Joining:
     """Contacts of a list of bodies, which are joined as they are made; who finds their forces is known at the end.
 
     There may be thousands of them, of which each shares its bodies with hundreds.
-
-    Parameters
-    ----------
-    contacts : sequence of PartitionContact
-        Those that the model has already.
     """
 
-    def __init__(self, contacts: Sequence[PartitionContact]) -> None:
-        self._of_body: dict[PartitionBody, list[PartitionContact]] = {}
+    def __init__(self) -> None:
         self._new: list[PartitionContact] = []
-        for contact in contacts:
-            self._note(contact)
 
-    def _note(self, contact: PartitionContact) -> None:
-        for item in {item for item, _ in contact.sides}:
-            self._of_body.setdefault(item, []).append(contact)
-
-    def join(self, contact: PartitionContact) -> None:
-        """Join a new contact to those whose forces move its rows; see `solve_together`."""
-        beside = (self._of_body.get(item, ()) for item, _ in contact.sides)
-        groups = _groups_of(contact, [*dict.fromkeys(itertools.chain(*beside))])
+    def join(self, contact: PartitionContact, beside: Sequence[PartitionContact]) -> None:
+        """Join a new contact to those beside it whose forces move its rows; see `solve_together`."""
+        groups = _groups_of(contact, beside)
         group = groups[0] if groups else []
         for other in groups[1:]:
             group.extend(other)
@@ -97,7 +79,6 @@ class Joining:
         group.append(contact)
         contact.group = group
         self._new.append(contact)
-        self._note(contact)
 
     def end(self) -> None:
         """Let the contacts of each group find their forces together."""

@@ -15,7 +15,7 @@ from ..contact.side import Side
 from ..contact.smooth_faces import SmoothFace
 from ..errors import InputError
 from ..exudyn_bodies.carriers import load_carrier
-from ..exudyn_bodies.model import registry, user_function
+from ..exudyn_bodies.model import registered, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..support.checks import validate_text
 from ..support.foreign import MainSystem, NodeIndex, ObjectIndex, SensorIndex
@@ -28,7 +28,7 @@ from .contact_plan import ContactPlan, Passes, needs_edges, plan_contact
 from .contact_run import N_FRICTION, N_VALUES, N_VALUES_AHEAD, ContactRun
 from .coupling import Joining, solve_together
 from .model_run import Runs, runs_of
-from .partition_contact import PartitionContact, partition_items
+from .partition_contact import PartitionContact
 from .point_pairs import point_pairs
 
 _log = logging.getLogger(__name__)
@@ -198,7 +198,7 @@ def _contacts_of(
 ) -> list[PartitionContact]:
     """Add contacts of pairs that were found; skins also have contacts of the rows at the master's edges."""
     validate_text("name", name)
-    contacts, joining = list[PartitionContact](), Joining(partition_items(mbs)[1])
+    contacts, joining = list[PartitionContact](), Joining()
     try:
         for i, (((slave, patch), master, anywhere, carrier), faces) in enumerate(pairs, 1):
             named, body = name and f"{name} {i}", isinstance(master, tuple)
@@ -226,24 +226,23 @@ def _faces_of(pair: FoundPair, formulation: FormulationName | Formulation) -> Se
 
 
 def _build(
-    mbs: MainSystem, plan: ContactPlan, join: Callable[[PartitionContact], None] | None = None
+    mbs: MainSystem,
+    plan: ContactPlan,
+    join: Callable[[PartitionContact, list[PartitionContact]], None] = solve_together,
 ) -> PartitionContact:
-    """Add a planned contact to the model, with its sensors; `join` joins it to others, by default to be solved now."""
-    _, contacts = partition_items(mbs)
+    """Add a planned contact to the model, with its sensors; `join` joins it to others of its bodies."""
+    held = registered(mbs)
     contact, mechanics = PartitionContact(plan), plan.mechanics
-    if join is None:
-        solve_together(contact, contacts)
-    else:
-        join(contact)
+    join(contact, held.contacts_on(item for item, _ in contact.sides))
     kind = type(mechanics.law).__name__
     _log.info("contact %r: %s with %s rows, in a group of %s", plan.name, kind, contact.n_rows, len(contact.group))
     runs = runs_of(mbs)
     if mechanics.ahead:
         _chain_steps(mbs, runs)
-    contact["oContact"] = add_to_object(mbs, contact, contacts, runs)
+    contact["oContact"] = add_to_object(mbs, contact, runs)
     if plan.carried_by is not None:
         load_carrier(mbs, lambda: runs.at_work(contact), plan.carried_by)
-    _add_force_sensor(mbs, runs, contact, first=not contacts)
+    _add_force_sensor(mbs, runs, contact, first=not held.contacts)
     if mechanics.friction is not None:
         if mechanics.gaps.anywhere:  # most of many contacts are far apart: Python would be called for each of them
             contact["nFrictionData"], contact["sFriction"] = _add_data(mbs, "", N_FRICTION)
@@ -251,7 +250,7 @@ def _build(
             contact["sFriction"] = _add_sensor(mbs, runs, contact, ContactRun.friction_values)
     if mechanics.zones is not None:
         contact["sPlastic"] = _add_sensor(mbs, runs, contact, ContactRun.plastic_values)
-    registry(mbs).contacts[int(contact["sForce"])] = contact
+    held.enter_contact(int(contact["sForce"]), contact)
     return contact
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -171,9 +171,14 @@ class KeptRun:
     def _rows(self) -> dict[float, tuple[Array, Array]]:
         return {t: (nodes, forces) for t, nodes, forces in self.samples}
 
-    def rows_at(self, t: float) -> tuple[Array, Array] | None:
-        """See `ContactRecord.rows_at`."""
-        return self._rows.get(t)
+    def rows_at(self, times: Sequence[float]) -> list[tuple[Array, Array] | None]:
+        """See `ContactRecord`."""
+        return [*map(self._rows.get, times)]
+
+    def stored_at(self, times: Sequence[float]) -> list[float]:
+        """See `ContactRecord`."""
+        kept = self.stored
+        return [kept.get(t, 0.0) for t in times]
 
     @property
     def tangential(self) -> dict[float, tuple[Array, Array]]:

@@ -31,7 +31,7 @@ class RowSamples:
 
     def at_sample(self, sample: int) -> tuple[Array, Array]:
         """Patch nodes of the closed rows at a sample, (k,), and the forces on them, (k,) [N]."""
-        return self.run.rows_at(float(self.times[sample])) or _NONE
+        return self.run.rows_at([float(self.times[sample])])[0] or _NONE
 
     def joined(self, samples: Array) -> tuple[Array, Array, Array]:
         """Closed rows at some samples, one after the other.
@@ -41,8 +41,8 @@ class RowSamples:
         (k,) int array, (k,) array, (n + 1,) int array
             Patch nodes, forces on them [N], and where the rows of each sample begin.
         """
-        rows_at, times = self.run.rows_at, self.times[samples].tolist()
-        nodes, forces = zip(_NONE, *[rows_at(t) or _NONE for t in times], strict=True)
+        found = self.run.rows_at(self.times[samples].tolist())
+        nodes, forces = zip(_NONE, *[rows or _NONE for rows in found], strict=True)
         return np.concatenate(nodes), np.concatenate(forces), np.cumsum([*map(len, nodes)])
 
     def matrix(self, samples: Array | None = None) -> sp.csr_matrix:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.optimize
 
 from ..support.arrays import Array
+from ..support.optional import require
 from .facets import area_vectors, facet_corners
 from .quadrature import area_mean
 
@@ -49,7 +49,7 @@ def middle(points: Array, facets: Array) -> Array:
         misses: Array = np.linalg.norm(np.cross(local - point, direction), axis=1) / radius - x[4]
         return misses
 
-    fit = scipy.optimize.least_squares(off, np.r_[np.zeros(4), 1.0], method="lm", xtol=1e-15, ftol=1e-15)
+    fit = require("scipy.optimize").least_squares(off, np.r_[np.zeros(4), 1.0], method="lm", xtol=1e-15, ftol=1e-15)
     if abs(fit.fun).max() > _ROUND:
         return mean
     point, direction = axis(fit.x)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import scipy.sparse as sp
 
 from ..support.arrays import Array
 
@@ -43,11 +42,10 @@ def semi_axes(nodes: Array, forces: Array, starts: Array, points: Array, areas: 
     """
     x = points - points.mean(axis=0)
     squares = (x[:, :, None] * x[:, None, :]).reshape(-1, 9)
-    by_sample = sp.csr_matrix((forces, nodes, np.append(starts, len(nodes))), shape=(len(starts), len(x)))
-    sums = by_sample @ np.column_stack([np.ones(len(x)), areas, x, squares])
-    sums /= sums[:, :1]
-    area, first = sums[:, 1], sums[:, 2:5]
-    moments = sums[:, 5:].reshape(-1, 3, 3) - first[:, :, None] * first[:, None, :]
+    each = np.concatenate([x, areas[:, None], squares], axis=1)[nodes]
+    means = np.add.reduceat(forces[:, None] * each, starts) / np.add.reduceat(forces, starts)[:, None]
+    first, area = means[:, :3], means[:, 3]
+    moments = means[:, 4:].reshape(-1, 3, 3) - first[:, :, None] * first[:, None, :]
     principal = np.linalg.eigvalsh(moments)[:, :0:-1]
     hat = areas.sum() / len(points) / _HAT
     own = area / _HAT if integrated else np.zeros(len(area))

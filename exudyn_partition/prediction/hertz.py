@@ -9,13 +9,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
 
 from ..errors import InputError
 from ..fe.material import Material
 from ..support.arrays import Array
 from ..support.checks import read_only, validate_number, validate_positive, validate_type
+from ..support.optional import require
 from .spectrum import truncation_frequency
 from .yielding import Stress
 
@@ -376,7 +375,7 @@ def _speed(force: float, stiffness: float, mass: float, impedance: float) -> flo
         return limit * y * math.sqrt(y) - force
 
     # Neither yields less than it would alone, and both together no more than one after the other.
-    return float(brentq(beyond, max(by_mass, by_waves), most, xtol=_SPEED_TOLERANCE * most))
+    return float(require("scipy.optimize").brentq(beyond, max(by_mass, by_waves), most, xtol=_SPEED_TOLERANCE * most))
 
 
 def _solve(a: float, b: float) -> tuple[float, float, float, Array]:
@@ -398,8 +397,8 @@ def _solve(a: float, b: float) -> tuple[float, float, float, Array]:
     turns.direction = parts.direction = -1  # type: ignore[attr-defined]
     parts.terminal = True  # type: ignore[attr-defined]
     span = (0, math.inf if b else _SETTLED)
-    tolerances = {"rtol": 1e-10, "atol": 1e-22}
-    run = solve_ivp(rates, span, (0.0, 1.0), method="LSODA", events=(turns, parts), dense_output=True, **tolerances)
+    options = {"method": "LSODA", "rtol": 1e-10, "atol": 1e-22, "dense_output": True}
+    run = require("scipy.integrate").solve_ivp(rates, span, (0.0, 1.0), events=(turns, parts), **options)
     end = run.t[-1]
     top, largest = (run.t_events[0][0], run.y_events[0][0][0]) if b else (end, run.y[0, -1])
     rising = np.linspace(0, top, 2**12)

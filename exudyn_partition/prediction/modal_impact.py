@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.integrate
 import scipy.linalg
 
 from ..algebra.complementarity import Complementarity, regularised
@@ -13,6 +12,7 @@ from ..algebra.coulomb import Coulomb, coefficients
 from ..algebra.friction import SLIP, FrictionProblem
 from ..errors import InputError
 from ..support.arrays import Array
+from ..support.optional import require
 from . import loops
 from .default_step import SAFETY, STEPS_A_PERIOD, resolving_step
 
@@ -89,7 +89,7 @@ class Impact:
         t, total, velocity = self.run(duration, largest_step)
         passed = np.cumsum(total[:, 0])
         at = np.unique(np.searchsorted(passed, passed[-1] * (np.arange(moments) + 0.5) / moments))
-        q = scipy.integrate.cumulative_trapezoid(velocity, t, axis=0, initial=0.0)[at]
+        q = require("scipy.integrate").cumulative_trapezoid(velocity, t, axis=0, initial=0.0)[at]
         problem = Complementarity(self.F)
         return np.array([problem.solve(self.gap + self.H @ one).copy() for one in q]).T
 

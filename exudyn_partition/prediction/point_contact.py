@@ -17,11 +17,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 from ..errors import InputError
 from ..fe.material import Material
+from ..support.optional import require
 
 _ROUND = 1e-6  # relative difference of curvatures up to which a contact is circular: the ellipse is 0 / 0 there
 _NEARLY_ROUND = 1e-5  # the same for the ratio of the semi-axes, where shares of directions would be 0 / 0
@@ -76,7 +76,7 @@ class PointContact:
             E, K = _elliptic(ratio)
             return math.log((E / ratio**2 - K) / (K - E) * small / large)
 
-        return float(brentq(excess, _LONGEST, 1 - _ROUND / 4, xtol=1e-14))
+        return float(require("scipy.optimize").brentq(excess, _LONGEST, 1 - _ROUND / 4, xtol=1e-14))
 
     @cached_property
     def _axes_of_unit(self) -> tuple[float, float]:

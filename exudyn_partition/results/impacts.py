@@ -108,8 +108,10 @@ def closed_spans(force: Array) -> list[tuple[int, int]]:
     Times with no more than a trace of the largest force of all are none: bodies that lie on each other touch by
     round-off.
     """
-    edges = np.diff(np.r_[0, force > 0, 0].astype(int))
-    firsts, lasts = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) - 1
+    padded = np.zeros(len(force) + 2, dtype=bool)
+    np.greater(force, 0, out=padded[1:-1])
+    changes = np.flatnonzero(padded[1:] != padded[:-1])
+    firsts, lasts = changes[::2], changes[1::2] - 1
     if len(firsts) > 1:
         real = np.maximum.reduceat(force, firsts) > _TRACE * force.max()
         firsts, lasts = firsts[real], lasts[real]
@@ -139,7 +141,8 @@ def running_mean(t: Array, force: Array, window: float) -> Array:
     """
     if len(t) < 2:
         return force
-    total = np.r_[0.0, np.cumsum(np.diff(t) * (force[1:] + force[:-1]) / 2.0)]
+    total = np.zeros(len(t))
+    np.cumsum(np.diff(t) * (force[1:] + force[:-1]) / 2.0, out=total[1:])
     low, high = np.maximum(t - window / 2, t[0]), np.minimum(t + window / 2, t[-1])
     mean: Array = (np.interp(high, t, total) - np.interp(low, t, total)) / (high - low)
     return mean

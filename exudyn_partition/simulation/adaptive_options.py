@@ -18,7 +18,7 @@ from ..support.checks import validate_positive
 from ..support.foreign import MainSystem
 from ..support.warn import warn
 from .contact_work import ContactWork
-from .stability import limit_with
+from .stability import StabilityLimits
 from .step_control import LONGEST, UNRESOLVED, State, StepControl
 from .velocity_error import TOLERANCE
 
@@ -50,14 +50,14 @@ class AdaptiveOptions:
                 raise InputError(f"{name}: equal steps have none, it is taken only with adaptive=True")
 
     def control(
-        self, mbs: MainSystem, step: float, method: Integrator, sample_period: float | None, duration: float
+        self, limits: StabilityLimits, step: float, method: Integrator, sample_period: float | None, duration: float
     ) -> StepControl:
         """Return the control of a run.
 
         Parameters
         ----------
-        mbs : exudyn.MainSystem
-            The model, assembled.
+        limits : StabilityLimits
+            Of the model, assembled.
         step : float
             Step in an impact [s].
         method : {"explicit", "implicit"}
@@ -76,7 +76,7 @@ class AdaptiveOptions:
         ModelLimitWarning
             If the run takes very many steps even in free flight.
         """
-        bodies, contacts = partition_items(mbs)
+        mbs, (bodies, contacts) = limits.mbs, partition_items(limits.mbs)
         longest = LONGEST * step if self.free_step is None else validate_positive("free_step", self.free_step, "s")
         if longest < step * (1 - 1e-9):
             raise InputError(f"free_step: expected at least the step in contact, {step:.4g} s, got {longest:.4g} s")
@@ -86,7 +86,7 @@ class AdaptiveOptions:
         unresolved = UNRESOLVED if unresolved is None else validate_positive("unresolved", unresolved, "")
         tolerance = self._velocity_tolerance(method)
         if method == "explicit":
-            longest = min(longest, SAFETY * limit_with(mbs, []))
+            longest = min(longest, SAFETY * limits.with_contacts([]))
         longest = max(step, min(longest, sample_period or math.inf))
         _warn_of_many_steps(duration, longest, method)
         return StepControl(

@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
+from ..algebra.sparse.assembly import Part, assembled
 from ..exudyn_bodies.held_damping import independent, root_of_inverse
 from ..exudyn_bodies.joints import mass_and_rows
 from ..exudyn_bodies.model import coordinate_slices
@@ -37,9 +38,13 @@ def longest_step(omega: float, rate: float) -> float:
 
 
 def largest_eigenvalue(apply: Callable[[Array], Array], n: int) -> float:
-    """Largest eigenvalue of a symmetric operator on n numbers, by Lanczos' iteration."""
+    """Largest eigenvalue of a symmetric operator on n numbers, by Lanczos' iteration.
+
+    It starts from random numbers, the same each time: springs between masses have no force against equal ones.
+    """
     operator = scipy.sparse.linalg.LinearOperator((n, n), matvec=apply, dtype=float)
-    found = scipy.sparse.linalg.eigsh(operator, k=1, which="LA", tol=1e-4, v0=np.ones(n), return_eigenvectors=False)
+    start = np.random.default_rng(0).standard_normal(n)
+    found = scipy.sparse.linalg.eigsh(operator, k=1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)
     return float(found[0])
 
 
@@ -77,25 +82,29 @@ class HeldByItems:
 
         Damping D counts as a stiffness 2 D / h.
         """
-        n = self.root.shape[0]
-        matrix = sp.csr_matrix((n, n))
+        parts: list[Part] = [(item.columns, _in_steps(item, step)) for item in self.items]
         for bodies, contacts in groups:
-            for body in bodies:
-                matrix += _placed(body.kinematics.proportional_matrix(0.0, 1.0), _columns(self.mbs, body), n)
+            parts += [(_columns(self.mbs, body), body.kinematics.proportional_matrix(0.0, 1.0)) for body in bodies]
             for contact in contacts:
                 if (stiffness := contact.mechanics.closed_stiffness(step)) is not None:
-                    columns = np.concatenate([np.r_[place] for place in contact.slices(self.mbs)])
-                    matrix += _placed(stiffness, columns, n)
-        for item in self.items:
-            matrix += _of_item(item, step, n)
-        return self._largest(matrix)
+                    parts.append((np.concatenate([np.r_[place] for place in contact.slices(self.mbs)]), stiffness))
+        return self._largest(assembled(parts, self.root.shape[0]))
 
     def fastest(self, step: float) -> tuple[str, float]:
         """Name of the item that allows the shortest steps by itself, and their length [s], near steps of a length."""
-        n = self.root.shape[0]
-        squares = [self._largest(_of_item(item, step, n)) for item in self.items]
+        squares = [self._alone(item, step) for item in self.items]
         most = int(np.argmax(squares))
         return self.items[most].name, longest_step(math.sqrt(max(squares[most], 0.0)), 0.0)
+
+    def _alone(self, item: Tangent, step: float) -> float:
+        """Largest squared frequency of an item alone [rad2/s2]: that of its k coordinates, as unit forces move them."""
+        at, place = np.unique(item.columns, return_inverse=True)
+        stiffness = assembled([(place, _in_steps(item, step))], len(at)).toarray()
+        root = self.root[at].toarray()
+        root -= (root @ self.prevented) @ self.prevented.T
+        values, vectors = np.linalg.eigh(root @ root.T)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        return float(np.linalg.eigvalsh(root.T @ (stiffness + stiffness.T) @ root / 2)[-1])
 
     def _largest(self, matrix: sp.csr_matrix) -> float:
         """Largest eigenvalue of the symmetric part of a matrix on the model's coordinates, (n, n), by mass."""
@@ -116,9 +125,8 @@ class HeldByItems:
         return value
 
 
-def shorter_steps(mbs: MainSystem, limit: float) -> str:
+def shorter_steps(items: HeldByItems | None, limit: float) -> str:
     """What the user may do about a stability limit [s]: about the spring or damper that causes it, if one does."""
-    items = held_by_items(mbs)
     if items is not None:
         name, alone = items.fastest(limit)
         if alone < _CAUSES * limit:
@@ -141,16 +149,10 @@ def held_by_items(mbs: MainSystem) -> HeldByItems | None:
     return HeldByItems(mbs, items, root, push.T @ (vectors / np.sqrt(values)))
 
 
-def _of_item(item: Tangent, step: float, n: int) -> sp.csr_matrix:
-    """Stiffness of an item in explicit steps of some length [s], (n, n)."""
-    return _placed(item.stiffness + 2 / step * item.damping, item.columns, n)
+def _in_steps(item: Tangent, step: float) -> Array:
+    """Stiffness of an item in explicit steps of some length [s], (k, k)."""
+    return item.stiffness + 2 / step * item.damping
 
 
 def _columns(mbs: MainSystem, body: PartitionBody) -> Array:
     return np.concatenate([np.r_[place] for place in coordinate_slices(mbs, body)])
-
-
-def _placed(matrix: Array | sp.csr_matrix, columns: Array, n: int) -> sp.csr_matrix:
-    """Matrix, (n, n), with the entries of a (k, k) matrix at the coordinates `columns`, (k,), which may be repeated."""
-    own = sp.coo_matrix(matrix)
-    return sp.csr_matrix((own.data, (columns[own.row], columns[own.col])), shape=(n, n))

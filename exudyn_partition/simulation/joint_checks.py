@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
+from ..algebra.sparse.assembly import assembled
 from ..errors import InputError, RunError
 from ..exudyn_bodies.joints import is_timed, mass_and_rows
 from ..exudyn_bodies.model import coordinate_slices, registered, validate_model
@@ -154,15 +155,13 @@ def _spikes(joint: OpenJoint, result: Result) -> list[tuple[str, float, float]]:
 
 def _placed_stiffness(mbs: MainSystem, bodies: Sequence[PartitionBody], n: int) -> sp.csr_matrix:
     """Stiffness of the bodies on the model's n coordinates."""
-    result = sp.csr_matrix((n, n))
+    parts = []
     for item in bodies:
-        places = np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])
         K = item.body.stiffness
         if isinstance(item.kinematics, FloatingKinematics):
             K = sp.block_diag([sp.csr_matrix((RIGID, RIGID)), item.kinematics.elastic_stiffness], format="csr")
-        put = sp.csr_matrix((np.ones(len(places)), (places, np.arange(len(places)))), shape=(n, len(places)))
-        result = result + put @ K @ put.T
-    return result
+        parts.append((np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)]), K))
+    return assembled(parts, n)
 
 
 def check_start(

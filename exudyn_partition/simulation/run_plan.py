@@ -17,6 +17,7 @@ from .adaptive_options import AdaptiveOptions
 from .continuation import RunEnd, origin_of
 from .hooks import residual
 from .joint_checks import OpenJoints, check_start, refuse_drives_by_rates
+from .stability import StabilityLimits
 from .step_choice import chosen_step
 from .step_control import StepControl
 
@@ -186,21 +187,21 @@ def plan_run(mbs: MainSystem, options: RunOptions, last: RunEnd | None, progress
     open_joints = check_start(mbs, options.settings, progress, begins, judges_velocities=last is None)
     if method == "implicit":
         refuse_drives_by_rates(mbs, options.settings)
-    start, asked = begins(), options.step
+    start, asked, limits = begins(), options.step, StabilityLimits(mbs)
     if asked is None and last is not None and last.method == method:
         asked = last.step
     # The last step of an adaptive run has only the time that is left, and may be very short.
     times = RunTimes.of_steps(
         start,
         options.end_time,
-        chosen_step(mbs, asked, method),
+        chosen_step(limits, asked, method),
         None if adaptive else options.sample_period,
         _EARLY * (_SHORTER if adaptive else 1),
     )
     control = None
     if adaptive:
         duration = times.end - times.start
-        control = options.of_adaptive.control(mbs, times.step, method, options.sample_period, duration)
+        control = options.of_adaptive.control(limits, times.step, method, options.sample_period, duration)
     origin = origin_of(mbs, start, method, last)
     return RunPlan(method, times, _settings(mbs, options, times), control, origin, open_joints)
 

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,7 +22,7 @@ from ..reduction.body import ReducedBody
 from ..support.arrays import Array, as_slice, consecutive
 from ..support.foreign import MainSystem
 from ..support.once import once
-from .item_limits import DENSE, Group, held_by_items, largest_eigenvalue, longest_step
+from .item_limits import DENSE, Group, HeldByItems, held_by_items, largest_eigenvalue, longest_step
 
 _TRIES = 10  # of the limit of viscous contacts and dampers
 _CLOSE = 1e-2  # relative change of the limit with which it is known
@@ -46,49 +48,77 @@ def stability_limit(mbs: MainSystem) -> float:
     float
         `math.inf` for a model without partition bodies, or if its bodies neither vibrate nor touch.
     """
-    hold_damping(mbs)
-    return limit_with(mbs, partition_items(mbs)[1])
+    return StabilityLimits(mbs).whole
 
 
-def limit_with(mbs: MainSystem, contacts: list[PartitionContact]) -> float:
-    """Return the largest stable step of the model with some of its contacts [s], see `stability_limit`."""
-    bodies, items = partition_items(mbs)[0], held_by_items(mbs)
-    if not bodies:
-        return float("inf")
-    anywhere = [contact for contact in contacts if _may_be_anywhere(contact)]
-    alone: list[Group] = []
-    among_items: list[Group] = []
-    for group in _joined(bodies, [contact for contact in contacts if contact not in anywhere]):
-        (among_items if items is not None and items.hold(group[0]) else alone).append(group)
+@dataclass(frozen=True, eq=False)
+class StabilityLimits:
+    """Largest stable steps of a model as it is, see `stability_limit`. What they have in common is found once.
 
-    def largest(step: float) -> float:
-        found = [0.0, *(_landing(contact, step) for contact in anywhere)]
-        if items is not None:
-            found.append(items.largest_square(among_items, step))
-        equal = {}  # many bodies often have equal contacts
-        for group in alone:
-            if sum(item.body.n_dofs for item in group[0]) <= DENSE:
-                matrix = _matrix(*group, step)
-                equal[matrix.tobytes()] = matrix
-            else:
-                found.append(_by_iteration(*group, step))
-        return max(*found, *(float(np.linalg.eigvalsh(matrix)[-1]) for matrix in equal.values()))
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+    """
 
-    square = max(largest(math.inf), 0.0)
-    omega = math.sqrt(square)
-    rate = max((item.damping.largest_rate(omega) for item in bodies if item.damping is not None), default=0.0)
-    limit = longest_step(omega, rate)
-    if not any(contact.mechanics.viscous for contact in contacts) and not (items is not None and items.damped):
-        return limit
-    # Viscous contacts and dampers have omega^2 + 2 d / h instead of omega^2, where d hardly depends on h.
-    for _ in range(_TRIES):
-        tried = limit if math.isfinite(limit) else 1.0  # s: any step has the same d without a stiffness
-        late = max(tried * (largest(tried) - square) / 2, 0.0)
-        shorter = longest_step(omega, rate + late)
-        if shorter > (1 - _CLOSE) * limit:
-            break
-        limit = shorter
-    return min(limit, shorter)
+    mbs: MainSystem
+
+    @cached_property
+    def items(self) -> HeldByItems | None:
+        """Motions of the model with the items of Exudyn that hold or damp it; None if there are none."""
+        return held_by_items(self.mbs)
+
+    @cached_property
+    def whole(self) -> float:
+        """Limit with all contacts [s]."""
+        hold_damping(self.mbs)
+        return self.with_contacts(partition_items(self.mbs)[1])
+
+    def with_contacts(self, contacts: list[PartitionContact]) -> float:
+        """Return the limit with some of the model's contacts [s]."""
+        bodies = partition_items(self.mbs)[0]
+        if not bodies:
+            return float("inf")
+        items = self.items
+        anywhere = [contact for contact in contacts if _may_be_anywhere(contact)]
+        alone: list[Group] = []
+        among_items: list[Group] = []
+        for group in _joined(bodies, [contact for contact in contacts if contact not in anywhere]):
+            (among_items if items is not None and items.hold(group[0]) else alone).append(group)
+
+        def largest(step: float) -> float:
+            found = [0.0, *(_landing(contact, step) for contact in anywhere)]
+            if items is not None:
+                found.append(items.largest_square(among_items, step))
+            return max(*found, *_largest_squares(alone, step))
+
+        square = max(largest(math.inf), 0.0)
+        omega = math.sqrt(square)
+        rate = max((item.damping.largest_rate(omega) for item in bodies if item.damping is not None), default=0.0)
+        limit = longest_step(omega, rate)
+        if not any(contact.mechanics.viscous for contact in contacts) and not (items is not None and items.damped):
+            return limit
+        # Viscous contacts and dampers have omega^2 + 2 d / h instead of omega^2, where d hardly depends on h.
+        for _ in range(_TRIES):
+            tried = limit if math.isfinite(limit) else 1.0  # s: any step has the same d without a stiffness
+            late = max(tried * (largest(tried) - square) / 2, 0.0)
+            shorter = longest_step(omega, rate + late)
+            if shorter > (1 - _CLOSE) * limit:
+                break
+            limit = shorter
+        return min(limit, shorter)
+
+
+def _largest_squares(groups: list[Group], step: float) -> Iterator[float]:
+    """Largest squared circular frequency of each group of bodies and contacts; equal ones are found once."""
+    equal = {}  # many bodies often have equal contacts
+    for group in groups:
+        if sum(item.body.n_dofs for item in group[0]) <= DENSE:
+            matrix = _matrix(*group, step)
+            equal[matrix.tobytes()] = matrix
+        else:
+            yield _by_iteration(*group, step)
+    for matrix in equal.values():
+        yield float(np.linalg.eigvalsh(matrix)[-1])
 
 
 def _may_be_anywhere(contact: PartitionContact) -> bool:
@@ -164,7 +194,7 @@ def _matrix(bodies: list[PartitionBody], contacts: list[PartitionContact], step:
     for item, place in zip(bodies, consecutive([item.body.n_dofs for item in bodies]), strict=True):
         matrix[place, place] = _stiffness(item.body)
     for dofs, stiffness in _closed(bodies, contacts, step):
-        matrix[np.ix_(dofs, dofs)] += stiffness
+        matrix[dofs[:, None], dofs] += stiffness
     value: Array = scale[:, None] * matrix * scale
     return value
 

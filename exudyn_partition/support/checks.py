@@ -5,6 +5,7 @@ Every public function calls them before it does anything else. So a wrong argume
 
 from __future__ import annotations
 
+import math
 import operator
 import os
 from collections.abc import Callable, Iterable, Mapping
@@ -103,6 +104,8 @@ def validate_vector(name: str, value: object) -> Array:
 
 def validate_number(name: str, value: object, expected: str = "a finite number") -> float:
     """Return `value` as a finite float; an array without axes is one number, and all but plain numbers is refused."""
+    if type(value) is float and math.isfinite(value):  # as nearly always: progress has a number in each step
+        return value
     try:
         _refuse_other_than_numbers(value)
         if np.ndim(value):  # type: ignore[arg-type]

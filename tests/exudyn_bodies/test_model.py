@@ -40,6 +40,8 @@ def test_only_items_since_a_reset_are_held(mbs, marble, others):
     held = registered(mbs)
     assert [*held.bodies.values()] == items
     assert [*held.contacts.values()] == contacts
+    assert [contact.name for contact in contacts] == ["body 0 on plane", "body 1 on plane 2"]
+    assert [held.contacts_on([item]) for item in items] == [[contact] for contact in contacts]
     mbs.Reset()
     held = registered(mbs)
     assert (held.bodies, held.contacts) == ({}, {})

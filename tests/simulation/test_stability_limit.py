@@ -15,7 +15,9 @@ from oracles import MARBLE_RADIUS, SPHERE_RADIUS, TOP, add_force
 
 import exudyn_partition as ep
 from exudyn_partition.errors import ModelLimitWarning, PartitionWarning, StepSizeError, StoppedRunWarning
-from exudyn_partition.simulation import stability, step_choice
+from exudyn_partition.simulation import item_limits, run_plan, stability
+
+MASS, STIFF = 0.01, 1e12  # of masses in a line, and of springs between them [kg, N/m]
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +90,7 @@ def test_stability_limit(adapted, surface, options, frame, monkeypatch):
     assert result.status == "finished"
     assert contact.force(result).max() > 100
     assert ep.stability_limit(mbs) == pytest.approx(limit, rel=1e-6)
-    monkeypatch.setattr(step_choice, "stability_limit", lambda mbs: np.inf)
+    monkeypatch.setattr(run_plan, "chosen_step", lambda limits, step, method: step)  # without a check
     if options.get("stiffness") is None:  # in that case there is no row that is not closed
         with pytest.warns(StoppedRunWarning) as caught:
             result = ep.solve_dynamic(mbs, end_time=(300 if surface else 100) * limit, step=1.05 * limit)
@@ -107,7 +109,7 @@ def test_damping_lowers_the_limit(mbs, marble, ratio, monkeypatch):
     mbs.Assemble()
     limit, omega = ep.stability_limit(mbs), marble.basis.omega.max()
     assert limit == pytest.approx(2 * (np.hypot(ratio, 1) - ratio) / omega, rel=1e-3)
-    monkeypatch.setattr(step_choice, "stability_limit", lambda mbs: np.inf)
+    monkeypatch.setattr(run_plan, "chosen_step", lambda limits, step, method: step)  # without a check
     strong = pytest.warns(ModelLimitWarning, match="modes with ratios of 0.2") if ratio else contextlib.nullcontext()
     with strong:
         result = ep.solve_dynamic(mbs, end_time=300 * limit, step=0.98 * limit)
@@ -134,7 +136,7 @@ def test_springs_and_dampers_lower_the_limit(mbs, marble, frame, stiffness, rate
     with pytest.raises(StepSizeError, match=r"wall \(ConnectorCoordinateSpringDamper\) causes it"):
         ep.solve_dynamic(mbs, end_time=300 * limit, step=1.04 * limit)
     stable = ep.solve_dynamic(mbs, end_time=300 * limit, step=0.97 * limit)
-    monkeypatch.setattr(step_choice, "stability_limit", lambda mbs: np.inf)
+    monkeypatch.setattr(run_plan, "chosen_step", lambda limits, step, method: step)  # without a check
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PartitionWarning)
         grown = ep.solve_dynamic(mbs, end_time=600 * limit, step=1.04 * limit)
@@ -160,7 +162,7 @@ def test_dampers_of_an_interface_lower_the_limit(mbs, arm, frame, basis, kept, m
     limit = ep.stability_limit(mbs)
     assert 1e-3 * free < limit < 0.9 * free
     assert ep.solve_dynamic(mbs, end_time=300 * limit, step=0.97 * limit).status == "finished"
-    monkeypatch.setattr(step_choice, "stability_limit", lambda mbs: np.inf)
+    monkeypatch.setattr(run_plan, "chosen_step", lambda limits, step, method: step)  # without a check
     with pytest.warns(PartitionWarning):
         assert ep.solve_dynamic(mbs, end_time=900 * limit, step=1.04 * limit).status == "unstable"
 
@@ -174,13 +176,43 @@ def test_an_unstable_run_tells_it_in_our_words_alone(mbs, marble, factor, monkey
         ep.CreatePartitionContact(mbs, item, plane, slavePatch=patch)
     mbs.Assemble()
     step = factor * ep.stability_limit(mbs)
-    monkeypatch.setattr(step_choice, "stability_limit", lambda mbs: np.inf)
+    monkeypatch.setattr(run_plan, "chosen_step", lambda limits, step, method: step)  # without a check
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         result = ep.solve_dynamic(mbs, end_time=5000 * step, step=step)
     assert result.status == "unstable"
     assert "not finite" in result.message
     assert not [str(each.message) for each in said if not issubclass(each.category, PartitionWarning)]
+
+
+@pytest.fixture
+def line_of_masses(mbs, marble):
+    """Model of a marble and a line of 60 free masses with equal springs between them."""
+    ep.CreatePartitionBody(mbs, marble, initialVelocity=[0.1, 0, 0])
+    masses = [mbs.CreateMassPoint(referencePosition=[1.0 + i, 0, 0], mass=MASS) for i in range(60)]
+    at = [mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=number)) for number in masses]
+    for i, ends in enumerate(itertools.pairwise(at)):
+        spring = items.CartesianSpringDamper(name=f"spring {i}", markerNumbers=[*ends], stiffness=[STIFF] * 3)
+        mbs.AddObject(spring)
+    mbs.Assemble()
+    return mbs
+
+
+def test_springs_between_free_masses_lower_the_limit(line_of_masses):
+    """Of many coordinates: none of these springs has a force against equal motions of all, in the whole or alone."""
+    limit = ep.stability_limit(line_of_masses)
+    assert limit == pytest.approx(np.sqrt(MASS / STIFF) / np.cos(np.pi / 120), rel=1e-4)  # 2 sqrt(k / m) cos(pi / 2n)
+    alone = f"Take at most {limit:.3g} s"  # one alone allows steps that are longer by the root of two
+    with pytest.raises(StepSizeError, match=re.escape(alone)):
+        ep.solve_dynamic(line_of_masses, end_time=10 * limit, step=1.01 * limit)
+
+
+def test_items_are_asked_once_before_an_adaptive_run(line_of_masses, monkeypatch):
+    """The limits of steps in contact and in flight differ by contacts alone."""
+    asked, ask = [], item_limits.tangents
+    monkeypatch.setattr(item_limits, "tangents", lambda mbs: asked.append(mbs) or ask(mbs))
+    ep.solve_dynamic(line_of_masses, end_time=1e-6, adaptive=True)
+    assert len(asked) == 1
 
 
 @pytest.mark.parametrize("most", [stability.DENSE, 0])

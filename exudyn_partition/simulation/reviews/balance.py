@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -20,7 +21,7 @@ from ...frames.floating import FloatingKinematics
 from ...support.arrays import Array
 from ...support.foreign import MainSystem
 from ..result import Result, called
-from .reviewed_run import BodyHistory, Finding, ReviewedRun, size_of
+from .reviewed_run import BodyHistory, Finding, ReviewedRun, lengths, size_of
 
 _OFF = 1e-2  # share of the bodies' largest energy, or largest change of momentum, that may be missing
 _TAKEN = 2e-2  # share of the largest energy that damping of steps, and strong damping of modes, may take
@@ -40,7 +41,9 @@ def balance(run: ReviewedRun) -> Iterator[Finding]:
     if run.closings:  # no balance includes the energy that closes joints
         return
     free = _free(run)
-    some = np.unique(np.concatenate([[0], _some(np.arange(len(free))), _some(np.flatnonzero(free)), [len(free) - 1]]))
+    some = np.arange(len(free))
+    if len(free) > _LOOKED_AT:
+        some = np.unique(np.concatenate([_some(some), _some(np.flatnonzero(free)), some[-1:]]))
     energies = Balance(
         bodies=np.sum([body.energy[some] for body in run.bodies], axis=0),
         contacts=np.sum([np.zeros(len(some)), *(contact.energy(result)[some] for contact in result.contacts)], axis=0),
@@ -153,17 +156,17 @@ def _momenta(run: ReviewedRun, bodies: Sequence[BodyHistory], judged: Array) -> 
         gained, given, force_at_end = momentum - momentum[0], np.zeros(momentum.shape), 0.0
         for force in forces[item]:
             given[1:] += np.cumsum((force[1:] + force[:-1]) / 2 * np.diff(t)[:, None], axis=0)
-            force_at_end += float(np.linalg.norm(force[-1]))
+            force_at_end += math.hypot(*force[-1])
         if item.weight is not None:
             given += np.outer(t - t[0], item.kinematics.momentum(item.weight / item.kinematics.mass))
         speed = size_of(item.body) * 2 * np.pi * item.body.f_cut
         largest = max(
-            _length(given).max(),
-            _length(gained).max(),
+            lengths(given).max(),
+            lengths(gained).max(),
             _ROUND_OFF / _OFF * item.body.total_mass * speed,
-            _SLIGHT / _OFF * _length(momentum).max(),
+            _SLIGHT / _OFF * lengths(momentum).max(),
         )
-        missing = _length(gained - given)
+        missing = lengths(gained - given)
         missing[-1] = max(missing[-1] - (t[-1] - t[-2]) * force_at_end, 0.0)  # this force acts within a step
         worst = int(judged[missing[judged].argmax()])
         if missing[worst] > _OFF * largest:
@@ -173,11 +176,6 @@ def _momenta(run: ReviewedRun, bodies: Sequence[BodyHistory], judged: Array) -> 
                 "change is missing. The forces that the run tells are not those that moved the body. Take shorter "
                 "steps; if that does not help, another formulation"
             )
-
-
-def _length(vectors: Array) -> Array:
-    """Lengths of vectors, (n, 3) -> (n,)."""
-    return np.asarray(np.sqrt(np.einsum("ni,ni->n", vectors, vectors)))
 
 
 def _energy(run: ReviewedRun, energies: Balance, samples: Array, free: Array) -> Iterator[Finding]:

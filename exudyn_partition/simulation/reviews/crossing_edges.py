@@ -20,7 +20,7 @@ from ...support.arrays import Array
 from ...support.once import once
 from ...surfaces.surface import Surface, closest_points
 from ..result import called, when
-from .reviewed_run import ContactHistory, Finding, ReviewedRun, evenly
+from .reviewed_run import ContactHistory, Finding, ReviewedRun, evenly, surface_of
 
 _LOOKED_AT, _STARTS = 64, 16  # largest number of samples, and of times of contact, at which nodes are checked
 _WITHIN = 0.01  # depth of an edge within another body, as a share of a facet's size
@@ -60,7 +60,7 @@ def crossing_edges(run: ReviewedRun) -> Iterator[Finding]:
 
 def _crossing(run: ReviewedRun, history: ContactHistory) -> Iterator[Finding]:
     contact, result = history.contact, run.result
-    surfaces = [item.body.surface(np.zeros(3), number) for item, number in contact.sides]
+    surfaces = [surface_of(item.body, number) for item, number in contact.sides]
     rigid = isinstance(contact.master, RigidMesh)
     if isinstance(contact.master, RigidMesh):
         surfaces.append(_surface_of(contact.master))

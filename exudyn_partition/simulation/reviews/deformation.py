@@ -11,7 +11,7 @@ from ...reduction.buckling import Link, compression, links, squared_slope
 from ...support.arrays import Array
 from ...support.once import once
 from ..result import called, when
-from .reviewed_run import LARGEST_DEFORMATION, BodyHistory, Finding, ReviewedRun
+from .reviewed_run import LARGEST_DEFORMATION, BodyHistory, Finding, ReviewedRun, lengths
 
 _GROWTH = 1e3  # ratio to a body's largest energy so far, which unstable steps exceed and large strain does not
 _LARGEST_ROTATION = 0.1  # rad, for a body in an inertial frame
@@ -46,7 +46,7 @@ def rotation(run: ReviewedRun) -> Iterator[Finding]:
         item = body.item
         if item.frame != "inertial":
             continue
-        angle = np.linalg.norm(body.rigid_motion[:, 3:], axis=1)
+        angle = lengths(body.rigid_motion[:, 3:])
         if angle.max() > _LARGEST_ROTATION:
             turned = run.result.t[int((angle > _LARGEST_ROTATION).argmax())]
             yield Finding(

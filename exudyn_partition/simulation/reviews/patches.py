@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.spatial import KDTree
 from ...errors import ContactPatchWarning, UnitsWarning
 from ...exudyn_bodies.partition_body import PartitionBody
 from ..result import called, when
-from .reviewed_run import ContactHistory, Finding, ReviewedRun, size_of
+from .reviewed_run import ContactHistory, Finding, ReviewedRun, size_of, surface_of
 
 _ASIDE = np.radians(30)  # angle from a patch's line of contact, or from the normals of its nodes
 _SHARE_ASIDE = 0.1  # of the force that may be beyond this angle from the normals
@@ -58,7 +59,8 @@ def directions(run: ReviewedRun) -> Iterator[Finding]:
                 yield from _off_normals(run, history, side, top)
                 continue
             line = item.kinematics.frame(run.body(item).q[top])[1] @ patch.direction
-            aside = np.arccos(np.clip(sign * force @ line / np.linalg.norm(force), -1, 1))
+            along = sign * float(force @ line)
+            aside = math.atan2(math.sqrt(max(float(force @ force) - along**2, 0.0)), along)  # zero without a resultant
             if aside > _ASIDE:
                 yield Finding(
                     f"{called(contact)} at {when(run.result, run.result.t[top])}: the force on {name} is "
@@ -79,7 +81,7 @@ def _off_normals(run: ReviewedRun, history: ContactHistory, side: int, top: int)
     # An even pressure pulls at corners of some quadratic facets.
     aside = sizes[abs(np.einsum("kd,kd->k", forces, normals)) < np.cos(_ASIDE) * sizes].sum() / sizes.sum()
     if aside > _SHARE_ASIDE:
-        edges = item.body.surface(np.zeros(3), number)
+        edges = surface_of(item.body, number)
         chosen = 'Leave axes= out of Partition.surface, which takes "xyz" for a patch with sharp edges'
         if not np.setdiff1d(edges.sharp, edges.ends).size:
             chosen = 'Give its partition axes="xyz"'

@@ -18,7 +18,7 @@ from ...surfaces.facing import PENETRATION_TOLERANCE
 from ...surfaces.surface import Surface
 from ..result import called, when
 from .crossing_edges import looked_at, neighbours
-from .reviewed_run import BodyHistory, ContactHistory, Finding, ReviewedRun
+from .reviewed_run import BodyHistory, ContactHistory, Finding, ReviewedRun, surface_of
 
 _ENERGY = 1e-2  # energy that overlap at the start may store, as a share of the bodies' largest energy
 _MOVED = 0.1  # share of the stored energy: with less kinetic energy, bodies rest on each other and do not fly apart
@@ -102,7 +102,7 @@ def sinking(run: ReviewedRun) -> Iterator[Finding]:
 
 def _sunk(run: ReviewedRun, history: ContactHistory, gaps: RigidGaps) -> Iterator[Finding]:
     contact, result, (item, number) = history.contact, run.result, history.contact.sides[0]
-    surface = item.body.surface(np.zeros(3), number)
+    surface = surface_of(item.body, number)
     allowed, body = _allowed_depth(surface), run.body(item)
     deepest = _largest_depths(history, gaps, body)
     if (deepest <= allowed).all():

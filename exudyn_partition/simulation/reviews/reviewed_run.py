@@ -23,6 +23,7 @@ from ...support.arrays import Array
 from ...support.checks import read_only
 from ...support.foreign import MainSystem
 from ...support.once import once
+from ...surfaces.surface import Surface
 from ..joint_checks import OpenJoints
 from ..result import Result
 
@@ -101,9 +102,9 @@ class BodyHistory:
             nodal = abs(deformed[:, body.n_shapes :]).max(axis=1, initial=0.0)
             return np.asarray(math.sqrt(3) * (abs(deformed[:, : body.n_shapes]) @ motions + nodal))
 
-        moved, turned = np.split(self.rigid_motion - self.rigid_motion[0], 2, axis=1)
+        motion = self.rigid_motion - self.rigid_motion[0]
         arm = reach + largest(self.deformed[:1])
-        ways = np.linalg.norm(moved, axis=1) + np.linalg.norm(turned, axis=1) * arm
+        ways = lengths(motion[:, :3]) + lengths(motion[:, 3:]) * arm
         return float((ways + largest(self.deformed - self.deformed[0])).max())
 
     @cached_property
@@ -248,10 +249,21 @@ def evenly(count: int, most: int) -> Array:
     return some
 
 
+def lengths(vectors: Array) -> Array:
+    """Lengths of vectors, (n, 3) -> (n,)."""
+    return np.asarray(np.sqrt(np.einsum("ni,ni->n", vectors, vectors)))
+
+
 @once
 def size_of(body: ReducedBody) -> float:
     """Largest side of the box around a body along its axes [m]."""
     return float(np.ptp(body.points, axis=0).max())
+
+
+@once
+def surface_of(body: ReducedBody, patch: int) -> Surface:
+    """Surface of a patch in the body's own coordinates, by its number."""
+    return body.surface(np.zeros(3), patch)
 
 
 @once

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...exudyn_contacts.model_run import runs_of
-from ..item_limits import held_by_items, shorter_steps
-from ..stability import stability_limit
+from ..item_limits import shorter_steps
+from ..stability import StabilityLimits
 from .reviewed_run import Finding, ReviewedRun
 
 _LARGEST_TURN = 1.0  # rad, for a floating frame in a step: six steps for a full turn
@@ -27,15 +27,16 @@ def missing_steps(run: ReviewedRun) -> Iterator[Finding]:
 
 def unstable_steps(run: ReviewedRun) -> Iterator[Finding]:
     """Explicit steps above the stability limit, of runs that nothing checked, or in which an item began to act."""
-    step = 0.0
+    step, limits = 0.0, StabilityLimits(run.mbs)
     if run.solver is not None:
         step = run.solver.step if run.solver.verlet else 0.0
-    elif run.result.method == "explicit" and run.result.status == "unstable" and held_by_items(run.mbs) is not None:
+    elif run.result.method == "explicit" and run.result.status == "unstable" and limits.items is not None:
         step = run.result.step
-    if step and step > (limit := stability_limit(run.mbs)):
+    if step and step > (limit := limits.whole):
         yield Finding(
             f"the explicit steps of {step:.4g} s are above the stability limit, {limit:.4g} s (all contact rows "
-            f"closed): the bodies may gain energy without bound. {shorter_steps(run.mbs, limit)}, or an implicit solver"
+            f"closed): the bodies may gain energy without bound. {shorter_steps(limits.items, limit)}, or an implicit "
+            "solver"
         )
 
 

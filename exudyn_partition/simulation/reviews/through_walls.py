@@ -21,7 +21,7 @@ from ...surfaces.facing import EDGE_TOLERANCE
 from ...surfaces.surface import Surface, closest_points
 from ...surfaces.witnesses import witnesses_of
 from ..result import called
-from .reviewed_run import ContactHistory, Finding, ReviewedRun
+from .reviewed_run import ContactHistory, Finding, ReviewedRun, surface_of
 
 _LOOKS = 0.5  # cosine from which on a face looks the way of a node's normal, and below whose negative it meets the node
 _OTHERS = 2.0  # times the way of a step: by more depth than that, the deepest row is another one
@@ -46,7 +46,7 @@ def through_walls(run: ReviewedRun) -> Iterator[Finding]:
 def _passed(run: ReviewedRun, history: ContactHistory, wall: int) -> Iterator[Finding]:
     """Whether a body came out of the back of one of a contact's sides; the second may be a rigid surface."""
     contact, t = history.contact, run.result.t
-    surfaces = [item.body.surface(np.zeros(3), number) for item, number in contact.sides]
+    surfaces = [surface_of(item.body, number) for item, number in contact.sides]
     rigid = None if isinstance(contact.master, PartitionBody) else contact.master
     thick = thickness(surfaces[wall]) if rigid is None else 0.0  # what sinks through a rigid wall is stopped in the run
     poses = surface_motion(contact.carrier, run.result.others, t)
