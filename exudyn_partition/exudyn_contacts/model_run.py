@@ -133,6 +133,7 @@ class ModelRun:
         self.ended: tuple[float, Array] | None = None
         self.unsettled: ComplementarityError | None = None
         self.broken = self._released = False
+        self._evaluated: tuple[float, Array, Array] | None = None  # where: time, coordinates and velocities
         self._turning = np.empty(0) if state is None else state.turning
         self._solver = solver
 
@@ -236,6 +237,7 @@ class ModelRun:
         applied in this step cannot be taken back: then the run is `broken`.
         """
         t, q = float(mbs.systemData.GetTime()), mbs.systemData.GetODE2Coordinates()
+        self._evaluated = None
         if self.method == "static" and t > self._began:
             self._press(mbs, t)
         within = [group.step_back(mbs, t, q) for group in self._within]
@@ -251,9 +253,9 @@ class ModelRun:
         begin = time.perf_counter()
         if self.record.on:
             self.keep_last_step(mbs, t)
-        self.evaluated_at, total = t, None
-        q = mbs.systemData.GetODE2Coordinates(copy=False)
-        self._turn(mbs)
+        self.evaluated_at, total, self._evaluated = t, None, None
+        q, q_t = mbs.systemData.GetODE2Coordinates(copy=False), mbs.systemData.GetODE2Coordinates_t()
+        self._turn(q_t)
         if self.method == "static" and t > self._began:
             self._press(mbs, t)
         for group in self._within:
@@ -270,6 +272,7 @@ class ModelRun:
                 pushed = total[place]
                 if np.count_nonzero(pushed):  # is quicker than any()
                     total[place] = kinematics.on_constant_mass(q[place], pushed)
+        self._evaluated = t, q.copy(), q_t
         self._spent_s += time.perf_counter() - begin
         return total
 
@@ -288,6 +291,16 @@ class ModelRun:
         mbs.sys["staticSolver"].it.newtonSteps = _NO_MORE
         return None
 
+    def settle(self, mbs: MainSystem, t: float) -> None:
+        """See `settled_force`; contacts that were evaluated in this state last are not evaluated again."""
+        data = mbs.systemData
+        if self._evaluated is not None:
+            then, q, q_t = self._evaluated
+            same = then == t and np.array_equal(q, data.GetODE2Coordinates(copy=False))
+            if same and np.array_equal(q_t, data.GetODE2Coordinates_t(copy=False)):
+                return
+        self.settled_force(mbs, t)
+
     def contact_force(self) -> Array:
         """Generalised forces of all contacts within the step in the state that was evaluated last, (nq,)."""
         total = np.zeros_like(self._total)
@@ -296,10 +309,10 @@ class ModelRun:
                 group.add_force(total)
         return total
 
-    def _turn(self, mbs: MainSystem) -> None:
-        """Let the growth of bodies in floating frames follow their rotation; statics know none."""
+    def _turn(self, q_t: Array) -> None:
+        """Let the growth of bodies in floating frames follow the model's velocities, (nq,); statics know none."""
         if self._members.floating:
-            self._turning = np.empty(0) if self.method == "static" else mbs.systemData.GetODE2Coordinates_t()
+            self._turning = np.empty(0) if self.method == "static" else q_t
             self._members.grow(self._turning)
 
     @cached_property
@@ -362,14 +375,14 @@ class ModelRun:
         begin = time.perf_counter()
         for (joins, _), stepper in self._members.steppers.items():
             if joins == joined and not stepper.has_made(t):
-                self._turn(mbs)
+                self._turn(mbs.systemData.GetODE2Coordinates_t())
                 stepper.before_step(mbs, t)
         self._spent_s += time.perf_counter() - begin
 
     def look_ahead(self, mbs: MainSystem, t: float) -> None:
         """Apply multipliers of contacts in the explicit step that begins at t; a second call does nothing."""
         begin = time.perf_counter()
-        self._turn(mbs)
+        self._turn(mbs.systemData.GetODE2Coordinates_t())
         for stepper in self._members.steppers.values():
             stepper.look_ahead(mbs, t)
         self._spent_s += time.perf_counter() - begin
