@@ -120,6 +120,7 @@ class ModelRun:
         self.contacts, self.method, self._began = members.contacts, method, t
         self._run_of = {id(contact): run for contact, run in zip(contacts, members.runs, strict=True)}
         self._all_ask = all(run.asks for run in members.runs)
+        self._elastic = all(run.mechanics.elastic for run in members.runs)  # their energies overflow in silence
         self._within = [group for group in members.groups if group.acts_within]
         self.acts_within, self.idle, self.unsampled = bool(self._within), not members.steppers, not contacts
         self.others, self.record = OtherBodies(mbs, members.carriers), RunRecord(t, keep)
@@ -254,8 +255,8 @@ class ModelRun:
         if self.record.on:
             self.keep_last_step(mbs, t)
         self.evaluated_at, total, self._evaluated = t, None, None
-        q, q_t = mbs.systemData.GetODE2Coordinates(copy=False), mbs.systemData.GetODE2Coordinates_t()
-        self._turn(q_t)
+        q = mbs.systemData.GetODE2Coordinates(copy=False)
+        self._turn(mbs)
         if self.method == "static" and t > self._began:
             self._press(mbs, t)
         for group in self._within:
@@ -272,7 +273,8 @@ class ModelRun:
                 pushed = total[place]
                 if np.count_nonzero(pushed):  # is quicker than any()
                     total[place] = kinematics.on_constant_mass(q[place], pushed)
-        self._evaluated = t, q.copy(), q_t
+        if self.method != "explicit":  # whose steps need no Jacobian
+            self._evaluated = t, q.copy(), mbs.systemData.GetODE2Coordinates_t()
         self._spent_s += time.perf_counter() - begin
         return total
 
@@ -309,10 +311,10 @@ class ModelRun:
                 group.add_force(total)
         return total
 
-    def _turn(self, q_t: Array) -> None:
-        """Let the growth of bodies in floating frames follow the model's velocities, (nq,); statics know none."""
+    def _turn(self, mbs: MainSystem) -> None:
+        """Let the growth of bodies in floating frames follow their rotation; statics know none."""
         if self._members.floating:
-            self._turning = np.empty(0) if self.method == "static" else q_t
+            self._turning = np.empty(0) if self.method == "static" else mbs.systemData.GetODE2Coordinates_t()
             self._members.grow(self._turning)
 
     @cached_property
@@ -339,9 +341,15 @@ class ModelRun:
 
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """Keep the data that results need of the state at t; `q` returns the model's coordinates at t."""
-        with _unstable_energies():
-            for group in self._members.groups:
-                group.keep(t, q)
+        if self._elastic:
+            self._keep(t, q)
+            return
+        with _unstable_energies():  # which takes some microseconds
+            self._keep(t, q)
+
+    def _keep(self, t: float, q: Callable[[], Array]) -> None:
+        for group in self._members.groups:
+            group.keep(t, q)
 
     def keep_last_step(self, mbs: MainSystem, t: float) -> None:
         """Keep the end of the last step in the record, before contacts are evaluated at time t [s]."""
@@ -375,14 +383,14 @@ class ModelRun:
         begin = time.perf_counter()
         for (joins, _), stepper in self._members.steppers.items():
             if joins == joined and not stepper.has_made(t):
-                self._turn(mbs.systemData.GetODE2Coordinates_t())
+                self._turn(mbs)
                 stepper.before_step(mbs, t)
         self._spent_s += time.perf_counter() - begin
 
     def look_ahead(self, mbs: MainSystem, t: float) -> None:
         """Apply multipliers of contacts in the explicit step that begins at t; a second call does nothing."""
         begin = time.perf_counter()
-        self._turn(mbs.systemData.GetODE2Coordinates_t())
+        self._turn(mbs)
         for stepper in self._members.steppers.values():
             stepper.look_ahead(mbs, t)
         self._spent_s += time.perf_counter() - begin
