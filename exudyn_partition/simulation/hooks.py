@@ -37,11 +37,11 @@ _OVER = 1e-6  # share of a step: a run that has less time left is at its end
 _SETTLED = 2  # divided load steps that settle before they are longer again
 _ROUNDINGS = 4  # number of roundings of places, of patches or markers, that reach their forces
 _FAR = 1e-3  # share of a facet's size: largest motion in an iteration of bodies that springs hold
+_FAR_ALONE = 0.2  # share of a body's size: the same where nothing is in contact
 _SLOW = 0.1  # rad/s, frequency of bodies on such springs if forces are balanced
 _PRESSED = 0.03  # of f_cut: frequency of bodies on such springs if contacts press them from the start
 _BALANCED = 1e-6  # share of the first forces that may stay without balance
 _BALANCED_BY_FACETS = 1e-4  # the same of press fits: facets push bodies that nothing holds along their surfaces
-_JACOBIAN = 5  # iterations of Newton's method that take as long as a Jacobian, in mechanisms of some 50 equations
 _FUNCTION = re.compile(r"\w+::\w*[uU]serFunction\b")  # name of a user function in a report of Exudyn
 _RETURNED = re.compile(r"Unable to cast Python instance of type <class '(?:\w+\.)*(\w+)'>")
 _LINE = re.compile(r"^At:\n +(.+)\((\d+)\): ", re.MULTILINE)  # where the error of a user function was raised
@@ -138,39 +138,6 @@ def _extent(mbs: MainSystem, contact: PartitionContact, duration: float) -> floa
             speed += duration * float(np.linalg.norm(falling))
         far += min(duration * speed, float(np.ptp(item.body.points, axis=0).max()))
     return far + max(float(abs(side.surface.points - side.centre).max()) for side in gaps.sides)
-
-
-@dataclass(frozen=True)
-class Iterations:
-    """How many iterations Newton's method has made, and what the age of its Jacobian has cost.
-
-    Parameters
-    ----------
-    steps, jacobians : int
-        Iterations and Jacobians of the run.
-    fewest : int
-        Least number of iterations in a step since the last Jacobian; 0 before there is one.
-    excess : int
-        Iterations above that since then.
-    """
-
-    steps: int = 0
-    jacobians: int = 0
-    fewest: int = 0
-    excess: int = 0
-
-    def after(self, steps: int, jacobians: int) -> Iterations:
-        """Return the same after a step, with numbers of iterations and Jacobians of the run."""
-        made = steps - self.steps
-        if jacobians != self.jacobians or not self.fewest:
-            return Iterations(steps, jacobians, made)
-        fewest = min(made, self.fewest)
-        return Iterations(steps, jacobians, fewest, self.excess + made - fewest)
-
-    @property
-    def too_many(self) -> bool:
-        """Whether the age of the Jacobian has cost as much as a new one."""
-        return self.excess >= _JACOBIAN
 
 
 class Watch:
@@ -271,22 +238,19 @@ def watch_steps(
     step: float,
     progress: Progress,
     accelerations: Array | None = None,
-    *,
-    renews: bool = False,
 ) -> Iterator[Watch]:
     """Progress and Ctrl-C in Exudyn's PreStep function. It calls the model's own, which is restored after the run.
 
-    `accelerations`, (nq,), are set before the first step, if they are given. With `renews`, Newton's method gets a new
-    Jacobian where that saves time: Exudyn's own rule looks at each iteration alone.
+    `accelerations`, (nq,), are set before the first step, if they are given.
     """
-    last_start, iterations = None, Iterations()
+    last_start = None
     own_function = user_function(mbs.GetPreStepUserFunction())
     runs, kinds = runs_of(mbs), require("exudyn").ConfigurationType
     damping = registered(mbs).damping
     next_report, next_look = start_time, time.perf_counter() + LOOK
 
     def before_step(mbs: MainSystem, t: float) -> bool:
-        nonlocal next_report, next_look, last_start, iterations
+        nonlocal next_report, next_look, last_start
         if t >= next_report or time.perf_counter() >= next_look:
             next_report, next_look = t + (end_time - start_time) / 100, time.perf_counter() + LOOK
             progress(min((t - start_time) / (end_time - start_time), 1.0))
@@ -296,10 +260,6 @@ def watch_steps(
         if last_start is None and accelerations is not None:
             for configuration in (kinds.StartOfStep, kinds.Current):
                 mbs.systemData.SetODE2Coordinates_tt(accelerations, configuration)
-        if renews:
-            it = mbs.sys["dynamicSolver"].it
-            iterations = iterations.after(it.newtonStepsCount, it.newtonJacobiCount)
-            mbs.solverSignalJacobianUpdate = iterations.too_many
         run = runs.now(mbs)
         run.unsettled = None
         if run.unsampled and run.others:
@@ -468,7 +428,9 @@ def hold_by_springs(mbs: MainSystem, settings: SimulationSettings) -> Iterator[N
     change Newton's method little.
     """
     items, contacts = partition_items(mbs)
-    way = _FAR * min((contact.slave_facet_size for contact in contacts), default=1.0)
+    sizes = (float(np.ptp(item.body.points, axis=0).max()) for item in items)
+    facets = min((contact.slave_facet_size for contact in contacts), default=None)
+    way = _FAR * facets if facets is not None else _FAR_ALONE * min(sizes, default=1.0)
     newton, start = settings.staticSolver.newton, _Start()
     own_after_newton = user_function(mbs.GetPostNewtonUserFunction())
     own_tolerance, own_absolute = newton.relativeTolerance, newton.absoluteTolerance

@@ -204,7 +204,6 @@ def _other_options(method: str, adaptive: bool, sample_period: float | None, set
 def _run(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> tuple[Result, float]:
     """Make a run: its result without a review, and `share_made`, see `StepControl`."""
     times, method, control = plan.times, plan.method, plan.control
-    renews = method == "implicit" and plan.settings.timeIntegration.newton.useModifiedNewton
     if method == "explicit":
         hear_of_verlet()
     earlier, kind = None if plan.origin is None else plan.origin.pace, "equal" if control is None else "adaptive"
@@ -216,7 +215,7 @@ def _run(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> tuple[Res
         bar as report,
         begin_run(mbs, times.start, method),
         set_accelerations(mbs, plan.origin, plan.settings) as accelerations,
-        watch_steps(mbs, times.start, times.end, times.step, report, accelerations, renews=renews) as watch,
+        watch_steps(mbs, times.start, times.end, times.step, report, accelerations) as watch,
         control_steps(mbs, control, watch, earlier, plan.settings, times.end),
     ):
         begin = time.perf_counter()

@@ -152,6 +152,7 @@ def test_a_jacobian_takes_the_answer_of_its_own_state_alone(marble, monkeypatch)
     mbs, contacts = chain(marble)
     number, asked, evaluate = exu.ObjectIndex(int(contacts[0]["oContact"])), [], ModelRun.force
     entry, data = mbs.GetObject(number), mbs.systemData
+    runs_of(mbs).begin(mbs, 0.0, "implicit")
     force, jacobian = (entry[f"{name}UserFunction"]["function"] for name in ("force", "jacobian"))
     monkeypatch.setattr(ModelRun, "force", lambda run, *where: asked.append(where[1]) or evaluate(run, *where))
 

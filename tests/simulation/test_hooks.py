@@ -9,7 +9,7 @@ import exudyn.itemInterface as items
 import exudyn.solver
 import numpy as np
 import pytest
-from oracles import HINGE, LONGEST, ctrl_c_after, jointed
+from oracles import LONGEST, ctrl_c_after
 
 import exudyn_partition as ep
 from exudyn_partition.errors import (
@@ -18,7 +18,6 @@ from exudyn_partition.errors import (
     RunError,
     StoppedRunWarning,
 )
-from exudyn_partition.simulation.hooks import Iterations
 
 END = 60e-6
 
@@ -167,34 +166,6 @@ def test_a_traction_that_is_none_names_its_function(mbs, arm_body, value):
     mbs.Assemble()
     with pytest.raises(RunError, match="loadVectorUserFunction: expected"):
         ep.solve_dynamic(mbs, end_time=1e-6, step=0.2e-6)
-
-
-def test_a_jacobian_is_new_when_its_age_has_cost_as_much():
-    """Each step takes as many iterations as the first after it, plus those of its age; other Jacobians count too."""
-    of_run, made, renewed = Iterations(), 0, []
-    for step, many in enumerate([3, 2, 3, 4, 4, 2, 2, 2, 2, 7, 2, 2, 2]):
-        made += many
-        of_run = of_run.after(made, 1 + len(renewed) + (step >= 9))  # Exudyn found one of its own in the step of 7
-        if of_run.too_many:
-            renewed.append(step)
-    assert renewed == [4]  # 1 + 2 + 2 above the fewest
-    assert of_run == Iterations(made, 3, 2, 0)
-
-
-def test_joints_that_turn_get_new_jacobians_before_they_take_many_iterations(arm_body):
-    """Without them, most steps take four iterations. With one in each step the motion is the same."""
-    mbs, item, _ = jointed(arm_body, "floating", HINGE, initialAngularVelocity=[0, 100, 0], initialVelocity=[3, 0, 0])
-    mbs.Assemble()
-    settings, runs, steps = exu.SimulationSettings(), [], 100
-    settings.solution.file.write = False
-    settings.timeIntegration.newton.modifiedNewtonContractivity = 0.02
-    for each in (True, False):
-        settings.timeIntegration.newton.modifiedNewtonJacUpdatePerStep = each
-        runs.append(ep.solve_dynamic(mbs, end_time=4e-6 * steps, step=4e-6, method="implicit", settings=settings))
-    assert runs[1].work.jacobians < 0.4 * steps
-    assert runs[1].work.newton_iterations < 3 * steps
-    each_step, by_age = (item.coordinates(run) for run in runs)
-    np.testing.assert_allclose(by_age, each_step, rtol=0, atol=1e-7 * abs(each_step).max())
 
 
 @pytest.mark.parametrize("which", [("body", "sCoordinates"), ("body", "sCoordinates_t"), ("contact", "sForce")])
