@@ -50,8 +50,9 @@ class ModelRun:
     """State of a model's contacts in one run.
 
     Who takes part is fixed at its start, see `RunMembers`. In a run only these attributes change: `evaluated_at` in
-    each evaluation, and outside of explicit steps where that was, `ended` at each sample, `unsettled` in load steps, `broken` and `over` at the end. So do the time
-    spent in contacts, and the velocities by which bodies in floating frames grow.
+    each evaluation, and where that was outside of explicit steps, `ended` at each sample, `unsettled` in load steps,
+    `broken` and `over` at the end. So do the time spent in contacts, and the velocities by which bodies in floating
+    frames grow.
 
     Parameters
     ----------

@@ -37,7 +37,6 @@ _OVER = 1e-6  # share of a step: a run that has less time left is at its end
 _SETTLED = 2  # divided load steps that settle before they are longer again
 _ROUNDINGS = 4  # number of roundings of places, of patches or markers, that reach their forces
 _FAR = 1e-3  # share of a facet's size: largest motion in an iteration of bodies that springs hold
-_FAR_ALONE = 0.2  # share of a body's size: the same where nothing is in contact
 _SLOW = 0.1  # rad/s, frequency of bodies on such springs if forces are balanced
 _PRESSED = 0.03  # of f_cut: frequency of bodies on such springs if contacts press them from the start
 _BALANCED = 1e-6  # share of the first forces that may stay without balance
@@ -428,9 +427,7 @@ def hold_by_springs(mbs: MainSystem, settings: SimulationSettings) -> Iterator[N
     change Newton's method little.
     """
     items, contacts = partition_items(mbs)
-    sizes = (float(np.ptp(item.body.points, axis=0).max()) for item in items)
-    facets = min((contact.slave_facet_size for contact in contacts), default=None)
-    way = _FAR * facets if facets is not None else _FAR_ALONE * min(sizes, default=1.0)
+    way = _FAR * min((contact.slave_facet_size for contact in contacts), default=1.0)
     newton, start = settings.staticSolver.newton, _Start()
     own_after_newton = user_function(mbs.GetPostNewtonUserFunction())
     own_tolerance, own_absolute = newton.relativeTolerance, newton.absoluteTolerance
