@@ -485,7 +485,9 @@ class Gaps:
         Centrifugal forces deform a body beyond its coordinates, in a quasi-static way. Contact sees this growth, from
         the next evaluation on.
         """
-        if any([len(products) for products in growing]):
+        if len(growing) == 1:
+            self.growing = growing[0]
+        elif any([len(products) for products in growing]):
             self.growing = np.concatenate([products if len(products) else np.zeros(6) for products in growing])
         else:
             self.growing = NOTHING

@@ -12,7 +12,7 @@ from ..algebra.kernels import on_active, settle_blocks
 from ..algebra.product_kernels import matrix_at
 from ..frames.node_kernels import FlatNodes, act, set_places
 from ..support.arrays import Array
-from ..support.compiled import compiled, inlined, inner
+from ..support.compiled import called, compiled, inlined, inner
 from ..support.struct_kernels import StructType, define_struct
 from ..surfaces.moving_kernels import Followed, follow_rows, forces_on_nodes, gaps_of_rows
 
@@ -170,6 +170,63 @@ def rigid_gaps(
         for k in range(starts[row], starts[row + 1]):
             gap[row] += means[k] * of_points[columns[k]]
     return gap, normals
+
+
+_find_rigid_gaps = called(rigid_gaps)
+
+
+@compiled
+def near_gaps(
+    points: FlatPoints,
+    nodes: FlatNodes,
+    surface: tuple[int, Array, Array, float, float],
+    motion: tuple[Array, Array, Array],
+    x: Array,
+    witnesses: Array,
+    here: Array,
+) -> tuple[Array, Array, float]:
+    """Gaps of rows, (nr,), normals at their points, (p, 3), and way of some nodes, see `loops.near_gaps`."""
+    q, pose, growing = motion
+    gap, normals = _find_rigid_gaps(points, nodes, surface, q, pose, growing, x)
+    way = 0.0
+    for i in range(len(witnesses)):
+        node = witnesses[i]
+        for a in range(3):
+            now = x[node, a]
+            if len(pose) > 0:
+                now = 0.0
+                for b in range(3):
+                    now += (x[node, b] - pose[b]) * pose[3 + 3 * b + a]
+            change = abs(now - here[i, a])
+            if change > way or math.isnan(change):
+                way = change
+    return gap, normals, way
+
+
+@compiled
+def rigid_moment(points: FlatPoints, lam: Array, normals: Array, x: Array, about: Array) -> Array:
+    """Moment, (3,), of forces on rows, (nr,), see `loops.rigid_moment`."""
+    carriers, weights, starts, columns, means = (
+        points.nodes,
+        points.weights,
+        points.starts,
+        points.columns,
+        points.means,
+    )
+    result = np.zeros(3)
+    for row in range(len(lam)):
+        if lam[row] != 0.0:
+            for i in range(starts[row], starts[row + 1]):
+                point, push = columns[i], means[i] * lam[row]
+                u, v, w = -about[0], -about[1], -about[2]
+                for k in range(carriers.shape[1]):
+                    node, share = carriers[point, k], weights[point, k]
+                    u, v, w = u + share * x[node, 0], v + share * x[node, 1], w + share * x[node, 2]
+                a, b, c = push * normals[point, 0], push * normals[point, 1], push * normals[point, 2]
+                result[0] += v * c - w * b
+                result[1] += w * a - u * c
+                result[2] += u * b - v * a
+    return result
 
 
 @compiled

@@ -72,7 +72,7 @@ class Forces(NamedTuple):
 
     def energy(self, gap: Array) -> float:
         """Energy that is stored [J]; `gap`, (nr,) [m], are the gaps without displacements that others cause."""
-        return -0.5 * float(self.on_rows[:, 0].dot(gap)) if self.stored is None else self.stored
+        return -0.5 * float(np.vdot(self.on_rows[:, 0], gap)) if self.stored is None else self.stored  # never warns
 
 
 class Motion(Protocol):

@@ -325,6 +325,35 @@ def rigid_gaps(
     return found
 
 
+def near_gaps(
+    points: FlatPoints,
+    side: SideNodes,
+    surface: Primitive,
+    motion: tuple[Array, Array, Array],
+    x: Array,
+    witnesses: Array,
+    here: Array,
+) -> tuple[Array, Array, float]:
+    """Gaps and normals as in `rigid_gaps`, and how far some nodes are from where they were, seen from the surface [m].
+
+    `motion` are `q`, `pose` and `growing` of `rigid_gaps`. `witnesses`, (k,), are the nodes, and `here`, (k, 3), is
+    where they were [m]. The way is the largest change of a component; NaN if one is.
+    """
+    found: tuple[Array, Array, float] = _compiled().near_gaps(
+        points, side.flat, tuple(surface), motion, x, witnesses, here
+    )
+    return found
+
+
+def rigid_moment(points: FlatPoints, lam: Array, normals: Array, x: Array, about: Array) -> Array:
+    """Moment on the slave about a point, (3,) [N m], of forces on rows, (nr,) [N], along the normals of their points.
+
+    Places of nodes, x, (np, 3), and of the point `about`, (3,), count from one origin [m].
+    """
+    found: Array = _compiled().rigid_moment(points, lam, normals, x, about)
+    return found
+
+
 def pushed_rigid(points: FlatPoints, lam: Array, normals: Array, side: SideNodes, q: Array) -> Array:
     """Generalised forces, (n,), of forces on rows, (nr,) [N], see `pushed_pairs`."""
     found: Array = _compiled().pushed_rigid(points, side.flat, lam, normals, q, len(side.surface.points))

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import InputError, PenetrationError, RunError
 from ..support.arrays import Array, Vector, as_read_only
+from ..support.attributes import FoundOnce
 from ..support.checks import validate_flag, validate_positive, validate_vector
 from ..surfaces.facing import PENETRATION_TOLERANCE
 from ..surfaces.points import ContactPoints, RowKind
@@ -159,7 +160,33 @@ def _unit(name: str, vector: Array) -> Array:
 
 
 class OnRigid(Stage):
-    """Rows on a primitive surface, which loops have placed."""
+    """Rows on a primitive surface, which loops have placed.
+
+    Parameters
+    ----------
+    rows : PresentRows
+    normals : (p, 3) array
+        Outward normals of the surface at their points.
+    x : (np, 3) array
+        Places of the nodes [m].
+    where : Anchor
+        Where slave and surface are.
+    """
+
+    places: list[Array]
+
+    def __init__(self, rows: PresentRows, normals: Array, x: Array, where: Anchor) -> None:
+        super().__init__(rows, normals, ((rows.points.nodes, rows.points.weights),))
+        self.places, self.pose, self._q = [x], where.pose, where.q
+
+    @FoundOnce
+    def stance(self) -> Array:
+        """See `Gaps.stance`; normals at the points in the body's axes, (p, 3)."""
+        return self.rows.sides[0].kinematics.in_frame(self._q, self.normals)
+
+    def moment(self, lam: Array, about: Array) -> Array:
+        """Moment on the slave about a point, see `loops.rigid_moment`; places count from the contact's centre."""
+        return loops.rigid_moment(self.rows.flat, lam, self.normals, self.places[0], about)
 
     def acted(self, lam: Array, q: Array) -> tuple[Array, Array] | None:
         """See `Stage.acted`; compiled calls."""
@@ -310,9 +337,7 @@ class RigidGaps(Gaps):
         (side,) = rows.sides
         x, points = side.places_begun(q, growing), rows.flat
         gap, normals = loops.rigid_gaps(points, side, self.primitive, q, pose, growing, x)
-        stage = OnRigid(rows, normals, ((rows.points.nodes, rows.points.weights),))
-        stage.places, stage.pose = [x], pose
-        return stage, gap
+        return OnRigid(rows, normals, x, where), gap
 
     def _go_to_state(self, state: GapState) -> Array:
         """See `Gaps`; the carrier may not be there yet."""
@@ -335,6 +360,11 @@ class RigidGaps(Gaps):
         """The slave with all facets of its patch."""
         return self.slave
 
+    def moment(self, lam: Array, point: Array) -> Array:
+        """See `Gaps.moment`."""
+        stage = self.stage
+        return stage.moment(lam, point - self.centre) if isinstance(stage, OnRigid) else super().moment(lam, point)
+
     def carrier_rows(self, index: Array) -> Array:
         """Derivative of gap rates, (na, 6), with respect to velocity and angular velocity of the surface's carrier."""
         if self._pose is None:
@@ -345,7 +375,12 @@ class RigidGaps(Gaps):
 
     def stance(self) -> Array:
         """See `Gaps.stance`."""
-        return np.zeros(1) if self.slave.normal_only else self.slave.kinematics.in_frame(self.present.q, self.normals)
+        if self.slave.normal_only:
+            return np.zeros(1)
+        stage = self.stage
+        if isinstance(stage, OnRigid):
+            return stage.stance
+        return self.slave.kinematics.in_frame(self.present.q, self.normals)
 
     def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""

@@ -21,10 +21,11 @@ from ..surfaces.projection import Projection
 from ..surfaces.rows import ContactRows
 from ..surfaces.surface import Surface, closest_points
 from ..surfaces.witnesses import seen_from, spread
+from . import loops
 from .followed import SEARCHED, Followed
 from .gaps import GapState, Present
 from .patch_gaps import PatchGaps
-from .rigid import RigidGaps
+from .rigid import OnRigid, RigidGaps
 from .side import Side
 from .stages import NOTHING, Anchor, PresentRows, Stage
 
@@ -260,12 +261,23 @@ class WanderingRigidGaps(RigidGaps):
         """See `Gaps.at`."""
         choice, pose, rows = self._choice, self.carrier_pose, self.stage.rows
         if choice is not None:
-            stage, gap = self._placed(rows, Anchor(q, pose, self.growing))
-            if stage.places is not None and self._is_near(stage.places[0], pose, choice):
+            stage, gap, is_near = self._placed_as_chosen(rows, Anchor(q, pose, self.growing), choice)
+            if is_near:
                 self._go_to_stage(stage, q)
                 return gap
         self._choose(Anchor(q.copy(), pose, self.growing))
         return self._gaps_at(q, pose)
+
+    def _placed_as_chosen(self, rows: PresentRows, where: Anchor, choice: Choice) -> tuple[Stage, Array, bool]:
+        """See `RigidGaps._placed`; also whether the rows of a choice are still those that may close."""
+        q, pose, growing = where.q, where.pose, where.growing
+        if self.primitive is None or not loops.at_once():
+            stage, gap = self._placed(rows, where)
+            return stage, gap, stage.places is not None and self._is_near(stage.places[0], pose, choice)
+        (side,) = rows.sides
+        x, seen = side.places_begun(q, growing), (self._witnesses, choice.here)
+        gap, normals, way = loops.near_gaps(rows.flat, side, self.primitive, (q, pose, growing), x, *seen)
+        return OnRigid(rows, normals, x, where), gap, way <= choice.reach
 
     def of_present(self, q: Array) -> Array:
         """See `Gaps.of_present`."""

@@ -16,6 +16,7 @@ from ..support.optional import require
 Pose = Callable[[], tuple[Array, Array]]  # place, (3,) [m], and axes as columns, (3, 3)
 Motion = Callable[[], tuple[Array, Array]]  # velocity, (3,) [m/s], and angular velocity, (3,) [rad/s]
 
+_ORIGIN = [0.0, 0.0, 0.0]  # of a body
 _POINTS = "MassPoint"  # how types of bodies without axes begin; for all others Exudyn itself tells
 
 
@@ -84,12 +85,14 @@ def pose(mbs: MainSystem, body: ObjectIndex) -> Pose:
 
 def pose_in(mbs: MainSystem, body: ItemIndex, configuration: object) -> tuple[Array, Array]:
     """Pose of an Exudyn body in one of its configurations."""
-    variable = require("exudyn").OutputVariableType
-    place, axes = (
-        mbs.GetObjectOutputBody(body, what, localPosition=[0.0, 0.0, 0.0], configuration=configuration)
-        for what in (variable.Position, variable.RotationMatrix)
-    )
-    return np.asarray(place), np.asarray(axes).reshape(3, 3)
+    axes = mbs.GetObjectOutputBody(body, require("exudyn").OutputVariableType.RotationMatrix, _ORIGIN, configuration)
+    return place_in(mbs, body, configuration), np.asarray(axes).reshape(3, 3)
+
+
+def place_in(mbs: MainSystem, body: ItemIndex, configuration: object) -> Array:
+    """Place of an Exudyn body in one of its configurations, (3,) [m]."""
+    position = require("exudyn").OutputVariableType.Position
+    return np.asarray(mbs.GetObjectOutputBody(body, position, _ORIGIN, configuration))
 
 
 def motion(mbs: MainSystem, body: ObjectIndex) -> Motion:
@@ -154,7 +157,7 @@ def load_carrier(mbs: MainSystem, contact_now: Callable[[], OnCarrier], body: Ob
     `contact_now` returns the contact in the present run. Exudyn evaluates loads after objects, so that
     its forces belong to the same coordinates.
     """
-    items, pose_now = require("exudyn.itemInterface"), pose(mbs, body)
+    items, current = require("exudyn.itemInterface"), require("exudyn").ConfigurationType.Current
     marker = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=[0.0, 0.0, 0.0]))
 
     zero = [0.0, 0.0, 0.0]
@@ -165,7 +168,9 @@ def load_carrier(mbs: MainSystem, contact_now: Callable[[], OnCarrier], body: Ob
 
     def torque(mbs: MainSystem, t: float, load: object) -> list[float]:
         contact = contact_now()
-        return [*map(float, contact.moment_on_carrier(pose_now()[0]))] if contact.acts_on_carrier else zero
+        if not contact.acts_on_carrier:
+            return zero
+        return [*map(float, contact.moment_on_carrier(place_in(mbs, body, current)))]
 
     mbs.AddLoad(items.LoadForceVector(markerNumber=marker, loadVector=zero, loadVectorUserFunction=force))
     mbs.AddLoad(items.LoadTorqueVector(markerNumber=marker, loadVector=zero, loadVectorUserFunction=torque))

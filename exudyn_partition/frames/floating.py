@@ -346,7 +346,7 @@ class FloatingKinematics:
 
     def in_frame(self, q: Array, directions: Array) -> Array:
         """See `Kinematics.in_frame`."""
-        return directions @ self.frame(q)[1]
+        return loops.in_axes(q, self.rotation, self.node_axes, directions)
 
     def on_constant_mass(self, q: Array, force: Array) -> Array:
         """Forces that act on the constant mass diag(m, J, 1) as `force` acts on the true mass: same accelerations.

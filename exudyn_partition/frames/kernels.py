@@ -31,6 +31,16 @@ def body_axes(q: Array, rotation: Array, node_axes: Array) -> Array:
     return axes
 
 
+@compiled
+def in_axes(q: Array, rotation: Array, node_axes: Array, directions: Array) -> Array:
+    """Directions in space, (m, 3), in the body's axes, see `FloatingKinematics.in_frame`."""
+    axes, result = body_axes(q, rotation, node_axes), np.empty(directions.shape)
+    for i in range(len(directions)):
+        for a in range(3):
+            result[i, a] = directions[i, 0] * axes[0, a] + directions[i, 1] * axes[1, a] + directions[i, 2] * axes[2, a]
+    return result
+
+
 @exact
 def compose(v: Array, way: Array, result: Array) -> None:
     """Set a rotation vector, (3,), see `rotations.composed`; Exudyn rounds as this does, without fused products."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..reduction.geometric_stiffness import GeometricStiffness
 from ..reduction.inertia import InertiaIntegrals
-from ..support.arrays import Array
+from ..support.arrays import Array, as_read_only
 from ..support.compiled import kernels
 from .inertia import Inertia, angular_acceleration
 from .kinematics import Rows, node_fields
@@ -103,6 +103,15 @@ def places(q: Array, start: Array, rotation: Array, node_axes: Array, arms: Arra
     way = q[..., None, :3] + node_fields(rows, q[..., 6:]) @ A.swapaxes(-1, -2) + arms @ change.swapaxes(-1, -2)
     place: Array = start + way
     return place
+
+
+def in_axes(q: Array, rotation: Array, node_axes: Array, directions: Array) -> Array:
+    """Directions in space, (m, 3), in the axes of a floating body at coordinates q, (6 + n,); see `places`."""
+    if directions.flags.c_contiguous and (compiled := kernels("frames")):
+        found: Array = compiled.in_axes(q, rotation, node_axes, as_read_only(directions))
+        return found
+    turned: Array = directions @ _axes(q, rotation, node_axes)
+    return turned
 
 
 def generalised(q: Array, rotation: Array, node_axes: Array, arms: Array, rows: Array, forces: Array) -> Array:

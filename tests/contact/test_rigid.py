@@ -204,3 +204,32 @@ def test_one_call_places_nodes_and_pushes_them_as_the_kinematics_do(round_body):
     by_nodes = side.kinematics.generalised(q, on_nodes)
     np.testing.assert_allclose(pushed, by_nodes, rtol=0, atol=1e-12 * abs(by_nodes).max())
     np.testing.assert_allclose(loops.resultant(rows.flat, lam, normals), forces.sum(axis=0), rtol=1e-12)
+    about = np.array([1e-3, -2e-3, 4e-3])
+    moment = np.cross(rows.points.at(x) - about, forces).sum(axis=0)
+    np.testing.assert_allclose(loops.rigid_moment(rows.flat, lam, normals, x, about), moment, rtol=1e-11)
+    along = normals @ side.kinematics.frame(q)[1]
+    np.testing.assert_allclose(side.kinematics.in_frame(q, normals), along, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("carried", [False, True])
+def test_one_call_finds_how_far_nodes_have_come_from_where_they_were(round_body, carried):
+    """As seen from a sphere that may turn with a carrier; gaps and normals are those without this question."""
+    if not loops.at_once():
+        pytest.skip("numba is not installed")
+    gaps, rng = (
+        RigidGaps(floating(round_body), RigidSphere(np.array([0.0, 0.0, -2e-3]), 1e-3)),
+        np.random.default_rng(3),
+    )
+    (side,), rows, still = gaps.stage.rows.sides, gaps.stage.rows, np.empty(0)
+    place, axes = 1e-3 * rng.normal(size=3), Rotation.from_rotvec([0.3, -0.4, 0.5]).as_matrix()
+    pose = np.concatenate([place, axes.ravel()]) if carried else still
+    q, nodes, here = 1e-6 * rng.normal(size=side.n), np.array([0, 5, 3]), 1e-3 * rng.normal(size=(3, 3))
+    x, again = side.places_begun(q, still), side.places_begun(q, still)
+    found = loops.near_gaps(rows.flat, side, gaps.primitive, (q, pose, still), x, nodes, here)
+    expected = loops.rigid_gaps(rows.flat, side, gaps.primitive, q, pose, still, again)
+    for a, b in zip(found, expected, strict=False):
+        np.testing.assert_array_equal(a, b)
+    seen = (x[nodes] - place) @ axes if carried else x[nodes]
+    assert found[2] == pytest.approx(abs(seen - here).max(), rel=1e-12)
+    here[1, 2] = np.nan
+    assert np.isnan(loops.near_gaps(rows.flat, side, gaps.primitive, (q, pose, still), x, nodes, here)[2])
