@@ -28,6 +28,14 @@ def congruence(rows: Array, F: Array, *, threes: bool = False) -> Array:
     return value
 
 
+def product(rows: Array, F: Array, *, threes: bool = False) -> Array:
+    """Return rows F, (n, k), of rows with many zeros, (n, m), and F, (m, k); `threes` as in `congruence`."""
+    if loops := kernels("algebra", "product_kernels"):
+        found: Array = loops.sparse_product(np.ascontiguousarray(rows), np.ascontiguousarray(F), threes, False)
+        return found
+    return np.asarray(rows @ F)
+
+
 def moved(start: Array, rows: Matrix, way: Array) -> Array:
     """Return start + rows way, (n,), for rows, (n, m)."""
     if isinstance(rows, np.ndarray) and (loops := kernels("algebra", "product_kernels")):

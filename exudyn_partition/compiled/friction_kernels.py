@@ -17,7 +17,7 @@ from ..algebra.friction_kernels import (
     turn_to,
 )
 from ..algebra.product_kernels import matrix_at
-from ..contact.kernels import choose_near, coordinates_of, gaps_of_contact, slid
+from ..contact.kernels import choose_near, coordinates_of, gaps_of_contact, pushed_gap, slid
 from ..support.arrays import Array
 from ..support.compiled import compiled, inner
 from ..support.struct_kernels import StructType, define_struct
@@ -117,15 +117,22 @@ def places_of_rows(f: Friction, q: Array, q_from: Array) -> bool:
 
 
 @inner
-def misses_rows(gap: Array, near: Array, choosing: Choosing) -> bool:
-    """Whether rows can close that were not chosen."""
-    least = 0.0
-    for i in range(len(gap)):
-        least = min(least, gap[i])
-    for i in range(len(gap)):
-        if gap[i] < -choosing[0] * least and not near[i]:
-            return True
-    return False
+def close_pushed_rows(f: Friction, g: int, shut: float) -> bool:
+    """Let rows enter that forces on their contact push shut; whether there are any."""
+    starts, top, found = f.rows.starts, f.rows.starts[f.groups[g]], False
+    size = 3 * (starts[f.groups[g + 1]] - top)
+    F, lam = matrix_at(f.flexible, f.F_starts[g], size, size), f.lam.reshape(-1)
+    for j in range(f.groups[g], f.groups[g + 1]):
+        first, end, least = starts[j], starts[j + 1], 0.0
+        for i in range(first, end):
+            least = min(least, f.pushed[i])
+        for i in range(first, end if least < 0.0 else first):
+            if not f.near[i]:
+                own = F[3 * (i - top), 3 * (first - top) : 3 * (end - top)]
+                if pushed_gap(f.pushed[i], own, lam[3 * first : 3 * end]) < shut * least:
+                    f.near[i] = found = True
+    f.fresh[g] = f.fresh[g] or found
+    return found
 
 
 @inner
@@ -299,13 +306,9 @@ def solve_group(f: Friction, g: int, limits: FrictionLimits, choosing: Choosing)
             set_up(f, g, choosing)
         if not solve_near(f, top, end, fresh, number == 0, limits):
             return False
-        missed = False
         if several:
             push_others(f, g)
-            for j in range(first, last):
-                some = slice(starts[j], starts[j + 1])
-                missed = missed or misses_rows(f.pushed[some], f.near[some], choosing)
-        if not missed:
+        if not close_pushed_rows(f, g, choosing[7]):
             count_iterations(f, g, f.problem.counts[ITERATIONS] - before)
             return True
     return False

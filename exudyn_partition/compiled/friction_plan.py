@@ -17,15 +17,15 @@ from ..algebra.complementarity import REGULARISATION
 from ..algebra.coulomb import Coulomb
 from ..algebra.flat_friction import FlatFriction
 from ..algebra.friction import OPEN, SLIP, STICK
-from ..contact.formulations.compliance import CHOOSING
+from ..contact.formulations.compliance import CHOOSING, SHUT
 from ..contact.linear_gaps import FlatRows
 from ..support.arrays import Array
 
 N_FRICTION = 7  # values of each contact, as its sensor `sFriction` reads them
 _PASSES = 100  # in which rows that close in contacts on common bodies must settle
-CHOICES = (*CHOOSING, REGULARISATION, _PASSES)
+CHOICES = (*CHOOSING, REGULARISATION, _PASSES, SHUT)
 
-Choosing = tuple[float, float, int, int, float, float, int]
+Choosing = tuple[float, float, int, int, float, float, int, float]
 
 
 class FrictionMemory(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 from ..algebra.complementarity import regularised
 from ..algebra.coulomb import coefficients
 from ..algebra.friction import OPEN, SLIP, STICK, FrictionProblem
-from ..contact.loops import choose_rows
+from ..contact.loops import choose_rows, close_pushed
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from .friction_plan import CHOICES, FrictionPlan, FrictionState
@@ -99,24 +99,29 @@ class FrictionSteps:
             return
         if pushing:
             s.pushed[rows] = self._pushed(s, group, F)
-        for number in range(CHOICES[-1]):
+        for number in range(CHOICES[6]):
             for j in contacts:
                 part = self._parts[j].rows
                 choose_rows(s.pushed[part], s.memory.forces[part], s.near[part], number > 0, CHOICES[:5])
             self._solve_near(s, group)
             if several:
                 s.pushed[rows] = self._pushed(s, group, F)
-            if not several or not any(self._misses(s, self._parts[j].rows) for j in contacts):
+            if not any([self._shuts(s, F, rows.start, self._parts[j].rows) for j in contacts]):
                 return
         raise ComplementarityError(
-            f"the rows that close in {len(contacts)} contacts on common bodies did not settle in {CHOICES[-1]} passes"
+            f"the rows that close in {len(contacts)} contacts on common bodies did not settle in {CHOICES[6]} passes"
         )
 
     @staticmethod
-    def _misses(s: FrictionState, rows: slice) -> bool:
-        """Whether rows can close that were not chosen."""
-        gap = s.pushed[rows]
-        return bool((~s.near[rows] & (gap < -CHOICES[0] * gap.min(initial=0.0))).any())
+    def _shuts(s: FrictionState, F: Array, first: int, rows: slice) -> bool:
+        """Whether forces on the rows of a contact push others of them shut, which are near then.
+
+        F, (3 k, 3 k), is the flexibility of the group, whose first row has the number `first`.
+        """
+        gap, own = s.pushed[rows], slice(3 * (rows.start - first), 3 * (rows.stop - first))
+        least = float(gap.min(initial=0.0))
+        pushing = np.ascontiguousarray(F[own, own][::3])
+        return least < 0.0 and close_pushed(pushing, gap, s.near[rows], s.lam[rows].ravel(), CHOICES[7] * least)
 
     def _solve_near(self, s: FrictionState, group: int) -> None:
         """Find the forces on the rows that can close."""

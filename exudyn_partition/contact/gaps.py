@@ -656,6 +656,10 @@ class Gaps:
         """`flexibility`, regularised as in `problem`; for the same rows, it is the same array too."""
         return self._row_flexibility(index).regularised_between(index)
 
+    def pushing(self, index: Array) -> Array:
+        """Motion of all present rows by unit forces on some, (nr, na) [m/N]; not if `on_demand`."""
+        return self._row_flexibility(index).pushing(index)
+
     def shuts(self, gap: Array, index: Array, forces: Array, depth: float) -> bool:
         """Whether forces on some rows push others deeper than to a gap `depth` [m]; not if `on_demand`.
 
@@ -885,6 +889,10 @@ class RowFlexibility:
             self._index, self.regularised = index, None
             self._some = self._F.take(index, axis=0).take(index, axis=1)
         return self._some
+
+    def pushing(self, index: Array) -> Array:
+        """See `Gaps.pushing`."""
+        return self._F.take(index, axis=1)
 
     def shuts(self, gap: Array, index: Array, forces: Array, depth: float) -> bool:
         """See `Gaps.shuts`."""

@@ -297,6 +297,24 @@ def shuts(F: Array, gap: Array, index: Array, forces: Array, depth: float) -> bo
     return False
 
 
+@inlined
+def pushed_gap(gap: float, pushing: Array, forces: Array) -> float:
+    """A gap with the motion by forces, (m,), by a row of `loops.close_pushed`, (m,)."""
+    for k in range(len(forces)):
+        gap += pushing[k] * forces[k]
+    return gap
+
+
+@compiled
+def close_pushed(pushing: Array, gap: Array, near: Array, forces: Array, depth: float) -> bool:
+    """See `loops.close_pushed`."""
+    found = False
+    for i in range(len(gap)):
+        if not near[i] and pushed_gap(gap[i], pushing[i], forces) < depth:
+            near[i] = found = True
+    return found
+
+
 @compiled
 def same_rows(h: Array, limit: float, index: Array) -> bool:
     """Whether `index` has exactly the rows with h below a limit, in ascending order."""

@@ -282,6 +282,12 @@ class RowDirections(Protocol):
     def flexibility(self, index: Array) -> Array:
         """Residual flexibility of some rows, (d na, d na) [m/N]."""
 
+    def pushing(self, index: Array) -> Array:
+        """Motion of all rows along their normals by unit forces on some, (nr, d na) [m/N]; not if `on_demand`.
+
+        It is found where the flexibility was.
+        """
+
 
 class LawMaker(Protocol):
     """Maker of the law of a contact: a formulation, see `formulations.formulation.Formulation`."""

@@ -206,6 +206,28 @@ def shuts(F: Array, gap: Array, index: Array, forces: Array, depth: float) -> bo
     return bool((pushed < depth).any())
 
 
+def close_pushed(pushing: Array, gap: Array, near: Array, forces: Array, depth: float) -> bool:
+    """Let rows enter that forces push deeper than to a gap `depth` [m]; return whether there are any.
+
+    Parameters
+    ----------
+    pushing : (nr, m) array
+        Motion of all rows along their normals by unit forces [m/N].
+    gap : (nr,) array
+        Without these forces [m].
+    near : (nr,) bool array
+        Rows that have entered; it is changed.
+    forces : (m,) array
+        [N]
+    depth : float
+    """
+    if compiled := kernels("contact"):
+        return bool(compiled.close_pushed(pushing, gap, near, forces, depth))
+    shut = ~near & (gap + pushing @ forces < depth)
+    near |= shut
+    return bool(shut.any())
+
+
 # Several steps in one call, only if `at_once()`.
 
 

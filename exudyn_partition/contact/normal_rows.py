@@ -45,6 +45,10 @@ class NormalRows:
         """Residual flexibility of some rows, (na, na) [m/N]."""
         return self.gaps.flexibility(index)
 
+    def pushing(self, index: Array) -> Array:
+        """See `law.RowDirections`."""
+        return self.gaps.pushing(index)
+
     def side_rows(self, side: int) -> Rows:
         """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
         return self.gaps.side_rows(side)

@@ -12,7 +12,7 @@ import copy
 import numpy as np
 import scipy.sparse as sp
 
-from ..algebra.products import congruence, dense, joined
+from ..algebra.products import congruence, dense, joined, product
 from ..errors import InputError
 from ..fe.model import node_dofs
 from ..frames.kinematics import Rows
@@ -27,6 +27,7 @@ from .side import LoadedNodes
 from .stages import OF_SIDE, Anchor, Standing
 
 SAME = 0.02  # of a facet's size, or change of normals: below it, rows keep their flexibility in three directions
+_MANY = 1000  # rows above which the flexibility of all, (3 nr, 3 nr), is not kept
 _STEEP = 0.9  # cosine between a row's normal and the axis of its tangents, above which another axis is taken
 
 
@@ -251,7 +252,43 @@ class TangentialRows:
         """
         index = np.arange(len(self.gaps.row_nodes)) if index is None else index
         gaps, axis = self.gaps, self.axis
-        return gaps.at_anchor(("directed", axis), gaps.anchored(SAME), lambda: self._flexibility(index), index)
+        find = self._part_of_whole if self._keeps_whole else self._flexibility
+        return gaps.at_anchor(("directed", axis), gaps.anchored(SAME), lambda: find(index), index)
+
+    @property
+    def _keeps_whole(self) -> bool:
+        """Whether the flexibility of all rows is kept: while pairs are frozen, unless there are many."""
+        return not self.gaps.moving and len(self.gaps.row_nodes) <= _MANY and not self.gaps.on_demand
+
+    @property
+    def _whole(self) -> Array:
+        """Flexibility of all rows while pairs are frozen, (3 nr, 3 nr) [m/N]."""
+        everything = np.arange(len(self.gaps.row_nodes))
+        return self.gaps.stage.once(("directed", self.axis), lambda: self._flexibility(everything))
+
+    def _part_of_whole(self, index: Array) -> Array:
+        some = directions(index)
+        return self._whole.take(some, axis=0).take(some, axis=1)
+
+    def pushing(self, index: Array) -> Array:
+        """See `law.RowDirections`."""
+        if self._keeps_whole:
+            return self._whole[::3].take(directions(index), axis=1)
+        return self.gaps.found_at(self.gaps.anchored(SAME), lambda: self._pushing(index))
+
+    def _pushing(self, index: Array) -> Array:
+        everything, some, gaps = np.arange(len(self.gaps.row_nodes)), directions(index), self.gaps
+        moved, of_sides = np.zeros((len(everything), len(some))), dict[int, tuple[LoadedNodes, Array]]()
+        for place, (side, share) in enumerate(zip(gaps.sides, gaps.yielding_shares, strict=True)):
+            if side.flexibility is not None:
+                of_sides[place] = loaded, rows = self._some_side_rows(place, everything)
+                moved += share * product(rows[::3], product(rows[some], loaded.F, threes=True).T)
+        if gaps.between is not None:
+            (loaded, rows), (loaded_master, pushed) = of_sides[0], of_sides[1]
+            between = gaps.between[np.ix_(node_dofs(loaded.nodes), node_dofs(loaded_master.nodes))]
+            across = (rows[::3] @ between) @ pushed[some].T + (rows[some] @ between @ pushed[::3].T).T
+            moved += gaps.yielding_shares[0] * across
+        return moved
 
     def _flexibility(self, index: Array) -> Array:
         parts = [self._part(place, index) for place, side in enumerate(self.gaps.sides) if side.flexibility is not None]

@@ -13,6 +13,8 @@ from oracles import MARBLE_RADIUS as R
 from oracles import each_way, without_numba
 
 import exudyn_partition as ep
+from exudyn_partition.compiled import friction_steps, loops
+from exudyn_partition.contact.formulations import compliance
 from exudyn_partition.errors import CompiledRunError, InputError, MemoryLimitError, StepSizeError
 
 pytestmark = pytest.mark.filterwarnings("ignore::exudyn_partition.errors.PartitionWarning")
@@ -234,6 +236,26 @@ def test_friction_of_the_model_is_kept_where_it_does_not_vary(rough):
     runs = many(mbs, {ball: {"gravity": np.zeros((2, 3))}})
     np.testing.assert_array_equal(runs.force[1, 0], contact.force(result))
     assert runs.dissipated[1, 0] == contact.friction.work(result)[-1]
+
+
+@pytest.mark.parametrize("several", [False, True], ids=["one", "several"])
+def test_rows_that_forces_push_shut_enter(rough, monkeypatch, several):
+    """Forces do not depend on which rows are tried first: here none but the deepest are, by Exudyn and in loops."""
+
+    def model():
+        return in_a_row([rough] * 3, aside=0.02, friction=0.2) if several else fall(rough, friction=0.3)
+
+    options = {"end_time": 5e-6}
+    right = alone(model(), solver="compiled", **options)
+    monkeypatch.setattr(compliance, "CHOOSING", (-0.9, -0.9, *compliance.CHOOSING[2:]))
+    for module in (friction_steps, loops):
+        monkeypatch.setattr(module, "CHOICES", (-0.9, -0.9, *module.CHOICES[2:]))
+    by_exudyn, compiled = alone(model(), **options), alone(model(), solver="compiled", **options)
+    with without_numba():
+        by_numpy = alone(model(), solver="compiled", **options)
+    assert_close(compiled, right)
+    for found in (by_exudyn, by_numpy):
+        assert_close(found, compiled, 1e-11)
 
 
 def test_stiffness_of_rough_marbles_that_move_each_other_varies(rough):

@@ -25,9 +25,8 @@ _MARGIN = 2 * BULGE  # of the deepest row's depth: rows with smaller gaps enter,
 _SPARE = 10  # far rows that may stay in the problem before rows are chosen again
 _FEW_SPARE = 1.3  # as many times the rows that can close are left if these are many: the rest costs time
 CHOOSING = BULGE, _MARGIN, _SPARE, MANY, _FEW_SPARE  # as `loops.choose_rows` takes them
-WIDER = 4.0  # as many times the gaps of rows that enter where others close, too
-_WITHIN = 0.5  # share of the largest of these gaps: closed rows above it tell that others close, if no row is asked
-_SHUT = 1e-9  # of the deepest row's depth: rows that are pushed no deeper than this stay out
+WIDER = 4.0  # as many times the gaps of rows that enter where others close too; of closed rows, if no other is asked
+SHUT = 1e-9  # of the deepest row's depth: rows that are pushed no deeper than this stay out
 
 
 def compliance(rows: RowDirections) -> Law:
@@ -52,8 +51,8 @@ class NormalCompliance(Law):
     by 1 % of a facet. Only rows that can close enter. These are rows with a negative gap, and rows whose gap is below a
     quarter of the deepest row's depth, because the surface bulges around a contact. Where a body bends, as a plate on a
     plane, rows with larger gaps close too: if the forces push one shut, four times as large gaps enter. Where F is
-    found on demand, this is not known of other rows: there a row that closes above half of the bound tells it. The
-    change of F itself causes no force, because rows are frictionless.
+    found on demand, this is not known of other rows: there, those enter whose gaps are below four times the largest
+    gap of a closed row. The change of F itself causes no force, because rows are frictionless.
 
     Parameters
     ----------
@@ -132,8 +131,8 @@ class NormalCompliance(Law):
         if len(near) == len(h) or least >= 0.0:  # others may have moved all rows apart
             return False
         if self.gaps.on_demand:
-            return bool(h[near[lam > 0.0]].max(initial=least) > -_WITHIN * share * least)
-        return self.gaps.shuts(h, near, lam, _SHUT * least)
+            return bool(WIDER * h[near[lam > 0.0]].max(initial=least) > -share * least)
+        return self.gaps.shuts(h, near, lam, SHUT * least)
 
     def near(self, h: Array, least: float, share: float = BULGE) -> Array:
         """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.
@@ -204,8 +203,9 @@ class FrictionalCompliance(Law):
         w_n = h + (F lambda)_n,    0 <= lambda_n,    0 <= w_n,    lambda_n w_n = 0,
         w_t = s + (F (lambda - lambda*))_t,    |lambda_t| <= mu lambda_n,    w_t = 0 where |lambda_t| < mu lambda_n,
 
-    and where |lambda_t| = mu lambda_n, the slip w_t is opposite to lambda_t. There is no potential. The answer is
-    unique for moderate coefficients only. For larger ones, the solver finds one answer, starting from the step before.
+    and where |lambda_t| = mu lambda_n, the slip w_t is opposite to lambda_t. Rows that forces push shut enter, see
+    `NormalCompliance`. There is no potential. The answer is unique for moderate coefficients only. For larger ones, the
+    solver finds one answer, starting from the step before.
 
     Parameters
     ----------
@@ -229,8 +229,19 @@ class FrictionalCompliance(Law):
 
     def answer(self, places: Places) -> Forces:
         """See `Law`."""
-        closing, last = self.closing, places.last
-        near = closing.choose(places.gap, last)
+        closing, before = self.closing, 0 if self.problem is None else self.problem.iterations
+        closing.choose(places.gap, places.last)
+        while True:
+            h, lam, problem = self._solve(places)
+            closing.remember(problem.state)
+            if not closing.shuts(places.gap, lam, places.least):
+                break
+        iterations = problem.iterations - before
+        return self.forces_on_all(closing, lam, problem.moved_by(lam), h, problem.state, iterations, problem.tangent())
+
+    def _solve(self, places: Places) -> tuple[Array, Array, FrictionProblem]:
+        """Gaps and slips without forces of the rows that can close, (k, 3) [m], forces, (k, 3) [N], and the problem."""
+        closing, near, last = self.closing, self.closing.index, places.last
         F, is_new = closing.flexibility()
         if self.problem is None:
             self.problem = FrictionProblem(F)
@@ -241,11 +252,7 @@ class FrictionalCompliance(Law):
             problem.extrapolate(before)
         h = np.empty((len(near), 3))
         h[:, 0], h[:, 1:] = places.gap[near], places.way[near] - problem.moved_by(last[near])[:, 1:]
-        iterations_before = problem.iterations
-        lam = problem.solve(h, places.mu[near])
-        closing.remember(problem.state)
-        iterations = problem.iterations - iterations_before
-        return self.forces_on_all(closing, lam, problem.moved_by(lam), h, problem.state, iterations, problem.tangent())
+        return h, problem.solve(h, places.mu[near]), problem
 
     def forces_on_all(
         self,
@@ -310,6 +317,7 @@ class ClosingRows:
         self._near = np.empty(0, dtype=bool)  # which of the present rows are chosen
         self._F: Array = np.empty((0, 0))
         self._regularised = self._F
+        self._pushing: Array | None = None  # motion of all rows by forces on those of `_F`, found when it is needed
         self._states = np.zeros(n, dtype=np.int8)  # at the slave's nodes
         self._since = -math.inf
         self._last = np.zeros((n, 3))  # forces at the end of the last accepted step, at the slave's nodes
@@ -327,16 +335,38 @@ class ClosingRows:
             self.index = np.flatnonzero(self._near)
         return self.index
 
-    def misses(self, gap: Array) -> bool:
-        """Whether rows can close at gaps, (nr,) [m], that were not chosen."""
-        return bool((~self._near & (gap < -BULGE * gap.min(initial=0.0))).any())
+    def shuts(self, gap: Array, lam: Array, least: float) -> bool:
+        """Whether forces on the rows, (k, 3) [N], push others shut, which are among them then.
+
+        Gaps are those without these forces, (nr,) [m], the least is known. Where flexibility is found on demand, this
+        is not known of other rows: see `NormalCompliance`.
+        """
+        if least >= 0.0 or len(self.index) == len(gap):
+            return False
+        if self._pushing is None and not self.rows.gaps.on_demand:
+            self._pushing = self.rows.pushing(self.index)
+        if self._pushing is None:
+            largest = float(gap[self.index[lam[:, 0] > 0.0]].max(initial=least))
+            shuts = self._enter(gap < max(-BULGE * least, WIDER * largest))
+        else:
+            on_rows = lam[:, : self.rows.d].ravel()
+            shuts = loops.close_pushed(self._pushing, gap, self._near, on_rows, SHUT * least)
+        if shuts:
+            self.index = np.flatnonzero(self._near)
+        return shuts
+
+    def _enter(self, rows: Array) -> bool:
+        """Let more rows enter, (nr,) bool; return whether there are any."""
+        more = bool((rows & ~self._near).any())
+        self._near |= rows
+        return more
 
     def flexibility(self) -> tuple[Array, bool]:
         """Regularised flexibility of the rows, (d k, d k) [m/N], and whether it is another than last time."""
         F = self.rows.flexibility(self.index)
         is_new = F is not self._F
         if is_new:
-            self._F, self._regularised = F, regularised(F)
+            self._F, self._regularised, self._pushing = F, regularised(F), None
         return self._regularised, is_new
 
     @property

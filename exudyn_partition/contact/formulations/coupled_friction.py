@@ -106,7 +106,8 @@ class CoupledFriction(Coupled):
                     h[chosen, 1:] += part.way()[rows]
             forces = self._solve(h)
             pushed, more = self._pushed(gaps), True
-            if not any(part.closing.misses(gap) for part, gap in zip(self._parts, pushed, strict=True)):
+            found = zip(self._parts, pushed, in_problem, strict=True)
+            if not any([part.closing.shuts(gap, forces[own], smallest(gap)) for part, gap, own in found]):
                 break
         else:
             raise ComplementarityError(

@@ -12,6 +12,7 @@ from exudyn_partition.algebra.complementarity import Complementarity, regularise
 from exudyn_partition.contact import loops
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.side import Side
+from exudyn_partition.contact.tangential import directions
 from exudyn_partition.frames.inertial import InertialKinematics
 
 
@@ -86,19 +87,29 @@ def test_forces_depend_on_no_state_before(round_body, flat_body, each_path):
     assert 0.3 < np.mean(np.array(found) > 0) < 0.9
 
 
-@pytest.mark.parametrize("depths", [0.2, 0.9])
-def test_rows_that_bulge_shut_are_closed(round_body, flat_body, monkeypatch, each_path, depths):
+@pytest.mark.parametrize("friction", [None, ep.Coulomb(0.3)], ids=["smooth", "rough"])
+@pytest.mark.parametrize(("depths", "on_demand"), [(0.2, False), (0.9, False), (0.4, True)])
+def test_rows_that_bulge_shut_are_closed(round_body, flat_body, monkeypatch, each_path, depths, on_demand, friction):
     """Material that is pressed out beside a contact closes small gaps there: rows whose forces push others nearer.
 
-    Those of a plate that bends close with larger gaps than the deepest row is deep.
+    Those of a plate that bends close with larger gaps than the deepest row is deep. Where nothing is known of rows that
+    did not enter, as on skins, such rows must lie near closed ones.
     """
-    law = compliant(PatchGaps(floating(round_body), floating(flat_body)))
+    law = compliant(PatchGaps(floating(round_body), floating(flat_body)), friction)
     q = np.r_[moved(law.gaps.slave, [0, 0, -3e-6]), np.zeros(flat_body.n_dofs)]
     h = np.linspace(-1e-6, 3e-6, len(law.gaps.at(q)))
+    if on_demand:
+        h[(h > 0.11e-6) & (h < 0.3e-6)] = 2e-6
+        monkeypatch.setattr(PatchGaps, "on_demand", True)
     pushed = h < -depths * h.min()
     F = 1e-9 * (np.eye(len(h)) - 0.95 / pushed.sum() * np.outer(pushed, pushed))
     monkeypatch.setattr(law.gaps, "regularised_flexibility", lambda index: regularised(F[np.ix_(index, index)]))
     monkeypatch.setattr(law.gaps, "shuts", functools.partial(loops.shuts, F))
+    if friction is not None:  # nothing moves along tangents
+        wide = np.kron(F, np.diag([1.0, 0.0, 0.0])) + 1e-9 * np.diag(np.tile([0.0, 1.0, 1.0], len(h)))
+        some = [functools.cache(lambda index: wide[np.ix_(*[directions(np.array(index))] * 2)])]
+        monkeypatch.setattr(law.rows, "flexibility", lambda index: some[0](tuple(index)))
+        monkeypatch.setattr(law.rows, "pushing", lambda index: wide[::3].take(directions(index), axis=1))
     law.answer(h)
     expected = Complementarity(regularised(F)).solve(h)
     np.testing.assert_array_equal(expected > 0, pushed)
