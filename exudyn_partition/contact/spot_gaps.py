@@ -626,6 +626,15 @@ class SpotGaps(Gaps):
         """See `Gaps.stance`: the point of contact on each side."""
         return np.concatenate(self.meeting.points) / self.size
 
+    def anchored(self, by: float) -> Anchor:
+        """See `Gaps.anchored`; the flexibility is that under the kernels as they were made, whatever tilts them."""
+        if not self.moving:
+            return super().anchored(by)
+        made_at = self.spot_rows.made_at
+        if self.anchor != made_at:
+            self.anchor = self.present.anchor = made_at
+        return made_at
+
     def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""
         assert isinstance(rows, SpotRows)
