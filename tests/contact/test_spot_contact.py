@@ -399,11 +399,13 @@ def test_a_kernel_is_whole_centred_and_follows_small_ways(coarse):
     kernel = kernel_around(points, facets, R * n, n, 2e-3)
     assert kernel.weights.sum() == pytest.approx(1.0, abs=1e-12)
     assert kernel.coverage == pytest.approx(1.0, abs=0.01)
-    across = np.linalg.svd(n[None])[2][1:]
+    across, places = np.linalg.svd(n[None])[2][1:], points[kernel.nodes]
     for way in (np.zeros(2), np.array([1.5e-4, -0.7e-4])):
-        place = kernel.around(R * n + way @ across) @ points[kernel.nodes] - R * n
-        np.testing.assert_allclose(across @ place, way, atol=1e-9)
-        assert place @ n == pytest.approx(-(2e-3**2) / (5 * R), rel=0.15)  # sagitta of the mean place
+        there = R * n + way @ across
+        there *= R / np.linalg.norm(there)
+        off = kernel.around(places, there, there / R) @ places - there
+        assert abs(np.cross(off, there / R)).max() < 1e-9  # a force along the normal has no lever
+        assert off @ there / R == pytest.approx(-(2e-3**2) / (5 * R), rel=0.15)  # sagitta of the mean place
     slopes = kernel.slopes.T @ (points[kernel.nodes] @ [3.0, -1.0, 0.5])
     np.testing.assert_allclose(across @ slopes, across @ [3.0, -1.0, 0.5], rtol=0.02)
     assert kernel_around(points, facets, -R * n, -n, 2e-3).coverage == 0.0
