@@ -33,6 +33,7 @@ _ALONG = 0.7  # cosine between the normals of a facet and of the surface on whic
 _GOES_ON = 0.985  # cosine between the normals of two surfaces where one goes on as the other
 _BENT = 0.85  # the same of facets that lie on no known surface
 _AS_NEAR = 1 + 1e-9  # square of distances from parts of a seam that are the same
+_NONE = 1e-6  # of the length of such parts: distance from the seam that is none
 _BESIDE = 0.8  # of the length of such parts: within it, the seam decides which face has a point
 _PARTS, _STEPS = 8, 3  # of an edge on a seam, and steps of Newton's method to its true place
 _ASIDE, _ENDS = 0.5, 0.05  # of an edge's length: how far the seam may be beside it, and its ends
@@ -87,10 +88,13 @@ class SmoothFace:
         away = -start - np.clip(share, 0.0, 1.0)[:, None] * way
         square = np.einsum("md,md->m", away, away)
         nearest = square <= square.min() * _AS_NEAR
-        direction = away[nearest][0]
-        distance = float(np.linalg.norm(direction))
-        sign = 1.0 if float(self.outside[nearest].sum(axis=0) @ direction) >= 0.0 else -1.0
-        return sign * distance, sign * direction / (distance or 1.0)
+        to_outside = self.outside[nearest].sum(axis=0)
+        distance = math.sqrt(square.min())
+        if distance <= _NONE * self._part:  # whose direction would be round-off
+            return 0.0, to_outside / np.linalg.norm(to_outside)
+        direction = away[nearest][0] / distance
+        sign = 1.0 if float(to_outside @ direction) >= 0.0 else -1.0
+        return sign * distance, sign * direction
 
     def end(self, point: Array) -> Array:
         """Place of the surface on the seam that is nearest to a point, (3,) [m]."""
@@ -110,10 +114,9 @@ class SmoothFace:
 
         `points`, (np, 3) [m], are the nodes of the patch. Beyond the patch, nothing else is there: the face has it.
         """
-        distance = math.inf
         if len(self.seam):
             distance = self.beyond(point, normal)[0]
-            if abs(distance) < self._decided:
+            if abs(distance) < _BESIDE * self._part:
                 return distance <= 0.0
         a, b, c = (points[self.around[:, k]] - point for k in range(3))
         sides = [cross(one, other) @ normal for one, other in ((a, b), (b, c), (c, a))]
@@ -124,9 +127,9 @@ class SmoothFace:
         return bool(over[height.argmin()] < len(self.facets))
 
     @cached_property
-    def _decided(self) -> float:
-        """Distance from the seam within which that decides on which side a point is, and not facets [m]."""
-        return _BESIDE * float(np.linalg.norm(self.seam[:, 1] - self.seam[:, 0], axis=1).min(initial=math.inf))
+    def _part(self) -> float:
+        """Length of the shortest part of the seam [m]; infinite without one."""
+        return float(np.linalg.norm(self.seam[:, 1] - self.seam[:, 0], axis=1).min(initial=math.inf))
 
 
 @dataclass(frozen=True, eq=False)

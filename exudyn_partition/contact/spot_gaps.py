@@ -16,7 +16,6 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -30,8 +29,8 @@ from ..surfaces.vectors import cross
 from .gaps import Gaps, GapState, Present
 from .linear_gaps import LinearGaps
 from .rigid import RigidPlane, RigidSurface
-from .side import Side
 from .seams import Shared, largest_curvature, shared, width_of
+from .side import Side
 from .smooth_faces import SmoothFace
 from .spot import Spot, SpotMaker
 from .spot_stage import FrozenSpot, Meeting, Pose, SpotStage
@@ -56,7 +55,7 @@ class SpotRows(PresentRows):
     made_at : Anchor
         Where the spots were made.
     contact : PointContact
-        Hertz's contact there.
+        Hertz's contact of its own faces there.
     inside : bool
         Whether the point is far from the ends of its faces.
     """
@@ -131,7 +130,7 @@ class SpotGaps(Gaps):
 
     @property
     def contact_then(self) -> PointContact:
-        """The same where the present row was made; springs of friction keep it."""
+        """That of the contact's own faces alone, where the present row was made; springs of friction keep it."""
         return self.spot_rows.contact
 
     @property
@@ -204,7 +203,7 @@ class SpotGaps(Gaps):
         no_drift = np.zeros((0, self.n)), np.zeros(0)
         frozen = FrozenSpot(stage.rows, stage.normals, stage.shares, LinearGaps(H, gap, *no_drift, 0.0))
         frozen.meeting, frozen.share = stage.meeting, stage.share
-        frozen.contact, frozen.long_axis = self._start_rows.contact, stage.long_axis
+        frozen.contact = stage.contact
         return frozen
 
     # The true surfaces.
@@ -348,8 +347,7 @@ class SpotGaps(Gaps):
 
     def _rows_at(self, anchor: Anchor) -> SpotRows:
         """The row with spots that are made where the surfaces are nearest at an anchor."""
-        poses = self._rough_poses(anchor.q, anchor.growing)
-        meeting, owners = self._on_faces(poses, anchor.pose)
+        meeting = self._on_faces(self._rough_poses(anchor.q, anchor.growing), anchor.pose)[0]
         where = zip(self._makers, meeting.points, meeting.outward, strict=True)
         spots = [maker.at(point, outward) for maker, point, outward in where]
         kernel, surface = spots[0].kernel, self.sides[0].surface
@@ -366,17 +364,12 @@ class SpotGaps(Gaps):
         rows = SpotRows(points, np.array([np.inf if all(spot.whole for spot in spots) else 0.0]), sides)
         rows.spots, rows.made_at = spots, anchor
         rows.inside = all(
-            face.from_seam(point) > 2 * _TILTED * spot.radius + self._width
-            and face.holds(maker.points, point, outward)
+            face.from_seam(point) > 2 * _TILTED * spot.radius + self._width and face.holds(maker.points, point, outward)
             for face, maker, spot, point, outward in zip(
                 self.faces, self._makers, spots, meeting.points, meeting.outward, strict=True
             )
         )
-        if rows.inside and self._found.round is not None:
-            rows.contact = self._found.round
-        else:
-            stage = self._stage_where(rows, meeting, owners, self._all_poses(poses, anchor.pose))
-            rows.contact = stage.contact
+        rows.contact = self._found.contact(self._axes(anchor.q, anchor.pose), meeting.normal)
         return rows
 
     def _stage_at(
@@ -391,8 +384,7 @@ class SpotGaps(Gaps):
         meeting, owners = self._where(rows, self._poses(places, weights, rows, q), pose)
         where = zip(rows.spots, self._makers, meeting.points, meeting.outward, strict=True)
         weights = [
-            spot.kernel.around(maker.points[spot.kernel.nodes], point, outward)
-            for spot, maker, point, outward in where
+            spot.kernel.around(maker.points[spot.kernel.nodes], point, outward) for spot, maker, point, outward in where
         ]
         poses = self._poses(places, weights, rows, q)
         meeting, owners = self._where(rows, poses, pose)
@@ -481,8 +473,16 @@ class SpotGaps(Gaps):
 
     @property
     def long_axis(self) -> Array:
-        """Unit vector along the major semi-axis of the ellipse of contact, in space, (3,); any tangent of a circle."""
-        return self._spot_stage.long_axis
+        """Unit vector along the major semi-axis of `contact_then`, here, in space, (3,); any tangent of a circle."""
+        normal = self.meeting.normal
+        bent = self._found.bending(self._axes(self.q, self.evaluated_pose), normal)
+        size = 2 * max(self.contact_then.curvatures)
+        return np.asarray(np.linalg.eigh(bent + size * np.outer(normal, normal))[1][:, 0])
+
+    def _axes(self, q: Array, carried: Array) -> list[Array]:
+        """Axes of both sides as columns, (3, 3), at coordinates and the pose of the rigid surface's carrier, (12,)."""
+        axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.split(q), strict=True)]
+        return axes if self._surface is None else [*axes, self._rigid_pose(carried).axes]
 
     def curved(self, tangents: Array) -> tuple[Array, Array]:
         """Tangential flexibility that curved bodies add between their kernels and a contact of mean semi-axis a.
@@ -556,22 +556,22 @@ class SpotGaps(Gaps):
     def pushed(self, force: float) -> list[tuple[Array, Array]]:
         """Nodes of each side, and forces on them, (k, 3) [N], besides those of the row under a normal force [N].
 
-        See `spot_stage`. They act on the nodes of the kernels as on rigid bodies.
+        See `spot_stage`. They act on the nodes of the kernels as on rigid bodies. In an inertial frame the surface of a
+        body does not turn, so that no couple works on it.
         """
         stage = self.stage
         if not isinstance(stage, SpotStage) or not force:
             return []
-        along, couple = stage.push(force)
+        push, places = stage.push(force), self.places_now()
         result = []
-        parts = zip(self.spot_rows.spots, stage.shares, self.places_now(), stage.poses, stage.meeting.points, strict=False)
-        for (spot, (_, weights), places, pose, point), sign in zip(parts, (1.0, -1.0), strict=False):
-            nodes, share = spot.kernel.nodes, sign * weights[0]
-            x = places[nodes]
-            arms = x - x.mean(axis=0)
-            lever = pose.out(point) - share @ x
-            inertia = np.eye(3) * (arms**2).sum() - arms.T @ arms
-            turn = np.linalg.solve(inertia, sign * (couple + np.cross(lever, along)))
-            result.append((nodes, sign * np.outer(share, along) + cross(np.tile(turn, (len(arms), 1)), arms)))
+        for number, ((nodes, weights), side) in enumerate(zip(stage.shares, self.sides, strict=True)):
+            forces = np.outer(weights[0], push.force)
+            if not side.kinematics.linear:
+                sign = (1.0, -1.0)[number]
+                x, point = places[number][nodes[0]], stage.poses[number].out(stage.meeting.points[number])
+                lever = point - sign * weights[0] @ x
+                forces += _turning(x, sign * (push.couple + np.cross(lever, push.force)))
+            result.append((nodes[0], forces))
         return result
 
     def nodal_forces(self, lam: Array) -> list[Array]:
@@ -652,6 +652,13 @@ class SpotGaps(Gaps):
         arm = weights[0] @ self.places_now()[0][nodes[0]] + self.centre - self._pose()[0]
         normal = self.normals[0]
         return -np.concatenate([normal, np.cross(arm, normal)])[None][index]
+
+
+def _turning(places: Array, couple: Array) -> Array:
+    """Forces on nodes at places, (k, 3) [m], that turn them as a rigid body by a couple, (3,) [N m]: (k, 3) [N]."""
+    arms = places - places.mean(axis=0)
+    inertia = np.eye(3) * (arms**2).sum() - arms.T @ arms
+    return cross(np.tile(np.linalg.solve(inertia, couple), (len(arms), 1)), arms)
 
 
 def _near(

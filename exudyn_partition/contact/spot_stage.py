@@ -1,15 +1,14 @@
 """Where the row of a contact at a point is, and the force that it has as its stored energy depends on the place.
 
 The energy depends on the approach of the surfaces, and on the place of the contact on them: by the curvatures, where
-these change, and by the slope of the bodies' displacements. The derivative by the approach is the normal force. Those by
-the places are a small force along the surfaces and a couple, for the places wander as the bodies roll and slide.
+these change, and by the slope of the bodies' displacements. The derivative by the approach is the normal force. Those
+by the places are a small force along the surfaces and a couple, for the places wander as the bodies roll and slide.
 
 Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -89,7 +88,7 @@ class SpotStage(Stage):
     meeting : Meeting
     share : float
         Share of the contact that is on the faces of both sides.
-    shared : tuple of Shared
+    shared_by : tuple of Shared
         How faces share it, for both sides, a rigid surface included.
     poses : tuple of Pose
         Of both sides, a rigid surface included.
@@ -132,41 +131,41 @@ class SpotStage(Stage):
         """Hertz's contact here."""
         return PointContact(self._principal[0], self.modulus)
 
-    @property
-    def long_axis(self) -> Array:
-        """Unit vector along the major semi-axis of the ellipse of contact, in space, (3,); any tangent of a circle."""
-        return self._principal[1][:, 0]
-
     def push(self, force: float) -> Push:
         """Force along the surfaces under a normal force on the row [N].
 
         At a fixed approach, the stored energy falls by P/10 of the sum of the squared semi-axes times the change of the
         curvatures along them: the work of Hertz's pressure on the change of the gap around.
         """
-        normal, weights = self.meeting.normal, np.zeros((3, 3))
-        bodies = [*zip(self.shared_by, self.poses, self._outward, strict=True)]
-        varies = [by for by in self.shared_by if by.varies]
-        if varies:
-            axes = np.array(self.contact.semi_axes(force / self.share))
-            directions = self._principal[1]
-            weights = -force / 10 * (directions * axes**2) @ directions.T
-        by_place = []
-        for by, pose, outward in bodies:
-            turned = pose.axes.T @ weights @ pose.axes
-            by_place.append(pose.axes @ by.bent(turned, outward @ pose.axes) if by.varies else np.zeros(3))
-        for number, (tilt, pose) in enumerate(zip(self.tilts, self.poses, strict=False)):
-            by_place[number] = by_place[number] + force * (pose.axes @ tilt)
-        own = [pose.axes @ by.surface.bending(outward @ pose.axes) @ pose.axes.T for by, pose, outward in bodies]
-        along = np.outer(normal, normal)
-        size = np.abs(own[0] + own[1]).sum()
-        rolling = np.linalg.inv(own[0] + own[1] + size * along)
-        rolls = [rolling @ (way - (way @ normal) * normal) for way in by_place]
-        couple = -np.cross(normal, rolls[0] + rolls[1])
-        if varies:
-            quarter = np.cross(normal, np.eye(3)).T
-            spin = quarter @ self.bendings[0] - self.bendings[0] @ quarter
-            couple = couple - float(np.sum(weights * spin)) * normal
+        normal, weights = self.meeting.normal, self._weights(force)
+        own = [
+            pose.axes @ by.surface.bending(outward @ pose.axes) @ pose.axes.T
+            for by, pose, outward in zip(self.shared_by, self.poses, self._outward, strict=True)
+        ]
+        both = own[0] + own[1]
+        rolling = np.linalg.inv(both + np.abs(both).sum() * np.outer(normal, normal))
+        rolls = [rolling @ (way - (way @ normal) * normal) for way in self._by_place(force, weights)]
+        quarter = np.cross(normal, np.eye(3)).T
+        spin = quarter @ self.bendings[0] - self.bendings[0] @ quarter
+        couple = -quarter @ (rolls[0] + rolls[1]) - float(np.sum(weights * spin)) * normal
         return Push(own[1] @ rolls[0] - own[0] @ rolls[1], couple)
+
+    def _weights(self, force: float) -> Array:
+        """Derivative of the energy by the curvatures under a force on the row [N], (3, 3) [J m]; zero if all stay."""
+        if not any(by.varies for by in self.shared_by):
+            return np.zeros((3, 3))
+        axes, directions = np.array(self.contact.semi_axes(force / self.share)), self._principal[1]
+        return np.asarray(-force / 10 * (directions * axes**2) @ directions.T)
+
+    def _by_place(self, force: float, weights: Array) -> list[Array]:
+        """Derivative of the energy by the place on each side, in space, (3,) [N]."""
+        ways = [np.zeros(3), np.zeros(3)]
+        for number, (by, pose, outward) in enumerate(zip(self.shared_by, self.poses, self._outward, strict=True)):
+            if by.varies:
+                ways[number] = pose.axes @ by.bent(pose.axes.T @ weights @ pose.axes, outward @ pose.axes)
+            if number < len(self.tilts):
+                ways[number] = ways[number] + force * (pose.axes @ self.tilts[number])
+        return ways
 
     def resultant(self, lam: Array) -> Array:
         """See `Stage`."""
@@ -178,11 +177,10 @@ class FrozenSpot(Frozen):
 
     Attributes
     ----------
-    meeting, share, contact, long_axis
+    meeting, share, contact
         See `SpotStage`.
     """
 
     meeting: Meeting
     share: float
     contact: PointContact
-    long_axis: Array

@@ -52,6 +52,23 @@ class Touching:
             return None
         return PointContact(_relative_curvatures(self.shapes), self.modulus)
 
+    def contact(self, axes: Sequence[Array], normal: Array) -> PointContact:
+        """Hertz's contact where the master's normal is `normal`, (3,); axes of both sides are columns, (3, 3)."""
+        if self.round is not None:
+            return self.round
+        curvatures = np.linalg.eigvalsh(self.bending(axes, normal))[1:]
+        return PointContact((float(curvatures[0]), float(curvatures[1])), self.modulus)
+
+    def bending(self, axes: Sequence[Array], normal: Array) -> Array:
+        """Sum of the curvatures of both sides, see `contact`, as a tensor in space, (3, 3) [1/m]."""
+        parts = zip(self.shapes, axes, strict=True)
+        return np.asarray(
+            sum(
+                turn @ shape.bending(turn.T @ outward) @ turn.T
+                for (shape, turn), outward in zip(parts, (-normal, normal), strict=True)
+            )
+        )
+
 
 def touching(
     sides: Sequence[Side],

@@ -69,7 +69,6 @@ class Torus:
         second = cosine / (self.ring + self.tube * cosine)
         return np.asarray(np.outer(across, across) / self.tube + second * np.outer(around, around))
 
-
     def bent(self, weights: Array, normal: Array) -> Array:
         """See `TrueSurface.bent`."""
         around = np.cross(self.axis, normal)

@@ -45,7 +45,8 @@ class CoupledPoints(CoupledZones):
         D = scipy.linalg.block_diag(*(contact.evaluation.row_stiffness() for contact in self.contacts))
         F = np.zeros(D.shape)
         for j, k in self._between.pairs:
-            if self.contacts[j].evaluation.index.size and self.contacts[k].evaluation.index.size:
+            both = self.contacts[j].evaluation.index.size and self.contacts[k].evaluation.index.size
+            if both and (j, k) not in self._sharing:
                 F[closed[j], closed[k]] = self._flexibility(j, k)
         K = np.linalg.solve(np.eye(len(D)) + D @ F, D)
         return lambda k, way: K[:, closed[k]] @ way
@@ -85,7 +86,7 @@ class CoupledPoints(CoupledZones):
         moved = np.zeros(self.contacts[j].rows.d)
         for k in self._neighbours.get(j, ()):
             of_k = forces[k]
-            if of_k is not None and of_k[0]:
+            if of_k is not None and of_k[0] and (j, k) not in self._sharing:
                 moved += self._flexibility(j, k) @ of_k[: self.contacts[k].rows.d]
         return moved
 
@@ -95,16 +96,12 @@ class CoupledPoints(CoupledZones):
         kept = self._blocks.get((j, k))
         if kept is None or kept[0] != versions:
             rows = (np.arange(self.contacts[place].rows.d) for place in (j, k))
-            block = self._between.flexibility(j, next(rows), k, next(rows))
-            if (j, k) in self._sharing:  # the flexibility along the normal is divided by the share, which counts both
-                block = block.copy()
-                block[0, 0] = 0.0
-            kept = self._blocks[j, k] = versions, block
+            kept = self._blocks[j, k] = versions, self._between.flexibility(j, next(rows), k, next(rows))
         return kept[1]
 
     @cached_property
     def _sharing(self) -> set[tuple[int, int]]:
-        """Contacts that are one on faces which go on as each other."""
+        """Contacts that are one on faces which go on as each other: each has its share of the flexibility itself."""
         linked = {tuple(link[:4]) for link in self._all_links}
         return {
             (j, k)
@@ -137,7 +134,8 @@ class CoupledPoints(CoupledZones):
 
 def _goes_on(gaps: Gaps, others: Gaps) -> bool:
     """Whether two contacts of the same patches share one."""
-    assert isinstance(gaps, SpotGaps) and isinstance(others, SpotGaps)
+    assert isinstance(gaps, SpotGaps)
+    assert isinstance(others, SpotGaps)
     return gaps.goes_on_as(others)
 
 

@@ -483,7 +483,7 @@ class HertzFriction(Law):
     def __init__(self, rows: RowDirections) -> None:
         assert isinstance(rows, SpotDirections)
         self.rows, self.gaps = rows, rows.gaps
-        self._mismatch = self.gaps.mismatch if self.gaps.contact.circular else 0.0
+        self._mismatch = self.gaps.mismatch if self.gaps.contact_then.circular else 0.0
         self.memory = 2 * _SPRINGS * spokes_of(self._mismatch)
         self._known: tuple[Array, PointContact, float, HertzCurve] | None = None
         self._springs: tuple[PointContact, Springs] | None = None
