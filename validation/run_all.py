@@ -121,8 +121,15 @@ def unresolved(d):
     friction = d["friction"]
     found["oblique"] = max(abs(row["impulse"]) for row in friction["oblique"])
     found |= {what: friction[what] for what in ("rolling", "rest")}
+    if "seams" in d:
+        found["energy"] = max(row["energy"] for row in d["seams"])
     maw = "Maw, Barber and Fawcett, whole sphere; refined patches"
-    said = {"oblique": maw, "rolling": "weight", "rest": "weight"}
+    said = {
+        "energy": "energy at the start, of a body that tumbles over seams",
+        "oblique": maw,
+        "rolling": "weight",
+        "rest": "weight",
+    }
     reference = "series of spheres, refined patches"
     return [
         Row(f"contact that the mesh does not resolve, {what}: worst", said.get(what, reference), d["limits"][what], off)

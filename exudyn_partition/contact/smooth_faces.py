@@ -20,6 +20,7 @@ from ..errors import InputError
 from ..fe.facets import area_vectors, facet_corners
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
+from ..surfaces.vectors import cross
 from .side import Side
 from .true_surface import TrueSurface, not_known, surface_of
 
@@ -31,6 +32,11 @@ _ROUNDING = 1e-6  # of a face's size: by how much they may do so at least
 _ALONG = 0.7  # cosine between the normals of a facet and of the surface on which it lies
 _GOES_ON = 0.985  # cosine between the normals of two surfaces where one goes on as the other
 _BENT = 0.85  # the same of facets that lie on no known surface
+_AS_NEAR = 1 + 1e-9  # square of distances from parts of a seam that are the same
+_NONE = 1e-6  # of the length of such parts: distance from the seam that is none
+_BESIDE = 0.8  # of the length of such parts: within it, the seam decides which face has a point
+_PARTS, _STEPS = 8, 3  # of an edge on a seam, and steps of Newton's method to its true place
+_ASIDE, _ENDS = 0.5, 0.05  # of an edge's length: how far the seam may be beside it, and its ends
 _FAILED = 60  # facets around which no surface is found, after which nobody looks for more
 _KNOWN: WeakKeyDictionary[ReducedBody, dict[int, Faces]] = WeakKeyDictionary()
 
@@ -47,7 +53,9 @@ class SmoothFace:
     beside : (nb, n) int array
         Facets of the patch with which the surface goes on beyond it without an edge.
     seam : (m, 2, 3) array
-        Ends of the edges between it and those [m].
+        Ends of parts of the line between it and those [m].
+    outside : (m, 3) array
+        Directions across these parts, away from the face.
     neighbours : list of SmoothFace
         Known faces with which it has a seam.
     """
@@ -56,6 +64,7 @@ class SmoothFace:
     facets: Array
     beside: Array
     seam: Array
+    outside: Array
     neighbours: list[SmoothFace] = field(default_factory=list)
 
     @cached_property
@@ -66,6 +75,26 @@ class SmoothFace:
     def from_seam(self, point: Array) -> float:
         """Distance of a point, (3,), from the seam [m]; infinite without one."""
         return float(np.linalg.norm(self._on_seam(point) - point, axis=1).min(initial=math.inf))
+
+    def beyond(self, point: Array, outward: Array) -> tuple[float, Array]:
+        """Distance of a point, (3,), from the seam along a surface with an outward normal there [m], and its direction.
+
+        It is below zero on the face itself. The direction is that of its growth, (3,).
+        """
+        edges = self.seam - point
+        edges = edges - (edges @ outward)[..., None] * outward
+        start, way = edges[:, 0], edges[:, 1] - edges[:, 0]
+        share = np.einsum("md,md->m", -start, way) / np.einsum("md,md->m", way, way)
+        away = -start - np.clip(share, 0.0, 1.0)[:, None] * way
+        square = np.einsum("md,md->m", away, away)
+        nearest = square <= square.min() * _AS_NEAR
+        to_outside = self.outside[nearest].sum(axis=0)
+        distance = math.sqrt(square.min())
+        if distance <= _NONE * self._part:  # whose direction would be round-off
+            return 0.0, to_outside / np.linalg.norm(to_outside)
+        direction = away[nearest][0] / distance
+        sign = 1.0 if float(to_outside @ direction) >= 0.0 else -1.0
+        return sign * distance, sign * direction
 
     def end(self, point: Array) -> Array:
         """Place of the surface on the seam that is nearest to a point, (3,) [m]."""
@@ -85,13 +114,22 @@ class SmoothFace:
 
         `points`, (np, 3) [m], are the nodes of the patch. Beyond the patch, nothing else is there: the face has it.
         """
+        if len(self.seam):
+            distance = self.beyond(point, normal)[0]
+            if abs(distance) < _BESIDE * self._part:
+                return distance <= 0.0
         a, b, c = (points[self.around[:, k]] - point for k in range(3))
-        sides = [np.cross(one, other) @ normal for one, other in ((a, b), (b, c), (c, a))]
+        sides = [cross(one, other) @ normal for one, other in ((a, b), (b, c), (c, a))]
         over = np.flatnonzero((np.array(sides) >= 0.0).all(axis=0))
         if not len(over):
             return True
         height = abs((a[over] + b[over] + c[over]) @ normal)
         return bool(over[height.argmin()] < len(self.facets))
+
+    @cached_property
+    def _part(self) -> float:
+        """Length of the shortest part of the seam [m]; infinite without one."""
+        return float(np.linalg.norm(self.seam[:, 1] - self.seam[:, 0], axis=1).min(initial=math.inf))
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +192,7 @@ def smooth_faces(points: Array, facets: Array) -> Faces:
     edges, corners = _neighbours(facets)
     whole = surface_of(points, facets) if connected_components(corners, directed=False)[0] == 1 else None
     if whole is not None:
-        return Faces([SmoothFace(whole, facets, facets[:0], np.empty((0, 2, 3)))], 0)
+        return Faces([SmoothFace(whole, facets, facets[:0], np.empty((0, 2, 3)), np.empty((0, 3)))], 0)
     face, surfaces = _grown(points, facets, edges, corners)
     first, second = sp.triu(edges).nonzero()
     apart = face[first] != face[second]
@@ -167,7 +205,10 @@ def smooth_faces(points: Array, facets: Array) -> Faces:
         own = face == number
         others = (groups[face] == groups[number]) & ~own
         ends = smooth & (own[first] | own[second])
-        found.append(SmoothFace(surface, facets[own], facets[others], places[ends]))
+        beside = np.where(own[first], second, first)[ends]
+        inner = np.where(own[first], first, second)[ends]
+        seam, outside = _seam(points, facets, (surface, face, surfaces), (inner, beside), places[ends])
+        found.append(SmoothFace(surface, facets[own], facets[others], seam, outside))
     between = {(face[i], face[j]) for i, j in zip(first[smooth], second[smooth], strict=True)}
     for i, j in sorted(between | {(j, i) for i, j in between}):
         if min(i, j) >= 0:
@@ -264,6 +305,47 @@ def _go_on(
         of = (surfaces[face[k]].shape.project(middle)[1][0] for k in (first[e], second[e]))
         cosine[e], bound[e] = float(np.dot(*of)), _GOES_ON
     return np.asarray(cosine > bound)
+
+
+def _seam(
+    points: Array,
+    facets: Array,
+    faces: tuple[TrueSurface, Array, list[TrueSurface]],
+    pairs: tuple[Array, Array],
+    places: Array,
+) -> tuple[Array, Array]:
+    """Line in parts on which the surface of a face ends, (m, 2, 3) [m], and directions across these, (m, 3).
+
+    `pairs` are facets within it and beyond its edges, whose ends are `places`, (ne, 2, 3) [m].
+    """
+    surface, face, surfaces = faces
+    middles = points[facet_corners(facets)].mean(axis=1)
+    parts, outside = [places[:0]], [np.empty((0, 3))]
+    for inner, beside, ends in zip(*pairs, places, strict=True):
+        along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+        across = ends.mean(axis=0) - middles[inner]
+        across = across - (across @ along) * along
+        across /= np.linalg.norm(across)
+        line = ends if face[beside] < 0 else _between(surface, surfaces[face[beside]], ends, across)
+        parts.append(np.stack([line[:-1], line[1:]], axis=1))
+        outside.append(np.tile(across, (len(line) - 1, 1)))
+    return np.concatenate(parts), np.concatenate(outside)
+
+
+def _between(first: TrueSurface, second: TrueSurface, ends: Array, across: Array) -> Array:
+    """Places from end to end of an edge, (k, 3) [m], where two surfaces have the same normal; its ends, if nowhere."""
+    line = ends[0] + np.linspace(0.0, 1.0, _PARTS + 1)[:, None] * (ends[1] - ends[0])
+    length = float(np.linalg.norm(ends[1] - ends[0]))
+    for _ in range(_STEPS):
+        gap, normals = first.shape.project(line)
+        line = line - gap[:, None] * normals
+        middle = normals[len(normals) // 2]
+        steeper = across @ (second.bending(middle) - first.bending(middle)) @ across
+        off = (second.shape.project(line)[1] - normals) @ across
+        if abs(off).max() > _ASIDE * length * abs(steeper) or abs(off[[0, -1]]).max() > _ENDS * length * abs(steeper):
+            return ends
+        line = line - off[:, None] / steeper * across
+    return np.asarray(line)
 
 
 def _joined(face: Array, first: Array, second: Array, n: int) -> Array:

@@ -97,12 +97,14 @@ class SpotDirections(TangentialRows):
         for place, forces in enumerate(on_nodes):
             nodes, shares, along = self._couples(place)
             forces[nodes] += np.outer(shares @ lam[0, 1:], along)
+        for forces, (nodes, more) in zip(on_nodes, self.gaps.pushed(float(lam[0, 0])), strict=False):
+            forces[nodes] += more
         return on_nodes
 
     def moment(self, forces: Array, point: Array) -> Array:
         """See `TangentialRows`."""
         couple = np.cross(self._lever(), self.in_space(forces[:, 1:])[0])
-        return np.asarray(super().moment(forces, point) + couple)
+        return np.asarray(super().moment(forces, point) + couple + self.gaps.push_moment(float(forces[0, 0]), point))
 
     def _lever(self) -> Array:
         """From the mean place of the slave's kernel to its true surface, in space, (3,) [m]."""

@@ -12,10 +12,10 @@ Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,68 +25,23 @@ from ..prediction.point_contact import PointContact
 from ..support.arrays import Array
 from ..surfaces.facing import PENETRATION_TOLERANCE
 from ..surfaces.points import ContactPoints
+from ..surfaces.vectors import cross
 from .gaps import Gaps, GapState, Present
 from .linear_gaps import LinearGaps
 from .rigid import RigidPlane, RigidSurface
+from .seams import Shared, largest_curvature, shared, width_of
 from .side import Side
 from .smooth_faces import SmoothFace
 from .spot import Spot, SpotMaker
+from .spot_stage import FrozenSpot, Meeting, Pose, SpotStage
 from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
 from .touching import ROLES, Touching, touching
 from .true_surface import TrueSurface, nearest_places
 
 _TILTED = 0.1  # of a kernel's radius: motion of the point of contact after which the kernel is made anew
-_HANDS_OVER = 0.3  # of the surfaces' radius: distance from a seam beyond which a contact is on one face alone
 _TOUCHES = 0.05  # of a facet's size: gap at the start up to which one of several points must have its kernel there
 _STUCK = 0.25  # means of the logarithm of distances, under the kernel's pressure less under the traction of what sticks
 _ALONG = 1e-3  # difference of a direction from the normal of contact, with a flexibility along this direction alone
-
-
-class Pose(NamedTuple):
-    """Where the true surface of a side is: x = place + axes (X - body).
-
-    Parameters
-    ----------
-    place : (3,) array
-        Place in space, from the gaps' centre [m], of
-    body : (3,) array
-        this point of the body, in its axes [m].
-    axes : (3, 3) array
-        Axes of the body, as columns.
-    """
-
-    place: Array
-    body: Array
-    axes: Array
-
-    def out(self, point: Array) -> Array:
-        """Place of a point of the body, (3,) [m]."""
-        return np.asarray(self.place + self.axes @ (point - self.body))
-
-    def into(self, place: Array) -> Array:
-        """Point of the body at a place, (3,) [m]."""
-        return np.asarray(self.body + (place - self.place) @ self.axes)
-
-
-class Meeting(NamedTuple):
-    """Where two true surfaces are nearest.
-
-    Parameters
-    ----------
-    gap : float
-        [m]
-    normal : (3,) array
-        Outward unit normal of the master, in space.
-    points : list of (3,) arrays
-        Nearest point of the surface of each side that is a body, in its axes [m].
-    outward : list of (3,) arrays
-        Outward unit normals there, in its axes.
-    """
-
-    gap: float
-    normal: Array
-    points: list[Array]
-    outward: list[Array]
 
 
 class SpotRows(PresentRows):
@@ -100,7 +55,7 @@ class SpotRows(PresentRows):
     made_at : Anchor
         Where the spots were made.
     contact : PointContact
-        Hertz's contact there.
+        Hertz's contact of its own faces there.
     inside : bool
         Whether the point is far from the ends of its faces.
     """
@@ -114,33 +69,6 @@ class SpotRows(PresentRows):
     def lacking(self) -> Array:
         """Flexibility to be added to that of the row, along the normal and across it, (2,) [m/N]."""
         return np.asarray(sum(spot.lacking for spot in self.spots))
-
-
-class SpotStage(Stage):
-    """Where the row of a contact at a point is.
-
-    Attributes
-    ----------
-    meeting : Meeting
-    share : float
-        Share of the contact that is on the faces of both sides.
-    """
-
-    meeting: Meeting
-    share: float
-
-
-class FrozenSpot(Frozen):
-    """The same, while the point of contact stays where it is on both sides.
-
-    Attributes
-    ----------
-    meeting : Meeting
-    share : float
-    """
-
-    meeting: Meeting
-    share: float
 
 
 class SpotGaps(Gaps):
@@ -186,18 +114,29 @@ class SpotGaps(Gaps):
         parts = zip(sides, faces, found.materials, ROLES, strict=False)
         self._makers = [SpotMaker(*each) for each in parts]
         self._found, self._shapes, self._ball = found, found.shapes, found.ball
-        self._beside = [_beside(sides, patches, surface, self.faces, number) for number in range(len(self.faces))]
+        self._near = [_near(sides, patches, surface, self.faces, number) for number in range(len(self.faces))]
+        self._pairs = _pairs(sides, patches, surface, self._near, found)
+        curvatures = [largest_curvature([face]) for face in self.faces]
+        curvatures += [shape.steepest for shape in found.shapes[len(self.faces) :]]
+        self._width = width_of(self.faces[:1], curvatures[1])
         self._prepare(sides)
 
     @property
     def contact(self) -> PointContact:
-        """Hertz's contact of the two surfaces, where the present row was made."""
+        """Hertz's contact of the two surfaces, where they are."""
+        if self.spot_rows.inside and self._found.round is not None:
+            return self._found.round
+        return self._spot_stage.contact
+
+    @property
+    def contact_then(self) -> PointContact:
+        """That of the contact's own faces alone, where the present row was made; springs of friction keep it."""
         return self.spot_rows.contact
 
     @property
     def shear(self) -> tuple[float, float]:
         """Tangential moduli of both bodies along the ellipse of contact and across it, see `PointContact` [Pa]."""
-        return self.contact.shear_moduli(self._found.materials)
+        return self.contact_then.shear_moduli(self._found.materials)
 
     def _prepare(self, sides: Sequence[Side]) -> None:
         """Find the spots at the start."""
@@ -264,6 +203,7 @@ class SpotGaps(Gaps):
         no_drift = np.zeros((0, self.n)), np.zeros(0)
         frozen = FrozenSpot(stage.rows, stage.normals, stage.shares, LinearGaps(H, gap, *no_drift, 0.0))
         frozen.meeting, frozen.share = stage.meeting, stage.share
+        frozen.contact = stage.contact
         return frozen
 
     # The true surfaces.
@@ -338,26 +278,44 @@ class SpotGaps(Gaps):
         """Poses of both sides, a rigid surface included."""
         return poses if self._surface is None else [*poses, self._rigid_pose(carried)]
 
-    def _on_faces(self, poses: list[Pose], carried: Array) -> tuple[Meeting, float]:
-        """Where the faces are nearest, see `_meeting`, and the share of the contact that belongs to them.
+    @property
+    def _own(self) -> tuple[int, ...]:
+        """Numbers of the contact's own faces."""
+        return (0,) * len(self.faces)
 
-        Off its face, the point of contact is at the end of that. Faces that go on as each other share a contact by how
-        deep each of them overlaps the other side: so one hands over to the other within the radius of contact.
+    @property
+    def _alone(self) -> bool:
+        """Whether no face of the contact ends where a surface goes on."""
+        return not any(len(face.seam) for face in self.faces)
+
+    def _on_faces(self, poses: list[Pose], carried: Array) -> tuple[Meeting, tuple[int, ...]]:
+        """Where the faces are nearest, with those that go on as them, and the numbers of these on each side.
+
+        Off its face, the point of contact is at the end of that.
         """
-        meeting, share = self._meeting(poses, carried), 1.0
-        for number, (face, others) in enumerate(zip(self.faces, self._beside, strict=True)):
-            if not len(face.seam):
-                continue
-            meeting = self._within(number, face, meeting, self._shapes, self._all_poses(poses, carried))
-            depths = [-meeting.gap]
-            for other, found in others:
-                there = self._meeting(poses, carried, found)
-                there = self._within(number, other, there, found.shapes, self._all_poses(poses, carried))
-                depths.append(-there.gap)
-            total = sum(max(depth, 0.0) for depth in depths)
-            share *= max(depths[0], 0.0) / total if total > 0.0 else float(depths[0] >= max(depths))
-            meeting = meeting._replace(gap=-max(depths))
-        return meeting, share
+        if self._alone:
+            return self._meeting(poses, carried), self._own
+        whole, best = self._all_poses(poses, carried), None
+        for numbers, found in self._pairs.items():
+            meeting = self._meeting(poses, carried, found)
+            for side, number in enumerate(numbers):
+                face = self._near[side][number]
+                if len(face.seam):
+                    meeting = self._within(side, face, meeting, found.shapes, whole)
+            if best is None or meeting.gap < best[0].gap:
+                best = meeting, numbers
+        assert best is not None
+        return best
+
+    def _shared_by(self, meeting: Meeting, owners: tuple[int, ...], inside: bool) -> tuple[Shared, ...]:
+        """How faces of both sides share a contact."""
+        result = []
+        for near, owner, point, outward in zip(self._near, owners, meeting.points, meeting.outward, strict=True):
+            if inside or len(near) == 1:
+                result.append(Shared.alone(near[owner].surface))
+            else:
+                result.append(shared(near, owner, point, outward, self._width))
+        return (*result, *map(Shared.alone, self._shapes[len(result) :]))
 
     def _within(
         self, number: int, face: SmoothFace, meeting: Meeting, shapes: Sequence[TrueSurface], poses: Sequence[Pose]
@@ -405,14 +363,13 @@ class SpotGaps(Gaps):
         sides = self.with_nodes([spot.kernel.nodes for spot in spots])
         rows = SpotRows(points, np.array([np.inf if all(spot.whole for spot in spots) else 0.0]), sides)
         rows.spots, rows.made_at = spots, anchor
-        rows.contact = self._found.contact(self._axes(anchor.q, anchor.pose), meeting.normal)
         rows.inside = all(
-            face.from_seam(point) > 2 * _TILTED * spot.radius + _HANDS_OVER * rows.contact.radius
-            and face.holds(maker.points, point, outward)
+            face.from_seam(point) > 2 * _TILTED * spot.radius + self._width and face.holds(maker.points, point, outward)
             for face, maker, spot, point, outward in zip(
                 self.faces, self._makers, spots, meeting.points, meeting.outward, strict=True
             )
         )
+        rows.contact = self._found.contact(self._axes(anchor.q, anchor.pose), meeting.normal)
         return rows
 
     def _stage_at(
@@ -424,23 +381,44 @@ class SpotGaps(Gaps):
         """
         pose = self.carrier_pose if pose is None else pose
         weights = [spot.kernel.weights for spot in rows.spots]
-        find = self._alone if rows.inside else self._on_faces
-        meeting, _ = find(self._poses(places, weights, rows, q), pose)
-        weights = [spot.kernel.around(point) for spot, point in zip(rows.spots, meeting.points, strict=True)]
-        meeting, share = find(self._poses(places, weights, rows, q), pose)
+        meeting, owners = self._where(rows, self._poses(places, weights, rows, q), pose)
+        where = zip(rows.spots, self._makers, meeting.points, meeting.outward, strict=True)
+        weights = [
+            spot.kernel.around(maker.points[spot.kernel.nodes], point, outward) for spot, maker, point, outward in where
+        ]
+        poses = self._poses(places, weights, rows, q)
+        meeting, owners = self._where(rows, poses, pose)
+        stage = self._stage_where(rows, meeting, owners, self._all_poses(poses, pose))
         signs = (1.0, -1.0)
-        shares = tuple(
+        stage.shares = tuple(
             (spot.kernel.nodes[None], sign * weight[None])
             for spot, weight, sign in zip(rows.spots, weights, signs, strict=False)
         )
-        stage = SpotStage(rows, meeting.normal[None].copy(), shares)
-        stage.meeting, stage.places, stage.pose = meeting, places, pose
-        stage.share = share * self._left(rows, meeting)
+        stage.places, stage.pose = places, pose
+        stage.tilts = self._tilts(rows, places, stage)
         return stage, np.array([meeting.gap if stage.share > 0.0 else max(abs(meeting.gap), self.size)])
 
-    def _alone(self, poses: list[Pose], carried: Array) -> tuple[Meeting, float]:
-        """See `_on_faces`, far from the ends of faces."""
-        return self._meeting(poses, carried), 1.0
+    def _where(self, rows: SpotRows, poses: list[Pose], carried: Array) -> tuple[Meeting, tuple[int, ...]]:
+        """See `_on_faces`; a point of rows that are far from the ends of faces stays on its own."""
+        return (self._meeting(poses, carried), self._own) if rows.inside else self._on_faces(poses, carried)
+
+    def _stage_where(self, rows: SpotRows, meeting: Meeting, owners: tuple[int, ...], poses: list[Pose]) -> SpotStage:
+        """Stage of a row without its weights; poses are those of both sides."""
+        stage = SpotStage(rows, meeting.normal[None].copy(), ())
+        stage.meeting, stage.poses, stage.modulus = meeting, tuple(poses), self._found.modulus
+        stage.shared_by = self._shared_by(meeting, owners, rows.inside)
+        stage.share = math.prod(float(by.shares[0]) for by in stage.shared_by) * self._left(rows, meeting)
+        return stage
+
+    def _tilts(self, rows: SpotRows, places: list[Array], stage: SpotStage) -> tuple[Array, ...]:
+        """See `SpotStage.tilts`."""
+        tilts = []
+        parts = zip(rows.spots, self._makers, places, stage.poses, stage.meeting.outward, strict=False)
+        for spot, maker, x, pose, outward in parts:
+            nodes = spot.kernel.nodes
+            along = x[nodes] @ (pose.axes @ outward) - maker.points[nodes] @ outward
+            tilts.append(along @ spot.kernel.slopes)
+        return tuple(tilts)
 
     def _left(self, rows: SpotRows, meeting: Meeting) -> float:
         """Share of the contact that is left at the end of patches."""
@@ -466,9 +444,18 @@ class SpotGaps(Gaps):
     @property
     def share(self) -> float:
         """Share of the contact that is on the faces of both sides now."""
+        return self._spot_stage.share
+
+    @property
+    def _spot_stage(self) -> SpotStage | FrozenSpot:
         stage = self.stage
         assert isinstance(stage, SpotStage | FrozenSpot)
-        return stage.share
+        return stage
+
+    def goes_on_as(self, other: SpotGaps) -> bool:
+        """Whether another contact of the same patches shares this one, near seams of their faces."""
+        same_master = self._surface == other._surface
+        return same_master and all(face in near for near, face in zip(self._near, other.faces, strict=True))
 
     def least_distance(self, q: Array) -> float:
         """See `Gaps.least_distance`; faces are no nearer to each other than the surfaces on which they lie."""
@@ -486,10 +473,10 @@ class SpotGaps(Gaps):
 
     @property
     def long_axis(self) -> Array:
-        """Unit vector along the major semi-axis of the ellipse of contact, in space, (3,); any tangent of a circle."""
+        """Unit vector along the major semi-axis of `contact_then`, here, in space, (3,); any tangent of a circle."""
         normal = self.meeting.normal
         bent = self._found.bending(self._axes(self.q, self.evaluated_pose), normal)
-        size = 2 * max(self.contact.curvatures)
+        size = 2 * max(self.contact_then.curvatures)
         return np.asarray(np.linalg.eigh(bent + size * np.outer(normal, normal))[1][:, 0])
 
     def _axes(self, q: Array, carried: Array) -> list[Array]:
@@ -564,6 +551,49 @@ class SpotGaps(Gaps):
             self._loaded, self._loaded_rows = {}, present.stage.rows
         super().return_to(present)
 
+    # Forces.
+
+    def pushed(self, force: float) -> list[tuple[Array, Array]]:
+        """Nodes of each side, and forces on them, (k, 3) [N], besides those of the row under a normal force [N].
+
+        See `spot_stage`. They act on the nodes of the kernels as on rigid bodies. In an inertial frame the surface of a
+        body does not turn, so that no couple works on it.
+        """
+        stage = self.stage
+        if not isinstance(stage, SpotStage) or not force:
+            return []
+        push, places = stage.push(force), self.places_now()
+        result = []
+        for number, ((nodes, weights), side) in enumerate(zip(stage.shares, self.sides, strict=True)):
+            forces = np.outer(weights[0], push.force)
+            if not side.kinematics.linear:
+                sign = (1.0, -1.0)[number]
+                x, point = places[number][nodes[0]], stage.poses[number].out(stage.meeting.points[number])
+                lever = point - sign * weights[0] @ x
+                forces += _turning(x, sign * (push.couple + np.cross(lever, push.force)))
+            result.append((nodes[0], forces))
+        return result
+
+    def nodal_forces(self, lam: Array) -> list[Array]:
+        """See `Gaps.nodal_forces`."""
+        on_nodes = super().nodal_forces(lam)
+        for forces, (nodes, more) in zip(on_nodes, self.pushed(float(lam[0])), strict=False):
+            forces[nodes] += more
+        return on_nodes
+
+    def push_moment(self, force: float, point: Array) -> Array:
+        """Moment on the slave about a point in space, (3,) [N m], by what `pushed` has under a normal force [N]."""
+        stage = self.stage
+        if not isinstance(stage, SpotStage) or not force:
+            return np.zeros(3)
+        along, couple = stage.push(force)
+        arm = stage.poses[0].out(stage.meeting.points[0]) + self.centre - point
+        return np.asarray(couple + np.cross(arm, along))
+
+    def moment(self, lam: Array, point: Array) -> Array:
+        """See `Gaps.moment`."""
+        return super().moment(lam, point) + self.push_moment(float(lam[0]), point)
+
     # State.
 
     def after(self) -> GapState:
@@ -596,6 +626,15 @@ class SpotGaps(Gaps):
         """See `Gaps.stance`: the point of contact on each side."""
         return np.concatenate(self.meeting.points) / self.size
 
+    def anchored(self, by: float) -> Anchor:
+        """See `Gaps.anchored`; the flexibility is that under the kernels as they were made, whatever tilts them."""
+        if not self.moving:
+            return super().anchored(by)
+        made_at = self.spot_rows.made_at
+        if self.anchor != made_at:
+            self.anchor = self.present.anchor = made_at
+        return made_at
+
     def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""
         assert isinstance(rows, SpotRows)
@@ -615,20 +654,52 @@ class SpotGaps(Gaps):
         return -np.concatenate([normal, np.cross(arm, normal)])[None][index]
 
 
-def _beside(
+def _turning(places: Array, couple: Array) -> Array:
+    """Forces on nodes at places, (k, 3) [m], that turn them as a rigid body by a couple, (3,) [N m]: (k, 3) [N]."""
+    arms = places - places.mean(axis=0)
+    inertia = np.eye(3) * (arms**2).sum() - arms.T @ arms
+    return cross(np.tile(np.linalg.solve(inertia, couple), (len(arms), 1)), arms)
+
+
+def _near(
     sides: Sequence[Side],
     patches: Sequence[int],
     surface: RigidSurface | None,
     faces: Sequence[SmoothFace],
     number: int,
-) -> list[tuple[SmoothFace, Touching]]:
-    """Faces as which that of a side goes on, if they touch at a point, too, and how they do."""
-    found = []
+) -> list[SmoothFace]:
+    """Face of a side, and those that go on as it and touch the other side's face at a point, too."""
+    found = [faces[number]]
     for other in faces[number].neighbours:
         shapes = [face.surface for face in faces]
         shapes[number] = other.surface
-        try:
-            found.append((other, touching(sides, patches, surface, shapes)))
-        except InputError:
-            continue
+        if _touches(sides, patches, surface, shapes) is not None:
+            found.append(other)
     return found
+
+
+def _pairs(
+    sides: Sequence[Side],
+    patches: Sequence[int],
+    surface: RigidSurface | None,
+    near: Sequence[Sequence[SmoothFace]],
+    own: Touching,
+) -> dict[tuple[int, ...], Touching]:
+    """How faces of both sides touch, by their numbers; the first is that of the contact itself."""
+    pairs = {(0,) * len(near): own}
+    for numbers in itertools.product(*(range(len(faces)) for faces in near)):
+        shapes = [faces[number].surface for faces, number in zip(near, numbers, strict=True)]
+        found = None if numbers in pairs else _touches(sides, patches, surface, shapes)
+        if found is not None:
+            pairs[numbers] = found
+    return pairs
+
+
+def _touches(
+    sides: Sequence[Side], patches: Sequence[int], surface: RigidSurface | None, shapes: Sequence[TrueSurface]
+) -> Touching | None:
+    """How surfaces touch at a point; None if they do not."""
+    try:
+        return touching(sides, patches, surface, shapes)
+    except InputError:
+        return None

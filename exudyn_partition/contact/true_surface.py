@@ -69,6 +69,20 @@ class Torus:
         second = cosine / (self.ring + self.tube * cosine)
         return np.asarray(np.outer(across, across) / self.tube + second * np.outer(around, around))
 
+    def bent(self, weights: Array, normal: Array) -> Array:
+        """See `TrueSurface.bent`."""
+        around = np.cross(self.axis, normal)
+        cosine = float(np.linalg.norm(around))
+        around /= cosine
+        across = np.cross(normal, around)
+        size = self.ring + self.tube * cosine
+        second, sine = cosine / size, float(normal @ self.axis)
+        # Over the way across, the circle around the axis grows or shrinks; over the way around, directions turn.
+        by_cosine = self.ring / size**2 * float(around @ weights @ around)
+        steeper = -sine * float(across @ self.axis) / (cosine * self.tube) * by_cosine
+        turned = -2 * (1 / self.tube - second) * sine / cosine * second * float(across @ weights @ around)
+        return np.asarray(steeper * across + turned * around)
+
 
 class Middle(NamedTuple):
     """Circle in the middle of a tube, or the axis of a cylinder.
@@ -187,6 +201,18 @@ class TrueSurface:
         if not isinstance(self.shape, RigidCylinder):
             return np.asarray(first * tangential)
         return np.asarray(first * (tangential - np.outer(self.shape.axis, self.shape.axis)))
+
+    @property
+    def steepest(self) -> float:
+        """Largest curvature anywhere [1/m]; zero where it is flat or hollow."""
+        return 1 / self.shape.tube if isinstance(self.shape, Torus) else max(*self.curvatures, 0.0)
+
+    def bent(self, weights: Array, normal: Array) -> Array:
+        """Derivative by the place, (3,), of the sum of weights, (3, 3), times `bending`; weights turn with the normal.
+
+        Only tori have one: other surfaces are bent the same all over.
+        """
+        return self.shape.bent(weights, normal) if isinstance(self.shape, Torus) else np.zeros(3)
 
 
 def fitted(points: Array, facets: Array, role: str) -> TrueSurface:

@@ -53,10 +53,28 @@ class Kernel:
         """(k, 3) array: for each node, its share in the slope of a field on the patch around the centre [1/m]."""
         return np.asarray(self.weights[:, None] * (self.arms - self.weights @ self.arms) @ self.inverse)
 
-    def around(self, point: Array) -> Array:
-        """Weights, (k,), whose mean place is a point beside the centre, (3,) [m], but for its height."""
-        way = point - self.centre - self.weights @ self.arms
-        return np.asarray(self.weights + self.slopes @ way)
+    @cached_property
+    def _tangents(self) -> Array:
+        """Two unit vectors across the normal, (2, 3)."""
+        return np.linalg.svd(self.normal[None])[2][1:]
+
+    def around(self, places: Array, point: Array, normal: Array) -> Array:
+        """Weights, (k,), whose mean place is on the normal line of the surface through a point beside the centre.
+
+        A force along that line has then no lever about the point.
+
+        Parameters
+        ----------
+        places : (k, 3) array
+            Of the nodes [m].
+        point, normal : (3,) arrays
+        """
+        tilts = self.slopes @ self._tangents.T
+        off = point - self.weights @ places
+        moves = places.T @ tilts
+        across, along = moves - np.outer(normal, normal @ moves), off - (normal @ off) * normal
+        way = np.linalg.lstsq(across, along, rcond=None)[0]
+        return np.asarray(self.weights + tilts @ way)
 
 
 def kernel_around(points: Array, facets: Array, centre: Array, normal: Array, radius: float) -> Kernel:

@@ -78,6 +78,9 @@ def test_an_elliptic_contact_fits_both_curvatures():
     assert 2 * unit * (K - E) == pytest.approx(20.0, rel=1e-9)
     assert 2 * unit * ((a / b) ** 2 * E - K) == pytest.approx(90.0, rel=1e-9)
     assert contact.yielding * 100 ** (2 / 3) == pytest.approx(pressure / 1e11 * b * K, rel=1e-9)
+    for smaller, semi_axis in (((19.999, 90.0), a), ((20.0, 89.999), b)):  # pressure works on the change of the gap
+        change = (contact.yielding - PointContact(smaller, 1e11).yielding) * 100 ** (2 / 3)
+        assert change / 1e-3 == pytest.approx(semi_axis**2 / 6, rel=1e-4)
     nearly = PointContact((50.0, 50.01), 1e11)
     assert nearly.yielding == pytest.approx(PointContact((50.005, 50.005), 1e11).yielding, rel=1e-6)
 
@@ -296,6 +299,11 @@ def test_the_torus_of_a_rounded_corner_is_found(rounded):
         sides = [surface.shape.project((place + side * step * along)[None])[1][0] for side in (1, -1)]
         np.testing.assert_allclose((sides[0] - sides[1]) / (2 * step), bending @ along, atol=1e-3 * abs(bending).max())
     np.testing.assert_allclose(bending @ n, 0, atol=1e-9)
+    weights = np.eye(3)  # of the sum of both curvatures
+    for along in np.linalg.svd(n[None])[2][1:]:
+        sides = [surface.shape.project((place + side * step * along)[None])[1][0] for side in (1, -1)]
+        sums = [np.trace(surface.bending(side)) for side in sides]
+        assert (sums[0] - sums[1]) / (2 * step) == pytest.approx(surface.bent(weights, n) @ along, abs=10.0)
 
 
 def test_a_rounded_corner_hits_a_plane_by_hertz_s_law_of_both_curvatures(rounded):
@@ -399,11 +407,13 @@ def test_a_kernel_is_whole_centred_and_follows_small_ways(coarse):
     kernel = kernel_around(points, facets, R * n, n, 2e-3)
     assert kernel.weights.sum() == pytest.approx(1.0, abs=1e-12)
     assert kernel.coverage == pytest.approx(1.0, abs=0.01)
-    across = np.linalg.svd(n[None])[2][1:]
+    across, places = np.linalg.svd(n[None])[2][1:], points[kernel.nodes]
     for way in (np.zeros(2), np.array([1.5e-4, -0.7e-4])):
-        place = kernel.around(R * n + way @ across) @ points[kernel.nodes] - R * n
-        np.testing.assert_allclose(across @ place, way, atol=1e-9)
-        assert place @ n == pytest.approx(-(2e-3**2) / (5 * R), rel=0.15)  # sagitta of the mean place
+        there = R * n + way @ across
+        there *= R / np.linalg.norm(there)
+        off = kernel.around(places, there, there / R) @ places - there
+        assert abs(np.cross(off, there / R)).max() < 1e-9  # a force along the normal has no lever
+        assert off @ there / R == pytest.approx(-(2e-3**2) / (5 * R), rel=0.15)  # sagitta of the mean place
     slopes = kernel.slopes.T @ (points[kernel.nodes] @ [3.0, -1.0, 0.5])
     np.testing.assert_allclose(across @ slopes, across @ [3.0, -1.0, 0.5], rtol=0.02)
     assert kernel_around(points, facets, -R * n, -n, 2e-3).coverage == 0.0

@@ -5,14 +5,18 @@ Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
+import scipy.linalg
 
 from ...algebra.products import smallest
 from ...errors import ComplementarityError
 from ...support.arrays import Array
+from ..gaps import Gaps
+from ..spot_gaps import SpotGaps
 from .coupled_zones import CoupledZones
 from .point_step import PointLaw, Touch
 
@@ -34,6 +38,18 @@ class CoupledPoints(CoupledZones):
         for contact in self.contacts:
             contact.told = self._frictional  # gaps depend on no earlier forces
         self._blocks: dict[tuple[int, int], tuple[tuple[int, int], Array]] = {}
+        vars(self).pop("_sharing", None)
+
+    def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
+        """See `Coupled`."""
+        D = scipy.linalg.block_diag(*(contact.evaluation.row_stiffness() for contact in self.contacts))
+        F = np.zeros(D.shape)
+        for j, k in self._between.pairs:
+            both = self.contacts[j].evaluation.index.size and self.contacts[k].evaluation.index.size
+            if both and (j, k) not in self._sharing:
+                F[closed[j], closed[k]] = self._flexibility(j, k)
+        K = np.linalg.solve(np.eye(len(D)) + D @ F, D)
+        return lambda k, way: K[:, closed[k]] @ way
 
     def _find(self, gaps: list[Array]) -> None:
         """See `Coupled`."""
@@ -70,7 +86,7 @@ class CoupledPoints(CoupledZones):
         moved = np.zeros(self.contacts[j].rows.d)
         for k in self._neighbours.get(j, ()):
             of_k = forces[k]
-            if of_k is not None and of_k[0]:
+            if of_k is not None and of_k[0] and (j, k) not in self._sharing:
                 moved += self._flexibility(j, k) @ of_k[: self.contacts[k].rows.d]
         return moved
 
@@ -82,6 +98,17 @@ class CoupledPoints(CoupledZones):
             rows = (np.arange(self.contacts[place].rows.d) for place in (j, k))
             kept = self._blocks[j, k] = versions, self._between.flexibility(j, next(rows), k, next(rows))
         return kept[1]
+
+    @cached_property
+    def _sharing(self) -> set[tuple[int, int]]:
+        """Contacts that are one on faces which go on as each other: each has its share of the flexibility itself."""
+        linked = {tuple(link[:4]) for link in self._all_links}
+        return {
+            (j, k)
+            for j, _, k, _ in linked
+            if all((j, side, k, side) in linked for side in range(len(self.contacts[j].gaps.sides)))
+            and _goes_on(self.contacts[j].gaps, self.contacts[k].gaps)
+        }
 
     def _check_settled(self, before: list[Array], now: list[Array]) -> None:
         change, size = sum(abs(new - old).sum() for new, old in zip(now, before, strict=True)), sum(map(_size, now))
@@ -103,6 +130,13 @@ class CoupledPoints(CoupledZones):
             pushed[1:] -= from_last[j][1:]
             places = None if contact.friction is None else contact.places(gap, pushed[None])
             contact.answered(forces, gap, least, places)
+
+
+def _goes_on(gaps: Gaps, others: Gaps) -> bool:
+    """Whether two contacts of the same patches share one."""
+    assert isinstance(gaps, SpotGaps)
+    assert isinstance(others, SpotGaps)
+    return gaps.goes_on_as(others)
 
 
 def _size(forces: Array) -> float:

@@ -483,9 +483,10 @@ class HertzFriction(Law):
     def __init__(self, rows: RowDirections) -> None:
         assert isinstance(rows, SpotDirections)
         self.rows, self.gaps = rows, rows.gaps
-        self._mismatch = self.gaps.mismatch if self.gaps.contact.circular else 0.0
+        self._mismatch = self.gaps.mismatch if self.gaps.contact_then.circular else 0.0
         self.memory = 2 * _SPRINGS * spokes_of(self._mismatch)
-        self._known: tuple[Array, PointContact, float, HertzCurve, Springs] | None = None
+        self._known: tuple[Array, PointContact, float, HertzCurve] | None = None
+        self._springs: tuple[PointContact, Springs] | None = None
 
     def fresh(self, rows: RowDirections) -> Law:
         """See `Law`."""
@@ -495,18 +496,19 @@ class HertzFriction(Law):
         """Force by approach of a share of the contact, flexibility without that of the point, (3, 3) [m/N], springs."""
         F, lacking = self.rows.flexibility(_ONE), self.gaps.spot_rows.lacking
         series = F + np.diag([lacking[0], lacking[1], lacking[1]])
-        contact, known = self.gaps.contact, self._known
+        contact, then, known = self.gaps.contact, self.gaps.contact_then, self._known
         if known is None or known[1:3] != (contact, share) or not np.array_equal(known[0], series):
-            springs = Springs(contact.sphere, contact.modulus, self.gaps.shear, self._mismatch)
-            known = self._known = series, contact, share, HertzCurve(float(series[0, 0]), contact, share), springs
-        return known[3], series, known[4]
+            known = self._known = series, contact, share, HertzCurve(float(series[0, 0]), contact, share)
+        if self._springs is None or self._springs[0] != then:
+            self._springs = then, Springs(then.sphere, then.modulus, self.gaps.shear, self._mismatch)
+        return known[3], series, self._springs[1]
 
     def yielding(self, share: float | None = None) -> Yielding:
         """How bodies yield beside the contact, of which a share is on the present faces; by default that of now."""
         curve, F, springs = self._curve(share or self.gaps.share or 1.0)
         turn, curved, fixed = self.gaps.stage.once(("point", self.rows.axis), self._axes)
         return Yielding(
-            curve, springs, self.gaps.contact, turn @ F[1:, 0], turn @ (F[1:, 1:] + fixed) @ turn.T,
+            curve, springs, self.gaps.contact_then, turn @ F[1:, 0], turn @ (F[1:, 1:] + fixed) @ turn.T,
             turn @ curved @ turn.T, turn,
         )  # fmt: skip
 

@@ -1,0 +1,186 @@
+"""Where the row of a contact at a point is, and the force that it has as its stored energy depends on the place.
+
+The energy depends on the approach of the surfaces, and on the place of the contact on them: by the curvatures, where
+these change, and by the slope of the bodies' displacements. The derivative by the approach is the normal force. Those
+by the places are a small force along the surfaces and a couple, for the places wander as the bodies roll and slide.
+
+Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..prediction.point_contact import PointContact
+from ..support.arrays import Array
+from ..support.attributes import FoundOnce
+from .seams import Shared
+from .stages import Frozen, Stage
+
+
+class Pose(NamedTuple):
+    """Where the true surface of a side is: x = place + axes (X - body).
+
+    Parameters
+    ----------
+    place : (3,) array
+        Place in space, from the gaps' centre [m], of
+    body : (3,) array
+        this point of the body, in its axes [m].
+    axes : (3, 3) array
+        Axes of the body, as columns.
+    """
+
+    place: Array
+    body: Array
+    axes: Array
+
+    def out(self, point: Array) -> Array:
+        """Place of a point of the body, (3,) [m]."""
+        return np.asarray(self.place + self.axes @ (point - self.body))
+
+    def into(self, place: Array) -> Array:
+        """Point of the body at a place, (3,) [m]."""
+        return np.asarray(self.body + (place - self.place) @ self.axes)
+
+
+class Meeting(NamedTuple):
+    """Where two true surfaces are nearest.
+
+    Parameters
+    ----------
+    gap : float
+        [m]
+    normal : (3,) array
+        Outward unit normal of the master, in space.
+    points : list of (3,) arrays
+        Nearest point of the surface of each side that is a body, in its axes [m].
+    outward : list of (3,) arrays
+        Outward unit normals there, in its axes.
+    """
+
+    gap: float
+    normal: Array
+    points: list[Array]
+    outward: list[Array]
+
+
+class Push(NamedTuple):
+    """Force on the slave along the surfaces, and its couple, besides forces on the row.
+
+    Parameters
+    ----------
+    force, couple : (3,) arrays
+        In space; the couple is about the point of contact [N, N m].
+    """
+
+    force: Array
+    couple: Array
+
+
+class SpotStage(Stage):
+    """Where the row of a contact at a point is.
+
+    Attributes
+    ----------
+    meeting : Meeting
+    share : float
+        Share of the contact that is on the faces of both sides.
+    shared_by : tuple of Shared
+        How faces share it, for both sides, a rigid surface included.
+    poses : tuple of Pose
+        Of both sides, a rigid surface included.
+    modulus : float
+        E* of both bodies [Pa].
+    tilts : tuple of (3,) arrays
+        Slope of the normal displacements of each side that is a body, out of its surface, in its axes.
+    """
+
+    meeting: Meeting
+    share: float
+    shared_by: tuple[Shared, ...]
+    poses: tuple[Pose, ...]
+    modulus: float
+    tilts: tuple[Array, ...]
+
+    @FoundOnce
+    def bendings(self) -> tuple[Array, Array]:
+        """Curvatures of both sides, each as a tensor in space, (3, 3) [1/m]."""
+        slave, master = (
+            pose.axes @ by.bending(outward @ pose.axes) @ pose.axes.T
+            for by, pose, outward in zip(self.shared_by, self.poses, self._outward, strict=True)
+        )
+        return slave, master
+
+    @property
+    def _outward(self) -> tuple[Array, Array]:
+        """Outward normals of both sides, in space."""
+        return -self.meeting.normal, self.meeting.normal
+
+    @FoundOnce
+    def _principal(self) -> tuple[tuple[float, float], Array]:
+        """Relative curvatures, the smaller one first [1/m], and their directions in space as columns, (3, 2)."""
+        bent, normal = self.bendings[0] + self.bendings[1], self.meeting.normal
+        values, ways = np.linalg.eigh(bent + 2 * np.abs(bent).sum() * np.outer(normal, normal))
+        return (float(values[0]), float(values[1])), ways[:, :2]
+
+    @FoundOnce
+    def contact(self) -> PointContact:
+        """Hertz's contact here."""
+        return PointContact(self._principal[0], self.modulus)
+
+    def push(self, force: float) -> Push:
+        """Force along the surfaces under a normal force on the row [N].
+
+        At a fixed approach, the stored energy falls by P/10 of the sum of the squared semi-axes times the change of the
+        curvatures along them: the work of Hertz's pressure on the change of the gap around.
+        """
+        normal, weights = self.meeting.normal, self._weights(force)
+        own = [
+            pose.axes @ by.surface.bending(outward @ pose.axes) @ pose.axes.T
+            for by, pose, outward in zip(self.shared_by, self.poses, self._outward, strict=True)
+        ]
+        both = own[0] + own[1]
+        rolling = np.linalg.inv(both + np.abs(both).sum() * np.outer(normal, normal))
+        rolls = [rolling @ (way - (way @ normal) * normal) for way in self._by_place(force, weights)]
+        quarter = np.cross(normal, np.eye(3)).T
+        spin = quarter @ self.bendings[0] - self.bendings[0] @ quarter
+        couple = -quarter @ (rolls[0] + rolls[1]) - float(np.sum(weights * spin)) * normal
+        return Push(own[1] @ rolls[0] - own[0] @ rolls[1], couple)
+
+    def _weights(self, force: float) -> Array:
+        """Derivative of the energy by the curvatures under a force on the row [N], (3, 3) [J m]; zero if all stay."""
+        if not any(by.varies for by in self.shared_by):
+            return np.zeros((3, 3))
+        axes, directions = np.array(self.contact.semi_axes(force / self.share)), self._principal[1]
+        return np.asarray(-force / 10 * (directions * axes**2) @ directions.T)
+
+    def _by_place(self, force: float, weights: Array) -> list[Array]:
+        """Derivative of the energy by the place on each side, in space, (3,) [N]."""
+        ways = [np.zeros(3), np.zeros(3)]
+        for number, (by, pose, outward) in enumerate(zip(self.shared_by, self.poses, self._outward, strict=True)):
+            if by.varies:
+                ways[number] = pose.axes @ by.bent(pose.axes.T @ weights @ pose.axes, outward @ pose.axes)
+            if number < len(self.tilts):
+                ways[number] = ways[number] + force * (pose.axes @ self.tilts[number])
+        return ways
+
+    def resultant(self, lam: Array) -> Array:
+        """See `Stage`."""
+        return super().resultant(lam) + self.push(float(lam[0])).force
+
+
+class FrozenSpot(Frozen):
+    """The same, while the point of contact stays where it is on both sides.
+
+    Attributes
+    ----------
+    meeting, share, contact
+        See `SpotStage`.
+    """
+
+    meeting: Meeting
+    share: float
+    contact: PointContact
