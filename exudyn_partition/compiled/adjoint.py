@@ -34,6 +34,10 @@ class Weights(Protocol):
         """By forces on rows, (n, nr) [1/N], the same for all numbers."""
 
     @property
+    def turning(self) -> Array | None:
+        """By the velocities by which bodies in floating frames grow, (n, nq), the same for all numbers."""
+
+    @property
     def count(self) -> int:
         """Number of numbers, k."""
 
@@ -53,12 +57,15 @@ class OneNumber:
     v_end : (nq,) array
         By velocities at the end.
     friction : OnFriction, optional
+    turning : (n, nq) array, optional
+        By the velocities by which bodies in floating frames grow, see `FramesMotion`.
     """
 
     lam: sp.csr_matrix
     q: Array
     v_end: Array
     friction: OnFriction | None = None
+    turning: Array | None = None
 
     count = 1
 
@@ -90,7 +97,7 @@ class Sums:
     q: Array
     v: Array
 
-    friction = None
+    friction = turning = None
 
     @property
     def count(self) -> int:
@@ -142,19 +149,20 @@ def backwards(run: MadeRun, weights: Weights, parts: Sequence[Part]) -> Derivati
     """
     h, made, k = run.steps.step, run.histories, weights.count
     middle = np.vstack([made.v[:1], made.v[1:] - 0.5 * h * made.a[1:]])
-    adjoint, sums = Adjoint(*np.zeros((3, k, made.q.shape[1]))), Bodies(*np.zeros((4, k, made.q.shape[1])))
+    adjoint, sums = Adjoint(*np.zeros((4, k, made.q.shape[1]))), Bodies(*np.zeros((4, k, made.q.shape[1])))
     of_rows = _RowsBackwards(run, weights, parts)
     for block in run.blocks(k):
         by_q, by_v = weights.of_block(block)
         window, rows = of_rows.begin(block)
         on_surfaces = None if rows is None else run.on_surfaces(window)
-        y = go_back(run.plan.bodies, by_q, by_v, h, block.start, adjoint, rows, on_surfaces)
+        frames = run.frames(block, weights.turning, adjoint.a)
+        y = go_back(run.plan.bodies, by_q, by_v, h, block.start, adjoint, rows, on_surfaces, frames)
         of_rows.end(window, rows)
         if block.start in run.surfaces.edges:
-            adjoint.add(of_rows.by_anchors(block.start), h, begins=block.start == 0)
+            adjoint.add(*of_rows.by_anchors(block.start), begins=block.start == 0)
         new = [-np.einsum("ski,si->ki", y, motion[block]) for motion in (made.a, made.q, middle)]
         sums = Bodies(*(part + more for part, more in zip(sums, [*new, y.sum(axis=0)], strict=True)))
-    adjoint.add(of_rows.by_anchors(-1), h, begins=True)
+    adjoint.add(*of_rows.by_anchors(-1), begins=True)
     return Derivatives(adjoint.q, adjoint.v, sums, of_rows.flexibility, of_rows.by_law)
 
 
@@ -209,12 +217,19 @@ class _RowsBackwards:
                 before = self._by_normals[s]
                 self._by_normals[s] = new if before is None else before + new
 
-    def by_anchors(self, sample: int) -> Array:
-        """Derivatives by the coordinates of a sample in which anchors were found, (k, nq); -1 is the start."""
-        surfaces, q = self._run.surfaces, self._run.histories.q
-        found = np.zeros((self._weights.count, q.shape[1]))
+    def by_anchors(self, sample: int) -> tuple[Array, Array]:
+        """Derivatives by a sample in which anchors were found, -1 is the start: of its coordinates and its velocities.
+
+        They are (k, nq) each, and those of the sample before, as `Adjoint` has them after the sample.
+        """
+        surfaces, motion, there = self._run.surfaces, self._run.motion, max(sample, 0)
+        by_q, by_v = np.zeros((2, self._weights.count, self._run.histories.q.shape[1]))
         for s, (one, by_normals) in enumerate(zip(surfaces.surfaces, self._by_normals, strict=True)):
-            if by_normals is not None and surfaces.anchors[s, max(sample, 0)] == sample:
-                found[:, one.dofs] += one.by_coordinates(q[max(sample, 0)], by_normals)
+            if by_normals is not None and surfaces.anchors[s, there] == sample:
+                of_q, of_turning = one.by_anchor(there, by_normals)
+                by_q, by_v = by_q + of_q, by_v + of_turning
                 self._by_normals[s] = None
-        return found
+        if there == 0 or motion is None:
+            return by_q, by_v
+        before, of_step = motion.gone_back(there, by_q, self._run.steps.step)
+        return before, by_v + of_step

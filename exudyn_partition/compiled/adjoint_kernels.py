@@ -10,10 +10,16 @@ from numba.experimental import structref
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner, unlocked
 from ..support.struct_kernels import StructType, define_struct
+from .frames_back_kernels import (
+    add_growth,
+    back_over_inertia,
+    turn_back,
+)
 from .rows_back import RowsBack
 from .surfaces_back import SurfaceRows
 
 if TYPE_CHECKING:
+    from .frames_back import FramesBack
     from .loops import Adjoint
     from .plan import Bodies
 
@@ -262,24 +268,80 @@ def back_over_rows(rows: RowsBack, s: int, y: Array, q: Array) -> None:
 
 
 @inner
-def room_of(some: SurfaceRows | None, k: int) -> Array:
-    """Room for ways of points, (k, p, 3)."""
-    p = 0
+def room_of(some: SurfaceRows | None, k: int) -> tuple[Array, Array, Array, Array]:
+    """Room for ways of points and nodes, (k, p, 3), (k, v, 3), derivatives by places of nodes, and forces, (v, 3)."""
+    p, v = 0, 0
     if some is not None:
-        p = some.push.shape[1]
-    return np.zeros((k, p, 3))
+        p, v = some.push.shape[1], len(some.shapes)
+    return np.zeros((k, p, 3)), np.zeros((k, v, 3)), np.zeros((k, v, 3)), np.zeros((v, 3))
 
 
 @inner
-def add_pushes(some: SurfaceRows | None, rows: RowsBack, s: int, y: Array, ways: Array) -> None:
-    """See `SurfaceRows.add_pushes`; sets the ways of the points, (k, p, 3)."""
+def set_forces(some: SurfaceRows | None, frames: FramesBack, s: int, forces: Array) -> bool:
+    """Set shapes and forces on bodies in floating frames, see `SurfaceRows.turn`; return whether there are any forces.
+
+    Also sets the forces on nodes, (v, 3).
+    """
+    if some is not None:
+        there, dofs, shapes, counts, firsts = some.place[s], some.dofs, some.shapes, some.counts, some.node_firsts
+        for i in range(len(frames.force)):
+            frames.force[i] = 0.0
+        if there >= 0:
+            forces_on_nodes(some, there, forces)
+            for c in range(len(dofs)):
+                b, own, n = some.bodies[c], dofs[c], counts[c]
+                for v in range(firsts[c], firsts[c + 1] if b >= 0 else firsts[c]):
+                    turn_shapes(some, frames.node_axes[b], own, frames.q[s], v, n)
+                    x, y, z = forces[v, 0], forces[v, 1], forces[v, 2]
+                    for i in range(n):
+                        frames.force[own[i]] += x * shapes[v, 0, i] + y * shapes[v, 1, i] + z * shapes[v, 2, i]
+            return True
+    return False
+
+
+@inner
+def forces_on_nodes(some: SurfaceRows, there: int, forces: Array) -> None:
+    """Set forces on nodes, (v, 3), by those on points."""
+    starts, nodes, weights, normals, pushes = some.node_starts, some.nodes, some.weights, some.normals, some.push
+    for v in range(len(forces)):
+        forces[v, 0], forces[v, 1], forces[v, 2] = 0.0, 0.0, 0.0
+    for p in range(pushes.shape[1]):
+        push = pushes[there, p]
+        if push != 0.0:
+            x, y, z = push * normals[there, p, 0], push * normals[there, p, 1], push * normals[there, p, 2]
+            for e in range(starts[p], starts[p + 1]):
+                node, weight = nodes[e], weights[e]
+                forces[node, 0] += weight * x
+                forces[node, 1] += weight * y
+                forces[node, 2] += weight * z
+
+
+@inlined
+def turn_shapes(some: SurfaceRows, axes: Array, dofs: Array, q: Array, v: int, n: int) -> None:
+    """Set how a node moves as its frame turns about the axes of the frame's node."""
+    shapes, x, y, z = some.shapes, some.arms[v, 0], some.arms[v, 1], some.arms[v, 2]
+    for i in range(6, n):
+        way = q[dofs[i]]
+        x += shapes[v, 0, i] * way
+        y += shapes[v, 1, i] * way
+        z += shapes[v, 2, i] * way
+    for i in range(3):
+        a, b, c = axes[0, i], axes[1, i], axes[2, i]
+        shapes[v, 0, 3 + i] = b * z - c * y
+        shapes[v, 1, 3 + i] = c * x - a * z
+        shapes[v, 2, 3 + i] = a * y - b * x
+
+
+@inner
+def add_pushes(some: SurfaceRows | None, rows: RowsBack, s: int, y: Array, ways: Array, ways_of_nodes: Array) -> None:
+    """See `SurfaceRows.add_pushes`; sets the ways of the points, (k, p, 3), and of the nodes, (k, v, 3)."""
     if some is not None:
         there, dofs, shapes, counts, firsts = some.place[s], some.dofs, some.shapes, some.counts, some.node_firsts
         if there >= 0:
-            normals, along, of_nodes = some.normals[there], np.zeros(ways.shape[1]), np.zeros((len(shapes), 3))
+            normals, along = some.normals[there], np.zeros(ways.shape[1])
             of_y = np.zeros(dofs.shape[1])
             for j in range(len(y)):
-                way = ways[j]
+                way, of_nodes = ways[j], ways_of_nodes[j]
                 for c in range(len(dofs)):
                     n = counts[c]
                     for k in range(n):
@@ -322,13 +384,14 @@ def on_rows(some: SurfaceRows, along: Array, by_forces: Array) -> None:
 
 
 @inner
-def back_on_surfaces(some: SurfaceRows | None, rows: RowsBack, s: int, ways: Array, q: Array) -> None:
-    """See `SurfaceRows.back`; added to q, (k, nq)."""
+def back_on_surfaces(some: SurfaceRows | None, rows: RowsBack, s: int, ways: Array, by_nodes: Array, q: Array) -> None:
+    """See `SurfaceRows.back`; added to q, (k, nq). Sets derivatives by places of the nodes, (k, v, 3)."""
     if some is not None:
         there, dofs, shapes, counts, firsts = some.place[s], some.dofs, some.shapes, some.counts, some.node_firsts
         if there >= 0:
-            of_nodes, of_q = np.empty((len(shapes), 3)), np.empty(dofs.shape[1])
+            of_q = np.empty(dofs.shape[1])
             for j in range(len(q)):
+                of_nodes = by_nodes[j]
                 push_nodes(some, there, rows.slips[s, j], ways[j], of_nodes)
                 for c in range(len(dofs)):
                     n = counts[c]
@@ -354,7 +417,7 @@ def push_nodes(some: SurfaceRows, there: int, slips: Array, ways: Array, of_node
     for v in range(len(of_nodes)):
         of_nodes[v, 0], of_nodes[v, 1], of_nodes[v, 2] = 0.0, 0.0, 0.0
     normals, push, curved = some.normals[there], some.push[there], some.curved[there]
-    axes, firsts = some.axes, some.firsts
+    axes, firsts = some.axes[there], some.firsts
     starts, nodes, weights = some.node_starts, some.nodes, some.weights
     for c in range(len(axes)):
         a, b, d = axes[c, 0], axes[c, 1], axes[c, 2]
@@ -375,6 +438,84 @@ def push_nodes(some: SurfaceRows, there: int, slips: Array, ways: Array, of_node
 
 
 @inner
+def turn_forces(
+    some: SurfaceRows | None, frames: FramesBack, s: int, ways: Array, by_nodes: Array, forces: Array, q: Array
+) -> None:
+    """See `SurfaceRows.turn_back`; adds to q, (k, nq)."""
+    if some is not None:
+        there, moved = some.place[s], frames.moved
+        if there < 0:
+            return
+        for c in range(len(some.dofs)):
+            if some.bodies[c] >= 0:
+                for j in range(len(q)):
+                    turn_contact(some, frames, s, c, j, ways[j], by_nodes[j], forces)
+        for b in range(len(frames.node_axes)):
+            first, axes, way = frames.places[b], frames.axes[s, b], np.empty(3)
+            for j in range(len(q)):
+                for a in range(3):
+                    way[a] = moved[j, frames.dofs[first + a]]
+                for a in range(3):
+                    moved[j, frames.dofs[first + a]] = axes[a, 0] * way[0] + axes[a, 1] * way[1] + axes[a, 2] * way[2]
+        for j in range(len(q)):
+            for i in range(q.shape[1]):
+                q[j, i] += moved[j, i]
+
+
+@inner
+def turn_contact(
+    some: SurfaceRows, frames: FramesBack, s: int, c: int, j: int, ways: Array, by_nodes: Array, forces: Array
+) -> None:
+    """Add what a contact has of derivatives as its body's frame turns with forces, see `SurfaceRows.turn_back`."""
+    b, dofs, n, shapes, pushed = some.bodies[c], some.dofs[c], some.counts[c], some.shapes, frames.pushed[j]
+    axes, moved, products, grows = frames.node_axes[b], frames.moved[j], frames.products[s, b], False
+    omega, turn, by_products = np.zeros(3), np.zeros(3), np.zeros(6)
+    for k in range(6):
+        grows |= products[k] != 0.0
+    for a in range(3):
+        for k in range(3):
+            omega[a] += axes[a, k] * pushed[dofs[3 + k]]
+    x, y, z = omega
+    for v in range(some.node_firsts[c], some.node_firsts[c + 1]):
+        f, g, h = forces[v, 0], forces[v, 1], forces[v, 2]
+        add_product(
+            ways[v, 0] - pushed[dofs[0]], ways[v, 1] - pushed[dofs[1]], ways[v, 2] - pushed[dofs[2]], f, g, h, turn
+        )
+        if grows:
+            add_grown(some, v, products, by_nodes, by_products, turn)
+        if f != 0.0 or g != 0.0 or h != 0.0:
+            u, w, r = g * z - h * y, h * x - f * z, f * y - g * x
+            for i in range(6, n):
+                moved[dofs[i]] += shapes[v, 0, i] * u + shapes[v, 1, i] * w + shapes[v, 2, i] * r
+    for k in range(3):
+        for a in range(3):
+            moved[dofs[3 + k]] += turn[a] * axes[a, k]
+    add_growth(frames, s, b, j, by_products)
+
+
+@inlined
+def add_product(x: float, y: float, z: float, f: float, g: float, h: float, result: Array) -> None:
+    """Add a vector product to a vector."""
+    result[0] += y * h - z * g
+    result[1] += z * f - x * h
+    result[2] += x * g - y * f
+
+
+@inlined
+def add_grown(some: SurfaceRows, v: int, products: Array, by_nodes: Array, by_products: Array, turn: Array) -> None:
+    """Add what growth of a node has of derivatives by products, (6,), and by a turn, (3,)."""
+    x, y, z = 0.0, 0.0, 0.0
+    f, g, h = by_nodes[v, 0], by_nodes[v, 1], by_nodes[v, 2]
+    for k in range(6):
+        a, b, c = some.growth[v, 0, k], some.growth[v, 1, k], some.growth[v, 2, k]
+        x += a * products[k]
+        y += b * products[k]
+        z += c * products[k]
+        by_products[k] += a * f + b * g + c * h
+    add_product(x, y, z, f, g, h, turn)
+
+
+@inner
 def forget_later(rows: RowsBack) -> None:
     """Forget what the samples after leave: the first step goes on from the memory of the start."""
     for j in range(len(rows.forces)):
@@ -382,6 +523,46 @@ def forget_later(rows: RowsBack) -> None:
             rows.forces[j, i] = 0.0
         for i in range(rows.mu_next.shape[1]):
             rows.mu_next[j, i] = 0.0
+
+
+@inner
+def back_over_contacts(
+    rows: RowsBack | None,
+    on_surfaces: SurfaceRows | None,
+    frames: FramesBack | None,
+    s: int,
+    room: tuple[Array, Array, Array, Array],
+    y: Array,
+    q: Array,
+) -> None:
+    """Go back over the forces of contacts in sample s: add derivatives by its coordinates, (k, nq), to q."""
+    ways, ways_of_nodes, by_nodes, forces = room
+    if rows is not None:
+        if frames is None:
+            add_pushes(on_surfaces, rows, s, y, ways, ways_of_nodes)
+            back_over_rows(rows, s, y, q)
+            back_on_surfaces(on_surfaces, rows, s, ways, by_nodes, q)
+        else:
+            add_pushes(on_surfaces, rows, s, frames.pushed, ways, ways_of_nodes)
+            back_over_rows(rows, s, y, q)
+            back_on_surfaces(on_surfaces, rows, s, ways, by_nodes, frames.moved)
+            turn_forces(on_surfaces, frames, s, ways_of_nodes, by_nodes, forces, q)
+
+
+@inner
+def step_back(bodies: Bodies, adjoint: Adjoint, rows: RowsBack | None, y: Array, h: float, begins: bool) -> None:
+    """Go back over the step that ends at a sample, which may be the start."""
+    q, u, v = adjoint.q, adjoint.u, adjoint.v
+    for j in range(len(q)):
+        for i in range(q.shape[1]):
+            v[j, i] -= bodies.damping[i] * y[j, i]
+            if not begins:
+                v[j, i] += h * q[j, i]
+                u[j, i] = v[j, i]
+    if rows is not None:
+        for j in range(len(q)):
+            for i in range(q.shape[1]):
+                q[j, i] -= rows.before[j, i]
 
 
 @unlocked
@@ -394,32 +575,38 @@ def go_back(
     adjoint: Adjoint,
     rows: RowsBack | None,
     on_surfaces: SurfaceRows | None,
+    frames: FramesBack | None,
     y: Array,
 ) -> None:
     """Go back over the samples of a block, see `loops.go_back`. What a block does not have is not compiled."""
     q, u, v = adjoint.q, adjoint.u, adjoint.v
     k, n = q.shape
-    ways = room_of(on_surfaces, k)
+    room = room_of(on_surfaces, k)
     for s in range(len(y) - 1, -1, -1):
         begins = first + s == 0
         for j in range(k):
             for i in range(n):
                 v[j, i] += by_v[s, j, i]
                 y[s, j, i] = 0.5 * h / bodies.mass[i] * (u[j, i] if begins else u[j, i] + v[j, i])
-                q[j, i] += by_q[s, j, i] - bodies.stiffness[i] * y[s, j, i]
-        if rows is not None:
-            add_pushes(on_surfaces, rows, s, y[s], ways)
-            back_over_rows(rows, s, y[s], q)
-            back_on_surfaces(on_surfaces, rows, s, ways, q)
+        if frames is not None:
+            touches = set_forces(on_surfaces, frames, s, room[3])
+            back_over_inertia(frames, s, y[s], q, bodies, 0.0 if begins else 0.5 * h, touches)
         for j in range(k):
             for i in range(n):
-                v[j, i] -= bodies.damping[i] * y[s, j, i]
-                if not begins:
-                    v[j, i] += h * q[j, i]
-                    u[j, i] = v[j, i]
-        if rows is not None:
+                q[j, i] += by_q[s, j, i] - bodies.stiffness[i] * y[s, j, i]
+        back_over_contacts(rows, on_surfaces, frames, s, room, y[s], q)
+        if frames is not None:
             for j in range(k):
                 for i in range(n):
-                    q[j, i] -= rows.before[j, i]
+                    v[j, i] += frames.u[j, i]
+            if not begins:
+                turn_back(frames, s, h, q, v)
+        step_back(bodies, adjoint, rows, y[s], h, begins)
+        if frames is not None:
+            for j in range(k):
+                for i in range(n):
+                    q[j, i] += frames.q_then[j, i]
+                    v[j, i] += frames.v_then[j, i]
+        if rows is not None:
             if first + s == 1:
                 forget_later(rows)

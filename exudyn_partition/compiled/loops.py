@@ -19,6 +19,7 @@ from ..contact.loops import evaluate_frozen, flat_contacts
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..support.compiled import kernels
+from .frames_back import FramesBack, back_over_inertia, turn_back
 from .friction_plan import CHOICES, N_FRICTION, FlatFrictionRows, FrictionPlan, FrictionState
 from .friction_steps import FrictionSteps
 from .moving import Anchors, MovingPlan
@@ -658,18 +659,24 @@ class Adjoint(NamedTuple):
     ----------
     q, u, v : (k, nq) arrays
         Of coordinates, of velocities in the middle of the step after the sample, and of velocities.
+    a : (k, nq) array
+        Of accelerations, from inertia forces of the step after the sample.
     """
 
     q: Array
     u: Array
     v: Array
+    a: Array
 
-    def add(self, by_q: Array, h: float, *, begins: bool) -> None:
-        """Add derivatives by the coordinates of a sample, (k, nq), over which `go_back` has gone, the start or not."""
+    def add(self, by_q: Array, by_v: Array, *, begins: bool) -> None:
+        """Add derivatives by coordinates and velocities, (k, nq), of a sample over which `go_back` has gone.
+
+        Unless that is the start, they are those of the sample before, and of velocities in the middle of the step.
+        """
         self.q[:] += by_q
+        self.v[:] += by_v
         if not begins:
-            self.v[:] += h * by_q
-            self.u[:] += h * by_q
+            self.u[:] += by_v
 
 
 def go_back(
@@ -681,6 +688,7 @@ def go_back(
     adjoint: Adjoint,
     rows: RowsBack | None,
     on_surfaces: SurfaceRows | None,
+    frames: FramesBack | None,
 ) -> Array:
     """Go back over m samples.
 
@@ -697,7 +705,9 @@ def go_back(
     rows : RowsBack or None
         Closed rows; their slips and what comes from coefficients are set.
     on_surfaces : SurfaceRows or None
-        Those of them on curved rigid surfaces.
+        Those of them that follow the motion on rigid surfaces.
+    frames : FramesBack or None
+        Bodies in floating frames; its `a` is that of the adjoint.
 
     Returns
     -------
@@ -706,33 +716,53 @@ def go_back(
     """
     by_q, by_v = np.ascontiguousarray(by_q), np.ascontiguousarray(by_v)  # loops are compiled for each order
     y = np.empty_like(by_q)
-    if loops := kernels("compiled", "adjoint_kernels"):
-        of_surfaces = on_surfaces and loops.surfaces_of(*on_surfaces)
-        loops.go_back(bodies, by_q, by_v, h, first, adjoint, rows and loops.back_of(*rows), of_surfaces, y)
+    loops, of_bodies = kernels("compiled", "adjoint_kernels"), kernels("compiled", "frames_back_kernels")
+    if loops and of_bodies:
+        of_rows, of_surfaces = rows and loops.back_of(*rows), on_surfaces and loops.surfaces_of(*on_surfaces)
+        of_frames = frames and of_bodies.frames_of(*frames)
+        loops.go_back(bodies, by_q, by_v, h, first, adjoint, of_rows, of_surfaces, of_frames, y)
         return y
-    q, u, v = adjoint
+    q, u, v, _ = adjoint
     for s in range(len(y) - 1, -1, -1):
         begins = first + s == 0
         v += by_v[s]
         y[s] = 0.5 * h / bodies.mass * (u if begins else u + v)
+        if frames is not None:
+            q += back_over_inertia(frames, s, y[s], bodies.mass, bodies.stiffness, 0.0 if begins else 0.5 * h)
         q += by_q[s] - bodies.stiffness * y[s]
-        along, before = (0.0, 0.0) if rows is None else _back_over_rows(rows, on_surfaces, s, y[s])
+        along, before = (0.0, 0.0) if rows is None else _back_over_rows(rows, on_surfaces, frames, s, y[s])
         q += along
         v -= bodies.damping * y[s]
+        if frames is not None:
+            v += frames.u
+            if not begins:
+                turn_back(frames, s, h, q, v)
         if not begins:
             v += h * q
             u[:] = v
         q -= before
+        if frames is not None:
+            q += frames.q_then
+            v += frames.v_then
         if rows is not None and first + s == 1:  # the first step goes on from the memory of the start
             rows.forces[:], rows.mu_next[:] = 0.0, 0.0
     return y
 
 
-def _back_over_rows(rows: RowsBack, on_surfaces: SurfaceRows | None, s: int, y: Array) -> tuple[Array, Array]:
-    """See `rows_back.back_over_rows`; also of rows on curved rigid surfaces."""
+def _back_over_rows(
+    rows: RowsBack, on_surfaces: SurfaceRows | None, frames: FramesBack | None, s: int, y: Array
+) -> tuple[Array, Array]:
+    """See `rows_back.back_over_rows`; also of rows that follow the motion on rigid surfaces."""
     if on_surfaces is None:
         return back_over_rows(rows, s, y)
-    ways = on_surfaces.add_pushes(s, y, rows.by_forces[s])
+    if frames is None:
+        ways = on_surfaces.add_pushes(s, y, rows.by_forces[s])
+        along, before = back_over_rows(rows, s, y)
+        on_surfaces.back(s, ways, rows.slips[s], along)
+        return along, before
+    on_surfaces.turn(frames, s, y)
+    ways = on_surfaces.add_pushes(s, frames.pushed, rows.by_forces[s])
     along, before = back_over_rows(rows, s, y)
-    on_surfaces.back(s, ways, rows.slips[s], along)
+    on_surfaces.back(s, ways, rows.slips[s], frames.moved)
+    on_surfaces.turn_back(frames, s, ways, rows.slips[s], along)
     return along, before

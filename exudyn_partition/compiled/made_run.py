@@ -19,6 +19,7 @@ from ..algebra.complementarity import REGULARISATION
 from ..algebra.coulomb import Coulomb, coefficients
 from ..algebra.friction import OPEN, SLIP
 from ..support.arrays import Array
+from .frames_back import FramesBack, FramesMotion
 from .friction_plan import FrictionMemory, FrictionPlan
 from .loops import ContactParts
 from .plan import FrozenPlan, StepPlan
@@ -58,7 +59,7 @@ class Part(NamedTuple):
     directions : (e,) int array
         Numbers of the directions of its rows, which are sorted.
     F : (e, e) array
-        [m/N]; zero for rows on curved rigid surfaces, whose flexibility is that of their body alone.
+        [m/N]; zero for rows that follow the motion on rigid surfaces, whose flexibility is that of their body alone.
     """
 
     directions: Array
@@ -190,10 +191,16 @@ class MadeRun:
         return Part(directions, _flexibility(contacts)[np.ix_(directions, directions)])
 
     @cached_property
+    def motion(self) -> FramesMotion | None:
+        """Bodies in floating frames; None if nothing moves but frozen pairs."""
+        moving, made = self.plan.contacts.moving, self.histories
+        return None if moving is None else FramesMotion.of(moving.frames, made.q, made.v, made.a, self.steps.step)
+
+    @cached_property
     def surfaces(self) -> SurfacesBack:
-        """Contacts with curved rigid surfaces. B and F have zeros for them."""
+        """Contacts with rigid surfaces whose rows follow the motion. B and F have zeros for them."""
         made = self.histories
-        return SurfacesBack(self.plan.contacts, made.q, made.fresh, made.start.anchors)
+        return SurfacesBack(self.plan.contacts, self.motion, made.fresh, made.start.anchors)
 
     def flexibility(self, sample: int, some: Array, others: Array) -> Array:
         """Flexibility between some directions and others in a sample, (na, nb) [m/N]."""
@@ -201,14 +208,20 @@ class MadeRun:
         self.surfaces.set_flexibility(found, sample, some, others)
         return found
 
-    def gaps(self, j: int, sample: int) -> tuple[Array, Array]:
-        """Gaps of the rows of a contact in a sample, (nr,) [m], and their derivatives by the coordinates, (nr, nq)."""
+    def smallest_gap(self, j: int, sample: int) -> tuple[float, Array, Array]:
+        """Smallest gap of the rows of a contact in a sample [m], and its derivatives, (nq,) each.
+
+        They are those by the coordinates, and by the velocities by which bodies in floating frames grow.
+        """
         q, rows = self.histories.q[sample], slice(*self.plan.contacts.all_starts[j : j + 2])
         for one in self.surfaces.surfaces:
             if one.contact == j:
-                return one.gaps_by_coordinates(q)
+                gaps = one.gaps(np.array([sample]))[0]
+                by_q, by_turning = one.by_gaps(sample, gaps.argmin(keepdims=True))
+                return float(gaps.min()), by_q[0], by_turning[0]
         H = self.B[self.normals[rows]]
-        return self.gap_starts[rows] + H @ q, H
+        gaps = self.gap_starts[rows] + H @ q
+        return float(gaps.min()), H[gaps.argmin()], np.zeros(len(q))
 
     @cached_property
     def gap_starts(self) -> Array:
@@ -313,7 +326,7 @@ class MadeRun:
         gaps = q @ self.B[self.normals].T + self.gap_starts
         if self.surfaces.surfaces:
             moved = w.forces @ self.flexibility(w.samples.start, w.directions, self.normals)
-            self.surfaces.set_gaps(gaps, q)
+            self.surfaces.set_gaps(gaps, np.arange(w.samples.start, w.samples.stop))
         gaps = abs(gaps + moved)
         gaps[:, w.rows] = np.where(w.ways == 0, gaps[:, w.rows], np.inf)
         closest = np.where(w.ways == 0, np.inf, off).min(axis=1, initial=np.inf), gaps.min(axis=1, initial=np.inf)
@@ -355,9 +368,19 @@ class MadeRun:
         )  # fmt: skip
 
     def on_surfaces(self, w: Window) -> SurfaceRows | None:
-        """Closed rows of a window on curved rigid surfaces."""
+        """Closed rows of a window that follow the motion on rigid surfaces."""
         rows, forces = w.rows[: w.plain], w.forces[:, : w.plain]
-        return SurfaceRows.of(self.surfaces, self.histories.q[w.samples], rows, forces)
+        return SurfaceRows.of(self.surfaces, w.samples, rows, forces)
+
+    def frames(self, samples: slice, by_turning: Array | None, a: Array) -> FramesBack | None:
+        """Bodies in floating frames in some samples; None if there are none. For the arguments see there."""
+        moving = self.plan.contacts.moving
+        if self.motion is None or moving is None or not len(moving.frames.rotation):
+            return None
+        given = np.zeros((samples.stop - samples.start, *a.shape))
+        if by_turning is not None:
+            given += by_turning[samples, None]
+        return FramesBack.of(self.motion, samples, given, a)
 
     def by_law(self, w: Window, by_mu: Array) -> Array:
         """Derivatives of k numbers by static and kinetic coefficient and decay of each contact, (nc, 3, k).

@@ -100,9 +100,9 @@ class PlainSurface:
         def matrix(name: str, rows: int, columns: int) -> Array:
             return surfaces.numbers[getattr(surfaces, name)[s] :][: rows * columns].reshape(rows, columns)
 
-        self.start, self._arms = matrix("start", k, 3), matrix("arms", k, 3)
+        self.start, self.arms = matrix("start", k, 3), matrix("arms", k, 3)
         self.rows_on_nodes, self._axes = matrix("rows", 3 * k, n), surfaces.axes[s]
-        self._growth = matrix("growth", 3 * k, 6) if surfaces.growth[s] >= 0 else None
+        self.growth = matrix("growth", 3 * k, 6) if surfaces.growth[s] >= 0 else None
         self.flexibility, self.node_fields = matrix("flexibility", d * k, d * k), matrix("fields", d * k, n_fields)
         nodes = surfaces.indices[surfaces.nodes[s] :][: p * m].reshape(p, m)
         self.on_points = np.zeros((p, k))
@@ -117,12 +117,12 @@ class PlainSurface:
 
     def gaps(self, state: MovingState, q: Array) -> Array:
         """Gaps of its rows, (nr,) [m]; sets the normals at its points."""
-        q_s, start, arms = q[self.dofs], self.start, self._arms
+        q_s, start, arms = q[self.dofs], self.start, self.arms
         if self.body is None:
             x = loops.moved_places(start, self.rows_on_nodes, q_s)
         else:
-            if state.grows[self.body.b] and self._growth is not None:
-                grown = node_fields(self._growth, state.products[self.body.b])
+            if state.grows[self.body.b] and self.growth is not None:
+                grown = node_fields(self.growth, state.products[self.body.b])
                 start, arms = start + grown @ self._axes.T, arms + grown
             x = loops.places(q_s, start, self.body.rotation, self.body.node_axes, arms, self.rows_on_nodes)
         kind, point, axis, radius, sign = self.surface
@@ -196,7 +196,7 @@ class PlainSurface:
             force[self.dofs] += loops.on_shapes(self.rows_on_nodes, on_nodes)
         else:
             frame = self.body.rotation, self.body.node_axes
-            force[self.dofs] += loops.generalised(q[self.dofs], *frame, self._arms, self.rows_on_nodes, on_nodes)
+            force[self.dofs] += loops.generalised(q[self.dofs], *frame, self.arms, self.rows_on_nodes, on_nodes)
 
 
 class PlainPair:

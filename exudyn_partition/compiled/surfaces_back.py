@@ -1,18 +1,19 @@
-"""Contacts with curved rigid surfaces in a pass back over the samples of a run, if frames do not turn.
+"""Contacts with rigid surfaces whose rows follow the motion in a pass back over the samples of a run.
 
-Points of a patch are at x = x_0 + P q, with gaps g(x) to the surface. Gaps of the rows are h = A g, their forces lambda
-push the points by p = A' lambda along the normals n = dg/dx. So the generalised forces are those of rows
-B = A diag(n') P, which change with the motion. With the adjoint y of accelerations over masses, see
+These are curved surfaces, or those of bodies in floating frames: there all this is in the body's axes, see
+`frames_back`. Points of a patch are at x = x_0 + P q, with gaps g(x) to the surface. Gaps of the rows are h = A g,
+their forces lambda push the points by p = A' lambda along the normals n = dg/dx. So the generalised forces are those
+of rows B = A diag(n') P, which change with the motion. With the adjoint y of accelerations over masses, see
 `adjoint.backwards`, the forces of a sample give to the adjoint of its coordinates::
 
     B' h' + P' diag(p C) P y,    C = d2g/dx2 = (1 - n n' - a a') / r
 
-at a distance r from the centre or the axis a.
+at a distance r from the centre or the axis a; planes have no C.
 
 The flexibility of the rows is F = R F_b R', with R the rows on the nodes of the patch, by normals at the anchor: an
-earlier sample, or the start. Between two samples in which anchors are found F stays as it is. In each such span it
-takes the derivative dJ/dF, the sum of h' lambda' over its samples; by R and the normals it reaches the coordinates of
-the anchor. What regularisation adds is taken as constant.
+earlier sample, or the start. In a floating frame these are normals in the body's axes. Between two samples in which
+anchors are found F stays as it is. In each such span it takes the derivative dJ/dF, the sum of h' lambda' over its
+samples; by R and the normals it reaches the coordinates of the anchor. What regularisation adds is taken as constant.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ import scipy.sparse as sp
 
 from ..algebra.complementarity import REGULARISATION
 from ..support.arrays import Array
+from .frames_back import FramesBack, FramesMotion, by_growth, push_masses
 from .moving import Anchors, MovingPlan
 from .plain_moving import PlainSurface
 from .plan import FrozenPlan
@@ -48,41 +50,52 @@ class Stance(NamedTuple):
 
 
 class SurfaceBack:
-    """A contact with a rigid surface whose rows follow the motion of a body in an inertial frame.
+    """A contact with a rigid surface whose rows follow the motion of a body.
 
     Parameters
     ----------
     plan : MovingPlan
     s : int
         Its number among the contacts with rigid surfaces.
+    motion : FramesMotion
+        Of the run.
 
     Attributes
     ----------
-    contact : int
-        Its number in the plan.
+    contact, body : int
+        Its number in the plan, and that of its body among those in floating frames; -1 for others.
     dofs : (n,) int array
     shapes : (v, 3, n) array
-        Places of its nodes by the coordinates.
+        Places of its nodes by the coordinates; in a floating frame see `frames_back`, without deformation.
+    arms, growth : (v, 3), (v, 3, 6) arrays
+        Of its nodes in a floating frame, else zero.
     mean : (nr, p) array
         A.
     directed : bool
         Whether the flexibility depends on the normals.
     """
 
-    def __init__(self, plan: MovingPlan, s: int) -> None:
-        self._plain = PlainSurface(plan.surfaces, s, None)
+    def __init__(self, plan: MovingPlan, s: int, motion: FramesMotion) -> None:
+        self._plain, self._motion, self.body = PlainSurface(plan.surfaces, s, None), motion, int(plan.surfaces.body[s])
         plain = self._plain
         self.contact, self.dofs, self.mean, self.directed = plain.contact, plain.dofs, plain.mean, plain.d > 1
         self._points = slice(*plan.surfaces.firsts[s : s + 2])
         k, n = plain.on_points.shape[1], plain.rows_on_nodes.shape[1]
-        self.shapes = plain.rows_on_nodes.reshape(k, 3, n)
+        self._shapes = plain.rows_on_nodes.reshape(k, 3, n)
+        self.shapes, self.arms, self.growth = self._shapes, np.zeros((k, 3)), np.zeros((k, 3, 6))
+        if self.body >= 0:
+            self.arms = plain.arms
+            turning = np.cross(motion.frames.node_axes[self.body].T, self.arms[:, None]).swapaxes(1, 2)
+            self.shapes = np.concatenate([np.broadcast_to(np.eye(3), (k, 3, 3)), turning, self._shapes], axis=2)
+        if plain.growth is not None:
+            self.growth = plain.growth.reshape(k, 3, 6)
         self._start = plain.on_points @ plain.start - plain.surface[1]
 
-    def places(self, some: Array | slice = _ALL) -> Array:
-        """Places of some points by the coordinates, P, (p, 3, n)."""
-        k, _, n = self.shapes.shape
+    def _on_points(self, of_nodes: Array, some: Array | slice) -> Array:
+        """Values of nodes at some points, (p, 3, n), by those of the nodes, (v, 3, n)."""
+        k, _, n = of_nodes.shape
         on_points = self._plain.on_points[some]
-        found: Array = (on_points @ self.shapes.reshape(k, 3 * n)).reshape(len(on_points), 3, n)
+        found: Array = (on_points @ of_nodes.reshape(k, 3 * n)).reshape(len(on_points), 3, n)
         return found
 
     def between(self, rows: Array) -> tuple[Array, Array, Array, Array]:
@@ -98,33 +111,90 @@ class SurfaceBack:
         nodes = np.flatnonzero(on_nodes.any(axis=0))
         return mean[:, points], points, on_nodes[:, nodes], nodes
 
-    def _arms(self, q: Array, some: Array | slice) -> tuple[Array, Array]:
-        """From the centre or axis to some points at coordinates of the model, (m, nq): (m, p, 3), sizes (m, p) [m]."""
-        axis, places = self._plain.surface[2], self.places(some)
+    def _grown(self, samples: Array, some: Array | slice) -> Array:
+        """Deformation and growth of some points in a floating frame, (m, p, 3), in the body's axes."""
+        shapes, motion = self._on_points(self._shapes, some), self._motion
+        p, _, n = shapes.shape
+        moved: Array = motion.q[np.ix_(samples, self.dofs[6:])] @ shapes.reshape(3 * p, n).T
+        if (products := motion.products[samples, self.body]).any():
+            moved += products @ self._on_points(self.growth, some).reshape(3 * p, 6).T
+        return np.asarray(moved.reshape(len(samples), p, 3))
+
+    def _ways(self, samples: Array, some: Array | slice) -> Array:
+        """How some points have moved in space, (m, p, 3), from q = 0."""
+        motion = self._motion
+        if self.body >= 0:
+            arms = self._plain.on_points[some] @ self.arms
+            turned: Array = arms @ motion.change[samples, self.body].swapaxes(1, 2)
+            turned += self._grown(samples, some) @ motion.axes[samples, self.body].swapaxes(1, 2)
+            turned += motion.q[np.ix_(samples, self.dofs[:3])][:, None]
+            return turned
+        places = self._on_points(self.shapes, some)
         p, _, n = places.shape
-        arms = self._start[some] + (q[:, self.dofs] @ places.reshape(3 * p, n).T).reshape(len(q), p, 3)
+        found: Array = motion.q[np.ix_(samples, self.dofs)] @ places.reshape(3 * p, n).T
+        return found.reshape(len(samples), p, 3)
+
+    def _arms(self, samples: Array, some: Array | slice) -> tuple[Array, Array]:
+        """From the centre or axis to some points in some samples, (m,): (m, p, 3), sizes (m, p) [m]."""
+        arms, axis = self._ways(samples, some), self._plain.surface[2]
+        arms += self._start[some]
         if axis.any():
             arms -= (arms @ axis)[:, :, None] * axis
-        x, y, z = np.moveaxis(arms, 2, 0)
-        return arms, np.maximum(np.sqrt(x * x + y * y + z * z), 1e-300)
+        return arms, np.maximum(np.sqrt((arms * arms) @ np.ones(3)), 1e-300)
 
-    def at(self, q: Array, some: Array | slice = _ALL) -> Stance:
-        """Some of its points at coordinates of the model, (m, nq)."""
-        arms, distance = self._arms(q, some)
-        curved = self._plain.surface[4] / distance
-        return Stance(arms * curved[:, :, None], curved)
+    @property
+    def _flat(self) -> bool:
+        """Whether the surface is a plane."""
+        return bool(self._plain.surface[0] == 0)
 
-    def gaps(self, q: Array) -> Array:
-        """Gaps of its rows at coordinates of the model, (m, nq): (m, nr) [m]."""
-        _, _, _, radius, sign = self._plain.surface
-        found: Array = sign * (self._arms(q, _ALL)[1] - radius) @ self.mean.T
+    def at(self, samples: Array, some: Array | slice = _ALL) -> Stance:
+        """Some of its points in some samples, (m,); in a floating frame, normals are in the body's axes."""
+        _, _, axis, _, sign = self._plain.surface
+        if self._flat:
+            normals = np.broadcast_to(axis, (len(samples), len(self._start[some]), 3))
+            curved = np.zeros(normals.shape[:2])
+        else:
+            normals, distance = self._arms(samples, some)
+            curved = sign / distance
+            normals *= curved[:, :, None]
+        if self.body >= 0:
+            normals = normals @ self._motion.axes[samples, self.body]
+        return Stance(normals, curved)
+
+    def axes(self, samples: Array) -> Array:
+        """Axis of the surface, see `loops.Primitive`, in some samples, (m, 3); in a floating frame in the body's."""
+        axis = np.broadcast_to(self._plain.surface[2], (len(samples), 3))
+        return axis if self.body < 0 else np.einsum("ma,mab->mb", axis, self._motion.axes[samples, self.body])
+
+    def gaps(self, samples: Array) -> Array:
+        """Gaps of its rows in some samples, (m,): (m, nr) [m]."""
+        _, _, axis, radius, sign = self._plain.surface
+        if self._flat:
+            along: Array = (self._start @ axis + self._ways(samples, _ALL) @ axis) @ self.mean.T
+            return along
+        found: Array = sign * (self._arms(samples, _ALL)[1] - radius) @ self.mean.T
         return found
 
-    def gaps_by_coordinates(self, q: Array) -> tuple[Array, Array]:
-        """Gaps of its rows at coordinates of the model, (nq,): (nr,) [m], and their derivatives, (nr, nq)."""
-        normals, H = self.at(q[None]).normals[0], np.zeros((len(self.mean), len(q)))
-        H[:, self.dofs] = self.mean @ np.einsum("pa,pan->pn", normals, self.places())
-        return self.gaps(q[None])[0], H
+    def by_gaps(self, sample: int, rows: Array) -> tuple[Array, Array]:
+        """Derivatives of the gaps of some rows in a sample by the coordinates and turning of the model, (nr, nq)."""
+        normals = self.at(np.array([sample])).normals[0]
+        return self._by_places(sample, self.mean[rows][:, :, None] * normals)
+
+    def _by_places(self, sample: int, by_points: Array) -> tuple[Array, Array]:
+        """Derivatives by coordinates and turning of the model in a sample, (k, nq), from those by points, (k, p, 3)."""
+        motion, b = self._motion, self.body
+        by_q, by_turning = np.zeros((2, len(by_points), motion.q.shape[1]))
+        by_nodes = np.einsum("kpa,pv->kva", by_points, self._plain.on_points, optimize=True)
+        by_q[:, self.dofs] = np.einsum("kva,van->kn", by_nodes, self.shapes, optimize=True)
+        if b >= 0:
+            moved = self._shapes @ motion.q[sample, self.dofs[6:]] + self.growth @ motion.products[sample, b]
+            turn = np.cross(moved, by_nodes).sum(axis=1)
+            by_q[:, self.dofs[3:6]] += turn @ motion.frames.node_axes[b]
+            by_q[:, self.dofs[:3]] = by_q[:, self.dofs[:3]] @ motion.axes[sample, b].T
+            by_turning[:, self.dofs[3:6]] = motion.by_growth(
+                sample, b, np.einsum("kva,vac->kc", by_nodes, self.growth, optimize=True)
+            )
+        return by_q, by_turning
 
     def on_nodes(self, along: Array, some: Array) -> Array:
         """Some rows on the values of its nodes that the flexibility has, (na, d k), by normals (p, 3)."""
@@ -149,23 +219,21 @@ class SurfaceBack:
         on_points = np.einsum("pv,kiva->kipa", self._plain.on_points, parts, optimize=True)
         return np.asarray(np.einsum("ip,kipa->kpa", self.mean[some], on_points, optimize=True))
 
-    def by_coordinates(self, q: Array, by_normals: Array) -> Array:
-        """Derivatives by the coordinates of the anchor, (k, n), from those by its normals, (k, p, 3)."""
-        there, axis = self.at(q[None]), self._plain.surface[2]
+    def by_anchor(self, sample: int, by_normals: Array) -> tuple[Array, Array]:
+        """Derivatives by coordinates and turning in the sample of an anchor, from those by its normals, (k, p, 3)."""
+        samples = np.array([sample])
+        there, axis = self.at(samples), self.axes(samples)[0]
         normals = there.normals[0]
         across = (
             by_normals
             - np.einsum("kpa,pa,pb->kpb", by_normals, normals, normals)
             - (by_normals @ axis)[:, :, None] * axis
         )
-        places = self.places()
-        return np.tensordot(across * there.curved[0][:, None], places, 2)
-
-    @property
-    def axis(self) -> Array:
-        """See `loops.Primitive`."""
-        axis: Array = self._plain.surface[2]
-        return axis
+        by_q, by_turning = self._by_places(sample, across * there.curved[0][:, None])
+        if self.body >= 0:  # in its axes, normals turn against it
+            turn = np.cross(by_normals, normals).sum(axis=1)
+            by_q[:, self.dofs[3:6]] += turn @ self._motion.frames.node_axes[self.body]
+        return by_q, by_turning
 
     def at_start(self, anchors: Anchors | None, s: int) -> Array | None:
         """Normals at the anchor with which a run begins, (p, 3); None if there is none."""
@@ -180,19 +248,21 @@ class SurfacesBack:
     Parameters
     ----------
     contacts : FrozenPlan
-    q : (n, nq) array
-        Coordinates of all samples.
+    motion : FramesMotion or None
+        Of all samples; None if nothing moves but frozen pairs.
     fresh : (n, ns) bool array
         See `loops.Samples`.
     anchors : Anchors or None
         With which the run began.
     """
 
-    def __init__(self, contacts: FrozenPlan, q: Array, fresh: Array, anchors: Anchors | None) -> None:
-        moving = contacts.moving
-        count = 0 if moving is None else len(moving.rigid)
-        self.surfaces = [SurfaceBack(moving, s) for s in range(count)] if moving is not None else []
-        self._contacts, self._q, self._fresh, self._begins = contacts, q, fresh, anchors
+    def __init__(
+        self, contacts: FrozenPlan, motion: FramesMotion | None, fresh: Array, anchors: Anchors | None
+    ) -> None:
+        moving, self.surfaces = contacts.moving, list[SurfaceBack]()
+        if moving is not None and motion is not None:
+            self.surfaces = [SurfaceBack(moving, s, motion) for s in range(len(moving.rigid))]
+        self._contacts, self._fresh, self._begins = contacts, fresh, anchors
         self._of_contact = {one.contact: s for s, one in enumerate(self.surfaces)}
 
     def rows(self, s: int) -> slice:
@@ -202,14 +272,14 @@ class SurfacesBack:
     @cached_property
     def anchors(self) -> Array:
         """Samples in which each contact found the anchor that it has in a sample, (ns, n); -1 is the start."""
-        n, count = len(self._q), len(self.surfaces)
+        n, count = len(self._fresh), len(self.surfaces)
         numbers = np.where(self._fresh[:, :count].T, np.arange(n), -1)
         return np.asarray(np.maximum.accumulate(numbers, axis=1)).reshape(count, n)
 
-    def set_gaps(self, gaps: Array, q: Array) -> None:
-        """Set the gaps of the rows of these contacts among all, (m, nr) [m], at coordinates (m, nq)."""
+    def set_gaps(self, gaps: Array, samples: Array) -> None:
+        """Set the gaps of the rows of these contacts among all, (m, nr) [m], in some samples, (m,)."""
         for s, one in enumerate(self.surfaces):
-            gaps[:, self.rows(s)] = one.gaps(q)
+            gaps[:, self.rows(s)] = one.gaps(samples)
 
     @property
     def edges(self) -> Array:
@@ -220,7 +290,7 @@ class SurfacesBack:
         """Normals of a contact at the anchor that it has in a sample, (p, 3)."""
         one, anchor = self.surfaces[s], int(self.anchors[s, sample])
         before = one.at_start(self._begins, s) if anchor < 0 else None
-        return one.at(self._q[max(anchor, 0)][None]).normals[0] if before is None else before
+        return one.at(np.array([max(anchor, 0)])).normals[0] if before is None else before
 
     def set_flexibility(self, F: Array, sample: int, rows: Array, others: Array) -> None:
         """Set the flexibility between some rows and others, (na, nb) [m/N], where it is that of moving contacts."""
@@ -228,7 +298,8 @@ class SurfacesBack:
             own, here = self._own(s, rows)
             pushing, there = self._own(s, others)
             along = self.along(s, sample)
-            left, right = one.on_nodes(along, own), one.on_nodes(along, pushing)
+            left = one.on_nodes(along, own)
+            right = left if np.array_equal(own, pushing) else one.on_nodes(along, pushing)
             moved = left @ one.flexibility
             mean = np.vdot(moved, left) / max(len(own), 1)
             F[np.ix_(here, there)] = moved @ right.T + REGULARISATION * mean * (own[:, None] == pushing)
@@ -306,12 +377,16 @@ class SurfaceRows(NamedTuple):
     counts : (c,) int array
         Number of coordinates of each body.
     dofs : (c, n_dofs) int array
-    axes : (c, 3) array
-        See `loops.Primitive`.
+    bodies : (c,) int array
+        Numbers of the bodies among those in floating frames; -1 for others.
+    arms, growth : (v, 3), (v, 3, 6) arrays
+        See `SurfaceBack`.
     shapes : (v, 3, n_dofs) array
-        Places of the nodes by these coordinates.
+        Places of the nodes by these coordinates; in a floating frame as they are in a sample, see `turn`.
+    axes : (ms, c, 3) array
+        See `SurfaceBack.axes`.
     normals, curved, push : (ms, p, 3), (ms, p), (ms, p) arrays
-        See `Stance`; forces on the points [N].
+        See `SurfaceBack.at`; forces on the points [N].
     """
 
     place: Array
@@ -326,48 +401,58 @@ class SurfaceRows(NamedTuple):
     node_firsts: Array
     counts: Array
     dofs: Array
-    axes: Array
+    bodies: Array
+    arms: Array
+    growth: Array
     shapes: Array
+    axes: Array
     normals: Array
     curved: Array
     push: Array
 
     @classmethod
-    def of(cls, some: SurfacesBack, q: Array, rows: Array, lam: Array) -> SurfaceRows | None:
-        """Those among rows, (nw,), with forces (m, nw) at coordinates of the model, (m, nq); None without any."""
+    def of(cls, some: SurfacesBack, samples: slice, rows: Array, lam: Array) -> SurfaceRows | None:
+        """Those among rows, (nw,), with forces (m, nw) in some samples; None without any."""
         surfaces, n_dofs = some.surfaces, max((len(one.dofs) for one in some.surfaces), default=0)
-        dofs, axes = np.zeros((len(surfaces), n_dofs), dtype=np.int64), np.zeros((len(surfaces), 3))
+        dofs = np.zeros((len(surfaces), n_dofs), dtype=np.int64)
         within = [_within(some.rows(s), rows) for s in range(len(surfaces))]
         closed = np.concatenate([np.zeros(0, dtype=np.int64), *(here for _, here in within)])
         there = np.flatnonzero(lam[:, closed].any(axis=1))
         if not len(there):
             return None
-        place, means, on_nodes = np.full(len(q), -1), list[Array](), list[Array]()
-        shapes, at = list[Array](), list[tuple[Array, Array, Array]]()
+        place, means, on_nodes, axes = np.full(len(lam), -1), list[Array](), list[Array](), list[Array]()
+        of_nodes, at, numbers = list[tuple[Array, ...]](), list[tuple[Array, Array, Array]](), samples.start + there
         place[there] = np.arange(len(there))
         for s, (one, (own, here)) in enumerate(zip(surfaces, within, strict=True)):
-            dofs[s, : len(one.dofs)], axes[s] = one.dofs, one.axis
+            dofs[s, : len(one.dofs)] = one.dofs
             mean, used, points, nodes = one.between(own)
             means.append(mean)
             on_nodes.append(points)
-            of_nodes = np.zeros((len(nodes), 3, n_dofs))
-            of_nodes[:, :, : len(one.dofs)] = one.shapes[nodes]
-            shapes.append(of_nodes)
-            at.append((*one.at(q[there], used), lam[np.ix_(there, here)] @ mean))
-        normals, curved, push = (np.concatenate(parts, axis=1) for parts in zip(*at, strict=True))
+            shapes = np.zeros((len(nodes), 3, n_dofs))
+            shapes[:, :, : len(one.dofs)] = one.shapes[nodes]
+            of_nodes.append((one.arms[nodes], one.growth[nodes], shapes))
+            axes.append(one.axes(numbers))
+            at.append((*one.at(numbers, used), lam[np.ix_(there, here)] @ mean))
+        normals, curved, push = (_joined(parts, 1) for parts in zip(*at, strict=True))
+        arms, growth, all_shapes = (_joined(parts, 0) for parts in zip(*of_nodes, strict=True))
         return cls(
             place, closed, *_flat(means), *_flat(on_nodes), _ends([mean.shape[1] for mean in means]),
-            _ends([len(of_nodes) for of_nodes in shapes]), np.array([len(one.dofs) for one in surfaces]), dofs, axes,
-            np.concatenate(shapes), normals, curved, push,
+            _ends([len(part[0]) for part in of_nodes]), np.array([len(one.dofs) for one in surfaces]), dofs,
+            np.array([one.body for one in surfaces]), arms, growth, all_shapes,
+            np.stack(axes, axis=1), normals, curved, push,
         )  # fmt: skip
 
-    def _points(self, s: int, y: Array) -> Array:
+    def _ways_of_nodes(self, contact: int, y: Array) -> Array:
+        """Ways of the nodes of a contact, (k, v, 3), by those of the coordinates, (k, nq)."""
+        n, (_, nodes) = self.counts[contact], self._own(contact)
+        return np.asarray(np.einsum("van,kn->kva", self.shapes[nodes, :, :n], y[:, self.dofs[contact, :n]]))
+
+    def _points(self, y: Array) -> Array:
         """Ways of the points, (k, p, 3), by those of the coordinates, (k, nq)."""
         ways = np.zeros((len(y), len(self.push[0]), 3))
-        for contact, n in enumerate(self.counts):
-            own, nodes = self._own(contact)
-            shapes = self.shapes[nodes, :, :n]
-            ways[:, own] = np.einsum("pv,van,kn->kpa", self._on_nodes(contact), shapes, y[:, self.dofs[contact, :n]])
+        for contact in range(len(self.counts)):
+            of_nodes = self._ways_of_nodes(contact, y)
+            ways[:, self._own(contact)[0]] = np.einsum("pv,kva->kpa", self._on_nodes(contact), of_nodes)
         return ways
 
     def _own(self, contact: int) -> tuple[slice, slice]:
@@ -386,34 +471,103 @@ class SurfaceRows(NamedTuple):
 
         Return the ways of the points, (k, p, 3), for `back`.
         """
-        ways, there = self._points(s, y), self.place[s]
+        ways, there = self._points(y), self.place[s]
         if there >= 0:
             along = np.einsum("kpa,pa->kp", ways, self.normals[there])
             for row, (first, end) in zip(self.rows, _pairs(self.starts), strict=True):
                 by_forces[:, row] += along[:, self.columns[first:end]] @ self.means[first:end]
         return ways
 
-    def back(self, s: int, ways: Array, slips: Array, q: Array) -> None:
-        """Add derivatives by the coordinates to q, (k, nq), by those by gaps, (k, d)."""
-        there, on_points = self.place[s], np.zeros(ways.shape[:2])
-        if there < 0:
-            return
+    def _by_nodes(self, s: int, contact: int, ways: Array, slips: Array) -> Array:
+        """Derivatives by places of the nodes of a contact, (k, v, 3), by those by gaps, (k, d)."""
+        there, (own, _) = self.place[s], self._own(contact)
+        on_points = np.zeros(ways.shape[:2])
         for row, (first, end) in zip(self.rows, _pairs(self.starts), strict=True):
             on_points[:, self.columns[first:end]] += slips[:, row, None] * self.means[first:end]
-        normals, share = self.normals[there], self.push[there] * self.curved[there]
+        normals, share, axis = (
+            self.normals[there, own],
+            self.push[there] * self.curved[there],
+            self.axes[there, contact],
+        )
+        way = ways[:, own]
+        across = way - np.einsum("kpa,pa,pb->kpb", way, normals, normals) - (way @ axis)[:, :, None] * axis
+        of_points = on_points[:, own, None] * normals + share[own, None] * across
+        return np.asarray(np.einsum("kpa,pv->kva", of_points, self._on_nodes(contact)))
+
+    def back(self, s: int, ways: Array, slips: Array, q: Array) -> None:
+        """Add derivatives by the coordinates to q, (k, nq), by those by gaps, (k, d)."""
+        if self.place[s] < 0:
+            return
         for contact, n in enumerate(self.counts):
-            own, nodes = self._own(contact)
-            normal, axis, way = normals[own], self.axes[contact], ways[:, own]
-            across = way - np.einsum("kpa,pa,pb->kpb", way, normal, normal) - (way @ axis)[:, :, None] * axis
-            of_points = on_points[:, own, None] * normal + share[own, None] * across
-            shapes = self.shapes[nodes, :, :n]
-            q[:, self.dofs[contact, :n]] += np.einsum("kpa,pv,van->kn", of_points, self._on_nodes(contact), shapes)
+            shapes, by_nodes = self.shapes[self._own(contact)[1], :, :n], self._by_nodes(s, contact, ways, slips)
+            q[:, self.dofs[contact, :n]] += np.einsum("kva,van->kn", by_nodes, shapes)
+
+    def turn(self, frames: FramesBack, s: int, y: Array) -> None:
+        """Set how contacts push bodies in floating frames in sample s: ways of coordinates by y, (k, nq), shapes.
+
+        Also sets what the derivatives by coordinates, in bodies' axes, have of the masses on which forces act.
+        """
+        frames.pushed[:], frames.moved[:], frames.force[:] = y, 0.0, 0.0
+        for contact, b in enumerate(self.bodies if self.place[s] >= 0 else ()):
+            if b >= 0:
+                n, (_, nodes) = self.counts[contact], self._own(contact)
+                dofs, axes = self.dofs[contact, :n], frames.node_axes[b]
+                moved = self.arms[nodes] + self.shapes[nodes, :, 6:n] @ frames.q[s, dofs[6:]]
+                self.shapes[nodes, :, 3:6] = np.cross(axes.T, moved[:, None]).swapaxes(1, 2)
+                forces = self._forces(s, contact)
+                frames.force[dofs] += np.einsum("va,van->n", forces, self.shapes[nodes, :, :n])
+        push_masses(frames, s, y)
+
+    def _forces(self, s: int, contact: int) -> Array:
+        """Forces on the nodes of a contact, (v, 3)."""
+        there, (own, _) = self.place[s], self._own(contact)
+        pushes = self.push[there, own, None] * self.normals[there, own]
+        return np.asarray(self._on_nodes(contact).T @ pushes)
+
+    def turn_back(self, frames: FramesBack, s: int, ways: Array, slips: Array, q: Array) -> None:
+        """Add derivatives by coordinates in bodies' axes, and what frames do that turn with forces, to q, (k, nq).
+
+        `back` has added to `frames.moved` before.
+        """
+        moved = frames.moved
+        for contact, b in enumerate(self.bodies if self.place[s] >= 0 else ()):
+            if b < 0:
+                continue
+            n, (_, nodes) = self.counts[contact], self._own(contact)
+            dofs, axes, growth = self.dofs[contact, :n], frames.node_axes[b], self.growth[nodes]
+            forces, by_nodes = self._forces(s, contact), self._by_nodes(s, contact, ways, slips)
+            of_nodes = self._ways_of_nodes(contact, frames.pushed) - frames.pushed[:, None, dofs[:3]]
+            grown = growth @ frames.products[s, b]
+            turn = (np.cross(of_nodes, forces) + np.cross(grown, by_nodes)).sum(axis=1)
+            moved[:, dofs[3:6]] += turn @ axes
+            pulled = np.cross(forces, (frames.pushed[:, dofs[3:6]] @ axes.T)[:, None])
+            moved[:, dofs[6:]] += np.einsum("kva,van->kn", pulled, self.shapes[nodes, :, 6:n])
+            by_products = np.einsum("kva,vac->kc", by_nodes, growth)
+            frames.u[:, dofs[3:6]] += by_growth(frames.turning[s, dofs[3:6]], axes, frames.products[s, b], by_products)
+        for b in range(len(frames.node_axes)):
+            place = frames.body(b)[0][:3]
+            moved[:, place] = moved[:, place] @ frames.axes[s, b].T
+        q += moved
 
 
 def _flat(parts: Sequence[Array]) -> tuple[Array, Array, Array]:
-    """Entries of matrices on a diagonal that are not zero: starts of the lines, columns and values."""
-    joined = sp.block_diag([sp.csr_matrix(part) for part in parts], format="csr")
-    return joined.indptr.astype(np.int64), joined.indices.astype(np.int64), joined.data
+    """Entries of matrices on a diagonal that are not zero: starts of the lines, columns and values.
+
+    SciPy's `block_diag` takes a tenth of the pass back for it.
+    """
+    sizes, columns, values, width = [np.zeros(1, dtype=np.int64)], list[Array](), list[Array](), 0
+    for part in parts:
+        lines, places = np.nonzero(part)
+        sizes.append(np.bincount(lines, minlength=len(part)))
+        columns.append(places + width)
+        values.append(part[lines, places])
+        width += part.shape[1]
+    return np.cumsum(np.concatenate(sizes)), np.concatenate(columns), np.concatenate(values)
+
+
+def _joined(parts: Sequence[Array], axis: int) -> Array:
+    """Arrays one after the other, in memory line by line; a single one is not copied if it is so already."""
+    return np.ascontiguousarray(parts[0] if len(parts) == 1 else np.concatenate(parts, axis=axis))
 
 
 def _ends(sizes: Sequence[int]) -> Array:

@@ -387,6 +387,13 @@ class FloatingKinematics:
         energy: Array = translation + self.inertia.kinetic_energy(q_t[..., 3:6], q[..., 6:], q_t[..., 6:])
         return energy
 
+    def kinetic_energy_by(self, z: Array, q_t: Array) -> tuple[Array, Array]:
+        """Derivatives of the kinetic energy by the deformation z, (n,), and by the velocities q_t, (6 + n,)."""
+        (omega, z_t), (by_place, J, C, crossed) = (q_t[3:6], q_t[6:]), self.inertia.products(z, q_t[6:])
+        doubled = np.where(_FIRST == _SECOND, 1.0, 2.0)
+        by_z = (omega[_FIRST] * omega[_SECOND] * doubled) @ by_place + omega @ crossed
+        return by_z, np.concatenate([self.momentum(q_t), J @ omega + C @ z_t, omega @ C + z_t])
+
     def rigid_motion(self, q: Array) -> Array:
         """See `Kinematics.rigid_motion`."""
         axes = self.frame(q)[1]

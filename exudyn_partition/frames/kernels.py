@@ -242,7 +242,7 @@ def on_constant_mass(integrals: Array, cross: Array, tensor: Array, z: Array, fo
         for i in range(n):
             for k in range(n):
                 C[a, i] -= cross[a, i, k] * z[k]
-    omega_t, result = _angular_acceleration(J, C, force[3:6], force[6:]), force.copy()
+    omega_t, result = angular_acceleration(J, C, force[3:6], force[6:]), force.copy()
     for a in range(3):
         result[3 + a] = 0.0
         for b in range(3):
@@ -253,7 +253,7 @@ def on_constant_mass(integrals: Array, cross: Array, tensor: Array, z: Array, fo
 
 
 @inner
-def _angular_acceleration(J: Array, C: Array, torque: Array, force: Array) -> Array:
+def angular_acceleration(J: Array, C: Array, torque: Array, force: Array) -> Array:
     """See `inertia.angular_acceleration`; J by its components, (6,). The equations are solved by Cramer's rule."""
     A, b = np.empty((3, 3)), torque.copy()
     A[0, 0], A[1, 1], A[2, 2] = J[0], J[1], J[2]
@@ -349,7 +349,7 @@ def inertia_force(
         for i in range(n):
             result[3 + i] = force[i]
         return result
-    omega_t = _angular_acceleration(J, C, torque, force - elastic)
+    omega_t = angular_acceleration(J, C, torque, force - elastic)
     for a in range(3):
         for b in range(3):
             result[a] += tensor[a, b] * omega_t[b]

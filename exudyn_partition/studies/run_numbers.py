@@ -12,6 +12,8 @@ from ..compiled.made_run import MadeRun, OnFriction
 from ..compiled.plan import Bodies
 from ..compiled.run import Histories
 from ..errors import InputError
+from ..frames.floating import FloatingKinematics
+from ..frames.kinematics import Kinematics
 from ..results.impacts import closed_spans
 from ..support.arrays import Array
 
@@ -52,8 +54,9 @@ def number_of_contact(of: str, j: int, run: MadeRun) -> Number:
         on_samples = np.zeros(n)
         on_samples[force.argmax()] = 1.0
     elif of == "duration":
-        value, by_q = _duration(j, run)
-        return Number(np.array([value]), OneNumber(sp.csr_matrix(made.lam.shape), by_q, np.zeros(nq)))
+        value, by_q, by_turning = _duration(j, run)
+        weights = OneNumber(sp.csr_matrix(made.lam.shape), by_q, np.zeros(nq), turning=by_turning)
+        return Number(np.array([value]), weights)
     closed = made.lam.copy()
     there = (closed.indices >= rows.start) & (closed.indices < rows.stop)
     closed.data = np.repeat(on_samples, np.diff(closed.indptr)) * there
@@ -97,36 +100,41 @@ def number_of_friction(of: str, contact: int, direction: Array, run: MadeRun) ->
     return Number(np.array([value]), OneNumber(nothing, np.zeros((n, nq)), np.zeros(nq), weighted))
 
 
-def _duration(j: int, run: MadeRun) -> tuple[float, Array]:
-    """Time in contact [s], and its derivatives by the coordinates of all samples, (n, nq)."""
+def _duration(j: int, run: MadeRun) -> tuple[float, Array, Array]:
+    """Time in contact [s], and its derivatives by coordinates of all samples and velocities of growth, (n, nq) each."""
     made, contacts, h = run.histories, run.plan.contacts, run.steps.step
     if contacts.move_each_other:
         raise InputError("of: 'duration' is not known where contacts move each other; take another number")
     n, nq = made.q.shape
-    by_q, total = np.zeros((n, nq)), 0.0
+    by_q, by_turning, total = np.zeros((n, nq)), np.zeros((n, nq)), 0.0
 
     def crossing(inside: int, outside: int, sign: float) -> float:
         if not 0 <= outside < n:
             return sign * inside * h
-        (gaps_in, H_in), (gaps_out, H_out) = run.gaps(j, inside), run.gaps(j, outside)
-        row_in, row_out = int(gaps_in.argmin()), int(gaps_out.argmin())
-        g_in, g_out = float(gaps_in[row_in]), float(gaps_out[row_out])
+        (g_in, *of_in), (g_out, *of_out) = run.smallest_gap(j, inside), run.smallest_gap(j, outside)
         way, slope = (outside - inside) * h, (g_in - g_out) ** 2
-        by_q[inside] -= sign * way * g_out / slope * H_in[row_in]
-        by_q[outside] += sign * way * g_in / slope * H_out[row_out]
+        for by, gap_in, gap_out in zip((by_q, by_turning), of_in, of_out, strict=True):
+            by[inside] -= sign * way * g_out / slope * gap_in
+            by[outside] += sign * way * g_in / slope * gap_out
         return sign * (inside * h + way * g_in / (g_in - g_out))
 
     for first, last in closed_spans(made.values[:, j, 0]):
         total += crossing(last, last + 1, 1.0) + crossing(first, first - 1, -1.0)
-    return total, by_q
+    return total, by_q, by_turning
 
 
-def energy_of_body(dofs: Array, run: MadeRun) -> Number:
+def energy_of_body(kinematics: Kinematics, dofs: Array, run: MadeRun) -> Number:
     """Kinetic and strain energy at the end of a body with these coordinates [J]."""
     made, bodies = run.histories, run.plan.bodies
     assert made.lam is not None
     (n, nq), q, v = made.q.shape, made.q[-1], made.v[-1]
     by_q, by_v, mass, stiffness = np.zeros((n, nq)), *np.zeros((3, nq))
+    if isinstance(kinematics, FloatingKinematics):
+        z, K = q[dofs[6:]], bodies.stiffness[dofs[6:]]
+        by_z, by_v[dofs] = kinematics.kinetic_energy_by(z, v[dofs])
+        by_q[-1, dofs[6:]] = by_z + K * z
+        value = float(kinematics.kinetic_energy(q[dofs], v[dofs])) + 0.5 * float(K @ z**2)
+        return Number(np.array([value]), OneNumber(sp.csr_matrix(made.lam.shape), by_q, by_v))
     mass[dofs], stiffness[dofs] = 0.5 * v[dofs] ** 2, 0.5 * q[dofs] ** 2
     by_v[dofs], by_q[-1, dofs] = (bodies.mass * v)[dofs], (bodies.stiffness * q)[dofs]
     value = float(bodies.mass @ mass + bodies.stiffness @ stiffness)

@@ -21,6 +21,7 @@ from ..errors import CompiledRunError, InputError, RunError
 from ..exudyn_bodies.model import validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
+from ..frames.floating import FloatingKinematics
 from ..simulation.compiled_plan import check_held
 from ..support.arrays import Array, Vector
 from ..support.checks import read_only, validate_array, validate_choice, validate_vector
@@ -55,8 +56,8 @@ class Sensitivity:
     by : dict of PartitionBody or PartitionContact to dict of str to array or float
         Derivatives by what `run_many` varies: (3,) arrays for vectors, floats for numbers, and (n_elastic,) for a
         damping that has a ratio for each mode. Of k numbers, arrays have one dimension more, the first. E and rho are
-        missing for bodies of no one material. Of a contact with friction, that by its coefficient, "friction"; if the
-        coefficient falls, by "static" and "kinetic" one and "decay" [s/m].
+        missing for bodies of no one material, and for those in floating frames. Of a contact with friction, that by
+        its coefficient, "friction"; if the coefficient falls, by "static" and "kinetic" one and "decay" [s/m].
     steps : int
         Steps of the run.
     changes : int
@@ -154,8 +155,8 @@ def sensitivity(
     Raises
     ------
     CompiledRunError
-        If compiled runs cannot hold the model, or a frame is floating, or rows follow facets of another body; the
-        message lists all reasons.
+        If compiled runs cannot hold the model, or rows follow facets of another body; the message lists all reasons.
+        Or if a strain or the velocity of a point is wanted of a body in a floating frame.
     InputError
         If an argument is wrong, or nothing touches.
     RunError
@@ -188,10 +189,10 @@ def sensitivity(
             else:
                 number = number_of_contact(of, place, made)
         elif history is None:
-            number = energy_of_body(model.places[at], made)
+            number = energy_of_body(at.kinematics, model.places[at], made)
         else:
             number = history.number(model.places[at], steps, histories)
-        yielding = [item for item in bodies if model.entries.touching(item)]
+        yielding = [item for item in bodies if item.frame != "floating" and model.entries.touching(item)]
         parts = [made.part(model.entries.part(item, 0), model.entries.touching(item)) for item in yielding]
         found, margins = backwards(made, number.weights, parts), made.margins
     derivatives = _Derivatives(model, plan, found, number, yielding)
@@ -217,14 +218,12 @@ def _check_adjoint(model: VariedModel, plan: StepPlan) -> None:
     if moving is None:
         return
     names = plan.contacts.names
-    bodies = [f"body {item.name!r} has a floating frame" for item in model.places if item.frame == "floating"]
     pairs = [f"contact {names[one.contact]!r} has rows that follow facets of another body" for one in moving.pairs]
-    if bodies or pairs:
-        listed = "".join(f"\n- {reason}" for reason in (*bodies, *pairs))
-        advice = [*["frame='inertial'"] * bool(bodies), *["pairs that stay where they are"] * bool(pairs)]
+    if pairs:
+        listed = "".join(f"\n- {reason}" for reason in pairs)
         raise CompiledRunError(
             f"sensitivity: the pass back over the steps does not have all of this model:{listed}\n"
-            f"Take {' and '.join(advice)}, or differences of ep.run_many"
+            "Take pairs that stay where they are, or differences of ep.run_many"
         )
 
 
@@ -301,9 +300,12 @@ class _History:
                 raise InputError("weights: expected None without times, for they belong to these")
             weights = validate_array("weights", weights, (None, len(times)))
         zero = np.zeros(at.body.n_dofs)
+        kinematics = at.kinematics
+        if at.frame == "floating":
+            _check_floating(of, at, point)
+            return cls(zero, np.r_[direction, np.zeros(at.body.n_dofs - 3)], times, weights)
         if of == "strain":
             return cls(_one_row(at, rows), zero, times, weights)
-        kinematics = at.kinematics
         if point is None:
             return cls(zero, direction @ kinematics.mass_integral / at.body.total_mass, times, weights)
         return cls(zero, direction @ at.velocity_rows(validate_vector("point", point)), times, weights)
@@ -318,6 +320,16 @@ class _History:
         by_q, by_v = np.zeros((2, made.q.shape[1]))
         by_q[dofs], by_v[dofs] = self.by_q, self.by_v
         return sums_of_history(by_q, by_v, at_times(times, self.weights, n, steps.step), made)
+
+
+def _check_floating(of: str, item: PartitionBody, point: object) -> None:
+    """Raise an error if a history of a body in a floating frame is not linear in its coordinates and velocities."""
+    if of == "strain" or point is not None:
+        wanted = "a strain" if of == "strain" else "the velocity of a point"
+        raise CompiledRunError(
+            f"sensitivity: {wanted} of body {item.name!r}, which has a floating frame. Take the velocity of its centre "
+            "of mass, frame='inertial', or differences of ep.run_many"
+        )
 
 
 def _one_row(item: PartitionBody, rows: object) -> Array:
@@ -360,12 +372,13 @@ class _Derivatives:
     def by(self, item: PartitionBody) -> dict[str, Array]:
         """Derivatives by the quantities of a body, (k,), (k, 3) or (k, n_elastic)."""
         model, found, dofs = self._model, self._found, self._model.places[item]
-        rigid, kinematics, values = item.body.rigid, item.kinematics, model.variations
+        kinematics, values = item.kinematics, model.variations
         E, rho = (values.factor(item, name, 0) for name in ("E", "rho"))
         damping, load = found.bodies.damping[:, dofs], found.bodies.load[:, dofs]
         by_ratios = math.sqrt(E * rho) * damping[:, 6:] * model.entries.of_ratio_one[item][6:]
         gravity, ratio = values.of(item, "gravity", 0), values.of(item, "damping", 0)
         of_each_mode = isinstance(item.ratios, Sequence | np.ndarray) if ratio is None else ratio.ndim
+        rigid = self._rigid(item)
         result = {
             "initialVelocity": found.v[:, dofs] @ rigid[:, :3],
             "initialAngularVelocity": found.v[:, dofs] @ rigid[:, 3:],
@@ -374,7 +387,7 @@ class _Derivatives:
             "damping": by_ratios if of_each_mode else by_ratios.sum(axis=1),
         }
         material = item.body.material
-        if material is None or (callable(item.ratios) and ratio is None):
+        if material is None or item.frame == "floating" or (callable(item.ratios) and ratio is None):
             return result
         by_E, by_rho = damping_power(item.ratios) if ratio is None else (0.5, 0.5)
         of_damping = damping @ self._plan.bodies.damping[dofs]
@@ -385,6 +398,15 @@ class _Derivatives:
         stiff = self._of_matrix("stiffness", dofs) + by_E * of_damping - self._flexibility.get(item, 0.0)
         result["E"] = stiff / (E * material.E)
         return result
+
+    def _rigid(self, item: PartitionBody) -> Array:
+        """Velocities of a body at the start, (n_dofs, 6), by its velocity and angular velocity in space."""
+        kinematics = item.kinematics
+        if not isinstance(kinematics, FloatingKinematics):
+            return item.body.rigid
+        start, rigid = self._model.entries.start(0).q[self._model.places[item]], np.zeros((item.body.n_dofs, 6))
+        rigid[:3, :3], rigid[3:6, 3:] = np.eye(3), (kinematics.frame(start)[1] @ kinematics.node_axes).T
+        return rigid
 
     def by_friction(self, place: int) -> dict[str, Array]:
         """Derivatives by the coefficients of a contact with friction, (k,); see `Sensitivity`."""

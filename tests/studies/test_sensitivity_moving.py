@@ -1,4 +1,7 @@
-"""Derivatives of runs whose rows follow the motion on curved rigid surfaces are those of differences between runs."""
+"""Derivatives of runs whose rows follow the motion on rigid surfaces are those of differences between runs.
+
+Rows follow bodies on curved surfaces, and bodies in floating frames on all.
+"""
 
 from dataclasses import replace
 
@@ -6,10 +9,12 @@ import exudyn as exu
 import netgen.occ as occ
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from oracles import MARBLE_RADIUS as R
 from oracles import each_way
 
 import exudyn_partition as ep
+from exudyn_partition.errors import CompiledRunError
 
 pytestmark = pytest.mark.filterwarnings("ignore::exudyn_partition.errors.PartitionWarning")
 STEP, END = 0.2e-6, 16e-6
@@ -37,19 +42,25 @@ def balls():
 
 HILL, ROOF = ep.RigidSphere((0, 0, -2e-3), 2e-3), ep.RigidSphere((0, 0, 2 * R + 2e-3 + 3e-7), 2e-3)
 BORE = ep.RigidCylinder((0, 0, 1.6 * R), (0.1, 1, 0), 1.6 * R, hollow=True)
-SCENES = {  # axes of the flexibility, and surfaces below and above
-    "hill": ("xyz", HILL),
-    "bore": ("normal", BORE),
-    "under a plane": ("xyz", HILL, ep.RigidPlane((0, 0, 2 * R + 3e-7), (0, 0, -1))),
-    "between": ("xyz", HILL, ROOF),
+FLOOR, CEILING = ep.RigidPlane(), ep.RigidPlane((0, 0, 2 * R + 3e-7), (0, 0, -1))
+SPIN = np.array([900.0, -1500.0, 1200.0])  # the ball turns by 0.03 in a run, and grows by its spin
+SCENES = {  # frame, axes of the flexibility, and surfaces below and above
+    "hill": ("inertial", "xyz", HILL),
+    "bore": ("inertial", "normal", BORE),
+    "under a plane": ("inertial", "xyz", HILL, CEILING),
+    "between": ("inertial", "xyz", HILL, ROOF),
+    "spinning on a floor": ("floating", "xyz", FLOOR),
+    "spinning between floor and ceiling": ("floating", "normal", FLOOR, CEILING),
+    "spinning in a bore": ("floating", "xyz", BORE),
 }
 
 
-def flies(ball, *surfaces):
+def flies(ball, *surfaces, frame="inertial"):
     """A ball that flies along a surface, perhaps beneath another one."""
     mbs = exu.SystemContainer().AddSystem()
     motion = {"referencePosition": [0, 0, R + 1e-7], "initialVelocity": VELOCITY, "gravity": [0, 0, -2e4]}
-    item = ep.CreatePartitionBody(mbs, ball, name="ball", damping=0.03, **motion)
+    spin = {"initialAngularVelocity": SPIN} if frame == "floating" else {}
+    item = ep.CreatePartitionBody(mbs, ball, name="ball", damping=0.03, frame=frame, **motion, **spin)
     contacts = [
         ep.CreatePartitionContact(mbs, item, surface, slavePatch=patch, name=patch)
         for surface, patch in zip(surfaces, "sn", strict=False)
@@ -59,8 +70,9 @@ def flies(ball, *surfaces):
 
 
 def differences(mbs, item, name, share):
-    """Central differences of the peak of the first contact, its impulse, and the momentum, by a parameter's entries."""
+    """Central differences by a parameter's entries: peak of the first contact, its impulse, momentum and energy."""
     given = {"initialVelocity": VELOCITY, "gravity": (0, 0, -2e4), "referencePosition": item.position, "damping": 0.03}
+    given |= {"initialAngularVelocity": SPIN} if item.frame == "floating" else {}
     value, change = np.array(given.get(name, SIZES[name] if name in ("E", "rho") else np.zeros(3))), share * SIZES[name]
     ways = change * np.concatenate([np.eye(max(value.size, 1)), -np.eye(max(value.size, 1))])
     vary = {item: {name: value + (ways if value.ndim else ways[:, 0])}}
@@ -68,49 +80,98 @@ def differences(mbs, item, name, share):
     found = {
         "peak_force": runs.peak[:, 0],
         "impulse": runs.impulse[:, 0],
-        "velocity": runs.momentum[:, 1, 0] @ DIRECTION,
+        "velocity": runs.momentum[:, 1, 0] @ DIRECTION / item.body.total_mass,
+        "energy": runs.energy[:, 1, 0],
     }
     return {of: (more - less) / (2 * change) for of, (more, less) in ((k, np.split(v, 2)) for k, v in found.items())}
 
 
 @pytest.mark.parametrize("scene", SCENES)
 def test_derivatives_are_differences_of_runs(balls, scene):
-    axes, *surfaces = SCENES[scene]
-    mbs, item, contacts = flies(balls[axes], *surfaces)
-    options, mass = {"end_time": END, "step": STEP}, item.body.total_mass
+    frame, axes, *surfaces = SCENES[scene]
+    mbs, item, contacts = flies(balls[axes], *surfaces, frame=frame)
+    options, shares = {"end_time": END, "step": STEP}, (1e-5, 1e-6) if frame == "inertial" else (1e-3, 1e-4)
     found = {of: ep.sensitivity(mbs, of=of, at=contacts[0], **options) for of in ("peak_force", "impulse")}
     found["velocity"] = ep.sensitivity(mbs, of="velocity", at=item, direction=DIRECTION, **options)
+    found["energy"] = ep.sensitivity(mbs, of="energy", at=item, **options)
+    assert {*found["energy"].by[item]} == {*SIZES} - ({"E", "rho"} if frame == "floating" else set())
     assert found["impulse"].changes > 1
     assert found["impulse"].edges == 0
-    for name, size in SIZES.items():
-        errors = []
-        for share in (1e-5, 1e-6):
+    for name in found["energy"].by[item]:
+        errors, size = [], SIZES[name]
+        for share in shares:
             by_runs = differences(mbs, item, name, share)
             errors.append([])
             for of, one in found.items():
                 if (of, name) == ("velocity", "rho"):
                     continue  # the mass is another one too
                 right = np.atleast_1d(one.by[item][name])
-                difference = abs(right - by_runs[of] / (mass if of == "velocity" else 1.0)).max() * size
+                difference = abs(right - by_runs[of]).max() * size
                 errors[-1].append(difference / max(abs(one.value), abs(right).max() * size))
         assert np.min(errors, axis=0).max() <= WITHIN, (name, errors)
 
 
-def test_duration(balls):
+@pytest.mark.parametrize(
+    ("frame", "name", "value", "change"),
+    [
+        ("inertial", "initialVelocity", VELOCITY, 1e-6),
+        ("floating", "initialVelocity", VELOCITY, 1e-4),
+        ("floating", "initialAngularVelocity", SPIN, 0.1),  # by which the ball grows
+    ],
+)
+def test_duration(balls, frame, name, value, change):
     """That of a short contact, of which both ends are within the run."""
-    mbs, item, [contact] = flies(balls["normal"], BORE)
+    mbs, item, [contact] = flies(balls["normal"], BORE if frame == "inertial" else FLOOR, frame=frame)
     options = {"end_time": 40e-6, "step": STEP}
-    found = ep.sensitivity(mbs, of="duration", at=contact, **options).by[item]["initialVelocity"]
-    change = 1e-6 * np.concatenate([np.eye(3), -np.eye(3)])
-    runs = ep.run_many(mbs, vary={item: {"initialVelocity": VELOCITY + change}}, histories=(), **options)
+    found = ep.sensitivity(mbs, of="duration", at=contact, **options).by[item][name]
+    entries = value + change * np.concatenate([np.eye(3), -np.eye(3)])
+    runs = ep.run_many(mbs, vary={item: {name: entries}}, histories=(), **options)
     assert (runs.duration < 39e-6).all()
     more, less = np.split(runs.duration[:, 0], 2)
-    np.testing.assert_allclose(found, (more - less) / 2e-6, rtol=0, atol=WITHIN * abs(found).max())
+    np.testing.assert_allclose(found, (more - less) / (2 * change), rtol=0, atol=WITHIN * abs(found).max())
 
 
-def test_without_loops_it_is_the_same(balls):
+def test_a_spinning_ball_beside_one_that_does_not(balls):
+    """Bodies that have nothing in common have the derivatives that each of them has alone, and none by the other."""
+
+    def thrown(*frames):
+        mbs = exu.SystemContainer().AddSystem()
+        items = []
+        for place, frame in enumerate(frames):
+            motion = {"referencePosition": [0, 0, R + 1e-7], "initialVelocity": VELOCITY}
+            items.append(ep.CreatePartitionBody(mbs, balls["xyz"], name=f"{place}", frame=frame, **motion))
+            ep.CreatePartitionContact(mbs, items[-1], FLOOR if frame == "floating" else HILL, slavePatch="s")
+        mbs.Assemble()
+        return mbs, items
+
+    (mbs, items), options = thrown("inertial", "floating"), {"end_time": 8e-6, "step": STEP}
+    for item, other in zip(items, items[::-1], strict=True):
+        alone, [single] = thrown(item.frame)
+        right = ep.sensitivity(alone, of="energy", at=single, **options)
+        found = ep.sensitivity(mbs, of="energy", at=item, **options)
+        for name, value in right.by[single].items():
+            assert found.by[item][name] == pytest.approx(value, rel=1e-9, abs=1e-12 * np.max(np.abs(value)))
+            if name in found.by[other]:
+                assert not np.any(found.by[other][name])
+
+
+def test_what_is_refused_in_a_floating_frame(balls):
+    mbs, item, _ = flies(balls["normal"], FLOOR, frame="floating")
+    gauge = sp.csr_matrix((np.ones(1), ([0], [0])), (1, 3 * len(item.body.points)))
+    for options, wanted in (
+        ({"of": "velocity", "point": (0, 0, 0)}, "velocity of a point"),
+        ({"of": "strain", "rows": gauge}, "strain"),
+    ):
+        with pytest.raises(CompiledRunError, match=f"a?{wanted} of body 'ball', which has a floating frame"):
+            ep.sensitivity(mbs, end_time=END, step=STEP, at=item, **options)
+
+
+@pytest.mark.parametrize(
+    ("frame", "surfaces"), [("inertial", (HILL, ROOF)), ("floating", (BORE,)), ("floating", (FLOOR, CEILING))]
+)
+def test_without_loops_it_is_the_same(balls, frame, surfaces):
     def found():
-        mbs, item, contacts = flies(balls["xyz"], HILL, ROOF)
+        mbs, item, contacts = flies(balls["xyz"], *surfaces, frame=frame)
         one = ep.sensitivity(mbs, end_time=8e-6, step=STEP, of="impulse", at=contacts[0])
         return [one.value, one.margin, *map(np.array, one.by[item].values())]
 

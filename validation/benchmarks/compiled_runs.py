@@ -9,8 +9,8 @@ The same of a ball that tumbles, in a floating frame, and hits a rigid plane: of
 of the force; its reference is Exudyn's run of the same scene in the same process.
 A gradient: the pass back over the steps alone, `compiled.adjoint.backwards`, over these steps: derivatives of the peak
 force by all velocities, places, masses, stiffnesses, damping, loads, and by the contact's flexibility, twice. The same
-of a ball that hits a rigid sphere in an inertial frame, so that rows and their flexibility follow the motion; it has no
-limit.
+of a ball that hits a rigid sphere in an inertial frame, so that rows and their flexibility follow the motion, and of
+the ball that tumbles; they have no limit.
 The wait for the compiler: processor time of a new process that loads the balls from files, makes the model and runs it
 compiled, without compiled code on disk, and with it.
 Limits: the steps alone take at most 0.25 of the reference, an entry of `run_many` 0.25, a compiled run 0.9, with
@@ -185,8 +185,10 @@ def tumbling_times(body):
         "exudyn": least_ms(lambda: ep.solve_dynamic(mbs, **options)),
         "compiled": least_ms(lambda: ep.solve_dynamic(mbs, solver="compiled", **options)),
         "steps": least_ms(steps_alone(mbs)),
+        "gradient": least_ms(gradient_alone(mbs)),
     }
     shares = {"tumbling": spent["compiled"] / spent["exudyn"], "tumbling_steps": spent["steps"] / spent["exudyn"]}
+    shares["tumbling_gradient"] = spent["gradient"] / spent["steps"]
     return spent, shares | {"tumbling_difference": float(abs(found - right).max() / right.max())}
 
 

@@ -62,6 +62,11 @@ def surface_of(number):
     return surfaces[number % 4]
 
 
+def spin_of(number):
+    """Angular velocity of a body in a floating frame that flies at a surface, if the frame is given [rad/s]."""
+    return 2e3 * np.random.default_rng(number).normal(size=3)
+
+
 def on_surface(number, frame=None):
     """Model of a body that flies at a rigid surface, its body and contact, and how long it runs [s].
 
