@@ -79,3 +79,16 @@ def test_a_stiff_spring_finds_a_body_too_stiff(model, bodies, stiffness, told):
                 ep.solve_static(mbs, load_steps=1)
         else:
             ep.solve_static(mbs, load_steps=1)
+
+
+def test_springs_at_points_inside_elements_are_judged_without_a_word_of_numpy(bodies):
+    """The spread of weights that are quadratic at a point is zero but for rounding, of which NumPy took the root."""
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, bodies[0], name="cube")
+    foot = item.CreateInterfaceMarker(mbs, "foot")
+    mbs.AddObject(items.GenericJoint(markerNumbers=[ground(mbs), foot], constrainedAxes=[1] * 6))
+    for point in np.random.default_rng(1).uniform(-0.4 * SIZE, 0.4 * SIZE, (12, 3)) + [0, 0, SIZE / 2]:
+        ends = [ground(mbs, point), item.CreatePointMarker(mbs, point)]
+        mbs.AddObject(items.CartesianSpringDamper(markerNumbers=ends, stiffness=[SOFT] * 3))
+    mbs.Assemble()
+    assert ep.solve_static(mbs, load_steps=1).status == "finished"
