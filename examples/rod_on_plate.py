@@ -84,7 +84,7 @@ def main(argv=None):
     options = parser.parse_args(argv)
     end_time = options.end_time or (0.5e-3 if options.quick else 0.3e-3 if options.basis in model.WITH_MASS else 5e-3)
 
-    fems, partitions, times = model.fe_models(options.quick)
+    fems, partitions, times = model.fe_models(options.quick, maxh=18e-3 if options.quick else None)
     rod, plate, contact, run, reduce_s = model.partition_run(
         fems, partitions, options.basis, options.f_cut, options.method, end_time
     )

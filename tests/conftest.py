@@ -1,7 +1,9 @@
 """Small bodies that several tests share; meshes and reductions are made once a session."""
 
+import functools
 import gc
 import os
+import re
 from pathlib import Path
 
 import exudyn as exu
@@ -14,19 +16,13 @@ import exudyn_partition as ep
 from exudyn_partition.support.compiled import compiles
 
 TESTS = Path(__file__).parent
-# Files begin in this order, by turns for two workers. The first file has most of the loops compiled, which takes
-# long after an installation; what follows needs few of them, so that the other worker does not compile the same
-# meanwhile, but reads it from disk later. Long files come before short ones: the last file of a run keeps one worker
-# busy while the other one has nothing to do.
-FIRST = (
-    "examples/test_examples.py",
-    "house/test_site.py",
-    "house",
-    "meshing",
-    "fe",
-    "examples",
-    "validation",
-)
+# Files begin in this order, by turns for two workers. The first one has most of the loops compiled, which takes minutes
+# after an installation. What runs no contact comes next, so that the other worker does not compile the same meanwhile,
+# but reads it from disk later. Long files come before short ones: the last file of a run keeps one worker busy while
+# the other one has nothing to do.
+FIRST = "examples/test_examples.py", "house/test_site.py"
+RUNS = re.compile(r"Contact\(|solve_(?:dynamic|static)|reduce_pair|design_impact|^from validation|runpy", re.M)
+LONG = "examples", "meshing", "validation"
 NODAL = "free", "craig-bampton"  # bases that keep the motion of the patch's nodes
 # Two workers fill two cores. Threads of NGSolve and BLAS wait by spinning, and would take the other worker's time.
 ONE_THREAD = ("NGS_NUM_THREADS", "OMP_NUM_THREADS")
@@ -44,11 +40,17 @@ def pytest_configure(config):
 def pytest_collection_modifyitems(items):
     """Put files in their order; see `FIRST`."""
 
-    def place(item):
-        path = item.path.relative_to(TESTS).as_posix()
-        return next((i for i, first in enumerate(FIRST) if f"{path}/".startswith(f"{first}/")), len(FIRST))
+    @functools.cache
+    def place(path):
+        name = path.relative_to(TESTS).as_posix()
+        if name in FIRST:
+            return FIRST.index(name)
+        folder, _, _ = name.partition("/")
+        if folder != "examples" and not RUNS.search(path.read_text()):
+            return len(FIRST)
+        return 1 + len(FIRST) + (LONG.index(folder) if folder in LONG else len(LONG))
 
-    items.sort(key=place)
+    items.sort(key=lambda item: place(item.path))
 
 
 @pytest.fixture(scope="module", autouse=True)

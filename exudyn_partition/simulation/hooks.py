@@ -339,19 +339,6 @@ def control_steps(
 
 
 @contextlib.contextmanager
-def stop_bodies(mbs: MainSystem) -> Iterator[None]:
-    """Begin with all velocities zero within the block; after it, the initial and the last states have them again."""
-    data, configurations = mbs.systemData, require("exudyn").ConfigurationType
-    speeds = data.GetODE2Coordinates_t(configurations.Initial)
-    data.SetODE2Coordinates_t(np.zeros_like(speeds), configurations.Initial)
-    try:
-        yield
-    finally:
-        for state in (configurations.Initial, configurations.Current, configurations.StartOfStep):
-            data.SetODE2Coordinates_t(speeds, state)
-
-
-@contextlib.contextmanager
 def keep_apart(mbs: MainSystem, settings: SimulationSettings) -> Iterator[None]:
     """Repeat load steps in which bodies would pass through each other, with a shorter length.
 

@@ -21,11 +21,12 @@ from ..support.checks import validate_flag
 from ..support.foreign import MainSolver, MainSystem
 from ..support.optional import require
 from ..support.warn import warn
-from .hooks import silence, stop_bodies
+from .hooks import silence
 from .result import called
 
 _SPIN = 0.01  # rate of rotation by a frequency above which this changes noticeably
 _RIGID = 1e-6  # share of the highest frequency below which a mode is rigid motion
+_LEAST_MASS = 1e-12  # share of the mean on the diagonal
 _NEUTRAL = 1e-12  # share of the largest stiffness: what has less is free to move, and gives no answer to forces
 
 
@@ -85,7 +86,7 @@ def natural_modes(mbs: MainSystem, *, slipping: bool = False) -> tuple[Array, Ar
         if not (run.method == "static" and run.has_steps and run.ended_in(initial)):
             raise RunError("slipping: which rows slip is known only after solve_static(mbs, update_initial=True)")
     solver = exu.MainSolverStatic()
-    with one_blas_thread(), silence(True), stop_bodies(mbs), ignore_slips() if slipping else runs.linearise_aside(mbs):
+    with one_blas_thread(), silence(True), ignore_slips() if slipping else runs.linearise_aside(mbs):
         for contact in () if slipping else contacts:
             runs.at_work(contact).mechanics.sticks = True
         mbs.sys["staticSolver"] = solver
@@ -144,8 +145,6 @@ def linearised(mbs: MainSystem, solver: MainSolver, reactions: bool = True) -> t
         raise RunError("mbs: coordinates of first order have no natural modes; remove nodes such as NodeGenericODE1")
     solver.ComputeMassMatrix(mbs)
     M = np.array(solver.GetSystemMassMatrix())
-    solver.ComputeODE2RHS(mbs)
-    forces = np.array(solver.GetSystemResidual())[:n]
     solver.ComputeJacobianODE2RHS(
         mbs, scalarFactor_ODE2=-1, scalarFactor_ODE2_t=0, scalarFactor_ODE1=0, computeLoadsJacobian=1
     )
@@ -156,18 +155,25 @@ def linearised(mbs: MainSystem, solver: MainSolver, reactions: bool = True) -> t
     )
     system = np.array(solver.GetSystemJacobian())
     K, C = system[:n, :n], system[len(system) - joints :, :n]
-    allowed = scipy.linalg.null_space(C)
+    mass = np.diag(M)
+    unit = 1 / np.sqrt(np.maximum(mass, _LEAST_MASS * mass.mean()))  # of coordinates, so that units of length drop out
+    allowed = unit[:, None] * scipy.linalg.null_space(C * unit)
     if reactions:
-        K = K + Reactions.of(mbs).stiffness(_multipliers(K, C, allowed, forces))
+        forces = _forces_at_rest(mbs, solver)
+        # Without the linear answer of motions that joints allow, reactions would be those of a fall.
+        answer = allowed @ np.linalg.lstsq(allowed.T @ K @ allowed, allowed.T @ forces, rcond=_NEUTRAL)[0]
+        multipliers = np.linalg.lstsq((C * unit).T, unit * (forces - K @ answer))[0]
+        K = K + Reactions.of(mbs).stiffness(multipliers)
     return allowed.T @ M @ allowed, allowed.T @ K @ allowed, allowed
 
 
-def _multipliers(K: Array, C: Array, allowed: Array, forces: Array) -> Array:
-    """Multipliers, (m,), of rows C, (m, n), that balance forces, (n,), after a linear answer of motions `allowed`.
-
-    Without this answer, reactions in a state without balance would be those of a fall. What joints hold twice shares
-    its reaction.
-    """
-    answer = allowed @ np.linalg.lstsq(allowed.T @ K @ allowed, allowed.T @ forces, rcond=_NEUTRAL)[0]
-    multipliers: Array = np.linalg.lstsq(C.T, forces - K @ answer)[0]
-    return multipliers
+def _forces_at_rest(mbs: MainSystem, solver: MainSolver) -> Array:
+    """Forces on the coordinates in the present state without velocities, (n,); joints have none in it."""
+    data = mbs.systemData
+    speeds = data.GetODE2Coordinates_t()
+    data.SetODE2Coordinates_t(np.zeros_like(speeds))
+    try:
+        solver.ComputeODE2RHS(mbs)
+    finally:
+        data.SetODE2Coordinates_t(speeds)
+    return np.array(solver.GetSystemResidual())[: len(speeds)]

@@ -42,7 +42,6 @@ from .hooks import (
     oppose_slips,
     residual,
     silence,
-    stop_bodies,
     watch_steps,
 )
 from .joint_checks import check_start
@@ -501,7 +500,7 @@ def _run(
     _log.info("%s load steps to %.6g", load_steps, plan.end)
     bar = progress_bar("load steps", after=LONG) if progress is None else contextlib.nullcontext(progress)
     quiet = silence(plan.settings.staticSolver.verboseMode == 0)
-    with undo_if_refused(mbs), one_blas_thread(), stop_bodies(mbs), quiet, bar as report:
+    with undo_if_refused(mbs), one_blas_thread(), _stop_bodies(mbs), quiet, bar as report:
         begin = time.perf_counter()
         made = _best_attempt(mbs, plan, partial(_attempt, mbs, plan, report))
         if made.error is not None and made.steps <= 1:
@@ -649,6 +648,19 @@ def _ending(mbs: MainSystem, plan: _Plan, made: _Attempt) -> tuple[str, str]:
 def _settles_later(error: Exception) -> bool:
     """Whether a run that ended with this error may succeed with shorter load steps from its start."""
     return isinstance(error, ComplementarityError) or _UNSETTLED in cause(error)
+
+
+@contextlib.contextmanager
+def _stop_bodies(mbs: MainSystem) -> Iterator[None]:
+    """Begin with all velocities zero within the block; after it, the initial and the last states have them again."""
+    data, configurations = mbs.systemData, require("exudyn").ConfigurationType
+    speeds = data.GetODE2Coordinates_t(configurations.Initial)
+    data.SetODE2Coordinates_t(np.zeros_like(speeds), configurations.Initial)
+    try:
+        yield
+    finally:
+        for state in (configurations.Initial, configurations.Current, configurations.StartOfStep):
+            data.SetODE2Coordinates_t(speeds, state)
 
 
 @contextlib.contextmanager

@@ -43,12 +43,19 @@ def test_factors_go_with_the_reduction_that_made_them(coarse_ball, how, no_colle
         factors.append(Factorisation(matrix))
         return factors[-1]
 
-    with solved_by(recorded):
-        body = ep.reduce(*coarse_ball, **how)
-    factors = [weakref.ref(one) for one in factors]
-    assert body.n_dofs > 0
-    assert len(factors) > 0
-    assert [one() for one in factors] == [None] * len(factors)
+    def kept():
+        """Factors that are left of a reduction."""
+        factors.clear()
+        with solved_by(recorded):
+            body = ep.reduce(*coarse_ball, **how)
+        left = [weakref.ref(one) for one in factors]
+        factors.clear()
+        assert body.n_dofs > 0
+        assert len(left) > 0
+        return [one() for one in left if one() is not None]
+
+    # If numba compiles a loop in the first one, it holds what has called the loop until garbage is collected.
+    assert not kept() or not kept()
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="there is no such file on this system")
