@@ -212,8 +212,8 @@ def settle(
     Warns
     -----
     StoppedRunWarning, ContactPatchWarning, ModelLimitWarning
-        As `solve_static`, and if friction leaves some of a weight without balance. Nothing is said of motions that nothing holds, as along a plane without friction: such a body
-        stays where it was placed.
+        As `solve_static`, and if friction leaves some of a weight without balance. Nothing is said of motions that
+        nothing holds, as along a plane without friction: such a body stays where it was placed.
 
     Examples
     --------

@@ -410,7 +410,8 @@ def test_the_first_sample_is_the_state_in_which_statics_begin(mbs, bodies, carri
     press(mbs, item, FORCE)
     mbs.Assemble()
     pressed = ep.solve_static(mbs, load_steps=2, update_initial=True)
-    assert contact.force(pressed)[0] == 0.0 and abs(contact.gap(pressed)[0]) < 1e-5
+    assert contact.force(pressed)[0] == 0.0
+    assert abs(contact.gap(pressed)[0]) < 1e-5
     held = ep.solve_static(mbs, load_steps=2, load_factor=False)
     for values in (contact.force(held), contact.energy(held), contact.area(held)):
         np.testing.assert_allclose(values, values[-1], rtol=1e-6)
@@ -435,7 +436,9 @@ def test_a_convex_tip_whose_rows_are_open_is_named(mbs, bodies):
     ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), name="floor")
     press(mbs, item, FORCE)
     mbs.Assemble()
-    said = r"finds no equilibrium.*contact 'floor' by .* m in its first row, though surfaces touch.*smaller facets there"
+    said = (
+        r"finds no equilibrium.*contact 'floor' by .* m in its first row, though surfaces touch.*smaller facets there"
+    )
     with pytest.raises(RunError, match=said):
         ep.solve_static(mbs)
 

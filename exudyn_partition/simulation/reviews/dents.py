@@ -101,8 +101,7 @@ def _flexibilities(item: PartitionBody, nodes: Array, weights: Array) -> tuple[f
     assert material is not None
     spacing = KDTree(body.points).query(body.points[nodes], k=2)[0][:, 1].mean()
     spread = weights @ np.sum((body.points[nodes] - weights @ body.points[nodes]) ** 2, axis=1)
-    # Shape functions that are quadratic may be negative, so that at a point the sum is zero but for rounding.
-    radius = max(spacing / 2, np.sqrt(2 * max(spread, 0.0)))  # of a disc of that spread
+    radius = max(spacing / 2, np.sqrt(2 * max(spread, 0.0)))  # of a disc of that spread; weights may be negative
     rows = np.einsum("k,kan->an", weights, np.asarray(body.rows(nodes)).reshape(len(nodes), 3, -1))
     elastic = body.basis.omega > 0
     kept = np.linalg.norm(rows[:, elastic] / body.basis.omega[elastic], 2) ** 2
