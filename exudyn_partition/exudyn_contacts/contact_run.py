@@ -287,7 +287,7 @@ class ContactRun:
             self.mechanics.accept(start, t)
         elif t != self._evaluated_at:
             gaps = self.mechanics.gaps
-            slides = self._static and gaps.moving
+            slides = self._static and gaps.moving and self._evaluated_at != start  # the start itself is no try
             self.mechanics.retry(t)
             if slides:  # Newton's method settles slowly then, and would meet the same change of rows again
                 gaps.freeze()

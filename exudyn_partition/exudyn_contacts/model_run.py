@@ -279,6 +279,15 @@ class ModelRun:
         self._spent_s += time.perf_counter() - begin
         return total
 
+    def look_at_start(self, mbs: MainSystem, t: float) -> None:
+        """Find forces and gaps where a static run begins, t [s], for its first sample.
+
+        Exudyn asks for forces in iterations alone, so that a preload would seem to begin without any. Where forces do
+        not settle, none is told.
+        """
+        with contextlib.suppress(ComplementarityError):
+            self.force(mbs, t)
+
     def settled_force(self, mbs: MainSystem, t: float) -> Array | None:
         """See `force`. Where it `divides`, a load step is given up if forces do not settle; then it returns None.
 
@@ -478,6 +487,8 @@ class Runs:
         first = now is None or last is None or t < now.latest or present.outdated or present.solver_comes
         if now is None or (first and not present.solver_comes):
             now = self.begin(mbs, t)
+        if first and now.method == "static":
+            now.look_at_start(mbs, t)
         if first or not now.idle:
             now.publish(mbs, whole=first)
         if last is None or self._present.solver_comes:

@@ -18,6 +18,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from ..algebra.blas_threads import one_blas_thread
+from ..algebra.products import smallest
 from ..errors import ComplementarityError, InputError, RunError
 from ..exudyn_bodies.item_work import Others
 from ..exudyn_bodies.model import coordinate_slices, registry, validate_model
@@ -59,6 +60,7 @@ _MOST_FALLS, _TOUCHING = 30, 1e-4  # bodies fall in steps until their gap is thi
 # Springs that hold a resting body begin anew where it has come to rest, until their pull is this share of its weight.
 _MOST_MOORINGS, _SLACK = 6, 1e-9
 _PULLED = 1e-2  # a larger share is no rest
+_PUSHED = 1e-4  # largest share of a weight that friction may leave without balance, and nobody is told
 _RELATIVE = 1e-9  # share of the first forces that may stay without balance; a light body bears a tenth of these
 _STIFF = 100.0  # square of the springs' frequency, by that of a pendulum
 _MOST_DENSE = 1000  # largest number of coordinates for this check, which computes all eigenvalues
@@ -74,6 +76,10 @@ _FINER = (
 )
 _SHORTEST = 2.0**-20  # of a load step: no further is it divided
 _MOST_NAMED = 4  # contacts in a message
+_MEANS = (
+    "Rows are means around nodes, so that a convex surface closes its first row later than its lowest point touches: "
+    "take smaller facets there. "
+)
 _FINER_STEPS = 4, 16  # parts of load steps in which a run that has ended too early begins again: friction has a path
 _UNSETTLED, _SINGULAR = "terminated due to errors", "Jacobian seems to be singular"  # what Exudyn says then
 _PARTS = 16  # of a load step of a press fit: shortest one before bodies are held by springs without forces
@@ -206,8 +212,8 @@ def settle(
     Warns
     -----
     StoppedRunWarning, ContactPatchWarning, ModelLimitWarning
-        As `solve_static`. Nothing is said of motions that nothing holds, as along a plane without friction: such a body
-        stays where it was placed.
+        As `solve_static`, and if friction leaves some of a weight without balance. Nothing is said of motions that
+        nothing holds, as along a plane without friction: such a body stays where it was placed.
 
     Examples
     --------
@@ -241,8 +247,9 @@ def settle(
                 if result.status != "finished" or max(pulls.values(), default=0.0) <= _SLACK:
                     break
             _refuse_pulled(pulls)
+            pushes = {item: _push(mbs, item, rest - before) for item in falling if _rubs(item, contacts)}
             result = replace(result, end=keep_end(mbs, stopped=result.status == "unstable"))
-            result = reviewed(ReviewedRun(mbs, result))
+            result = reviewed(ReviewedRun(mbs, result), partial(_creeping, pushes))
         for place in itertools.chain.from_iterable(coordinate_slices(mbs, item) for item in kept):
             rest[place] = start[place]
     except BaseException:
@@ -262,6 +269,22 @@ def _refuse_pulled(pulls: Mapping[PartitionBody, float]) -> None:
                 "weight, or of the moment of it over its size, without balance. Place it where it can rest, give the "
                 "contact friction, or hold it by joints or soft springs"
             )
+
+
+def _creeping(pushes: Mapping[PartitionBody, float], run: ReviewedRun) -> Iterator[Finding]:
+    """Bodies that friction does not quite hold; `pushes` are those of `_push`."""
+    for item, push in pushes.items():
+        if push > _PUSHED:
+            yield Finding(
+                f"settle: {called(item)} does not quite rest: contact and friction leave a force of {push:.2%} of its "
+                "weight without balance, which springs held meanwhile. It will slide in the next run. Give the contact "
+                "more friction, place the body where it can rest, or hold it by joints or soft springs"
+            )
+
+
+def _rubs(item: PartitionBody, contacts: Sequence[PartitionContact]) -> bool:
+    """Whether a body has a contact with friction. Without any, it stays where it was placed."""
+    return any(contact.friction and item in [own for own, _ in contact.sides] for contact in contacts)
 
 
 def _resting(
@@ -355,11 +378,23 @@ def _size(item: PartitionBody) -> float:
 
 def _pull(mbs: MainSystem, item: PartitionBody, moved: Array) -> float:
     """Force of the springs by the weight, or their moment by weight and size, after the model's coordinates moved."""
-    q = np.concatenate([moved[place] for place in coordinate_slices(mbs, item)])
-    force, kinematics = _mooring(item) @ q, item.kinematics
+    force, kinematics = _mooring_force(mbs, item, moved), item.kinematics
     weight = float(item.weight @ _way_down(item))
     inertia = np.sqrt(np.maximum(force @ (force / kinematics.mass), 0.0))  # its norm by the mass, as that of the weight
     return float(inertia / (weight / np.sqrt(item.body.total_mass)))
+
+
+def _push(mbs: MainSystem, item: PartitionBody, moved: Array) -> float:
+    """Resultant of the springs by the weight, without their moment, after the model's coordinates moved."""
+    kinematics = item.kinematics
+    resultant = kinematics.momentum(_mooring_force(mbs, item, moved) / kinematics.mass)
+    return float(np.linalg.norm(resultant) / np.linalg.norm(kinematics.momentum(item.weight / kinematics.mass)))
+
+
+def _mooring_force(mbs: MainSystem, item: PartitionBody, moved: Array) -> Array:
+    """Generalised force of a body's springs, (n,), after the model's coordinates moved."""
+    q = np.concatenate([moved[place] for place in coordinate_slices(mbs, item)])
+    return np.asarray(_mooring(item) @ q)
 
 
 @contextlib.contextmanager
@@ -569,19 +604,26 @@ def _helps(
 
 
 def _open_at_start(mbs: MainSystem) -> str:
-    """Sentence that names the contacts that are open where the run began, and by how much; empty if there are none."""
+    """Sentence that names the contacts that are open where the run began, and by how much; empty if there are none.
+
+    A surface may touch although all rows are open: on a convex tip these are means around nodes.
+    """
     q = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
-    said = []
+    said, above_tips = [], False
     for contact in partition_items(mbs)[1]:
         if not contact.mechanics.gaps.carried:
             own = np.concatenate([q[place] for place in contact.slices(mbs)])
-            gap = contact.mechanics.for_run("static").gaps.surface_gap(own)
-            if _TOUCHING * contact.slave_facet_size < gap < math.inf:
+            mechanics, touching = contact.mechanics.for_run("static"), _TOUCHING * contact.slave_facet_size
+            gap, of_rows = mechanics.gaps.surface_gap(own), smallest(mechanics.gap_at(own)) - mechanics.reach
+            if touching < gap < math.inf:
                 said.append(f"{contact.name!r} by {gap:.3g} m")
+            elif touching < of_rows < math.inf:
+                said.append(f"{contact.name!r} by {of_rows:.3g} m in its first row, though surfaces touch")
+                above_tips = True
     if not said:
         return ""
     named = said if len(said) <= _MOST_NAMED else [*said[:_MOST_NAMED], f"{len(said) - _MOST_NAMED} more"]
-    return f"Open at the start: contact {', '.join(named)}. "
+    return f"Open at the start: contact {', '.join(named)}. {_MEANS if above_tips else ''}"
 
 
 def _remedy(plan: _Plan, error: Exception) -> str:

@@ -20,6 +20,7 @@ _LOG = logging.getLogger(__name__)
 LONG = 2.0  # work that takes longer shows a bar [s]
 LOOK = 1.0  # time between two looks at how fast work goes on [s]
 _WORTH_TELLING = 10.0  # whole time from which a line tells it ahead [s]
+_ALIKE = 2.0  # largest ratio of whole times, by two looks, that agree
 _NO_END = 1000 * 3600.0  # from this time left on, work hardly goes on [s]
 FIRST_LINE, _SELDOM = 10.0, 300.0  # where there is no bar: time of the first line, and longest between two [s]
 
@@ -93,7 +94,7 @@ class _Lines:
     """Lines about work: one ahead if it takes long, and where there is no bar, some on the way.
 
     The time left follows from the pace since the last look. The first look does not count, for loops may be compiled
-    before it.
+    before it. The whole time is told where two looks agree about it: loops are also compiled when bodies touch first.
 
     Parameters
     ----------
@@ -105,6 +106,7 @@ class _Lines:
     def __init__(self, title: str, on_the_way: Callable[[], bool]) -> None:
         self._title, self._on_the_way = title, on_the_way
         self._look, self._looks, self._announced, self._next = (0.0, 0.0), 0, False, FIRST_LINE
+        self._whole = 0.0  # by the last look [s]
 
     def at(self, seconds: float, share: float) -> str | None:
         """Line after some time [s], with this share done; None if there is nothing to tell."""
@@ -115,7 +117,9 @@ class _Lines:
         left = (1.0 - share) * (seconds - before) / (share - done)
         if self._looks == 1:
             return None
-        if not self._announced and _WORTH_TELLING <= seconds + left < _NO_END:
+        last, self._whole = self._whole, seconds + left
+        agree = max(last, self._whole) <= _ALIKE * min(last, self._whole)
+        if not self._announced and agree and _WORTH_TELLING <= self._whole < _NO_END:
             self._announced = True
             return f"{self._title}: about {duration(seconds + left)} in all"
         if seconds >= self._next and self._on_the_way():

@@ -1,5 +1,7 @@
 """Default steps that resolve contacts, when contacts start and end, and contacts that nothing resolves."""
 
+import re
+
 import exudyn as exu
 import netgen.occ as occ
 import numpy as np
@@ -114,6 +116,23 @@ def test_a_contact_of_one_row_says_so(marble):
     stiff = 4 / 3 * ep.STEEL.plane_strain_modulus * np.sqrt(MARBLE_RADIUS)
     peak = stiff * (1.25 * marble.total_mass * 0.005**2 / stiff) ** 0.6
     assert contact.force(result).max() > 1.1 * peak  # what is warned of
+
+
+@pytest.mark.filterwarnings("ignore:.* with no closed row around")
+def test_a_narrow_stop_that_sinks_between_rows_says_how_deep(mbs, block, top):
+    """A rigid ball smaller than the facets of a face: the first mean gap closes long after the touch."""
+    radius, gap, speed = 2e-3, 1e-5, 2.0
+    item = ep.CreatePartitionBody(mbs, ep.reduce(block, top, f_cut=50e3), initialVelocity=[0, 0, speed])
+    ball = ep.RigidSphere((0, 0, 0.03 + radius + gap), radius)
+    contact = ep.CreatePartitionContact(mbs, item, ball, name="stop")
+    mbs.Assemble()
+    with pytest.warns(ModelLimitWarning, match=r"contact 'stop' .*comes too late by that way") as caught:
+        result = ep.solve_dynamic(mbs, end_time=0.4e-3, step=0.5e-6)
+    late = result.t[contact.force(result) > 0][0] - gap / speed
+    told = next(
+        found for one in caught if (found := re.search(r"lay ([-.e\d]+) m within each other", str(one.message)))
+    )
+    assert float(told[1]) == pytest.approx(speed * late, rel=0.02)
 
 
 @pytest.fixture(scope="module", params=["cube", "block", "disc"])

@@ -227,6 +227,24 @@ def test_what_cannot_rest_is_refused_and_the_model_stays_as_it_was(mbs, round_bo
     assert expected[-1] == pytest.approx(0.5 * round_body.total_mass * (G * 1e-5) ** 2, rel=1e-3)
 
 
+@pytest.mark.parametrize("steeper", [-2e-3, 2e-3])
+def test_a_slope_too_steep_for_friction_by_a_little_is_told(mbs, standing, steeper):
+    """What friction lacks, some thousandths of the weight, the springs of `settle` take, and the run has none."""
+    mu = 0.2
+    angle = np.arctan(mu) + steeper
+    weight = G * np.array([-np.sin(angle), 0.0, -np.cos(angle)])  # the slope is drawn level
+    block = ep.CreatePartitionBody(mbs, standing, name="block", gravity=weight)
+    contact = ep.CreatePartitionContact(mbs, block, ep.RigidPlane(), friction=mu)
+    mbs.Assemble()
+    if steeper < 0:
+        static = ep.settle(mbs)
+    else:
+        with pytest.warns(ModelLimitWarning, match=r"body 'block' does not quite rest.* 0.20% of its weight"):
+            static = ep.settle(mbs)
+    missing = np.linalg.norm(contact.force_on_slave(static)[-1] / standing.total_mass + weight) / G
+    assert missing == pytest.approx(max(np.sin(angle) - mu * np.cos(angle), 0.0), rel=0.1, abs=1e-6)
+
+
 def test_wrong_calls(mbs, round_body):
     plain = exu.SystemContainer().AddSystem()
     ep.CreatePartitionBody(plain, round_body)

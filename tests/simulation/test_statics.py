@@ -414,12 +414,48 @@ def test_stiff_springs_have_rounding_that_newton_s_method_knows(mbs, arm_body, k
         assert moved == pytest.approx(2 / stiffness, rel=0.5 if kind != "rigid" else 1e-6)
 
 
+@pytest.mark.parametrize("carried", [False, True])
+def test_the_first_sample_is_the_state_in_which_statics_begin(mbs, bodies, carried):
+    """Of a start without load, and of a preload: force, rows and energy were zero there, and the gap infinite."""
+    item, more = ep.CreatePartitionBody(mbs, bodies[0], name="ball"), {}
+    if carried:
+        more["masterBody"] = mbs.CreateRigidBody(inertia=exudyn.utilities.InertiaCuboid(1e3, [0.1] * 3))
+        marker = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=more["masterBody"]))
+        mbs.AddObject(items.GenericJoint(markerNumbers=[ground(mbs), marker], constrainedAxes=[1] * 6))
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), name="floor", **more)
+    springs(mbs, item, SPRING)
+    press(mbs, item, FORCE)
+    mbs.Assemble()
+    pressed = ep.solve_static(mbs, load_steps=2, update_initial=True)
+    assert contact.force(pressed)[0] == 0.0
+    assert abs(contact.gap(pressed)[0]) < 1e-5
+    held = ep.solve_static(mbs, load_steps=2, load_factor=False)
+    for values in (contact.force(held), contact.energy(held), contact.area(held)):
+        np.testing.assert_allclose(values, values[-1], rtol=1e-6)
+    assert contact.force(held)[0] == pytest.approx(contact.force(pressed)[-1], rel=1e-6)
+    assert (contact.closed_rows(held) == contact.closed_rows(pressed)[-1]).all()
+    np.testing.assert_allclose(contact.gap(held), contact.gap(pressed)[-1], rtol=1e-5)
+
+
 def test_what_nothing_holds_has_no_equilibrium(mbs, bodies):
     item = ep.CreatePartitionBody(mbs, bodies[0], referencePosition=[0, 0, 1e-5])
     ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), name="floor")
     press(mbs, item, FORCE)
     mbs.Assemble()
     said = r"finds no equilibrium.*Open at the start: contact 'floor' by 1e-05 m.*hold it by joints or soft springs"
+    with pytest.raises(RunError, match=said):
+        ep.solve_static(mbs)
+
+
+def test_a_convex_tip_whose_rows_are_open_is_named(mbs, bodies):
+    """Its lowest point touches, but rows are means around nodes; the message spoke of bodies that do not touch."""
+    item = ep.CreatePartitionBody(mbs, bodies[0])
+    ep.CreatePartitionContact(mbs, item, ep.RigidPlane(), name="floor")
+    press(mbs, item, FORCE)
+    mbs.Assemble()
+    said = (
+        r"finds no equilibrium.*contact 'floor' by .* m in its first row, though surfaces touch.*smaller facets there"
+    )
     with pytest.raises(RunError, match=said):
         ep.solve_static(mbs)
 

@@ -95,13 +95,18 @@ def test_a_log_that_takes_such_lines_has_them_instead(monkeypatch, capsys, caplo
 def test_compiling_at_the_start_does_not_count(monkeypatch, capsys):
     """Thirty seconds in which nothing happens, then all in three."""
     told(monkeypatch, "steps", [(30.0, 0.01), *[(30.0 + k, 0.01 + 0.33 * k) for k in (1, 2)], (33.0, 1.0)])
-    assert capsys.readouterr().err.splitlines() == ["steps: about 33 s in all", "steps: 67% after 32 s, about 1 s left"]
+    assert capsys.readouterr().err.splitlines() == ["steps: 34% after 31 s, about 2 s left", "steps: about 33 s in all"]
+
+
+def test_compiling_at_the_first_touch_does_not_count(monkeypatch, capsys):
+    """A loop is compiled for four seconds in the second look; hours were told for a run of 24 s."""
+    told(monkeypatch, "steps", [(1.0, 0.05), (5.0, 0.0501), *[(5.0 + k, 0.05 + 0.05 * k) for k in range(1, 20)]])
+    assert capsys.readouterr().err.splitlines()[0] == "steps: about 24 s in all"
 
 
 def test_work_that_hardly_goes_on_is_told_no_time(monkeypatch, capsys):
     told(monkeypatch, "load steps", [(1.5, 0.05), (3.0, 0.1), (12.0, 0.1 + 1e-16), (30.0, 0.12)])
     assert capsys.readouterr().err.splitlines() == [
-        "load steps: about 30 s in all",
         "load steps: 10% after 12 s, it hardly goes on",
         "load steps: 12% after 30 s, about 13 min left",
     ]

@@ -100,8 +100,8 @@ def _flexibilities(item: PartitionBody, nodes: Array, weights: Array) -> tuple[f
     body, material = item.body, item.body.material
     assert material is not None
     spacing = KDTree(body.points).query(body.points[nodes], k=2)[0][:, 1].mean()
-    spread = np.sqrt(weights @ np.sum((body.points[nodes] - weights @ body.points[nodes]) ** 2, axis=1))
-    radius = max(spacing / 2, np.sqrt(2) * spread)  # of a disc of that spread
+    spread = weights @ np.sum((body.points[nodes] - weights @ body.points[nodes]) ** 2, axis=1)
+    radius = max(spacing / 2, np.sqrt(2 * max(spread, 0.0)))  # of a disc of that spread; weights may be negative
     rows = np.einsum("k,kan->an", weights, np.asarray(body.rows(nodes)).reshape(len(nodes), 3, -1))
     elastic = body.basis.omega > 0
     kept = np.linalg.norm(rows[:, elastic] / body.basis.omega[elastic], 2) ** 2

@@ -92,7 +92,7 @@ def few_rows(run: ReviewedRun) -> Iterator[Finding]:
             continue
         yield Finding(
             f"{peak}: {closed} of {contact.n_rows} rows {'is' if closed == 1 else 'are'} closed at the peak of the "
-            f"force, {force:.4g} N. {_why_few(point, force)}efine "
+            f"force, {force:.4g} N. {_sunk_before(run.result, history, top)}{_why_few(point, force)}efine "
             f"{'both meshes' if len(contact.sides) > 1 else 'the mesh'} there, from facets of {size:.3g} m to a third "
             "of the contact's radius, see ep.hertz.contact_radius"
         )
@@ -108,6 +108,21 @@ def _has_few_rows(history: ContactHistory, top: int, result: Result) -> bool:
     if top == len(history.force) - 1 and result.method != "static":
         return False  # a growing contact begins with one row
     return contact.beside is None or bool(contact.beside.force(result)[top] <= history.force[top])
+
+
+def _sunk_before(result: Result, history: ContactHistory, top: int) -> str:
+    """Sentence on how deep surfaces lay within each other before a row closed, if deeper than at the peak it presses.
+
+    Integrated rows are means around nodes, and a narrow tip sinks between them.
+    """
+    first = next(first for first, last in history.spans if first <= top <= last)
+    sunk, pressed = history.contact.depth(result.at(result.t[first : first + 1])), float(history.pressed[top])
+    if sunk <= max(pressed, 0.0):
+        return ""
+    return (
+        f"Its surfaces lay {sunk:.3g} m within each other when the first row closed, more than the {pressed:.3g} m "
+        "by which rows are pressed at the peak: contact comes too late by that way. "
+    )
 
 
 def _why_few(point: PointContact | None, force: float) -> str:

@@ -4,6 +4,7 @@ import re
 
 import exudyn as exu
 import exudyn.itemInterface as items
+import netgen.occ as occ
 import numpy as np
 import pytest
 from oracles import box, ground, sensors
@@ -79,3 +80,18 @@ def test_a_stiff_spring_finds_a_body_too_stiff(model, bodies, stiffness, told):
                 ep.solve_static(mbs, load_steps=1)
         else:
             ep.solve_static(mbs, load_steps=1)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_spring_at_a_point_of_a_thin_ring_is_judged_without_a_word_of_numpy():
+    """Some nodes around the point have negative weights, and so may their spread, of which NumPy took the root."""
+    outside, wall, width = 0.0205, 0.001, 0.004
+    rims = [occ.Cylinder((0, -width / 2, 0), occ.Y, radius, width) for radius in (outside, outside - wall)]
+    fem = ep.fe_model(rims[0] - rims[1], ep.STEEL, maxh=6e-3)
+    patch = ep.Partition.surface(fem, cylinder=((0, 0, 0), (0, 1, 0), outside), name="rim")
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, ep.reduce(fem, patch, f_cut=3e3))
+    ends = [ground(mbs, (outside, 0, 0)), item.CreatePointMarker(mbs, (outside, 0, 0))]
+    mbs.AddObject(items.CartesianSpringDamper(markerNumbers=ends, stiffness=[SOFT] * 3))
+    mbs.Assemble()
+    assert ep.solve_dynamic(mbs, end_time=1e-6, step=1e-6).status == "finished"
