@@ -9,10 +9,13 @@ import numpy as np
 
 from ..contact.patch_contact import PatchContact
 from ..errors import InputError
+from ..results.impacts import line_at
 from ..support.arrays import Array
 from ..support.checks import validate_result
 from .contact_samples import ModelContact, RunSamples, growing_at, kept_rows
+from .row_samples import RowSamples
 
+_CENTRES = 9  # number of samples of a contact at which the centre of its force is found
 # Energies of contacts that are solved together, by the list of these contacts, as long as the result exists.
 _ENERGIES: WeakKeyDictionary[RunSamples, dict[int, Array]] = WeakKeyDictionary()
 
@@ -31,6 +34,53 @@ def nodal_forces(contact: ModelContact, result: RunSamples) -> list[Array]:
     place = contact.group.index(contact)
     forces = [parts[place].evaluation.nodal_forces() for parts in _evaluated(contact, result)]
     return [np.array(side) for side in zip(*forces, strict=True)]
+
+
+def force_centres(
+    contact: ModelContact,
+    result: RunSamples,
+    force: Array,
+    samples: tuple[int, int, int],
+    times: tuple[float, float],
+    along: Array,
+) -> Array | None:
+    """Centre of the contact force in space at two times, (2, 3) [m]; None if forces of rows are not known.
+
+    It moves on a line through the centres at some samples from the first to the last, each counted by its force, and
+    not beyond these. Multipliers jump from step to step: their centre stays at the mean over the contact.
+
+    Parameters
+    ----------
+    contact : PartitionContact
+    result : Result
+    force : (n,) array
+        Its force [N].
+    samples : three ints
+        The first one with a force, that of the largest force, and the last one.
+    times : two floats
+        [s]
+    along : (3,) array
+        Normal of the contact, to the slave.
+    """
+    item, (first, peak, last) = contact.sides[0][0], samples
+    nodes = contact.mechanics.gaps.slave.surface.nodes
+    try:
+        if contact.mechanics.elastic or contact.mechanics.friction is not None or contact.mechanics.zones is not None:
+            chosen = np.unique(np.append(np.linspace(first, last, _CENTRES).astype(int), peak))
+            weights = nodal_forces(contact, result.at(result.t[chosen]))[0] @ along
+        else:
+            chosen = np.array([peak])
+            rows = RowSamples(result.kept(contact), result.t[first : last + 1]).matrix()
+            weights = np.asarray(rows.sum(axis=0))[:, : len(nodes)]
+    except InputError:  # a result from a file
+        return None
+    pressed = weights.any(axis=1)
+    chosen, weights, kinematics = chosen[pressed], weights[pressed], item.kinematics.at(nodes)
+    if not len(chosen):
+        return None
+    places = [kinematics.place(q) for q in item.coordinates(result.at(result.t[chosen]))]
+    centres = np.array([of @ at / of.sum() for of, at in zip(weights, places, strict=True)])
+    return line_at(np.array(times), result.t[chosen], centres, force[chosen])
 
 
 def stored_energy(contact: ModelContact, result: RunSamples) -> Array:

@@ -19,7 +19,16 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..fe.material import Material
 from ..prediction.contact_ellipse import semi_axes
 from ..prediction.yielding import Stress
-from ..results.impacts import Ringing, SubImpact, at_border, closed_spans, crossing, joined, ringing, running_mean
+from ..results.impacts import (
+    Ringing,
+    SubImpact,
+    at_border,
+    closed_spans,
+    crossing,
+    joined,
+    ringing,
+    running_mean,
+)
 from ..support.arrays import Array, Vector
 from ..support.checks import validate_number, validate_positive, validate_result, validate_vector
 from ..support.foreign import MainSystem, NodeIndex, SensorIndex
@@ -27,7 +36,7 @@ from ..support.items import Item
 from ..support.optional import require
 from ..surfaces.facing import PENETRATION_TOLERANCE
 from .contact_plan import ContactPlan
-from .contact_replay import nodal_forces, stored_energy, viscous_work
+from .contact_replay import force_centres, nodal_forces, stored_energy, viscous_work
 from .contact_samples import RunSamples, growing_at, mean_forces
 from .friction_results import FrictionResults
 from .model_run import runs_of
@@ -445,13 +454,16 @@ class PartitionContact(Item[Any]):
         to the first one after it.
 
         Speeds are those of rigid bodies with the momenta and angular momenta of the bodies. They hold at the centre of
-        the largest contact force, along the contact's normal: the direction of the impulse of the normal forces. So
-        vibration and distance from the centre of mass count alike in both frames. `speed_before` is the speed at
-        `start`, positive if the bodies approach. `speed_after` is the speed at `end`, positive if they separate. Their
-        ratio is Newton's coefficient of restitution, with friction too. It does not include the energy that friction
-        takes from sliding: see `dissipated_energy` and the momenta of the bodies. A body of another kind that carries
-        the rigid surface has the speed of its own point there, from two of the places that the run kept of it. A speed
-        is None if the run begins or ends in this contact, if a body touches itself, or if no such places are known.
+        the contact force, along the contact's normal: the direction of the impulse of the normal forces. So vibration
+        and distance from the centre of mass count alike in both frames. Where bodies slide or roll, the centre goes
+        with the contact: its places at start and end are those of a steady motion through its places between.
+
+        `speed_before` is the speed at `start`, positive if the bodies approach. `speed_after` is the speed at `end`,
+        positive if they separate. Their ratio is Newton's coefficient of restitution, with friction too. It does not
+        include the energy that friction takes from sliding: see `dissipated_energy` and the momenta of the bodies. A
+        body of another kind that carries the rigid surface has the speed of its own point there, from two of the places
+        that the run kept of it. A speed is None if the run begins or ends in this contact, if a body touches itself, or
+        if no such places are known.
 
         Parameters
         ----------
@@ -500,26 +512,27 @@ class PartitionContact(Item[Any]):
             return None, None
         normal = impulse / size
         peak = first + int(force[first : last + 1].argmax())
-        if (centre := self._force_centre(result, t[first : last + 1], peak, normal)) is None:
+        if (centres := force_centres(self, result, force, (first, peak, last), times, normal)) is None:
             return None, None
 
-        def separation(sample: int) -> float:
+        def separation(centre: Array, sample: int) -> float:
             now, speeds = result.at(t[sample : sample + 1]), []
             for item, _ in self.sides:
                 q, q_t = item.coordinates(now)[0], item.coordinates_t(now)[0]
                 speeds.append(float(item.kinematics.mean_velocity(q, q_t, centre) @ normal))
             return speeds[0] - sum(speeds[1:])
 
-        before = at_border(t, force == 0, separation, times[0], -1) if first > 0 else None
-        after = at_border(t, force == 0, separation, times[1], 1) if last < len(t) - 1 else None
-        carrier_before, carrier_after = self._carrier_speeds(result, force, span, centre, normal)
+        at_start, at_end = (functools.partial(separation, centre) for centre in centres)
+        before = at_border(t, force == 0, at_start, times[0], -1) if first > 0 else None
+        after = at_border(t, force == 0, at_end, times[1], 1) if last < len(t) - 1 else None
+        carrier_before, carrier_after = self._carrier_speeds(result, force, span, centres, normal)
         approach = None if before is None or carrier_before is None else carrier_before - before
         return approach, None if after is None or carrier_after is None else after - carrier_after
 
     def _carrier_speeds(
-        self, result: RunSamples, force: Array, span: tuple[int, int], centre: Array, normal: Array
+        self, result: RunSamples, force: Array, span: tuple[int, int], centres: Array, normal: Array
     ) -> tuple[float | None, float | None]:
-        """Speeds along `normal` of the rigid surface's point at `centre`, before and after a contact [m/s].
+        """Speeds along `normal` of the rigid surface's points at `centres`, (2, 3), before and after a contact [m/s].
 
         They are zero if nothing carries it, and None where the run kept fewer than two places of the carrier between
         this contact and the next one.
@@ -534,31 +547,14 @@ class PartitionContact(Item[Any]):
         earlier, later = closed[closed < span[0]], closed[closed > span[1]]
         begin = t[earlier[-1] + 1] if earlier.size else -np.inf
         end = t[later[0] - 1] if later.size else np.inf
-        before = body.velocity_within(begin, t[span[0] - 1], centre, late=True) if span[0] else None
-        after = body.velocity_within(t[min(span[1] + 1, len(t) - 1)], end, centre, late=False)
+        before = body.velocity_within(begin, t[span[0] - 1], centres[0], late=True) if span[0] else None
+        after = body.velocity_within(t[min(span[1] + 1, len(t) - 1)], end, centres[1], late=False)
         return None if before is None else float(before @ normal), None if after is None else float(after @ normal)
 
     def _normal_force(self, result: RunSamples) -> Array:
         """Resultant of the normal forces on the slave, (n, 3) [N]."""
         whole = self.force_on_slave(result)
         return whole - self.friction.tangential_force(result) if self.friction else whole
-
-    def _force_centre(self, result: RunSamples, times: Array, sample: int, along: Array) -> Array | None:
-        """Centre of the contact force in space at a sample, (3,) [m]; None if forces of rows are not known.
-
-        Multipliers jump from step to step. Their centre is the mean over the times of the contact.
-        """
-        now, item = result.at(result.t[sample : sample + 1]), self.slave
-        nodes = self.mechanics.gaps.slave.surface.nodes
-        try:
-            if self.elastic or self.friction or self.plastic:
-                weights = self.nodal_forces(now)[0][0] @ along
-            else:
-                weights = np.asarray(self._row_forces(result, times).sum(axis=0))[0, : len(nodes)]
-        except InputError:  # a result from a file
-            return None
-        places = item.kinematics.at(nodes).place(item.coordinates(now)[0])
-        return np.asarray(weights @ places / weights.sum()) if weights.any() else None
 
     def ringing(self, result: RunSamples) -> Ringing | None:
         """Ringing of the force: the impact in which it is strongest, its period and means; None if there is none.

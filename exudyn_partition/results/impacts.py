@@ -233,6 +233,19 @@ def at_border(t: Array, free: Array, value: Callable[[int], float], time: float,
     return value(outside)
 
 
+def line_at(times: Array, t: Array, values: Array, weights: Array) -> Array:
+    """Values at some times, (k, m), of a line through values, (n, m), at t, (n,), and not beyond the range of these.
+
+    The line has the least squares of its distances, each counted by its weight, (n,).
+    """
+    share = weights / weights.sum()
+    middle, mean = share @ t, share @ values
+    spread = share @ (t - middle) ** 2
+    slope = (share * (t - middle)) @ values / spread if spread > 0.0 else np.zeros_like(mean)
+    line: Array = np.clip(mean + np.outer(times - middle, slope), values.min(axis=0), values.max(axis=0))
+    return line
+
+
 def rings_by_facets(t: Array, force: Array, rate: float) -> float | None:
     """Frequency of a force that oscillates as facets pass by [Hz]; None if it does not, or for another reason.
 

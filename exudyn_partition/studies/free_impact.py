@@ -14,6 +14,7 @@ from ..errors import CompiledRunError, InputError, PartitionError, PartitionWarn
 from ..exudyn_bodies.create_body import CreatePartitionBody
 from ..exudyn_bodies.model import coordinate_slices
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.contact_replay import force_centres
 from ..exudyn_contacts.create_contact import CreatePartitionContact
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..frames.kinematics import Frame
@@ -211,10 +212,13 @@ def _measured(run: _Watched, point: Point) -> dict[str, float]:
     if not impacts:
         return dict.fromkeys(QUANTITIES, math.nan) | {"contacts": 0.0, "over": 0.0}
     ends = result.at(result.t[[0, -1]])
-    centre = _centre(contact, result.at(result.t[[int(force.argmax())]]), normal)
+    closed, span = np.flatnonzero(force), (impacts[0].start, impacts[-1].end)
+    centres = force_centres(contact, result, force, (closed[0], int(force.argmax()), closed[-1]), span, normal)
+    assert centres is not None  # these contacts know their forces
     # Bodies that spin carry other points of theirs through the centre later, whose velocities are others.
-    opened = min(int(np.searchsorted(result.t, impacts[-1].end)), len(result.t) - 1)
-    velocity = relative_velocity(items, result.at(result.t[[0, opened]]), centre)  # before and after, (2, 3)
+    opened = min(int(np.searchsorted(result.t, span[1])), len(result.t) - 1)
+    moments = result.at(result.t[[0, opened]])  # before and after
+    velocity = np.array([relative_velocity(items, moments, centre)[i] for i, centre in enumerate(centres)])
     middles = [item.momentum(ends) / item.body.total_mass for item in items]
     middle = middles[0] - sum(middles[1:])
     tangential = velocity @ beside
@@ -256,15 +260,6 @@ def relative_velocity(items: list[PartitionBody], result: Result, point: Array) 
 def speed_ratio(after: float, before: float, speed: float) -> float:
     """After over before; nan if before is nothing beside the speed."""
     return after / before if abs(before) > _STANDS * speed else math.nan
-
-
-def _centre(contact: PartitionContact, peak: Result, normal: Array) -> Array:
-    """Centre of the contact force in space at its peak, (3,) [m]."""
-    item = contact.slave
-    weights = abs(contact.nodal_forces(peak)[0][0] @ normal)
-    q = item.coordinates(peak)[0]
-    centre: Array = weights @ item.kinematics.at(contact.mechanics.gaps.slave.surface.nodes).place(q) / weights.sum()
-    return centre
 
 
 def rigid_spin(item: PartitionBody, ends: Result) -> Array:

@@ -64,6 +64,14 @@ def test_what_a_free_ball_does_not_rebound_with_it_vibrates_with(normal):
     np.testing.assert_allclose(normal["balance"], 0, atol=1e-3)
 
 
+def test_the_centre_of_a_contact_slides_with_the_ball(ball):
+    """The ball spins when it leaves; beside its lowest point this would count as normal speed."""
+    found = ep.restitution_map((ball, PLANE), speed=10.0, angle=np.arccos(0.03), friction=0.1)
+    normal_speed = 0.3
+    by_impulse = found["impulse"] / (ball.total_mass * normal_speed) - 1
+    np.testing.assert_allclose(found["restitution"], by_impulse, atol=2e-3)
+
+
 def test_sliding_impacts_are_coulombs_and_turn_the_ball(ball, oblique):
     """Steeper than arctan(7 mu), friction slides to the end: its impulse is mu times the normal one."""
     smooth, rough = ({name: values[0, 0, 1:, k] for name, values in oblique.values.items()} for k in (0, 1))
