@@ -483,7 +483,7 @@ class HertzFriction(Law):
     def __init__(self, rows: RowDirections) -> None:
         assert isinstance(rows, SpotDirections)
         self.rows, self.gaps = rows, rows.gaps
-        self._mismatch = self.gaps.mismatch if self.gaps.contact_then.circular else 0.0
+        self._mismatch = self.gaps.mismatch if self.gaps.round else 0.0
         self.memory = 2 * _SPRINGS * spokes_of(self._mismatch)
         self._known: tuple[Array, PointContact, float, HertzCurve] | None = None
         self._springs: tuple[PointContact, Springs] | None = None
@@ -516,7 +516,7 @@ class HertzFriction(Law):
         """Axes of the ellipse as rows, (2, 2), and what curved bodies add, (2, 2) [m/N], see `SpotGaps.curved`."""
         tangents = self.rows.tangents[0]
         curved, fixed = self.gaps.curved(tangents)
-        if self.gaps.contact.circular:
+        if self.gaps.round:  # also where other faces, that share the contact, make an ellipse of it
             return np.eye(2), curved, fixed
         along = tangents @ self.gaps.long_axis
         along /= np.linalg.norm(along)
@@ -550,7 +550,7 @@ class HertzFriction(Law):
     def left_out(self) -> list[str]:
         """See `Law`."""
         said, mismatch = [*LEFT_OUT, "friction against spin about the line of contact"], abs(self.gaps.mismatch)
-        if mismatch > _ALIKE and not self.gaps.contact.circular:
+        if mismatch > _ALIKE and not self.gaps.round:
             said.append(
                 "the slip at the edge of an elliptic contact that normal forces cause between bodies of different "
                 f"stiffness, rigid ones too (Dundurs' constant {mismatch:.2g}): where it would stick, it is too stiff "
