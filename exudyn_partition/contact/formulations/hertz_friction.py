@@ -24,6 +24,7 @@ R.D. Mindlin, Compliance of elastic bodies in contact, Journal of Applied Mechan
 
 from __future__ import annotations
 
+import copy
 import math
 from typing import NamedTuple
 
@@ -107,10 +108,17 @@ class Springs:
         self.radius, self.modulus, self.shear = radius, modulus, np.array(shear)
         self.ends = WIDEST * radius * np.r_[0.0, np.geomspace(_INNERMOST, 1.0, _SPRINGS)]
         self.spokes = spokes_of(mismatch)
+        self.count = _SPRINGS * self.spokes
         turn = 2 * np.pi / self.spokes * np.arange(self.spokes)
         self._ways = np.tile(np.column_stack([np.cos(turn), np.sin(turn)]), (_SPRINGS, 1))
         # The springs have G*, and radial tractions move a half-space by E*.
         self._drive = -mismatch * modulus / (np.pi * radius * float(np.mean(shear)))
+
+    def turned(self, first: Array) -> Springs:
+        """The same with the first spoke along a unit vector, (2,)."""
+        result = copy.copy(self)
+        result._ways = self._ways @ np.array([first, [-first[1], first[0]]])
+        return result
 
     def _ends(self, reach: float) -> Array:
         """Where springs begin and end up to a reach, (m + 1,) [m]; the last one has all beyond."""
@@ -312,6 +320,10 @@ class _Before(NamedTuple):
         Their lengths then [m].
     carried : (n, 2) array
         Their forces then [N].
+    springs : Springs
+        With spokes as these forces have turned.
+    spoke : (2,) array
+        Unit vector along the first spoke.
     rest : (2,) array
         Way in this step, without what tangential forces of this step move the bodies [m].
     driven : Driven or None
@@ -323,6 +335,8 @@ class _Before(NamedTuple):
     reach: float
     covered: Array
     carried: Array
+    springs: Springs
+    spoke: Array
     rest: Array
     driven: Driven | None
 
@@ -355,10 +369,15 @@ class FrictionStep:
         yielding, places, force = self._yielding, self._places, self._force_before
         springs, turn = yielding.springs, yielding.turn
         last, reach = turn @ places.last[0, 1:], springs.reach(force)
-        carried = _turned(places.memory[0].reshape(-1, 2) @ turn.T, last)
+        remembered = places.memory[0].reshape(-1, 2) @ turn.T
+        remembered = remembered @ _turning(remembered[: springs.count], last)
+        carried, spoke = remembered[: springs.count], np.array([1.0, 0.0])
+        if len(remembered) > springs.count and force:
+            spoke = remembered[-1]
+        springs = springs.turned(spoke)
         rest = turn @ places.way[0] - yielding.between * force - yielding.beside(force) @ last
         driven = springs.driven(0.0, reach, force)
-        return _Before(force, last, reach, springs.lengths(reach), carried, rest, driven)
+        return _Before(force, last, reach, springs.lengths(reach), carried, springs, spoke, rest, driven)
 
     def begin(self) -> FrictionTouch:
         """See `PointStep`: the forces of the last step, with springs that all stick or all slip."""
@@ -411,7 +430,8 @@ class FrictionStep:
 
     def _at(self, P: float, stretch: Array) -> FrictionTouch:
         """Forces under a normal force [N], where the ends of the springs move by `stretch`, (2,) [m]."""
-        before, springs = self._before, self._yielding.springs
+        before = self._before
+        springs = before.springs
         reach = springs.reach(P)
         lengths, bounds = springs.lengths(reach), self._mu * springs.normal(reach)
         # Where the contact grows, new parts of springs have no elongation.
@@ -429,7 +449,7 @@ class FrictionStep:
         if not touch.force:
             return self._opened()
         before, yielding, P, T = self._before, self._yielding, touch.force, -touch.held.total
-        curve, springs, between, curved = yielding.normal, yielding.springs, yielding.between, yielding.curved
+        curve, springs, between, curved = yielding.normal, before.springs, yielding.between, yielding.curved
         turn, stretch, forces, F = yielding.turn, touch.stretch, touch.held.forces, touch.F
         reach = springs.reach(P)
         stored = 0.5 * float(np.sum(forces * springs.elongations(forces, springs.lengths(reach))))
@@ -439,6 +459,7 @@ class FrictionStep:
         along = taken
         if touch.driven is not None:  # springs slip towards the middle, too
             along = min(taken, math.sqrt(size * float(stretch @ stretch)))
+        remembered = forces if springs.spokes == 1 else np.vstack([forces, before.spoke])
         status = SLIP if np.linalg.norm(T) >= _SLIPS * self._mu * P else STICK
         stored += float(0.5 * T @ F @ T - T @ curved @ T / 6 + P * (between @ T)) - P * touch.pushed
 
@@ -454,7 +475,7 @@ class FrictionStep:
             np.array([status], dtype=np.int8),
             -along * (turn.T @ mean)[None] / size if size > 0 else np.zeros((1, 2)),
             taken=taken - along,
-            memory=(forces @ turn).reshape(1, -1),
+            memory=(remembered @ turn).reshape(1, -1),
             stored=curve.stored(P) + stored,
             stiffness=stiffness,
         )
@@ -484,7 +505,8 @@ class HertzFriction(Law):
         assert isinstance(rows, SpotDirections)
         self.rows, self.gaps = rows, rows.gaps
         self._mismatch = self.gaps.mismatch if self.gaps.round else 0.0
-        self.memory = 2 * _SPRINGS * spokes_of(self._mismatch)
+        spokes = spokes_of(self._mismatch)
+        self.memory = 2 * (_SPRINGS * spokes + (spokes > 1))  # forces, and the direction of the first spoke
         self._known: tuple[Array, PointContact, float, HertzCurve] | None = None
         self._springs: tuple[PointContact, Springs] | None = None
 
@@ -623,15 +645,18 @@ def _stiffness(normal: float, slopes: _Slopes, own: Array, F: Array, moved: Arra
     return K
 
 
-def _turned(forces: Array, last: Array) -> Array:
-    """Forces of springs, (n, 2) [N], in the present axes, in which the force on the slave was `last`, (2,) [N]."""
+def _turning(forces: Array, last: Array) -> Array:
+    """By what vectors, (2,), turn with forces of springs, (n, 2) [N], into the axes of now: (2, 2), from the right.
+
+    In these, the force on the slave was `last`, (2,) [N].
+    """
     remembered = -forces.sum(axis=0)
     size = np.hypot(*remembered) * np.hypot(*last)
     if size == 0.0:
-        return forces
+        return np.eye(2)
     c = float(remembered @ last) / size
     s = float(remembered[0] * last[1] - remembered[1] * last[0]) / size
-    return np.asarray(forces @ np.array([[c, s], [-s, c]]))
+    return np.array([[c, s], [-s, c]])
 
 
 _OPEN = FrictionTouch(
