@@ -24,7 +24,6 @@ R.D. Mindlin, Compliance of elastic bodies in contact, Journal of Applied Mechan
 
 from __future__ import annotations
 
-import copy
 import math
 from typing import NamedTuple
 
@@ -50,6 +49,7 @@ _SMALL = 1e-5  # change by which a derivative is found
 _TINY = 1e-300  # whose logarithm is finite
 _SLIPS = 1 - 1e-9  # share of the largest tangential force with which all springs slip
 _ONE = np.zeros(1, dtype=np.int64)
+_AS_TANGENTS = np.array([1.0, 0.0])  # direction of the first spoke in a contact that begins
 
 
 class Held(NamedTuple):
@@ -114,12 +114,6 @@ class Springs:
         # The springs have G*, and radial tractions move a half-space by E*.
         self._drive = -mismatch * modulus / (np.pi * radius * float(np.mean(shear)))
 
-    def turned(self, first: Array) -> Springs:
-        """The same with the first spoke along a unit vector, (2,)."""
-        result = copy.copy(self)
-        result._ways = self._ways @ np.array([first, [-first[1], first[0]]])
-        return result
-
     def _ends(self, reach: float) -> Array:
         """Where springs begin and end up to a reach, (m + 1,) [m]; the last one has all beyond."""
         ends = np.minimum(self.ends, reach)
@@ -148,27 +142,28 @@ class Springs:
         covered = self.lengths(reach)
         return np.asarray(covered / covered.sum()) if reach else covered
 
-    def driven(self, since: float, reach: float, force: float) -> Driven | None:
+    def driven(self, since: float, reach: float, force: float, spoke: Array = _AS_TANGENTS) -> Driven | None:
         """How a normal force [N] moves springs up to its reach [m], after the reach `since` [m]; None without spokes.
 
         Free of tractions, the ends at x would have moved by W = (a^2 - x^2) ln((a + x) / (a - x)) + 2 a x, times a
         factor, since the contact of radius a was a point; in a part that begins to touch, only what follows counts.
+        The first spoke is along a unit vector, (2,).
         """
         if self.spokes == 1 or not force:
             return None
         ends = self._ends(max(since, reach))
-        width = np.diff(ends)
+        width, directions = np.diff(ends), self._ways @ np.array([spoke, [-spoke[1], spoke[0]]])
         (before, _), (now, slope) = (_free_way(ends, a) for a in (since, reach))
         ways = []
         for along in (now - before, slope * reach / (3 * force)):
             mean = np.divide(np.diff(along), width, out=np.zeros_like(width), where=width > 0.0)
-            ways.append((self._drive * np.repeat(mean, self.spokes))[:, None] * self._ways)
+            ways.append((self._drive * np.repeat(mean, self.spokes))[:, None] * directions)
         return Driven(*ways)
 
-    def bent(self, reach: float, force: float) -> Array:
+    def bent(self, reach: float, force: float, spoke: Array) -> Array:
         """Derivative of `Driven.by_force` by the force, (n, 2) [m/N2], at a force [N] and its reach [m]."""
         there = (1 + _SMALL) * force, self.reach((1 + _SMALL) * force)
-        now, later = self.driven(0.0, reach, force), self.driven(0.0, there[1], there[0])
+        now, later = self.driven(0.0, reach, force, spoke), self.driven(0.0, there[1], there[0], spoke)
         return np.zeros(2) if now is None or later is None else (later.by_force - now.by_force) / (_SMALL * force)
 
     def elongations(self, forces: Array, lengths: Array) -> Array:
@@ -320,10 +315,8 @@ class _Before(NamedTuple):
         Their lengths then [m].
     carried : (n, 2) array
         Their forces then [N].
-    springs : Springs
-        With spokes as these forces have turned.
     spoke : (2,) array
-        Unit vector along the first spoke.
+        Unit vector along the first spoke, which turns with these forces.
     rest : (2,) array
         Way in this step, without what tangential forces of this step move the bodies [m].
     driven : Driven or None
@@ -335,7 +328,6 @@ class _Before(NamedTuple):
     reach: float
     covered: Array
     carried: Array
-    springs: Springs
     spoke: Array
     rest: Array
     driven: Driven | None
@@ -371,13 +363,11 @@ class FrictionStep:
         last, reach = turn @ places.last[0, 1:], springs.reach(force)
         remembered = places.memory[0].reshape(-1, 2) @ turn.T
         remembered = remembered @ _turning(remembered[: springs.count], last)
-        carried, spoke = remembered[: springs.count], np.array([1.0, 0.0])
-        if len(remembered) > springs.count and force:
-            spoke = remembered[-1]
-        springs = springs.turned(spoke)
+        carried = remembered[: springs.count]
+        spoke = remembered[-1] if springs.spokes > 1 and force else _AS_TANGENTS
         rest = turn @ places.way[0] - yielding.between * force - yielding.beside(force) @ last
-        driven = springs.driven(0.0, reach, force)
-        return _Before(force, last, reach, springs.lengths(reach), carried, springs, spoke, rest, driven)
+        driven = springs.driven(0.0, reach, force, spoke)
+        return _Before(force, last, reach, springs.lengths(reach), carried, spoke, rest, driven)
 
     def begin(self) -> FrictionTouch:
         """See `PointStep`: the forces of the last step, with springs that all stick or all slip."""
@@ -430,13 +420,12 @@ class FrictionStep:
 
     def _at(self, P: float, stretch: Array) -> FrictionTouch:
         """Forces under a normal force [N], where the ends of the springs move by `stretch`, (2,) [m]."""
-        before = self._before
-        springs = before.springs
+        before, springs = self._before, self._yielding.springs
         reach = springs.reach(P)
         lengths, bounds = springs.lengths(reach), self._mu * springs.normal(reach)
         # Where the contact grows, new parts of springs have no elongation.
         kept = springs.elongations(before.carried, np.maximum(before.covered, lengths))
-        driven = springs.driven(before.reach, reach, P)
+        driven = springs.driven(before.reach, reach, P, before.spoke)
         kept = kept if driven is None else kept + driven.change
         held = springs.held(kept + stretch, lengths, bounds)
         on_row = np.array([P, *(self._yielding.turn.T @ -held.total)])
@@ -449,7 +438,7 @@ class FrictionStep:
         if not touch.force:
             return self._opened()
         before, yielding, P, T = self._before, self._yielding, touch.force, -touch.held.total
-        curve, springs, between, curved = yielding.normal, before.springs, yielding.between, yielding.curved
+        curve, springs, between, curved = yielding.normal, yielding.springs, yielding.between, yielding.curved
         turn, stretch, forces, F = yielding.turn, touch.stretch, touch.held.forces, touch.F
         reach = springs.reach(P)
         stored = 0.5 * float(np.sum(forces * springs.elongations(forces, springs.lengths(reach))))
@@ -464,7 +453,7 @@ class FrictionStep:
         stored += float(0.5 * T @ F @ T - T @ curved @ T / 6 + P * (between @ T)) - P * touch.pushed
 
         def stiffness() -> Array:
-            bent = float(np.sum(touch.held.forces * springs.bent(reach, P)))
+            bent = float(np.sum(touch.held.forces * springs.bent(reach, P, before.spoke)))
             slopes = touch.slopes._replace(own=touch.slopes.own + bent)
             moved = between - curved @ T / (3 * P)
             return _stiffness(curve.stiffness(P), slopes, touch.held.stiffness, F, moved, turn)
