@@ -134,6 +134,11 @@ class SpotGaps(Gaps):
         return self.spot_rows.contact
 
     @property
+    def round(self) -> bool:
+        """Whether `contact_then` is a circle wherever the own faces touch: it has no axes."""
+        return self._found.round is not None and self._found.round.circular
+
+    @property
     def shear(self) -> tuple[float, float]:
         """Tangential moduli of both bodies along the ellipse of contact and across it, see `PointContact` [Pa]."""
         return self.contact_then.shear_moduli(self._found.materials)
@@ -473,7 +478,7 @@ class SpotGaps(Gaps):
 
     @property
     def long_axis(self) -> Array:
-        """Unit vector along the major semi-axis of `contact_then`, here, in space, (3,); any tangent of a circle."""
+        """Unit vector along the major semi-axis of `contact_then`, here, in space, (3,); meaningless in a circle."""
         normal = self.meeting.normal
         bent = self._found.bending(self._axes(self.q, self.evaluated_pose), normal)
         size = 2 * max(self.contact_then.curvatures)

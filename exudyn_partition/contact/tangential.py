@@ -24,7 +24,7 @@ from . import loops
 from .gaps import Gaps
 from .normal_rows import rates_of
 from .side import LoadedNodes
-from .stages import OF_SIDE, Anchor, Standing
+from .stages import NOTHING, OF_SIDE, Anchor, Standing
 
 SAME = 0.02  # of a facet's size, or change of normals: below it, rows keep their flexibility in three directions
 _MANY = 1000  # rows above which the flexibility of all, (3 nr, 3 nr), is not kept
@@ -56,7 +56,8 @@ class TangentialRows:
                     "of its normal alone; make it by Partition.ball(..., axes='xyz')"
                 )
         self.gaps = gaps
-        self._axis = int(abs(gaps.approach).argmin())
+        self._first = int(abs(gaps.approach).argmin())
+        self._axis = self._first  # of the last present rows: those at an anchor follow it
         self._places: list[Array] | None = None
         self._places_of: object = None
         self.forget_places()
@@ -111,24 +112,33 @@ class TangentialRows:
     @property
     def tangents(self) -> Array:
         """Two tangents of each row, (nr, 2, 3)."""
-        self._axis, tangents = self.gaps.stage.once(("tangents", self._axis), self._turned)
-        return tangents
+        return self._followed()[1]
 
     @property
     def axis(self) -> int:
         """Number of the axis from which the tangents are made."""
-        self._axis, _ = self.gaps.stage.once(("tangents", self._axis), self._turned)
-        return self._axis
+        return self._followed()[0]
 
-    def _turned(self) -> tuple[int, Array]:
-        """Axis from which tangents are made, kept while it is suitable, and tangents to the present normals."""
-        normals, axes = self.gaps.normal, self.axes
-        tangents, cosines = loops.tangents_of(normals, axes[:, self._axis])
-        if cosines.max(initial=0.0) > _STEEP and not self.gaps.stage.of_anchor:
-            by_axis = [loops.tangents_of(normals, axis) for axis in axes.T]
-            axis = int(np.argmin([cosines.max() for _, cosines in by_axis]))
-            return axis, by_axis[axis][0]
-        return self._axis, tangents
+    def _followed(self) -> tuple[int, Array]:
+        """Axis from which tangents are made, and the tangents, (nr, 2, 3), to the present normals."""
+        gaps, axis = self.gaps, self._axis
+        if gaps.stage.of_anchor:
+            along = gaps.stage.once(("tangents", axis), lambda: loops.tangents_of(gaps.normal, self.axes[:, axis])[0])
+            return axis, along
+        self._axis, along = gaps.stage.once("tangents", self._suitable)
+        return self._axis, along
+
+    def _suitable(self) -> tuple[int, Array]:
+        """The first axis that no normal is nearly along, and tangents; whatever axis rows had before."""
+        best, least = (self._first, NOTHING), np.inf
+        for axis in (self._first, (self._first + 1) % 3, (self._first + 2) % 3):
+            tangents, cosines = loops.tangents_of(self.gaps.normal, self.axes[:, axis])
+            steepest = float(cosines.max(initial=0.0))
+            if steepest < least:
+                best, least = (axis, tangents), steepest
+            if steepest <= _STEEP:
+                return axis, tangents
+        return best
 
     def in_space(self, along: Array) -> Array:
         """Vectors in space, (nr, 3), of components along the tangents, (nr, 2)."""

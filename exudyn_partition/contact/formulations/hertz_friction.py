@@ -49,6 +49,7 @@ _SMALL = 1e-5  # change by which a derivative is found
 _TINY = 1e-300  # whose logarithm is finite
 _SLIPS = 1 - 1e-9  # share of the largest tangential force with which all springs slip
 _ONE = np.zeros(1, dtype=np.int64)
+_AS_TANGENTS = np.array([1.0, 0.0])  # direction of the first spoke in a contact that begins
 
 
 class Held(NamedTuple):
@@ -107,6 +108,7 @@ class Springs:
         self.radius, self.modulus, self.shear = radius, modulus, np.array(shear)
         self.ends = WIDEST * radius * np.r_[0.0, np.geomspace(_INNERMOST, 1.0, _SPRINGS)]
         self.spokes = spokes_of(mismatch)
+        self.count = _SPRINGS * self.spokes
         turn = 2 * np.pi / self.spokes * np.arange(self.spokes)
         self._ways = np.tile(np.column_stack([np.cos(turn), np.sin(turn)]), (_SPRINGS, 1))
         # The springs have G*, and radial tractions move a half-space by E*.
@@ -140,27 +142,28 @@ class Springs:
         covered = self.lengths(reach)
         return np.asarray(covered / covered.sum()) if reach else covered
 
-    def driven(self, since: float, reach: float, force: float) -> Driven | None:
+    def driven(self, since: float, reach: float, force: float, spoke: Array = _AS_TANGENTS) -> Driven | None:
         """How a normal force [N] moves springs up to its reach [m], after the reach `since` [m]; None without spokes.
 
         Free of tractions, the ends at x would have moved by W = (a^2 - x^2) ln((a + x) / (a - x)) + 2 a x, times a
         factor, since the contact of radius a was a point; in a part that begins to touch, only what follows counts.
+        The first spoke is along a unit vector, (2,).
         """
         if self.spokes == 1 or not force:
             return None
         ends = self._ends(max(since, reach))
-        width = np.diff(ends)
+        width, directions = np.diff(ends), self._ways @ np.array([spoke, [-spoke[1], spoke[0]]])
         (before, _), (now, slope) = (_free_way(ends, a) for a in (since, reach))
         ways = []
         for along in (now - before, slope * reach / (3 * force)):
             mean = np.divide(np.diff(along), width, out=np.zeros_like(width), where=width > 0.0)
-            ways.append((self._drive * np.repeat(mean, self.spokes))[:, None] * self._ways)
+            ways.append((self._drive * np.repeat(mean, self.spokes))[:, None] * directions)
         return Driven(*ways)
 
-    def bent(self, reach: float, force: float) -> Array:
+    def bent(self, reach: float, force: float, spoke: Array) -> Array:
         """Derivative of `Driven.by_force` by the force, (n, 2) [m/N2], at a force [N] and its reach [m]."""
         there = (1 + _SMALL) * force, self.reach((1 + _SMALL) * force)
-        now, later = self.driven(0.0, reach, force), self.driven(0.0, there[1], there[0])
+        now, later = self.driven(0.0, reach, force, spoke), self.driven(0.0, there[1], there[0], spoke)
         return np.zeros(2) if now is None or later is None else (later.by_force - now.by_force) / (_SMALL * force)
 
     def elongations(self, forces: Array, lengths: Array) -> Array:
@@ -312,6 +315,8 @@ class _Before(NamedTuple):
         Their lengths then [m].
     carried : (n, 2) array
         Their forces then [N].
+    spoke : (2,) array
+        Unit vector along the first spoke, which turns with these forces.
     rest : (2,) array
         Way in this step, without what tangential forces of this step move the bodies [m].
     driven : Driven or None
@@ -323,6 +328,7 @@ class _Before(NamedTuple):
     reach: float
     covered: Array
     carried: Array
+    spoke: Array
     rest: Array
     driven: Driven | None
 
@@ -355,10 +361,13 @@ class FrictionStep:
         yielding, places, force = self._yielding, self._places, self._force_before
         springs, turn = yielding.springs, yielding.turn
         last, reach = turn @ places.last[0, 1:], springs.reach(force)
-        carried = _turned(places.memory[0].reshape(-1, 2) @ turn.T, last)
+        remembered = places.memory[0].reshape(-1, 2) @ turn.T
+        remembered = remembered @ _turning(remembered[: springs.count], last)
+        carried = remembered[: springs.count]
+        spoke = remembered[-1] if springs.spokes > 1 and force else _AS_TANGENTS
         rest = turn @ places.way[0] - yielding.between * force - yielding.beside(force) @ last
-        driven = springs.driven(0.0, reach, force)
-        return _Before(force, last, reach, springs.lengths(reach), carried, rest, driven)
+        driven = springs.driven(0.0, reach, force, spoke)
+        return _Before(force, last, reach, springs.lengths(reach), carried, spoke, rest, driven)
 
     def begin(self) -> FrictionTouch:
         """See `PointStep`: the forces of the last step, with springs that all stick or all slip."""
@@ -416,7 +425,7 @@ class FrictionStep:
         lengths, bounds = springs.lengths(reach), self._mu * springs.normal(reach)
         # Where the contact grows, new parts of springs have no elongation.
         kept = springs.elongations(before.carried, np.maximum(before.covered, lengths))
-        driven = springs.driven(before.reach, reach, P)
+        driven = springs.driven(before.reach, reach, P, before.spoke)
         kept = kept if driven is None else kept + driven.change
         held = springs.held(kept + stretch, lengths, bounds)
         on_row = np.array([P, *(self._yielding.turn.T @ -held.total)])
@@ -439,11 +448,12 @@ class FrictionStep:
         along = taken
         if touch.driven is not None:  # springs slip towards the middle, too
             along = min(taken, math.sqrt(size * float(stretch @ stretch)))
+        remembered = forces if springs.spokes == 1 else np.vstack([forces, before.spoke])
         status = SLIP if np.linalg.norm(T) >= _SLIPS * self._mu * P else STICK
         stored += float(0.5 * T @ F @ T - T @ curved @ T / 6 + P * (between @ T)) - P * touch.pushed
 
         def stiffness() -> Array:
-            bent = float(np.sum(touch.held.forces * springs.bent(reach, P)))
+            bent = float(np.sum(touch.held.forces * springs.bent(reach, P, before.spoke)))
             slopes = touch.slopes._replace(own=touch.slopes.own + bent)
             moved = between - curved @ T / (3 * P)
             return _stiffness(curve.stiffness(P), slopes, touch.held.stiffness, F, moved, turn)
@@ -454,7 +464,7 @@ class FrictionStep:
             np.array([status], dtype=np.int8),
             -along * (turn.T @ mean)[None] / size if size > 0 else np.zeros((1, 2)),
             taken=taken - along,
-            memory=(forces @ turn).reshape(1, -1),
+            memory=(remembered @ turn).reshape(1, -1),
             stored=curve.stored(P) + stored,
             stiffness=stiffness,
         )
@@ -483,8 +493,9 @@ class HertzFriction(Law):
     def __init__(self, rows: RowDirections) -> None:
         assert isinstance(rows, SpotDirections)
         self.rows, self.gaps = rows, rows.gaps
-        self._mismatch = self.gaps.mismatch if self.gaps.contact_then.circular else 0.0
-        self.memory = 2 * _SPRINGS * spokes_of(self._mismatch)
+        self._mismatch = self.gaps.mismatch if self.gaps.round else 0.0
+        spokes = spokes_of(self._mismatch)
+        self.memory = 2 * (_SPRINGS * spokes + (spokes > 1))  # forces, and the direction of the first spoke
         self._known: tuple[Array, PointContact, float, HertzCurve] | None = None
         self._springs: tuple[PointContact, Springs] | None = None
 
@@ -516,7 +527,7 @@ class HertzFriction(Law):
         """Axes of the ellipse as rows, (2, 2), and what curved bodies add, (2, 2) [m/N], see `SpotGaps.curved`."""
         tangents = self.rows.tangents[0]
         curved, fixed = self.gaps.curved(tangents)
-        if self.gaps.contact.circular:
+        if self.gaps.round:  # also where other faces, that share the contact, make an ellipse of it
             return np.eye(2), curved, fixed
         along = tangents @ self.gaps.long_axis
         along /= np.linalg.norm(along)
@@ -550,7 +561,7 @@ class HertzFriction(Law):
     def left_out(self) -> list[str]:
         """See `Law`."""
         said, mismatch = [*LEFT_OUT, "friction against spin about the line of contact"], abs(self.gaps.mismatch)
-        if mismatch > _ALIKE and not self.gaps.contact.circular:
+        if mismatch > _ALIKE and not self.gaps.round:
             said.append(
                 "the slip at the edge of an elliptic contact that normal forces cause between bodies of different "
                 f"stiffness, rigid ones too (Dundurs' constant {mismatch:.2g}): where it would stick, it is too stiff "
@@ -623,15 +634,18 @@ def _stiffness(normal: float, slopes: _Slopes, own: Array, F: Array, moved: Arra
     return K
 
 
-def _turned(forces: Array, last: Array) -> Array:
-    """Forces of springs, (n, 2) [N], in the present axes, in which the force on the slave was `last`, (2,) [N]."""
+def _turning(forces: Array, last: Array) -> Array:
+    """By what vectors, (2,), turn with forces of springs, (n, 2) [N], into the axes of now: (2, 2), from the right.
+
+    In these, the force on the slave was `last`, (2,) [N].
+    """
     remembered = -forces.sum(axis=0)
     size = np.hypot(*remembered) * np.hypot(*last)
     if size == 0.0:
-        return forces
+        return np.eye(2)
     c = float(remembered @ last) / size
     s = float(remembered[0] * last[1] - remembered[1] * last[0]) / size
-    return np.asarray(forces @ np.array([[c, s], [-s, c]]))
+    return np.array([[c, s], [-s, c]])
 
 
 _OPEN = FrictionTouch(
