@@ -50,9 +50,8 @@ class ModelRun:
     """State of a model's contacts in one run.
 
     Who takes part is fixed at its start, see `RunMembers`. In a run only these attributes change: `evaluated_at` in
-    each evaluation, and where that was outside of explicit steps, `ended` at each sample, `unsettled` in load steps,
-    `broken` and `over` at the end. So do the time spent in contacts, and the velocities by which bodies in floating
-    frames grow.
+    each evaluation, `ended` at each sample, `unsettled` in load steps, `broken` and `over` at the end. So do the time
+    spent in contacts, and the velocities by which bodies in floating frames grow.
 
     Parameters
     ----------
@@ -135,7 +134,6 @@ class ModelRun:
         self.ended: tuple[float, Array] | None = None
         self.unsettled: ComplementarityError | None = None
         self.broken = self._released = False
-        self._evaluated: tuple[float, Array, Array] | None = None  # where: time, coordinates and velocities
         self._turning = np.empty(0) if state is None else state.turning
         self._solver = solver
 
@@ -239,7 +237,6 @@ class ModelRun:
         applied in this step cannot be taken back: then the run is `broken`.
         """
         t, q = float(mbs.systemData.GetTime()), mbs.systemData.GetODE2Coordinates()
-        self._evaluated = None
         if self.method == "static" and t > self._began:
             self._press(mbs, t)
         within = [group.step_back(mbs, t, q) for group in self._within]
@@ -255,7 +252,7 @@ class ModelRun:
         begin = time.perf_counter()
         if self.record.on:
             self.keep_last_step(mbs, t)
-        self.evaluated_at, total, self._evaluated = t, None, None
+        self.evaluated_at, total = t, None
         q = mbs.systemData.GetODE2Coordinates(copy=False)
         self._turn(mbs)
         if self.method == "static" and t > self._began:
@@ -274,8 +271,6 @@ class ModelRun:
                 pushed = total[place]
                 if np.count_nonzero(pushed):  # is quicker than any()
                     total[place] = kinematics.on_constant_mass(q[place], pushed)
-        if self.method != "explicit":  # whose steps need no Jacobian
-            self._evaluated = t, q.copy(), mbs.systemData.GetODE2Coordinates_t()
         self._spent_s += time.perf_counter() - begin
         return total
 
@@ -302,16 +297,6 @@ class ModelRun:
                 self.unsettled = error
         mbs.sys["staticSolver"].it.newtonSteps = _NO_MORE
         return None
-
-    def settle(self, mbs: MainSystem, t: float) -> None:
-        """See `settled_force`; contacts that were evaluated in this state last are not evaluated again."""
-        data = mbs.systemData
-        if self._evaluated is not None:
-            then, q, q_t = self._evaluated
-            same = then == t and np.array_equal(q, data.GetODE2Coordinates(copy=False))
-            if same and np.array_equal(q_t, data.GetODE2Coordinates_t(copy=False)):
-                return
-        self.settled_force(mbs, t)
 
     def contact_force(self) -> Array:
         """Generalised forces of all contacts within the step in the state that was evaluated last, (nq,)."""

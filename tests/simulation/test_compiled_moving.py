@@ -462,14 +462,6 @@ def test_what_cannot_vary(marbles):
         ep.run_many(mbs, end_time=END, vary={ball: {"E": [2e11]}})
 
 
-def test_no_derivatives(marbles):
-    mbs, _, [contact] = thrown(marbles["normal"], HILL)
-    with pytest.raises(CompiledRunError) as raised:
-        ep.sensitivity(mbs, end_time=END, of="peak_force", at=contact)
-    assert "- body 'ball' has a floating frame" in str(raised.value)
-    assert str(raised.value).count("\n- ") == 1
-
-
 @pytest.mark.parametrize(
     ("frame", "surface"), [("floating", PLANE), ("floating", BORE), ("inertial", HILL), ("inertial", ROLL)]
 )
