@@ -118,7 +118,7 @@ def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size
         local[i, 1] += step[i, 1] + last[i, 1]
         inside[i] = depth(local[i, 0], local[i, 1], quad)
     for i in range(k):
-        if inside[i] < 0.0 and not past[index[i]]:
+        if inside[i] < -by and not past[index[i]]:
             r, s, f = local[i, 0], local[i, 1], facet[i]
             edge = nearest_edge(r, s, quad)[1]
             if across[f, edge] >= 0:

@@ -179,7 +179,7 @@ class MovingPairs:
         """Follow points, x (k, 3), over edges; the second result are those that must be searched."""
         facet, last = self._facet.take(index), self._last.take(index, axis=0)
         local = self._local.take(index, axis=0) + last
-        left = self._on_patch(index, _outside(local, self.facets.shape[1]))
+        left = self._on_patch(index, _outside(local, self.facets.shape[1], FOLLOWED))
         if len(left):
             facet[left], local[left], last[left] = self._cross(facet[left], local[left], last[left])
         pairs = follow(x, x_m.take(self.facets.take(facet, axis=0), axis=0), facet, local)

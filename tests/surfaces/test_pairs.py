@@ -48,6 +48,22 @@ def test_points_that_are_followed_over_facets_are_on_the_closest(round_body, fla
 
 
 @pytest.mark.usefixtures("each_path")
+def test_points_on_an_edge_stay_on_their_facets(round_body):
+    """Normals differ a little on both sides. Where points changed sides each time, Newton's method did not settle."""
+    surface = round_body.surface(np.zeros(3))
+    facet, edge = np.nonzero(surface.neighbours[0] >= 0)
+    on_edge = surface.points[surface.facets[facet, 3 + edge]]
+    x = on_edge + 1e-6 * closest_points(on_edge, surface.points[surface.facets]).normal
+    found = closest_points(x, surface.points[surface.facets])
+    pairs, alone, places = MovingPairs(surface, found.facet, found.local), single_points(len(x)), surface.points.copy()
+    for _ in range(2):
+        pairs.follow(alone, np.arange(len(x)), x, places)
+    settled = pairs.facet.copy()
+    pairs.follow(alone, np.arange(len(x)), x, places)
+    np.testing.assert_array_equal(pairs.facet, settled)
+
+
+@pytest.mark.usefixtures("each_path")
 def test_points_a_little_past_the_edge_have_the_same_carriers_when_searched_and_when_followed(flat_body):
     """Those around the point itself, not around the nearest place of the patch, which would turn forces aside."""
     surface = flat_body.surface(np.zeros(3))
