@@ -124,7 +124,8 @@ def test_parts_of_an_impact_are_joined(mbs, marble):
     (both,) = contact.impacts(result, merge=1e-3)
     assert (both.parts, both.start, both.end) == (2, first.start, second.end)
     assert both.impulse == pytest.approx(first.impulse + second.impulse, rel=1e-12)
-    assert (both.speed_before, both.speed_after) == (first.speed_before, second.speed_after)
+    speeds = first.speed_before, second.speed_after  # at places of their own: the ball slides
+    assert (both.speed_before, both.speed_after) == pytest.approx(speeds, rel=1e-5)
     assert first.speed_before == pytest.approx(0.5, rel=1e-2)
     (unfinished,) = contact.impacts(ep.solve_dynamic(mbs, end_time=10e-6, step=0.2e-6))
     assert unfinished.speed_after is None

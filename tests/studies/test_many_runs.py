@@ -423,7 +423,8 @@ def test_what_is_measured(marble):
     runs = many(mbs, {balls[1]: {"initialVelocity": np.array([[0, 0, -0.5]])}}, end_time=40e-6)
     assert runs.peak[0, 0] == pytest.approx(impact.peak, rel=CLOSE)
     assert runs.impulse[0, 0] == pytest.approx(impact.impulse, rel=CLOSE)
-    assert runs.restitution[0, 0] == pytest.approx(impact.speed_after / impact.speed_before, rel=1e-6)
+    # The centre of many runs is that of the largest force, and does not go with the contact.
+    assert runs.restitution[0, 0] == pytest.approx(impact.speed_after / impact.speed_before, rel=1e-5)
     assert runs.counts[0, 0] == 1
     closed = result.t[contact.force(result) > 0]
     assert closed[-1] - closed[0] <= runs.duration[0, 0] <= closed[-1] - closed[0] + 2 * STEP
