@@ -256,21 +256,29 @@ def mass_and_rows(mbs: MainSystem) -> tuple[sp.csr_matrix, sp.csr_matrix]:
 
     Joints that are switched off have rows of zeros.
     """
-    exu, data, kind = require("exudyn"), mbs.systemData, require("exudyn").ComputeItemType
+    data, kind = mbs.systemData, require("exudyn").ComputeItemType
     n = data.ODE2Size()
     masses = ((at, mbs.ComputeItem(i, kind.MassMatrix) if mass is None else mass) for i, at, mass in _masses(mbs))
     M = assembled(masses, n)
     places: list[tuple[Array, Array, Array]] = [(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0))]
-    for number in map(exu.ObjectIndex, range(data.NumberOfObjects())):
-        rows, columns = np.array(data.GetObjectLTGAE(number), int), np.array(data.GetObjectLTGODE2(number), int)
-        active = rows.size and mbs.GetObject(number).get("activeConnector", True)
-        if active and kind.ConstraintJacobian in mbs.ComputeItem(number):
-            J = np.asarray(mbs.ComputeItem(number, kind.ConstraintJacobian))
-            places.append((np.repeat(rows, len(columns)), np.tile(columns, len(rows)), J.ravel()))
+    for number, rows, columns, _ in constraints(mbs):
+        J = np.asarray(mbs.ComputeItem(number, kind.ConstraintJacobian))
+        places.append((np.repeat(rows, len(columns)), np.tile(columns, len(rows)), J.ravel()))
     rows, columns, values = (np.concatenate(part) for part in zip(*places, strict=True))
     C = sp.csr_matrix((values, (rows, columns)), shape=(data.AEsize(), n))  # a joint may name a coordinate twice
     C.eliminate_zeros()
     return M, C
+
+
+def constraints(mbs: MainSystem) -> Iterator[tuple[ObjectIndex, Array, Array, ItemEntry]]:
+    """Number, rows, (m,), coordinates, (k,), and entry of each object with algebraic equations that is switched on."""
+    exu, data = require("exudyn"), mbs.systemData
+    for number in map(exu.ObjectIndex, range(data.NumberOfObjects())):
+        rows = np.array(data.GetObjectLTGAE(number), dtype=int)
+        entry = mbs.GetObject(number) if rows.size else {}
+        active = rows.size and entry.get("activeConnector", True)
+        if active and exu.ComputeItemType.ConstraintJacobian in mbs.ComputeItem(number):
+            yield number, rows, np.array(data.GetObjectLTGODE2(number), dtype=int), entry
 
 
 def _masses(mbs: MainSystem) -> Iterator[tuple[ObjectIndex, Array, Array | sp.coo_matrix | None]]:

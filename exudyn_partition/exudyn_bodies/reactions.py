@@ -17,6 +17,7 @@ from ..frames.rotations import turned
 from ..support.arrays import Array
 from ..support.foreign import ItemEntry, MainSystem, MarkerIndex, ObjectIndex
 from ..support.optional import require
+from .joints import constraints
 from .rotation_vectors import rotation_vectors
 
 _WAY = 1e-6  # of central differences, in a coordinate: rows are almost linear over it
@@ -129,15 +130,9 @@ class Reactions:
 
 
 def _joints(mbs: MainSystem) -> Iterator[_Joint]:
-    exu, data = require("exudyn"), mbs.systemData
-    for number in map(exu.ObjectIndex, range(data.NumberOfObjects())):
-        rows = np.array(data.GetObjectLTGAE(number), dtype=int)
-        entry = mbs.GetObject(number) if rows.size else {}
-        active = rows.size and entry.get("activeConnector", True)
-        if active and exu.ComputeItemType.ConstraintJacobian in mbs.ComputeItem(number):
-            columns = np.array(data.GetObjectLTGODE2(number), dtype=int)
-            of_one_body = len(np.unique(columns)) < len(columns)  # whose inner forces give it no stiffness
-            yield _Joint(number, rows, columns, [] if of_one_body else [*_markers(mbs, entry)])
+    for number, rows, columns, entry in constraints(mbs):
+        of_one_body = len(np.unique(columns)) < len(columns)  # whose inner forces give it no stiffness
+        yield _Joint(number, rows, columns, [] if of_one_body else [*_markers(mbs, entry)])
 
 
 def _markers(mbs: MainSystem, entry: ItemEntry) -> Iterator[tuple[MarkerIndex, Array]]:
