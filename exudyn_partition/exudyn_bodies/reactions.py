@@ -37,7 +37,7 @@ class Reactions:
     """Forces C' lambda of the joints of a model, and their changes with its coordinates.
 
     Rotation vectors change by turns about their node's axes. Each change takes two calls of Exudyn a coordinate and
-    joint, some 0.1 ms each.
+    joint.
 
     Parameters
     ----------

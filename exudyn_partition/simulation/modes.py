@@ -113,7 +113,7 @@ def _warn_of_spin(mbs: MainSystem, frequencies: Array) -> None:
     for item in partition_items(mbs)[0]:
         if isinstance(item.kinematics, FloatingKinematics):
             rate = float(np.linalg.norm(q_t[next(iter(coordinate_slices(mbs, item)))][3:6]))
-            elastic = frequencies[frequencies > _RIGID * frequencies[-1]]
+            elastic = frequencies[frequencies > _RIGID * frequencies.max(initial=0.0)]
             if rate > _SPIN * 2 * np.pi * elastic.min(initial=np.inf):
                 warn(
                     f"{called(item)} turns at {rate:.3g} rad/s in the initial state, and these are modes of a body "
