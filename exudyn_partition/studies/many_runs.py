@@ -62,7 +62,8 @@ class ManyRuns:
         Number of times of contact.
     restitution : (B, nc) array
         Speed of separation at the end of the entry over that of approach at its start, of rigid bodies with the same
-        momenta, at the centre of the largest force along the impulse of the normal forces. It is nan without contact.
+        momenta, along the impulse of the normal forces, at the centre of the largest force. The arm from there to a
+        body's centre of mass is that at the largest force. It is nan without contact.
     energy : (B, 2, nb) array
         Kinetic and strain energy of each body at start and end [J].
     stored : (B, nc) array

@@ -100,10 +100,12 @@ class Measures:
         centre = weights @ at_nodes / weights.sum()
 
         def separation(state: Start) -> float:
-            speeds = [
-                item.kinematics.mean_velocity(state.q[dofs], state.v[dofs], centre) @ normal
-                for item, dofs in ((item, self._places[item]) for item, _ in contact.sides)
-            ]
+            speeds = []
+            for item, _ in contact.sides:
+                motion, dofs = item.kinematics, self._places[item]
+                way = motion.rigid_motion(state.q[dofs]) - motion.rigid_motion(made.peaks.q[j][dofs])
+                # The centre goes with each body, so that a body that slides has the arm of the impact.
+                speeds.append(motion.mean_velocity(state.q[dofs], state.v[dofs], centre + way[:3]) @ normal)
             return float(speeds[0] - sum(speeds[1:]))
 
         before = separation(made.start)
