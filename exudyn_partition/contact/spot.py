@@ -54,6 +54,8 @@ class Spot:
         How far the patch should reach around it: s, on thin walls 2 s [m].
     whole : bool
         Whether the patch does.
+    thickness : float
+        Of the wall behind the point of contact [m]; infinite if nothing of the surface is behind it.
     """
 
     kernel: Kernel
@@ -63,6 +65,7 @@ class Spot:
     curved: Array
     reach: float
     whole: bool
+    thickness: float
 
     @property
     def covered(self) -> bool:
@@ -117,7 +120,7 @@ class SpotMaker:
         distance = np.linalg.norm(self._middles - centre, axis=1)
         h = float(self._edges[distance.argmin()])
         h = float(self._edges[distance <= max(widest * h, distance.min())].mean())
-        thickness = self._thickness(centre, normal)
+        thickness = self.thickness(centre, normal)
         radius = min(widest * h, max(thickness / _SOLID, _NARROWEST[self._order] * h), _THIN * thickness)
         kernel = kernel_around(self.points, facets, centre, normal, radius)
         modulus, whole = self.material.plane_strain_modulus, kernel.coverage > _COVERED
@@ -132,7 +135,7 @@ class SpotMaker:
         nu = self.material.nu
         across = (2 - nu) / (2 * (1 - nu)) * (missed - NORMAL / (modulus * radius))
         lacks, curved = np.array([lacking, across]), self._curved(normal)
-        return Spot(kernel, radius, h, lacks, curved, (2 if thin else 1) * radius, whole)
+        return Spot(kernel, radius, h, lacks, curved, (2 if thin else 1) * radius, whole, thickness)
 
     def check(self, spot: Spot) -> None:
         """Raise InputError if a spot at the start cannot be computed."""
@@ -184,7 +187,7 @@ class SpotMaker:
         dofs = (3 * kernel.nodes[:, None] + np.arange(3)).ravel()
         return kept + float(nodal.ravel() @ side.flexibility[np.ix_(dofs, dofs)] @ nodal.ravel())
 
-    def _thickness(self, centre: Array, normal: Array) -> float:
+    def thickness(self, centre: Array, normal: Array) -> float:
         """Thickness of the wall behind a point of the surface [m]; infinite if nothing of the surface is behind it."""
         a, b, c = (self._skin[:, k] for k in range(3))
         first, second = b - a, c - a

@@ -28,7 +28,7 @@ from ..surfaces.points import ContactPoints
 from ..surfaces.vectors import cross
 from .gaps import Gaps, GapState, Present
 from .linear_gaps import LinearGaps
-from .rigid import RigidPlane, RigidSurface
+from .rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from .seams import Shared, largest_curvature, shared, width_of
 from .side import Side
 from .smooth_faces import SmoothFace
@@ -40,6 +40,7 @@ from .true_surface import TrueSurface, nearest_places
 
 _TILTED = 0.1  # of a kernel's radius: motion of the point of contact after which the kernel is made anew
 _TOUCHES = 0.05  # of a facet's size: gap at the start up to which one of several points must have its kernel there
+_APART = 0.75  # of the walls of both bodies: depth from which on these are apart, with the faces on their far sides
 _STUCK = 0.25  # means of the logarithm of distances, under the kernel's pressure less under the traction of what sticks
 _ALONG = 1e-3  # difference of a direction from the normal of contact, with a flexibility along this direction alone
 
@@ -146,13 +147,13 @@ class SpotGaps(Gaps):
     def _prepare(self, sides: Sequence[Side]) -> None:
         """Find the spots at the start."""
         self.sides = tuple(sides)
+        self.size = min(side.surface.facet_size for side in sides)
         self._middles = [maker.points.mean(axis=0) for maker in self._makers]
         self.n, self._loaded = sum(side.n for side in sides), {}
         self._start_q = np.zeros(self.n)
         meeting = self._meeting(self._rough_poses(self._start_q), self.carrier_pose)
         if not self.carried:
             self.sides = tuple(side.seen_from(self._contact_place(meeting)) for side in sides)
-        self.size = min(side.surface.facet_size for side in sides)
         slave = self._makers[0].points
         self._row_node = int(np.linalg.norm(slave - meeting.points[0], axis=1).argmin())
         rows = self._rows_at(Anchor(self._start_q, self.carrier_pose, NOTHING))
@@ -175,7 +176,7 @@ class SpotGaps(Gaps):
                 maker.check(spot)
         for number, outward in enumerate(stage.meeting.outward):
             self._check_flexibility(number, outward)
-        covered = all(spot.covered for spot in rows.spots)
+        covered = all(spot.covered for spot in rows.spots) and not self._behind(stage.meeting, rows)
         if covered and stage.meeting.gap < -PENETRATION_TOLERANCE * self.size:
             raise PenetrationError(
                 f"the true surfaces overlap by {-stage.meeting.gap:.4g} m at the start; facets are chords, so that a "
@@ -303,14 +304,33 @@ class SpotGaps(Gaps):
         whole, best = self._all_poses(poses, carried), None
         for numbers, found in self._pairs.items():
             meeting = self._meeting(poses, carried, found)
+            if best is not None and self._behind(meeting):
+                continue
             for side, number in enumerate(numbers):
                 face = self._near[side][number]
                 if len(face.seam):
                     meeting = self._within(side, face, meeting, found.shapes, whole)
-            if best is None or meeting.gap < best[0].gap:
+            if best is None or meeting.gap < best[0].gap or self._behind(best[0]):
                 best = meeting, numbers
         assert best is not None
         return best
+
+    def _behind(self, meeting: Meeting, rows: SpotRows | None = None) -> bool:
+        """Whether the bodies are apart with the faces on their far sides, as the lower face of a plate below a ball.
+
+        Surfaces without ends overlap there by the walls of both bodies and what is between these. Where their rows
+        are given, the walls are those behind the spots.
+        """
+        return -meeting.gap > self.size and -meeting.gap > _APART * self._walls(meeting, rows)
+
+    def _walls(self, meeting: Meeting, rows: SpotRows | None) -> float:
+        """Thickness of both bodies behind the point of contact [m]."""
+        if rows is not None:
+            walls = [spot.thickness for spot in rows.spots]
+        else:
+            both = zip(self._makers, meeting.points, meeting.outward, strict=True)
+            walls = [maker.thickness(point, outward) for maker, point, outward in both]
+        return sum(walls) + _thickness(self._surface)
 
     def _shared_by(self, meeting: Meeting, owners: tuple[int, ...], inside: bool) -> tuple[Shared, ...]:
         """How faces of both sides share a contact."""
@@ -426,7 +446,9 @@ class SpotGaps(Gaps):
         return tuple(tilts)
 
     def _left(self, rows: SpotRows, meeting: Meeting) -> float:
-        """Share of the contact that is left at the end of patches."""
+        """Share of the contact that is left at the end of patches; nothing of one behind both bodies."""
+        if self._behind(meeting, rows):
+            return 0.0
         parts = zip(self._makers, rows.spots, meeting.points, meeting.outward, strict=True)
         return math.prod(
             spot.left(maker.points, maker.face.around, point, outward) for maker, spot, point, outward in parts
@@ -463,10 +485,22 @@ class SpotGaps(Gaps):
         return same_master and all(face in near for near, face in zip(self._near, other.faces, strict=True))
 
     def least_distance(self, q: Array) -> float:
-        """See `Gaps.least_distance`; faces are no nearer to each other than the surfaces on which they lie."""
+        """See `Gaps.least_distance`; faces are no nearer to each other than the surfaces on which they lie.
+
+        Where these overlap beside the faces, it is the distance of the nodes of one face from the other surface, less
+        a facet's size.
+        """
         if self.carried:
             return -np.inf
-        return self._meeting(self._rough_poses(q), self.carrier_pose).gap
+        rough, carried = self._rough_poses(q), self.carrier_pose
+        least, poses = self._meeting(rough, carried).gap, self._all_poses(rough, carried)
+        for number, (face, maker) in enumerate(zip(self.faces, self._makers, strict=True)):
+            if least > 0.0:
+                break
+            points = maker.points[np.unique(face.facets)]
+            gaps = self._shapes[1 - number].shape.project(poses[1 - number].into(poses[number].out(points)))[0]
+            least = max(least, float(gaps.min()) - self.size)
+        return least
 
     @property
     def mismatch(self) -> float:
@@ -657,6 +691,13 @@ class SpotGaps(Gaps):
         arm = weights[0] @ self.places_now()[0][nodes[0]] + self.centre - self._pose()[0]
         normal = self.normals[0]
         return -np.concatenate([normal, np.cross(arm, normal)])[None][index]
+
+
+def _thickness(surface: RigidSurface | None) -> float:
+    """Thickness of what is behind a rigid surface [m]; zero where there is none."""
+    if isinstance(surface, RigidSphere) or (isinstance(surface, RigidCylinder) and not surface.hollow):
+        return 2 * surface.radius
+    return 0.0 if surface is None else math.inf
 
 
 def _turning(places: Array, couple: Array) -> Array:

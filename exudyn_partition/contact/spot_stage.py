@@ -38,11 +38,11 @@ class Pose(NamedTuple):
     axes: Array
 
     def out(self, point: Array) -> Array:
-        """Place of a point of the body, (3,) [m]."""
-        return np.asarray(self.place + self.axes @ (point - self.body))
+        """Places of points of the body, (..., 3) [m]."""
+        return np.asarray(self.place + (point - self.body) @ self.axes.T)
 
     def into(self, place: Array) -> Array:
-        """Point of the body at a place, (3,) [m]."""
+        """Points of the body at places, (..., 3) [m]."""
         return np.asarray(self.body + (place - self.place) @ self.axes)
 
 
