@@ -54,8 +54,8 @@ class Spot:
         How far the patch should reach around it: s, on thin walls 2 s [m].
     whole : bool
         Whether the patch does.
-    thickness : float
-        Of the wall behind the point of contact [m]; infinite if nothing of the surface is behind it.
+    wall : float
+        See `SpotMaker.wall` [m].
     """
 
     kernel: Kernel
@@ -65,7 +65,7 @@ class Spot:
     curved: Array
     reach: float
     whole: bool
-    thickness: float
+    wall: float
 
     @property
     def covered(self) -> bool:
@@ -120,7 +120,7 @@ class SpotMaker:
         distance = np.linalg.norm(self._middles - centre, axis=1)
         h = float(self._edges[distance.argmin()])
         h = float(self._edges[distance <= max(widest * h, distance.min())].mean())
-        thickness = self.thickness(centre, normal)
+        thickness = self._thickness(centre, normal)
         radius = min(widest * h, max(thickness / _SOLID, _NARROWEST[self._order] * h), _THIN * thickness)
         kernel = kernel_around(self.points, facets, centre, normal, radius)
         modulus, whole = self.material.plane_strain_modulus, kernel.coverage > _COVERED
@@ -135,7 +135,7 @@ class SpotMaker:
         nu = self.material.nu
         across = (2 - nu) / (2 * (1 - nu)) * (missed - NORMAL / (modulus * radius))
         lacks, curved = np.array([lacking, across]), self._curved(normal)
-        return Spot(kernel, radius, h, lacks, curved, (2 if thin else 1) * radius, whole, thickness)
+        return Spot(kernel, radius, h, lacks, curved, (2 if thin else 1) * radius, whole, self.wall(centre, normal))
 
     def check(self, spot: Spot) -> None:
         """Raise InputError if a spot at the start cannot be computed."""
@@ -187,7 +187,14 @@ class SpotMaker:
         dofs = (3 * kernel.nodes[:, None] + np.arange(3)).ravel()
         return kept + float(nodal.ravel() @ side.flexibility[np.ix_(dofs, dofs)] @ nodal.ravel())
 
-    def thickness(self, centre: Array, normal: Array) -> float:
+    def wall(self, centre: Array, normal: Array) -> float:
+        """How far the body reaches behind a point of the surface [m]: as the wall is thick there.
+
+        Beside an edge, where no wall is behind the point, it is the extent of the body.
+        """
+        return min(self._thickness(centre, normal), float(((centre - self._skin) @ normal).max()))
+
+    def _thickness(self, centre: Array, normal: Array) -> float:
         """Thickness of the wall behind a point of the surface [m]; infinite if nothing of the surface is behind it."""
         a, b, c = (self._skin[:, k] for k in range(3))
         first, second = b - a, c - a

@@ -326,10 +326,10 @@ class SpotGaps(Gaps):
     def _walls(self, meeting: Meeting, rows: SpotRows | None) -> float:
         """Thickness of both bodies behind the point of contact [m]."""
         if rows is not None:
-            walls = [spot.thickness for spot in rows.spots]
+            walls = [spot.wall for spot in rows.spots]
         else:
             both = zip(self._makers, meeting.points, meeting.outward, strict=True)
-            walls = [maker.thickness(point, outward) for maker, point, outward in both]
+            walls = [maker.wall(point, outward) for maker, point, outward in both]
         return sum(walls) + _thickness(self._surface)
 
     def _shared_by(self, meeting: Meeting, owners: tuple[int, ...], inside: bool) -> tuple[Shared, ...]:

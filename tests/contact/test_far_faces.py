@@ -15,8 +15,6 @@ R, THICK, BORE, RIM, SPEED, CLEARANCE = 8e-3, 12e-3, 12e-3, 20e-3, 0.3, 1e-6
 STEEL = replace(ep.STEEL, yield_stress=None)
 
 
-
-
 def skin(shape, maxh=4e-3):
     return ep.reduce(ep.fe_model(shape, STEEL, maxh=maxh), skin=True, f_cut=60e3)
 
