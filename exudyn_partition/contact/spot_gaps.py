@@ -21,11 +21,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import InputError, PenetrationError
+from ..frames.rotations import skew
 from ..prediction.point_contact import PointContact
 from ..support.arrays import Array
 from ..surfaces.facing import PENETRATION_TOLERANCE
 from ..surfaces.points import ContactPoints
-from ..surfaces.vectors import cross
 from .gaps import Gaps, GapState, Present
 from .linear_gaps import LinearGaps
 from .rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
@@ -223,14 +223,14 @@ class SpotGaps(Gaps):
             poses.append(Pose(place, middle, side.kinematics.frame(part)[1]))
         return poses
 
-    def _poses(self, places: Sequence[Array], weights: Sequence[Array], rows: SpotRows, q: Array) -> list[Pose]:
-        """Poses of the sides by the mean motion of the nodes of spots, with their weights."""
+    def _poses(
+        self, places: Sequence[Array], weights: Sequence[Array], rows: SpotRows, axes: Sequence[Array]
+    ) -> list[Pose]:
+        """Poses of the sides, with these axes, by the mean motion of the nodes of spots with their weights."""
         poses = []
-        for number, (spot, part) in enumerate(zip(rows.spots, self.split(q), strict=True)):
-            nodes, share = spot.kernel.nodes, weights[number]
-            body = share @ self._makers[number].points[nodes]
-            axes = self.sides[number].kinematics.frame(part)[1]
-            poses.append(Pose(share @ places[number][nodes], body, axes))
+        for x, share, spot, maker, turned in zip(places, weights, rows.spots, self._makers, axes, strict=True):
+            nodes = spot.kernel.nodes
+            poses.append(Pose(share @ x[nodes], share @ maker.points[nodes], turned))
         return poses
 
     def _meeting(self, poses: list[Pose], carried: Array, found: Touching | None = None) -> Meeting:
@@ -406,12 +406,13 @@ class SpotGaps(Gaps):
         """
         pose = self.carrier_pose if pose is None else pose
         weights = [spot.kernel.weights for spot in rows.spots]
-        meeting, owners = self._where(rows, self._poses(places, weights, rows, q), pose)
+        axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.split(q), strict=True)]
+        meeting, owners = self._where(rows, self._poses(places, weights, rows, axes), pose)
         where = zip(rows.spots, self._makers, meeting.points, meeting.outward, strict=True)
         weights = [
             spot.kernel.around(maker.points[spot.kernel.nodes], point, outward) for spot, maker, point, outward in where
         ]
-        poses = self._poses(places, weights, rows, q)
+        poses = self._poses(places, weights, rows, axes)
         meeting, owners = self._where(rows, poses, pose)
         stage = self._stage_where(rows, meeting, owners, self._all_poses(poses, pose))
         signs = (1.0, -1.0)
@@ -609,7 +610,7 @@ class SpotGaps(Gaps):
                 sign = (1.0, -1.0)[number]
                 x, point = places[number][nodes[0]], stage.poses[number].out(stage.meeting.points[number])
                 lever = point - sign * weights[0] @ x
-                forces += _turning(x, sign * (push.couple + np.cross(lever, push.force)))
+                forces += _turning(x, sign * (push.couple + skew(lever) @ push.force))
             result.append((nodes[0], forces))
         return result
 
@@ -627,7 +628,7 @@ class SpotGaps(Gaps):
             return np.zeros(3)
         along, couple = stage.push(force)
         arm = stage.poses[0].out(stage.meeting.points[0]) + self.centre - point
-        return np.asarray(couple + np.cross(arm, along))
+        return np.asarray(couple + skew(arm) @ along)
 
     def moment(self, lam: Array, point: Array) -> Array:
         """See `Gaps.moment`."""
@@ -704,7 +705,7 @@ def _turning(places: Array, couple: Array) -> Array:
     """Forces on nodes at places, (k, 3) [m], that turn them as a rigid body by a couple, (3,) [N m]: (k, 3) [N]."""
     arms = places - places.mean(axis=0)
     inertia = np.eye(3) * (arms**2).sum() - arms.T @ arms
-    return cross(np.tile(np.linalg.solve(inertia, couple), (len(arms), 1)), arms)
+    return np.asarray(arms @ skew(np.linalg.solve(inertia, couple)).T)
 
 
 def _near(

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..frames.rotations import skew
 from ..prediction.point_contact import PointContact
 from ..support.arrays import Array
 from ..support.attributes import FoundOnce
@@ -131,12 +132,28 @@ class SpotStage(Stage):
         """Hertz's contact here."""
         return PointContact(self._principal[0], self.modulus)
 
+    @FoundOnce
+    def _varies(self) -> bool:
+        """Whether the curvatures depend on the place."""
+        return any(by.varies for by in self.shared_by)
+
+    @FoundOnce
+    def _of_unit(self) -> Push:
+        """Push of a force of 1 N, to which it is proportional if all curvatures stay."""
+        return self._push(1.0)
+
     def push(self, force: float) -> Push:
         """Force along the surfaces under a normal force on the row [N].
 
         At a fixed approach, the stored energy falls by P/10 of the sum of the squared semi-axes times the change of the
         curvatures along them: the work of Hertz's pressure on the change of the gap around.
         """
+        if self._varies:
+            return self._push(force)
+        return Push(force * self._of_unit.force, force * self._of_unit.couple)
+
+    def _push(self, force: float) -> Push:
+        """See `push`."""
         normal, weights = self.meeting.normal, self._weights(force)
         own = [
             pose.axes @ by.surface.bending(outward @ pose.axes) @ pose.axes.T
@@ -145,14 +162,14 @@ class SpotStage(Stage):
         both = own[0] + own[1]
         rolling = np.linalg.inv(both + np.abs(both).sum() * np.outer(normal, normal))
         rolls = [rolling @ (way - (way @ normal) * normal) for way in self._by_place(force, weights)]
-        quarter = np.cross(normal, np.eye(3)).T
+        quarter = skew(normal)
         spin = quarter @ self.bendings[0] - self.bendings[0] @ quarter
         couple = -quarter @ (rolls[0] + rolls[1]) - float(np.sum(weights * spin)) * normal
         return Push(own[1] @ rolls[0] - own[0] @ rolls[1], couple)
 
     def _weights(self, force: float) -> Array:
         """Derivative of the energy by the curvatures under a force on the row [N], (3, 3) [J m]; zero if all stay."""
-        if not any(by.varies for by in self.shared_by):
+        if not self._varies:
             return np.zeros((3, 3))
         axes, directions = np.array(self.contact.semi_axes(force / self.share)), self._principal[1]
         return np.asarray(-force / 10 * (directions * axes**2) @ directions.T)

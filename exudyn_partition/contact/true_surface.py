@@ -196,8 +196,10 @@ class TrueSurface:
         """Curvatures at the place with an outward unit normal, (3,), as a tensor in the tangent plane, (3, 3) [1/m]."""
         if isinstance(self.shape, Torus):
             return self.shape.bending(normal)
+        if isinstance(self.shape, RigidPlane):
+            return np.zeros((3, 3))
         first = self.curvatures[0]
-        tangential = np.eye(3) - np.outer(normal, normal)
+        tangential = np.eye(3) - normal[:, None] * normal
         if not isinstance(self.shape, RigidCylinder):
             return np.asarray(first * tangential)
         return np.asarray(first * (tangential - np.outer(self.shape.axis, self.shape.axis)))

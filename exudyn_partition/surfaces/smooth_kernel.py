@@ -15,6 +15,7 @@ from ..support.arrays import Array
 
 _FINE = 12  # parts of a facet's edge for the integrals over it
 _WHOLE = 2 / 3 * np.pi  # integral of sqrt(1 - r^2) over the unit disc
+_DETERMINED = 1e-6  # determinant of two equations by their squared trace, above which both unknowns are determined
 _NEVER = 1e-6  # share of a kernel on the patch, below which there is none
 
 
@@ -54,9 +55,9 @@ class Kernel:
         return np.asarray(self.weights[:, None] * (self.arms - self.weights @ self.arms) @ self.inverse)
 
     @cached_property
-    def _tangents(self) -> Array:
-        """Two unit vectors across the normal, (2, 3)."""
-        return np.linalg.svd(self.normal[None])[2][1:]
+    def _tilts(self) -> Array:
+        """(k, 2) array: changes of the weights that move their mean place along two tangents."""
+        return np.asarray(self.slopes @ np.linalg.svd(self.normal[None])[2][1:].T)
 
     def around(self, places: Array, point: Array, normal: Array) -> Array:
         """Weights, (k,), whose mean place is on the normal line of the surface through a point beside the centre.
@@ -69,12 +70,21 @@ class Kernel:
             Of the nodes [m].
         point, normal : (3,) arrays
         """
-        tilts = self.slopes @ self._tangents.T
+        tilts = self._tilts
         off = point - self.weights @ places
         moves = places.T @ tilts
         across, along = moves - np.outer(normal, normal @ moves), off - (normal @ off) * normal
-        way = np.linalg.lstsq(across, along, rcond=None)[0]
-        return np.asarray(self.weights + tilts @ way)
+        return np.asarray(self.weights + tilts @ _least_squares(across, along))
+
+
+def _least_squares(matrix: Array, right: Array) -> Array:
+    """Two unknowns, (2,), by a (3, 2) matrix; at an edge, where one is not determined, the smallest of them."""
+    (a, b), (_, c) = (matrix.T @ matrix).tolist()
+    determinant = a * c - b * b
+    if determinant > _DETERMINED * (a + c) ** 2:
+        first, second = (right @ matrix).tolist()
+        return np.array([(c * first - b * second) / determinant, (a * second - b * first) / determinant])
+    return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0])
 
 
 def kernel_around(points: Array, facets: Array, centre: Array, normal: Array, radius: float) -> Kernel:
