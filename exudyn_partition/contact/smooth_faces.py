@@ -118,13 +118,23 @@ class SmoothFace:
             distance = self.beyond(point, normal)[0]
             if abs(distance) < _BESIDE * self._part:
                 return distance <= 0.0
+        over, height = self._over(points, point, normal)
+        return not len(over) or bool(over[height.argmin()] < len(self.facets))
+
+    def covers(self, points: Array, point: Array, normal: Array) -> bool:
+        """Whether facets of this face, or of those beside it, lie at a point of the surface; see `holds`."""
+        over, height = self._over(points, point, normal)
+        if not len(over):
+            return False
+        corners = points[self.around[over[height.argmin()], :3]]
+        return bool(height.min() <= np.linalg.norm(corners - corners.mean(axis=0), axis=1).max())
+
+    def _over(self, points: Array, point: Array, normal: Array) -> tuple[Array, Array]:
+        """Which facets of `around` a line along the normal through a point meets, and how far from it [m]."""
         a, b, c = (points[self.around[:, k]] - point for k in range(3))
         sides = [cross(one, other) @ normal for one, other in ((a, b), (b, c), (c, a))]
         over = np.flatnonzero((np.array(sides) >= 0.0).all(axis=0))
-        if not len(over):
-            return True
-        height = abs((a[over] + b[over] + c[over]) @ normal)
-        return bool(over[height.argmin()] < len(self.facets))
+        return over, abs((a[over] + b[over] + c[over]) @ normal) / 3
 
     @cached_property
     def _part(self) -> float:

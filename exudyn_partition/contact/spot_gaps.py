@@ -310,7 +310,8 @@ class SpotGaps(Gaps):
                 face = self._near[side][number]
                 if len(face.seam):
                     meeting = self._within(side, face, meeting, found.shapes, whole)
-            if best is None or meeting.gap < best[0].gap or self._behind(best[0]):
+            nearer = best is None or meeting.gap < best[0].gap or self._behind(best[0])
+            if nearer and self._covers(numbers, meeting):
                 best = meeting, numbers
         assert best is not None
         return best
@@ -331,6 +332,16 @@ class SpotGaps(Gaps):
             both = zip(self._makers, meeting.points, meeting.outward, strict=True)
             walls = [maker.wall(point, outward) for maker, point, outward in both]
         return sum(walls) + _thickness(self._surface)
+
+    def _covers(self, numbers: tuple[int, ...], meeting: Meeting) -> bool:
+        """Whether faces beside the own ones, by their numbers, have the point of contact: surfaces have no ends."""
+        return all(
+            near[number].covers(maker.points, point, outward)
+            for near, number, maker, point, outward in zip(
+                self._near, numbers, self._makers, meeting.points, meeting.outward, strict=True
+            )
+            if number
+        )
 
     def _shared_by(self, meeting: Meeting, owners: tuple[int, ...], inside: bool) -> tuple[Shared, ...]:
         """How faces of both sides share a contact."""

@@ -311,3 +311,31 @@ def test_springs_do_not_feel_from_which_axis_tangents_are_made(dome):
     (to, same), (fro, changed) = rolled(4e-4), rolled(-4e-4)
     assert (same, changed) == (1, 2)
     assert fro == pytest.approx(to, rel=1e-4)
+
+
+def test_a_face_beside_has_no_contact_beyond_its_other_end(dome):
+    """The torus goes on as a cylinder. Below its end, far off the body, that is nearer to a ball than the torus is.
+
+    The force was spread there, so that an impact gained two thirds of its energy.
+    """
+    c, ring = np.sqrt(0.5), 7e-3 * np.sin(np.radians(30))
+    low = np.array([-ring, 0, -7e-3 * np.cos(np.radians(30))])  # middle of the tube
+    turn = np.array([[c, 0, -c], [0, 1, 0], [c, 0, c]])
+    mbs, (x, _, z), ball = exu.SystemContainer().AddSystem(), turn @ low, 15e-3
+    item = ep.CreatePartitionBody(mbs, dome, frame="floating", referenceRotationMatrix=turn)
+    sphere = ep.RigidSphere((x + 1e-3, 1e-3, z - 3e-3 - ball), ball)
+    contacts = ep.CreatePartitionContact(mbs, [item, sphere], formulation="hertz")
+    members = [contact.mechanics.for_run() for contact in contacts]
+    start = np.zeros(members[0].gaps.n)
+    start[2] = -min(float(member.gaps.at(start)[0]) for member in members) - 3e-6
+    kinematics = members[0].gaps.sides[0].kinematics
+
+    def moved(i, way):
+        return [member.at(kinematics.moved(start, way * np.eye(len(start))[i])) for member in members]
+
+    forces = sum(answer.generalised for answer in moved(0, 0.0))
+    assert forces[2] > 50.0
+    for i, step in enumerate([1e-7] * 3 + [1e-5] * 3):
+        more, less = (sum(answer.stored for answer in moved(i, sign * step)) for sign in (1, -1))
+        size = 1.0 if i < 3 else 5e-3
+        assert forces[i] == pytest.approx((less - more) / (2 * step), abs=5e-4 * size * forces[2])
