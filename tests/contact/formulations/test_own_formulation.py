@@ -202,6 +202,53 @@ def test_forces_of_another_shape_are_named(round_body, flat_body):
         contact.at(np.r_[round_body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(flat_body.n_dofs)])
 
 
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"closed": lambda answer: answer.on_rows[:, 0] > 0}, "numbers of the closed rows, .* bool"),
+        ({"closed": lambda answer: list(answer.closed)}, "numbers of the closed rows, .* list"),
+        ({"power": lambda answer: answer.on_rows[:, 0]}, r"one number as `power`, the sum over the rows, .* \(\d+,\)"),
+        ({"taken": lambda answer: answer.on_rows}, r"one number as `taken`, the sum over the rows, .* \(\d+, 1\)"),
+    ],
+)
+def test_an_answer_of_another_kind_is_named(round_body, flat_body, wrong, said):
+    class Odd(page["Spring"]):
+        elastic = False
+
+        def answer(self, places):
+            answer = super().answer(places)
+            return answer._replace(**{name: change(answer) for name, change in wrong.items()})
+
+    class Odds(Springs):
+        def law(self, rows):
+            return Odd(rows)
+
+    contact = PatchContact(PatchGaps(inertial(round_body), inertial(flat_body)), Odds())
+    with pytest.raises(InputError, match=f"law Odd: expected {said}"):
+        contact.at(np.r_[round_body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(flat_body.n_dofs)])
+
+
+def test_slopes_of_another_shape_are_named(round_body, flat_body):
+    class Odd(page["Spring"]):
+        def answer(self, places):
+            return super().answer(places)._replace(damping=lambda: np.eye(len(places.gap)))
+
+        def closed_stiffness(self, rows):
+            return np.eye(3)
+
+    class Odds(Springs):
+        def law(self, rows):
+            return Odd(rows)
+
+    contact = PatchContact(PatchGaps(inertial(round_body), inertial(flat_body)), Odds())
+    n = round_body.n_dofs + flat_body.n_dofs
+    with pytest.raises(InputError, match=rf"law Odd: expected a closed_stiffness of shape \({n}, {n}\), on the coord"):
+        contact.closed_stiffness()
+    answer = contact.at(np.r_[round_body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(flat_body.n_dofs)])
+    with pytest.raises(InputError, match=r"law Odd: expected a damping of shape .*, of the closed rows alone, got"):
+        answer.damping()
+
+
 def test_an_answer_without_slips_is_named(round_body, flat_body):
     class Silent(page["Spring"]):
         def answer(self, places):
