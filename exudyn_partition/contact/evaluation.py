@@ -169,7 +169,7 @@ class Evaluation(RowForces):
         return self.by_rows if self.plastic is None else self.plastic.generalised(self.by_rows)
 
     def edge_reached(self) -> Array | None:
-        """Place of a row with which contact leaves its patch, (3,) [m]; None if there is none. Pulling rows do not."""
+        """Place of a row with which contact leaves its patch, (3,) [m]; None if there is none. Pulls do not count."""
         law, rows = self.parts.law, self._present.stage.rows
         if not rows.at_edge:
             return None

@@ -120,6 +120,7 @@ class PatchContact:
         return result
 
     def _reset(self) -> None:
+        """Be at the start of a run that goes on from no other."""
         self._n_nodes = len(self.gaps.slave.surface.points)
         memory = no_memory(self.rows)
         zones = () if self.zones is None else self.zones.start
@@ -279,7 +280,7 @@ class PatchContact:
                 f"law {name}: expected forces of shape {(n, self.rows.d)}, rows by directions, got "
                 f"{np.shape(forces.on_rows)}"
             )
-        if getattr(forces.closed, "dtype", np.dtype(bool)).kind not in "iu":
+        if getattr(getattr(forces.closed, "dtype", None), "kind", "none") not in "iu":
             raise InputError(
                 f"law {name}: expected numbers of the closed rows, an array of integers as np.flatnonzero(forces) "
                 f"returns it, got {getattr(forces.closed, 'dtype', type(forces.closed).__name__)}"

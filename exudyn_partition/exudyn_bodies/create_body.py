@@ -271,6 +271,7 @@ def _present(item: PartitionBody, damping: Damping | None) -> Callable[[], Any] 
 
 
 def _add_node(mbs: MainSystem, coordinates: Array, velocities: Array) -> NodeIndex:
+    """Add the node of a body's coordinates, with their initial values."""
     return mbs.AddNode(
         require("exudyn.itemInterface").NodeGenericODE2(
             referenceCoordinates=[0.0] * len(coordinates),

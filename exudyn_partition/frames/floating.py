@@ -253,8 +253,8 @@ class FloatingKinematics:
     def proportional_matrix(self, alpha: float, beta: float) -> sp.csr_matrix:
         """See `Kinematics.proportional_matrix`; zero for rigid motion."""
         n = self.body.n_dofs - 6
-        own = alpha * np.eye(n) + beta * self.elastic_stiffness
-        return sp.block_diag([sp.csr_matrix((6, 6)), own], format="csr")
+        of_shapes = alpha * np.eye(n) + beta * self.elastic_stiffness
+        return sp.block_diag([sp.csr_matrix((6, 6)), of_shapes], format="csr")
 
     def rigid_part(self, q_t: Array) -> Array:
         """See `Kinematics.rigid_part`."""

@@ -103,9 +103,10 @@ def depth(r: float, s: float, quad: bool) -> float:
 def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size: float) -> tuple[Array, Array, Array]:
     """Normals, (k, 3), and gaps, (k,), of points that have moved, see `pairs.MovingPairs.follow`.
 
-    Points past the edge of the patch have a gap of `size`. The last result are those that must be searched, because
-    they have left their facet and are not on its neighbour either. What was found on the neighbour is told, or on their
-    own facet if there is none.
+    Facets, local coordinates and last steps of `m` become those of the new places. Points past the edge of the patch
+    have a gap of `size`. The last result are the points that must be searched for, because they have left their facet
+    and are not on its neighbour either. Until then, they have normal and gap to the neighbour, or to their own facet if
+    there is none.
     """
     index, facets, past, gone = m.index, m.facets, m.past, m.gone
     across, its_edge, turns, middles, table = m.across, m.its_edge, m.turns, m.middles, m.table
@@ -190,8 +191,8 @@ def frame_of(a: Array, b: Array, c: Array) -> Array:
 
 
 @inlined
-def see(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
-    """Places of three of the slave's nodes in the frame of three of the master's, (3, 3) [m]."""
+def in_frame_of(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
+    """Places of three of the slave's nodes, `some`, in the frame of three of the master's, `others`, (3, 3) [m]."""
     origin = x_m[others[0]]
     axes = frame_of(origin, x_m[others[1]], x_m[others[2]])
     result = np.zeros((3, 3))
@@ -205,7 +206,7 @@ def see(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
 @compiled
 def seen_from(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
     """See `see`."""
-    return see(x_s, some, x_m, others)
+    return in_frame_of(x_s, some, x_m, others)
 
 
 @structref.register
@@ -301,7 +302,7 @@ def follow_rows(
     Where the slave is seen, (3, 3), normals, gaps of points, points that must be searched, and what `gaps_of_rows`
     returns. If there are points to be searched, or none were followed, the gaps of rows are empty.
     """
-    here, nothing, far = see(x_s, r.some, x_m, r.others), np.empty(0), False
+    here, nothing, far = in_frame_of(x_s, r.some, x_m, r.others), np.empty(0), False
     for i in range(3):
         for j in range(3):
             far = far or not abs(here[i, j] - r.searched_at[i, j]) <= reach
