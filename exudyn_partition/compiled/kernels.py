@@ -10,11 +10,11 @@ from ..support.compiled import called, inlined, unlocked
 from .friction_kernels import accept_friction, find_friction, keep_friction, watch_friction
 from .moving_kernels import (
     add_inertia,
-    compose_rotations,
     count_steps,
     evaluate_moving,
     keep_fresh,
     turn_accelerations,
+    turn_on,
     watch_edges,
 )
 
@@ -100,7 +100,7 @@ def advance(
         if moving is None:
             pushing = find_at_rest(contacts, m.q, m.force, rounding, settled, steps, patience)
         else:
-            compose_rotations(moving.frames, m, h)
+            turn_on(moving.frames, m, h)
             pushing = find_in_motion(contacts, moving, m.q, m.v, m.force, limits)
         if pushing < 0:
             return step

@@ -218,10 +218,10 @@ class MovingSteps:
 
     def _hold(self, number: int) -> None:
         """Let loops find the present rows of a contact of two bodies."""
-        pair = self._pairs[number].compiled
-        if self._loops is not None and pair is not None and pair != self._held[number]:
-            assert pair._numba_type_ == self._pairs[0].compiled._numba_type_, "loops would read others as the first one"
-            self._held[number], self._addresses[number] = pair, self._loops.address(pair)
+        one = self._pairs[number].compiled
+        if self._loops is not None and one is not None and one != self._held[number]:
+            assert one._numba_type_ == self._pairs[0].compiled._numba_type_, "loops would read others as the first one"
+            self._held[number], self._addresses[number] = one, self._loops.address(one)
 
     @property
     def lost(self) -> int:
@@ -263,9 +263,9 @@ class MovingSteps:
         self._step, self._turning = 0.0, start.turning
         for pair, before in zip(self._pairs, start.pairs or [None] * len(self._pairs), strict=True):
             pair.begin(before)
-        self.set_anchors(start)
+        self.take_anchors(start)
 
-    def set_anchors(self, start: Start) -> None:
+    def take_anchors(self, start: Start) -> None:
         """Have the anchors of a state. What an evaluation there finds is lost before the first step, as in Exudyn."""
         state = self._state
         state.anchored[:], state.fresh[:], state.found[:], state.added[:] = False, False, state.frozen, -1.0
@@ -275,7 +275,7 @@ class MovingSteps:
             state.anchored[:first], state.anchors[:first] = anchors.anchored, anchors.q
             state.along[:], state.growing[:first] = anchors.along, anchors.growing
         for number, pair in enumerate(self._pairs):
-            pair.set_anchor(None if start.pairs is None else start.pairs[number].anchor)
+            pair.take_anchor(None if start.pairs is None else start.pairs[number].anchor)
             self._hold(number)
 
     def step(self, h: float) -> None:
@@ -294,7 +294,7 @@ class MovingSteps:
 
     def pairs(self, q: Array) -> tuple[GapState, ...]:
         """States of contacts of two bodies at coordinates q, (nq,)."""
-        return tuple(pair.state_at(q) for pair in self._pairs)
+        return tuple(pair.end(q) for pair in self._pairs)
 
 
 class Stepper:
@@ -387,7 +387,7 @@ class Stepper:
             m.a[:] = start.a
         self._watch()
         if self._moving is not None:
-            self._moving.set_anchors(start)
+            self._moving.take_anchors(start)
         return None
 
     def _evaluated(self, turning: Array) -> bool:
@@ -462,7 +462,7 @@ class Stepper:
         if self._moving is not None:
             self._moving.begin(state)
             self._moving.stand(m, m.v if state.turning is None else state.turning, self._h)
-            self._moving.set_anchors(state)
+            self._moving.take_anchors(state)
 
     def advance(self, h: float, first: int, count: int, between: int, samples: Samples) -> tuple[int, Stop | None]:
         """Make steps of length h [s] with the numbers `first` to `count`, from 1 on.
@@ -496,7 +496,7 @@ class Stepper:
                 m.v[:] += 0.5 * h * m.a
                 m.q[:] += h * m.v
                 if self._moving is not None:
-                    self._moving.plain.compose_rotations(m, h)
+                    self._moving.plain.turn_on(m, h)
             if why := self._find():
                 m.q[:], m.v[:] = m.q_start, m.v_start
                 return first - 1, why

@@ -532,11 +532,8 @@ def watch_edges(contacts: FlatContacts, pairs: Pairs | None, state: MovingState,
 
 
 @inner
-def compose_rotations(frames: Frames, m: Motion, h: float) -> None:
-    """Set the rotations in `m.q`: those at the start of a step, composed with those of the step.
-
-    All other coordinates have been added up.
-    """
+def turn_on(frames: Frames, m: Motion, h: float) -> None:
+    """Compose the rotations at the start of a step with those of the step; Exudyn adds up everything else."""
     v, way, result = np.empty(3), np.empty(3), np.empty(3)
     for b in range(len(frames.rotation)):
         first = frames.places[b] + 3

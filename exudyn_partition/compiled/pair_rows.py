@@ -77,7 +77,7 @@ class PairRows:
         self._stage, self._known[0], self._state.left[self.s] = None, False, False
         self._steps[0], self._stood = before.steps, before.stood
 
-    def set_anchor(self, anchor: Anchor | None) -> None:
+    def take_anchor(self, anchor: Anchor | None) -> None:
         """Have another anchor, or none."""
         state = self._state
         state.anchored[self.s] = anchor is not None
@@ -85,14 +85,14 @@ class PairRows:
             state.anchors[self.s, self._following.dofs] = anchor.q
             state.growing[self.s] = _both(anchor.growing)
         if self._stage is not None:
-            self._anchor_of_loops()
+            self._take_anchor()
             self._stage = None
             self._renew()
 
-    def state_at(self, q: Array) -> GapState:
+    def end(self, q: Array) -> GapState:
         """State at the model's coordinates q, (nq,)."""
         gaps, anchored = self.gaps, self._state.anchored[self.s]
-        self._anchor_of_loops()
+        self._take_anchor()
         frozen = None if gaps.moving else gaps.after().frozen
         of_pair = q[self._following.dofs]
         anchor = gaps.anchor if anchored else None
@@ -101,7 +101,7 @@ class PairRows:
         growing = growing_of(gaps, np.concatenate(products))
         return GapState(of_pair, NOTHING, anchor, frozen, None, self._stood, int(self._steps[0]), growing)
 
-    def _anchor_of_loops(self) -> None:
+    def _take_anchor(self) -> None:
         """Let the gaps have the anchor that loops have found."""
         if self._state.anchored[self.s]:
             q, products = self._state.anchors[self.s, self._following.dofs], self._state.growing[self.s]
@@ -131,18 +131,18 @@ class PairRows:
         dofs, gaps = self._following.dofs, self.gaps
         both = zip(gaps.sides, gaps.split(v[dofs]), strict=True)
         gaps.grow([side.kinematics.growing(part) for side, part in both])
-        self._anchor_of_loops()
+        self._take_anchor()
         if gaps.moving and gaps.may_freeze and self._steps[0] >= PATIENCE:
             self._come_to_rest(q_before[dofs])
-        gap = gaps.at(q[dofs])
+        found = gaps.at(q[dofs])
         self._renew()
-        of_pair = h[self._rows]
-        of_pair[:] = abs(gap).max() if len(gap) else gaps.size
-        of_pair[self._slots] = gap
+        own = h[self._rows]
+        own[:] = abs(found).max() if len(found) else gaps.size
+        own[self._slots] = found
         self._known[0] = False
         if self.compiled is not None:
             stage, (of_rows, normals, here) = gaps.stage, self._room
-            self._known[0], of_rows[:], here[:] = True, gap, stage.here
+            self._known[0], of_rows[:], here[:] = True, found, stage.here
             normals[:] = stage.normal if isinstance(stage, Frozen) else stage.normals
 
     def _come_to_rest(self, q: Array) -> None:
@@ -165,15 +165,15 @@ class PairRows:
         state, blocks, s = self._state, self._blocks, self.s
         self._stage, self._slots = present, self.gaps.slots
         state.found[s], state.frozen[s], blocks.n_closed[self.contact] = False, isinstance(stage, Frozen), -1
-        self.flexibility[:], self.fields[:] = 0.0, 0.0
-        np.fill_diagonal(self.flexibility, 1.0)
+        self.own[:], self.fields[:] = 0.0, 0.0
+        np.fill_diagonal(self.own, 1.0)
         if isinstance(stage, Frozen):
             self._set_flexibility(self.gaps.problem().F)
         if self._loops is not None:
             self.compiled = self._for_loops(stage)
 
     @property
-    def flexibility(self) -> Array:
+    def own(self) -> Array:
         """Flexibility of all rows of the patch, (n, n) [m/N]; a view."""
         n = self._rows.stop - self._rows.start
         return self._blocks.numbers[self._blocks.own[self.contact] :][: n * n].reshape(n, n)
@@ -187,8 +187,8 @@ class PairRows:
     def _set_flexibility(self, F: Array) -> None:
         """Set the flexibility of the present rows, (nr, nr) [m/N], and their fields."""
         state, slots, gaps = self._state, self._slots, self.gaps
-        self.flexibility[np.ix_(slots, slots)] = F
-        state.diagonal[self._rows] = self.flexibility.diagonal()
+        self.own[np.ix_(slots, slots)] = F
+        state.diagonal[self._rows] = self.own.diagonal()
         moved = [gaps.side_rows(side) @ fields for side, fields in enumerate(self._following.fields) if fields.size]
         if moved:
             of_rows = np.sum(moved, axis=0)
@@ -281,7 +281,7 @@ class PairRows:
         added = share * diagonal[near].sum() / max(np.count_nonzero(near), 1)
         if added != state.added[self.s]:
             state.added[self.s], self._blocks.n_closed[self.contact] = added, -1
-            np.fill_diagonal(self.flexibility, diagonal + added)
+            np.fill_diagonal(self.own, diagonal + added)
 
     def push(self, lam: Array, force: Array, values: Array) -> None:
         """See `moving_kernels.forces_of_pairs`; `lam`, (n,), are the forces on all rows of the patch [N]."""
@@ -309,7 +309,7 @@ class PairRows:
         gaps, state = self.gaps, self._state
         if not gaps.moving or not len(self._slots):
             return False
-        self._anchor_of_loops()
+        self._take_anchor()
         before = gaps.anchor
         if gaps.anchored(same) != before:
             assert gaps.anchor is not None

@@ -57,20 +57,20 @@ class PlainBody:
         state.grows[b] = fast and large
         state.products[b] = products if state.grows[b] else 0.0
 
-    def compose_rotations(self, m: Motion, h: float) -> None:
+    def turn_on(self, m: Motion, h: float) -> None:
         """Compose its rotation with that of a step."""
         rotation = self.dofs[3:6]
         m.q[rotation] = composed(self.rotation + m.q_start[rotation], h * m.v[rotation]) - self.rotation
 
     def inertia_force(self, bodies: Bodies, m: Motion, half_step: float) -> Array:
         """Inertia forces on all but the translations, (3 + n,); for the arguments see `add_inertia`."""
-        dofs, modes = self.dofs[3:], self.dofs[6:]
-        z, v, stiffness = m.q[modes], m.v[dofs], bodies.stiffness[modes]
+        own, modes = self.dofs[3:], self.dofs[6:]
+        z, v, stiffness = m.q[modes], m.v[own], bodies.stiffness[modes]
         if not v.any():
             return np.zeros(len(v))
         forces = InertiaForces(self.inertia, stiffness.__mul__, self.terms)
         if half_step > 0.0:
-            v = forces.end_velocities(v, z - m.q_start[modes], m.v_start[dofs], m.a[dofs], half_step)
+            v = forces.end_velocities(v, z - m.q_start[modes], m.v_start[own], m.a[own], half_step)
         return forces.force(v[:3], z, v[3:])
 
     def act(self, q: Array, force: Array) -> None:
@@ -156,9 +156,8 @@ class PlainSurface:
         j, nr, k = self.contact, len(self.mean), len(self.start)
         along = state.along[self.points] if self.d > 1 else np.full((len(self.on_points), 1), -1.0)
         rows = np.einsum("rp,pk,pa->rka", self.mean, self.on_points, along).reshape(nr, self.d * k)
-        block = rows @ self.flexibility @ rows.T
-        self.flexibility_of_rows(blocks)[:] = 0.5 * (block + block.T)
-        state.diagonal[self.rows(blocks)] = block.diagonal()
+        own = rows @ self.flexibility @ rows.T
+        self.own(blocks)[:], state.diagonal[self.rows(blocks)] = 0.5 * (own + own.T), own.diagonal()
         n_fields = self.node_fields.shape[1]
         blocks.numbers[blocks.fields[j] :][: n_fields * nr] = (rows @ self.node_fields).T.ravel()
         state.found[s], blocks.n_closed[j], state.added[s] = True, -1, -1.0
@@ -168,7 +167,7 @@ class PlainSurface:
         """Its rows among all."""
         return slice(*blocks.starts[self.contact : self.contact + 2])
 
-    def flexibility_of_rows(self, blocks: FlatBlocks) -> Array:
+    def own(self, blocks: FlatBlocks) -> Array:
         """Its flexibility, (nr, nr), regularised; a view."""
         nr = len(self.mean)
         return blocks.numbers[blocks.own[self.contact] :][: nr * nr].reshape(nr, nr)
@@ -186,7 +185,7 @@ class PlainSurface:
         added = share * diagonal[near].sum() / max(np.count_nonzero(near), 1)
         if added != state.added[self.s]:
             state.added[self.s], blocks.n_closed[self.contact] = added, -1
-            np.fill_diagonal(self.flexibility_of_rows(blocks), diagonal + added)
+            np.fill_diagonal(self.own(blocks), diagonal + added)
 
     def push(self, state: MovingState, q: Array, lam: Array, force: Array, values: Array) -> None:
         """See `forces_of_surface`."""
@@ -219,9 +218,9 @@ class PlainPair:
         """Its rows among all."""
         return slice(*blocks.starts[self.contact : self.contact + 2])
 
-    def flexibility_of_rows(self, blocks: FlatBlocks) -> Array:
+    def own(self, blocks: FlatBlocks) -> Array:
         """Its flexibility, (nr, nr), regularised; a view."""
-        return self._rows.flexibility
+        return self._rows.own
 
     def fields(self, blocks: FlatBlocks) -> Array:
         """Its fields, (nr, m)."""
@@ -318,16 +317,16 @@ class PlainMoving:
             return [np.zeros(len(gap)) for gap in gaps], [*gaps]
         blocks, of_moving = self._blocks, {surface.contact: surface for surface in self.surfaces}
         known = [j for j in range(len(gaps)) if j not in of_moving or self._state.found[of_moving[j].s]]
-        within = {j: of_moving[j].flexibility_of_rows(blocks).copy() if j in of_moving else plan.own[j] for j in known}
+        own = {j: of_moving[j].own(blocks).copy() if j in of_moving else plan.own[j] for j in known}
         fields = {j: of_moving[j].fields(blocks) if j in of_moving else plan.fields[j] for j in known}
-        problems = {j: Complementarity(within[j]) for j in known}
+        problems = {j: Complementarity(own[j]) for j in known}
         if plan.core:
-            forces = joint.solve(problems, {j: gaps[j] for j in known}, fields)
+            found = joint.solve(problems, {j: gaps[j] for j in known}, fields)
             moved = joint.pushed
         else:
-            forces, moved = {j: problem.solve(gaps[j]) for j, problem in problems.items()}, {}
+            found, moved = {j: problem.solve(gaps[j]) for j, problem in problems.items()}, {}
         iterations[known] += [problems[j].iterations for j in known]
-        lam = [forces.get(j, np.zeros(len(gap))) for j, gap in enumerate(gaps)]
+        lam = [found.get(j, np.zeros(len(gap))) for j, gap in enumerate(gaps)]
         return lam, [moved.get(j, gap) for j, gap in enumerate(gaps)]
 
     def push(self, q: Array, lam: Array, force: Array, values: Array) -> None:
@@ -337,10 +336,10 @@ class PlainMoving:
         for body in self.bodies:
             body.act(q, force)
 
-    def compose_rotations(self, m: Motion, h: float) -> None:
+    def turn_on(self, m: Motion, h: float) -> None:
         """Compose rotations in a step of length h [s]."""
         for body in self.bodies:
-            body.compose_rotations(m, h)
+            body.turn_on(m, h)
 
     def inertia(self, bodies: Bodies, m: Motion, half_step: float) -> None:
         """Add inertia forces to those of contacts, see `add_inertia`."""

@@ -278,8 +278,8 @@ class SurfacesBack:
 
     def set_gaps(self, gaps: Array, samples: Array) -> None:
         """Set the gaps of the rows of these contacts among all, (m, nr) [m], in some samples, (m,)."""
-        for s, surface in enumerate(self.surfaces):
-            gaps[:, self.rows(s)] = surface.gaps(samples)
+        for s, one in enumerate(self.surfaces):
+            gaps[:, self.rows(s)] = one.gaps(samples)
 
     @property
     def edges(self) -> Array:
@@ -288,30 +288,30 @@ class SurfacesBack:
 
     def along(self, s: int, sample: int) -> Array:
         """Normals of a contact at the anchor that it has in a sample, (p, 3)."""
-        surface, anchor = self.surfaces[s], int(self.anchors[s, sample])
-        before = surface.at_start(self._begins, s) if anchor < 0 else None
-        return surface.at(np.array([max(anchor, 0)])).normals[0] if before is None else before
+        one, anchor = self.surfaces[s], int(self.anchors[s, sample])
+        before = one.at_start(self._begins, s) if anchor < 0 else None
+        return one.at(np.array([max(anchor, 0)])).normals[0] if before is None else before
 
     def set_flexibility(self, F: Array, sample: int, rows: Array, others: Array) -> None:
         """Set the flexibility between some rows and others, (na, nb) [m/N], where it is that of moving contacts."""
-        for s, surface in enumerate(self.surfaces):
-            its_rows, here = self._rows_on(s, rows)
-            pushing, there = self._rows_on(s, others)
+        for s, one in enumerate(self.surfaces):
+            own, here = self._own(s, rows)
+            pushing, there = self._own(s, others)
             along = self.along(s, sample)
-            left = surface.on_nodes(along, its_rows)
-            right = left if np.array_equal(its_rows, pushing) else surface.on_nodes(along, pushing)
-            moved = left @ surface.flexibility
-            mean = np.vdot(moved, left) / max(len(its_rows), 1)
-            F[np.ix_(here, there)] = moved @ right.T + REGULARISATION * mean * (its_rows[:, None] == pushing)
+            left = one.on_nodes(along, own)
+            right = left if np.array_equal(own, pushing) else one.on_nodes(along, pushing)
+            moved = left @ one.flexibility
+            mean = np.vdot(moved, left) / max(len(own), 1)
+            F[np.ix_(here, there)] = moved @ right.T + REGULARISATION * mean * (own[:, None] == pushing)
             for (j, k), core in self._contacts.core.items():
-                if j == surface.contact:
+                if j == one.contact:
                     columns, numbers = self._fields(k, sample, others)
                     F[np.ix_(here, numbers)] = left @ self._wide(s) @ core @ columns.T
-                elif k == surface.contact and j not in self._of_contact:
+                elif k == one.contact and j not in self._of_contact:
                     lines, numbers = self._fields(j, sample, rows)
                     F[np.ix_(numbers, there)] = lines @ core @ (right @ self._wide(s)).T
 
-    def _rows_on(self, s: int, rows: Array) -> tuple[Array, Array]:
+    def _own(self, s: int, rows: Array) -> tuple[Array, Array]:
         """Which rows of a contact some rows are, and where these are among them."""
         return _within(self.rows(s), rows)
 
@@ -323,16 +323,16 @@ class SurfacesBack:
 
     def _fields(self, j: int, sample: int, rows: Array) -> tuple[Array, Array]:
         """Fields of those of some rows that are contact j's, (na, m), and where these are among them."""
-        of_contact, places = _within(slice(*self._contacts.rows.starts[j : j + 2]), rows)
+        own, places = _within(slice(*self._contacts.rows.starts[j : j + 2]), rows)
         if j not in self._of_contact:
-            return self._contacts.fields[j][of_contact], places
+            return self._contacts.fields[j][own], places
         s = self._of_contact[j]
-        return self.surfaces[s].on_nodes(self.along(s, sample), of_contact) @ self._wide(s), places
+        return self.surfaces[s].on_nodes(self.along(s, sample), own) @ self._wide(s), places
 
     def copy_flexibility(self, F: Array, to: Array, rows: Array, some: Array) -> None:
         """Copy the flexibility of these contacts among rows, (d, d) [m/N], to that among some of them, by places."""
         for s in range(len(self.surfaces)):
-            here = self._rows_on(s, rows[some])[1]
+            here = self._own(s, rows[some])[1]
             to[here], to[:, here] = F[np.ix_(some[here], some)], F[np.ix_(some, some[here])]
 
     def by_normals(self, s: int, sample: int, rows: Array, slips: Array, forces: Array) -> Array:
@@ -340,21 +340,21 @@ class SurfacesBack:
 
         `slips`, (m, k, d), are those by the gaps of some rows in samples with this anchor, `forces`, (m, d), theirs.
         """
-        surface, (its_rows, here) = self.surfaces[s], self._rows_on(s, rows)
+        one, (own, here) = self.surfaces[s], self._own(s, rows)
         total = np.tensordot(slips[:, :, here], forces, (0, 0))
         total += np.tensordot(slips, forces[:, here], (0, 0)).transpose(0, 2, 1)
-        by_nodes = total[:, :, here] @ (surface.on_nodes(self.along(s, sample), its_rows) @ surface.flexibility)
+        by_nodes = total[:, :, here] @ (one.on_nodes(self.along(s, sample), own) @ one.flexibility)
         for (j, k), core in self._contacts.core.items():
-            if j == surface.contact and k != j:
+            if j == one.contact and k != j:
                 columns, numbers = self._fields(k, sample, rows)
                 by_nodes += total[:, :, numbers] @ (columns @ core.T @ self._wide(s).T)
-        return surface.by_normals(its_rows, by_nodes)
+        return one.by_normals(own, by_nodes)
 
 
-def _within(of_contact: slice, rows: Array) -> tuple[Array, Array]:
+def _within(own: slice, rows: Array) -> tuple[Array, Array]:
     """Those of some rows that are within others, by their numbers there, and their places among the rows."""
-    places = np.flatnonzero((rows >= of_contact.start) & (rows < of_contact.stop))
-    return rows[places] - of_contact.start, places
+    places = np.flatnonzero((rows >= own.start) & (rows < own.stop))
+    return rows[places] - own.start, places
 
 
 class SurfaceRows(NamedTuple):
@@ -444,7 +444,7 @@ class SurfaceRows(NamedTuple):
 
     def _ways_of_nodes(self, contact: int, y: Array) -> Array:
         """Ways of the nodes of a contact, (k, v, 3), by those of the coordinates, (k, nq)."""
-        n, (_, nodes) = self.counts[contact], self._parts_of(contact)
+        n, (_, nodes) = self.counts[contact], self._own(contact)
         return np.asarray(np.einsum("van,kn->kva", self.shapes[nodes, :, :n], y[:, self.dofs[contact, :n]]))
 
     def _points(self, y: Array) -> Array:
@@ -452,16 +452,16 @@ class SurfaceRows(NamedTuple):
         ways = np.zeros((len(y), len(self.push[0]), 3))
         for contact in range(len(self.counts)):
             of_nodes = self._ways_of_nodes(contact, y)
-            ways[:, self._parts_of(contact)[0]] = np.einsum("pv,kva->kpa", self._on_nodes(contact), of_nodes)
+            ways[:, self._own(contact)[0]] = np.einsum("pv,kva->kpa", self._on_nodes(contact), of_nodes)
         return ways
 
-    def _parts_of(self, contact: int) -> tuple[slice, slice]:
+    def _own(self, contact: int) -> tuple[slice, slice]:
         """Points and nodes of a contact."""
         return slice(*self.firsts[contact : contact + 2]), slice(*self.node_firsts[contact : contact + 2])
 
     def _on_nodes(self, contact: int) -> Array:
         """Points by nodes of a contact, (p, v)."""
-        points, nodes = self._parts_of(contact)
+        points, nodes = self._own(contact)
         entries = self.weights, self.nodes, self.node_starts
         found: Array = sp.csr_matrix(entries, (len(self.push[0]), len(self.shapes))).toarray()
         return found[points, nodes]
@@ -480,18 +480,18 @@ class SurfaceRows(NamedTuple):
 
     def _by_nodes(self, s: int, contact: int, ways: Array, slips: Array) -> Array:
         """Derivatives by places of the nodes of a contact, (k, v, 3), by those by gaps, (k, d)."""
-        there, (its_rows, _) = self.place[s], self._parts_of(contact)
+        there, (own, _) = self.place[s], self._own(contact)
         on_points = np.zeros(ways.shape[:2])
         for row, (first, end) in zip(self.rows, _pairs(self.starts), strict=True):
             on_points[:, self.columns[first:end]] += slips[:, row, None] * self.means[first:end]
         normals, share, axis = (
-            self.normals[there, its_rows],
+            self.normals[there, own],
             self.push[there] * self.curved[there],
             self.axes[there, contact],
         )
-        way = ways[:, its_rows]
+        way = ways[:, own]
         across = way - np.einsum("kpa,pa,pb->kpb", way, normals, normals) - (way @ axis)[:, :, None] * axis
-        of_points = on_points[:, its_rows, None] * normals + share[its_rows, None] * across
+        of_points = on_points[:, own, None] * normals + share[own, None] * across
         return np.asarray(np.einsum("kpa,pv->kva", of_points, self._on_nodes(contact)))
 
     def back(self, s: int, ways: Array, slips: Array, q: Array) -> None:
@@ -499,7 +499,7 @@ class SurfaceRows(NamedTuple):
         if self.place[s] < 0:
             return
         for contact, n in enumerate(self.counts):
-            shapes, by_nodes = self.shapes[self._parts_of(contact)[1], :, :n], self._by_nodes(s, contact, ways, slips)
+            shapes, by_nodes = self.shapes[self._own(contact)[1], :, :n], self._by_nodes(s, contact, ways, slips)
             q[:, self.dofs[contact, :n]] += np.einsum("kva,van->kn", by_nodes, shapes)
 
     def turn(self, frames: FramesBack, s: int, y: Array) -> None:
@@ -510,7 +510,7 @@ class SurfaceRows(NamedTuple):
         frames.pushed[:], frames.moved[:], frames.force[:] = y, 0.0, 0.0
         for contact, b in enumerate(self.bodies if self.place[s] >= 0 else ()):
             if b >= 0:
-                n, (_, nodes) = self.counts[contact], self._parts_of(contact)
+                n, (_, nodes) = self.counts[contact], self._own(contact)
                 dofs, axes = self.dofs[contact, :n], frames.node_axes[b]
                 moved = self.arms[nodes] + self.shapes[nodes, :, 6:n] @ frames.q[s, dofs[6:]]
                 self.shapes[nodes, :, 3:6] = np.cross(axes.T, moved[:, None]).swapaxes(1, 2)
@@ -520,8 +520,8 @@ class SurfaceRows(NamedTuple):
 
     def _forces(self, s: int, contact: int) -> Array:
         """Forces on the nodes of a contact, (v, 3)."""
-        there, (its_rows, _) = self.place[s], self._parts_of(contact)
-        pushes = self.push[there, its_rows, None] * self.normals[there, its_rows]
+        there, (own, _) = self.place[s], self._own(contact)
+        pushes = self.push[there, own, None] * self.normals[there, own]
         return np.asarray(self._on_nodes(contact).T @ pushes)
 
     def turn_back(self, frames: FramesBack, s: int, ways: Array, slips: Array, q: Array) -> None:
@@ -533,7 +533,7 @@ class SurfaceRows(NamedTuple):
         for contact, b in enumerate(self.bodies if self.place[s] >= 0 else ()):
             if b < 0:
                 continue
-            n, (_, nodes) = self.counts[contact], self._parts_of(contact)
+            n, (_, nodes) = self.counts[contact], self._own(contact)
             dofs, axes, growth = self.dofs[contact, :n], frames.node_axes[b], self.growth[nodes]
             forces, by_nodes = self._forces(s, contact), self._by_nodes(s, contact, ways, slips)
             of_nodes = self._ways_of_nodes(contact, frames.pushed) - frames.pushed[:, None, dofs[:3]]

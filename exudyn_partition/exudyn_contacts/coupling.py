@@ -72,9 +72,9 @@ class Joining:
         """Join a new contact to those beside it whose forces move its rows; see `solve_together`."""
         groups = _groups_of(contact, beside)
         group = groups[0] if groups else []
-        for joined in groups[1:]:
-            group.extend(joined)
-            for member in joined:
+        for other in groups[1:]:
+            group.extend(other)
+            for member in other:
                 member.group = group
         group.append(contact)
         contact.group = group

@@ -231,9 +231,9 @@ def _build(
     join: Callable[[PartitionContact, list[PartitionContact]], None] = solve_together,
 ) -> PartitionContact:
     """Add a planned contact to the model, with its sensors; `join` joins it to others of its bodies."""
-    registry = registered(mbs)
+    held = registered(mbs)
     contact, mechanics = PartitionContact(plan), plan.mechanics
-    join(contact, registry.contacts_on(item for item, _ in contact.sides))
+    join(contact, held.contacts_on(item for item, _ in contact.sides))
     kind = type(mechanics.law).__name__
     _log.info("contact %r: %s with %s rows, in a group of %s", plan.name, kind, contact.n_rows, len(contact.group))
     runs = runs_of(mbs)
@@ -242,7 +242,7 @@ def _build(
     contact["oContact"] = add_to_object(mbs, contact, runs)
     if plan.carried_by is not None:
         load_carrier(mbs, lambda: runs.at_work(contact), plan.carried_by)
-    _add_force_sensor(mbs, runs, contact, first=not registry.contacts)
+    _add_force_sensor(mbs, runs, contact, first=not held.contacts)
     if mechanics.friction is not None:
         if mechanics.gaps.anywhere:  # most of many contacts are far apart: Python would be called for each of them
             contact["nFrictionData"], contact["sFriction"] = _add_data(mbs, "", N_FRICTION)
@@ -250,7 +250,7 @@ def _build(
             contact["sFriction"] = _add_sensor(mbs, runs, contact, ContactRun.friction_values)
     if mechanics.zones is not None:
         contact["sPlastic"] = _add_sensor(mbs, runs, contact, ContactRun.plastic_values)
-    registry.enter_contact(int(contact["sForce"]), contact)
+    held.enter_contact(int(contact["sForce"]), contact)
     return contact
 
 

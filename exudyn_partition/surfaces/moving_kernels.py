@@ -191,8 +191,8 @@ def frame_of(a: Array, b: Array, c: Array) -> Array:
 
 
 @inlined
-def in_frame_of(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
-    """Places of three of the slave's nodes, `some`, in the frame of three of the master's, `others`, (3, 3) [m]."""
+def see(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
+    """Places of three of the slave's nodes in the frame of three of the master's, (3, 3) [m]."""
     origin = x_m[others[0]]
     axes = frame_of(origin, x_m[others[1]], x_m[others[2]])
     result = np.zeros((3, 3))
@@ -206,7 +206,7 @@ def in_frame_of(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
 @compiled
 def seen_from(x_s: Array, some: Array, x_m: Array, others: Array) -> Array:
     """See `see`."""
-    return in_frame_of(x_s, some, x_m, others)
+    return see(x_s, some, x_m, others)
 
 
 @structref.register
@@ -302,7 +302,7 @@ def follow_rows(
     Where the slave is seen, (3, 3), normals, gaps of points, points that must be searched, and what `gaps_of_rows`
     returns. If there are points to be searched, or none were followed, the gaps of rows are empty.
     """
-    here, nothing, far = in_frame_of(x_s, r.some, x_m, r.others), np.empty(0), False
+    here, nothing, far = see(x_s, r.some, x_m, r.others), np.empty(0), False
     for i in range(3):
         for j in range(3):
             far = far or not abs(here[i, j] - r.searched_at[i, j]) <= reach
