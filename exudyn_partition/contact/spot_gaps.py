@@ -302,12 +302,12 @@ class SpotGaps(Gaps):
         if self._alone:
             return self._meeting(poses, carried), self._own_faces
         whole, best = self._all_poses(poses, carried), None
-        for numbers, pair in self._pairs.items():
-            meeting = self._meeting(poses, carried, pair)
+        for numbers, found in self._pairs.items():
+            meeting = self._meeting(poses, carried, found)
             for side, number in enumerate(numbers):
                 face = self._near[side][number]
                 if len(face.seam):
-                    meeting = self._within(side, face, meeting, pair.shapes, whole)
+                    meeting = self._within(side, face, meeting, found.shapes, whole)
             if best is None or meeting.gap < best[0].gap:
                 best = meeting, numbers
         assert best is not None
