@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from typing import Self
 
 
+_NO_ARRAY = np.dtype(object)  # for what has no type of its entries
 _ROUND_OFF = 1e-9  # of forces times gaps: energy below zero that is less is none
 _STICKING = 1e6  # coefficient of friction with which no row slips
 
@@ -280,7 +281,7 @@ class PatchContact:
                 f"law {name}: expected forces of shape {(n, self.rows.d)}, rows by directions, got "
                 f"{np.shape(forces.on_rows)}"
             )
-        if getattr(getattr(forces.closed, "dtype", None), "kind", "none") not in "iu":
+        if getattr(forces.closed, "dtype", _NO_ARRAY).kind not in "iu":
             raise InputError(
                 f"law {name}: expected numbers of the closed rows, an array of integers as np.flatnonzero(forces) "
                 f"returns it, got {getattr(forces.closed, 'dtype', type(forces.closed).__name__)}"

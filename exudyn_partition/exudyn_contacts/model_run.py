@@ -337,12 +337,12 @@ class ModelRun:
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """Keep the data that results need of the state at t; `q` returns the model's coordinates at t."""
         if self._elastic:
-            self._keep_sample(t, q)
+            self._keep(t, q)
             return
         with _unstable_energies():  # which takes some microseconds
-            self._keep_sample(t, q)
+            self._keep(t, q)
 
-    def _keep_sample(self, t: float, q: Callable[[], Array]) -> None:
+    def _keep(self, t: float, q: Callable[[], Array]) -> None:
         for group in self._members.groups:
             group.keep(t, q)
 
