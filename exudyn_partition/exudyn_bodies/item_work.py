@@ -116,7 +116,7 @@ def _unlike(names: list[str]) -> tuple[str, ...]:
 
 
 def _powers_of_weights(mbs: MainSystem, registry: Registry) -> list[tuple[str, Power]]:
-    """Constant forces of the bodies' own objects: gravity."""
+    """Name and power of the constant force of each body's own object: gravity."""
 
     def weight(item: BodyItem, force: Array) -> Power:
         def power(mbs: MainSystem, q_t: Array, of_bodies: Array) -> float:
@@ -133,7 +133,7 @@ def _powers_of_weights(mbs: MainSystem, registry: Registry) -> list[tuple[str, P
 
 
 def _powers_of_objects(mbs: MainSystem, registry: Registry) -> list[tuple[str, Power]]:
-    """Joints and connectors on the bodies, and objects with a force of their own, such as distributed loads."""
+    """Name and power of each joint and connector on the bodies, and of objects such as distributed loads."""
     exu = require("exudyn")
     kind = exu.ComputeItemType
 
@@ -162,7 +162,7 @@ def _powers_of_objects(mbs: MainSystem, registry: Registry) -> list[tuple[str, P
 
 
 def _powers_of_loads(mbs: MainSystem, registry: Registry) -> list[tuple[str, Power]]:
-    """Exudyn's loads on markers of the bodies."""
+    """Name and power of each of Exudyn's loads on markers of the bodies."""
     kind = require("exudyn").ComputeItemType
 
     def of_vector(load: int, marker: ItemIndex, torque: bool, fixed: bool) -> Power:

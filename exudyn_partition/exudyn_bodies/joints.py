@@ -294,6 +294,7 @@ def _masses(mbs: MainSystem) -> Iterator[tuple[ObjectIndex, Array, Array | sp.co
 
 
 def _validate(number: ObjectIndex, entry: ItemEntry) -> None:
+    """Raise InputError if explicit steps cannot take the algebraic equations of an object."""
     kind, name = entry["objectType"], f"object {int(number)} {entry['name']!r}"
     if kind == "RigidBody":
         raise InputError(

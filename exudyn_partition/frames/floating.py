@@ -409,6 +409,7 @@ class FloatingKinematics:
 
 
 def _inertia(body: ReducedBody, mean_axes: MeanAxes) -> Inertia:
+    """Inertia of a body, with nodes that it keeps as point masses; raises InputError if it has none about an axis."""
     inertia: Inertia = body.inertia
     if len(body.basis.nodal):
         masses = body.mass.diagonal()[body.n_shapes :: 3]
