@@ -214,31 +214,31 @@ def registered(mbs: MainSystem) -> Registry:
     Exudyn is asked about the newest body alone. A Reset removes it, and a deletion of an older item changes its number.
     """
     validate_model(mbs)
-    known = registry(mbs)
+    held = registry(mbs)
     objects, sensors = mbs.systemData.NumberOfObjects(), mbs.systemData.NumberOfSensors()
 
     def holds(number: int) -> bool:
-        return number < objects and bool(known.bodies[number].is_in(mbs))
+        return number < objects and bool(held.bodies[number].is_in(mbs))
 
-    if known.bodies and not holds(next(reversed(known.bodies))):
-        bodies = {number: item for number, item in known.bodies.items() if holds(number)}
-        there, contacts = {*bodies.values()}, known.contacts.items()
-        known.hold(bodies, {n: contact for n, contact in contacts if all(item in there for item, _ in contact.sides)})
+    if held.bodies and not holds(next(reversed(held.bodies))):
+        bodies = {number: item for number, item in held.bodies.items() if holds(number)}
+        there, contacts = {*bodies.values()}, held.contacts.items()
+        held.hold(bodies, {n: contact for n, contact in contacts if all(item in there for item, _ in contact.sides)})
 
     def is_there(number: SensorIndex, name: str) -> bool:
         return int(number) < sensors and bool(mbs.GetSensor(number)["name"] == name)
 
-    if known.work is not None and not is_there(known.work.number, WORK):
-        known.work = None
-    if known.damping is not None and not is_there(known.damping.number, DAMPING):
-        known.damping = None
-    return known
+    if held.work is not None and not is_there(held.work.number, WORK):
+        held.work = None
+    if held.damping is not None and not is_there(held.damping.number, DAMPING):
+        held.damping = None
+    return held
 
 
 def registry(mbs: MainSystem) -> Registry:
     """Return where new bodies and contacts of a model are entered; `registered` is to be read."""
-    known: Registry = mbs.sys.setdefault(REGISTRY, Registry())
-    return known
+    held: Registry = mbs.sys.setdefault(REGISTRY, Registry())
+    return held
 
 
 def coordinate_slices(mbs: MainSystem, item: BodyItem) -> list[slice]:

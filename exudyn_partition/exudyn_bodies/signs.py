@@ -61,53 +61,53 @@ def signs_of(mbs: MainSystem) -> list[Sign]:
 def _connectors(mbs: MainSystem) -> Iterator[Sign]:
     """Signs of joints, springs and drives, and of the ground where it holds them."""
     ours = registered(mbs)
-    of_frames = {int(marker) for item in ours.bodies.values() for marker in item.frame_markers}
+    held = {int(marker) for item in ours.bodies.values() for marker in item.frame_markers}
     for number in sorted({*range(mbs.systemData.NumberOfObjects())} - ours.objects):
         entry = mbs.GetObject(number)
         markers = entry.get("markerNumbers", ())
-        if len(markers) != 2 or not of_frames.isdisjoint(map(int, markers)) or not entry.get("activeConnector", True):
+        if len(markers) != 2 or not held.isdisjoint(map(int, markers)) or not entry.get("activeConnector", True):
             continue
         name, driven = entry["name"], any(isinstance(entry.get(key), dict) for key in _DRIVEN)
         places = [_where(mbs, marker) for marker in markers]
         if entry["objectType"] in _COORDINATES:
             if driven and (place := places[1] or places[0]) is not None:
-                yield Sign(name, "drive", _sign_at(place, np.eye(3)))
+                yield Sign(name, "drive", _at(place, np.eye(3)))
             continue
         shape, (first, second) = _shape(entry), places
         if shape is None or first is None or second is None:
             continue
         kind, axes = shape
-        yield Sign(name, kind, _between(first, second, axes) if kind in ("spring", "rod") else _sign_at(first, axes))
+        yield Sign(name, kind, _between(first, second, axes) if kind in ("spring", "rod") else _at(first, axes))
         if driven:
-            yield Sign(name, "drive", _sign_at(first, axes))
+            yield Sign(name, "drive", _at(first, axes))
         for marker, place in zip(markers, places, strict=True):
             if place is not None and _on_ground(mbs, marker):
-                yield Sign(name, "ground", _sign_at(place, np.eye(3)))
+                yield Sign(name, "ground", _at(place, np.eye(3)))
 
 
 def _shape(entry: ItemEntry) -> tuple[Kind, Array] | None:
     """Kind of a connector, and the axes of its sign in those of its first marker; None if it has no sign."""
     kind = entry["objectType"]
-    axes = np.asarray(entry.get("rotationMarker0", np.eye(3)), dtype=float).reshape(3, 3)
+    own = np.asarray(entry.get("rotationMarker0", np.eye(3)), dtype=float).reshape(3, 3)
     if kind in _SPRINGS:
-        return "spring", axes
+        return "spring", own
     if kind == "ConnectorDistance":
-        return "rod", axes
+        return "rod", own
     if kind in ("JointRevoluteZ", "JointRevolute2D"):
-        return "hinge", axes
+        return "hinge", own
     if kind == "JointSpherical":
-        return "ball joint", axes
+        return "ball joint", own
     if kind == "JointPrismaticX":
-        return "slider", axes @ _ALONG[0]
+        return "slider", own @ _ALONG[0]
     if kind != "JointGeneric":
         return None
     free = np.flatnonzero(np.asarray(entry["constrainedAxes"]) == 0)
     moves, turns = free[free < 3], free[free >= 3] - 3
     if len(free) == 0:
-        return "fixed joint", axes
+        return "fixed joint", own
     if len(moves) == 0:
-        return ("hinge", axes @ _ALONG[turns[0]]) if len(turns) == 1 else ("ball joint", axes)
-    return ("slider", axes @ _ALONG[moves[0]]) if len(free) == 1 else ("joint", axes)
+        return ("hinge", own @ _ALONG[turns[0]]) if len(turns) == 1 else ("ball joint", own)
+    return ("slider", own @ _ALONG[moves[0]]) if len(free) == 1 else ("joint", own)
 
 
 def _loads(mbs: MainSystem) -> Iterator[Sign]:
@@ -143,14 +143,14 @@ def _where(mbs: MainSystem, marker: ItemIndex) -> Where | None:
     if "coordinate" in entry and "nodeNumber" in entry:
         bodies = range(mbs.systemData.NumberOfObjects())
         node = int(entry["nodeNumber"])
-        on_node = [body for body in bodies if int(mbs.GetObject(body).get("nodeNumber", -1)) == node]
-        if not on_node or "Ground" in mbs.GetNode(node)["nodeType"]:
+        found = [body for body in bodies if int(mbs.GetObject(body).get("nodeNumber", -1)) == node]
+        if not found or "Ground" in mbs.GetNode(node)["nodeType"]:
             return None
         try:
-            pose_in(mbs, on_node[0], reference)
+            pose_in(mbs, found[0], reference)
         except Exception:  # Exudyn raises several types of errors
             return None
-        return lambda mbs, configuration: pose_in(mbs, on_node[0], configuration)
+        return lambda mbs, configuration: pose_in(mbs, found[0], configuration)
     try:
         mbs.GetMarkerOutput(marker, variable.Position, reference)
     except Exception:
@@ -174,7 +174,7 @@ def _where(mbs: MainSystem, marker: ItemIndex) -> Where | None:
     return pose
 
 
-def _sign_at(where: Where, axes: Array) -> Callable[[MainSystem, object], tuple[Array, Array, Array]]:
+def _at(where: Where, axes: Array) -> Callable[[MainSystem, object], tuple[Array, Array, Array]]:
     """A sign at one place, with its own axes in those of a marker."""
 
     def now(mbs: MainSystem, configuration: object) -> tuple[Array, Array, Array]:
