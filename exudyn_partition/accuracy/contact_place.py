@@ -248,13 +248,13 @@ class _OfShape:
 
     def depths(self, starts: Array, way: Array, reach: float) -> Array:
         """See `_Probe`."""
-        found = depths(self._shape, self._scale * starts, way, self._scale * 4 * reach) / self._scale
-        if np.isnan(found).any():
+        depth = depths(self._shape, self._scale * starts, way, self._scale * 4 * reach) / self._scale
+        if np.isnan(depth).any():
             raise InputError(
                 f"contact: expected smooth surfaces around the point, got none within {4 * reach:.3g} m of {starts[0]} "
                 "m: an edge is near. Round it, or mesh these bodies yourself and take reduce_pair"
             )
-        return found
+        return depth
 
     def _slope(self, point: Array, step: float) -> Array:
         """Unit vector along which the distance grows, by central differences."""
@@ -282,13 +282,13 @@ def relative_curvature(probes: Sequence[_Probe], feet: Sequence[Array], normal: 
         gap += probe.depths(start, -outward, reach) - reach
     # A tilt tells that the first point to touch lies aside, by little.
     terms = np.column_stack([x**2 / 2, x * y, y**2 / 2, x, y])
-    found = np.linalg.lstsq(terms, gap, rcond=None)[0]
-    curved, misfit = abs(terms[:, :3] @ found[:3]).max(), abs(terms @ found - gap).max()
+    coefficients = np.linalg.lstsq(terms, gap, rcond=None)[0]
+    curved, misfit = abs(terms[:, :3] @ coefficients[:3]).max(), abs(terms @ coefficients - gap).max()
     if misfit > max(_MISFIT * curved, _FLAT * reach):
         raise InputError(
             f"contact: expected surfaces with curvatures at {feet[0]} m, got heights that are off a paraboloid by "
             f"{misfit / curved:.0%}: there is the tip of a cone, or curvature changes within {reach:.3g} m. Round the "
             "tip, or mesh these bodies yourself and take reduce_pair"
         )
-    xx, xy, yy = found[:3]
+    xx, xy, yy = coefficients[:3]
     return np.array([[xx, xy], [xy, yy]])

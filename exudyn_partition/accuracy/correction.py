@@ -114,23 +114,23 @@ class Finer:
         self._elastic = elastic or free.flexibility()
         self._surplus = surplus = surplus or surplus_of(fem)
         self._stiffness, self._coupling, self._mass = surplus.stiffness, surplus.coupling, surplus.mass_coupling
-        held = self._held()
-        if len(held):
+        fixed = self._fixed_functions()
+        if len(fixed):
             kept = np.ones(3 * surplus.size)
-            kept[node_dofs(held)] = 0.0
+            kept[node_dofs(fixed)] = 0.0
             only = sp.diags(kept)
             self._stiffness = (only @ self._stiffness @ only + sp.diags(1 - kept)).tocsr()
             self._coupling, self._mass = (only @ matrix for matrix in (self._coupling, self._mass))
 
-    def _held(self) -> Array:
+    def _fixed_functions(self) -> Array:
         """Numbers of the functions that do not vanish on rigid interfaces, whose facets have all nodes in one."""
-        found = [np.empty(0, dtype=np.int64)]
+        numbers = [np.empty(0, dtype=np.int64)]
         for interface in self.body.partition.interfaces:
             facets = self.fem.facets[np.isin(self.fem.facets, interface.nodes).all(axis=1)]
             if interface.kind == "rigid" and len(facets):
                 corners = np.repeat(facets[:, :3], len(_INSIDE), axis=0)
-                found.append(np.unique(self._surplus.values_at(corners, np.tile(_INSIDE, (len(facets), 1))).indices))
-        return np.unique(np.concatenate(found))
+                numbers.append(np.unique(self._surplus.values_at(corners, np.tile(_INSIDE, (len(facets), 1))).indices))
+        return np.unique(np.concatenate(numbers))
 
     def change(self, on_nodes: sp.csr_matrix, points: Points) -> Change:
         """What the functions change of the body and of k rows.
@@ -152,13 +152,13 @@ class Finer:
         static -= shapes @ ((shapes.T @ loads) / squares[:, None])  # what the kept shapes do not contain
         of_rows = self._of_rows(points) - self._mass @ (kept @ (kept.T @ loads)) - self._coupling @ static
         # Shapes above are static answers to interfaces and loads. They follow motion of much lower frequencies.
-        own = np.where(squares <= (DROP_ABOVE * 2 * np.pi * self.body.f_cut) ** 2, squares, 0.0)
-        of_shapes = (self._mass @ shapes) * own - self._coupling @ shapes
+        kept_squares = np.where(squares <= (DROP_ABOVE * 2 * np.pi * self.body.f_cut) ** 2, squares, 0.0)
+        of_shapes = (self._mass @ shapes) * kept_squares - self._coupling @ shapes
         residuals = np.hstack([of_shapes, of_rows])
         # Apart: those of shapes, which are smooth, take two to three times the steps of those of rows.
         answers = np.hstack([solve_roughly(self._stiffness, each, _SOLVED) for each in (of_shapes, of_rows)])
         back = self._coupling.T @ answers
-        back[:, :m] -= (self._mass.T @ answers[:, :m]) * own
+        back[:, :m] -= (self._mass.T @ answers[:, :m]) * kept_squares
         of_kept = shapes.T @ back
         E = answers.T @ residuals + self._elastic.energies(self._expand.T @ back)
         E -= of_kept.T @ (of_kept / squares[:, None])
@@ -205,11 +205,11 @@ class Finer:
         body, basis = self.body, self.body.basis
         if basis.zones:
             raise InputError("correct: expected elastic bodies, got one with a plastic zone, which it leaves as it is")
-        patch, own = body.partition.patches[number], patch_slice(body.partition, number)
+        patch, columns = body.partition.patches[number], patch_slice(body.partition, number)
         change = self.at_nodes(number)
         assert basis.flexibility is not None
         flexibility, shapes = np.array(basis.flexibility), basis.shapes @ change.turn
-        flexibility[own, own] += change.flexibility
+        flexibility[columns, columns] += change.flexibility
         inertia = InertiaIntegrals.of(self.fem, shapes[:, 6:], basis.mass)
         # A shape moves in addition at the patch alone, which has no mass.
         shapes = shapes + self._on_nodes(patch).T @ (change.gaps @ change.turn)

@@ -70,19 +70,19 @@ class Search:
         scene, place = self.scene, self.scene.place
         sides = [sides_of(shape) for shape in scene.shapes]
         circle = first_circle(scene.shapes, scene.materials, scene.speed, place.radius)
-        sizes = [first_sizes(own, place.semi_axes(circle)) for own in sides]
+        sizes = [first_sizes(side, place.semi_axes(circle)) for side in sides]
         first = self.look_at(sizes, circle, estimated=False)
         fems = [self.models[i][2][0] for i in range(len(sizes))]
         circle, axes, limit = first.circle, place.semi_axes(first.circle), ""
 
         def by_rule(tolerance: float) -> list[Sizes]:
             rules = [
-                sizes_by_rule(fem, own, first.frequency, axes, tolerance, slave=i == 0, corrected=scene.left < 1)
-                for i, (fem, own) in enumerate(zip(fems, sides, strict=True))
+                sizes_by_rule(fem, side, first.frequency, axes, tolerance, slave=i == 0, corrected=scene.left < 1)
+                for i, (fem, side) in enumerate(zip(fems, sides, strict=True))
             ]
             return [
-                replace(rule, curvature=curvature_for(own.curvature, missed, tolerance))
-                for rule, own, missed in zip(rules, first.sizes, first.missed, strict=True)
+                replace(rule, curvature=curvature_for(side.curvature, missed, tolerance))
+                for rule, side, missed in zip(rules, first.sizes, first.missed, strict=True)
             ]
 
         allowed = scene.tolerance
@@ -117,7 +117,7 @@ class Search:
         The second core meshes and assembles the second body, and what the next order adds, while the first is reduced.
         """
         scene, rigid, times, n = self.scene, self.scene.rigid, {"mesh": 0.0, "assemble": 0.0}, len(sizes)
-        anew = [i for i, own in enumerate(sizes) if i not in self.models or self.models[i][:2] != (own, circle)]
+        anew = [i for i, wanted in enumerate(sizes) if i not in self.models or self.models[i][:2] != (wanted, circle)]
         for i in anew[:1]:
             times = self.make_model(i, sizes[i], circle)
         begin = time.perf_counter()
@@ -126,8 +126,8 @@ class Search:
             surpluses = [second_core.submit(self.surplus, i) for i in range(n)] if estimated else []
             if others:
                 self.spaces[anew[0]] = self.grown_space(self.models[anew[0]][2], estimated)
-            for other in others:
-                other.result()
+            for future in others:
+                future.result()
             sizes, models = [self.models[i][0] for i in range(n)], [self.models[i][2] for i in range(n)]
             with watched(models, "contact-adapted"):
                 truncation = self.truncate(models, estimated)
@@ -191,7 +191,7 @@ class Search:
         return look
 
     def make_model(
-        self, i: int, own: Sizes, circle: float, *, one_thread: bool = False, again: int = _MESHINGS
+        self, i: int, sizes: Sizes, circle: float, *, one_thread: bool = False, again: int = _MESHINGS
     ) -> dict[str, float]:
         """Mesh a body and assemble its FE model; return the times [s].
 
@@ -200,9 +200,9 @@ class Search:
         begin, scene = time.perf_counter(), self.scene
         self.spaces.pop(i, None)
         with beside_other_work() if one_thread else contextlib.nullcontext():
-            own, mesh = self.mesh_of(i, own, circle)
+            sizes, mesh = self.mesh_of(i, sizes, circle)
             meshed = time.perf_counter()
-            dofs = count_of_dofs(mesh, own.order) + sum(
+            dofs = count_of_dofs(mesh, sizes.order) + sum(
                 model[0].n_dofs for j, (_, _, model) in self.models.items() if j != i
             )
             if dofs > scene.max_dofs:
@@ -211,44 +211,44 @@ class Search:
                     "or a larger tolerance"
                 )
             try:
-                self.models[i] = own, circle, scene.model(i, mesh, own, circle)
+                self.models[i] = sizes, circle, scene.model(i, mesh, sizes, circle)
             except InvertedElementsError:  # curved sides turned elements inside out, or an element within is flat
                 if not again:
                     raise
-                other = replace(own, far=_SMALLER * own.far, curvature=own.curvature / _SMALLER)
-                return self.make_model(i, other, circle, one_thread=one_thread, again=again - 1)
+                smaller = replace(sizes, far=_SMALLER * sizes.far, curvature=sizes.curvature / _SMALLER)
+                return self.make_model(i, smaller, circle, one_thread=one_thread, again=again - 1)
         return {"mesh": meshed - begin, "assemble": time.perf_counter() - meshed}
 
-    def mesh_of(self, i: int, own: Sizes, circle: float) -> tuple[Sizes, NGSolveMesh]:
+    def mesh_of(self, i: int, sizes: Sizes, circle: float) -> tuple[Sizes, NGSolveMesh]:
         """Mesh a body; again with more elements on curved sides where these miss too much volume.
 
         A mesh costs little beside what is made of it. The first look may be coarse.
         """
-        mesh = self.scene.mesh(i, own, circle)
+        mesh = self.scene.mesh(i, sizes, circle)
         for _ in range(_ROUNDINGS if self.looks else 0):
-            rounder = self.rounder(own, self.scene.missed(i, mesh))
-            if rounder == own:
+            rounder = self.rounder(sizes, self.scene.missed(i, mesh))
+            if rounder == sizes:
                 break
-            own, mesh = rounder, self.scene.mesh(i, rounder, circle)
-        return self.with_fewer_dofs(i, own, mesh, circle)
+            sizes, mesh = rounder, self.scene.mesh(i, rounder, circle)
+        return self.with_fewer_dofs(i, sizes, mesh, circle)
 
-    def with_fewer_dofs(self, i: int, own: Sizes, mesh: NGSolveMesh, circle: float) -> tuple[Sizes, NGSolveMesh]:
+    def with_fewer_dofs(self, i: int, sizes: Sizes, mesh: NGSolveMesh, circle: float) -> tuple[Sizes, NGSolveMesh]:
         """Elements of nearly the same error in place of those by rule, where these have many more dofs.
 
         Round sides of a long body ask for as many elements of either order: quadratic ones have fewer dofs. Others are
         tried once, on large meshes alone, for a mesh takes its time too.
         """
-        dofs = count_of_dofs(mesh, own.order)
+        dofs = count_of_dofs(mesh, sizes.order)
         if len(self.looks) != 1 or dofs < _SOME:
-            return own, mesh
-        others = [(replace(own, near=_LARGER * own.near), _LEAP)]
-        if dofs >= _MANY and own.order == 3 and (quadratic := own.quadratic()) is not None:
+            return sizes, mesh
+        others = [(replace(sizes, near=_LARGER * sizes.near), _LEAP)]
+        if dofs >= _MANY and sizes.order == 3 and (quadratic := sizes.quadratic()) is not None:
             others.insert(0, (quadratic, _PAYS))
-        for other, share in others:
-            instead = self.scene.mesh(i, other, circle)
-            if count_of_dofs(instead, other.order) < share * dofs:
-                return other, instead
-        return own, mesh
+        for coarser, share in others:
+            instead = self.scene.mesh(i, coarser, circle)
+            if count_of_dofs(instead, coarser.order) < share * dofs:
+                return coarser, instead
+        return sizes, mesh
 
     @property
     def known(self) -> Estimate | None:
@@ -347,11 +347,11 @@ class Search:
             needed = frequency_for(1.0, look.truncation.error, self.share)
             ratios["far", weakest] = min(needed**-2, ratios.get(("far", weakest), 1.0))
         return [
-            self.rounder(own, missed).finer(ratios.get(("far", i)), ratios.get(("near", i)))
-            for i, (own, missed) in enumerate(zip(look.sizes, look.missed, strict=True))
+            self.rounder(sizes, missed).finer(ratios.get(("far", i)), ratios.get(("near", i)))
+            for i, (sizes, missed) in enumerate(zip(look.sizes, look.missed, strict=True))
         ]
 
-    def rounder(self, own: Sizes, missed: float) -> Sizes:
+    def rounder(self, sizes: Sizes, missed: float) -> Sizes:
         """Sizes with more elements on curved sides, where a mesh misses too much volume."""
-        needed = curvature_for(own.curvature, missed, self.scene.tolerance)
-        return replace(own, curvature=needed) if missed > _MISSES * MISSED * self.scene.tolerance else own
+        needed = curvature_for(sizes.curvature, missed, self.scene.tolerance)
+        return replace(sizes, curvature=needed) if missed > _MISSES * MISSED * self.scene.tolerance else sizes

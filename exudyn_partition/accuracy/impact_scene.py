@@ -44,7 +44,8 @@ class Scene:
     def least_top(self) -> float:
         """Frequency up to which the bodies are to be known at least [Hz]."""
         crossings = [
-            _longest(shape) / own.bar_wave_speed for shape, own in zip(self.shapes, self.materials, strict=True)
+            _longest(shape) / material.bar_wave_speed
+            for shape, material in zip(self.shapes, self.materials, strict=True)
         ]
         return _TOP / (2 * min(crossings))
 

@@ -260,29 +260,29 @@ def estimate_of(
         return left * off(better, better_velocity @ turn.T)
 
     def off(better: Array, better_velocity: Array) -> Array:
-        found = [np.linalg.norm(force - better) / np.linalg.norm(better)]
+        relative = [np.linalg.norm(force - better) / np.linalg.norm(better)]
         for some in (slice(None), rigid):
             new = better_velocity[:, some]
-            found.append(np.linalg.norm(velocity[:, some] - new) / np.linalg.norm(new - new[0]))
-        return np.array(found)
+            relative.append(np.linalg.norm(velocity[:, some] - new) / np.linalg.norm(new - new[0]))
+        return np.array(relative)
 
     def of_each(far: bool, local: bool) -> list[Array]:
         return [change([(far, local) if i == j else (False, False) for j in range(n)]) for i in range(n)]
 
-    def larger(found: Array) -> float:
-        return float(found[[0, 2 if whole else 1]].max())
+    def larger(relative: Array) -> float:
+        return float(relative[[0, 2 if whole else 1]].max())
 
     by_surplus, by_rows, spacing = change(every), np.zeros(3), sides[0].spacing
     if spacing > 1:
         _, coarse, coarse_velocity = impact.with_means(sides[0].coarse).run(duration, step)
         by_rows = off(coarse, coarse_velocity) / math.hypot(spacing**_ROW_RATE, 1)
-    local = [larger(one) for one in of_each(False, True)]
+    local = [larger(errors) for errors in of_each(False, True)]
     together = np.hypot(by_surplus, by_rows)
     return MeshEstimate(
         force=float(together[0]),
         velocity=float(together[1]),
         mean_velocity=float(together[2]),
-        of_bodies=tuple(float(one[0]) for one in (of_each(True, True) if n > 1 else [by_surplus])),
+        of_bodies=tuple(float(errors[0]) for errors in (of_each(True, True) if n > 1 else [by_surplus])),
         far=tuple(map(larger, of_each(True, False))),
         local=(math.hypot(local[0], larger(by_rows)), *local[1:]),
         rows=larger(by_rows),
@@ -353,12 +353,12 @@ def _corrected(
     turn, squares, H, F = np.eye(n), impact.omega**2, impact.H.copy(), impact.F.copy()
     start = 0
     for by, (far, local) in zip(changes, kept, strict=True):
-        own = slice(start, start + len(by.squares))
-        start = own.stop
+        columns = slice(start, start + len(by.squares))
+        start = columns.stop
         if far:
-            turn[own, own], squares[own] = by.turn, by.squares
-            H[rows, own] += by.gaps
-            H[:, own] = H[:, own] @ by.turn
+            turn[columns, columns], squares[columns] = by.turn, by.squares
+            H[rows, columns] += by.gaps
+            H[:, columns] = H[:, columns] @ by.turn
         if local:
             F[np.ix_(rows, rows)] += by.flexibility
     velocity = turn.T @ impact.velocity

@@ -113,9 +113,10 @@ def impact_of(
     for (fem, body), i, on_patch, weight, (nodes, local, normals) in zip(
         pairs, numbers, rows.directed, rows.plain, rows.places, strict=True
     ):
-        patch, own = body.partition.patches[i], patch_slice(body.partition, i)
+        patch, columns = body.partition.patches[i], patch_slice(body.partition, i)
         assert body.basis.flexibility is not None
-        flexibility, shapes = np.asarray(body.basis.flexibility[own, own]), body.basis.shapes[node_dofs(patch.nodes)]
+        flexibility = np.asarray(body.basis.flexibility[columns, columns])
+        shapes = body.basis.shapes[node_dofs(patch.nodes)]
         moving.append(ImpactSide(on_patch, weight, shapes, flexibility, body.basis.omega))
         corners = patch.nodes[nodes[:, :3]]
         mean = rows.points.mean

@@ -69,14 +69,14 @@ def with_mesh_error(
             raise InputError("speed: expected one [m/s], because the slave was not reduced to a tolerance")
         speed = body.estimate.speed
     validate_flag("correct", correct)
-    found, finers, numbers = judged(slave, master, speed=speed, duration=duration, patches=patches)
+    mesh_error, finers, numbers = judged(slave, master, speed=speed, duration=duration, patches=patches)
     result = []
     for finer, number in zip(finers, numbers, strict=True):
         body = finer.body
         if body.estimate is None:
             raise InputError("estimate: a body has none, because it was not reduced to a tolerance; reduce it so")
-        limit = replace(found, truncation=body.estimate).limit
-        estimate = replace(found.added_to(body.estimate), limit=limit or body.estimate.limit)
+        limit = replace(mesh_error, truncation=body.estimate).limit
+        estimate = replace(mesh_error.added_to(body.estimate), limit=limit or body.estimate.limit)
         if correct:
             with one_blas_thread():
                 body = finer.corrected(number)
@@ -85,7 +85,7 @@ def with_mesh_error(
     if worst.total > worst.tolerance:
         warn(
             f"tolerance: {worst.tolerance:.3g} cannot be promised; the estimated total error is {worst.total:.3g}, of "
-            f"which the meshes make {found.error:.3g}. What limits it is {worst.limit}",
+            f"which the meshes make {mesh_error.error:.3g}. What limits it is {worst.limit}",
             ToleranceWarning,
         )
     return tuple(result)

@@ -229,8 +229,8 @@ class BlockComplementarity:
         m = self.amplitudes.shape[1]
         some = (m * np.array([*problems])[:, None] + np.arange(m)).ravel()
         across = scipy.linalg.block_diag(*(fields[key] for key in problems))
-        own = scipy.linalg.block_diag(*(problem.F for problem in problems.values()))
-        whole = Complementarity(own + across @ (self._core[some][:, some] @ across.T))
+        within = scipy.linalg.block_diag(*(problem.F for problem in problems.values()))
+        whole = Complementarity(within + across @ (self._core[some][:, some] @ across.T))
         forces = whole.solve(np.concatenate([h[key] for key in problems]))
         ends = np.cumsum([len(h[key]) for key in problems])[:-1]
         lam = dict(zip(problems, np.split(forces, ends), strict=True))
@@ -279,9 +279,9 @@ class BlockComplementarity:
             some = (m * np.array(pressed)[:, None] + np.arange(m)).ravel()
             within = self._core[some][:, some]
             system = np.eye(len(some)) + within @ sp.block_diag([*G], format="csr")
-            own = np.linalg.solve(system, within @ a[pressed].ravel()).reshape(-1, m)
+            of_system = np.linalg.solve(system, within @ a[pressed].ravel()).reshape(-1, m)
             forces = a.copy()
-            forces[pressed] -= (G @ own[:, :, None])[:, :, 0]
+            forces[pressed] -= (G @ of_system[:, :, None])[:, :, 0]
             c = (self._core @ forces.ravel()).reshape(n, m)
         self.amplitudes = c
 

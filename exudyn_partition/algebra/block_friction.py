@@ -168,7 +168,7 @@ class ClosedBlocks(ClosedRows):
     """
 
     def __init__(self, F: BlockFlexibility, inverse: Array, index: Array) -> None:
-        self._take_rows(inverse, index)
+        self._set_rows(inverse, index)
         self._rows, self._open_rows = _split(index, F.starts), _split(self.open, F.starts)
         self._parts = [slice(3 * rows.start, 3 * rows.stop) for rows in self._rows]
         self._blocks = [
@@ -189,17 +189,17 @@ class ClosedBlocks(ClosedRows):
         """See `ClosedRows`."""
         if not len(self.open):
             return np.empty(0)
-        own = [block.onto_open @ lam[part] for block, part in zip(self._blocks, self._parts, strict=True)]
+        moved = [block.onto_open @ lam[part] for block, part in zip(self._blocks, self._parts, strict=True)]
         for (j, k), F in self._onto_others.items():
-            own[j] += F @ lam[self._parts[k]]
-        return np.concatenate(own)
+            moved[j] += F @ lam[self._parts[k]]
+        return np.concatenate(moved)
 
     def _pushed(self, lam: Array) -> Array:
         """See `ClosedRows`."""
-        own = [block.F @ lam[part] for block, part in zip(self._blocks, self._parts, strict=True)]
+        pushed = [block.F @ lam[part] for block, part in zip(self._blocks, self._parts, strict=True)]
         for (j, k), F in self._between.items():
-            own[j] += F @ lam[self._parts[k]]
-        return np.concatenate(own)
+            pushed[j] += F @ lam[self._parts[k]]
+        return np.concatenate(pushed)
 
     def _make_factors(self, wholly: bool) -> None:
         """See `ClosedRows`."""
@@ -213,12 +213,12 @@ class ClosedBlocks(ClosedRows):
 
     def _solve(self, rhs: Array) -> Array:
         """Solve for right-hand sides, (3 na,) or (3 na, m)."""
-        own = [block.factors.solve(rhs[part]) for block, part in zip(self._blocks, self._parts, strict=True)]
-        forces = [block.fields.T @ x for block, x in zip(self._blocks, own, strict=True)]
+        solved = [block.factors.solve(rhs[part]) for block, part in zip(self._blocks, self._parts, strict=True)]
+        forces = [block.fields.T @ x for block, x in zip(self._blocks, solved, strict=True)]
         pushing = self._coupling @ np.concatenate(forces)
-        for block, x, amplitudes in zip(self._blocks, own, self._amplitudes, strict=True):
+        for block, x, amplitudes in zip(self._blocks, solved, self._amplitudes, strict=True):
             x -= block.answer @ pushing[amplitudes]
-        return np.concatenate(own)
+        return np.concatenate(solved)
 
     def step(self) -> tuple[Array, float]:
         """See `ClosedRows`."""
@@ -229,16 +229,16 @@ class ClosedBlocks(ClosedRows):
         """See `ClosedRows`. What the fields leave out is corrected once."""
         rhs = self._inverse[:, None] * way
         self._project(rhs)
-        found = self._solve(rhs)
-        forces = [block.fields.T @ found[part] for block, part in zip(self._blocks, self._parts, strict=True)]
+        first = self._solve(rhs)
+        forces = [block.fields.T @ first[part] for block, part in zip(self._blocks, self._parts, strict=True)]
         pushing = self._core @ np.concatenate(forces)
         left_out = -np.concatenate([
             block.pushed @ pushing[part] for block, part in zip(self._blocks, self._amplitudes, strict=True)
         ])  # fmt: skip
         for (j, k), F in self._between.items():
-            left_out[self._parts[j]] += F @ found[self._parts[k]]
+            left_out[self._parts[j]] += F @ first[self._parts[k]]
         self._project(left_out)
-        return found - self._solve(left_out)
+        return first - self._solve(left_out)
 
     def _project(self, rhs: Array) -> None:
         for block, part in zip(self._blocks, self._parts, strict=True):

@@ -101,12 +101,13 @@ class ClosedRows:
     """
 
     def __init__(self, F: Array, inverse: Array, index: Array) -> None:
-        self._take_rows(inverse, index)
+        self._set_rows(inverse, index)
         columns = F[:, directions(index)]
         self._onto_open = columns[3 * self.open]
         self._F = np.ascontiguousarray(self._inverse[:, None] * columns[directions(index)])
 
-    def _take_rows(self, inverse: Array, index: Array) -> None:
+    def _set_rows(self, inverse: Array, index: Array) -> None:
+        """Begin with these closed rows, (na,), without factors; `inverse`, (nr, 3), are the scales of all rows."""
         self.open = np.delete(np.arange(len(inverse)), index)
         self._inverse = inverse[index].ravel()
         self._moves, self._squares = np.empty((CHORD_STEPS + 2, 3 * len(index))), np.empty(CHORD_STEPS + 2)

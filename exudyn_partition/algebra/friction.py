@@ -205,14 +205,14 @@ class FrictionProblem:
             return False
         if self._many is None:
             self._many = ManyRows(self.F, self._inverse)
-        found = self._many.solve(h, mu, self.lam)
+        solution = self._many.solve(h, mu, self.lam)
         self.iterations += self._many.iterations
         self.factorisations += self._many.factorisations
-        if found is None:
+        if solution is None:
             return False
-        self._close(np.flatnonzero(found.closed))
-        self.state = np.where(found.slips, SLIP, np.where(found.closed, STICK, OPEN)).astype(np.int8)
-        self.lam = found.forces
+        self._close(np.flatnonzero(solution.closed))
+        self.state = np.where(solution.slips, SLIP, np.where(solution.closed, STICK, OPEN)).astype(np.int8)
+        self.lam = solution.forces
         return True
 
     def moved_by(self, lam: Array) -> Array:
@@ -285,12 +285,12 @@ class FrictionProblem:
                 leaving = lam[::3] < -ROUNDING * largest
                 entering = h[closed.open, 0] + closed.moved_open(lam) < -ROUNDING * deepest
                 if leaving.any() or entering.any():
-                    self._keep(lam)
+                    self._keep_forces(lam)
                     self._exchange(leaving, entering, h)
                     lam, size = self._load(h, mu)
                     share, closed, settled = np.inf, self._closed, False
                 if settled:
-                    self._keep(closed.allowed(lam))
+                    self._keep_forces(closed.allowed(lam))
                     return True
             if closed.stale:
                 closed.factorise(lam)
@@ -320,7 +320,7 @@ class FrictionProblem:
             self.state[h[:, 0] < 0.0] = STICK
         self._close(np.flatnonzero(self.state))
 
-    def _keep(self, lam: Array) -> None:
+    def _keep_forces(self, lam: Array) -> None:
         """Keep forces, (3 na,), and the states that they show."""
         self.state, self.lam = np.zeros(len(self.state), dtype=np.int8), np.zeros(self.lam.shape)
         self.state[self.index] = np.where(self._closed.slips, SLIP, STICK)

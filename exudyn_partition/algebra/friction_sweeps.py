@@ -24,11 +24,11 @@ def sweep(F: Array, h: Array, mu: Array, lam: Array) -> Array:
     lam = lam.copy()
     w = h.ravel() + F @ lam.ravel()
     for row in range(len(h)):
-        own = slice(3 * row, 3 * row + 3)
-        block = F[own, own]
+        of_row = slice(3 * row, 3 * row + 3)
+        block = F[of_row, of_row]
         before = lam[row].copy()
-        lam[row] = one_row(block, w[own] - block @ before, float(mu[row]), before)
-        w += F[:, own] @ (lam[row] - before)
+        lam[row] = one_row(block, w[of_row] - block @ before, float(mu[row]), before)
+        w += F[:, of_row] @ (lam[row] - before)
     return lam
 
 
@@ -69,6 +69,6 @@ def one_row(F: Array, h: Array, mu: float, guess: Array) -> Array:
     if not len(d):
         return guess
     normal = -h[0] / (F[0, 0] + mu * d @ f)
-    found = np.column_stack([normal, mu * normal[:, None] * d])
-    nearest: Array = found[np.argmin(np.linalg.norm(found - guess, axis=1))]
+    candidates = np.column_stack([normal, mu * normal[:, None] * d])
+    nearest: Array = candidates[np.argmin(np.linalg.norm(candidates - guess, axis=1))]
     return nearest

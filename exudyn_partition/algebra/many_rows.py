@@ -140,17 +140,17 @@ class ManyRows:
             through = (v - single @ v).reshape(-1, 3)
             return np.asarray(v - np.einsum("nij,nj->ni", blocks, through).ravel())
 
-        def found() -> tuple[Array, int, float]:
+        def newton_step() -> tuple[Array, int, float]:
             assert self._factors is not None
             return gmres(jacobian, self._factors.solve, rhs, left, _VECTORS)
 
         fresh = self._factors is None or anew
         if fresh:
             self._factorise(blocks, now.closed)
-        step, n_vectors, rest = found()
+        step, n_vectors, rest = newton_step()
         if rest > _USELESS and not fresh:
             self._factorise(blocks, now.closed)
-            step, n_vectors, _ = found()
+            step, n_vectors, _ = newton_step()
         return size * step.astype(float), n_vectors > _MANY_VECTORS
 
     def _factorise(self, blocks: Array, closed: Array) -> None:

@@ -111,19 +111,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         warnings.showwarning = _warn
         try:
             with contextlib.redirect_stdout(sys.stderr):  # Exudyn prints its own warnings there
-                code, found = run(options)
+                code, answer = run(options)
         except PartitionError as error:
             print(f"error: {error}", file=sys.stderr)
             code = 2 if isinstance(error, CallError) else 1
-            found = {"error": type(error).__name__, "message": str(error)}
+            answer = {"error": type(error).__name__, "message": str(error)}
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
             return 130
     try:
         if options.json:
-            print(json.dumps(found, indent=2))
-        elif "error" not in found:
-            show(found)
+            print(json.dumps(answer, indent=2))
+        elif "error" not in answer:
+            show(answer)
         sys.stdout.flush()
     except OSError as error:  # the reader of a pipe has gone, or the disk is full
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # otherwise Python tries again at its end
@@ -330,13 +330,13 @@ def _check_out(out: Path, source: str) -> None:
 
 def _info(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
     body = load_body(options.body)
-    found = {"file": str(options.body), **_described(body)}
-    return 0, found | {"coordinates": list(body.labels)} if options.table else found
+    about = {"file": str(options.body), **_described(body)}
+    return 0, about | {"coordinates": list(body.labels)} if options.table else about
 
 
 def _described(body: ReducedBody) -> dict[str, object]:
     """Description of a body in types of JSON."""
-    found: dict[str, object] = {
+    about: dict[str, object] = {
         "basis": body.basis.name,
         "f_cut_Hz": body.f_cut,
         "dofs": body.n_dofs,
@@ -359,8 +359,8 @@ def _described(body: ReducedBody) -> dict[str, object]:
         "left_out": list(body.left_out),
     }
     if body.estimate is not None:
-        found["estimated_error"] = {"force": body.estimate.force, "velocity": body.estimate.velocity}
-    return found
+        about["estimated_error"] = {"force": body.estimate.force, "velocity": body.estimate.velocity}
+    return about
 
 
 def _kinds(body: ReducedBody) -> Counter[str]:
@@ -380,25 +380,25 @@ def _estimate(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
     if material_1 is None:
         raise CallError("--first: expected a material, only the second body may be rigid")
     mass = effective(mass_1, mass_2)
-    found = impact(mass, options.speed, radius_1, radius_2, material_1, material_2, impedance=options.impedance)
+    hertz = impact(mass, options.speed, radius_1, radius_2, material_1, material_2, impedance=options.impedance)
     result: dict[str, object] = {
         "effective_mass_kg": mass,
-        "peak_force_N": found.peak_force,
-        "contact_radius_m": found.contact_radius,
-        "approach_m": found.approach,
-        "duration_s": found.duration,
-        "rise_time_s": found.rise_time,
-        "peak_pressure_Pa": found.peak_pressure,
+        "peak_force_N": hertz.peak_force,
+        "contact_radius_m": hertz.contact_radius,
+        "approach_m": hertz.approach,
+        "duration_s": hertz.duration,
+        "rise_time_s": hertz.rise_time,
+        "peak_pressure_Pa": hertz.peak_pressure,
     }
-    if found.yield_ratio is None:
+    if hertz.yield_ratio is None:
         result["left_out"] = ["first yield: no yield stress is known (fourth number of a material)"]
     else:
-        result |= {"yield_ratio": found.yield_ratio, "yield_force_N": found.yield_force}
-        result |= {"yield_speed_m_s": found.yield_speed, "plastic_radius_m": found.plastic_radius}
-        if found.yield_ratio > 1:
-            warn(found.stress.advice(("the first body", "the second body")), YieldWarning)
-    if math.isfinite(found.duration):
-        f_cut = found.truncation_frequency()
+        result |= {"yield_ratio": hertz.yield_ratio, "yield_force_N": hertz.yield_force}
+        result |= {"yield_speed_m_s": hertz.yield_speed, "plastic_radius_m": hertz.plastic_radius}
+        if hertz.yield_ratio > 1:
+            warn(hertz.stress.advice(("the first body", "the second body")), YieldWarning)
+    if math.isfinite(hertz.duration):
+        f_cut = hertz.truncation_frequency()
         result |= {"f_cut_Hz": f_cut, "step_s": 1 / (STEPS_A_PERIOD * f_cut)}
     return 0, {key: None if value == math.inf else value for key, value in result.items()}
 

@@ -37,12 +37,12 @@ def doctor(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
             versions[package] = metadata.version(package)
         except ImportError as error:  # also PackageNotFoundError
             missing[wanted.get(package, package)] = str(error)  # it may be there, but miss a library that it needs
-    found: dict[str, object] = {"versions": versions, "contact_loops": contact_loops()}
+    answer: dict[str, object] = {"versions": versions, "contact_loops": contact_loops()}
     if missing:
         line = "pip install --upgrade " + " ".join(f'"{name}"' for name in missing)
-        return 1, found | {"missing": missing, "install": line}
-    found["self_test"] = test = _self_test()
-    return int(not test["passed"]), found
+        return 1, answer | {"missing": missing, "install": line}
+    answer["self_test"] = test = _self_test()
+    return int(not test["passed"]), answer
 
 
 def contact_loops() -> str:

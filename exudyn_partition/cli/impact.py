@@ -141,7 +141,7 @@ def _described(design: ImpactDesign) -> dict[str, object]:
     """What was chosen, in types of JSON."""
     look = design.look
     assert look.mesh is not None
-    found: dict[str, object] = {
+    about: dict[str, object] = {
         "contact_radius_m": look.circle,
         "step_s": design.step,
         "duration_s": design.duration,
@@ -156,4 +156,4 @@ def _described(design: ImpactDesign) -> dict[str, object]:
             "total": design.error,
         },
     }
-    return found | {"limit": design.limit} if design.limit else found
+    return about | {"limit": design.limit} if design.limit else about

@@ -9,17 +9,17 @@ from ..support.optional import require
 _UNITS = {"_m_s": "m/s", "_Hz": "Hz", "_kg": "kg", "_m": "m", "_s": "s", "_N": "N", "_Pa": "Pa"}  # by ends of keys
 
 
-def show(found: dict[str, object]) -> None:
+def show(answer: dict[str, object]) -> None:
     """Print what a command found as a table."""
     table = require("rich.table").Table(show_header=False, box=None, pad_edge=False)
-    for key, value in _flat(found):
+    for key, value in _flat(answer):
         table.add_row(*map(require("rich.markup").escape, (key, value)))
     require("rich.console").Console(soft_wrap=False).print(table)
 
 
-def _flat(found: dict[str, object]) -> Iterator[tuple[str, str]]:
+def _flat(answer: dict[str, object]) -> Iterator[tuple[str, str]]:
     """Rows of a table, one for each entry, nested ones included; names are written in words."""
-    for key, value in found.items():
+    for key, value in answer.items():
         suffix = next((suffix for suffix in _UNITS if key.endswith(suffix)), "")
         label = key.removesuffix(suffix).replace("_", " ") + (f" [{_UNITS[suffix]}]" if suffix else "")
         if isinstance(value, dict):

@@ -18,7 +18,7 @@ from ..studies.study import study as run_study
 def study(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
     """Run a study, or a part of it; the exit code is 1 if a run failed."""
     points = _points(options)
-    found = run_study(
+    runs = run_study(
         _function(options.function),
         points,
         file=options.out,
@@ -29,13 +29,13 @@ def study(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
     )
     told: dict[str, object] = {
         "file": str(options.out),
-        "runs": len(found),
-        "new": found.info["new"],
-        "failed": len(found.failures),
+        "runs": len(runs),
+        "new": runs.info["new"],
+        "failed": len(runs.failures),
     }
-    if found.failures:
-        told["failures"] = [str(failure) for failure in found.failures.values()]
-    return int(bool(found.failures)), told
+    if runs.failures:
+        told["failures"] = [str(failure) for failure in runs.failures.values()]
+    return int(bool(runs.failures)), told
 
 
 def _function(text: str) -> Callable[..., Any]:

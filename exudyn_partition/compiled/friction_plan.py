@@ -156,12 +156,15 @@ class FrictionState(NamedTuple):
     pool: FlatFriction
 
     def begin(self, plan: FrictionPlan, memory: FrictionMemory | None) -> None:
-        """Begin a run of a plan from a memory; None is that of a new run."""
+        """Begin a run of a plan from a memory; None is that of a new run.
+
+        Coefficients and memory become those of this run, and all guesses are forgotten.
+        """
         self.coulomb[:] = [
             (0.0,) * 3 if law is None else (law.static, law.kinetic, law.decay or 0.0) for law in plan.laws
         ]
-        for own, given in zip(self.memory, memory or [np.zeros(())] * len(self.memory), strict=True):
-            own[...] = given
+        for kept, given in zip(self.memory, memory or [np.zeros(())] * len(self.memory), strict=True):
+            kept[...] = given
         self._answer_as_memory()
         self.near[:], self.iterations[:] = False, 0
         self.forget()
@@ -173,8 +176,8 @@ class FrictionState(NamedTuple):
     def go_back(self, memory: FrictionMemory | None) -> None:
         """Go back to an earlier memory of the same run."""
         assert memory is not None
-        for own, given in zip(self.memory, memory, strict=True):
-            own[:] = given
+        for kept, given in zip(self.memory, memory, strict=True):
+            kept[:] = given
         self._answer_as_memory()
 
     def _answer_as_memory(self) -> None:

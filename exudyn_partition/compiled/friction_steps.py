@@ -83,10 +83,10 @@ class FrictionSteps:
         pushed = s.gap[of_group].copy()
         for j in self._plan.contacts_of(group):
             rows = self._parts[j].rows
-            own, others = slice(rows.start - of_group.start, rows.stop - of_group.start), lam.copy()
-            others[own] = 0.0
+            in_group, others = slice(rows.start - of_group.start, rows.stop - of_group.start), lam.copy()
+            others[in_group] = 0.0
             if others.any():
-                pushed[own] += (F[::3][own] @ others.ravel()).ravel()
+                pushed[in_group] += (F[::3][in_group] @ others.ravel()).ravel()
         return pushed
 
     def _solve(self, s: FrictionState, group: int) -> None:
@@ -118,9 +118,9 @@ class FrictionSteps:
 
         F, (3 k, 3 k), is the flexibility of the group, whose first row has the number `first`.
         """
-        gap, own = s.pushed[rows], slice(3 * (rows.start - first), 3 * (rows.stop - first))
+        gap, columns = s.pushed[rows], slice(3 * (rows.start - first), 3 * (rows.stop - first))
         least = float(gap.min(initial=0.0))
-        pushing = np.ascontiguousarray(F[own, own][::3])
+        pushing = np.ascontiguousarray(F[columns, columns][::3])
         return least < 0.0 and close_pushed(pushing, gap, s.near[rows], s.lam[rows].ravel(), CHOICES[7] * least)
 
     def _solve_near(self, s: FrictionState, group: int) -> None:
@@ -131,9 +131,9 @@ class FrictionSteps:
         F, last, before = F_all[np.ix_(some, some)], s.memory.forces[rows][near], s.memory.before[rows][near]
         for j in self._plan.contacts_of(group):
             part, d = self._parts[j].rows, 1 if self._plan.laws[j] is None else 3
-            own = np.flatnonzero((near + first >= part.start) & (near + first < part.stop))
-            own = (3 * own[:, None] + np.arange(d)).ravel()
-            F[np.ix_(own, own)] = regularised(F[np.ix_(own, own)])
+            of_part = np.flatnonzero((near + first >= part.start) & (near + first < part.stop))
+            of_part = (3 * of_part[:, None] + np.arange(d)).ravel()
+            F[np.ix_(of_part, of_part)] = regularised(F[np.ix_(of_part, of_part)])
         ahead = 2.0 * last - before
         go_on = (last[:, 0] > 0.0) & (before[:, 0] > 0.0) & (ahead[:, 0] > 0.0)
         h = np.column_stack([s.gap[rows][near], s.way[rows][near] - (F @ last.ravel()).reshape(-1, 3)[:, 1:]])

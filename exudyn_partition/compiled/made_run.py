@@ -204,9 +204,9 @@ class MadeRun:
 
     def flexibility(self, sample: int, some: Array, others: Array) -> Array:
         """Flexibility between some directions and others in a sample, (na, nb) [m/N]."""
-        found: Array = self.F[np.ix_(some, others)]
-        self.surfaces.set_flexibility(found, sample, some, others)
-        return found
+        block: Array = self.F[np.ix_(some, others)]
+        self.surfaces.set_flexibility(block, sample, some, others)
+        return block
 
     def smallest_gap(self, j: int, sample: int) -> tuple[float, Array, Array]:
         """Smallest gap of the rows of a contact in a sample [m], and its derivatives, (nq,) each.
@@ -214,10 +214,10 @@ class MadeRun:
         They are those by the coordinates, and by the velocities by which bodies in floating frames grow.
         """
         q, rows = self.histories.q[sample], slice(*self.plan.contacts.all_starts[j : j + 2])
-        for one in self.surfaces.surfaces:
-            if one.contact == j:
-                gaps = one.gaps(np.array([sample]))[0]
-                by_q, by_turning = one.by_gaps(sample, gaps.argmin(keepdims=True))
+        for surface in self.surfaces.surfaces:
+            if surface.contact == j:
+                gaps = surface.gaps(np.array([sample]))[0]
+                by_q, by_turning = surface.by_gaps(sample, gaps.argmin(keepdims=True))
                 return float(gaps.min()), by_q[0], by_turning[0]
         H = self.B[self.normals[rows]]
         gaps = self.gap_starts[rows] + H @ q
@@ -255,10 +255,10 @@ class MadeRun:
         on = np.zeros(len(self.B), dtype=bool)
         on[self.forces.indices] = True
         size, n = np.count_nonzero(on) + self.B.shape[1], len(self.histories.q)
-        most, found = max(min(_MOST, _NUMBERS // (size * k)), 1), list[slice]()
+        most, blocks = max(min(_MOST, _NUMBERS // (size * k)), 1), list[slice]()
         for first, last in pairwise(np.unique([0, *self.surfaces.edges, n]).tolist()):  # with one flexibility each
-            found += [slice(begin, min(begin + most, last)) for begin in range(first, last, most)]
-        return found[::-1]
+            blocks += [slice(begin, min(begin + most, last)) for begin in range(first, last, most)]
+        return blocks[::-1]
 
     def window(self, samples: slice) -> Window:
         """Find what rows did in some samples."""
@@ -288,8 +288,8 @@ class MadeRun:
         speed = slipped * np.concatenate([speed[:1], speed[:-1]])
         if begins:
             speed[:2] = memory.speed[rough]
-        own = slice(samples.start - some.start, samples.stop - some.start)
-        after = np.concatenate([slips, np.zeros_like(slips[:1])])[own.start + 1 : own.stop + 1]
+        here = slice(samples.start - some.start, samples.stop - some.start)
+        after = np.concatenate([slips, np.zeros_like(slips[:1])])[here.start + 1 : here.stop + 1]
         ways, mu = np.array([0, STICKS, SLIPS])[status], np.zeros_like(speed)
         for i, law in enumerate(self._laws(rough)):
             if law is None:
@@ -298,19 +298,20 @@ class MadeRun:
                 mu[:, i] = coefficients(law, slipped[:, i], speed[:, i])
         ways = np.hstack([forces[:, :first] > 0.0, ways]).astype(np.int8)
         return Window(
-            samples, rows, rough, directions, ways[own], forces[own], before[own], slips[own], after, slipped[own],
-            speed[own], mu[own],
+            samples, rows, rough, directions, ways[here], forces[here], before[here], slips[here], after, slipped[here],
+            speed[here], mu[here],
         )  # fmt: skip
 
     @property
     def margins(self) -> Array:
-        """By how much the rows of each sample miss another status at least, (n,).
+        """How near a row is to another status (open, sticking, slipping) in each sample, (n,): derivatives end there.
 
-        It is a force of rows that are closed, of those that slip the force by which they would have to stick more, as a
-        share of the largest force; and a gap of others, as a share of the largest yielding.
+        It is the smallest one over the rows. For a closed row it is its force, for one that slips how much more force
+        would make it stick, both as a share of the largest force. For an open row it is its gap, as a share of the
+        largest distance by which rows yield.
         """
-        found = np.concatenate([self._margins(self.window(block)) for block in reversed(self.blocks(1))])
-        smallest: Array = (found[:, :2] / np.maximum(found[:, 2:].max(axis=0), 1e-300)).min(axis=1)
+        of_samples = np.concatenate([self._margins(self.window(block)) for block in reversed(self.blocks(1))])
+        smallest: Array = (of_samples[:, :2] / np.maximum(of_samples[:, 2:].max(axis=0), 1e-300)).min(axis=1)
         return smallest
 
     def _margins(self, w: Window) -> Array:
@@ -387,7 +388,7 @@ class MadeRun:
 
         `by_mu`, (m, k, nf), are those by the coefficients of the rows of a window.
         """
-        found = np.zeros((len(self.laws), 3, by_mu.shape[1]))
+        by_coefficients = np.zeros((len(self.laws), 3, by_mu.shape[1]))
         contacts = self._frictional_contacts(w.rough)
         for contact, law in enumerate(self.laws):
             if law is None:
@@ -397,8 +398,8 @@ class MadeRun:
             share = np.where(slipped, _share(law, speed), 1.0)
             falls = 0.0 if law.decay is None else _fall(law) * share * speed / law.decay**2 * slipped
             for place, by in enumerate((share, 1.0 - share, falls + 0.0 * share)):
-                found[contact, place] = np.einsum("ski,si->k", by_mu[:, :, of_contact], by)
-        return found
+                by_coefficients[contact, place] = np.einsum("ski,si->k", by_mu[:, :, of_contact], by)
+        return by_coefficients
 
     def by_parts(self, w: Window, slips: Array, flexibility: Array, parts: Sequence[Part]) -> Array:
         """Derivatives of k numbers by factors of m parts of the flexibility, (m, k).
@@ -406,18 +407,18 @@ class MadeRun:
         `slips`, (m, k, d), are those by the gaps and slips of the rows of a window, and `flexibility`, (d, d), is
         theirs.
         """
-        found, known = np.zeros((len(parts), slips.shape[1])), dict[bytes, Array]()
+        derivatives, known = np.zeros((len(parts), slips.shape[1])), dict[bytes, Array]()
         for p, (directions, F) in enumerate(parts):
             here = np.flatnonzero(np.isin(w.directions, directions))
             if not len(here):
                 continue
-            own = np.searchsorted(directions, w.directions[here])
-            F_here = F[np.ix_(own, own)]
+            places = np.searchsorted(directions, w.directions[here])
+            F_here = F[np.ix_(places, places)]
             self.surfaces.copy_flexibility(flexibility, F_here, w.directions, here)
             if (key := here.tobytes()) not in known:
                 known[key] = self._by_flexibility(w, slips, here)
-            found[p] = np.einsum("kij,ij->k", known[key], F_here)
-        return found
+            derivatives[p] = np.einsum("kij,ij->k", known[key], F_here)
+        return derivatives
 
     def _by_flexibility(self, w: Window, slips: Array, here: Array) -> Array:
         """Derivatives of k numbers by the flexibility between some directions, (k, d, d); see `by_parts`."""
@@ -425,12 +426,12 @@ class MadeRun:
             some: Array | slice = slice(int(here[0]), int(here[-1]) + 1)  # a view
         else:
             some = here
-        found, rough = _products(slips[:, :, some], w.forces[:, some]), np.flatnonzero(here >= w.plain)
+        products, rough = _products(slips[:, :, some], w.forces[:, some]), np.flatnonzero(here >= w.plain)
         if len(rough):  # rows yield along the tangents by changes of forces
             tangents = rough[~np.isin(here[rough], w.normals)]
             before = w.before[:, here[rough] - w.plain]
-            found[:, tangents[:, None], rough] -= _products(slips[:, :, here[tangents]], before)
-        return found
+            products[:, tangents[:, None], rough] -= _products(slips[:, :, here[tangents]], before)
+        return products
 
     def _stiffness(self, w: Window) -> Array:
         """By which slips of rows are scaled to forces, (nf,) [N/m]."""
@@ -439,14 +440,14 @@ class MadeRun:
 
     def _by_speed(self, w: Window, laws: Sequence[Coulomb | None]) -> Array:
         """Derivative of the next coefficients by how far rows slip, (m, nf, 2) [1/m]."""
-        found, h = np.zeros(w.slips.shape), self.steps.step
+        by_slips, h = np.zeros(w.slips.shape), self.steps.step
         for i, law in enumerate(laws):
             if law is not None and law.decay is not None:
                 way = np.hypot(w.slips[:, i, 0], w.slips[:, i, 1])
                 slope = -_fall(law) * _share(law, way / h) / (law.decay * h)
                 slides = w.ways[:, w.plain + i] == SLIPS
-                found[:, i] = (slides * slope / np.maximum(way, 1e-300))[:, None] * w.slips[:, i]
-        return found
+                by_slips[:, i] = (slides * slope / np.maximum(way, 1e-300))[:, None] * w.slips[:, i]
+        return by_slips
 
     def _directions(self, rows: Array) -> Array:
         """All directions of some rows, which are sorted."""
@@ -475,13 +476,13 @@ class MadeRun:
 def columns(matrix: sp.csr_matrix, lines: slice, some: Array) -> Array:
     """Some columns of some lines of a sparse matrix, as an array."""
     begin, end = matrix.indptr[lines.start], matrix.indptr[lines.stop]
-    places, found = np.full(matrix.shape[1], -1), np.zeros((lines.stop - lines.start, len(some)), matrix.dtype)
+    places, dense = np.full(matrix.shape[1], -1), np.zeros((lines.stop - lines.start, len(some)), matrix.dtype)
     places[some] = np.arange(len(some))
-    numbers = np.repeat(np.arange(len(found)), np.diff(matrix.indptr[lines.start : lines.stop + 1]))
+    numbers = np.repeat(np.arange(len(dense)), np.diff(matrix.indptr[lines.start : lines.stop + 1]))
     at = places[matrix.indices[begin:end]]
     there = at >= 0
-    found[numbers[there], at[there]] = matrix.data[begin:end][there]
-    return found
+    dense[numbers[there], at[there]] = matrix.data[begin:end][there]
+    return dense
 
 
 def _products(slips: Array, forces: Array) -> Array:
@@ -503,9 +504,9 @@ def _flexibility(contacts: FrozenPlan) -> Array:
     """See `MadeRun.F`."""
     starts, n, friction = contacts.rows.starts, len(contacts.rows.start), contacts.friction
     F = np.zeros((n + (0 if friction is None else 3 * friction.n_rows),) * 2)
-    for j, own in enumerate(contacts.own):
+    for j, of_contact in enumerate(contacts.own):
         rows = slice(*starts[j : j + 2])
-        F[rows, rows] = own
+        F[rows, rows] = of_contact
     for (j, k), core in contacts.core.items():
         rows, others = (slice(*starts[i : i + 2]) for i in (j, k))
         F[rows, others] += contacts.fields[j] @ core @ contacts.fields[k].T
@@ -529,19 +530,19 @@ def _frictional_flexibility(plan: FrictionPlan) -> Array:
 
 def _jacobian(contacts: FrozenPlan, n: int) -> Array:
     """Derivatives of the gaps and tangential places of all rows by n coordinates, (d, n)."""
-    found, friction = [np.zeros((0, n))], contacts.friction
+    parts, friction = [np.zeros((0, n))], contacts.friction
     for j in range(len(contacts.names)):
         part = ContactParts.of(contacts, j)
         H = np.zeros((part.H.shape[1], n))
         H[:, part.dofs] = part.H.T
-        found.append(H)
+        parts.append(H)
     for j in range(0 if friction is None else len(friction.names)):
         assert friction is not None
         part, T = ContactParts.of(friction, j), friction.ways[j]
         B = np.zeros((part.H.shape[1], 3, n))
         B[:, 0, part.dofs], B[:, 1:, part.dofs] = part.H.T, T.reshape(len(B), 2, -1)
-        found.append(B.reshape(-1, n))
-    return np.vstack(found)
+        parts.append(B.reshape(-1, n))
+    return np.vstack(parts)
 
 
 def _fall(law: Coulomb) -> float:

@@ -270,7 +270,7 @@ class MovingPlan:
     @property
     def contact(self) -> Array:
         """Numbers of the contacts in the plan, (ns,), see `MovingState`."""
-        return np.array([*self.surfaces.contact.tolist(), *(one.contact for one in self.pairs)], dtype=np.int64)
+        return np.array([*self.surfaces.contact.tolist(), *(pair.contact for pair in self.pairs)], dtype=np.int64)
 
     def state(self, n_rows: int, n: int) -> MovingState:
         """Room for the state of a run with all its rows and n coordinates."""
@@ -298,14 +298,15 @@ class MovingPlan:
 
     def with_room(self, blocks: FlatBlocks) -> FlatBlocks:
         """Return blocks in which each moving contact has matrices of its own, for they change in a run."""
-        numbers, own, fields, end = [blocks.numbers], blocks.own.copy(), blocks.fields.copy(), len(blocks.numbers)
+        numbers, end = [blocks.numbers], len(blocks.numbers)
+        flexible, fields = blocks.own.copy(), blocks.fields.copy()
         for j in self.contact:
             n_fields, n = blocks.amplitudes.shape[1], int(blocks.starts[j + 1] - blocks.starts[j])
             before = blocks.numbers[blocks.fields[j] :][: n_fields * n]
             numbers += [np.zeros(n**2), before]
-            own[j], fields[j] = end, end + n**2
+            flexible[j], fields[j] = end, end + n**2
             end += n**2 + len(before)
-        return blocks._replace(numbers=np.concatenate(numbers), own=own, fields=fields)
+        return blocks._replace(numbers=np.concatenate(numbers), own=flexible, fields=fields)
 
 
 def can_follow(gaps: Gaps) -> bool:
@@ -395,12 +396,12 @@ def anchors_of(contacts: Sequence[Following], n: int) -> Anchors:
     """Where contacts with rigid surfaces found their flexibility; n is the number of the model's coordinates."""
     ns = len(contacts)
     anchored, q, growing = np.zeros(ns, dtype=bool), np.zeros((ns, n)), np.zeros((ns, 12))
-    along = [np.zeros((len(one.gaps.points.nodes), 3)) for one in contacts]
-    for s, one in enumerate(contacts):
-        if (anchor := one.gaps.anchor) is not None:
-            anchored[s], q[s, one.dofs], growing[s, : len(anchor.growing)] = True, anchor.q, anchor.growing
-            if not one.gaps.slave.normal_only:
-                along[s] = one.gaps.stance_at(anchor)
+    along = [np.zeros((len(contact.gaps.points.nodes), 3)) for contact in contacts]
+    for s, contact in enumerate(contacts):
+        if (anchor := contact.gaps.anchor) is not None:
+            anchored[s], q[s, contact.dofs], growing[s, : len(anchor.growing)] = True, anchor.q, anchor.growing
+            if not contact.gaps.slave.normal_only:
+                along[s] = contact.gaps.stance_at(anchor)
     return Anchors(anchored, q, np.concatenate([np.zeros((0, 3)), *along]), growing)
 
 
@@ -412,20 +413,20 @@ def growing_of(gaps: Gaps, products: Array) -> Array:
 def pairs_at(contacts: Sequence[Following], q: Array) -> tuple[GapState, ...]:
     """States of contacts of two bodies at coordinates of the model, (nq,): those of a model that is placed there."""
     states = []
-    for one in contacts:
-        here = q[one.dofs]
-        anchor = None if one.gaps.anchor is None else Anchor(here, NOTHING, NOTHING)
-        states.append(replace(one.gaps.accepted, q=here, anchor=anchor, growing=NOTHING))
+    for contact in contacts:
+        here = q[contact.dofs]
+        anchor = None if contact.gaps.anchor is None else Anchor(here, NOTHING, NOTHING)
+        states.append(replace(contact.gaps.accepted, q=here, anchor=anchor, growing=NOTHING))
     return tuple(states)
 
 
 def anchors_at(contacts: Sequence[Following], q: Array) -> Anchors:
     """Anchors at coordinates of the model, (nq,): those of a model that is placed there."""
-    along = [np.zeros((len(one.gaps.points.nodes), 3)) for one in contacts]
-    for s, one in enumerate(contacts):
-        if not one.gaps.slave.normal_only:
-            there = one.gaps.fresh()  # threads may work with others
-            there.at(q[one.dofs])
+    along = [np.zeros((len(contact.gaps.points.nodes), 3)) for contact in contacts]
+    for s, contact in enumerate(contacts):
+        if not contact.gaps.slave.normal_only:
+            there = contact.gaps.fresh()  # threads may work with others
+            there.at(q[contact.dofs])
             along[s] = there.stance()
     at_q = np.tile(q, (len(contacts), 1))
     ns = len(contacts)

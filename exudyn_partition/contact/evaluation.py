@@ -169,7 +169,7 @@ class Evaluation(RowForces):
         return self.by_rows if self.plastic is None else self.plastic.generalised(self.by_rows)
 
     def edge_reached(self) -> Array | None:
-        """Place of a row with which contact leaves its patch, (3,) [m]; None if there is none. Pulling rows do not."""
+        """Place of a row with which contact leaves its patch, (3,) [m]; None if there is none. Pulls do not count."""
         law, rows = self.parts.law, self._present.stage.rows
         if not rows.at_edge:
             return None
@@ -206,11 +206,15 @@ class Evaluation(RowForces):
                 f"{type(self.parts.law).__name__} answers without `stiffness`, which implicit and static runs need, "
                 "see `contact.law.Forces`"
             )
-        slope, n = self.forces.stiffness(), self.index.size * self.rows.d
+        return self._of_closed_rows("stiffness", self.forces.stiffness())
+
+    def _of_closed_rows(self, name: str, slope: Slope) -> Slope:
+        """Return a slope that the law gave; raises InputError if it is not one of the closed rows."""
+        n = self.index.size * self.rows.d
         if not isinstance(slope, Solved) and np.shape(slope) != (n, n):
             raise InputError(
-                f"law {type(self.parts.law).__name__}: expected a stiffness of shape {(n, n)}, of the closed rows "
-                f"alone, got {np.shape(slope)}"
+                f"law {type(self.parts.law).__name__}: expected a {name} of shape {(n, n)}, of the closed rows alone, "
+                f"got {np.shape(slope)}"
             )
         return slope
 
@@ -226,8 +230,9 @@ class Evaluation(RowForces):
 
     def damping(self) -> Array | None:
         """Minus the derivative of forces on closed rows with respect to their rates, (d na, d na) [N s/m], or None."""
-        damping = self.forces.damping
-        return dense(damping()) if damping is not None and self.index.size else None
+        if self.forces.damping is None or not self.index.size:
+            return None
+        return dense(self._of_closed_rows("damping", self.forces.damping()))
 
     def slip_secants(self, H: Array) -> Array:
         """Stiffness, (m, m), if friction opposed slips in proportion to the ways of rows; zero where many rows stick.

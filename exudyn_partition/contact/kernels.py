@@ -283,10 +283,10 @@ def answer_as_before(
 @compiled
 def shuts(F: Array, gap: Array, index: Array, forces: Array, depth: float) -> bool:
     """See `loops.shuts`."""
-    own = 0
+    at_index = 0
     for i in range(len(gap)):
-        if own < len(index) and index[own] == i:
-            own += 1
+        if at_index < len(index) and index[at_index] == i:
+            at_index += 1
             continue
         pushed = gap[i]
         for k in range(len(index)):
@@ -308,11 +308,11 @@ def pushed_gap(gap: float, pushing: Array, forces: Array) -> float:
 @compiled
 def close_pushed(pushing: Array, gap: Array, near: Array, forces: Array, depth: float) -> bool:
     """See `loops.close_pushed`."""
-    found = False
+    any_closes = False
     for i in range(len(gap)):
         if not near[i] and pushed_gap(gap[i], pushing[i], forces) < depth:
-            near[i] = found = True
-    return found
+            near[i] = any_closes = True
+    return any_closes
 
 
 @compiled

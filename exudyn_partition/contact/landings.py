@@ -41,8 +41,8 @@ def stiffest_landing(body: ReducedBody, patch: int, *, sticks: bool) -> float:
     if (patch, sticks) not in kept:
         scale = 1 / np.sqrt(body.mass.diagonal())
         K = body.stiffness.toarray()
-        found = [_largest(scale, K + held) for held in _landings(body, patch, sticks)]
-        kept[patch, sticks] = max(found)
+        squares = [_largest(scale, K + support) for support in _landings(body, patch, sticks)]
+        kept[patch, sticks] = max(squares)
     return kept[patch, sticks]
 
 
@@ -58,16 +58,16 @@ def _landings(body: ReducedBody, patch: int, sticks: bool) -> Iterator[Array]:
     for outward in np.vstack([axes, -axes]):
         height = surface.points @ outward
         side = np.flatnonzero(height >= height.max() - _FLAT * surface.facet_size)
-        held = side[spread_over(surface.points[side], _HELD)]
-        shapes = dense(body.rows(surface.nodes[held]))
+        chosen = side[spread_over(surface.points[side], _HELD)]
+        shapes = dense(body.rows(surface.nodes[chosen]))
         if by_normals:
-            normals = surface.normals_at(held[:, None], np.ones((len(held), 1)))
-            H, dofs = np.einsum("kd,kdn->kn", normals, shapes.reshape(len(held), 3, -1)), held
+            normals = surface.normals_at(chosen[:, None], np.ones((len(chosen), 1)))
+            H, dofs = np.einsum("kd,kdn->kn", normals, shapes.reshape(len(chosen), 3, -1)), chosen
         else:
-            H, dofs = shapes, node_dofs(held)
+            H, dofs = shapes, node_dofs(chosen)
         F = np.asarray(body.flexibility(patch)[np.ix_(dofs, dofs)])
         if not (sticks or by_normals):
-            along = np.kron(np.eye(len(held)), outward)
+            along = np.kron(np.eye(len(chosen)), outward)
             H, F = along @ H, along @ F @ along.T
         yield H.T @ np.linalg.solve(regularised(F), H)
 

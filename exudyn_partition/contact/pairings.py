@@ -89,6 +89,7 @@ class Pairing:
 
     @classmethod
     def _paired(cls, slave: Side, master: Side, kind: RowKind, places: Array, pressed: bool) -> Pairing:
+        """Pair two sides where they are, or, if they face away, where a body that can turn would face the other."""
         points, pose = points_of(slave, kind), np.zeros(slave.n + master.n)
         if slave.surface.wanders or master.surface.wanders:
             return cls(points, pair_wandering(slave.surface, master.surface, kind, pressed=pressed), pose, places)

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from typing import Self
 
 
+_NO_ARRAY = np.dtype(object)  # for what has no type of its entries
 _ROUND_OFF = 1e-9  # of forces times gaps: energy below zero that is less is none
 _STICKING = 1e6  # coefficient of friction with which no row slips
 
@@ -120,6 +121,7 @@ class PatchContact:
         return result
 
     def _reset(self) -> None:
+        """Be at the start of a run that goes on from no other."""
         self._n_nodes = len(self.gaps.slave.surface.points)
         memory = no_memory(self.rows)
         zones = () if self.zones is None else self.zones.start
@@ -279,6 +281,13 @@ class PatchContact:
                 f"law {name}: expected forces of shape {(n, self.rows.d)}, rows by directions, got "
                 f"{np.shape(forces.on_rows)}"
             )
+        if getattr(forces.closed, "dtype", _NO_ARRAY).kind not in "iu":
+            raise InputError(
+                f"law {name}: expected numbers of the closed rows, an array of integers as np.flatnonzero(forces) "
+                f"returns it, got {getattr(forces.closed, 'dtype', type(forces.closed).__name__)}"
+            )
+        if not (isinstance(forces.power, float) and isinstance(forces.taken, float)):
+            _check_energies(name, forces)
         if law.elastic and (forces.power or forces.taken):
             raise InputError(f"law {name}: it takes energy, which only laws with elastic = False do")
         if forces.memory is not None and np.shape(forces.memory) != (n, law.memory):
@@ -390,12 +399,19 @@ class PatchContact:
         In steps of central differences of length `step` [s], it includes the viscosity of the flexibilities. Its forces
         belong to the velocity half a step before. So by h^2 omega^2 + 2 h d <= 4 they count twice.
         """
-        if self.parts.betas is None or math.isinf(step):
-            return self.law.closed_stiffness(self.rows)
-        gaps = self.gaps.fresh()
-        gaps.yield_by(shares([2 * beta for beta in self.parts.betas], step))
-        rows = self.rows.fresh(gaps)
-        return self.law.fresh(rows).closed_stiffness(rows)
+        law, rows, n = self.law, self.rows, self.gaps.n
+        if self.parts.betas is not None and not math.isinf(step):
+            gaps = self.gaps.fresh()
+            gaps.yield_by(shares([2 * beta for beta in self.parts.betas], step))
+            rows = self.rows.fresh(gaps)
+            law = law.fresh(rows)
+        stiffness = law.closed_stiffness(rows)
+        if stiffness is not None and np.shape(stiffness) != (n, n):
+            raise InputError(
+                f"law {type(law).__name__}: expected a closed_stiffness of shape {(n, n)}, on the coordinates of both "
+                f"bodies, got {np.shape(stiffness)}"
+            )
+        return stiffness
 
     def press(self, gap: Array) -> tuple[float, int]:
         """Stored energy [J] and number of closed rows for gaps of the present rows, (nr,) [m], without friction."""
@@ -544,6 +560,15 @@ def _way(rows: TangentialRows, pushed: Array | None) -> Array:
 def _rates(rows: NormalRows | TangentialRows, motion: Motion | None) -> Array:
     """Rates of rows, (nr, d) [m/s]; zero without a motion."""
     return np.zeros((len(rows.gaps.row_nodes), rows.d)) if motion is None else rows.rates(motion.q_t)
+
+
+def _check_energies(name: str, forces: Forces) -> None:
+    """Raise InputError if the energies in the answer of a law of this name are no numbers."""
+    for key, value in (("power", forces.power), ("taken", forces.taken)):
+        if np.ndim(value) != 0:
+            raise InputError(
+                f"law {name}: expected one number as `{key}`, the sum over the rows, got the shape {np.shape(value)}"
+            )
 
 
 def _refuse_rates(law: Law, motion: Motion | None) -> Array:

@@ -247,7 +247,7 @@ class RigidGaps(Gaps):
         self._start, gap = self._stage_at(self._rows_at_start(), [slave.surface.points - slave.centre], self._start_q)
         self._go_to_stage(self._start, self._start_q)
         self.pressed, self.clearance = pressed, float(gap.min())
-        self._check_start(gap)
+        self._face_surface(gap)
         linear = slave.kinematics.linear and not slave.surface.wanders
         if linear and isinstance(surface, RigidPlane) and pose is None:
             no_drift = np.zeros((0, self.n)), np.zeros(0)
@@ -405,7 +405,16 @@ class RigidGaps(Gaps):
         """Outward normal with which the patch faces the surface, (3,)."""
         return self.slave.surface.direction
 
-    def _check_start(self, gap: Array) -> None:
+    def _face_surface(self, gap: Array) -> None:
+        """Find how the patch faces the surface at the start, where rows have gaps, (nr,) [m].
+
+        Raises
+        ------
+        InputError
+            If the patch faces away from the surface, and its body cannot turn.
+        PenetrationError
+            If rows begin inside the surface.
+        """
         deepest, surface = int(gap.argmin()), self.slave.surface
         self.approach = -self.normal[deepest]
         direction = self._direction(self.row_nodes[deepest])

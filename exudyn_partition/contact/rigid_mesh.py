@@ -230,6 +230,7 @@ class RigidMesh:
         return int(met[distance[met].argmin()]) if len(met) else None
 
     def _project(self, x: Array) -> tuple[Array, Array]:
+        """Gaps, (k,) [m], and outward unit normals, (k, 3), at points x, (k, 3), by their closest triangles."""
         triangle, place, feature = self._closest(x)
         normal, miss = self._normals[triangle, feature], x - place
         distance = np.linalg.norm(miss, axis=1)

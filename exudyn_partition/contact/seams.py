@@ -109,20 +109,20 @@ def shared(faces: Sequence[SmoothFace], owner: int, point: Array, outward: Array
     return Shared([face.surface for face in faces], owner, shares, slopes)
 
 
-def width_of(faces: Sequence[SmoothFace], other: float) -> float:
+def width_of(faces: Sequence[SmoothFace], largest_of_others: float) -> float:
     """Distance from a seam within which faces share a contact with a surface that has a largest curvature [1/m]: [m].
 
     It is the same for all faces that go on as each other, so that their shares sum to one.
     """
-    return _WIDTH / (largest_curvature(faces) + other)
+    return _WIDTH / (largest_curvature(faces) + largest_of_others)
 
 
 def largest_curvature(faces: Sequence[SmoothFace]) -> float:
     """Largest curvature of faces and of all that go on as these [1/m]; zero if they are flat or hollow."""
-    found, left = list[SmoothFace](), [*faces]
+    joined, left = list[SmoothFace](), [*faces]
     while left:
         face = left.pop()
-        if face not in found:
-            found.append(face)
+        if face not in joined:
+            joined.append(face)
             left.extend(face.neighbours)
-    return max(face.surface.steepest for face in found)
+    return max(face.surface.steepest for face in joined)

@@ -96,7 +96,7 @@ class SmoothFace:
         sign = 1.0 if float(to_outside @ direction) >= 0.0 else -1.0
         return sign * distance, sign * direction
 
-    def end(self, point: Array) -> Array:
+    def nearest_on_seam(self, point: Array) -> Array:
         """Place of the surface on the seam that is nearest to a point, (3,) [m]."""
         on_seam = self._on_seam(point)
         nearest = on_seam[np.linalg.norm(on_seam - point, axis=1).argmin()]
@@ -132,7 +132,7 @@ class SmoothFace:
     def _over(self, points: Array, point: Array, normal: Array) -> tuple[Array, Array]:
         """Which facets of `around` a line along the normal through a point meets, and how far from it [m]."""
         a, b, c = (points[self.around[:, k]] - point for k in range(3))
-        sides = [cross(one, other) @ normal for one, other in ((a, b), (b, c), (c, a))]
+        sides = [cross(start, end) @ normal for start, end in ((a, b), (b, c), (c, a))]
         over = np.flatnonzero((np.array(sides) >= 0.0).all(axis=0))
         return over, abs((a[over] + b[over] + c[over]) @ normal) / 3
 
@@ -171,10 +171,10 @@ def faces_of(side: Side, patch: int, role: str) -> Faces:
     known = _KNOWN.setdefault(body, {})
     if patch not in known:
         points, facets = side.kinematics.arms, side.surface.facets
-        found = smooth_faces(points, facets)
-        if not found.known:
+        faces = smooth_faces(points, facets)
+        if not faces.known:
             raise not_known(points, facets, role)
-        known[patch] = found
+        known[patch] = faces
     return known[patch]
 
 
@@ -210,21 +210,21 @@ def smooth_faces(points: Array, facets: Array) -> Faces:
     places = _ends_of_edges(points, facets, first, second)
     smooth = _go_on(points, facets, (face, surfaces), (first, second), places)
     groups = _joined(face, first[smooth], second[smooth], len(surfaces))
-    found = []
+    faces = []
     for number, surface in enumerate(surfaces):
-        own = face == number
-        others = (groups[face] == groups[number]) & ~own
-        ends = smooth & (own[first] | own[second])
-        beside = np.where(own[first], second, first)[ends]
-        inner = np.where(own[first], first, second)[ends]
+        in_face = face == number
+        others = (groups[face] == groups[number]) & ~in_face
+        ends = smooth & (in_face[first] | in_face[second])
+        beside = np.where(in_face[first], second, first)[ends]
+        inner = np.where(in_face[first], first, second)[ends]
         seam, outside = _seam(points, facets, (surface, face, surfaces), (inner, beside), places[ends])
-        found.append(SmoothFace(surface, facets[own], facets[others], seam, outside))
+        faces.append(SmoothFace(surface, facets[in_face], facets[others], seam, outside))
     between = {(face[i], face[j]) for i, j in zip(first[smooth], second[smooth], strict=True)}
     for i, j in sorted(between | {(j, i) for i, j in between}):
         if min(i, j) >= 0:
-            found[i].neighbours.append(found[j])
-    found.sort(key=lambda one: -len(one.facets))
-    return Faces(found, int(np.count_nonzero(face < 0)))
+            faces[i].neighbours.append(faces[j])
+    faces.sort(key=lambda smooth_face: -len(smooth_face.facets))
+    return Faces(faces, int(np.count_nonzero(face < 0)))
 
 
 def _neighbours(facets: Array) -> tuple[sp.csr_matrix, sp.csr_matrix]:
@@ -246,7 +246,7 @@ def _grown(
         if face[seed] >= 0 or tried[seed] or failed > _FAILED:
             continue
         rings = [_ring(seed, corners, face < 0, count) for count in _RINGS]
-        surface = next((found for ring in rings if (found := surface_of(points, facets[ring])) is not None), None)
+        surface = next((fitted for ring in rings if (fitted := surface_of(points, facets[ring])) is not None), None)
         if surface is None:
             tried[rings[-1]], failed = True, failed + 1
             continue

@@ -111,14 +111,14 @@ class SpotGaps(Gaps):
         self._surface, self._pose, self._motion = surface, pose, motion
         self.carried = pose is not None
         self.faces = tuple(faces)
-        found = touching(sides, patches, surface, [face.surface for face in faces])
-        parts = zip(sides, faces, found.materials, ROLES, strict=False)
+        pair = touching(sides, patches, surface, [face.surface for face in faces])
+        parts = zip(sides, faces, pair.materials, ROLES, strict=False)
         self._makers = [SpotMaker(*each) for each in parts]
-        self._found, self._shapes, self._ball = found, found.shapes, found.ball
+        self._found, self._shapes, self._ball = pair, pair.shapes, pair.ball
         self._near = [_near(sides, patches, surface, self.faces, number) for number in range(len(self.faces))]
-        self._pairs = _pairs(sides, patches, surface, self._near, found)
+        self._pairs = _pairs(sides, patches, surface, self._near, pair)
         curvatures = [largest_curvature([face]) for face in self.faces]
-        curvatures += [shape.steepest for shape in found.shapes[len(self.faces) :]]
+        curvatures += [shape.steepest for shape in pair.shapes[len(self.faces) :]]
         self._width = width_of(self.faces[:1], curvatures[1])
         self._prepare(sides)
 
@@ -169,6 +169,7 @@ class SpotGaps(Gaps):
         return self._rough_poses(self._start_q)[0].out(meeting.points[0])
 
     def _check_start(self, rows: SpotRows, stage: SpotStage, gap: Array) -> None:
+        """Raise if the spots cannot be computed, or if the true surfaces overlap at the start."""
         for maker, spot, side in zip(self._makers, rows.spots, self.sides, strict=True):
             alone = len(maker.face.facets) == len(side.surface.facets)
             touches = spot.covered and stage.share > 0.0 and (alone or gap[0] <= _TOUCHES * self.size)
@@ -233,16 +234,16 @@ class SpotGaps(Gaps):
             poses.append(Pose(share @ x[nodes], share @ maker.points[nodes], turned))
         return poses
 
-    def _meeting(self, poses: list[Pose], carried: Array, found: Touching | None = None) -> Meeting:
+    def _meeting(self, poses: list[Pose], carried: Array, pair: Touching | None = None) -> Meeting:
         """Where the surfaces are nearest, with the sides at poses and the rigid surface's carrier at a pose, (12,).
 
         The surfaces are those of faces, without their ends; those of other faces may be given.
         """
         poses = self._all_poses(poses, carried)
-        found = found or self._found
-        if found.ball is None:
-            return self._of_tubes(poses, found.shapes)
-        shapes, ball, second = found.shapes, found.ball, 1 - found.ball
+        pair = pair or self._found
+        if pair.ball is None:
+            return self._of_tubes(poses, pair.shapes)
+        shapes, ball, second = pair.shapes, pair.ball, 1 - pair.ball
         facing = shapes[second].shape
         towards = facing.normal if isinstance(facing, RigidPlane) else np.zeros(3)
         form = shapes[ball].ball_at(-(poses[second].axes @ towards) @ poses[ball].axes)
@@ -285,7 +286,7 @@ class SpotGaps(Gaps):
         return poses if self._surface is None else [*poses, self._rigid_pose(carried)]
 
     @property
-    def _own(self) -> tuple[int, ...]:
+    def _own_faces(self) -> tuple[int, ...]:
         """Numbers of the contact's own faces."""
         return (0,) * len(self.faces)
 
@@ -300,7 +301,7 @@ class SpotGaps(Gaps):
         Off its face, the point of contact is at the end of that.
         """
         if self._alone:
-            return self._meeting(poses, carried), self._own
+            return self._meeting(poses, carried), self._own_faces
         whole, best = self._all_poses(poses, carried), None
         for numbers, found in self._pairs.items():
             meeting = self._meeting(poses, carried, found)
@@ -360,7 +361,7 @@ class SpotGaps(Gaps):
         points, outward = meeting.points[number], meeting.outward[number]
         if face.holds(self._makers[number].points, points, outward):
             return meeting
-        end, second = face.end(points), 1 - number
+        end, second = face.nearest_on_seam(points), 1 - number
         into = poses[second].into(poses[number].out(end))
         gap, normal = shapes[second].shape.project(into[None])
         facing = poses[second].axes @ normal[0]
@@ -437,7 +438,7 @@ class SpotGaps(Gaps):
 
     def _where(self, rows: SpotRows, poses: list[Pose], carried: Array) -> tuple[Meeting, tuple[int, ...]]:
         """See `_on_faces`; a point of rows that are far from the ends of faces stays on its own."""
-        return (self._meeting(poses, carried), self._own) if rows.inside else self._on_faces(poses, carried)
+        return (self._meeting(poses, carried), self._own_faces) if rows.inside else self._on_faces(poses, carried)
 
     def _stage_where(self, rows: SpotRows, meeting: Meeting, owners: tuple[int, ...], poses: list[Pose]) -> SpotStage:
         """Stage of a row without its weights; poses are those of both sides."""
@@ -727,13 +728,13 @@ def _near(
     number: int,
 ) -> list[SmoothFace]:
     """Face of a side, and those that go on as it and touch the other side's face at a point, too."""
-    found = [faces[number]]
+    near = [faces[number]]
     for other in faces[number].neighbours:
         shapes = [face.surface for face in faces]
         shapes[number] = other.surface
         if _touches(sides, patches, surface, shapes) is not None:
-            found.append(other)
-    return found
+            near.append(other)
+    return near
 
 
 def _pairs(
@@ -741,15 +742,15 @@ def _pairs(
     patches: Sequence[int],
     surface: RigidSurface | None,
     near: Sequence[Sequence[SmoothFace]],
-    own: Touching,
+    of_the_spot: Touching,
 ) -> dict[tuple[int, ...], Touching]:
     """How faces of both sides touch, by their numbers; the first is that of the contact itself."""
-    pairs = {(0,) * len(near): own}
+    pairs = {(0,) * len(near): of_the_spot}
     for numbers in itertools.product(*(range(len(faces)) for faces in near)):
         shapes = [faces[number].surface for faces, number in zip(near, numbers, strict=True)]
-        found = None if numbers in pairs else _touches(sides, patches, surface, shapes)
-        if found is not None:
-            pairs[numbers] = found
+        pair = None if numbers in pairs else _touches(sides, patches, surface, shapes)
+        if pair is not None:
+            pairs[numbers] = pair
     return pairs
 
 

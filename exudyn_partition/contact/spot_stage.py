@@ -155,17 +155,17 @@ class SpotStage(Stage):
     def _push(self, force: float) -> Push:
         """See `push`."""
         normal, weights = self.meeting.normal, self._weights(force)
-        own = [
+        bent = [
             pose.axes @ by.surface.bending(outward @ pose.axes) @ pose.axes.T
             for by, pose, outward in zip(self.shared_by, self.poses, self._outward, strict=True)
         ]
-        both = own[0] + own[1]
+        both = bent[0] + bent[1]
         rolling = np.linalg.inv(both + np.abs(both).sum() * np.outer(normal, normal))
         rolls = [rolling @ (way - (way @ normal) * normal) for way in self._by_place(force, weights)]
         quarter = skew(normal)
         spin = quarter @ self.bendings[0] - self.bendings[0] @ quarter
         couple = -quarter @ (rolls[0] + rolls[1]) - float(np.sum(weights * spin)) * normal
-        return Push(own[1] @ rolls[0] - own[0] @ rolls[1], couple)
+        return Push(bent[1] @ rolls[0] - bent[0] @ rolls[1], couple)
 
     def _weights(self, force: float) -> Array:
         """Derivative of the energy by the curvatures under a force on the row [N], (3, 3) [J m]; zero if all stay."""

@@ -287,6 +287,7 @@ class TangentialRows:
         return self.gaps.found_at(self.gaps.anchored(SAME), lambda: self._pushing(index))
 
     def _pushing(self, index: Array) -> Array:
+        """See `pushing`; found from the sides' flexibilities, and that between them."""
         everything, some, gaps = np.arange(len(self.gaps.row_nodes)), directions(index), self.gaps
         moved, of_sides = np.zeros((len(everything), len(some))), dict[int, tuple[LoadedNodes, Array]]()
         for place, (side, share) in enumerate(zip(gaps.sides, gaps.yielding_shares, strict=True)):

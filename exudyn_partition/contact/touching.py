@@ -110,9 +110,9 @@ def touching(
             )
         of_sides.append(TrueSurface(surface))
     modulus = 1 / sum(1 / material.plane_strain_modulus for material in materials)
-    found = Touching(of_sides, materials, _ball(of_sides), modulus)
-    _ = found.round
-    return found
+    pair = Touching(of_sides, materials, _ball(of_sides), modulus)
+    _ = pair.round
+    return pair
 
 
 def _ball(shapes: list[TrueSurface]) -> int | None:
@@ -143,6 +143,7 @@ def _material(side: Side, patch: int, role: str) -> Material:
 
 
 def _relative_curvatures(shapes: list[TrueSurface]) -> tuple[float, float]:
+    """Sums of the principal curvatures of two shapes [1/m]; raises InputError if they do not touch at a point."""
     first, second = sorted((shape.curvatures for shape in shapes), reverse=True)
     sums = first[0] + second[0], first[1] + second[1]
     if min(sums) < _CONFORMING * max(sums):

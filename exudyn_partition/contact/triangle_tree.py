@@ -48,16 +48,16 @@ class TriangleTree(NamedTuple):
         todo = [(0, len(corners), -1)]
         while todo:
             first, last, before = todo.pop()
-            own = order[first:last]
+            inside = order[first:last]
             if before >= 0:
                 second[before] = len(second)
-            bounds.append((lows[own].min(axis=0), highs[own].max(axis=0)))
+            bounds.append((lows[inside].min(axis=0), highs[inside].max(axis=0)))
             ranges.append((first, last))
             second.append(0)
             if last - first > _FEW:
                 middle = (first + last) // 2
-                along = centroids[own, np.ptp(centroids[own], axis=0).argmax()]
-                order[first:last] = own[np.argpartition(along, middle - first)]
+                along = centroids[inside, np.ptp(centroids[inside], axis=0).argmax()]
+                order[first:last] = inside[np.argpartition(along, middle - first)]
                 todo += [(middle, last, len(second) - 1), (first, middle, -1)]  # the last one comes next
         low, high = (np.array(ends) for ends in zip(*bounds, strict=True))
         starts, ends = (np.array(values) for values in zip(*ranges, strict=True))

@@ -134,8 +134,8 @@ class WanderingGaps(PatchGaps):
             return near.least
         sides, points = self._start.rows.sides, near.points(self._all)
         master = places[1][sides[1].surface.facets[near.master_facets]]
-        found = closest_points(points.at(places[0]), master)
-        return float(np.hypot(found.gap, found.offset).min(initial=near.least if not len(points.nodes) else np.inf))
+        closest = closest_points(points.at(places[0]), master)
+        return float(np.hypot(closest.gap, closest.offset).min(initial=near.least if not len(points.nodes) else np.inf))
 
     def _near_parts(self, q: Array) -> NearParts:
         sides = self._start.rows.sides

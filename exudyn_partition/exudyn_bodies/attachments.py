@@ -53,8 +53,8 @@ def check_attachments(mbs: MainSystem, bodies: list[AttachableBody]) -> None:
     carriers = {int(item["oFFRFreducedOrder"]): item for item in bodies if "oFFRFreducedOrder" in item}
     if not carriers:
         return
-    held = {int(item["nRigidBody"]): item for item in carriers.values() if item.frame == "inertial"}
-    own = {number for item in held.values() for number in item.frame_markers}
+    carried_in_space = {int(item["nRigidBody"]): item for item in carriers.values() if item.frame == "inertial"}
+    own_markers = {number for item in carried_in_space.values() for number in item.frame_markers}
     for number in range(mbs.systemData.NumberOfMarkers()):
         marker = mbs.GetMarker(number)
         named = f"mbs: marker {number} {marker['name']!r}, a Marker{marker['markerType']}"
@@ -64,8 +64,8 @@ def check_attachments(mbs: MainSystem, bodies: list[AttachableBody]) -> None:
                 raise InputError(
                     f"{named}, is on the frame of body {item.name!r}, not on its material: {_instead(item)}"
                 )
-        elif number not in own and int(marker.get("nodeNumber", -1)) in held:
-            item = held[int(marker["nodeNumber"])]
+        elif number not in own_markers and int(marker.get("nodeNumber", -1)) in carried_in_space:
+            item = carried_in_space[int(marker["nodeNumber"])]
             raise InputError(
                 f"{named}, is on a node of body {item.name!r} that is held in space, because its frame is "
                 f"inertial: {_instead(item)}"
@@ -82,8 +82,8 @@ def check_attachments(mbs: MainSystem, bodies: list[AttachableBody]) -> None:
                 f"{named} of {quantity}, is on the object that carries the markers of body {item.name!r}. It has no "
                 "mass and no stiffness: take energy(result) and momentum(result) of the body"
             )
-        if sensor["sensorType"] == "Node" and int(sensor["nodeNumber"]) in held:
-            item = held[int(sensor["nodeNumber"])]
+        if sensor["sensorType"] == "Node" and int(sensor["nodeNumber"]) in carried_in_space:
+            item = carried_in_space[int(sensor["nodeNumber"])]
             raise InputError(
                 f"{named}, is on a node of body {item.name!r} that is held in space, because its frame is "
                 "inertial: take a SensorMarker on what CreateInterfaceMarker or CreatePointMarker returns, or take "

@@ -253,7 +253,13 @@ def _drawing(
     offsets: Sequence[Vector] | Array | None,
     markers: bool,
 ) -> Drawing | None:
-    """How a body is drawn; None without superElement=True, which colour and offsets need."""
+    """How a body is drawn; None without superElement=True.
+
+    Raises
+    ------
+    InputError
+        If colour or offsets are given without it, or are of another shape.
+    """
     validate_flag("showMarkers", markers)
     for name, value, instead in (
         ("color", color, "; CreatePartitionView draws fields"),

@@ -74,10 +74,10 @@ class BodyResults(Item[ItemIndex]):
             nodes = mbs.GetObjectParameter(self["oGenericODE2"], "nodeNumbers")
             if [*map(int, nodes)] != [*map(int, self.nodes)]:
                 return False
-            held = [len(mbs.GetNodeParameter(node, "referenceCoordinates")) for node in nodes]
+            sizes = [len(mbs.GetNodeParameter(node, "referenceCoordinates")) for node in nodes]
         except ValueError:  # items of another kind, without such a parameter
             return False
-        return bool(sum(held) == self.body.n_dofs)
+        return bool(sum(sizes) == self.body.n_dofs)
 
     def coordinates(self, result: Samples) -> Array:
         """Coordinates q, (n, n_dofs), at the times of `result`.

@@ -42,10 +42,10 @@ def weakly(mbs: MainSystem) -> Callable[[], MainSystem]:
     model = weakref.ref(mbs)
 
     def model_in_use() -> MainSystem:
-        found = model()
-        if found is None:
+        target = model()
+        if target is None:
             raise RunError("mbs: the model is in use but was deleted; keep what AddSystem() returned in a variable")
-        return found
+        return target
 
     return model_in_use
 
@@ -125,8 +125,8 @@ class Carrier:
     """
 
     def __init__(self, mbs: MainSystem, body: ObjectIndex) -> None:
-        found = mbs.GetObject(body)
-        nodes = [found["nodeNumber"]] if "nodeNumber" in found else found.get("nodeNumbers", [])
+        entry = mbs.GetObject(body)
+        nodes = [entry["nodeNumber"]] if "nodeNumber" in entry else entry.get("nodeNumbers", [])
         self.nodes = [node for node in nodes if "Ground" not in mbs.GetNode(node)["nodeType"]]
         self.body, self._motion_now = body, motion(mbs, body)
 

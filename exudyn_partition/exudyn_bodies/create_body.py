@@ -195,6 +195,7 @@ def _draw(mbs: MainSystem, item: PartitionBody, drawing: Drawing) -> None:
 
 
 def _add_inertial(mbs: MainSystem, plan: BodyPlan) -> PartitionBody:
+    """Add the nodes and the object of a body in an inertial frame."""
     body = plan.body
     velocities = body.rigid @ np.r_[plan.velocity, plan.angular_velocity]
     parts = {"nModal": slice(body.n_shapes), "nNodal": slice(body.n_shapes, None)}
@@ -215,6 +216,7 @@ def _add_inertial(mbs: MainSystem, plan: BodyPlan) -> PartitionBody:
 
 
 def _add_floating(mbs: MainSystem, plan: BodyPlan, kinematics: FloatingKinematics) -> PartitionBody:
+    """Add the nodes and the object of a body in a floating frame."""
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     body, inertia, terms = plan.body, kinematics.inertia, plan.terms
     stiffening = None if kinematics.stiffening is None else SteppedStiffening(kinematics.stiffening, body)
@@ -271,6 +273,7 @@ def _present(item: PartitionBody, damping: Damping | None) -> Callable[[], Any] 
 
 
 def _add_node(mbs: MainSystem, coordinates: Array, velocities: Array) -> NodeIndex:
+    """Add the node of a body's coordinates, with their initial values."""
     return mbs.AddNode(
         require("exudyn.itemInterface").NodeGenericODE2(
             referenceCoordinates=[0.0] * len(coordinates),
@@ -289,6 +292,7 @@ def _add_object(
     functions: Functions,
     damping: Damping | None,
 ) -> ObjectIndex:
+    """Add the object of a body, with its matrices, (n, n), and user functions, on the nodes that it has."""
     exu, items = require("exudyn"), require("exudyn.itemInterface")
     if isinstance(damping, ModeDamping):  # the functions apply other damping
         functions = {"dampingMatrix": exu.MatrixContainer(damping.matrix()), **functions}

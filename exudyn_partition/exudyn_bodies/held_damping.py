@@ -135,8 +135,8 @@ def hold_damping(mbs: MainSystem, since: float = -math.inf) -> None:
     if not items or not mbs.systemData.ODE2Size():
         return
     joints = _Joints.of(mbs) if mbs.systemData.AEsize() else None
-    found = [(item, None if joints is None else joints.mobility(item)) for item in items]
-    changed = [(item, mobility) for item, mobility in found if not _same(mobility, item.mobility)]
+    mobilities = [(item, None if joints is None else joints.mobility(item)) for item in items]
+    changed = [(item, mobility) for item, mobility in mobilities if not _same(mobility, item.mobility)]
     if not changed:
         return
     check_unchanged(mbs, [item for item, _ in changed])
@@ -155,10 +155,10 @@ def hold_damping(mbs: MainSystem, since: float = -math.inf) -> None:
                 item.damping = replace(item.damping, fastest=fastest)
 
 
-def _same(one: Array | None, other: Array | None) -> bool:
-    if one is None or other is None:
-        return one is None and other is None
-    return np.array_equal(one, other)
+def _same(first: Array | None, second: Array | None) -> bool:
+    if first is None or second is None:
+        return first is None and second is None
+    return np.array_equal(first, second)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,21 +199,21 @@ class _Joints:
             number: np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)]) for number, item in bodies.items()
         }
         inverse = _inverse(mass, np.unique(np.concatenate([rows.nonzero()[1], *places.values()])))
-        own, others = {}, np.ones(rows.shape[1])
+        of_bodies, others = {}, np.ones(rows.shape[1])
         for number, item in bodies.items():
             at = places[number]
             rigid = item.body.rigid if item.kinematics.linear else np.eye(item.body.n_dofs, RIGID)
             on_rigid = rows[:, at] @ rigid
-            own[number] = on_rigid @ np.linalg.solve(rigid.T @ (mass[at][:, at] @ rigid), on_rigid.T)
+            of_bodies[number] = on_rigid @ np.linalg.solve(rigid.T @ (mass[at][:, at] @ rigid), on_rigid.T)
             others[at] = 0.0
-        yields = np.sum([np.zeros((rows.shape[0],) * 2), *own.values()], axis=0)
+        yields = np.sum([np.zeros((rows.shape[0],) * 2), *of_bodies.values()], axis=0)
         for columns, size in _flexible(mbs):
             at = columns[:size]
             on_frame = rows[:, at].toarray()
             yields += on_frame @ scipy.linalg.pinvh(mass[at][:, at].toarray()) @ on_frame.T
             others[columns] = 0.0
         rest = sp.csr_matrix(rows @ sp.diags(others))
-        return cls(rows, inverse, places, own, yields + (rest @ inverse @ rest.T).toarray())
+        return cls(rows, inverse, places, of_bodies, yields + (rest @ inverse @ rest.T).toarray())
 
     def mobility(self, item: DampedBody) -> Array | None:
         """Velocities of a body's coordinates by unit impulses on them, (n_dofs, n_dofs); None if no joint holds it."""
@@ -273,7 +273,19 @@ def root_of_inverse(mass: sp.csr_matrix, needed: Array) -> sp.csr_matrix:
 def _by_blocks(
     mass: sp.csr_matrix, needed: Array, of_diagonal: Callable[[Array], Array], of_block: Callable[[Array], Array]
 ) -> sp.csr_matrix:
-    """Functions of the blocks of a mass matrix, (n, n): of those of one coordinate, (k,), and of each larger one."""
+    """Matrix, (n, n), that consists of functions of the blocks of a mass matrix, as its inverse does.
+
+    Parameters
+    ----------
+    mass : (n, n) csr matrix
+        Coordinates that no entry connects are blocks of their own.
+    needed : int array
+        Larger blocks without one of these coordinates are left out.
+    of_diagonal : callable
+        Function of all blocks of one coordinate at once, (k,).
+    of_block : callable
+        Function of a larger block, (m, m).
+    """
     labels = scipy.sparse.csgraph.connected_components(mass)[1]
     groups = np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels))[:-1])
     diagonal = mass.diagonal()

@@ -83,15 +83,15 @@ def CreateWorkSensor(mbs: MainSystem) -> WorkSensor:
     InputError
         If the model has no partition body, nothing acts on its bodies, or it has such a sensor already.
     """
-    held = registered(mbs)
-    if held.work is not None:
+    registry = registered(mbs)
+    if registry.work is not None:
         raise InputError("mbs: the model has a work sensor already, which knows the items that were there then")
-    if not held.bodies:
+    if not registry.bodies:
         raise InputError("mbs: expected a model with partition bodies; call CreatePartitionBody first")
-    terms = [*_weights(mbs, held), *_objects(mbs, held), *_loads(mbs, held)]
+    terms = [*_powers_of_weights(mbs, registry), *_powers_of_objects(mbs, registry), *_powers_of_loads(mbs, registry)]
     if not terms:
         raise InputError("mbs: expected joints, springs or loads on partition bodies; add them before this sensor")
-    bodies, powers = list(held.bodies.values()), [power for _, power in terms]
+    bodies, powers = list(registry.bodies.values()), [power for _, power in terms]
 
     def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
         q_t = mbs.systemData.GetODE2Coordinates_t(copy=False)
@@ -102,7 +102,7 @@ def CreateWorkSensor(mbs: MainSystem) -> WorkSensor:
 
     items = require("exudyn.itemInterface")
     number = mbs.AddSensor(items.SensorUserFunction(name=WORK, sensorUserFunction=sample, storeInternal=True))
-    held.work = sensor = WorkSensor(number, _unlike([name for name, _ in terms]))
+    registry.work = sensor = WorkSensor(number, _unlike([name for name, _ in terms]))
     return sensor
 
 
@@ -115,8 +115,8 @@ def _unlike(names: list[str]) -> tuple[str, ...]:
     return tuple(unlike)
 
 
-def _weights(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
-    """Constant forces of the bodies' own objects: gravity."""
+def _powers_of_weights(mbs: MainSystem, registry: Registry) -> list[tuple[str, Power]]:
+    """Name and power of the constant force of each body's own object: gravity."""
 
     def weight(item: BodyItem, force: Array) -> Power:
         def power(mbs: MainSystem, q_t: Array, of_bodies: Array) -> float:
@@ -125,15 +125,15 @@ def _weights(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
         return power
 
     terms = []
-    for number, item in held.bodies.items():
+    for number, item in registry.bodies.items():
         force = np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"), dtype=float)
         if force.any():
             terms.append((f"gravity on {item.name or f'body {number}'}", weight(item, force)))
     return terms
 
 
-def _objects(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
-    """Joints and connectors on the bodies, and objects with a force of their own, such as distributed loads."""
+def _powers_of_objects(mbs: MainSystem, registry: Registry) -> list[tuple[str, Power]]:
+    """Name and power of each joint and connector on the bodies, and of objects such as distributed loads."""
     exu = require("exudyn")
     kind = exu.ComputeItemType
 
@@ -147,7 +147,7 @@ def _objects(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
 
         return power
 
-    (objects, nodes), ours, terms = _numbers(held.bodies), held.objects, []
+    (objects, nodes), ours, terms = _numbers(registry.bodies), registry.objects, []
     for index in range(mbs.systemData.NumberOfObjects()):
         entry = mbs.GetObject(index)
         if index in ours:
@@ -161,8 +161,8 @@ def _objects(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
     return terms
 
 
-def _loads(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
-    """Exudyn's loads on markers of the bodies."""
+def _powers_of_loads(mbs: MainSystem, registry: Registry) -> list[tuple[str, Power]]:
+    """Name and power of each of Exudyn's loads on markers of the bodies."""
     kind = require("exudyn").ComputeItemType
 
     def of_vector(load: int, marker: ItemIndex, torque: bool, fixed: bool) -> Power:
@@ -189,7 +189,7 @@ def _loads(mbs: MainSystem, held: Registry) -> list[tuple[str, Power]]:
 
         return power
 
-    objects, nodes = _numbers(held.bodies)
+    objects, nodes = _numbers(registry.bodies)
     terms = []
     for load in range(mbs.systemData.NumberOfLoads()):
         entry = mbs.GetLoad(load)
@@ -230,19 +230,19 @@ class Others:
     @classmethod
     def of(cls, mbs: MainSystem, *, told: bool = False) -> Others:
         """Items of a model, as they are; `told` is whether a sensor has their work."""
-        held = registered(mbs)
+        registry = registered(mbs)
         acted_on, not_told, driven = set[int](), [], False
-        for number, item in held.bodies.items():
+        for number, item in registry.bodies.items():
             force = np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"), dtype=float)
             expected = np.zeros(len(force)) if item.weight is None else item.weight
             if not np.array_equal(force, expected):
                 acted_on.add(id(item))
                 not_told += [] if told else [f"the force vector of {item.name or f'body {number}'}"]
-        others, everything = [*_others(mbs, held)], _numbers(held.bodies)
-        each = {number: _numbers({number: item}) for number, item in held.bodies.items()} if others else {}
+        others, everything = [*_others(mbs, registry)], _numbers(registry.bodies)
+        each = {number: _numbers({number: item}) for number, item in registry.bodies.items()} if others else {}
         for entry, nodes, markers in others:
             touched = [n for n, of_item in each.items() if _touches(markers, nodes, of_item)]
-            acted_on |= {id(held.bodies[n]) for n in touched}
+            acted_on |= {id(registry.bodies[n]) for n in touched}
             sensed = told and (entry.get("loadType") in _SENSED or "markerNumbers" in entry or _has_force(entry))
             if touched and not _is_workless(mbs, entry, markers, everything):
                 driven |= entry.get("objectType") in HOLONOMIC
@@ -265,9 +265,9 @@ def acts_on_constant_mass(mbs: MainSystem, item: BodyItem, acting: ActingMass) -
     return acting.constant
 
 
-def _others(mbs: MainSystem, held: Registry) -> Iterator[tuple[ItemEntry, set[int], list[ItemEntry]]]:
+def _others(mbs: MainSystem, registry: Registry) -> Iterator[tuple[ItemEntry, set[int], list[ItemEntry]]]:
     """Each object and load that is not of this library, with its nodes and markers."""
-    ours = held.objects
+    ours = registry.objects
     for index in range(mbs.systemData.NumberOfObjects()):
         if index not in ours and not _is_idle(entry := mbs.GetObject(index)):
             yield (

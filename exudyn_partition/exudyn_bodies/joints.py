@@ -89,8 +89,8 @@ class Joints:
             )
         self.linear = all(linear for *_, linear in self._objects)
         self.constant = self.linear and not self._timed
-        self._take_masses()
-        self._take_turns(exu)
+        self._find_masses()
+        self._find_rotation_vectors(exu)
         self._constant: dict[int, Array] = {}
         self._were_active: list[bool] | None = None
         self.C = np.full((self.n, len(self.dofs)), np.nan)
@@ -100,7 +100,7 @@ class Joints:
         none, nothing = np.zeros((0, 0)), np.zeros(0)  # so that the loop is compiled before a run begins
         hold_rows(none, nothing, 0.0, none, none, nothing, (0.0, 0.0, 0.0), (nothing,) * 3, 0.0, self.dofs[:0])
 
-    def _take_masses(self) -> None:
+    def _find_masses(self) -> None:
         """Find the coordinates that joints act on, constant masses, and bodies whose mass depends on coordinates."""
         n = self._mbs.systemData.ODE2Size()
         varying, constant, linked = [], [], []
@@ -135,7 +135,7 @@ class Joints:
             self._varying_mass[np.ix_(at, at)] += block
         return bool(blocks)
 
-    def _take_turns(self, exu: Exudyn) -> None:
+    def _find_rotation_vectors(self, exu: Exudyn) -> None:
         """Find the rotation vectors among the coordinates, and their reference values."""
         first = np.intersect1d([*rotation_vectors(self._mbs)], self.dofs).astype(int)
         self._turns = self._place[first][:, None] + np.arange(3)
@@ -209,7 +209,10 @@ class Joints:
         return hold_rows(self.C, rest, by, self.push, self._factor, self.scale, shares, state, step, self.dofs)
 
     def residual(self, start: Array, way: Array) -> Array:
-        """g, (n,), at the present time, after a step of `way`, (k,), from the coordinates `start`, (k,)."""
+        """g, (n,), at the present time, after a step of `way`, (k,), from the coordinates `start`, (k,).
+
+        Exudyn evaluates it, so the model has the coordinates after the step meanwhile; in the end it has `start`.
+        """
         q = self._mbs.systemData.GetODE2Coordinates(copy=False)
         end = start + way
         for place, reference in zip(self._turns, self._references, strict=True):
@@ -291,6 +294,7 @@ def _masses(mbs: MainSystem) -> Iterator[tuple[ObjectIndex, Array, Array | sp.co
 
 
 def _validate(number: ObjectIndex, entry: ItemEntry) -> None:
+    """Raise InputError if explicit steps cannot take the algebraic equations of an object."""
     kind, name = entry["objectType"], f"object {int(number)} {entry['name']!r}"
     if kind == "RigidBody":
         raise InputError(

@@ -76,7 +76,7 @@ def add_super_element(
             "'craig-bampton', or attach to rows of its coordinates: body.interface_rows() on a "
             "MarkerObjectODE2Coordinates of its 'oGenericODE2'"
         )
-    rigid, held = (nodes["nRigid"], []) if "nRigid" in nodes else _add_held_node(mbs, kinematics, name)
+    rigid, carrier_markers = (nodes["nRigid"], []) if "nRigid" in nodes else _add_held_node(mbs, kinematics, name)
     places, rows = mesh(kinematics, offsets)
     turn = kinematics.node_axes
     rows = (turn.T @ rows.reshape(len(places), 3, rows.shape[1])).reshape(rows.shape)
@@ -102,7 +102,7 @@ def add_super_element(
             ),
         )
     )
-    return {"nRigidBody": rigid, "nGenericODE2": modal, "oFFRFreducedOrder": number}, held
+    return {"nRigidBody": rigid, "nGenericODE2": modal, "oFFRFreducedOrder": number}, carrier_markers
 
 
 def _add_held_node(mbs: MainSystem, kinematics: Kinematics, name: str) -> tuple[NodeIndex, list[int]]:
@@ -122,12 +122,12 @@ def _add_held_node(mbs: MainSystem, kinematics: Kinematics, name: str) -> tuple[
         )
     )
     ground = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0))
-    held = []
+    markers = []
     for coordinate in range(6):
         marker = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=coordinate))
         mbs.AddObject(items.ObjectConnectorCoordinate(markerNumbers=[ground, marker]))
-        held.append(int(marker))
-    return node, held
+        markers.append(int(marker))
+    return node, markers
 
 
 def _add_idle_node(mbs: MainSystem, frequency: float) -> NodeIndex:

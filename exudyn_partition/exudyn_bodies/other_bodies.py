@@ -176,15 +176,15 @@ class _Record:
         end = float(mbs.systemData.GetTime())
         if not self._t or end > self._t[-1]:
             self._add(end, self._now(mbs, False))
-        t, found = np.array(self._t), []
+        t, motions = np.array(self._t), []
         for i, watched in enumerate(self._watched):
             place, turn, other = (np.array([poses[i][part] for poses in self._poses]) for part in range(3))
-            found.append(
+            motions.append(
                 OtherBody(
                     watched.number, watched.name, watched.points, watched.triangles, t, place, turn, watched.kind, other
                 )
             )
-        return found
+        return motions
 
 
 class OtherBodies:
@@ -224,7 +224,7 @@ class OtherBodies:
 
     def motions(self, mbs: MainSystem) -> tuple[OtherBody, ...]:
         """Motion of each until the model's present state, which is the end of the run; signs come last."""
-        return tuple(found for record in self._records for found in record.motions(mbs))
+        return tuple(motion for record in self._records for motion in record.motions(mbs))
 
 
 def _pose(number: int, mbs: MainSystem, configuration: object) -> tuple[Array, Array, Array]:

@@ -105,15 +105,15 @@ class PartitionBody(BodyResults):
         InputError
             If the damping is that of a floating frame whose basis keeps nodes, which has coordinates of its own.
         """
-        found = self.body.matrices()
+        matrices = self.body.matrices()
         if self.damping is None:
-            return found
+            return matrices
         if self.frame == "floating" and len(self.body.basis.nodal):
             raise InputError(
                 "body: its floating frame has coordinates of its own for the kept nodes; take those of the body, "
                 "body.matrices(), or create it with frame='inertial'"
             )
-        return replace(found, damping=self.damping.matrix())
+        return replace(matrices, damping=self.damping.matrix())
 
     def CreateInterfaceMarker(self, mbs: MainSystem, interface: str) -> MarkerIndex:
         """Marker with the position and rotation of an interface, for any joint, spring-damper, load or sensor.

@@ -79,14 +79,14 @@ class Reactions:
         """
         result = np.zeros((len(self.references),) * 2)
         for joint in self.joints:
-            for marker, own in joint.markers:
-                turns = np.array([i for i in own if i in self.turning], dtype=int)
-                if turns.size and np.isin(own, columns).all():
-                    load = np.linalg.lstsq(self._ways(marker).T, self._forces(joint, multipliers)[own])[0]
+            for marker, dofs in joint.markers:
+                turns = np.array([i for i in dofs if i in self.turning], dtype=int)
+                if turns.size and np.isin(dofs, columns).all():
+                    load = np.linalg.lstsq(self._ways(marker).T, self._forces(joint, multipliers)[dofs])[0]
                     changes = self._changes(partial(self._load, marker, load), turns)
-                    others = np.isin(own, turns, invert=True)
-                    result[np.ix_(own, turns)] += changes
-                    result[np.ix_(turns, own[others])] += changes[others].T
+                    others = np.isin(dofs, turns, invert=True)
+                    result[np.ix_(dofs, turns)] += changes
+                    result[np.ix_(turns, dofs[others])] += changes[others].T
         of_body: Array = result[np.ix_(columns, columns)]
         return of_body
 
@@ -100,7 +100,9 @@ class Reactions:
     def _ways(self, marker: MarkerIndex) -> Array:
         """Velocity and angular velocity of a marker by those of its coordinates, (6, k)."""
         kind = require("exudyn").ComputeItemType
-        return np.vstack([self.mbs.ComputeItem(marker, one) for one in (kind.PositionJacobian, kind.RotationJacobian)])
+        return np.vstack(
+            [self.mbs.ComputeItem(marker, jacobian) for jacobian in (kind.PositionJacobian, kind.RotationJacobian)]
+        )
 
     def _load(self, marker: MarkerIndex, load: Array) -> Array:
         """Forces of a force and a moment in space, (6,), on a marker's coordinates, (k,)."""

@@ -121,9 +121,9 @@ def static_part(item: RecoveredBody, result: Samples, rows: sp.csr_matrix, fem: 
 def zone_histories(item: RecoveredBody, result: Samples) -> Iterator[tuple[int, StrainHistory]]:
     """Plastic strain of the body's zones in the run, with the numbers of their patches."""
     for contact in result.contacts:
-        if any(other == item for other, _ in contact.sides):
-            for (other, patch), history in zip(contact.sides, contact.plastic.strain_histories(result), strict=False):
-                if other == item and history is not None:
+        if any(body == item for body, _ in contact.sides):
+            for (body, patch), history in zip(contact.sides, contact.plastic.strain_histories(result), strict=False):
+                if body == item and history is not None:
                     yield patch, history
 
 
@@ -156,8 +156,8 @@ def warn_within_zones(item: RecoveredBody, result: Samples, rows: sp.csr_matrix)
     """Warn if rows, (k, 3 nodes), lie within a plastic zone that has flowed: those of stress lack plastic strain."""
     used = abs(sp.csr_matrix(rows)).astype(bool).astype(int)
     for contact in result.contacts:
-        for other, number in contact.sides:
-            region = item.body.partition.patches[number].plastic if other == item else None
+        for body, number in contact.sides:
+            region = item.body.partition.patches[number].plastic if body == item else None
             if region is not None and contact.plastic.work(result).any():
                 inside = np.zeros(item.body.fe_dofs, dtype=int)
                 inside[node_dofs(region.nodes)] = 1

@@ -167,11 +167,13 @@ def surface_load(
     validate_flag("bodyFixed", bodyFixed)
     options: dict[str, UserFunction] = {}
     if loadVectorUserFunction is not None:
-        own = loadVectorUserFunction
-        validate_callable("loadVectorUserFunction", own, "a function f(mbs, t, loadVector) that returns a traction")
+        traction_of = loadVectorUserFunction
+        validate_callable(
+            "loadVectorUserFunction", traction_of, "a function f(mbs, t, loadVector) that returns a traction"
+        )
 
         def force(mbs: MainSystem, t: float, load: object) -> Array:
-            value: Array = area * validate_vector("loadVectorUserFunction", own(mbs, t, traction.tolist()))
+            value: Array = area * validate_vector("loadVectorUserFunction", traction_of(mbs, t, traction.tolist()))
             return value
 
         options["loadVectorUserFunction"] = force

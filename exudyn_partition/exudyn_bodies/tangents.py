@@ -60,7 +60,7 @@ def tangents(mbs: MainSystem) -> list[Tangent]:
     if not items:
         return []
     data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
-    present, found = (data.GetODE2Coordinates(), data.GetODE2Coordinates_t()), dict[int, Tangent]()
+    present, by_item = (data.GetODE2Coordinates(), data.GetODE2Coordinates_t()), dict[int, Tangent]()
     try:
         _set(mbs, data.GetODE2Coordinates(initial), data.GetODE2Coordinates_t(initial))
         items = [item for item in items if _ode2_forces() in mbs.ComputeItem(item.number)]
@@ -68,10 +68,10 @@ def tangents(mbs: MainSystem) -> list[Tangent]:
             of_both = (_derivatives(mbs, group, rates=rates) for rates in (False, True))
             for item, stiffness, damping in zip(group, *of_both, strict=True):
                 if stiffness is not None and damping is not None:
-                    found[int(item.number)] = Tangent(item.name, item.columns, stiffness, damping)
+                    by_item[int(item.number)] = Tangent(item.name, item.columns, stiffness, damping)
     finally:
         _set(mbs, *present)
-    return [found[int(item.number)] for item in items if int(item.number) in found]
+    return [by_item[int(item.number)] for item in items if int(item.number) in by_item]
 
 
 def places(mbs: MainSystem) -> Array:
@@ -103,8 +103,8 @@ def _of_translation(item: PartitionBody) -> Array:
 
 def _items(mbs: MainSystem) -> Iterator[_Item]:
     """Objects that are not of this library, with forces that may depend on coordinates or velocities."""
-    held, data = registered(mbs), mbs.systemData
-    ours = held.objects
+    registry, data = registered(mbs), mbs.systemData
+    ours = registry.objects
     for place in range(data.NumberOfObjects()):
         if place in ours or len(data.GetObjectLTGAE(place)):
             continue

@@ -56,10 +56,10 @@ class HeldMatrix:
     @classmethod
     def of(cls, matrix: MatrixContainer) -> HeldMatrix:
         """Matrix in one of Exudyn's containers."""
-        held = matrix.GetPythonObject()
-        if isinstance(held, dict):
-            return cls(np.array(held["triplets"], dtype=float).reshape(-1, 3), int(held["numberOfRows"]))
-        entries = np.array(held, dtype=float, ndmin=2)
+        value = matrix.GetPythonObject()
+        if isinstance(value, dict):
+            return cls(np.array(value["triplets"], dtype=float).reshape(-1, 3), int(value["numberOfRows"]))
+        entries = np.array(value, dtype=float, ndmin=2)
         return cls(entries, len(entries))
 
     @cached_property
@@ -81,10 +81,10 @@ class HeldMatrix:
 def made(mbs: MainSystem, item: MadeBody) -> dict[str, Any]:
     """Matrices and user functions of a body's object, and reference coordinates of its nodes, by their names."""
     number = item["oGenericODE2"]
-    found: dict[str, Any] = {name: HeldMatrix.of(mbs.GetObjectParameter(number, name)) for name in _MATRICES}
-    found |= {name: user_function(mbs.GetObjectParameter(number, name)) for name in _FUNCTIONS}
+    parameters: dict[str, Any] = {name: HeldMatrix.of(mbs.GetObjectParameter(number, name)) for name in _MATRICES}
+    parameters |= {name: user_function(mbs.GetObjectParameter(number, name)) for name in _FUNCTIONS}
     nodes = [key for key in _NODES if key in item]
-    return found | {key: np.array(mbs.GetNodeParameter(item[key], "referenceCoordinates")) for key in nodes}
+    return parameters | {key: np.array(mbs.GetNodeParameter(item[key], "referenceCoordinates")) for key in nodes}
 
 
 def check_unchanged(mbs: MainSystem, bodies: Iterable[MadeBody]) -> None:

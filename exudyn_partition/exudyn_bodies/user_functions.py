@@ -61,10 +61,10 @@ def inertia_functions(
 
     def verlet_start(mbs: MainSystem, t: float, n: int) -> StepStart:
         """Start of a step of VelocityVerlet, which gives velocities in its middle; for n elastic coordinates."""
-        data, own = mbs.systemData, _velocities_at(tuple([mbs.GetNodeODE2Index(node) for node in nodes]), n)
-        q = data.GetODE2Coordinates(start_of_step, copy=False)[own]
-        q_t = data.GetODE2Coordinates_t(start_of_step, copy=False)[own]
-        q_tt = data.GetODE2Coordinates_tt(start_of_step, copy=False)[own]
+        data, columns = mbs.systemData, _velocities_at(tuple([mbs.GetNodeODE2Index(node) for node in nodes]), n)
+        q = data.GetODE2Coordinates(start_of_step, copy=False)[columns]
+        q_t = data.GetODE2Coordinates_t(start_of_step, copy=False)[columns]
+        q_tt = data.GetODE2Coordinates_tt(start_of_step, copy=False)[columns]
         return StepStart((t - data.GetTime(start_of_step)) / 2, q[3:], q_t, q_tt)
 
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
@@ -116,8 +116,8 @@ def _listed(force: Array) -> list[float]:
 def terms(matrix: Rows) -> tuple[Array, Array, Array]:
     """Rows, columns and values of the terms of a matrix that are not zero."""
     if sp.issparse(matrix):
-        found = sp.coo_matrix(matrix)
-        return found.row, found.col, found.data
+        entries = sp.coo_matrix(matrix)
+        return entries.row, entries.col, entries.data
     rows, columns = np.nonzero(matrix)
     return rows, columns, matrix[rows, columns]
 
@@ -165,10 +165,10 @@ def coupling_functions(
     def force(mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates) -> list[float]:
         slices = coordinate_slices(mbs, item)
         coordinates = mbs.systemData.GetODE2Coordinates(copy=False)
-        own = np.concatenate([coordinates[s] for s in slices])
-        result = -(stiffness @ own)
+        of_body = np.concatenate([coordinates[s] for s in slices])
+        result = -(stiffness @ of_body)
         if stiffening is not None:
-            result -= stiffening.force(mbs, t, own)
+            result -= stiffening.force(mbs, t, of_body)
         if damping is not None:
             velocities = mbs.systemData.GetODE2Coordinates_t(copy=False)
             result -= damping().force(np.concatenate([velocities[s] for s in slices]))

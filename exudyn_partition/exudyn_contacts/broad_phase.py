@@ -48,11 +48,11 @@ class BroadPhase:
         number = np.zeros((len(contacts), 2), dtype=np.int64)  # of each contact's sides; the first one never moves
         for j, (contact, places) in enumerate(zip(contacts, dofs, strict=True)):
             ends = np.cumsum([side.n for side in contact.gaps.sides])
-            for s, (side, own) in enumerate(zip(contact.gaps.sides, np.split(places, ends[:-1]), strict=True)):
-                key = int(own[0]), side.surface.nodes.tobytes()
+            for s, (side, columns) in enumerate(zip(contact.gaps.sides, np.split(places, ends[:-1]), strict=True)):
+                key = int(columns[0]), side.surface.nodes.tobytes()
                 if key not in of_side:
                     of_side[key] = len(of_side) + 1
-                    rows.append(sp.csr_matrix((motion_bound(side), own, [0, len(own)]), shape=(1, n)))
+                    rows.append(sp.csr_matrix((motion_bound(side), columns, [0, len(columns)]), shape=(1, n)))
                 number[j, s] = of_side[key]
         self._sides, self._motion = number, sp.csr_matrix(sp.vstack([sp.csr_matrix((1, n)), *rows]))
         self._from = np.zeros(n)

@@ -38,22 +38,23 @@ def add_to_object(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Obj
     Without this stiffness Newton's method does not converge where only contacts hold a carrier or a body.
     """
     runs.add_contact()
-    held = registered(mbs)
+    registry = registered(mbs)
     nodes = {int(node): node for node in contact.nodes + _carrying_nodes(contact)}
-    earlier = next(iter(held.contacts.values()), None)
+    earlier = next(iter(registry.contacts.values()), None)
     if earlier is None:
-        held.nodes_in_contact = nodes
+        registry.nodes_in_contact = nodes
         return _add_object(mbs, [*nodes.values()], runs)
     number: ObjectIndex = earlier["oContact"]
-    if not held.nodes_in_contact:
-        held.nodes_in_contact = {int(node): node for node in mbs.GetObjectParameter(number, "nodeNumbers")}
-    if not nodes.keys() <= held.nodes_in_contact.keys():
-        held.nodes_in_contact |= nodes
-        mbs.SetObjectParameter(number, "nodeNumbers", [*held.nodes_in_contact.values()])
+    if not registry.nodes_in_contact:
+        registry.nodes_in_contact = {int(node): node for node in mbs.GetObjectParameter(number, "nodeNumbers")}
+    if not nodes.keys() <= registry.nodes_in_contact.keys():
+        registry.nodes_in_contact |= nodes
+        mbs.SetObjectParameter(number, "nodeNumbers", [*registry.nodes_in_contact.values()])
     return number
 
 
 def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIndex:
+    """Add the object, whose user functions ask the present run for force and stiffness of all contacts."""
     items = require("exudyn.itemInterface")
 
     # Exudyn passes coordinates as lists. Reading the model's own array is quicker. Returning a list is quicker, too.
@@ -80,11 +81,11 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
             _warn_of_slips(run, contacts)
         if run.slip_secants is not None:
             blocks += _of_slips(mbs, run, contacts, run.slip_secants.share(mbs.sys["staticSolver"]) * fODE2)
-        found = _assembled(blocks, run.dofs)
+        triplets = _assembled(blocks, run.dofs)
         if run.vectors and not run.over:
-            n, own = len(run.dofs), turns(mbs, run.vectors)[run.dofs][:, run.dofs]
-            found = terms(sp.csr_matrix((found[2], found[:2]), shape=(n, n)) @ own)
-        return sparse_container(*found, len(run.dofs))
+            n, turned = len(run.dofs), turns(mbs, run.vectors)[run.dofs][:, run.dofs]
+            triplets = terms(sp.csr_matrix((triplets[2], triplets[:2]), shape=(n, n)) @ turned)
+        return sparse_container(*triplets, len(run.dofs))
 
     return mbs.AddObject(
         items.ObjectGenericODE2(

@@ -80,18 +80,18 @@ def pairs_of(mbs: MainSystem, members: object, within: float | None) -> list[Fou
                 if within is None or _apart(boxes[i], boxes[j]) <= within:
                     yield int(i), int(j), True
 
-    found = [FoundPair(sides[i], sides[j], anywhere) for i, j, anywhere in between_bodies()]
+    pairs = [FoundPair(sides[i], sides[j], anywhere) for i, j, anywhere in between_bodies()]
     for surface, carrier in surfaces:
         for side, patch, skin in zip(sides, placed, skins, strict=True):
             projected = _projected(mbs, surface, carrier, patch.points)
             if (skin and within is None) or faces_near(patch, *projected, within, anywhere=skin):
-                found.append(FoundPair(side, surface, skin, carrier))
-    if not found:
+                pairs.append(FoundPair(side, surface, skin, carrier))
+    if not pairs:
         raise EmptyRegionError(
             f"slave: no two patches of these {len(bodies)} bodies face each other nearby. Give a larger distance by "
             "within=, name the pairs in a call each, or reduce the bodies with skin=True for contact anywhere"
         )
-    return found
+    return pairs
 
 
 def _members(mbs: MainSystem, members: object) -> tuple[list[PartitionBody], list[CarriedSurface]]:
@@ -119,7 +119,7 @@ def _members(mbs: MainSystem, members: object) -> tuple[list[PartitionBody], lis
 
 
 def _check_members(mbs: MainSystem, bodies: Sequence[PartitionBody], surfaces: Sequence[CarriedSurface]) -> None:
-    """Something can touch, each member is given once, and belongs to the model."""
+    """Raise InputError unless something can touch, and each member is given once and belongs to the model."""
     given = [*bodies, *(surface for surface, _ in surfaces)]
     if len(given) < 2 or not bodies or len(set(map(id, given))) < len(given):
         raise InputError(
@@ -146,15 +146,15 @@ def _projected(
 def is_skin(body: ReducedBody, patch: int) -> bool:
     """Whether contact wanders over a patch that has all faces of the body, but for those beside its other ones."""
     partition = body.partition
-    own = partition.patches[patch]
-    if not own.wanders:
+    candidate = partition.patches[patch]
+    if not candidate.wanders:
         return False
-    others = [one.nodes for i, one in enumerate(partition.patches) if i != patch]
+    others = [each.nodes for i, each in enumerate(partition.patches) if i != patch]
     taken = np.concatenate([np.empty(0, dtype=np.int64), *others, *(joint.nodes for joint in partition.interfaces)])
     free = body.facets[~np.isin(body.facets, taken).any(axis=1)]
-    return bool(len(free)) and bool(np.isin(free, own.nodes).all())
+    return bool(len(free)) and bool(np.isin(free, candidate.nodes).all())
 
 
-def _apart(box: Array, other: Array) -> float:
+def _apart(first: Array, second: Array) -> float:
     """Distance of two boxes, each by its lower and upper corner, (2, 3) [m]."""
-    return float(np.linalg.norm(np.maximum(np.maximum(box[0] - other[1], other[0] - box[1]), 0.0)))
+    return float(np.linalg.norm(np.maximum(np.maximum(first[0] - second[1], second[0] - first[1]), 0.0)))

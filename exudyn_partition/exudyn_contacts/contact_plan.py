@@ -209,15 +209,15 @@ def _name_of(
     mbs: MainSystem, slave: PartitionBody, master: PartitionBody | None, rigid: RigidSurface | None, rows: RowKind
 ) -> str:
     """Name of a contact that was given none, as "ball on plate"; no other contact of the model has it."""
-    held = registered(mbs)
-    of_slave, of_master = (item and (item.name or f"body {held.place(item)}") for item in (slave, master))
+    registry = registered(mbs)
+    of_slave, of_master = (item and (item.name or f"body {registry.place(item)}") for item in (slave, master))
     if master == slave:
         of_master = "itself"
     elif rigid is not None:
-        of_master = _name_of_surface(rigid, held.surface_number(rigid))
+        of_master = _name_of_surface(rigid, registry.surface_number(rigid))
     name = f"{of_slave} on {of_master}{' edges' if rows == 'edges' else ''}"
     more = (name if i == 1 else f"{name} ({i})" for i in itertools.count(1))
-    return next(one for one in more if not any(is_taken(mbs, one, kind) for kind in _NAMED))
+    return next(free_name for free_name in more if not any(is_taken(mbs, free_name, kind) for kind in _NAMED))
 
 
 def _name_of_surface(rigid: RigidSurface, number: int) -> str:
@@ -236,7 +236,7 @@ def _check_master(mbs: MainSystem, rigid: RigidSurface | None, patch: object, bo
 
 
 def _check_itself(item: PartitionBody, patches: Sequence[int], formulation: Formulation) -> None:
-    """Two patches of one body may touch each other. The contact includes the residual flexibility between them."""
+    """Raise InputError if a body cannot touch itself so; contact includes the flexibility between its patches."""
     patches_of = item.body.partition.patches
     if patches[0] == patches[1] and not patches_of[patches[0]].wanders:
         raise InputError(
@@ -252,7 +252,7 @@ def _check_itself(item: PartitionBody, patches: Sequence[int], formulation: Form
 
 
 def _check_anywhere(formulation: Formulation, interference: float | Literal["placed"] | None) -> None:
-    """Bodies that meet anywhere need forces that follow from their flexibilities, and begin apart."""
+    """Raise InputError unless forces of bodies that meet anywhere follow from flexibility, and they begin apart."""
     if not isinstance(formulation, Compliance | Hertz):
         raise InputError(
             f"formulation: skins that meet anywhere go through their flexibility, got {type(formulation).__name__}. "
@@ -320,7 +320,7 @@ def _are_better_turned(slave: Surface, master: Surface, *, anywhere: bool) -> bo
 
 
 def _check_digits(side: Side) -> None:
-    """Gaps are differences of places. Far from the origin they lose all digits."""
+    """Raise InputError far from the origin: gaps are differences of places there, and lose all digits."""
     reach, size = float(abs(side.surface.points).max()), side.surface.facet_size
     if np.finfo(float).eps * reach > _DIGITS * size:
         raise InputError(

@@ -53,13 +53,13 @@ class LoopedSamples:
 
     def rows_at(self, times: Sequence[float], place: int) -> list[tuple[Array, Array] | None]:
         """See `ContactRecord.rows_at`, of the contact at a place of the group."""
-        found: list[tuple[Array, Array] | None] = []
+        rows_of_times: list[tuple[Array, Array] | None] = []
         for sample in map(self._kept.get, times):
             rows = None
             if sample is not None and (start := sample[1][place]) < (end := sample[1][place + 1]):
                 rows = sample[0][start:end], sample[2][start:end]
-            found.append(rows)
-        return found
+            rows_of_times.append(rows)
+        return rows_of_times
 
     def stored_at(self, times: Sequence[float], place: int) -> list[float]:
         """See `ContactRecord.stored_at`, of the contact at a place of the group."""
@@ -201,8 +201,8 @@ class ContactRecord:
     def samples(self) -> list[tuple[float, Array, Array]]:
         """Times with closed rows [s], the slave's patch nodes of these rows, and the forces on them [N]."""
         looped = self._looped.samples(self._place)
-        own = [(t, nodes, lam) for t, (nodes, lam) in self._samples.items()]
-        return sorted([*own, *looped], key=lambda sample: sample[0]) if own else looped
+        recorded = [(t, nodes, lam) for t, (nodes, lam) in self._samples.items()]
+        return sorted([*recorded, *looped], key=lambda sample: sample[0]) if recorded else looped
 
     def rows_at(self, times: Sequence[float]) -> list[tuple[Array, Array] | None]:
         """The slave's patch nodes of the closed rows at some times [s], and forces there [N]; None where all are open.

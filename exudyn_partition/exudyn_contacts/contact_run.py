@@ -1,4 +1,4 @@
-"""State of a contact in one run; each run has its own. See `group_run` for contacts that belong together."""
+"""A contact in one run: its mechanics, and data for results. See `group_run` for contacts that belong together."""
 
 from __future__ import annotations
 

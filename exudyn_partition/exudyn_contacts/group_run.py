@@ -199,8 +199,8 @@ class CoupledRun(GroupRun):
     def stiffness(self, rows: Mapping[int, Array]) -> dict[tuple[int, int], Array]:
         """See `GroupRun`; all closed rows are those of members that are awake."""
         number = {place: i for i, place in enumerate(self._places)}
-        found = self._coupled.stiffness({number[j]: H for j, H in rows.items()})
-        return {(self._places[j], self._places[k]): K for (j, k), K in found.items()}
+        blocks = self._coupled.stiffness({number[j]: H for j, H in rows.items()})
+        return {(self._places[j], self._places[k]): K for (j, k), K in blocks.items()}
 
     def closing(self, place: int, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """See `GroupRun`; a contact that sleeps is not asked."""

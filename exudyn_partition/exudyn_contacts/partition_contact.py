@@ -628,7 +628,7 @@ class _Pressed:
 
     @classmethod
     def of(cls, contact: PartitionContact, force: Array, rows: RowSamples) -> _Pressed | None:
-        """Find them; None where no row has an area, so that stress has no limit."""
+        """Find the pressed rows; None where no row has an area, so that stress has no limit."""
         n, large = len(contact.mechanics.gaps.slave.surface.points), force >= _LARGE * force.max(initial=0.0)
         large = np.flatnonzero(large & (force > 0))
         nodes, forces, bounds = rows.joined(large)
@@ -671,18 +671,18 @@ def largest_stresses(histories: Sequence[tuple[PartitionContact, Array, RowSampl
 
     Those on equal patches are looked at together, which takes little longer than one of them.
     """
-    found, alike, size = list[Stress | None](), dict[object, list[tuple[int, _Pressed]]](), 0
+    stresses, alike, size = list[Stress | None](), dict[object, list[tuple[int, _Pressed]]](), 0
     for contact, force, rows in histories:
         top = int(force.argmax()) if len(force) else 0
         ellipse = contact.mechanics.law.semi_axes(float(force[top])) if len(force) and force[top] > 0 else None
         if ellipse is not None:
             time = float(rows.times[top])
-            found.append(Stress.beneath(float(force[top]), ellipse, contact.elastic_materials, time=time))
+            stresses.append(Stress.beneath(float(force[top]), ellipse, contact.elastic_materials, time=time))
             continue
         if (pressed := _Pressed.of(contact, force, rows)) is not None:
             size += len(pressed.nodes)
-            alike.setdefault((pressed.patch, size // _AT_ONCE), []).append((len(found), pressed))
-        found.append(None)
+            alike.setdefault((pressed.patch, size // _AT_ONCE), []).append((len(stresses), pressed))
+        stresses.append(None)
     for members in alike.values():
         every = [pressed for _, pressed in members]
         begins = np.cumsum([0, *(len(pressed.nodes) for pressed in every)])
@@ -697,9 +697,10 @@ def largest_stresses(histories: Sequence[tuple[PartitionContact, Array, RowSampl
             every[0].areas,
             not gaps.points.nodal,
         )
-        for (place, pressed), own in zip(members, np.split(axes, np.cumsum([*map(len, starts)])), strict=False):
-            found[place] = pressed.stress(own)
-    return found
+        of_each = np.split(axes, np.cumsum([*map(len, starts)]))
+        for (place, pressed), ellipse_axes in zip(members, of_each, strict=False):
+            stresses[place] = pressed.stress(ellipse_axes)
+    return stresses
 
 
 def partition_items(mbs: MainSystem) -> tuple[list[PartitionBody], list[PartitionContact]]:

@@ -35,19 +35,19 @@ def point_pairs(sides: Sequence[Side], patches: Sequence[int], surface: RigidSur
         If no two surfaces touch at a point, see `touching`.
     """
     faces = [faces_of(side, patch, role) for side, patch, role in zip(sides, patches, ROLES, strict=False)]
-    found, refused, left = list[Pair](), list[InputError](), list[list[str]]()
+    pairs, refused, left = list[Pair](), list[InputError](), list[list[str]]()
     for pair in itertools.product(*(each.known for each in faces)):
         try:
             touching(sides, patches, surface, [face.surface for face in pair])
-            found.append(pair)
+            pairs.append(pair)
         except InputError as error:
             refused.append(error)
             left.append([_kind(face.surface.shape) for face in pair] + [_kind(surface)] * (surface is not None))
-    if not found:
+    if not pairs:
         raise refused[0]
     if refused or any(each.unknown for each in faces):
-        warn(_left_out(faces, left, len(found)), ContactPatchWarning)
-    return found
+        warn(_left_out(faces, left, len(pairs)), ContactPatchWarning)
+    return pairs
 
 
 def only_pair(sides: Sequence[Side], patches: Sequence[int], surface: RigidSurface | None) -> Pair:
@@ -58,14 +58,14 @@ def only_pair(sides: Sequence[Side], patches: Sequence[int], surface: RigidSurfa
     InputError
         If they may touch at several points.
     """
-    found = point_pairs(sides, patches, surface)
-    if len(found) > 1:
+    pairs = point_pairs(sides, patches, surface)
+    if len(pairs) > 1:
         raise InputError(
-            f"slave, master: these patches may touch at {len(found)} points, for they have several smooth faces "
-            f"({'; '.join(_kinds(side) for side in zip(*found, strict=True))}). Give both in a list, "
+            f"slave, master: these patches may touch at {len(pairs)} points, for they have several smooth faces "
+            f"({'; '.join(_kinds(side) for side in zip(*pairs, strict=True))}). Give both in a list, "
             "CreatePartitionContact(mbs, [slave, master], formulation='hertz'), which returns a contact for each point"
         )
-    return found[0]
+    return pairs[0]
 
 
 def _kinds(faces: Sequence[SmoothFace]) -> str:

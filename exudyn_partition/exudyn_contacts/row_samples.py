@@ -41,8 +41,8 @@ class RowSamples:
         (k,) int array, (k,) array, (n + 1,) int array
             Patch nodes, forces on them [N], and where the rows of each sample begin.
         """
-        found = self.run.rows_at(self.times[samples].tolist())
-        nodes, forces = zip(_NONE, *[rows or _NONE for rows in found], strict=True)
+        closed_rows = self.run.rows_at(self.times[samples].tolist())
+        nodes, forces = zip(_NONE, *[rows or _NONE for rows in closed_rows], strict=True)
         return np.concatenate(nodes), np.concatenate(forces), np.cumsum([*map(len, nodes)])
 
     def matrix(self, samples: Array | None = None) -> sp.csr_matrix:

@@ -214,11 +214,11 @@ def check_energies(energies: Array, volume: Array, elastic: Elastic, equal: floa
         )
 
 
-def _check_forces(points: Array, cells: Array, found: Array, of_cells: Array, cubic: bool) -> None:
+def _check_forces(points: Array, cells: Array, forces: Array, of_cells: Array, cubic: bool) -> None:
     """Compare forces of a uniform strain at nodes, (n, 3) [N], with those of the elements around, (ne, k, 3) [N]."""
     nodes, n = cells.ravel(), len(points)
     expected = np.column_stack([np.bincount(nodes, f.ravel(), n) for f in of_cells.transpose(2, 0, 1)])
-    off = np.sqrt(((found - expected) ** 2).sum(axis=1))
+    off = np.sqrt(((forces - expected) ** 2).sum(axis=1))
     largest = np.sqrt((of_cells**2).sum(axis=2).max(axis=1))
     tolerance = _AT_A_CUBIC_NODE if cubic else _AT_A_NODE
     if off.max() <= tolerance * largest.min():

@@ -173,13 +173,13 @@ class Kind:
     def mass_shares(self) -> Array:
         """Share of its mass that each column of a row carries, HRZ lumping: the diagonal of the consistent mass."""
         if self.corners == 4:
-            own = _TETRAHEDRON_SHARES[len(self.nodes)]
+            shares = _TETRAHEDRON_SHARES[len(self.nodes)]
         else:
             fine = Kind(self.name, 4, self.corners, self.nodes, self.edges).rule
             values = self.functions(fine[0])[0]
-            own = fine[1] @ values**2
-            own = own / own.sum()
-        return np.asarray(self.on_row(own[None])[0])
+            shares = fine[1] @ values**2
+            shares = shares / shares.sum()
+        return np.asarray(self.on_row(shares[None])[0])
 
     def depth(self, local: Array) -> Array:
         """Least distance of points from the faces, in local coordinates, (m,); positive inside."""

@@ -54,8 +54,8 @@ def by_shape(facets: Array) -> list[tuple[Array, Array]]:
         return [(np.arange(len(facets)), np.arange(facets.shape[1]))]
     triangles = np.array([0, 1, 2] if facets.shape[1] == 4 else [0, 1, 2, 4, 5, 7])
     is_folded = folded(facets)
-    found = [(np.flatnonzero(~is_folded), np.arange(facets.shape[1])), (np.flatnonzero(is_folded), triangles)]
-    return [(rows, columns) for rows, columns in found if len(rows)]
+    shapes = [(np.flatnonzero(~is_folded), np.arange(facets.shape[1])), (np.flatnonzero(is_folded), triangles)]
+    return [(rows, columns) for rows, columns in shapes if len(rows)]
 
 
 def unfolded(facets: Array) -> Array:
@@ -183,11 +183,11 @@ def check_conforming(faces: Array, number: Array, said: Naming = counted) -> Non
     """
     flat = number.ravel()
     alone = (np.bincount(flat[flat >= 0])[flat] == 1) & (flat >= 0)
-    own, is_folded = facet_corners(faces[alone]), folded(faces[alone])
+    corners, is_folded = facet_corners(faces[alone]), folded(faces[alone])
     if not is_folded.any():
         return
-    triples = np.sort(own[~is_folded][:, [(0, 1, 2), (1, 2, 3), (2, 3, 0), (3, 0, 1)]].reshape(-1, 3), axis=1)
-    triangles = np.sort(own[is_folded][:, :3], axis=1)
+    triples = np.sort(corners[~is_folded][:, [(0, 1, 2), (1, 2, 3), (2, 3, 0), (3, 0, 1)]].reshape(-1, 3), axis=1)
+    triangles = np.sort(corners[is_folded][:, :3], axis=1)
     _, place, count = np.unique(np.vstack([triangles, triples]), axis=0, return_inverse=True, return_counts=True)
     met = np.flatnonzero(count[place.ravel()[: len(triangles)]] > 1)
     if len(met):

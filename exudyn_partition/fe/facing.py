@@ -58,38 +58,38 @@ def facing_facets(sides: Sequence[Side], within: float) -> list[dict[int, Array]
     Two facets face each other if their normals are opposite within 60 degrees, and a point within one of them lies
     before the other, at most `within` [m] away from it. So a facet that only begins at the other's edge does not.
     """
-    found: list[dict[int, Array]] = [{} for _ in sides]
+    facing: list[dict[int, Array]] = [{} for _ in sides]
     low, high = (np.array([pick(side.triangles, axis=(0, 1)) for side in sides]) for pick in (np.min, np.max))
     boxes_meet = (low[:, None] <= high[None] + within).all(axis=2)
     for i, j in np.argwhere(np.tril(boxes_meet & boxes_meet.T, -1)):
-        own, theirs = _near(sides[i], sides[j], within)
+        ours, theirs = _near(sides[i], sides[j], within)
         back, forth = _near(sides[j], sides[i], within)
-        if len(own) or len(back):
-            found[i][int(j)], found[j][int(i)] = np.union1d(own, forth), np.union1d(theirs, back)
-    return found
+        if len(ours) or len(back):
+            facing[i][int(j)], facing[j][int(i)] = np.union1d(ours, forth), np.union1d(theirs, back)
+    return facing
 
 
-def _near(one: Side, other: Side, within: float) -> tuple[Array, Array]:
+def _near(first: Side, second: Side, within: float) -> tuple[Array, Array]:
     """Facets of one body with a point that a facet of another body is near, and the latter, each ascending."""
-    points, facet = one.points.reshape(-1, 3), np.repeat(one.owner, len(_WITHIN))
-    lower, upper = (pick(other.triangles, axis=(0, 1)) for pick in (np.min, np.max))
+    points, facet = first.points.reshape(-1, 3), np.repeat(first.owner, len(_WITHIN))
+    lower, upper = (pick(second.triangles, axis=(0, 1)) for pick in (np.min, np.max))
     close = np.flatnonzero(((points >= lower - within) & (points <= upper + within)).all(axis=1))
     if not len(close):
         return close, close
-    middle = other.triangles.mean(axis=1)
-    reach = np.linalg.norm(other.triangles - middle[:, None], axis=2).max(axis=1) + within
+    middle = second.triangles.mean(axis=1)
+    reach = np.linalg.norm(second.triangles - middle[:, None], axis=2).max(axis=1) + within
     candidates = cKDTree(points[close]).query_ball_point(middle, reach)
     triangle = np.repeat(np.arange(len(middle)), [len(near) for near in candidates])
     point = close[np.concatenate([np.empty(0), *candidates]).astype(np.int64)]
-    own, theirs = facet[point], other.owner[triangle]
-    n, m = one.normals[own], other.normals[theirs]
+    ours, theirs = facet[point], second.owner[triangle]
+    n, m = first.normals[ours], second.normals[theirs]
     facing = np.flatnonzero(np.einsum("pi,pi->p", n, m) < _OPPOSITE)
-    away = nearest_on_triangles(points[point[facing]], other.triangles[triangle[facing]]) - points[point[facing]]
+    away = nearest_on_triangles(points[point[facing]], second.triangles[triangle[facing]]) - points[point[facing]]
     near = np.linalg.norm(away, axis=1) <= within
     before = np.einsum("pi,pi->p", away, n[facing]) >= -_OVERLAP * within
     behind = np.einsum("pi,pi->p", away, m[facing]) <= _OVERLAP * within
     met = facing[near & before & behind]
-    return np.unique(own[met]), np.unique(theirs[met])
+    return np.unique(ours[met]), np.unique(theirs[met])
 
 
 def nearest_on_triangles(points: Array, triangles: Array) -> Array:

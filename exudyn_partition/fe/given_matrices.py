@@ -175,15 +175,15 @@ def cells_beneath(facets: Array) -> int:
     MeshError
         If we have none.
     """
-    found = [n for n, faces in CELL_FACES.items() if faces.shape[1] == facets.shape[1]]
+    sizes = [n for n, faces in CELL_FACES.items() if faces.shape[1] == facets.shape[1]]
     if facets.shape[1] == 8:
-        found = [20]
-    if not found or not len(facets):
+        sizes = [20]
+    if not sizes or not len(facets):
         raise MeshError(
             f"facets: expected triangles with 3, 6 or 10 nodes or quads with 4 or 8, got {len(facets)} facets of "
             f"{facets.shape[1]} nodes; corners first, then the nodes on edges"
         )
-    return found[0]
+    return sizes[0]
 
 
 def check_surface(points: Array, facets: Array) -> float:

@@ -53,11 +53,11 @@ def joined(triangle: Array, quadrilateral: Array) -> Array:
 
     Both sum up to one, or their derivatives to zero; those of the triangle have `TRIANGLE` nodes.
     """
-    one = triangle.sum(axis=-1, keepdims=True)
+    total = triangle.sum(axis=-1, keepdims=True)
     b_c_e_f = [1, 2] if triangle.shape[-1] == 3 else [1, 2, 3, 4]
     of_quadrilateral = quadrilateral[..., 1:].copy()
     at = [0, 1] if triangle.shape[-1] == 3 else [0, 1, 3, 4]
     of_quadrilateral[..., at] -= triangle[..., b_c_e_f]
-    pad = np.zeros_like(one) if triangle.shape[-1] == 3 else triangle[..., :0]
+    pad = np.zeros_like(total) if triangle.shape[-1] == 3 else triangle[..., :0]
     others = np.concatenate([triangle[..., 1:], pad, of_quadrilateral], axis=-1)
-    return np.asarray(np.concatenate([one - others.sum(axis=-1, keepdims=True), others], axis=-1))
+    return np.asarray(np.concatenate([total - others.sum(axis=-1, keepdims=True), others], axis=-1))

@@ -208,8 +208,8 @@ class Regions:
     def largest(self, volume: Array) -> Material:
         """Return the material with the largest volume, by those of the elements, (ne,) [m3]; with its mean modulus."""
         most = int(np.bincount(self.number, volume).argmax())
-        own = self.number == most
-        return replace(self.materials[most], E=_mean(self.E[own], volume[own]))
+        inside = self.number == most
+        return replace(self.materials[most], E=_mean(self.E[inside], volume[inside]))
 
     def of_cells(self, cells: Array) -> Material:
         """Return the material of some elements, (k,) int: that of most, with their mean modulus.
@@ -225,12 +225,12 @@ class Regions:
 
     def softest(self, cells: Array) -> tuple[tuple[Material, Array], ...]:
         """Material of each region with its lowest modulus, and the rows of `cells`, (k,) int, that lie there."""
-        found = []
+        softest = []
         for i, material in enumerate(self.materials):
             rows = np.flatnonzero(self.number[cells] == i)
             if len(rows):
-                found.append((replace(material, E=float(self.E[cells[rows]].min())), rows))
-        return tuple(found)
+                softest.append((replace(material, E=float(self.E[cells[rows]].min())), rows))
+        return tuple(softest)
 
 
 def _mean(values: Array, weights: Array) -> float:

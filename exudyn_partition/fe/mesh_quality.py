@@ -88,7 +88,7 @@ def warn_of_damage(fem: FEModel, *, meshed: bool = False) -> None:
             "displacements do not, so that stress is wrong around them. Put pyramids between hexahedra and tetrahedra",
             MeshQualityWarning,
         )
-    for said, found, points in (
+    for said, which, points in (
         (
             f"nodes lie {_FAR:g} times as far from the nodes around them as those from each other",
             *_far_nodes(fem),
@@ -96,10 +96,10 @@ def warn_of_damage(fem: FEModel, *, meshed: bool = False) -> None:
         (f"elements have less than {_FLAT:g} of the shape quality of their neighbours", *_flat_cells(fem)),
         (f"elements have a node {_BENT:g} of an edge away from where it is on a straight one", *_bent_cells(fem)),
     ):
-        if len(found):
+        if len(which):
             x, y, z = points[0]
             warn(
-                f"mesh: {len(found)} {said}, the first is {found[0]} (counted from 0) at ({x:.4g}, {y:.4g}, {z:.4g}). "
+                f"mesh: {len(which)} {said}, the first is {which[0]} (counted from 0) at ({x:.4g}, {y:.4g}, {z:.4g}). "
                 + (_OF_SHAPE if meshed else _OF_FILE),
                 MeshQualityWarning,
             )

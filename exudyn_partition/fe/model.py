@@ -428,12 +428,12 @@ class FEModel:
     @cached_property
     def matrix_fingerprint(self) -> Array:
         """(4,) array: quadratic forms that distinguish mass and stiffness from all others; see `same_matrices`."""
-        found = []
+        products = []
         for matrix in (self.mass, self.stiffness):
             # Nodes far apart in space have numbers beside each other: no motion of a body is like these.
             for motion in (np.sin(1.0 + np.arange(self.n_dofs)), np.cos(1.7 * np.arange(self.n_dofs))):
-                found.append(float(motion @ (matrix @ motion)))
-        fingerprint = np.array(found)
+                products.append(float(motion @ (matrix @ motion)))
+        fingerprint = np.array(products)
         read_only(fingerprint)
         return fingerprint
 
@@ -609,20 +609,20 @@ def mesh_fingerprint(points: Array, facets: Array) -> Array:
     surface = (weight[facets].sum(axis=1) ** 2).mean()  # whatever the order of facets
     size = np.ptp(points, axis=0).max()
     shape, place = weight @ (points - points[0]) / size, points[0] / size
-    found = np.array([len(points), len(facets), surface, *shape, *place])
-    read_only(found)
-    return found
+    fingerprint = np.array([len(points), len(facets), surface, *shape, *place])
+    read_only(fingerprint)
+    return fingerprint
 
 
-def same_mesh(one: Array, other: Array, *, same_place: bool = True) -> bool:
+def same_mesh(first: Array, second: Array, *, same_place: bool = True) -> bool:
     """Whether two fingerprints are of the same mesh; they may differ by round-off."""
     n = 9 if same_place else 6
-    return bool(np.allclose(one[:n], other[:n], rtol=1e-9, atol=1e-9 * np.sqrt(one[0])))
+    return bool(np.allclose(first[:n], second[:n], rtol=1e-9, atol=1e-9 * np.sqrt(first[0])))
 
 
-def same_matrices(one: Array, other: Array) -> tuple[bool, bool]:
+def same_matrices(first: Array, second: Array) -> tuple[bool, bool]:
     """Whether two `FEModel.matrix_fingerprint` are of the same mass, and of the same stiffness, but for round-off."""
-    same = abs(one - other) <= _ROUND_OFF * abs(other)
+    same = abs(first - second) <= _ROUND_OFF * abs(second)
     return bool(same[:2].all()), bool(same[2:].all())
 
 

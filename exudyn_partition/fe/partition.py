@@ -281,8 +281,8 @@ class Partition:
             raise InputError("plastic_radius: the material is elastic; give hardening= to it, 0 for none")
         if material.plastic:
             plastic = plastic_region(fem, center, plastic_radius or longest or radius)
-        own, size = None if fem.regions is None else material, np.ptp(fem.points[facets], axis=(0, 1))
-        patch = Patch(facets, line, rim, axes, direction is not None, name, plastic, own, extent=size)
+        patch_material, size = None if fem.regions is None else material, np.ptp(fem.points[facets], axis=(0, 1))
+        patch = Patch(facets, line, rim, axes, direction is not None, name, plastic, patch_material, extent=size)
         return cls(np.union1d(nodes, facets), (patch,), (), fem.n_nodes, fem.fingerprint)
 
     @classmethod

@@ -193,12 +193,12 @@ def sharp_ends(fem: FEModel, number: Array) -> Array:
     Where a face is curved, its nodes lie further out than its facets by their sag. Rows of their own would close before
     those of the nodes within.
     """
-    own = of_one_shape(unfolded(fem.facets[number]))
-    around = fem.facets[np.isin(fem.facets, own).any(axis=1)]
-    on_edges = np.intersect1d(sharp_nodes(fem.points, of_one_shape(unfolded(around))), own)
-    between = sharp_nodes(fem.points, own)
-    curved = np.setdiff1d(own[~flat_facets(fem.points, own)], between)
-    curved = own[np.isin(own, curved).any(axis=1)]  # a corner's facet may be flat with the only one beside it
+    ours = of_one_shape(unfolded(fem.facets[number]))
+    around = fem.facets[np.isin(fem.facets, ours).any(axis=1)]
+    on_edges = np.intersect1d(sharp_nodes(fem.points, of_one_shape(unfolded(around))), ours)
+    between = sharp_nodes(fem.points, ours)
+    curved = np.setdiff1d(ours[~flat_facets(fem.points, ours)], between)
+    curved = ours[np.isin(ours, curved).any(axis=1)]  # a corner's facet may be flat with the only one beside it
     return np.setdiff1d(on_edges, np.union1d(curved, between))
 
 
@@ -210,13 +210,13 @@ def widened(fem: FEModel, number: Array) -> Array:
 def _beyond(fem: FEModel, number: Array, normals: Array) -> tuple[Array, Array]:
     """Facets beside a patch where the surface continues without an edge, each with a node that both have, (k,)."""
     nodes = np.unique(fem.facets[number])
-    other = np.setdiff1d(np.arange(len(fem.facets)), number)
-    vectors = area_vectors(fem.points, fem.facets[other])
+    outside = np.setdiff1d(np.arange(len(fem.facets)), number)
+    vectors = area_vectors(fem.points, fem.facets[outside])
     vectors /= np.linalg.norm(vectors, axis=1)[:, None]
-    facet, column = np.nonzero(np.isin(fem.facets[other], nodes))
-    shared = fem.facets[other[facet], column]
+    facet, column = np.nonzero(np.isin(fem.facets[outside], nodes))
+    shared = fem.facets[outside[facet], column]
     smooth = np.einsum("kd,kd->k", vectors[facet], normals[np.searchsorted(nodes, shared)]) > _FACING
-    return other[facet[smooth]], shared[smooth]
+    return outside[facet[smooth]], shared[smooth]
 
 
 def _facing(normals: Array, within: Array, direction: Vector | None) -> Array:

@@ -279,15 +279,15 @@ def _distance_to_opposite(points: Array, facets: Array, limit: Array) -> Array:
     size = np.linalg.norm(nodes - middle[:, None], axis=2).max(axis=1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     near = cKDTree(middle).query_ball_point(middle, limit + size.max())
-    one = np.repeat(np.arange(len(facets)), [len(found) for found in near])
-    other = np.concatenate(near).astype(np.int64)
-    away = middle[other] - middle[one]
-    depth = -np.einsum("pi,pi->p", away, normal[one])
-    aside = np.linalg.norm(away + depth[:, None] * normal[one], axis=1)
-    opposite = np.einsum("pi,pi->p", normal[one], normal[other]) < _OPPOSITE
-    behind = opposite & (depth > 0) & (depth < limit[one]) & (aside <= size[other])
+    front = np.repeat(np.arange(len(facets)), [len(found) for found in near])
+    back = np.concatenate(near).astype(np.int64)
+    away = middle[back] - middle[front]
+    depth = -np.einsum("pi,pi->p", away, normal[front])
+    aside = np.linalg.norm(away + depth[:, None] * normal[front], axis=1)
+    opposite = np.einsum("pi,pi->p", normal[front], normal[back]) < _OPPOSITE
+    behind = opposite & (depth > 0) & (depth < limit[front]) & (aside <= size[back])
     thickness = np.full(len(facets), np.inf)
-    np.minimum.at(thickness, one[behind], depth[behind])
+    np.minimum.at(thickness, front[behind], depth[behind])
     return thickness
 
 
@@ -296,7 +296,7 @@ def _other_sides(number: Array) -> Array:
     flat = number.ravel()
     order = np.argsort(flat, kind="stable")
     same = np.flatnonzero(flat[order][1:] == flat[order][:-1])
-    other = np.full(len(flat), -1)
+    opposite = np.full(len(flat), -1)
     same = same[flat[order][same] >= 0]
-    other[order[same]], other[order[same + 1]] = order[same + 1], order[same]
-    return other.reshape(number.shape)
+    opposite[order[same]], opposite[order[same + 1]] = order[same + 1], order[same]
+    return opposite.reshape(number.shape)

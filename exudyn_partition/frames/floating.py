@@ -253,8 +253,8 @@ class FloatingKinematics:
     def proportional_matrix(self, alpha: float, beta: float) -> sp.csr_matrix:
         """See `Kinematics.proportional_matrix`; zero for rigid motion."""
         n = self.body.n_dofs - 6
-        own = alpha * np.eye(n) + beta * self.elastic_stiffness
-        return sp.block_diag([sp.csr_matrix((6, 6)), own], format="csr")
+        of_shapes = alpha * np.eye(n) + beta * self.elastic_stiffness
+        return sp.block_diag([sp.csr_matrix((6, 6)), of_shapes], format="csr")
 
     def rigid_part(self, q_t: Array) -> Array:
         """See `Kinematics.rigid_part`."""
@@ -409,6 +409,7 @@ class FloatingKinematics:
 
 
 def _inertia(body: ReducedBody, mean_axes: MeanAxes) -> Inertia:
+    """Inertia of a body, with nodes that it keeps as point masses; raises InputError if it has none about an axis."""
     inertia: Inertia = body.inertia
     if len(body.basis.nodal):
         masses = body.mass.diagonal()[body.n_shapes :: 3]

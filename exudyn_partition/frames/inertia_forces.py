@@ -103,9 +103,9 @@ class InertiaForces:
             half_step, change, then = start.half_step, self.elastic(z - start.z), (start.q_t, start.q_tt)
         if self._all:
             elastic = self.elastic(z) if coupling else z
-            found = loops.frame_force(self._inertia, elastic, change, coupling, q, q_t, then, half_step)
-            if found is not None:
-                return found
+            at_once = loops.frame_force(self._inertia, elastic, change, coupling, q, q_t, then, half_step)
+            if at_once is not None:
+                return at_once
         v = q_t[3:]
         if start is not None:
             v = self.end_velocities(v, z - start.z, *then, half_step)
@@ -169,8 +169,8 @@ class InertiaForces:
         The derivatives of the coupling are left out. They are of second order in the deformation, and only Newton's
         method uses the result.
         """
-        if self._all and (found := loops.inertia_derivatives(self._inertia, omega, z, z_t)) is not None:
-            return found
+        if self._all and (at_once := loops.inertia_derivatives(self._inertia, omega, z, z_t)) is not None:
+            return at_once
         by_place, J, C, cross_t = self._inertia.products(z, z_t)
         n = len(z)
         by_z, by_velocity = np.zeros((3 + n, n)), np.zeros((3 + n, 3 + n))

@@ -100,8 +100,8 @@ class NodalInertia:
     def kinetic_energy(self, omega: Array, z: Array, z_t: Array) -> Array:
         """See `InertiaIntegrals.kinetic_energy`."""
         (s, w), (s_t, w_t) = self._parts(z), self._parts(z_t)
-        own = self._integrals.spin(s, s_t) + self._masses @ np.cross(w, w_t)
-        of_spin = np.sum(omega * (self.angular_momentum(omega, z, z_t) + own), axis=-1)
+        of_nodes = self._integrals.spin(s, s_t) + self._masses @ np.cross(w, w_t)
+        of_spin = np.sum(omega * (self.angular_momentum(omega, z, z_t) + of_nodes), axis=-1)
         energy: Array = (of_spin + np.sum(z_t**2, axis=-1)) / 2
         return energy
 
@@ -122,8 +122,8 @@ class NodalInertia:
 
     def _form(self, of_shapes: Array, of_unit_mass: Array) -> Array:
         """Bilinear form on z, (n - 6, n - 6), of that on shapes and that of a unit mass at a node, (3, 3)."""
-        own = self._axes @ of_unit_mass @ self._axes.T
-        form = scipy.linalg.block_diag(of_shapes, np.kron(np.diag(self._masses), own))
+        of_nodes = self._axes @ of_unit_mass @ self._axes.T
+        form = scipy.linalg.block_diag(of_shapes, np.kron(np.diag(self._masses), of_nodes))
         return self._mean_axes.restrict(self._mean_axes.restrict(form).T).T
 
     def _turned_by(self, w: Array) -> Array:

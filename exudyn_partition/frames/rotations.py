@@ -31,7 +31,7 @@ def rotation_matrix(v: Array) -> Array:
 
 
 def _one_rotation_matrix(x: float, y: float, z: float) -> Array:
-    """The same of one vector, without arrays, which is quicker."""
+    """As `rotation_matrix`, of one vector; without arrays, which is quicker."""
     angle = math.sqrt(x * x + y * y + z * z)
     if not math.isfinite(angle):
         return np.full((3, 3), np.nan)

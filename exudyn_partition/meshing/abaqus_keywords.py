@@ -71,7 +71,7 @@ def _lines(path: Path, depth: int = 0, home: Path | None = None) -> Iterator[Lin
     Lines of keywords are whole.
     """
     texts = enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), 1)
-    lines = (Line(text, path, number) for number, own in texts if (text := own.strip()) and not text.startswith("**"))
+    lines = (Line(text, path, number) for number, row in texts if (text := row.strip()) and not text.startswith("**"))
     following = next(lines, None)
     while following is not None:
         line, following = following, next(lines, None)
@@ -83,10 +83,10 @@ def _lines(path: Path, depth: int = 0, home: Path | None = None) -> Iterator[Lin
         name = _file(line.text) if is_include or _OF_A_FILE.match(line.text) else ""
         if name:
             places = (path.parent, home or path.parent)  # codes look beside the file that includes, or the first one
-            other = included(line, name, places)
+            file = included(line, name, places)
             if depth == _DEEPEST:
                 raise line.refuse("expected files that do not include each other")
-            yield from _lines(other, depth + 1, places[1])
+            yield from _lines(file, depth + 1, places[1])
         elif is_include:
             raise line.refuse("*INCLUDE needs INPUT=")
 

@@ -63,14 +63,14 @@ class Line(NamedTuple):
         """Its data as whole numbers, without blank ones."""
         try:
             try:
-                found = list(map(int, self.text.removesuffix(",").split(",")))
+                numbers = list(map(int, self.text.removesuffix(",").split(",")))
             except ValueError:
-                found = [int(part) for part in self.fields]
+                numbers = [int(part) for part in self.fields]
         except ValueError as error:
             raise self.refuse(f"expected whole numbers, separated by commas, got {self.text[:60]!r}") from error
-        if max(map(abs, found), default=0) > LARGEST:
+        if max(map(abs, numbers), default=0) > LARGEST:
             raise self.refuse(f"expected whole numbers up to {LARGEST}, got {self.text[:60]!r}")
-        return found
+        return numbers
 
 
 def _number(text: str) -> float:
@@ -104,5 +104,5 @@ def _whatever_capitals(path: Path) -> Path:
     if path.exists() or path == path.parent:
         return path
     folder = _whatever_capitals(path.parent)
-    same = [other for other in folder.iterdir() if other.name.lower() == path.name.lower()] if folder.is_dir() else []
+    same = [file for file in folder.iterdir() if file.name.lower() == path.name.lower()] if folder.is_dir() else []
     return same[0] if len(same) == 1 else folder / path.name

@@ -78,17 +78,17 @@ def material_of_deck(
     if missing:
         of = f" for {', '.join(map(repr, missing))}" if any(missing) else ""
         raise InputError(f"material: {path} has none{of}. Give material= of fe_model, such as ep.STEEL")
-    found = {}
+    materials = {}
     for name in names:
         given = known[name].elastic
-        found[name] = given if scale == 1 else _scaled(known[name], given, scale)
-        told = found[name]
+        materials[name] = given if scale == 1 else _scaled(known[name], given, scale)
+        told = materials[name]
         units = "SI units" if scale != 1 or not given.in_millimetres else "units of millimetres, as the geometry's"
         _LOG.info(
             "%s: material %r has E=%.6g, nu=%.4g and rho=%.6g, taken as %s",
             path, known[name].name, told.E, told.nu, told.rho, units,
         )  # fmt: skip
-    return found if len(found) > 1 else found[names[0]]
+    return materials if len(materials) > 1 else materials[names[0]]
 
 
 def _scaled(deck: DeckMaterial, given: Material, scale: float) -> Material:

@@ -116,12 +116,12 @@ def _parts(fem: FEMinterface) -> tuple[sp.csr_matrix, sp.csr_matrix, Array]:
 
 def _cells(fem: FEMinterface, points: Array) -> Array:
     """Elements in VTK order, with mid-side nodes if other nodes than corners are left over."""
-    found = [(kind, value) for entry in fem.elements for kind, value in entry.items() if kind != "Name"]
-    if len(found) != 1 or found[0][0] not in _NODES:
+    kinds = [(kind, value) for entry in fem.elements for kind, value in entry.items() if kind != "Name"]
+    if len(kinds) != 1 or kinds[0][0] not in _NODES:
         raise MeshError(
-            f"fem: expected elements of one kind, {', '.join(_NODES)}, got {', '.join(k for k, _ in found) or 'none'}"
+            f"fem: expected elements of one kind, {', '.join(_NODES)}, got {', '.join(k for k, _ in kinds) or 'none'}"
         )
-    kind, value = found[0]
+    kind, value = kinds[0]
     cells = np.array(value, dtype=np.int64)
     if cells.ndim != 2 or cells.shape[1] != _NODES[kind] or cells.min() < 0 or cells.max() >= len(points):
         raise MeshError(

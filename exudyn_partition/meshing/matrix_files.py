@@ -254,7 +254,7 @@ def _abaqus(path: Path, mass: str | Path | None) -> FileMatrices:
     tables = [_table(file, 5, 3) for file in files]
     if {table.shape[1] for table in tables} == {3}:
         triples = [_triples(table) for table in tables]
-        n = 1 + max(one.last for one in triples)
+        n = 1 + max(triple.last for triple in triples)
         return FileMatrices(triples[0].matrix(n), triples[1].matrix(n))
     if {table.shape[1] for table in tables} != {5}:
         raise InputError(f"mass: {files[0]} and {path} have different formats, expected one of both")
@@ -269,8 +269,8 @@ def _abaqus(path: Path, mass: str | Path | None) -> FileMatrices:
     return FileMatrices(matrices[0], matrices[1], nodes, directions)
 
 
-def _like_mass(found: re.Match[str]) -> str:
-    return "MASS" if found[0].isupper() else "mass"
+def _like_mass(match: re.Match[str]) -> str:
+    return "MASS" if match[0].isupper() else "mass"
 
 
 def _market(path: Path) -> sp.csr_matrix:
@@ -319,10 +319,10 @@ def _ansys(path: Path, _: str | Path | None) -> FileMatrices:
     try:
         full = reader.read_binary(str(path))
         dofs, stiffness, mass = full.load_km(sort=True)
-        held = len(full.const)
+        n_fixed = len(full.const)
     except Exception as error:  # it raises whatever a broken file makes it run into
         raise InputError(f"source: {path} could not be read by ansys-mapdl-reader: {error}") from error
-    return of_ansys(path, dofs, stiffness, mass, held)
+    return of_ansys(path, dofs, stiffness, mass, n_fixed)
 
 
 def of_ansys(path: Path, dofs: Array, stiffness: sp.spmatrix, mass: sp.spmatrix, held: int) -> FileMatrices:

@@ -220,8 +220,8 @@ def validate_state(name: str, state: object, points: int) -> PlasticState:
     InputError
     """
     if not isinstance(state, PlasticState) or np.shape(state.equivalent) != (points,):
-        found = f"{np.size(state.equivalent)} points" if isinstance(state, PlasticState) else type(state).__name__
-        raise InputError(f"{name}: expected the PlasticState of a zone with {points} points, got {found}")
+        given = f"{np.size(state.equivalent)} points" if isinstance(state, PlasticState) else type(state).__name__
+        raise InputError(f"{name}: expected the PlasticState of a zone with {points} points, got {given}")
     check_floats("strain", state.strain, (points, 6))
     check_floats("equivalent", state.equivalent, (points,))
     check_floats("back", state.back, (points, 6))

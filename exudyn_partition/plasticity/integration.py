@@ -60,15 +60,15 @@ def at_points(points: Array, cells: Array, hexahedra: bool, *, exact: bool = Fal
     exact : bool
         Whether points are those of `exact_rule`; default: of `flow_rule`.
     """
-    found: tuple[Array, Array] | None = None
+    both: tuple[Array, Array] | None = None
     for kind, rows in kinds_of(cells, hexahedra):
         derivatives, weights = exact_rule(kind) if exact else flow_rule(kind)
         jacobian = np.einsum("cka,qkj->cqaj", points[cells[rows][:, kind.columns]], derivatives)
         gradient = derivatives @ np.linalg.inv(jacobian)  # (c, q, n, 3)
-        if found is None:
+        if both is None:
             q = len(weights)
-            found = np.zeros((len(cells), q, cells.shape[1], 3)), np.zeros((len(cells), q))
-        found[0][rows] = kind.on_row(gradient.reshape(-1, *gradient.shape[2:])).reshape(len(rows), q, -1, 3)
-        found[1][rows] = weights * np.linalg.det(jacobian)
-    assert found is not None
-    return found
+            both = np.zeros((len(cells), q, cells.shape[1], 3)), np.zeros((len(cells), q))
+        both[0][rows] = kind.on_row(gradient.reshape(-1, *gradient.shape[2:])).reshape(len(rows), q, -1, 3)
+        both[1][rows] = weights * np.linalg.det(jacobian)
+    assert both is not None
+    return both

@@ -63,13 +63,13 @@ class PlasticZone:
     """
 
     def __init__(self, points: Array, region: PlasticRegion, material: Material) -> None:
-        self.nodes, own = np.unique(region.cells, return_inverse=True)
-        own = own.reshape(region.cells.shape)
+        self.nodes, in_zone = np.unique(region.cells, return_inverse=True)
+        in_zone = in_zone.reshape(region.cells.shape)
         self.flow = Flow(material)
         gradient, volume = at_points(points, region.cells, region.hexahedra)
         q, k = gradient.shape[1:3]
         self.weight = volume.ravel()
-        self.gradient, self.own = gradient.reshape(-1, k, 3), np.repeat(own, q, axis=0)
+        self.gradient, self.own = gradient.reshape(-1, k, 3), np.repeat(in_zone, q, axis=0)
         self.border = _at_border(region).ravel()
         self._places = np.repeat(centres_of(points, region.cells, region.hexahedra), q, axis=0)
         self._edge = points[region.border]
@@ -96,8 +96,8 @@ class PlasticZone:
         result = copy.copy(self)
         for known in ("strain", "_force"):
             vars(result).pop(known, None)
-        result.nodes, own = np.unique(self.own[chosen], return_inverse=True)
-        result.gradient, result.own = self.gradient[chosen], own.reshape(-1, self.own.shape[1])
+        result.nodes, in_part = np.unique(self.own[chosen], return_inverse=True)
+        result.gradient, result.own = self.gradient[chosen], in_part.reshape(-1, self.own.shape[1])
         result.weight, result.border, result._places = self.weight[chosen], self.border[chosen], self._places[chosen]
         return result
 

@@ -119,26 +119,26 @@ class ZoneStress:
         apart = np.zeros((len(number), self._k, 3))
         if not self._of_mean[number].any():
             return apart
-        for kind, own in self._each(number):
-            derivatives = kind.functions(local[own])[1]
-            nodes = self._fem.points[self._region.cells[number[own]][:, kind.columns]]
+        for kind, of_kind in self._each(number):
+            derivatives = kind.functions(local[of_kind])[1]
+            nodes = self._fem.points[self._region.cells[number[of_kind]][:, kind.columns]]
             gradient = derivatives @ np.linalg.inv(np.einsum("mka,mkj->maj", nodes, derivatives))
-            of_mean = self._of_mean[number[own], None, None]
-            apart[own] = of_mean * (self._mean[number[own]] - kind.on_row(gradient))
+            of_mean = self._of_mean[number[of_kind], None, None]
+            apart[of_kind] = of_mean * (self._mean[number[of_kind]] - kind.on_row(gradient))
         return apart
 
     def _each(self, number: Array) -> list[tuple[Kind, Array]]:
         """Kinds of some elements of the zone, each with the places of its own among them."""
-        found = [(kind, np.flatnonzero(self._kind[number] == i)) for i, (kind, _) in enumerate(self._kinds)]
-        return [(kind, own) for kind, own in found if len(own)]
+        each = [(kind, np.flatnonzero(self._kind[number] == i)) for i, (kind, _) in enumerate(self._kinds)]
+        return [(kind, of_kind) for kind, of_kind in each if len(of_kind)]
 
     def _plastic(self, number: Array, local: Array, strain: Array) -> Array:
         """2 G eps_p at a point in each of m elements, (m, 6) [Pa]."""
         value, of_cells = np.zeros((len(number), 6)), strain.reshape(len(self._region.cells), -1, 6)
         for i, (kind, _) in enumerate(self._kinds):
-            own = np.flatnonzero(self._kind[number] == i)
-            coefficients = self._to_polynomial[i] @ of_cells[number[own]]
-            value[own] = np.einsum("mp,mpv->mv", _polynomials(local[own], kind), coefficients)
+            of_kind = np.flatnonzero(self._kind[number] == i)
+            coefficients = self._to_polynomial[i] @ of_cells[number[of_kind]]
+            value[of_kind] = np.einsum("mp,mpv->mv", _polynomials(local[of_kind], kind), coefficients)
         return np.asarray(2 * self._shear * _FROM_MANDEL * value)
 
 

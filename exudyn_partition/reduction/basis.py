@@ -367,14 +367,14 @@ def adapted_basis(space: AdaptedSpace, f_cut: float, remedy: str = "f_cut raises
 
     `remedy` tells the user how to keep more.
     """
-    found = space.pairs(f_cut)
-    pairs = _with_attachments(space, found, space.static.of_attached)
+    modes = space.pairs(f_cut)
+    pairs = _with_attachments(space, modes, space.static.of_attached)
     left_out = (
         f"modes below {f_cut:.6g} Hz that loads on patches and interfaces do not excite, or hardly (basis='residual' "
         "keeps them)",
         *_inaccurate(
             "modes that loads hardly excite",
-            found.omega,
+            modes.omega,
             space.excess(f_cut),
             f_cut,
             "basis='residual' has them right",
@@ -382,7 +382,7 @@ def adapted_basis(space: AdaptedSpace, f_cut: float, remedy: str = "f_cut raises
         f"the dynamics, but not the static answer, of motion above {DROP_ABOVE * f_cut:.6g} Hz, {DROP_ABOVE:g} f_cut "
         f"({remedy})",
     )
-    return _with_residual_flexibility("contact-adapted", space, pairs, len(found.omega), space.static, left_out)
+    return _with_residual_flexibility("contact-adapted", space, pairs, len(modes.omega), space.static, left_out)
 
 
 def _inaccurate(what: str, omega: Array, error: Array, f_cut: float, remedy: str) -> tuple[str, ...]:

@@ -234,8 +234,8 @@ class ReducedBody:
                 f"{name}: expected the body's own FE model, got one with the same mesh, moved or stretched by up to "
                 f"{away:.3g} m; reduce that one, or give the one that the body was reduced from"
             )
-        own = with_free_zones(fem, self.partition)
-        mass, stiffness = self._same_matrices(own)
+        with_zones = with_free_zones(fem, self.partition)
+        mass, stiffness = self._same_matrices(with_zones)
         differs = [what for what, same in (("mass", mass), ("stiffness", stiffness)) if not same]
         if not differs and self._flows_otherwise(fem.material):
             differs = ["plastic flow"]
@@ -246,7 +246,7 @@ class ReducedBody:
                 f"{' and '.join(differs)}: {fem.total_mass:.6g} kg, the body has {self.total_mass:.6g} kg.{made_with} "
                 f"This one has {_constants(fem.material)}; give the body's own, or reduce this one"
             )
-        return own
+        return with_zones
 
     def _same_matrices(self, fem: FEModel) -> tuple[bool, bool]:
         """Whether an FE model of the body's mesh has its mass, and its stiffness."""
@@ -312,10 +312,10 @@ class ReducedBody:
             return shapes
         column = np.full(len(self.points), -1)
         column[nodal] = np.arange(len(nodal))
-        own = column[dofs // 3]
-        kept = np.flatnonzero(own >= 0)
+        kept_node = column[dofs // 3]
+        kept = np.flatnonzero(kept_node >= 0)
         identity = sp.csr_matrix(
-            (np.ones(len(kept)), (kept, 3 * own[kept] + dofs[kept] % 3)), shape=(len(dofs), 3 * len(nodal))
+            (np.ones(len(kept)), (kept, 3 * kept_node[kept] + dofs[kept] % 3)), shape=(len(dofs), 3 * len(nodal))
         )
         return sp.hstack([sp.csr_matrix(shapes), identity], format="csr")
 
@@ -426,8 +426,8 @@ class ReducedBody:
             If there is no such patch, or the position is no vector.
         """
         place = validate_vector("position", position)
-        own = _surface(self, number_of_patch(self.partition, patch, "patch"))
-        return replace(own, points=own.points + place) if place.any() else own
+        surface = _surface(self, number_of_patch(self.partition, patch, "patch"))
+        return replace(surface, points=surface.points + place) if place.any() else surface
 
     def flexibility(self, patch: int | str = 0, other: int | str | None = None) -> Array | SkinBlock:
         """Residual flexibility of the rows of `patch`, (nr, nr) [m/N], or between those and the rows of `other`.

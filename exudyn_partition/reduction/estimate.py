@@ -188,18 +188,18 @@ def impacts_of(
     friction = None if sliding is None else sliding.friction
     first = next(iter(gaps.values()))
     impact = impact_between(sides, first, line, velocity, surfaces[0].facet_size, friction)
-    return {other: replace(impact, gap=gap - gap.min()) for other, gap in gaps.items()}
+    return {opposite: replace(impact, gap=gap - gap.min()) for opposite, gap in gaps.items()}
 
 
 def _side(space: AdaptedSpace, f_top: float, number: int, directed: sp.csr_matrix, plain: sp.csr_matrix) -> ImpactSide:
     """A body with its Ritz pairs up to 1.5 `f_top`, at these rows of a patch."""
-    pairs, own = space.pairs(f_top), patch_slice(space.partition, number)
+    pairs, columns = space.pairs(f_top), patch_slice(space.partition, number)
     at_nodes = space.model.expand[node_dofs(space.partition.patches[number].nodes)]
     return ImpactSide(
         directed,
         plain,
         at_nodes @ np.hstack([space.rigid, pairs.vectors]),
-        np.asarray(residual_flexibility(space, pairs, space.static)[own, own]),
+        np.asarray(residual_flexibility(space, pairs, space.static)[columns, columns]),
         np.r_[np.zeros(6), pairs.omega],
     )
 
@@ -234,7 +234,7 @@ def errors(impact: Impact, f_top: float, ladder: Array, duration: float, finer: 
     for f in ladder:
         coarse, keep = impact.truncated(DROP_ABOVE * 2 * np.pi * f)
         at, coarse_force, coarse_velocity = coarse.run(duration, coarse.step(finer * f, finer))
-        there = np.stack([np.interp(t, at, one) for one in coarse_force.T], axis=1)
+        there = np.stack([np.interp(t, at, component) for component in coarse_force.T], axis=1)
         off = [np.linalg.norm(x - part) / np.linalg.norm(part) for x, part in zip(_parts(there), parts, strict=True)]
         velocity_off = -velocity
         velocity_off[:, keep] += np.stack([np.interp(t, at, v) for v in coarse_velocity.T], axis=1)
@@ -331,13 +331,13 @@ def grow_to_tolerance(
         spaces = [space for space in made if space is not None]
         ladder = f_top * 2.0 ** (-0.5 * np.arange(10, 1, -1))
         impacts = {
-            (i, other): impact
+            (i, opposite): impact
             for i, numbers in enumerate(patches)
-            for other, impact in impacts_of(spaces, f_top, numbers, speed, sliding, rigid).items()
+            for opposite, impact in impacts_of(spaces, f_top, numbers, speed, sliding, rigid).items()
         }
-        flat = np.array([other == PLANE and (i, SPHERE) in impacts for i, other in impacts])
-        found = np.array([errors(impact, f_top, ladder, duration, finer) for impact in impacts.values()])
-        judged = found[:, :, [0, 2 if whole else 1]]
+        flat = np.array([opposite == PLANE and (i, SPHERE) in impacts for i, opposite in impacts])
+        of_impacts = np.array([errors(impact, f_top, ladder, duration, finer) for impact in impacts.values()])
+        judged = of_impacts[:, :, [0, 2 if whole else 1]]
         good = judged.max(axis=2) <= tolerance / AIM
         _LOG.info("tolerance: at f_cut = %.4g Hz the estimated error is %.3g", ladder[-1], judged[:, -1].max())
         at_end = once or f_top >= 2 * f_limit * (1 - 1e-9)
@@ -354,8 +354,8 @@ def grow_to_tolerance(
     chosen = len(ladder) - max(1, n_good)
     worst = judged[:, chosen].max(axis=1)
     estimate = Estimate(
-        force=float(found[:, chosen, 0].max()),
-        velocity=float(found[:, chosen, 1].max()),
+        force=float(of_impacts[:, chosen, 0].max()),
+        velocity=float(of_impacts[:, chosen, 1].max()),
         f_cut=float(ladder[chosen]),
         f_top=float(f_top),
         speed=speed,
@@ -363,7 +363,7 @@ def grow_to_tolerance(
         against=list(impacts)[int(worst.argmax())][1],
         tolerance=tolerance,
         limit=_limit(bool(good[:, -1].all()), bool(kept[-1]), worst[~flat].max(), f_limit, bool(flat.any())),
-        mean_velocity=float(found[:, chosen, 2].max()) if whole else None,
+        mean_velocity=float(of_impacts[:, chosen, 2].max()) if whole else None,
     )
     _LOG.info("tolerance: f_cut = %.4g Hz is kept, its estimated error is %.3g", estimate.f_cut, estimate.error)
     return spaces, estimate

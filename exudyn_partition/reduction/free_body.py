@@ -370,14 +370,14 @@ class AdaptedSpace(FreeBody):
 
 def _zone_flexibility(flexibility: FreeBodyFlexibility, dofs: Array, rows: sp.csr_matrix) -> ZoneFlexibility:
     """Flexibility of the dofs of a plastic zone, (k,), by forces there and on the rows of its patch, (r, n)."""
-    own, of_zone = flexibility.kept(dofs), selection(dofs, rows.shape[1])
+    of_zone_dofs, of_zone = flexibility.kept(dofs), selection(dofs, rows.shape[1])
     outside = np.ones(rows.shape[1])
     outside[dofs] = 0.0
     within = (abs(rows) @ outside) == 0
     of_patch = np.empty((len(dofs), rows.shape[0]), order="F")  # a run multiplies by some columns
-    of_patch[:, within] = own @ (of_zone @ rows[within].T).toarray()
+    of_patch[:, within] = of_zone_dofs @ (of_zone @ rows[within].T).toarray()
     of_patch[:, ~within] = _displacements(flexibility, of_zone, rows[~within])
-    return ZoneFlexibility(own, of_patch)
+    return ZoneFlexibility(of_zone_dofs, of_patch)
 
 
 def _displacements(flexibility: FreeBodyFlexibility, rows: sp.csr_matrix, loads: sp.csr_matrix) -> Array:

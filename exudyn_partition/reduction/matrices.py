@@ -91,16 +91,16 @@ class BodyMatrices:
 
     def arrays(self) -> dict[str, object]:
         """All of them by flat names: mass, ..., contact_NAME_rows, interface_NAME, load_NAME."""
-        found: dict[str, object] = {"mass": self.mass, "stiffness": self.stiffness, "rigid": self.rigid}
+        arrays: dict[str, object] = {"mass": self.mass, "stiffness": self.stiffness, "rigid": self.rigid}
         if self.damping is not None:
-            found["damping"] = self.damping
+            arrays["damping"] = self.damping
         for name, contact in self.contacts.items():
             for key in ("points", "directions", "area", "rows", "flexibility"):
                 if (value := getattr(contact, key)) is not None:
-                    found[f"contact_{name}_{key}"] = value
-        found |= {f"interface_{name}": rows for name, rows in self.interfaces.items()}
-        found |= {f"load_{name}": force for name, force in self.loads.items()}
-        return found
+                    arrays[f"contact_{name}_{key}"] = value
+        arrays |= {f"interface_{name}": rows for name, rows in self.interfaces.items()}
+        arrays |= {f"load_{name}": force for name, force in self.loads.items()}
+        return arrays
 
     def to_pymor(self) -> SecondOrderModel:
         """Return a model of pyMOR, for its frequency responses and reductions; needs `pip install pymor`.

@@ -77,14 +77,14 @@ class StaticAnswer:
 
     def __init__(self, fem: FEModel, body: ReducedBody) -> None:
         validate_type("body", body, ReducedBody, "reduce() or load_body()")
-        own = body.check_fem(fem)
+        checked = body.check_fem(fem)
         if body.basis.flexibility is None:
             raise InputError(
                 f"body: basis {body.basis.name!r} has no residual flexibility, and so no static answer to add"
             )
         self._body = body
         with one_blas_thread():
-            self._model = tie(own, body.partition)
+            self._model = tie(checked, body.partition)
             rigid = mass_normalised(self._model.rigid_modes, self._model.mass)
             self._flexibility = FreeBodyFlexibility(self._model.stiffness, self._model.mass, rigid)
 

@@ -62,7 +62,7 @@ def stress_states(fem: FEModel, body: ReducedBody, n_loads: int, of_patches: Arr
         states, motions = states @ slow, _displacements(body, slow)
     # The displacements' three components have the same stiffness.
     moved = [np.ascontiguousarray(motions[axis::3]) for axis in range(3)]
-    by_stress = [sum(own.T @ (stress @ own) for own in moved) for stress in _stress_forms(fem, fields)]
+    by_stress = [sum(shapes.T @ (stress @ shapes) for shapes in moved) for stress in _stress_forms(fem, fields)]
     matrices = np.array(by_stress).reshape(len(states), motions.shape[1], motions.shape[1])
     return GeometricStiffness(states, matrices + _of_rigid_interfaces(fem, partition, motions, fields), onto)
 

@@ -64,7 +64,7 @@ def run_adaptive(
     while not stopped:
         t = times[-1]
         before = stepper.state()
-        put(mbs, t, before.q, before.v, before.a)
+        set_state(mbs, t, before.q, before.v, before.a)
         if friction is not None:
             friction.stand(before, stepper.values, stepper.stored, t)
         give_anchors(*following, before)
@@ -92,7 +92,7 @@ def run_adaptive(
     return np.array(times), record.histories(len(times) - 1, stopped), pace.at_end
 
 
-def put(mbs: MainSystem, t: float, q: Array, q_t: Array, q_tt: Array | None = None) -> None:
+def set_state(mbs: MainSystem, t: float, q: Array, q_t: Array, q_tt: Array | None = None) -> None:
     """Put the model into a state."""
     data = mbs.systemData
     data.SetODE2Coordinates(q)

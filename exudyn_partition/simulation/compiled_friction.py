@@ -71,8 +71,8 @@ class FrictionGroups:
         if not isinstance(rows, TangentialRows):
             return mechanics.state.memory.with_forces(normal_by_nodes(rows.gaps.row_nodes, forces[:, :1], n))
         slipped, speed, path = np.zeros(n, dtype=bool), np.zeros(n), mechanics.state.memory.path.copy()
-        for own, found in ((slipped, memory.slipped), (speed, memory.speed), (path, memory.path)):
-            own[rows.gaps.row_nodes] = found[some]
+        for at_nodes, on_rows in ((slipped, memory.slipped), (speed, memory.speed), (path, memory.path)):
+            at_nodes[rows.gaps.row_nodes] = on_rows[some]
         on_nodes = by_nodes(rows, forces[:, 0], rows.tractions(forces), n)
         return RowMemory(on_nodes, slipped, speed, path, float(memory.dissipated[j]))
 
@@ -94,12 +94,12 @@ class FrictionGroups:
                     closed = np.flatnonzero(status[i])
                     tangential = (traction[i, closed], status[i, closed]) if self._plan.laws[j] is not None else None
                     kept = lam[i, closed], float(made.stored[begin + i, place + j]), tangential
-                    self._keep(member, float(t[begin + i]), made.q[begin + i], closed, *kept)
+                    self._keep_sample(member, float(t[begin + i]), made.q[begin + i], closed, *kept)
         for j, member in enumerate(self._members):
             member.record.end_with(self._memory(j, member, made.end.friction))
 
     @staticmethod
-    def _keep(
+    def _keep_sample(
         member: ContactRun, t: float, q: Array, closed: Array, lam: Array, stored: float,
         tangential: tuple[Array, Array] | None,
     ) -> None:  # fmt: skip

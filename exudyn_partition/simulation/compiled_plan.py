@@ -62,7 +62,12 @@ def check_held(mbs: MainSystem, options: Sequence[str] = ()) -> None:
     CompiledRunError
     """
     bodies, contacts = partition_items(mbs)
-    parts = _of_bodies(bodies), _of_contacts(contacts), _of_items(mbs, bodies, contacts), _of_sensors(mbs)
+    parts = (
+        _reasons_by_bodies(bodies),
+        _reasons_by_contacts(contacts),
+        _reasons_by_items(mbs, bodies, contacts),
+        _reasons_by_sensors(mbs),
+    )
     reasons = [*options, *(reason for part in parts for reason in part)]
     if reasons:
         listed = "".join(f"\n- {reason}" for reason in reasons)
@@ -78,8 +83,8 @@ def _called(kind: str, item: PartitionBody | PartitionContact, place: int) -> st
     return f"{kind} {item.name!r}" if item.name else f"{kind} {place}"
 
 
-def _of_bodies(bodies: Sequence[PartitionBody]) -> Iterator[str]:
-    """Reasons by bodies."""
+def _reasons_by_bodies(bodies: Sequence[PartitionBody]) -> Iterator[str]:
+    """Reasons that bodies give why a compiled run cannot hold their model, see `check_held`."""
     for place, item in enumerate(bodies):
         named = _called("body", item, place)
         if item.frame == "floating" and not {*TERMS} - {"coupling"} <= {*item.inertia_terms}:
@@ -92,8 +97,8 @@ def _of_bodies(bodies: Sequence[PartitionBody]) -> Iterator[str]:
             yield f"{named} has damping of nodes"
 
 
-def _of_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
-    """Reasons by contacts."""
+def _reasons_by_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
+    """Reasons that contacts give, see `check_held`."""
     if not contacts:
         yield "no contact"
     for place, contact in enumerate(contacts):
@@ -102,7 +107,7 @@ def _of_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
             yield f"{named} has formulation {type(contact.formulation).__name__}"
         if mechanics.friction is not None and mechanics.gaps.on_demand:
             yield f"{named} has friction on a large skin"
-        rows = sum(len(other.mechanics.gaps.row_nodes) for other in contact.group)
+        rows = sum(len(member.mechanics.gaps.row_nodes) for member in contact.group)
         if has_friction(contact.group) and rows > MOST_ROWS:
             yield f"{named} is solved together with {rows} rows of which some have friction, more than {MOST_ROWS}"
         if mechanics.zones is not None:
@@ -120,11 +125,11 @@ def _of_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
         if isinstance(contact.together, SharedPatches | SharedFriction):
             yield f"{named} shares a patch with another contact"
         else:
-            yield from _of_pairs(named, contact)
+            yield from _reasons_by_pairs(named, contact)
 
 
-def _of_pairs(named: str, contact: PartitionContact) -> Iterator[str]:
-    """Reasons by pairs that follow the motion."""
+def _reasons_by_pairs(named: str, contact: PartitionContact) -> Iterator[str]:
+    """Reasons that contacts give whose pairs follow the motion, see `check_held`."""
     gaps = contact.mechanics.gaps
     if gaps.may_freeze:
         return
@@ -138,8 +143,10 @@ def _of_pairs(named: str, contact: PartitionContact) -> Iterator[str]:
         yield f"{named} has {has}, and pairs that follow the motion: of a floating frame, or a curved rigid surface"
 
 
-def _of_items(mbs: MainSystem, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact]) -> Iterator[str]:
-    """Reasons by other items and functions of the model."""
+def _reasons_by_items(
+    mbs: MainSystem, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact]
+) -> Iterator[str]:
+    """Reasons that other items and user functions of the model give, see `check_held`."""
     data = mbs.systemData
     ours = {int(item["oGenericODE2"]) for item in bodies} | {int(contact["oContact"]) for contact in contacts}
     for number in range(data.NumberOfObjects()):
@@ -176,8 +183,8 @@ def own_sensors(mbs: MainSystem) -> set[int]:
     return numbers | of_contacts | of_damping
 
 
-def _of_sensors(mbs: MainSystem) -> Iterator[str]:
-    """Reasons by sensors that the user has added."""
+def _reasons_by_sensors(mbs: MainSystem) -> Iterator[str]:
+    """Reasons that sensors give that the user has added, see `check_held`."""
     known = own_sensors(mbs)
     for number in range(mbs.systemData.NumberOfSensors()):
         entry = mbs.GetSensor(number)
@@ -234,11 +241,11 @@ def has_friction(group: Sequence[PartitionContact]) -> bool:
 
 def at_start(contacts: Sequence[PartitionContact]) -> list[tuple[Together, list[PatchContact]]]:
     """Contacts at the start of a run from the model's initial values, as `read_plan` takes them."""
-    found: list[tuple[Together, list[PatchContact]]] = []
+    groups: list[tuple[Together, list[PatchContact]]] = []
     for group in in_groups(contacts):
         members, together = [contact.mechanics.for_run("explicit") for contact in group], group[0].together
-        found.append((together.for_run(members), members))
-    return found
+        groups.append((together.for_run(members), members))
+    return groups
 
 
 def _contacts_plan(
@@ -251,12 +258,12 @@ def _contacts_plan(
     n = sum(not has_friction(group) for group in ordered)
     blocks = [_blocks(together, members) for together, members in groups[:n]]
     fields, core = joined_fields([(of_group, core) for _, of_group, core in blocks])
-    own = tuple(F for flexibilities, _, _ in blocks for F in flexibilities)
+    within_contacts = tuple(F for flexibilities, _, _ in blocks for F in flexibilities)
     without = [contact for group in ordered[:n] for contact in group]
     flat = _rows(mbs, without, [member for _, some in groups[:n] for member in some])
     friction = None if n == len(ordered) else _friction_plan(mbs, ordered[n:], groups[n:])
     names = tuple(contact.name for contact in without)
-    return FrozenPlan(names, flat, own, fields, core, friction, _moving(mbs, groups))
+    return FrozenPlan(names, flat, within_contacts, fields, core, friction, _moving(mbs, groups))
 
 
 def _rows(mbs: MainSystem, contacts: Sequence[PartitionContact], members: Sequence[PatchContact]) -> FlatRows:
@@ -286,7 +293,8 @@ def _friction_plan(
     groups: Groups,
 ) -> FrictionPlan:
     """Plan of groups of contacts with friction."""
-    contacts, members = [one for group in ordered for one in group], [one for _, some in groups for one in some]
+    contacts = [contact for group in ordered for contact in group]
+    members = [mechanics for _, some in groups for mechanics in some]
     for contact, mechanics in zip(contacts, members, strict=True):
         if mechanics.gaps.moving:
             raise CompiledRunError(
@@ -315,13 +323,13 @@ def _friction_plan(
 
 def friction_memory(groups: Sequence[Sequence[PatchContact]]) -> FrictionMemory:
     """What the rows of groups of contacts remember, as `compiled.run` takes it."""
-    members = [one for some in groups for one in some]
+    members = [contact for some in groups for contact in some]
     forces, slipped, speed, path = list[Array](), list[Array](), list[Array](), list[Array]()
     for mechanics in members:
         memory, nodes = mechanics.state.memory, mechanics.gaps.row_nodes
         of_rows = np.zeros((len(nodes), 3))
-        found = on_rows(mechanics.rows, memory.forces)
-        of_rows[:, : found.shape[1]] = found
+        remembered = on_rows(mechanics.rows, memory.forces)
+        of_rows[:, : remembered.shape[1]] = remembered
         forces.append(of_rows)
         for kept, values in ((slipped, memory.slipped), (speed, memory.speed), (path, memory.path)):
             kept.append(values[nodes])
@@ -336,21 +344,21 @@ def softened(plan: FrozenPlan, groups: Groups, shares: Shares) -> FrozenPlan:
     """The same contacts if only shares of the bodies' flexibilities yield, by the sides of all contacts of a plan."""
     friction, n, places = plan.friction, 0, iter(shares)
     blocks, flexibilities = list[tuple[Sequence[Array], Core]](), list[Array]()
-    own = list[Array]()
+    within_contacts = list[Array]()
     for together, members in groups:
         of_group = [next(places) for _ in members]
         if n < len(plan.names):
             of_contacts, fields, core = _blocks(together, members, of_group)
             blocks.append((fields, core))
-            own += of_contacts
+            within_contacts += of_contacts
         else:
             flexibilities.append(_whole(together, members, of_group))
         n += len(members)
     fields, core = joined_fields(blocks)
     moving = plan.moving and plan.moving.softened([shares[j][0] for j in plan.moving.surfaces.contact])
     return replace(
-        plan, own=tuple(own), fields=fields, core=core, friction=friction and friction.softened(flexibilities),
-        moving=moving,
+        plan, own=tuple(within_contacts), fields=fields, core=core,
+        friction=friction and friction.softened(flexibilities), moving=moving,
     )  # fmt: skip
 
 
@@ -384,13 +392,13 @@ def _moving(mbs: MainSystem, groups: Groups) -> MovingPlan | None:
 
 def _turning(mbs: MainSystem) -> list[Turning]:
     """Bodies in floating frames."""
-    found = []
+    turning = []
     for item in partition_items(mbs)[0]:
         if isinstance(item.kinematics, FloatingKinematics):
             constant = acts_on_constant_mass(mbs, item, item.kinematics.acting)
             coupled = "coupling" in item.inertia_terms and not constant
-            found.append(Turning(item.kinematics, dofs_of(mbs, item), coupled))
-    return found
+            turning.append(Turning(item.kinematics, dofs_of(mbs, item), coupled))
+    return turning
 
 
 def moving_contacts(mbs: MainSystem, groups: Groups) -> tuple[list[Following], list[Following]]:
@@ -418,7 +426,7 @@ def with_anchors(start: Start, rigid: Sequence[Following], pairs: Sequence[Follo
     """Return the start of a run with what its moving contacts remember."""
     anchors = anchors_of(rigid, len(start.q)) if rigid else start.anchors
     return replace(
-        start, anchors=anchors, pairs=tuple(replace(one.gaps.accepted, anchor=one.gaps.anchor) for one in pairs)
+        start, anchors=anchors, pairs=tuple(replace(pair.gaps.accepted, anchor=pair.gaps.anchor) for pair in pairs)
     )
 
 
@@ -439,7 +447,7 @@ def follow_frozen(mbs: MainSystem, groups: Groups, pairs: Sequence[Following], e
     -------
     States of all these contacts there, in the order of `moving_contacts`.
     """
-    known = {id(one.gaps): state for one, state in zip(pairs, end.pairs or (), strict=True)}
+    known = {id(pair.gaps): state for pair, state in zip(pairs, end.pairs or (), strict=True)}
     for of_group, (_, members) in zip(in_groups(partition_items(mbs)[1]), groups, strict=True):
         for mechanics in () if has_friction(of_group) else members:
             gaps = mechanics.gaps
@@ -447,23 +455,23 @@ def follow_frozen(mbs: MainSystem, groups: Groups, pairs: Sequence[Following], e
                 known[id(gaps)] = replace(gaps.accepted, anchor=gaps.anchor)
                 gaps.follow()
     following = moving_contacts(mbs, groups)[1]
-    return [replace(known[id(one.gaps)], q=end.q[one.dofs]) for one in following]
+    return [replace(known[id(pair.gaps)], q=end.q[pair.dofs]) for pair in following]
 
 
 def give_anchors(rigid: Sequence[Following], pairs: Sequence[Following], state: Start) -> None:
     """Let contacts go on from a state of compiled steps."""
-    for s, one in enumerate(rigid):
+    for s, pair in enumerate(rigid):
         assert state.anchors is not None
         if state.anchors.anchored[s]:
-            growing = growing_of(one.gaps, state.anchors.growing[s])
-            one.gaps.go_on_at(Anchor(state.anchors.q[s, one.dofs], NOTHING, growing))
-    for one, of_pair in zip(pairs, state.pairs or (), strict=True):
-        if one.gaps.may_freeze:
-            one.gaps.begin(of_pair)
-            if one.gaps.moving and len(one.gaps.row_nodes):  # `Gaps.after` counts the last step
-                one.gaps.accept(replace(of_pair, steps=of_pair.steps - 1))
+            growing = growing_of(pair.gaps, state.anchors.growing[s])
+            pair.gaps.go_on_at(Anchor(state.anchors.q[s, pair.dofs], NOTHING, growing))
+    for pair, of_pair in zip(pairs, state.pairs or (), strict=True):
+        if pair.gaps.may_freeze:
+            pair.gaps.begin(of_pair)
+            if pair.gaps.moving and len(pair.gaps.row_nodes):  # `Gaps.after` counts the last step
+                pair.gaps.accept(replace(of_pair, steps=of_pair.steps - 1))
         elif of_pair.anchor is not None:
-            one.gaps.go_on_at(of_pair.anchor)
+            pair.gaps.go_on_at(of_pair.anchor)
 
 
 def initial_start(mbs: MainSystem) -> Start:

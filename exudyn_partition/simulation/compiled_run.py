@@ -28,7 +28,7 @@ from ..support.interrupt import Interrupt, interruptible
 from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
-from .compiled_adaptive import put, run_adaptive
+from .compiled_adaptive import run_adaptive, set_state
 from .compiled_friction import FrictionGroups
 from .compiled_plan import (
     follow_frozen,
@@ -106,7 +106,7 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
             _keep_rows(mbs, model_run, step_plan, made, t, friction)
         if made.stopped and not made.made:
             raise RunError(f"mbs: a compiled run cannot make its first step: {made.stopped.text}")
-        sensors = _of_bodies(mbs, made) | _of_contacts(mbs, made) | _replayed(mbs, t, made)
+        sensors = _of_bodies(mbs, made) | _samples_of_contacts(mbs, made) | _replayed(mbs, t, made)
         give_anchors(*following, made.end)
         _go_to_end(mbs, model_run, float(ends[-1]), made, friction)
         time_s = time.perf_counter() - begin
@@ -178,16 +178,16 @@ def _of_bodies(mbs: MainSystem, made: Histories) -> dict[int, Array]:
     return sensors
 
 
-def _of_contacts(mbs: MainSystem, made: Histories) -> dict[int, Array]:
+def _samples_of_contacts(mbs: MainSystem, made: Histories) -> dict[int, Array]:
     """Samples of the contacts' sensors, by their numbers."""
     groups = in_groups(partition_items(mbs)[1])
     ordered = [contact for group in groups for contact in group]
-    found = {int(contact["sForce"]): made.values[:, place].copy() for place, contact in enumerate(ordered)}
+    by_sensor = {int(contact["sForce"]): made.values[:, place].copy() for place, contact in enumerate(ordered)}
     with_friction = [contact for group in groups if has_friction(group) for contact in group]
     for place, contact in enumerate(with_friction):
         if "sFriction" in contact:
-            found[int(contact["sFriction"])] = made.friction[:, place].copy()
-    return found
+            by_sensor[int(contact["sFriction"])] = made.friction[:, place].copy()
+    return by_sensor
 
 
 def _replayed(mbs: MainSystem, t: Array, made: Histories) -> dict[int, Array]:
@@ -196,7 +196,7 @@ def _replayed(mbs: MainSystem, t: Array, made: Histories) -> dict[int, Array]:
     numbers = [n for n in range(data.NumberOfSensors()) if n not in ours and mbs.GetSensor(n)["storeInternal"]]
     read: dict[int, list[Array]] = {number: [] for number in numbers}
     for state in zip(t, made.q, made.v, strict=True) if numbers else ():
-        put(mbs, *state)
+        set_state(mbs, *state)
         for number in numbers:
             read[number].append(np.atleast_1d(mbs.GetSensorValues(number)))
     return {number: np.array(values) for number, values in read.items()}
@@ -262,7 +262,7 @@ def _look_there(
     mbs: MainSystem, model_run: ModelRun, group: GroupRun, place: int, sample: int, t: Array, made: Histories
 ) -> None:
     """Let a member of a group record where it leaves its patch in a sample."""
-    put(mbs, float(t[sample]), made.q[sample], made.v[sample])
+    set_state(mbs, float(t[sample]), made.q[sample], made.v[sample])
     model_run.force(mbs, float(t[sample]))
     group.members[place].record.look_for_edge(float(t[sample]), group.evaluation(place))
 
@@ -273,12 +273,12 @@ def _go_to_end(
     """Put the model, and its contacts, into the state at the end of the run."""
     end = made.end
     # Exudyn evaluates contacts at velocities in the middle of a step.
-    put(mbs, t, end.q, end.v if end.turning is None else end.turning, end.a)
+    set_state(mbs, t, end.q, end.v if end.turning is None else end.turning, end.a)
     if friction is not None:
         friction.stand(end, made.end_values, made.end_stored, t)
     model_run.force(mbs, t)
     if end.turning is not None:
-        put(mbs, t, end.q, end.v, end.a)
+        set_state(mbs, t, end.q, end.v, end.a)
 
 
 def _ending(plan: RunPlan, made: Histories, t: float) -> tuple[str, str]:

@@ -101,7 +101,7 @@ class RunEnd:
     def is_initial(self, mbs: MainSystem) -> bool:
         """Whether it is the model's initial state."""
         initial = mbs.systemData.GetSystemState(require("exudyn").ConfigurationType.Initial)
-        return all(np.array_equal(one, other) for one, other in zip(initial[:2], self.system[:2], strict=True))
+        return all(np.array_equal(start, end) for start, end in zip(initial[:2], self.system[:2], strict=True))
 
 
 class _Kept(NamedTuple):
@@ -195,7 +195,7 @@ def _origin(mbs: MainSystem) -> RunEnd | None:
 def undo_if_refused(mbs: MainSystem) -> Iterator[None]:
     """Leave the model as it was if the block raises an error: no run goes on from one that was not made."""
     data, keys = mbs.systemData, (*_SOLVERS, "simulationSettings")
-    held, state = {key: mbs.sys[key] for key in keys if key in mbs.sys}, data.GetSystemState()
+    entries, state = {key: mbs.sys[key] for key in keys if key in mbs.sys}, data.GetSystemState()
     q_tt, t = data.GetODE2Coordinates_tt(), data.GetTime()
     try:
         with runs_of(mbs).undo_if_refused():
@@ -203,7 +203,7 @@ def undo_if_refused(mbs: MainSystem) -> Iterator[None]:
     except BaseException:
         for key in keys:
             mbs.sys.pop(key, None)
-        mbs.sys.update(held)
+        mbs.sys.update(entries)
         data.SetSystemState(state)
         data.SetODE2Coordinates_tt(q_tt)
         data.SetTime(t)

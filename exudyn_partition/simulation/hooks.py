@@ -1,4 +1,7 @@
-"""Exudyn's user functions around the steps of a run. They call the model's own, which are restored after the run."""
+"""Exudyn's user functions around the steps of a run. They call the model's own, which are restored after the run.
+
+Also what Exudyn's solvers need and tell: the residual at which Newton's method may end, and what their errors mean.
+"""
 
 from __future__ import annotations
 
@@ -125,7 +128,7 @@ def _speed(mbs: MainSystem, item: PartitionBody) -> float:
 
 
 def _extent(mbs: MainSystem, contact: PartitionContact, duration: float) -> float:
-    """How far from its centre a contact may be in a run of some duration [s]: places have the rounding errors of it.
+    """How far from its centre a contact may be in a run of some duration [s]; rounding errors of places grow with it.
 
     Bodies fly at their first speed, and fall. Farther than by their size they have left the contact.
     """
@@ -526,7 +529,7 @@ def unsettled(mbs: MainSystem, said: str) -> str:
 
 
 def cause(error: BaseException) -> str:
-    """Cause of the end of a run: the library's own error at the bottom of Exudyn's report, or a user function's error.
+    """Cause of the end of a run, as text: the library's own error beneath Exudyn's report, or a user function's error.
 
     Raises
     ------
@@ -541,11 +544,11 @@ def cause(error: BaseException) -> str:
         raise root
     if ours := [str(error) for error in chain if isinstance(error, PartitionError)]:
         return ours[0]
-    found = _FUNCTION.search(report)
-    function = f"the user function {found[0]}" if found else "a user function"
+    named = _FUNCTION.search(report)
+    function = f"the user function {named[0]}" if named else "a user function"
     if returned := _RETURNED.search(report):
         return f"{function} returned a {returned[1]} of another kind or length than Exudyn takes there"
-    if len(chain) > 1 or found:
+    if len(chain) > 1 or named:
         kind, text = (type(root).__name__, str(root)) if len(chain) > 1 else ("", _lines(report)[-1])
         return f"{': '.join(filter(None, (kind, text)))}, in {function}{_line_of(report)}"
     lines = _lines(report)
@@ -556,8 +559,8 @@ def cause(error: BaseException) -> str:
 
 def _line_of(report: str) -> str:
     """Line that raised the error of a user function, in brackets; empty if the report of Exudyn does not tell."""
-    found = _LINE.search(report)
-    return f" ({Path(found[1]).name}, line {found[2]})" if found else ""
+    place = _LINE.search(report)
+    return f" ({Path(place[1]).name}, line {place[2]})" if place else ""
 
 
 def _lines(report: str) -> list[str]:

@@ -44,8 +44,8 @@ def largest_eigenvalue(apply: Callable[[Array], Array], n: int) -> float:
     """
     operator = scipy.sparse.linalg.LinearOperator((n, n), matvec=apply, dtype=float)
     start = np.random.default_rng(0).standard_normal(n)
-    found = scipy.sparse.linalg.eigsh(operator, k=1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)
-    return float(found[0])
+    eigenvalues = scipy.sparse.linalg.eigsh(operator, k=1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)
+    return float(eigenvalues[0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -144,13 +144,13 @@ REMEDY = (
 
 def _spikes(joint: OpenJoint, result: Result) -> list[tuple[str, float, float]]:
     """Sensors of a joint's forces whose first samples are far above all later ones: name, first, later."""
-    found = []
+    spikes = []
     first = result.t <= result.t[0] + (_FIRST + 0.5) * result.step
     for name, number in joint.sensors:
         size = np.linalg.norm(result.sensors.get(number, np.zeros((len(first), 1))), axis=1)
         if first.any() and not first.all() and size[first].max() > _SPIKE * size[~first].max():
-            found.append((name, float(size[first].max()), float(size[~first].max())))
-    return found
+            spikes.append((name, float(size[first].max()), float(size[~first].max())))
+    return spikes
 
 
 def _placed_stiffness(mbs: MainSystem, bodies: Sequence[PartitionBody], n: int) -> sp.csr_matrix:
@@ -276,38 +276,38 @@ def check_joints(
             )
     if judges_velocities:
         _refuse_violating_velocities(mbs, solver, bodies, constraints, size)
-    found = []
+    open_joints = []
     for number in constraints:
         equations = np.array(mbs.systemData.GetObjectLTGAE(number))
         if apart[equations].max() > _CLOSED * min(size, 1.0):
             label, gap = _object(mbs, number).rstrip(","), float(apart[equations].max())
-            found.append(OpenJoint(number, label, gap, equations, _force_sensors(mbs, number)))
-    return OpenJoints(mbs, found, gaps, bodies)
+            open_joints.append(OpenJoint(number, label, gap, equations, _force_sensors(mbs, number)))
+    return OpenJoints(mbs, open_joints, gaps, bodies)
 
 
 def _largest_velocity(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> float:
     """Largest initial velocity [m/s or rad/s]: of bodies, as means over their mass, and of other items' coordinates."""
     initial = require("exudyn").ConfigurationType.Initial
     q, q_t = mbs.systemData.GetODE2Coordinates(initial), mbs.systemData.GetODE2Coordinates_t(initial)
-    others, found = np.ones(len(q_t), dtype=bool), [0.0]
+    others, speeds = np.ones(len(q_t), dtype=bool), [0.0]
     for item in bodies:
         dofs = np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])
         others[dofs] = False
-        found.append(float(np.sqrt(2 * item.kinematics.kinetic_energy(q[dofs], q_t[dofs]) / item.body.total_mass)))
-    return float(max(*found, abs(q_t[others]).max(initial=0.0)))
+        speeds.append(float(np.sqrt(2 * item.kinematics.kinetic_energy(q[dofs], q_t[dofs]) / item.body.total_mass)))
+    return float(max(*speeds, abs(q_t[others]).max(initial=0.0)))
 
 
 def _force_sensors(mbs: MainSystem, number: int) -> tuple[tuple[str, int], ...]:
     """Names and numbers of the sensors of an object's reactions."""
     kind = require("exudyn").OutputVariableType
     forces = (kind.Force, kind.ForceLocal, kind.Torque, kind.TorqueLocal)
-    found = []
+    sensors = []
     for sensor in range(mbs.systemData.NumberOfSensors()):
         about = mbs.GetSensor(sensor)
         if about["sensorType"] == "Object" and int(about["objectNumber"]) == number:
             if about["outputVariableType"] in forces:
-                found.append((about["name"], sensor))
-    return tuple(found)
+                sensors.append((about["name"], sensor))
+    return tuple(sensors)
 
 
 @contextlib.contextmanager

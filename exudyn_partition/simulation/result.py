@@ -224,7 +224,7 @@ class Result:
     @cached_property
     def _dampings(self) -> dict[int, tuple[tuple[float, Damping], ...]]:
         """See `dampings_of`, by the identity of each body."""
-        return {id(body): found for body, found in zip(self.bodies, self.dampings, strict=False)}
+        return {id(body): damping for body, damping in zip(self.bodies, self.dampings, strict=False)}
 
     def kept(self, contact: PartitionContact) -> ContactRecord | KeptRun:
         """Return the data of the run that a contact kept beside its sensors: forces of rows, states, strains.

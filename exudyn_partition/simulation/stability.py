@@ -86,10 +86,10 @@ class StabilityLimits:
             (among_items if items is not None and items.hold(group[0]) else alone).append(group)
 
         def largest(step: float) -> float:
-            found = [0.0, *(_landing(contact, step) for contact in anywhere)]
+            squares = [0.0, *(_landing(contact, step) for contact in anywhere)]
             if items is not None:
-                found.append(items.largest_square(among_items, step))
-            return max(*found, *_largest_squares(alone, step))
+                squares.append(items.largest_square(among_items, step))
+            return max(*squares, *_largest_squares(alone, step))
 
         square = max(largest(math.inf), 0.0)
         omega = math.sqrt(square)

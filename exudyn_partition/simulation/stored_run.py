@@ -70,7 +70,7 @@ class ItemMark:
         for part, value in content.items():
             digest, numbers = sketch(value)
             exact.append(digest)
-            sketches |= {f"{part}.{name}" if name else part: one for name, one in numbers.items() if one.size}
+            sketches |= {f"{part}.{name}" if name else part: values for name, values in numbers.items() if values.size}
         sizes = tuple(map(len, sketches.values()))
         return cls(said, tuple(content), tuple(exact), tuple(sketches), sizes, np.concatenate([[], *sketches.values()]))
 
@@ -84,9 +84,9 @@ class ItemMark:
                     f"with other {part}" if part in _CHOSEN else "of another mesh, partition or size"
                 )
         for name, place in zip(self.names, consecutive(self.sizes), strict=True):
-            one, two = self.sketches[place], other.sketches[place]
-            scale = abs(one) if name in self.parts else one[:1]
-            if not (abs(one - two) <= _SAME * scale).all():
+            first, second = self.sketches[place], other.sketches[place]
+            scale = abs(first) if name in self.parts else first[:1]
+            if not (abs(first - second) <= _SAME * scale).all():
                 return f"{self.said}, with other {name if name in _CHOSEN else f'numbers in {name}'}"
         return ""
 
@@ -423,7 +423,7 @@ def described(bodies: Sequence[PartitionBody], contacts: Sequence[PartitionConta
     return tuple(marks)
 
 
-def check_items(stored: Sequence[ItemMark], found: Sequence[ItemMark]) -> None:
+def check_items(stored: Sequence[ItemMark], present: Sequence[ItemMark]) -> None:
     """Raise an error if a model is not the one of a stored run.
 
     Raises
@@ -431,11 +431,11 @@ def check_items(stored: Sequence[ItemMark], found: Sequence[ItemMark]) -> None:
     InputError
         The message has the first item that differs, and the difference.
     """
-    for i in range(max(len(stored), len(found))):
-        if i < len(stored) and i < len(found):
-            differs = stored[i].difference(found[i])
+    for i in range(max(len(stored), len(present))):
+        if i < len(stored) and i < len(present):
+            differs = stored[i].difference(present[i])
         else:
-            was, is_now = (items[i].said if i < len(items) else "nothing" for items in (stored, found))
+            was, is_now = (items[i].said if i < len(items) else "nothing" for items in (stored, present))
             differs = f"{was}; this one has {is_now}"
         if differs:
             raise InputError(

@@ -45,9 +45,9 @@ class EntryFile:
 
     def known(self) -> dict[int, JSON]:
         """Values of entries that the file holds; asked for once, before others are added."""
-        held, self._file.known = self._file.known, {}  # what is not of these entries takes memory for nothing
+        records, self._file.known = self._file.known, {}  # what is not of these entries takes memory for nothing
         keys = (key_of(self._parameters(entry)) for entry in range(self._model.variations.count))
-        return {entry: held[key]["values"] for entry, key in enumerate(keys) if "values" in held.get(key, {})}
+        return {entry: records[key]["values"] for entry, key in enumerate(keys) if "values" in records.get(key, {})}
 
     def add(self, entry: int, outcome: Record, wall_s: float) -> None:
         """Write an entry: {"values": ...}, or its failure."""

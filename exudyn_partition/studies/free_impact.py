@@ -86,7 +86,7 @@ def free_impact(
     PartitionWarning
         As the last of its runs does; shorter ones are not told of.
     """
-    hardly, compiled, found = largest_turn > 0.0, True, dict[str, float]()
+    hardly, compiled, quantities = largest_turn > 0.0, True, dict[str, float]()
     for again in range(_TWICE + 1):
         lasts = duration * 2**again
         with warnings.catch_warnings(record=True) as caught:
@@ -98,13 +98,13 @@ def free_impact(
                 warnings.simplefilter("always")
                 run = _watched(pair, point, along, lasts, "floating")
                 by_steps, compiled = _measured(run, point), run.compiled
-        found = by_steps
-        if found["over"]:
+        quantities = by_steps
+        if quantities["over"]:
             break
     for told in caught:
         if issubclass(told.category, PartitionWarning):
             warn(str(told.message), told.category)
-    return found | {"compiled": float(compiled)}
+    return quantities | {"compiled": float(compiled)}
 
 
 def _hardly_turning(
@@ -120,9 +120,9 @@ def _hardly_turning(
         return None
     if run.impacts and _turned(run, run.impacts[-1].end) > largest_turn:
         return None
-    found = _measured(run, point)
+    quantities = _measured(run, point)
     # Pairs slide as bodies fly apart aside; then no contact may follow.
-    return found if run.result.status == "finished" or found["over"] else None
+    return quantities if run.result.status == "finished" or quantities["over"] else None
 
 
 def _turned(run: _Watched, end: float) -> float:
@@ -227,7 +227,7 @@ def _measured(run: _Watched, point: Point) -> dict[str, float]:
     friction = contact.friction
     along = np.trapezoid(friction.tangential_force(result) @ beside, result.t) if friction else 0.0
     sign = 1.0 if contact.slave == items[0] else -1.0
-    found = {
+    quantities = {
         "restitution": -(velocity[1] @ normal) / (velocity[0] @ normal),
         "tangential_restitution": -speed_ratio(tangential[1], tangential[0], point.speed),
         "impulse_ratio": -sign * along / impulse,
@@ -235,14 +235,14 @@ def _measured(run: _Watched, point: Point) -> dict[str, float]:
         "rebound_angle": math.atan2(middle[1] @ beside, -(middle[1] @ normal)),
         "spin": spin,
         "contacts": len(impacts),
-        "contact_time": sum(one.end - one.start for one in impacts),
+        "contact_time": sum(impact.end - impact.start for impact in impacts),
         "span": impacts[-1].end - impacts[0].start,
         "peak_force": force.max(),
         "impulse": impulse,
         **_shares(items, contact, result, ends),
         "over": is_over(items, contact, ends, normal),
     }
-    return {key: float(found[key]) for key in QUANTITIES}
+    return {key: float(quantities[key]) for key in QUANTITIES}
 
 
 def relative_velocity(items: list[PartitionBody], result: Result, point: Array) -> Array:

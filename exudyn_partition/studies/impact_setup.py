@@ -72,9 +72,9 @@ def approach(pair: Pair) -> Array:
     first, second = pair
     patch = first.partition.patches[0]
     if isinstance(second, ReducedBody):
-        other = second.partition.patches[0]
-        both = [p.direction * s for p, s in ((patch, 1.0), (other, -1.0)) if p.direction_given]
-        line = sum(both) if both else patch.direction - other.direction
+        second_patch = second.partition.patches[0]
+        both = [p.direction * s for p, s in ((patch, 1.0), (second_patch, -1.0)) if p.direction_given]
+        line = sum(both) if both else patch.direction - second_patch.direction
     else:
         gaps, normals = second.project(first.points[patch.nodes])
         line = -normals[int(gaps.argmin())]

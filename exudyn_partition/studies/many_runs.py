@@ -233,6 +233,13 @@ class _Room:
         contacts: Sequence[PartitionContact],
         kept: Collection[str],
     ) -> _Room:
+        """Room for the results of `count` runs, all nan; `kept` names histories that are kept too.
+
+        Raises
+        ------
+        MemoryLimitError
+            If these take more than a part of the free memory.
+        """
         times, nq = model.times, model.entries.size
         n, nc, nb = times.steps + 1, len(contacts), len(bodies)
         needed = 8 * count * n * (nc * ("force" in kept) + 2 * nq * ("coordinates" in kept))
@@ -277,7 +284,7 @@ class _Room:
         arrays = {"ends": self.ends, **self.of_contacts, "energy": self.energy, "momentum": self.momentum}
         return {"values": {name: array[entry].tolist() for name, array in arrays.items()}}
 
-    def take(self, entry: int, values: JSON) -> None:
+    def write_plain(self, entry: int, values: JSON) -> None:
         """Write results of an entry that were plain values."""
         self.ends[entry], self.energy[entry], self.momentum[entry] = (values[k] for k in ("ends", "energy", "momentum"))
         for name, array in self.of_contacts.items():
@@ -306,7 +313,7 @@ def _run_all(
     steps = EqualSteps(model.times.step, model.times.steps)
     known = {} if lines is None else lines.known()
     for entry, values in known.items():
-        room.take(entry, values)
+        room.write_plain(entry, values)
     missing, done = [entry for entry in range(count) if entry not in known], len(known)
     known.clear()
 

@@ -55,7 +55,7 @@ class Measures:
         """
         force, t = np.ascontiguousarray(made.values[:, :, 0].T), self._t[: made.made + 1]
         spans = [self._spans(j, of_contact, made) for j, of_contact in enumerate(force)]
-        found = {
+        measures = {
             "peak": force.max(axis=1),
             "impulse": np.trapezoid(force, t, axis=1),
             "duration": np.array([sum(end - start for start, end in of_contact) for of_contact in spans]),
@@ -65,10 +65,10 @@ class Measures:
             "dissipated": np.zeros(len(force)),
         }
         if made.friction.shape[1]:
-            found["dissipated"][-made.friction.shape[1] :] = made.friction[-1, :, 5]
+            measures["dissipated"][-made.friction.shape[1] :] = made.friction[-1, :, 5]
         energy = np.array([self._energies(bodies, state) for state in (made.start, made.end)])
         momentum = np.array([self._momenta(entry, state) for state in (made.start, made.end)])
-        return found, energy, momentum
+        return measures, energy, momentum
 
     def _spans(self, j: int, force: Array, made: Histories) -> list[tuple[float, float]]:
         """Start and end of each time of contact [s]."""

@@ -93,7 +93,7 @@ class RestitutionLaw:
         The grid is twice as coarse there, so the error between its points is about a quarter, where tables are smooth;
         nan if no axis has three values. Where the number of contacts changes, restitution has kinks.
         """
-        found = {}
+        errors = {}
         for name, table in self.tables.items():
             worst = [np.nan]
             for axis, values in enumerate(self.axes.values()):
@@ -104,8 +104,8 @@ class RestitutionLaw:
                     )
                     between = (1 - share) * along[:-2] + share * along[2:]
                     worst.append(float(abs(along[1:-1] - between).max()))
-            found[name] = float(np.nanmax(worst)) if len(worst) > 1 else float("nan")
-        return found
+            errors[name] = float(np.nanmax(worst)) if len(worst) > 1 else float("nan")
+        return errors
 
     def source(self) -> str:
         """Python program with the table and a function `rebound`, to paste into a rigid code; it needs no package.

@@ -136,25 +136,25 @@ def restitution_map(
 def _grid(speed: Any, angle: Any, friction: Any, place: Any) -> dict[str, Array]:
     """Values of each axis, ascending, by its name."""
     axes = {"place": 0.0 if place is None else place, "speed": speed, "angle": angle, "friction": friction}
-    found = {}
+    grid = {}
     for name, given in axes.items():
         values = validate_array(name, [given] if isinstance(given, int | float | np.number) else given, (None,))
         if not len(values):
             raise InputError(f"{name}: expected at least one number, got none")
-        found[name] = np.unique(values)
-        if len(found[name]) < len(values):
+        grid[name] = np.unique(values)
+        if len(grid[name]) < len(values):
             raise InputError(f"{name}: expected numbers that differ, got {list(map(float, values))}")
-    if found["speed"][0] <= 0:
-        raise InputError(f"speed: expected speeds above zero [m/s], got {found['speed'][0]:g}")
-    if found["angle"][0] < 0 or found["angle"][-1] >= math.pi / 2:
-        worst = found["angle"][0] if found["angle"][0] < 0 else found["angle"][-1]
+    if grid["speed"][0] <= 0:
+        raise InputError(f"speed: expected speeds above zero [m/s], got {grid['speed'][0]:g}")
+    if grid["angle"][0] < 0 or grid["angle"][-1] >= math.pi / 2:
+        worst = grid["angle"][0] if grid["angle"][0] < 0 else grid["angle"][-1]
         raise InputError(
             f"angle: expected angles from the normal, 0 up to below pi/2 = 1.5708 rad, got {worst:g}. "
             "Degrees are turned into rad by np.radians()"
         )
-    if found["friction"][0] < 0:
-        raise InputError(f"friction: expected coefficients of zero or above, got {found['friction'][0]:g}")
-    return found
+    if grid["friction"][0] < 0:
+        raise InputError(f"friction: expected coefficients of zero or above, got {grid['friction'][0]:g}")
+    return grid
 
 
 def impact_at(

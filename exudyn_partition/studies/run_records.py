@@ -91,21 +91,21 @@ class RecordFile:
 
     def _read(self, path: Path) -> dict[str, Record]:
         """Records of all files by the keys of their points; this one then ends with a whole line."""
-        own = self._checked(self.path)
+        this_file = self._checked(self.path)
         others: dict[str, Record] = {}
-        for other in [path, *parts_of(path)]:
-            if other != self.path and other.exists():
-                others = merged(others, self._checked(other))
+        for part in [path, *parts_of(path)]:
+            if part != self.path and part.exists():
+                others = merged(others, self._checked(part))
         self._file.truncate(_whole(self.path)[1])
         if not self.path.stat().st_size:
             self.add([self.head])
-        known = merged({}, own)
-        found = merged(known, others.values())
+        known = merged({}, this_file)
+        records = merged(known, others.values())
         if self.path == path:  # what tasks have computed becomes part of the study
             self.add(
-                record for key, record in found.items() if "values" in record and "values" not in known.get(key, {})
+                record for key, record in records.items() if "values" in record and "values" not in known.get(key, {})
             )
-        return found
+        return records
 
     def _checked(self, path: Path) -> list[Record]:
         """Records of a file, if it is of this study."""
@@ -156,7 +156,7 @@ def _opened(path: Path) -> IO[str]:
 def parts_of(path: Path) -> list[Path]:
     """Files that tasks of an array have written for the study of this path."""
     with contextlib.suppress(OSError):  # no folder, or none that can be read
-        names = [other.name for other in path.parent.iterdir() if _PART.search(other.stem)]
+        names = [file.name for file in path.parent.iterdir() if _PART.search(file.stem)]
         return [path.with_name(name) for name in sorted(names) if _PART.sub(path.suffix, Path(name).stem) == path.name]
     return []
 
@@ -183,16 +183,16 @@ def read(path: Path) -> list[Record]:
     """
     text, _ = _whole(path)
     try:
-        found = [json.loads(line) for line in text.splitlines()]
-        if found and (found[0]["study"] != _FORMAT or not {"function", "fixed"} <= found[0].keys()):
+        records = [json.loads(line) for line in text.splitlines()]
+        if records and (records[0]["study"] != _FORMAT or not {"function", "fixed"} <= records[0].keys()):
             raise ValueError("its first line is not that of a study of this version")
-        if not all(isinstance(r["parameters"], dict) and ("values" in r) != ("error" in r) for r in found[1:]):
+        if not all(isinstance(r["parameters"], dict) and ("values" in r) != ("error" in r) for r in records[1:]):
             raise ValueError("a line is no run")
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(
             f"file: {path} holds no study, or is damaged ({error or type(error).__name__}). Take another file"
         ) from error
-    return found
+    return records
 
 
 def read_all(path: str | Path) -> list[Record]:
@@ -208,9 +208,9 @@ def read_all(path: str | Path) -> list[Record]:
         validate_file("path", path)
     heads: dict[Path, JSON] = {}
     known: dict[str, Record] = {}
-    for other in [path, *parts] if path.exists() else parts:
-        for head in (lines := read(other))[:1]:
-            heads[other] = {key: head[key] for key in ("function", "fixed")}
+    for file in [path, *parts] if path.exists() else parts:
+        for head in (lines := read(file))[:1]:
+            heads[file] = {key: head[key] for key in ("function", "fixed")}
         known = merged(known, lines[1:])
     if not heads:
         raise InputError(f"file: {path} holds no run yet; run the study first")
@@ -222,9 +222,9 @@ def read_all(path: str | Path) -> list[Record]:
 
 def merged(known: dict[str, Record], records: Iterable[Record]) -> dict[str, Record]:
     """Records by the keys of their points, with further ones; a failure does not replace values."""
-    found = dict(known)
+    result = dict(known)
     for record in records:
         key = key_of(record["parameters"])
-        if "values" in record or "values" not in found.get(key, {}):
-            found[key] = record
-    return found
+        if "values" in record or "values" not in result.get(key, {}):
+            result[key] = record
+    return result

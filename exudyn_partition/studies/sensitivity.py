@@ -194,8 +194,8 @@ def sensitivity(
             number = history.number(model.places[at], steps, histories)
         yielding = [item for item in bodies if item.frame != "floating" and model.entries.touching(item)]
         parts = [made.part(model.entries.part(item, 0), model.entries.touching(item)) for item in yielding]
-        found, margins = backwards(made, number.weights, parts), made.margins
-    derivatives = _Derivatives(model, plan, found, number, yielding)
+        derivatives_of, margins = backwards(made, number.weights, parts), made.margins
+    derivatives = _Derivatives(model, plan, derivatives_of, number, yielding)
     single = history is None or history.times is None
     found_by: dict[PartitionBody | PartitionContact, dict[str, Array]] = {item: derivatives.by(item) for item in bodies}
     for place, contact in enumerate(model.contacts):
@@ -218,7 +218,7 @@ def _check_adjoint(model: VariedModel, plan: StepPlan) -> None:
     if moving is None:
         return
     names = plan.contacts.names
-    pairs = [f"contact {names[one.contact]!r} has rows that follow facets of another body" for one in moving.pairs]
+    pairs = [f"contact {names[pair.contact]!r} has rows that follow facets of another body" for pair in moving.pairs]
     if pairs:
         listed = "".join(f"\n- {reason}" for reason in pairs)
         raise CompiledRunError(
@@ -362,27 +362,27 @@ class _Derivatives:
         self,
         model: VariedModel,
         plan: StepPlan,
-        found: Derivatives,
+        by_steps: Derivatives,
         number: Number,
         yielding: Sequence[PartitionBody],
     ) -> None:
-        self._model, self._plan, self._found, self._number = model, plan, found, number
-        self._flexibility = dict(zip(yielding, found.flexibility, strict=True))
+        self._model, self._plan, self._found, self._number = model, plan, by_steps, number
+        self._flexibility = dict(zip(yielding, by_steps.flexibility, strict=True))
 
     def by(self, item: PartitionBody) -> dict[str, Array]:
         """Derivatives by the quantities of a body, (k,), (k, 3) or (k, n_elastic)."""
-        model, found, dofs = self._model, self._found, self._model.places[item]
+        model, by_steps, dofs = self._model, self._found, self._model.places[item]
         kinematics, values = item.kinematics, model.variations
         E, rho = (values.factor(item, name, 0) for name in ("E", "rho"))
-        damping, load = found.bodies.damping[:, dofs], found.bodies.load[:, dofs]
+        damping, load = by_steps.bodies.damping[:, dofs], by_steps.bodies.load[:, dofs]
         by_ratios = math.sqrt(E * rho) * damping[:, 6:] * model.entries.of_ratio_one[item][6:]
         gravity, ratio = values.of(item, "gravity", 0), values.of(item, "damping", 0)
         of_each_mode = isinstance(item.ratios, Sequence | np.ndarray) if ratio is None else ratio.ndim
         rigid = self._rigid(item)
         result = {
-            "initialVelocity": found.v[:, dofs] @ rigid[:, :3],
-            "initialAngularVelocity": found.v[:, dofs] @ rigid[:, 3:],
-            "referencePosition": found.q[:, dofs] @ rigid[:, :3],
+            "initialVelocity": by_steps.v[:, dofs] @ rigid[:, :3],
+            "initialAngularVelocity": by_steps.v[:, dofs] @ rigid[:, 3:],
+            "referencePosition": by_steps.q[:, dofs] @ rigid[:, :3],
             "gravity": rho * load @ np.array([kinematics.weight(axis) for axis in np.eye(3)]).T,
             "damping": by_ratios if of_each_mode else by_ratios.sum(axis=1),
         }

@@ -147,8 +147,8 @@ def _new(
 
 def _task(value: str | tuple[int, int]) -> tuple[int, int]:
     """Number of a task of an array, and how many there are."""
-    found = re.fullmatch(r"\s*(\d+)\s*/\s*(\d+)\s*", value) if isinstance(value, str) else None
-    pair = tuple(map(int, found.groups())) if found else value
+    match = re.fullmatch(r"\s*(\d+)\s*/\s*(\d+)\s*", value) if isinstance(value, str) else None
+    pair = tuple(map(int, match.groups())) if match else value
     if not isinstance(pair, tuple) or len(pair) != 2:
         raise InputError(f'task: expected "i/n", such as "3/10" for the third of ten, got {value!r}')
     n = validate_integer("task", pair[1], 1)

@@ -93,10 +93,10 @@ class Study:
         InputError
             If no run returned it, or lists differ in their lengths.
         """
-        found: list[Any] = [None if value is None else value.get(name) for value in self.values]
-        if all(value is None for value in found):
-            found = [point.get(name) for point in self.parameters]
-        known = [value for value in found if value is not None]
+        values: list[Any] = [None if value is None else value.get(name) for value in self.values]
+        if all(value is None for value in values):
+            values = [point.get(name) for point in self.parameters]
+        known = [value for value in values if value is not None]
         if not known:
             raise InputError(f"name: expected one of {', '.join(self.names)}, got {name!r}")
         try:
@@ -106,16 +106,16 @@ class Study:
         if first.dtype.kind not in "biuf":
             first = np.array(known, dtype=object)
         missing: Any = None if first.dtype.kind == "O" else np.nan
-        kind = first.dtype if len(known) == len(found) else np.result_type(first.dtype, type(missing))
-        result = np.full((len(found), *first.shape[1:]), missing, dtype=kind) if len(known) < len(found) else first
-        result[[value is not None for value in found]] = first
+        kind = first.dtype if len(known) == len(values) else np.result_type(first.dtype, type(missing))
+        result = np.full((len(values), *first.shape[1:]), missing, dtype=kind) if len(known) < len(values) else first
+        result[[value is not None for value in values]] = first
         return result.reshape(*self.shape, *first.shape[1:])
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of parameters, then of quantities."""
         each = [*self.parameters, *(value for value in self.values if value is not None)]
-        return tuple(dict.fromkeys(name for one in each for name in one))
+        return tuple(dict.fromkeys(name for names in each for name in names))
 
     def to_dataframe(self) -> DataFrame:
         """One row a run, with parameters and quantities as columns, and "error", which says why a run failed.

@@ -65,7 +65,7 @@ class Variations:
         expected = f"{argument}: expected a dict of body: dict of name: array, with bodies from CreatePartitionBody()"
         if not isinstance(vary, Mapping) or not vary:
             raise InputError(f"{expected}, got {'an empty one' if vary == {} else type(vary).__name__}")
-        found: dict[PartitionBody, dict[str, Array]] = {}
+        checked: dict[PartitionBody, dict[str, Array]] = {}
         friction: dict[PartitionContact, Array] = {}
         count = None
         for item, of_body in vary.items():
@@ -77,7 +77,7 @@ class Variations:
                 raise InputError(f"{expected}, got the key {item!r:.60}, which is no body of this model")
             if not isinstance(of_body, Mapping) or not of_body:
                 raise InputError(f"{expected}, got {type(of_body).__name__} for body {item.name!r}")
-            found[item] = {}
+            checked[item] = {}
             for name, value in of_body.items():
                 if name not in QUANTITIES:
                     raise InputError(f"{argument}: expected names among {', '.join(QUANTITIES)}, got {name!r}")
@@ -87,10 +87,10 @@ class Variations:
                 if (name in POSITIVE and array.min() <= 0) or (name == "damping" and array.min() < 0):
                     least = "above zero" if name in POSITIVE else "of at least zero"
                     raise InputError(f"{argument}: {name}: expected values {least}, got {array.min():.6g}")
-                found[item][name], count = array, len(array)
-            _check_material(item, found[item], argument)
+                checked[item][name], count = array, len(array)
+            _check_material(item, checked[item], argument)
         assert count is not None
-        return cls(count, found, friction)
+        return cls(count, checked, friction)
 
     def of(self, item: PartitionBody, name: str, entry: int) -> Array | None:
         """Value of an entry, (3,), (k,) or (); None if it does not vary."""
@@ -182,7 +182,7 @@ class Entries:
     def _check_turning(self) -> None:
         """Raise an error if E or rho varies of a body whose inertia forces or moving rows go with them."""
         moving = self._plan.contacts.moving
-        contacts = [] if moving is None else [self._contacts[one.contact] for one in moving.pairs]
+        contacts = [] if moving is None else [self._contacts[pair.contact] for pair in moving.pairs]
         follow = [item for contact in contacts for item, _ in contact.sides]
         for item in self._places:
             named = [name for name in POSITIVE if self._variations.varies(item, name)]
@@ -260,7 +260,7 @@ class Entries:
         if contacts.friction is None or not coefficients:
             return contacts
         with_friction = self._contacts[len(contacts.names) :]
-        mu = [float(coefficients[one][entry]) if one in coefficients else None for one in with_friction]
+        mu = [float(coefficients[contact][entry]) if contact in coefficients else None for contact in with_friction]
         return replace(contacts, friction=contacts.friction.with_coefficients(mu))
 
     def start(self, entry: int) -> Start:

@@ -178,8 +178,8 @@ class Format:
         members = archive.namelist()
         about = json.loads(str(read_member("about", archive))) if "about.npy" in members else {}
         if not isinstance(about, dict) or about.get("format") != self._title:
-            held = ", ".join(name.removesuffix(".npy") for name in members[:5])
-            raise InputError(f"path: {path} is an npz file of another kind, with {held}; expected a saved {self.name}")
+            names = ", ".join(name.removesuffix(".npy") for name in members[:5])
+            raise InputError(f"path: {path} is an npz file of another kind, with {names}; expected a saved {self.name}")
         version = about["version"]
         if version != self.version:
             remedy = "update the library, or " if version > self.version else ""
@@ -218,13 +218,13 @@ def sketch(value: object) -> tuple[str, dict[str, Array]]:
     arrays: dict[str, Array] = {}
     floats: list[float] = []
     structure = json.dumps(_without_floats(_describe(value, "", arrays), floats), sort_keys=True)
-    sha, found = hashlib.sha256(structure.encode()), {"": np.array(floats)}
+    sha, projections = hashlib.sha256(structure.encode()), {"": np.array(floats)}
     for name, array in sorted(arrays.items()):
         if array.dtype.kind == "f":
-            found[name] = _projections(array)
+            projections[name] = _projections(array)
         else:
             sha.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8))
-    return sha.hexdigest(), found
+    return sha.hexdigest(), projections
 
 
 def _without_floats(node: JSON, floats: list[float]) -> JSON:
@@ -298,8 +298,8 @@ def _restore(node: JSON, archive: zipfile.ZipFile, classes: dict[str, type]) -> 
                 )
             return array
         case {"sparse": kind, "parts": parts, "shape": shape}:
-            found = each(parts)
-            matrix = _CSR[kind](tuple(found[part] for part in _CSR_PARTS), shape=tuple(shape))
+            arrays = each(parts)
+            matrix = _CSR[kind](tuple(arrays[part] for part in _CSR_PARTS), shape=tuple(shape))
             matrix.check_format(full_check=True)  # every index is in range
             return matrix
         case {"tuple": items}:
@@ -378,8 +378,8 @@ def read_member(name: str, archive: zipfile.ZipFile, kind: int = zipfile.ZIP_STO
     if version not in _HEADERS:
         raise ValueError(f"{name}: expected an array in NumPy's format 1.0 or 2.0, got {version}")
     shape, _, dtype = _HEADERS[version](data)
-    claimed, held = math.prod(shape) * dtype.itemsize, info.file_size - data.tell()
-    if dtype.hasobject or min(shape, default=0) < 0 or claimed != held:
-        raise ValueError(f"{name}: its header claims {claimed} bytes of {dtype} in shape {shape}, the file has {held}")
+    claimed, size = math.prod(shape) * dtype.itemsize, info.file_size - data.tell()
+    if dtype.hasobject or min(shape, default=0) < 0 or claimed != size:
+        raise ValueError(f"{name}: its header claims {claimed} bytes of {dtype} in shape {shape}, the file has {size}")
     data.seek(0)
     return np.lib.format.read_array(data, allow_pickle=False)

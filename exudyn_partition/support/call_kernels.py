@@ -29,11 +29,11 @@ def called(function: F) -> F:
     """
 
     def call(context: Any, builder: Any, kinds: tuple[Any, ...], values: list[Any]) -> Any:
-        found, symbol = _linked(cast(Any, function), kinds)
+        overload, symbol = _linked(cast(Any, function), kinds)
         # what is read from disk in another process looks for the function first
         again = partial(_link_again, function.__module__, function.__name__, kinds, symbol)
         context.active_code_library._reload_init.add(again)
-        convention, result = context.call_conv, found.signature.return_type
+        convention, result = context.call_conv, overload.signature.return_type
         kind = convention.get_function_type(result, kinds)
         code = cgutils.get_or_insert_function(builder.module, kind, symbol)  # type: ignore[no-untyped-call]
         status, value = convention.call_function(builder, code, result, kinds, values)
@@ -48,9 +48,9 @@ def put_in(function: F) -> F:
     """Return what other loops call a compiled function by, so that its code becomes part of theirs."""
 
     def call(context: Any, builder: Any, kinds: tuple[Any, ...], values: list[Any]) -> Any:
-        found = cast(Any, function).overloads[kinds]
-        context.add_linking_libs([found.library])
-        return context.call_internal(builder, found.fndesc, found.signature, values)
+        overload = cast(Any, function).overloads[kinds]
+        context.add_linking_libs([overload.library])
+        return context.call_internal(builder, overload.fndesc, overload.signature, values)
 
     return _call(function, call)
 
@@ -82,13 +82,13 @@ def _call(function: F, call: Callable[..., Any]) -> F:
 def _linked(dispatcher: Any, kinds: tuple[Any, ...]) -> tuple[Any, str]:
     """Compiled code of a function for some types, and a name by which other code finds it in each process."""
     dispatcher.compile(kinds)
-    found, function = dispatcher.overloads[kinds], dispatcher.py_func
-    key = hashlib.sha256(f"{kinds} {found.signature.return_type}".encode()).hexdigest()
+    overload, function = dispatcher.overloads[kinds], dispatcher.py_func
+    key = hashlib.sha256(f"{kinds} {overload.signature.return_type}".encode()).hexdigest()
     symbol = f"{function.__module__}.{function.__qualname__}.{key[:32]}"
     importlib.import_module("llvmlite.binding").add_symbol(
-        symbol, found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
+        symbol, overload.library.get_pointer_to_function(overload.fndesc.llvm_func_name)
     )
-    return found, symbol
+    return overload, symbol
 
 
 def _link_again(module: str, name: str, kinds: tuple[Any, ...], symbol: str) -> None:

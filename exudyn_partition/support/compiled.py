@@ -130,11 +130,11 @@ def _tell_of_compiling() -> None:
     def on_start(listener: object, event: Any) -> None:
         nonlocal told
         module = getattr(event.data["dispatcher"].py_func, "__module__", None) or ""
-        own = module.partition(".")[0] == ours
-        collects.append(own and gc.isenabled())
-        if own:
+        of_library = module.partition(".")[0] == ours
+        collects.append(of_library and gc.isenabled())
+        if of_library:
             gc.disable()
-        if own and not told:
+        if of_library and not told:
             told = True
             say(f"{ours}: numba compiles inner loops, which may take a minute; later runs find them on disk")
 

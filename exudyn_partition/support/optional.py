@@ -16,8 +16,8 @@ from ..errors import MissingPackageError
 
 def require(package: str, distribution: str | None = None) -> ModuleType:
     """Import `package`, or raise `MissingPackageError` with the pip line, where it may have another name."""
-    if (found := sys.modules.get(package)) is not None:
-        return found
+    if (module := sys.modules.get(package)) is not None:
+        return module
     try:
         with np.printoptions():  # some packages change how all numbers are printed
             return importlib.import_module(package)

@@ -20,16 +20,16 @@ def plugin(group: str, name: str) -> Any:
     InputError
         If it cannot be imported, or several packages add different ones.
     """
-    found = list(entry_points(group=_GROUPS + group, name=name))
-    if not found:
+    points = list(entry_points(group=_GROUPS + group, name=name))
+    if not points:
         return None
-    if len({one.value for one in found}) > 1:
-        raise InputError(f"{group}: expected one package with {name!r}, got {_listed(found)}; uninstall the others")
+    if len({point.value for point in points}) > 1:
+        raise InputError(f"{group}: expected one package with {name!r}, got {_listed(points)}; uninstall the others")
     try:
-        return found[0].load()
+        return points[0].load()
     except (ImportError, AttributeError) as error:
         raise InputError(
-            f"{group}: {name!r} of {_listed(found[:1])} cannot be imported ({error}); install or update that package"
+            f"{group}: {name!r} of {_listed(points[:1])} cannot be imported ({error}); install or update that package"
         ) from error
 
 
@@ -43,13 +43,13 @@ def added_choice(name: str, value: object, choices: Iterable[str], group: str) -
     """
     known = list(choices)
     ours = isinstance(value, str) and value in known
-    if isinstance(value, str) and not ours and (found := plugin(group, value)) is not None:
-        return found
-    added = [] if ours else sorted({one.name for one in entry_points(group=_GROUPS + group)})
+    if isinstance(value, str) and not ours and (choice := plugin(group, value)) is not None:
+        return choice
+    added = [] if ours else sorted({point.name for point in entry_points(group=_GROUPS + group)})
     validate_choice(name, value, [*known, *added])
     return None
 
 
-def _listed(found: list[EntryPoint]) -> str:
+def _listed(points: list[EntryPoint]) -> str:
     """Packages and objects of entry points."""
-    return ", ".join(f"{one.dist.name if one.dist else 'a package'} ({one.value})" for one in found)
+    return ", ".join(f"{point.dist.name if point.dist else 'a package'} ({point.value})" for point in points)

@@ -137,7 +137,10 @@ def settle(
     some: Array, x: Array, c: Array, facet: Array, local: Array, step: Array, normal: Array, gap: Array,
     frames: Array, enough: float, steps: int, cubic: bool,
 ) -> None:  # fmt: skip
-    """Go on with some points until their last steps are no more than `enough`."""
+    """Go on with some points by Newton's method until their last steps are no more than `enough`.
+
+    `local`, `step`, `normal` and `gap` of these points change.
+    """
     for i in some:
         for _ in range(steps - 1):
             if max(abs(step[i, 0]), abs(step[i, 1])) <= enough:

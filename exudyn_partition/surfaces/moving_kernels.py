@@ -103,9 +103,10 @@ def depth(r: float, s: float, quad: bool) -> float:
 def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size: float) -> tuple[Array, Array, Array]:
     """Normals, (k, 3), and gaps, (k,), of points that have moved, see `pairs.MovingPairs.follow`.
 
-    Points past the edge of the patch have a gap of `size`. The last result are those that must be searched, because
-    they have left their facet and are not on its neighbour either. What was found on the neighbour is told, or on their
-    own facet if there is none.
+    Facets, local coordinates and last steps of `m` become those of the new places. Points past the edge of the patch
+    have a gap of `size`. The last result are the points that must be searched for, because they have left their facet
+    and are not on its neighbour either. Until then, they have normal and gap to the neighbour, or to their own facet if
+    there is none.
     """
     index, facets, past, gone = m.index, m.facets, m.past, m.gone
     across, its_edge, turns, middles, table = m.across, m.its_edge, m.turns, m.middles, m.table

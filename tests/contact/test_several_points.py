@@ -89,13 +89,13 @@ def test_forces_of_points_are_the_derivative_of_their_common_energy(bumps, frict
 def test_points_that_move_each_other_cost_little_more(bumps, monkeypatch):
     """What takes time are the springs of each point."""
     _, _, contacts = impact(bumps, friction=0.3)
-    asked, held = [0], Springs.held
+    asked, held = [0], Springs.forces_up_to
 
     def counted(springs, *arguments):
         asked[0] += 1
         return held(springs, *arguments)
 
-    monkeypatch.setattr(Springs, "held", counted)
+    monkeypatch.setattr(Springs, "forces_up_to", counted)
 
     def press(together):
         members, asked[0] = [contact.mechanics.for_run() for contact in contacts], 0

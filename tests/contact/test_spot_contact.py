@@ -107,7 +107,7 @@ def stretched(springs, ways, force):
     covered = lengths > 0
     x, sums, last = np.zeros((len(lengths), 2)), [], np.zeros(2)
     for way in np.column_stack([ways, 0 * ways]) if ways.ndim == 1 else ways:
-        held = springs.held(x + way - last, lengths, bounds)
+        held = springs.forces_up_to(x + way - last, lengths, bounds)
         x[covered], last = held.forces[covered] / (lengths[covered, None] * springs.shear), way
         sums.append(held.total)
     return np.array(sums)
@@ -142,7 +142,7 @@ def test_pressure_between_unlike_bodies_slides_as_spence_says(friction):
         lengths = springs.lengths(now)
         x *= np.divide(np.minimum(lengths, before), lengths, out=np.zeros_like(lengths), where=lengths > 0)[:, None]
         bounds = friction * beta * springs.normal(now)
-        held = springs.held(x + springs.driven(reach, now, force * share**3).change, lengths, bounds)
+        held = springs.forces_up_to(x + springs.driven(reach, now, force * share**3).change, lengths, bounds)
         x, before, reach = springs.elongations(held.forces, lengths), lengths, now
     np.testing.assert_allclose(held.total, 0.0, atol=1e-12 * force)
     slips = np.linalg.norm(held.forces, axis=1) > (1 - 1e-9) * bounds
@@ -182,7 +182,7 @@ def rebound(sphere, modulus, shear, mass, sliding):
         lengths, bounds = springs.lengths(reach), MU * springs.normal(reach)
         closed = lengths > 0
         x[closed] *= (np.minimum(lengths, before)[closed] / lengths[closed])[:, None]
-        held = springs.held(x + np.array([dt * slide, 0.0]), lengths, bounds)
+        held = springs.forces_up_to(x + np.array([dt * slide, 0.0]), lengths, bounds)
         x[closed], before, T = held.forces[closed] / (lengths[closed] * shear)[:, None], lengths, held.total[0]
         v, slide = v - 0.5 * dt * P / mass, slide - 1.75 * dt * T / mass
 
@@ -233,7 +233,7 @@ def test_springs_of_an_ellipse_slip_against_their_force():
     lengths, bounds = springs.lengths(springs.reach(P)), MU * springs.normal(springs.reach(P))
     stretch, step = np.array([4e-6, 2e-6]), 1e-12
     elongations = np.tile(stretch, (len(lengths), 1))
-    held = springs.held(elongations, lengths, bounds)
+    held = springs.forces_up_to(elongations, lengths, bounds)
     closed = lengths > 0
     size = np.linalg.norm(held.forces, axis=1)
     lost = elongations[closed] - held.forces[closed] / (lengths[closed, None] * springs.shear)
@@ -245,7 +245,9 @@ def test_springs_of_an_ellipse_slip_against_their_force():
     np.testing.assert_allclose(across, 0, atol=1e-9 * stretch[0] * bounds.max())
     assert (np.einsum("nk,nk->n", lost, held.forces[closed]) >= -1e-15 * bounds.max() * stretch[0]).all()
     for k in range(2):
-        more, less = (springs.held(elongations + side * step * np.eye(2)[k], lengths, bounds) for side in (1, -1))
+        more, less = (
+            springs.forces_up_to(elongations + side * step * np.eye(2)[k], lengths, bounds) for side in (1, -1)
+        )
         slope = (more.total - less.total) / (2 * step)
         np.testing.assert_allclose(slope, held.stiffness[k], atol=1e-3 * held.stiffness.max())
 

@@ -21,14 +21,14 @@ def assembled(parts: Iterable[Part], n: int) -> sp.csr_matrix:
         Coordinates of each matrix, which may be repeated, and the matrix.
     n : int
     """
-    found = [(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0))]
+    entries = [(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0))]
     for columns, matrix in parts:
         if sp.issparse(matrix):
-            own = sp.coo_matrix(matrix)
-            found.append((columns[own.row], columns[own.col], own.data))
+            triplets = sp.coo_matrix(matrix)
+            entries.append((columns[triplets.row], columns[triplets.col], triplets.data))
         else:
-            found.append((np.repeat(columns, len(columns)), np.tile(columns, len(columns)), np.ravel(matrix)))
-    rows, columns, values = (np.concatenate(each) for each in zip(*found, strict=True))
+            entries.append((np.repeat(columns, len(columns)), np.tile(columns, len(columns)), np.ravel(matrix)))
+    rows, columns, values = (np.concatenate(each) for each in zip(*entries, strict=True))
     total = sp.csr_matrix((values, (rows, columns)), shape=(n, n))
     total.eliminate_zeros()
     return total

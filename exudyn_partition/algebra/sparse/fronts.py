@@ -130,9 +130,9 @@ def two_parts(children: list[list[int]], work: list[int]) -> tuple[Array, Array,
         Of each front.
     """
     whole, roots = list(work), set(range(len(work)))  # with all before it
-    for front, own in enumerate(children):
-        whole[front] += sum(whole[child] for child in own)
-        roots.difference_update(own)
+    for front, of_front in enumerate(children):
+        whole[front] += sum(whole[child] for child in of_front)
+        roots.difference_update(of_front)
     trees = [(-whole[root], root) for root in roots]
     heapq.heapify(trees)
     part = np.empty(len(work), dtype=np.int64)
@@ -168,11 +168,11 @@ def _roots(graph: sp.csr_matrix, sizes: Array, group: Array) -> list[_Front]:
     leading, counts = np.unique(front, return_counts=True)
     nodes = np.split(np.argsort(front, kind="stable"), np.cumsum(counts)[:-1])
     roots: list[_Front] = []
-    found: dict[int, _Front] = {}
+    fronts: dict[int, _Front] = {}
     for last, members in zip(leading.tolist(), nodes, strict=True):
         beyond = below[ends[last] : ends[last + 1]]
-        found[last] = _Front(members.tolist(), beyond, int(n_rows[last]), int(n_below[last]))
-    for one in found.values():
-        one.arrange()
-        (found[int(front[one.below[0]])].children if len(one.below) else roots).append(one)
+        fronts[last] = _Front(members.tolist(), beyond, int(n_rows[last]), int(n_below[last]))
+    for each in fronts.values():
+        each.arrange()
+        (fronts[int(front[each.below[0]])].children if len(each.below) else roots).append(each)
     return roots

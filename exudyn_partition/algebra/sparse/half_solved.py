@@ -127,14 +127,14 @@ class HalfSolved:
             count = np.count_nonzero(wanted)
             while self._needed(np.concatenate([self._rows[order[: count + BLOCK]], new])) < self._most / 2:
                 count += BLOCK
-            self._keep(np.sort(order[:count]))
+            self._keep_columns(np.sort(order[:count]))
         return True
 
     def _needed(self, rows: Array) -> float:
         """Most memory of the columns of some rows, (n,), and of the products between them [bytes]."""
         return 8.0 * (_with_room(len(rows)) ** 2 + _ROOM * float(self._lengths[rows].sum()))
 
-    def _keep(self, chosen: Array) -> None:
+    def _keep_columns(self, chosen: Array) -> None:
         """Keep some columns, by their numbers, ascending."""
         place = np.full(len(self._rows), -1)
         place[chosen] = np.arange(len(chosen))
@@ -167,14 +167,14 @@ class HalfSolved:
         np.add.at(x, (at, loads.row), loads.data)
         kept.push(x, fronts)
         for front, of_front in zip(fronts.tolist(), through, strict=True):
-            place, own = kept.place(front), np.flatnonzero(of_front)
-            y = np.ascontiguousarray(x[place][:, own].T)
+            place, added = kept.place(front), np.flatnonzero(of_front)
+            y = np.ascontiguousarray(x[place][:, added].T)
             signed = y * kept.signs[place]
-            numbers, columns = self._columns.setdefault(front, (_Grown(own[:0]), _Grown(y[:0])))
-            F[np.ix_(numbers.rows, before + own)] += columns.rows @ signed.T
+            numbers, columns = self._columns.setdefault(front, (_Grown(added[:0]), _Grown(y[:0])))
+            F[np.ix_(numbers.rows, before + added)] += columns.rows @ signed.T
             products = y @ signed.T
-            F[np.ix_(before + own, before + own)] += (products + products.T) / 2
-            numbers.append(before + own)
+            F[np.ix_(before + added, before + added)] += (products + products.T) / 2
+            numbers.append(before + added)
             columns.append(y)
         self._rows = np.concatenate([self._rows, new])
         self._asked = np.concatenate([self._asked, np.full(len(new), self._time)])

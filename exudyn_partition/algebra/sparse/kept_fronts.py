@@ -70,8 +70,8 @@ class KeptFronts:
     @cached_property
     def _begins(self) -> Array:
         """Where each front begins in `store`, (nf + 1,) int array."""
-        own, below = np.diff(self.starts), np.diff(self.ends)
-        begins: Array = np.r_[0, np.cumsum(own * (own + below))]
+        sizes, below = np.diff(self.starts), np.diff(self.ends)
+        begins: Array = np.r_[0, np.cumsum(sizes * (sizes + below))]
         read_only(begins)
         return begins
 

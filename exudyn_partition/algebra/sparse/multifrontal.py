@@ -231,14 +231,14 @@ class Factorisation:
             loops.push(x, self._factors, np.arange(len(self._factors.fronts)))
             return
         first, second, last = self._parts
-        own, shared = self._rows(second), self._rows(last)
+        rows, shared = self._rows(second), self._rows(last)
         beside = x.copy()  # so that no two threads change a row at once
         beside[shared] = 0.0
         with ThreadPoolExecutor(1) as second_core:
             pushed = second_core.submit(loops.push, beside, self._factors, second)
             loops.push(x, self._factors, first)
             pushed.result()
-        x[own] = beside[own]
+        x[rows] = beside[rows]
         x[shared] += beside[shared]
         loops.push(x, self._factors, last)
 
@@ -265,12 +265,12 @@ class Factorisation:
 
         Only fronts that a row reaches take part for it, and there is no substitution back.
         """
-        found, place = _InverseAt(rows, self._order, self._factors.starts), np.empty(len(self._order), dtype=np.int64)
+        inverse, place = _InverseAt(rows, self._order, self._factors.starts), np.empty(len(self._order), dtype=np.int64)
         for front, factor in enumerate(self._factors.fronts):
             k, m = len(factor.inverse), len(factor.changes)
             place[factor.rows], place[factor.changes] = np.arange(k), np.arange(k, k + m)
-            found.pass_front(front, factor, self._children[front], place)
-        return found.result
+            inverse.pass_front(front, factor, self._children[front], place)
+        return inverse.result
 
     def kept(self, rows: sp.csr_matrix) -> KeptFronts:
         """Cut out the fronts that solve for some rows, rows (k, n) of the identity, by right-hand sides there.

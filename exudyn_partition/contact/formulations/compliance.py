@@ -92,8 +92,8 @@ class NormalCompliance(Law):
     def answer(self, places: Places) -> Forces:
         """See `Law`."""
         h, least = places.gap, places.least
-        if self.gaps.moving and (found := self._answer_as_before(h, least)) is not None:
-            return found
+        if self.gaps.moving and (repeated := self._answer_as_before(h, least)) is not None:
+            return repeated
         share, iterations = BULGE, 0
         while True:
             near, before = self.near(h, least, share), self.problem.iterations

@@ -174,7 +174,7 @@ class Coupled:
             contact.evaluation = contact.evaluation.pushed_by(now, before)
 
     def _find(self, gaps: list[Array]) -> None:
-        """Find the forces of all contacts at gaps of their rows, (nr,) [m] each."""
+        """Find the forces of all contacts at gaps of their rows, (nr,) [m] each, which become their `evaluation`."""
         raise NotImplementedError
 
     def stiffness(self, rows: Mapping[int, Array]) -> dict[tuple[int, int], Array]:
@@ -288,8 +288,8 @@ class CoupledContacts(Coupled):
         if moving or pressed or not loops.at_once():
             return None
         if last is None or not last.has_pairs_of(gaps):
-            own, fields, _ = self.blocks()
-            last = FrozenContacts(gaps, dofs, self._joint.flat(own, fields))
+            blocks, fields, _ = self.blocks()
+            last = FrozenContacts(gaps, dofs, self._joint.flat(blocks, fields))
         last.guess(np.concatenate([contact.evaluation.lam > 0.0 for contact in self.contacts]))
         return last
 
@@ -307,19 +307,19 @@ class CoupledContacts(Coupled):
         exchange, (nr, m); and what amplitudes of fields one contact causes in another, (m, m) [m/N].
         """
         n_fields = max(map(len, self._exchange.core.values()), default=0)
-        own, fields = list[Array](), list[Array]()
+        within_contacts, fields = list[Array](), list[Array]()
         for j, (law, contact) in enumerate(zip(self._laws, self.contacts, strict=True)):
             if contact.gaps.moving:
                 n_rows = len(contact.gaps.all_nodes)
-                own.append(np.zeros((n_rows, n_rows)))
+                within_contacts.append(np.zeros((n_rows, n_rows)))
                 fields.append(np.zeros((n_rows, n_fields)))
             else:
                 law.renew_problem()
-                own.append(
+                within_contacts.append(
                     law.problem.F if shares is None else regularised(shared_flexibility(contact.rows, shares[j]))
                 )
                 fields.append(self._fields.fields(j))
-        return own, fields, self._exchange.core if shares is None else self._exchange.yielding(shares)
+        return within_contacts, fields, self._exchange.core if shares is None else self._exchange.yielding(shares)
 
     def patch_fields(self, j: int, side: int) -> Array:
         """Fields of a side's patch of contact j that contacts exchange, (d np, m), see `between.Exchange`."""
@@ -342,10 +342,10 @@ class CoupledContacts(Coupled):
         lam, moved = np.split(frozen.lam.copy(), starts), np.split(frozen.pushed.copy(), starts)
         for j, (law, iterations) in enumerate(zip(self._laws, frozen.pop_iterations(), strict=True)):
             near = law.near(moved[j], moved[j].min()) if lam[j].any() else None
-            self._give(j, self.contacts[j].gaps.at(coordinates[j]), moved[j], near, lam[j], int(iterations))
+            self._set_answer(j, self.contacts[j].gaps.at(coordinates[j]), moved[j], near, lam[j], int(iterations))
         return True
 
-    def _give(self, j: int, gap: Array, moved: Array, near: Array | None, lam: Array, iterations: int) -> None:
+    def _set_answer(self, j: int, gap: Array, moved: Array, near: Array | None, lam: Array, iterations: int) -> None:
         """Let a contact have forces on the rows `near`, (k,) [N], that were found together with those of the others.
 
         Its gaps are `gap`, (nr,) [m]. `moved` are the gaps with the displacements that the other contacts cause.
@@ -395,14 +395,14 @@ class CoupledContacts(Coupled):
                 f"the rows that close in {len(gaps)} contacts on common bodies did not settle in {_PASSES} passes"
             )
         for j, (gap, moved) in enumerate(zip(gaps, pushed, strict=True)):
-            self._give(j, gap, moved, near.get(j), lam.get(j, np.empty(0)), self._laws[j].problem.iterations)
+            self._set_answer(j, gap, moved, near.get(j), lam.get(j, np.empty(0)), self._laws[j].problem.iterations)
 
     def _solve(self, near: dict[int, Array], gaps: list[Array]) -> dict[int, Array]:
         """Forces on the near rows of each contact, (k,) [N]."""
         laws = self._laws
         return self._joint.solve(
             {j: laws[j].problem for j in near},
-            {j: _of(gaps[j], rows) for j, rows in near.items()},
+            {j: _rows_of(gaps[j], rows) for j, rows in near.items()},
             {j: self._fields_of(j, rows) for j, rows in near.items()},
         )
 
@@ -410,7 +410,7 @@ class CoupledContacts(Coupled):
         """Displacements of some rows in the fields, (na, m); the same array for the same rows."""
         fields, last, version = self._fields.fields(j), self._some.get(j), self._between.versions()[j]
         if last is None or last[0] != version or not _equal(last[1], rows):
-            last = self._some[j] = version, rows, _of(fields, rows)
+            last = self._some[j] = version, rows, _rows_of(fields, rows)
         return last[2]
 
     def _pushed_gap(self, j: int, gap: Array) -> Array:
@@ -460,7 +460,7 @@ class SharedPatches(CoupledContacts):
             else:
                 self._whole.replace(F, np.concatenate([self._laws[j].problem.active for j in near]))
         assert self._whole is not None
-        lam = self._whole.solve(np.concatenate([_of(gaps[j], rows) for j, rows in near.items()]))
+        lam = self._whole.solve(np.concatenate([_rows_of(gaps[j], rows) for j, rows in near.items()]))
         by_contact = {j: lam[part] for j, part in places.items()}
         self._pushing = {
             j: self._between.pushing(j, near[j], forces) for j, forces in by_contact.items() if forces.any()
@@ -495,7 +495,7 @@ def _equal(a: Array, b: Array) -> bool:
     return len(a) == len(b) and bool((a == b).all())
 
 
-def _of(values: Array, rows: Array) -> Array:
+def _rows_of(values: Array, rows: Array) -> Array:
     """Some rows of values, (na, ...), by their numbers; the same object if these are all."""
     return values if len(rows) == len(values) else values[rows]
 

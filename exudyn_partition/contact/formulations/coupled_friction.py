@@ -53,9 +53,9 @@ class CoupledFriction(Coupled):
         every = [np.arange(len(of_contact.gaps.row_nodes)) for of_contact in rows]
         parts, fields = consecutive([3 * len(index) for index in every]), []
         F = np.zeros((parts[-1].stop,) * 2)
-        for j, (part, own, contact, index) in enumerate(zip(self._parts, parts, rows, every, strict=True)):
+        for j, (part, columns, contact, index) in enumerate(zip(self._parts, parts, rows, every, strict=True)):
             of_rows = contact.flexibility(index) if shares is None else shared_flexibility(contact, shares[j])
-            F[own, own] = part.in_three(of_rows)
+            F[columns, columns] = part.in_three(of_rows)
             fields.append(part.spread(self._fields.fields(j)))
         for (j, k), S in (self._fields.core if shares is None else self._exchange.yielding(shares)).items():
             F[parts[j], parts[k]] = fields[j] @ S @ fields[k].T
@@ -106,8 +106,8 @@ class CoupledFriction(Coupled):
                     h[chosen, 1:] += part.way()[rows]
             forces = self._solve(h)
             pushed, more = self._pushed(gaps), True
-            found = zip(self._parts, pushed, in_problem, strict=True)
-            if not any([part.closing.shuts(gap, forces[own], smallest(gap)) for part, gap, own in found]):
+            each_pushed = zip(self._parts, pushed, in_problem, strict=True)
+            if not any([part.closing.shuts(gap, forces[numbers], smallest(gap)) for part, gap, numbers in each_pushed]):
                 break
         else:
             raise ComplementarityError(
@@ -118,7 +118,7 @@ class CoupledFriction(Coupled):
         ends = np.cumsum(list(map(len, near)))[:-1]
         answers = zip(*(np.split(values, ends) for values in (forces, moved, h, state)), strict=True)
         for part, gap, least, (lam, w, start, states) in zip(self._parts, placed, pushed, answers, strict=True):
-            part.give(gap, least.min(initial=np.inf), lam, w, start, states, self._iterations)
+            part.set_answer(gap, least.min(initial=np.inf), lam, w, start, states, self._iterations)
 
     def _stay_open(self, gaps: list[Array]) -> bool:
         """Whether no row is closed at gaps, (nr,) [m] each, and none was in the last step."""
@@ -210,6 +210,7 @@ class SharedFriction(CoupledFriction):
     _by_fields = False
 
     def _flexibility(self, near: Sequence[Array], alone: Sequence[Array]) -> BlockFlexibility:
+        """See `CoupledFriction`; here as one full block, for contacts share patches."""
         places, both = consecutive([len(F) for F in alone]), zip(self._parts, near, strict=True)
         F, some = np.zeros((places[-1].stop,) * 2), [part.contact.rows.directions(rows) for part, rows in both]
         for part, block in zip(places, alone, strict=True):
@@ -305,8 +306,10 @@ class _Part:
     def _law(self) -> FrictionalCompliance:
         return cast("FrictionalCompliance", self.contact.law)
 
-    def give(self, gap: Array, least: float, lam: Array, moved: Array, h: Array, state: Array, iterations: int) -> None:
-        """Give the contact its answer.
+    def set_answer(
+        self, gap: Array, least: float, lam: Array, moved: Array, h: Array, state: Array, iterations: int
+    ) -> None:
+        """Let the contact have its forces, which were found together with those of the others, as its `evaluation`.
 
         Parameters
         ----------

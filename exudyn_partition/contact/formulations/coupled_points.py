@@ -75,7 +75,7 @@ class CoupledPoints(CoupledZones):
                 break
         else:
             self._check_settled(before, [touch.on_row for touch in touches])
-        self._give(gaps, steps, touches, from_last)
+        self._set_answers(gaps, steps, touches, from_last)
 
     def _touched(self, j: int) -> bool:
         """Whether contact j was closed at the end of the last accepted step."""
@@ -119,8 +119,8 @@ class CoupledPoints(CoupledZones):
                 "much: take formulation='compliance' there, with facets that resolve the contact"
             )
 
-    def _give(self, gaps: list[Array], steps: list[Any], touches: list[Touch], from_last: list[Array]) -> None:
-        """Let contacts answer with these forces; each stores half of what they do on ways by others."""
+    def _set_answers(self, gaps: list[Array], steps: list[Any], touches: list[Touch], from_last: list[Array]) -> None:
+        """Let contacts have these forces as their `evaluation`; each stores half of what they do on ways by others."""
         on_rows = [touch.on_row for touch in touches]
         for j, (contact, gap, step) in enumerate(zip(self.contacts, gaps, steps, strict=True)):
             pushed, forces = self._moved_by(j, on_rows), step.forces(touches[j])

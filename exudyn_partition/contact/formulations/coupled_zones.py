@@ -68,6 +68,7 @@ class CoupledZones(Coupled):
         return contact.evaluation.index.size > 0 or contact.state.memory.closed
 
     def _settle(self, gaps: list[Array], lasting: list[Array]) -> None:
+        """Let contacts answer in turn, with what the others push, until their forces hardly change."""
         pushed_ever = [bool(lasting)] * len(self.contacts)  # contacts that nothing has pushed have their answer
         settled = _SETTLED_WITH_FRICTION if self._frictional else _SETTLED
         for _ in range(_SWEEPS):

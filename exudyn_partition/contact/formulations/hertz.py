@@ -44,11 +44,11 @@ class HertzCurve:
     def __init__(self, series: float, contact: PointContact, share: float = 1.0) -> None:
         self.f, self.k = series / share, contact.yielding / math.cbrt(share) ** 2
         self.largest: float = share * contact.force(WIDEST * contact.radius)
-        own = 2 / 3 * self.k / math.cbrt(self.largest)
-        if self.f < (_STIFFEST - 1) * own:  # else the bodies would be stiffer than rigid ones
-            self.largest *= math.pow(own * (1 - _STIFFEST) / -self.f, 3)
-            own = 2 / 3 * self.k / math.cbrt(self.largest)
-        self.stiffest = 1 / (self.f + own)
+        of_dent = 2 / 3 * self.k / math.cbrt(self.largest)
+        if self.f < (_STIFFEST - 1) * of_dent:  # else the bodies would be stiffer than rigid ones
+            self.largest *= math.pow(of_dent * (1 - _STIFFEST) / -self.f, 3)
+            of_dent = 2 / 3 * self.k / math.cbrt(self.largest)
+        self.stiffest = 1 / (self.f + of_dent)
         self._deepest = self.approach(self.largest)
         self._stored = self._curved(self.largest)
 

@@ -168,10 +168,10 @@ class Springs:
 
     def elongations(self, forces: Array, lengths: Array) -> Array:
         """Elongations of springs, (n, 2) [m], under forces, (n, 2) [N]; zero where they have no length."""
-        own = lengths[:, None] * self.shear
-        return np.asarray(np.divide(forces, own, out=np.zeros_like(own), where=own > 0.0))
+        stiffness = lengths[:, None] * self.shear
+        return np.asarray(np.divide(forces, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0))
 
-    def held(self, elongations: Array, lengths: Array, bounds: Array) -> Held:
+    def forces_up_to(self, elongations: Array, lengths: Array, bounds: Array) -> Held:
         """Springs that would have elongations, (n, 2) [m], along the ellipse and across it, by forces up to bounds.
 
         A spring that slips moves against its force, whatever its stiffness along both axes. With `lengths` and
@@ -358,6 +358,7 @@ class FrictionStep:
 
     @FoundOnce
     def _before(self) -> _Before:
+        """What is known at the start of the step, with remembered forces in the axes of now."""
         yielding, places, force = self._yielding, self._places, self._force_before
         springs, turn = yielding.springs, yielding.turn
         last, reach = turn @ places.last[0, 1:], springs.reach(force)
@@ -396,7 +397,7 @@ class FrictionStep:
         rest = self._before.rest + yielding.turn @ moved[1:]
         if not force:
             P = curve.force(approach)
-            return self._at(P, rest + between * P)
+            return self._forces_at(P, rest + between * P)
         deep = curve.approach(force)
         off = np.array([deep - approach, *(touch.stretch - rest - between * force - touch.F @ T)])
         step = np.linalg.solve(self._derivative(touch, turning), off)
@@ -405,10 +406,10 @@ class FrictionStep:
         most = _SETTLED * (touch.size + np.abs(stretch).max())
         if abs(P - force) <= _SETTLED * P and np.abs(step[1:]).max() <= most:
             return touch._replace(settled=True)
-        return self._at(P, stretch)
+        return self._forces_at(P, stretch)
 
     def _derivative(self, touch: FrictionTouch, turning: Array) -> Array:
-        """Derivative of what is off in `better` by the approach and the stretch, (3, 3)."""
+        """Derivative of the residual of `better` by the approach and the stretch, (3, 3)."""
         yielding, slopes, held = self._yielding, touch.slopes, touch.held
         k, between = yielding.normal.stiffness(touch.force), yielding.between - turning
         result = np.eye(3)
@@ -418,7 +419,7 @@ class FrictionStep:
         result[1:, 1:] += touch.F @ held.stiffness
         return result
 
-    def _at(self, P: float, stretch: Array) -> FrictionTouch:
+    def _forces_at(self, P: float, stretch: Array) -> FrictionTouch:
         """Forces under a normal force [N], where the ends of the springs move by `stretch`, (2,) [m]."""
         before, springs = self._before, self._yielding.springs
         reach = springs.reach(P)
@@ -427,7 +428,7 @@ class FrictionStep:
         kept = springs.elongations(before.carried, np.maximum(before.covered, lengths))
         driven = springs.driven(before.reach, reach, P, before.spoke)
         kept = kept if driven is None else kept + driven.change
-        held = springs.held(kept + stretch, lengths, bounds)
+        held = springs.forces_up_to(kept + stretch, lengths, bounds)
         on_row = np.array([P, *(self._yielding.turn.T @ -held.total)])
         slopes = _Slopes.of(held, self._mu * springs.normal_slope(reach), driven)
         F, size = self._yielding.beside(P), float(np.abs(kept).max())
@@ -598,14 +599,17 @@ class _Slopes(NamedTuple):
 
     @classmethod
     def of(cls, held: Held, by_force: Array, driven: Driven | None) -> _Slopes:
-        """Slopes where springs' largest forces have derivatives by the normal one, (n,), for a linear `driven`."""
+        """Slopes of springs whose largest forces have the derivatives `by_force`, (n,), by the normal force.
+
+        With `driven`, how the normal force moves the springs, which is linear in their forces.
+        """
         forces = by_force[:, None] * held.by_bounds
         if driven is None:
             return cls(forces.sum(axis=0), np.zeros(2), 0.0)
         pulled = np.einsum("nij,nj->ni", held.of_each, driven.by_force)
         forces = forces + pulled
-        own = float(np.sum(forces * driven.by_force))
-        return cls(forces.sum(axis=0), pulled.sum(axis=0), own)
+        through_force = float(np.sum(forces * driven.by_force))
+        return cls(forces.sum(axis=0), pulled.sum(axis=0), through_force)
 
 
 def _stiffness(normal: float, slopes: _Slopes, own: Array, F: Array, moved: Array, turn: Array) -> Array:
@@ -635,9 +639,10 @@ def _stiffness(normal: float, slopes: _Slopes, own: Array, F: Array, moved: Arra
 
 
 def _turning(forces: Array, last: Array) -> Array:
-    """By what vectors, (2,), turn with forces of springs, (n, 2) [N], into the axes of now: (2, 2), from the right.
+    """Rotation, (2, 2), of vectors that were remembered in earlier axes, into the present ones; for use from the right.
 
-    In these, the force on the slave was `last`, (2,) [N].
+    It turns the sum of the springs' forces, (n, 2) [N], to the direction of `last`, (2,) [N], which is the same force
+    on the slave in the present axes.
     """
     remembered = -forces.sum(axis=0)
     size = np.hypot(*remembered) * np.hypot(*last)

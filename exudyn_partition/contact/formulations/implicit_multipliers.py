@@ -293,6 +293,11 @@ class StepImpulses:
     def _evaluate(
         self, last: ImpulseAnswer, end: tuple[Array, Array], step: float, weights: GeneralizedAlpha, state: Array
     ) -> ImpulseAnswer:
+        """Answer at coordinates and velocities at the end of the step, see `evaluate`.
+
+        `state` has coordinates, velocities, and place and motion of the surface's carrier. If it is the first one of
+        the step again, Newton's iteration has begun anew.
+        """
         (q, q_t), gaps, guess = end, self.gaps, last.iterate
         # True in the first evaluation, or if the solver begins again: it then predicts q without accelerations.
         predicted = guess.first is None or (last.memory.closed and np.array_equal(state, guess.first))

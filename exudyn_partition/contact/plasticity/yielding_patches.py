@@ -295,7 +295,7 @@ class YieldingPatches(Zones):
         Returns
         -------
         list of ZoneState or ZoneStep
-            See `ZoneStep.end`.
+            See `ZoneStep.after`.
         int
             Number of iterations.
         float
@@ -378,7 +378,7 @@ def _guesses(steps: Sequence[ZoneStep]) -> tuple[ZoneGuess, ...]:
 
 
 def _ends(steps: Sequence[ZoneStep], flowed: Sequence[Flowed]) -> list[ZoneState | ZoneStep]:
-    return [step.end(flow) for step, flow in zip(steps, flowed, strict=True)]
+    return [step.after(flow) for step, flow in zip(steps, flowed, strict=True)]
 
 
 def _elastic_share(steps: Sequence[ZoneStep]) -> float:

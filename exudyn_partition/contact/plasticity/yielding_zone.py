@@ -138,6 +138,7 @@ class YieldingZone:
         return result
 
     def _use(self, kind: type) -> None:
+        """Have the flexibility in single or double precision, and drop what was found with the other."""
         given, single = self.flexibility, np.dtype(kind) == np.float32
         self._zone_flexibility: OrderedRows | KeptFlexibility
         if len(self.motion.zone.nodes) <= _MOST_DENSE:
@@ -298,8 +299,11 @@ class ZoneStep:
         active = self._active
         return active.moved(self.q, self.state.applied.moved), self.state.plastic.at(active.points)
 
-    def end(self, flowed: Flowed) -> ZoneState | ZoneStep:
-        """State after the step. If other points flow, the same step with these points active, to be done again."""
+    def after(self, flowed: Flowed) -> ZoneState | ZoneStep:
+        """State after the step; if other points flow than this step assumes, the step to be done again in its place.
+
+        That one is the same step, with these points active, and a guess of its answer.
+        """
         zone, active, state, last = self.zone, self._active, self.state, self.state.applied
         push, force, at_points, strain, led_to, _ = flowed
         plastic = state.plastic.changed(active.points, at_points)

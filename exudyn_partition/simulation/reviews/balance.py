@@ -219,11 +219,11 @@ def _by_steps_or_impacts(mbs: MainSystem, result: Result, *, lost: bool) -> str:
         remedies.append("method='explicit'")
     library, foreign = (Compliance, Hertz, Lagrange, Penalty), ""
     others = [contact for contact in result.contacts if not isinstance(contact.formulation, Compliance)]
-    if own := {
+    if laws := {
         type(contact.mechanics.law).__name__ for contact in others if not isinstance(contact.formulation, library)
     }:
         foreign = (
-            f", or of the law {' or '.join(sorted(own))}: check that its stored energy and its power belong to its "
+            f", or of the law {' or '.join(sorted(laws))}: check that its stored energy and its power belong to its "
             "forces, and that it keeps nothing from earlier steps"
         )
     if others:

@@ -93,7 +93,7 @@ def surface_stress(body: ReducedBody, facets: Array, deformed: Array, material: 
         Coordinates of the deformation.
     material : Material
     """
-    found, middles = np.empty((len(deformed), len(facets))), np.empty((len(facets), 3))
+    von_mises, middles = np.empty((len(deformed), len(facets))), np.empty((len(facets), 3))
     modulus = material.E / (1 - material.nu**2)
     for rows, columns in by_shape(facets):
         corners = facets[rows][:, columns]
@@ -110,9 +110,9 @@ def surface_stress(body: ReducedBody, facets: Array, deformed: Array, material: 
         by_y = (by_s @ moved - np.sum(aside * x, axis=1)[:, None] * by_x) / np.sum(aside * y, axis=1)[:, None]
         xx, yy, xy = np.sum(by_x * x, axis=2), np.sum(by_y * y, axis=2), np.sum(by_x * y + by_y * x, axis=2)
         sx, sy = modulus * (xx + material.nu * yy), modulus * (yy + material.nu * xx)
-        found[:, rows] = np.sqrt(sx**2 + sy**2 - sx * sy + 3 * (material.shear_modulus * xy) ** 2)
+        von_mises[:, rows] = np.sqrt(sx**2 + sy**2 - sx * sy + 3 * (material.shear_modulus * xy) ** 2)
         middles[rows] = value @ points
-    return found, middles
+    return von_mises, middles
 
 
 @once

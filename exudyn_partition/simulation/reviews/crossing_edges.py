@@ -59,6 +59,7 @@ def crossing_edges(run: ReviewedRun) -> Iterator[Finding]:
 
 
 def _crossing(run: ReviewedRun, history: ContactHistory) -> Iterator[Finding]:
+    """Finding on edges of the two sides of a contact that cross, away from rows that hold them."""
     contact, result = history.contact, run.result
     surfaces = [surface_of(item.body, number) for item, number in contact.sides]
     rigid = isinstance(contact.master, RigidMesh)
@@ -85,14 +86,14 @@ def _crossing(run: ReviewedRun, history: ContactHistory) -> Iterator[Finding]:
     lower, upper = ([pick(x, axis=1) for x in (x_s, x_m)] for pick in (np.min, np.max))
     overlap = ((lower[0] < upper[1]) & (lower[1] < upper[0])).all(axis=1)  # of the boxes around both
     for i, sample in zip(np.flatnonzero(overlap), chosen[overlap], strict=True):
-        held = np.zeros(len(surfaces[0].points), dtype=bool)
+        near_closed = np.zeros(len(surfaces[0].points), dtype=bool)
         nodes, forces = history.rows.at_sample(int(sample))
-        held[nodes[forces > 0]] = True
-        held |= around @ held > 0
-        found = [_deepest_crossing(edges, x_s[i], x_m[i], held)]
+        near_closed[nodes[forces > 0]] = True
+        near_closed |= around @ near_closed > 0
+        deepest = [_deepest_crossing(edges, x_s[i], x_m[i], near_closed)]
         if contact.beside is None:
-            found.append(_deepest_corner(surfaces, x_s[i], x_m[i], held))
-        depth, where = max(found, key=lambda one: one[0])
+            deepest.append(_deepest_corner(surfaces, x_s[i], x_m[i], near_closed))
+        depth, where = max(deepest, key=lambda crossing: crossing[0])
         if not _WITHIN * size < depth - pressed[i] < size:
             continue
         slave, master = (*contact.side_names, "the rigid surface")[:2]
@@ -145,12 +146,12 @@ class _Edges:
         ends = np.isin(facet_corners(surface.facets), surface.ends)
         last, at_end = np.nonzero((across < 0) & ends & np.roll(ends, -1, axis=1))
         facet, edge = np.r_[facet[once], last], np.r_[edge[once], at_end]
-        other = across[facet, edge]
+        neighbour = across[facet, edge]
         start = corners_of(surface.facets)
         end = np.roll(start, -1, axis=0)
         local = np.stack([start, (start + end) / 2, end], axis=1)[edge]
         shape = shape_functions(local.reshape(-1, 2), surface.facets.shape[1])[:, 0]
-        beside = np.stack([facet, np.where(other < 0, facet, other)], axis=1)
+        beside = np.stack([facet, np.where(neighbour < 0, facet, neighbour)], axis=1)
         return cls(surface.facets, beside, shape.reshape(len(beside), 3, surface.facets.shape[1]))
 
     def pieces(self, points: Array) -> tuple[Array, Array, Array]:
@@ -177,7 +178,7 @@ def _unit(vectors: Array) -> Array:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None])
 
 
-def _deepest_crossing(edges: list[_Edges], x_s: Array, x_m: Array, held: Array) -> tuple[float, Array]:
+def _deepest_crossing(edges: list[_Edges], x_s: Array, x_m: Array, near_closed: Array) -> tuple[float, Array]:
     """Largest depth to which edges of both surfaces have passed each other [m], zero if none have, and its place.
 
     They pass each other along a direction that lies between the facets on both sides of each edge.
@@ -187,17 +188,17 @@ def _deepest_crossing(edges: list[_Edges], x_s: Array, x_m: Array, held: Array) 
         return _NOWHERE
     reach = sum(np.linalg.norm(x[:, 1] - x[:, 0], axis=1).max() for x in (a, b)) / 2
     near = cKDTree(a.mean(axis=1)).query_ball_tree(cKDTree(b.mean(axis=1)), reach)
-    i = np.repeat(np.arange(len(a)), [len(found) for found in near])
+    i = np.repeat(np.arange(len(a)), [len(partners) for partners in near])
     j = np.fromiter(chain.from_iterable(near), dtype=np.int64, count=len(i))
-    one, two, apart = a[i, 1] - a[i, 0], b[j, 1] - b[j, 0], a[i, 0] - b[j, 0]
-    pairs = (one, one), (one, two), (two, two), (apart, one), (apart, two)
+    along_a, along_b, apart = a[i, 1] - a[i, 0], b[j, 1] - b[j, 0], a[i, 0] - b[j, 0]
+    pairs = (along_a, along_a), (along_a, along_b), (along_b, along_b), (apart, along_a), (apart, along_b)
     aa, ab, bb, wa, wb = (np.einsum("kd,kd->k", *pair) for pair in pairs)
     squared = aa * bb - ab**2
     crossing = squared > _ALIKE**2 * aa * bb
     squared[~crossing] = 1.0
     s, t = (ab * wb - bb * wa) / squared, (aa * wb - ab * wa) / squared
-    way = apart + s[:, None] * one - t[:, None] * two  # from the master's edge to the slave's
-    crossing &= (s > 0) & (s < 1) & (t > 0) & (t < 1) & ~edges[0].touch(held)[i]
+    way = apart + s[:, None] * along_a - t[:, None] * along_b  # from the master's edge to the slave's
+    crossing &= (s > 0) & (s < 1) & (t > 0) & (t < 1) & ~edges[0].touch(near_closed)[i]
     depth = np.linalg.norm(way, axis=1)
     outward, inward = (np.einsum("kd,kd->k", way, normal) for normal in (n_a[i], n_b[j]))
     crossing &= outward > np.maximum(cosine_a[i] - _ASIDE, 0.0) * depth
@@ -206,18 +207,18 @@ def _deepest_crossing(edges: list[_Edges], x_s: Array, x_m: Array, held: Array) 
         return _NOWHERE
     depth = np.where(crossing, depth, 0.0)
     worst = int(depth.argmax())
-    return float(depth[worst]), a[i[worst], 0] + s[worst] * one[worst]
+    return float(depth[worst]), a[i[worst], 0] + s[worst] * along_a[worst]
 
 
-def _deepest_corner(surfaces: list[Surface], x_s: Array, x_m: Array, held: Array) -> tuple[float, Array]:
+def _deepest_corner(surfaces: list[Surface], x_s: Array, x_m: Array, near_closed: Array) -> tuple[float, Array]:
     """Largest depth of the master's nodes at edges within the slave [m], zero if none is, and its place, (3,)."""
     corners = x_m[surfaces[1].sharp]
     corners = corners[((corners > x_s.min(axis=0)) & (corners < x_s.max(axis=0))).all(axis=1)]
     if not len(corners):
         return _NOWHERE
     facets, size = surfaces[0].facets, surfaces[0].facet_size
-    found = closest_points(corners, x_s[facets])
-    passed = held[facets[found.facet]].any(axis=1) | (found.offset > _ROUND_OFF * size)
-    depth = np.where(passed, 0.0, -found.gap)
+    closest = closest_points(corners, x_s[facets])
+    passed = near_closed[facets[closest.facet]].any(axis=1) | (closest.offset > _ROUND_OFF * size)
+    depth = np.where(passed, 0.0, -closest.gap)
     worst = int(depth.argmax())
     return float(depth[worst]), corners[worst]

@@ -36,7 +36,7 @@ def missing_dents(run: ReviewedRun) -> Iterator[Finding]:
         and not len(body.item.body.basis.nodal)
         and body.item.body.material is not None
     ]
-    attached = [*_attached(run.mbs)] if loaded else []
+    attached = [*_connections(run.mbs)] if loaded else []
     for item in loaded:
         for what, marker, stiffness in attached:
             if int(marker.get("bodyNumber", -1)) != int(item["oFFRFreducedOrder"]):
@@ -57,10 +57,11 @@ def missing_dents(run: ReviewedRun) -> Iterator[Finding]:
                 break
 
 
-def _attached(mbs: MainSystem) -> Iterator[tuple[str, ItemEntry, float]]:
-    """Name, marker and stiffness [N/m] of connectors and joints, and of sensors that read the place of a load.
+def _connections(mbs: MainSystem) -> Iterator[tuple[str, ItemEntry, float]]:
+    """What feels the local dent at a marker: its name, the marker, and its stiffness [N/m].
 
-    Joints and sensors count as rigid. A load without a sensor has no stiffness that the dent could change.
+    These are connectors, joints, and sensors that read the place of a load. Joints and sensors count as rigid. A load
+    without a sensor has no stiffness that the dent could change.
     """
     data = mbs.systemData
     for number in range(data.NumberOfObjects()):

@@ -32,8 +32,8 @@ def passing(run: ReviewedRun) -> Iterator[Finding]:
     # Patches of a body that meet another body or a surface, by its identity: surfaces of users may have no hash.
     met: dict[tuple[PartitionBody, int], frozenset[int]] = {}
     for contact in run.result.contacts:
-        for (item, number), other in zip(contact.sides, (contact.master, contact.slave), strict=False):
-            met[item, id(other)] = met.get((item, id(other)), frozenset()) | {number}
+        for (item, number), opposite in zip(contact.sides, (contact.master, contact.slave), strict=False):
+            met[item, id(opposite)] = met.get((item, id(opposite)), frozenset()) | {number}
     for history in run.contacts:
         contact = history.contact
         if contact.master != contact.slave and contact.rows != "edges" and history.kept.edge is None:
@@ -43,29 +43,33 @@ def passing(run: ReviewedRun) -> Iterator[Finding]:
 def _entered(
     run: ReviewedRun, history: ContactHistory, met: Mapping[tuple[PartitionBody, int], frozenset[int]]
 ) -> Iterator[Finding]:
+    """Finding on a body of a contact that has entered the other side beside its patches.
+
+    `met` are the numbers of the patches with which each body meets something, by the `id` of this.
+    """
     contact, result = history.contact, run.result
     chosen = evenly(len(result.t), _SAMPLES)
     dent = np.maximum(history.pressed[chosen], 0.0)  # which the motion does not know
     sides = [item for item, _ in contact.sides]
-    for item, other in zip(sides, sides[::-1] if len(sides) > 1 else [contact.master], strict=True):
+    for item, opposite in zip(sides, sides[::-1] if len(sides) > 1 else [contact.master], strict=True):
         deep = _DEEP * size_of(item.body)
-        if not isinstance(other, PartitionBody) and contact.carrier is None and run.body(item).way < deep:
+        if not isinstance(opposite, PartitionBody) and contact.carrier is None and run.body(item).way < deep:
             continue  # nothing that was outside at the start can be so deep
-        nodes = _beside(item.body, met[item, id(other)])
+        nodes = _beside(item.body, met[item, id(opposite)])
         places = item.kinematics.at(nodes).place(run.body(item).q[chosen])
-        if isinstance(other, PartitionBody):
-            depth = _depths_in_body(places, other, run.body(other).q[chosen])
+        if isinstance(opposite, PartitionBody):
+            depth = _depths_in_body(places, opposite, run.body(opposite).q[chosen])
         else:
             motion = surface_motion(contact.carrier, result.others, result.t[chosen])
             if motion is None:
                 continue
             place, axes = motion
             on_surface = places if contact.carrier is None else (places - place[:, None]) @ axes
-            depth = -other.project(on_surface.reshape(-1, 3))[0].reshape(on_surface.shape[:2])
+            depth = -opposite.project(on_surface.reshape(-1, 3))[0].reshape(on_surface.shape[:2])
         entered = np.where(depth[0] < 0.0, depth, 0.0) > dent[:, None] + deep
         if entered.any():
             sample, node = np.argwhere(entered)[0]
-            what = called(other) if isinstance(other, PartitionBody) else "the rigid surface"
+            what = called(opposite) if isinstance(opposite, PartitionBody) else "the rigid surface"
             yield Finding(
                 f"{called(contact)}: at t = {result.t[chosen[sample]]:.6g} s {called(item)} is "
                 f"{depth[sample, node]:.3g} m within {what} at {places[sample, node]} m, beside its patch, where "
@@ -118,7 +122,8 @@ def _depths_in_body(places: Array, body: PartitionBody, q: Array) -> Array:
     for i, surface in zip(samples, body.kinematics.at(boundary).place(q[samples]), strict=True):
         x = surface[corners]
         size = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
-        found = closest_points(places[i, within[i]], x)
-        is_deep = (found.gap < -_DEEP_IN_FACETS * size[found.facet]) & (found.offset <= _ROUND_OFF * size[found.facet])
-        depth[i, within[i]] = np.where(is_deep, -found.gap, -np.inf)
+        closest = closest_points(places[i, within[i]], x)
+        facet_size = size[closest.facet]
+        is_deep = (closest.gap < -_DEEP_IN_FACETS * facet_size) & (closest.offset <= _ROUND_OFF * facet_size)
+        depth[i, within[i]] = np.where(is_deep, -closest.gap, -np.inf)
     return depth

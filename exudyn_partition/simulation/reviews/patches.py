@@ -120,9 +120,9 @@ def _far(run: ReviewedRun, history: ContactHistory) -> Finding | None:
     ]
     size = max(size_of(item.body) for item, _ in contact.sides)
     if isinstance(contact.master, PartitionBody):
-        away = [float(KDTree(theirs).query(own)[0].min()) for own, theirs in zip(*places, strict=True)]
+        away = [float(KDTree(theirs).query(nodes)[0].min()) for nodes, theirs in zip(*places, strict=True)]
     else:
-        away = [float(contact.master.project(own)[0].min()) for own in places[0]]
+        away = [float(contact.master.project(nodes)[0].min()) for nodes in places[0]]
     if away[-1] < _FAR * size or away[-1] < (1 - _NEARER) * away[0]:
         return None
     return Finding(

@@ -101,6 +101,7 @@ def sinking(run: ReviewedRun) -> Iterator[Finding]:
 
 
 def _sunk(run: ReviewedRun, history: ContactHistory, gaps: RigidGaps) -> Iterator[Finding]:
+    """Finding on nodes of a patch that have sunk into a rigid surface between rows."""
     contact, result, (item, number) = history.contact, run.result, history.contact.sides[0]
     surface = surface_of(item.body, number)
     allowed, body = _allowed_depth(surface), run.body(item)
@@ -129,12 +130,12 @@ def _sunk(run: ReviewedRun, history: ContactHistory, gaps: RigidGaps) -> Iterato
     depth[:, near] = -gaps.surface.project(on_surface[:, near].reshape(-1, 3))[0].reshape(len(q), len(near))
     if (depth <= allowed).all():
         return
-    held = history.rows.matrix(chosen).toarray() != 0
+    closed = history.rows.matrix(chosen).toarray() != 0
     # Beside a contact the coordinates alone also place the surface too deep. The contact's flexibility lifts it.
-    lifted = np.where(held, depth, 0.0).max(axis=1, initial=0.0)
-    sunk = (depth - lifted[:, None] > allowed) & ~held
+    lifted = np.where(closed, depth, 0.0).max(axis=1, initial=0.0)
+    sunk = (depth - lifted[:, None] > allowed) & ~closed
     if sunk.any():
-        sunk &= (neighbours(surface) @ held.T == 0).T
+        sunk &= (neighbours(surface) @ closed.T == 0).T
     if not sunk.any():
         return
     i = int(sunk.any(axis=1).argmax())

@@ -90,11 +90,11 @@ def _sliding_speed(run: ReviewedRun, history: ContactHistory) -> float | None:
     weights = history.rows.matrix(some).toarray()[:, : len(nodes)]
     places = contact.slave.kinematics.at(nodes).place(run.body(contact.slave).q[some])
     centres = np.einsum("mk,mkd->md", weights, places) / weights.sum(axis=1)[:, None]
-    one, other = (
+    of_slave, of_master = (
         item.kinematics.mean_velocity(run.body(item).q[some], run.body(item).q_t[some], centres)
         for item, _ in contact.sides
     )
     normals = on_slave[some] / np.linalg.norm(on_slave[some], axis=1)[:, None]
-    relative = one - other
+    relative = of_slave - of_master
     along = relative - np.sum(relative * normals, axis=1)[:, None] * normals
     return float(np.median(np.linalg.norm(along, axis=1)))

@@ -47,6 +47,7 @@ def spin(run: ReviewedRun) -> Iterator[Finding]:
 
 
 def _stiffening_by_spin(run: ReviewedRun, body: BodyHistory, kinematics: FloatingKinematics) -> Iterator[Finding]:
+    """Finding on a body whose rotation would stiffen it against bending by more than a small share."""
     result, item = run.result, body.item
     rotation = body.q_t[:, 3:6] @ kinematics.node_axes.T
     squared = np.sum(rotation**2, axis=1)
@@ -70,12 +71,12 @@ def _stiffening_by_spin(run: ReviewedRun, body: BodyHistory, kinematics: Floatin
         share = factor * mean_over(2 * np.pi / np.sqrt(value), result.t, pulled @ _bent(kinematics, q, motion, axes[1]))
         if share.max() > _LARGEST * value:
             top, first = int(share.argmax()), int((share > _LARGEST * value).argmax())
-            held = "held as its joints hold it" if len(rows) else "free"
+            support = "held as its joints hold it" if len(rows) else "free"
             yield Finding(
                 f"{called(item)} rotates with {np.sqrt(squared[top]):.4g} rad/s, from t = {result.t[first]:.6g} s on "
-                f"so fast that its bending at {np.sqrt(value) / (2 * np.pi):.4g} Hz, {held}, would be stiffer by about "
-                f"{share[top] / value:.2g} of its stiffness. Rotation does not stiffen this body: it bends too easily. "
-                "Reduce it with geometric_stiffness=True"
+                f"so fast that its bending at {np.sqrt(value) / (2 * np.pi):.4g} Hz, {support}, would be stiffer by "
+                f"about {share[top] / value:.2g} of its stiffness. Rotation does not stiffen this body: it bends too "
+                "easily. Reduce it with geometric_stiffness=True"
             )
             return
 
@@ -148,11 +149,11 @@ def _bent(kinematics: FloatingKinematics, q: Array, motion: Array, axes: Array) 
     x = places / np.ptp(places, axis=0).max()
     pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
     fields = np.column_stack([np.ones(len(x)), x, *(x[:, a] * x[:, b] for a, b in pairs)])
-    found = np.linalg.lstsq(fields, moved, rcond=1e-9)[0]
+    solution = np.linalg.lstsq(fields, moved, rcond=1e-9)[0]
     squares = np.empty(3)
     for axis in range(3):
-        slopes = np.tile(found[1 + axis], (len(x), 1))
-        for (a, b), coefficients in zip(pairs, found[4:], strict=True):
+        slopes = np.tile(solution[1 + axis], (len(x), 1))
+        for (a, b), coefficients in zip(pairs, solution[4:], strict=True):
             slopes += np.outer(x[:, b] * (a == axis) + x[:, a] * (b == axis), coefficients)
         squares[axis] = np.sum(slopes**2)
     shares: Array = 2 * squares / max(squares.sum(), np.finfo(float).tiny)

@@ -65,17 +65,18 @@ def _passed(run: ReviewedRun, history: ContactHistory, wall: int) -> Iterator[Fi
         both = np.array([k, k + 1])
         x = places(comer, np.arange(len(surfaces[comer].points)), both)
         if rigid is not None:
-            found = [rigid.project(each) for each in x]
+            projections = [rigid.project(each) for each in x]
         else:
             of_wall = places(wall, np.arange(len(surfaces[wall].points)), both)
-            found = [_nearest(surfaces[wall], *each) for each in zip(x, of_wall, strict=True)]
+            projections = [_nearest(surfaces[wall], *each) for each in zip(x, of_wall, strict=True)]
         normals = [_normals(surfaces[comer], each) for each in x]
         (before, meets), (after, looks) = (
-            (gap, np.einsum("kd,kd->k", normal, own)) for (gap, normal), own in zip(found, normals, strict=True)
+            (gap, np.einsum("kd,kd->k", normal, outward))
+            for (gap, normal), outward in zip(projections, normals, strict=True)
         )
-        held, still = history.force[both] != 0 if comer else history.rows.matrix(both).toarray() != 0
+        closed, still = history.force[both] != 0 if comer else history.rows.matrix(both).toarray() != 0
         jumped = (meets < -_LOOKS) & (before >= 0) & (after >= 0) & (before + after <= ways[k])
-        passed = (looks > _LOOKS) & ~still & (held | jumped)
+        passed = (looks > _LOOKS) & ~still & (closed | jumped)
         if passed.any():
             node, names = int(passed.argmax()), (*contact.side_names, "the rigid surface")
             remedy = (
@@ -157,9 +158,9 @@ def _nearest(surface: Surface, x: Array, places: Array) -> tuple[Array, Array]:
 
     Normals are zero for points beside the patch.
     """
-    found = closest_points(x, places[surface.facets])
-    beside = found.offset > EDGE_TOLERANCE * surface.facet_size
-    return found.gap, np.where(beside[:, None], 0.0, found.normal)
+    closest = closest_points(x, places[surface.facets])
+    beside = closest.offset > EDGE_TOLERANCE * surface.facet_size
+    return closest.gap, np.where(beside[:, None], 0.0, closest.normal)
 
 
 def _normals(surface: Surface, places: Array) -> Array:

@@ -21,16 +21,16 @@ _COARSE = 0.6  # distance of nodes by the radius of the contact from which on fl
 
 def first_yield(run: ReviewedRun) -> Iterator[Finding]:
     """Contacts beyond first yield: one finding for all of them, with the worst."""
-    found = []
+    beyond = []
     stresses = largest_stresses([(history.contact, history.force, history.rows) for history in run.contacts])
     for history, stress in zip(run.contacts, stresses, strict=True):
         if stress is not None and (ratio := stress.yield_ratio or 0.0) > 1.0:
-            found.append((ratio, history, stress))
-    if not found:
+            beyond.append((ratio, history, stress))
+    if not beyond:
         return
-    _, worst, stress = max(found, key=lambda entry: entry[0])
+    _, worst, stress = max(beyond, key=lambda entry: entry[0])
     rings = worst.ringing
-    others = f". It is the worst of {len(found)} contacts beyond first yield" if len(found) > 1 else ""
+    others = f". It is the worst of {len(beyond)} contacts beyond first yield" if len(beyond) > 1 else ""
     peak = f". {rings.beside(stress.yield_force)}" if rings is not None and stress.yield_force else ""
     at = when(run.result, stress.time or 0.0)
     yield Finding(
@@ -110,14 +110,14 @@ def near_zones(run: ReviewedRun) -> Iterator[Finding]:
             item, state = contact.sides[side][0], contact.plastic.states(run.result)[SIDES[side]]
             if state.equivalent.any() and not len(item.body.basis.nodal):
                 flowed.append((contact, item, zone_run.zone.place(state.equivalent > 0)))
-    for (one, item, places), (other, of, there) in itertools.combinations(flowed, 2):
-        if of != item:
+    for (first, item, places), (second, its_item, there) in itertools.combinations(flowed, 2):
+        if its_item != item:
             continue
         apart = float(KDTree(places).query(there)[0].min())
         width = float(max(np.ptp(places, axis=0).max(), np.ptp(there, axis=0).max()))
         if apart < width:
             yield Finding(
-                f"{called(item)} has flowed beneath {called(one)} and {called(other)}, {apart:.3g} m apart over a "
+                f"{called(item)} has flowed beneath {called(first)} and {called(second)}, {apart:.3g} m apart over a "
                 f"width of {width:.3g} m. Zones of two patches do not feel each other's plastic strain, which matters "
                 "so near. Take patches further apart, or basis='free', in which they do"
             )

@@ -9,6 +9,7 @@ from exudyn.utilities import InertiaCuboid
 from oracles import MARBLE_RADIUS as R
 from oracles import contributed, inertial
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 import exudyn_partition as ep
 from exudyn_partition.contact.law import Forces
@@ -18,6 +19,7 @@ from exudyn_partition.errors import InputError, ModelLimitWarning, StoppedRunWar
 
 page = contributed("class HuntCrossley(Law)")
 HuntCrossleys, HuntCrossley, K, C = (page[name] for name in ("HuntCrossleys", "HuntCrossley", "K", "C"))
+bounce = contributed("def bounce(")["bounce"]
 SPEED, STEP, GAP, END = 0.2, 0.2e-6, 1e-7, 160e-6
 pytestmark = pytest.mark.filterwarnings("ignore::exudyn_partition.errors.YieldWarning")
 
@@ -74,9 +76,17 @@ def rebound(contact, item, result):
     return found.y[1, -1]
 
 
-@pytest.mark.parametrize(
-    ("method", "frame"), [("explicit", "inertial"), ("explicit", "floating"), ("implicit", "inertial")]
-)
+def test_restitution_is_that_of_a_rigid_mass(marble):
+    """Of any spring with this damping: m v dv = -F(d) (1 + C v) dd, so that only v / (1 + C v) is integrated."""
+    restitution, error = bounce(marble, HuntCrossleys(), R + GAP, SPEED, END, step=STEP)
+    approach = C * SPEED
+    taken_up = approach - np.log1p(approach)
+    given_back = lambda e: -approach * e - np.log1p(-approach * e)  # noqa: E731
+    assert restitution == pytest.approx(brentq(lambda e: given_back(e) - taken_up, 0.0, 1.0), rel=5e-3)
+    assert abs(error).max() < 2e-4
+
+
+@pytest.mark.parametrize(("method", "frame"), [("explicit", "floating"), ("implicit", "inertial")])
 def test_it_takes_what_the_ball_loses(marble, method, frame):
     result, item, contact = drop(marble, method, frame)
     taken, energy = contact.dissipated_energy(result), item.energy(result)

@@ -202,6 +202,52 @@ def test_forces_of_another_shape_are_named(round_body, flat_body):
         contact.at(np.r_[round_body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(flat_body.n_dofs)])
 
 
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (lambda lam, closed: Forces(lam, lam[:, 0] > 0), "numbers of the closed rows, .* bool"),
+        (lambda lam, closed: Forces(lam, list(closed)), "numbers of the closed rows, .* list"),
+        (lambda lam, closed: Forces(lam, closed, power=lam[:, 0]), r"one number as `power`, the sum .* \(\d+,\)"),
+        (lambda lam, closed: Forces(lam, closed, taken=lam), r"one number as `taken`, the sum .* \(\d+, 1\)"),
+    ],
+)
+def test_an_answer_of_another_kind_is_named(round_body, flat_body, wrong, said):
+    class Odd(page["Spring"]):
+        elastic = False
+
+        def answer(self, places):
+            return wrong(*super().answer(places)[:2])
+
+    class Odds(Springs):
+        def law(self, rows):
+            return Odd(rows)
+
+    contact = PatchContact(PatchGaps(inertial(round_body), inertial(flat_body)), Odds())
+    with pytest.raises(InputError, match=f"law Odd: expected {said}"):
+        contact.at(np.r_[round_body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(flat_body.n_dofs)])
+
+
+def test_slopes_of_another_shape_are_named(round_body, flat_body):
+    class Odd(page["Spring"]):
+        def answer(self, places):
+            return Forces(*super().answer(places)[:2], damping=lambda: np.eye(len(places.gap)))
+
+        def closed_stiffness(self, rows):
+            return np.eye(3)
+
+    class Odds(Springs):
+        def law(self, rows):
+            return Odd(rows)
+
+    contact = PatchContact(PatchGaps(inertial(round_body), inertial(flat_body)), Odds())
+    n = round_body.n_dofs + flat_body.n_dofs
+    with pytest.raises(InputError, match=rf"law Odd: expected a closed_stiffness of shape \({n}, {n}\), on the coord"):
+        contact.closed_stiffness()
+    answer = contact.at(np.r_[round_body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(flat_body.n_dofs)])
+    with pytest.raises(InputError, match=r"law Odd: expected a damping of shape .*, of the closed rows alone, got"):
+        answer.damping()
+
+
 def test_an_answer_without_slips_is_named(round_body, flat_body):
     class Silent(page["Spring"]):
         def answer(self, places):

@@ -47,7 +47,7 @@ def after(zone, state, force, settled, q=0.0):
         while np.linalg.norm(flowed.asks_for - change) > settled * step.size(flowed.asks_for):
             change = flowed.asks_for
             flowed = step.flow(step.push(change), force)
-        step, ended = step.end(flowed), ended + 1
+        step, ended = step.after(flowed), ended + 1
     return step, ended
 
 
@@ -153,7 +153,7 @@ def test_a_combination_of_guesses_does_what_the_same_guess_does(zone, kind):
     np.testing.assert_allclose(mixed.change, other)
     for push in (mixed, step.push(other)):
         flowed = step.flow(push, 1.01 * force)
-        end = step.end(flowed)
+        end = step.after(flowed)
         ends.append((flowed.asks_for, end.applied.moved_patch, end.generalised, [end.stored], end.change.change))
     for one, same in zip(*ends, strict=True):
         np.testing.assert_allclose(one, same, rtol=0, atol=(1e-9 if kind is float else 1e-5) * np.abs(same).max())
