@@ -18,8 +18,9 @@ forces cause slip, too, which Maw, Barber and Fawcett leave out. And it hits a b
 elliptic contact), with nu = 0.45, for in elliptic contacts the law leaves that slip out as well.
 Quantity: tangential impulse. And a ball with a coarse skin rolls over its elements by its weight: the normal force
 should be the weight.
-A body of revolution, a ball that goes on as a torus, tumbles on a plane at up to 2000 rad/s, so that its point of
-contact passes over the seam, or stays on one face, with friction and without. Quantity: change of energy.
+A body of revolution, a ball that goes on as a torus and a cylinder, tumbles on a plane at up to 2000 rad/s, so that its
+point of contact passes over the seam, or stays on one face, with friction and without. So it does on a free elastic
+ball, both with their whole skins. Quantity: change of energy.
 Limits: peak, impulse and duration 1 %, on the plate 1.5 %, energy 1e-3 of its start; tangential impulse 3 %; force of
 the rolling ball 2 %, at rest 0.5 %.
 
@@ -27,6 +28,7 @@ the rolling ball 2 %, at rest 0.5 %.
 """
 
 import argparse
+import itertools
 import json
 import time
 import warnings
@@ -40,6 +42,7 @@ from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
+from exudyn_partition.contact.true_surface import Torus
 from exudyn_partition.fe.shapes import shape_functions
 from validation.contact import scenes
 from validation.contact.elastic_sphere import ElasticSphere
@@ -462,6 +465,7 @@ def with_friction(sizes, failed, quick):
 
 
 DOME = (10e-3, 3e-3, np.radians(30))  # radii of the ball and of the tube of a torus, and where one goes on as the other
+ANVIL = 15e-3  # radius of the elastic ball that it hits [m]
 SPINS, TURNS = (200.0, 2000.0), (15.0, 25.0, 30.0, 45.0)  # rad/s, and degrees at which it begins to tumble
 
 
@@ -475,38 +479,54 @@ def dome():
     return ep.reduce(fem, skin=True, f_cut=30e3)
 
 
-def tumble(body, turn, spin, friction):
-    """Change of energy of the dome, by its start, and the share of the torus in the impulse."""
+def anvil():
+    """Steel ball that the dome hits; its whole skin is a patch."""
+    fem = ep.fe_model(sphere(ANVIL), scenes.STEEL, maxh=2.5e-3)
+    return ep.reduce(fem, skin=True, f_cut=30e3)
+
+
+def tumble(body, other, turn, spin, friction):
+    """Change of energy of the dome and what it hits, by its start, and the share of the torus in the impulse.
+
+    `other` is a free ball, or None for a rigid plane.
+    """
     ball, tube, seam = DOME
-    flat = ball if turn <= seam else (ball - tube) * np.cos(seam - turn) + tube  # from the origin to the plane
+    middle = np.array([-np.sin(seam), 0.0, -np.cos(seam)]) * (ball - tube) * (turn > seam)  # of the sphere that touches
     c, s = np.cos(turn), np.sin(turn)
+    axes = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
+    lowest = axes @ middle - [0, 0, ball if turn <= seam else tube]
     mbs = exu.SystemContainer().AddSystem()
     item = ep.CreatePartitionBody(
-        mbs, body, frame="floating", referencePosition=[0, 0, flat + MARGIN],
-        referenceRotationMatrix=[[c, 0, -s], [0, 1, 0], [s, 0, c]], initialVelocity=[0, 0, -SPEED],
-        initialAngularVelocity=[0, -spin, 0],
+        mbs, body, frame="floating", referencePosition=[0, 0, MARGIN - lowest[2]], referenceRotationMatrix=axes,
+        initialVelocity=[0, 0, -SPEED], initialAngularVelocity=[0, -spin, 0],
     )  # fmt: skip
+    items, partner = [item], ep.RigidPlane()
+    if other is not None:
+        partner = ep.CreatePartitionBody(mbs, other, frame="floating", referencePosition=[lowest[0], 0, -ANVIL])
+        items.append(partner)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        contacts = ep.CreatePartitionContact(mbs, [item, ep.RigidPlane()], formulation="hertz", friction=friction)
+        contacts = ep.CreatePartitionContact(mbs, [item, partner], formulation="hertz", friction=friction)
         mbs.Assemble()
         result = ep.solve_dynamic(mbs, end_time=60e-6 if spin < 1000 else 24e-6, step=1e-7)
-    energy = item.energy(result) + sum(one.energy(result) + one.dissipated_energy(result) for one in contacts)
+    energy = sum(one.energy(result) for one in items)
+    energy += sum(one.energy(result) + one.dissipated_energy(result) for one in contacts)
     impulses = [float(np.trapezoid(contact.force(result), result.t)) for contact in contacts]
-    of_torus = [not contact.mechanics.gaps.faces[0].surface.ball for contact in contacts]
+    of_torus = [isinstance(contact.mechanics.gaps.faces[0].surface.shape, Torus) for contact in contacts]
     return float(np.ptp(energy) / energy[0]), sum(np.array(impulses)[of_torus]) / sum(impulses)
 
 
 def over_seams(failed):
-    """Change of energy of a body whose point of contact passes from face to face."""
+    """Change of energy of a body whose point of contact passes from face to face, on a rigid plane and on a ball."""
     body, rows = dome(), []
-    for friction in (None, FRICTION):
-        for spin in SPINS:
-            for turn in TURNS:
-                energy, torus = tumble(body, np.radians(turn), spin, friction)
-                rows.append({"friction": friction, "spin": spin, "turn": turn, "energy": energy, "of_torus": torus})
-                if energy > LIMITS["energy"]:
-                    failed.append(f"seams, {spin:g} rad/s at {turn:g} degrees: energy {energy:.1e}")
+    for on, other in (("plane", None), ("ball", anvil())):
+        for friction, spin, turn in itertools.product((None, FRICTION), SPINS, TURNS):
+            energy, torus = tumble(body, other, np.radians(turn), spin, friction)
+            rows.append(
+                {"on": on, "friction": friction, "spin": spin, "turn": turn, "energy": energy, "of_torus": torus}
+            )
+            if energy > LIMITS["energy"]:
+                failed.append(f"seams on {on}, {spin:g} rad/s at {turn:g} degrees: energy {energy:.1e}")
     return rows
 
 
