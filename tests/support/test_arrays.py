@@ -22,4 +22,4 @@ def test_a_loop_is_compiled_once_for_what_is_read_only_or_a_column():
     start, rows, way = np.ones(2), np.eye(2), np.arange(4.0).reshape(2, 2)
     for column in (way[:, 0].copy(), way[:, 0], as_read_only(way[:, 0].copy())):
         np.testing.assert_array_equal(moved(start, rows, column), [1.0, 3.0])
-    assert len(kernels("algebra", "product_kernels").moved.signatures) == 1
+    assert len({kinds[2] for kinds in kernels("algebra", "product_kernels").moved.signatures}) == 1
