@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import lapack
 
-from ..support.arrays import Array
+from ..support.arrays import Array, plain
 from ..support.compiled import kernels
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def solve_active(
     condition; -1 if the active part of F is not positive definite with the rows that should be active next.
     """
     if compiled := kernels("algebra"):
-        lam, factor, index, changes, count = compiled.solve_active(F, factor, index, h, rounding, steps, most)
+        lam, factor, index, changes, count = compiled.solve_active(F, factor, index, plain(h), rounding, steps, most)
         return lam, factor, index, changes, count
     lam, wrong, count = check_active(F, factor, index, h, rounding)
     for step in range(steps):

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import lapack
 
-from ..support.arrays import Array
+from ..support.arrays import Array, plain
 from ..support.compiled import kernels
 
 Matrix: TypeAlias = Array | sp.csr_matrix
@@ -39,7 +39,7 @@ def product(rows: Array, F: Array, *, threes: bool = False) -> Array:
 def moved(start: Array, rows: Matrix, way: Array) -> Array:
     """Return start + rows way, (n,), for rows, (n, m)."""
     if isinstance(rows, np.ndarray) and (loops := kernels("algebra", "product_kernels")):
-        found: Array = loops.moved(start, rows, way)
+        found: Array = loops.moved(start, rows, plain(way))
         return found
     value: Array = start + rows @ way
     return value
@@ -57,7 +57,7 @@ def weighted_rows(weights: Array, rows: Matrix) -> Array:
 def smallest(values: Array) -> float:
     """Smallest of some values, (n,); infinite if there are none, NaN if one is."""
     if loops := kernels("algebra", "product_kernels"):
-        return float(loops.smallest(values))
+        return float(loops.smallest(plain(values)))
     return float(values.min(initial=np.inf))
 
 

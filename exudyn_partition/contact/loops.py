@@ -14,7 +14,7 @@ import numpy as np
 
 from ..algebra.block_complementarity import LIMITS
 from ..algebra.complementarity import ROUNDING
-from ..support.arrays import Array, as_read_only
+from ..support.arrays import Array, as_read_only, plain
 from ..support.compiled import kernels
 from ..surfaces.points import ContactPoints
 from ..surfaces.surface import Surface
@@ -59,7 +59,7 @@ def pushes(points: ContactPoints, lam: Array, normals: Array) -> Array:
     """Forces at points, (p, 3) [N], from forces on the rows, (nr,) [N], along the normals of their points, (p, 3)."""
     if compiled := kernels("contact"):
         mean = points.mean
-        forces: Array = compiled.pushes(mean.indptr, mean.indices, mean.data, lam, as_read_only(normals))
+        forces: Array = compiled.pushes(mean.indptr, mean.indices, mean.data, plain(lam), as_read_only(normals))
         return forces
     return points.spread(lam)[:, None] * normals
 
@@ -77,7 +77,7 @@ def rows_along(points: ContactPoints, nodes: Array, weights: Array, along: Array
     """
     if compiled := kernels("contact"):
         mean = points.mean
-        rows: Array = compiled.rows_along(mean.indptr, mean.indices, mean.data, nodes, weights, along, n)
+        rows: Array = compiled.rows_along(mean.indptr, mean.indices, mean.data, nodes, weights, plain(along), n)
         return rows
     (row, point, share), d = points.triplets, along.shape[1]
     columns = d * nodes[point][:, :, None] + np.arange(d)
@@ -107,7 +107,7 @@ def directed_rows(
     """
     if compiled := kernels("contact"):
         mean = points.mean.indptr, points.mean.indices, points.mean.data
-        rows: Array = compiled.directed_rows(*mean, index, nodes, weights, normals, tangents, n)
+        rows: Array = compiled.directed_rows(*mean, index, nodes, weights, plain(normals), tangents, n)
         return rows
     carried = rows_along(points, nodes, weights, np.ones((len(normals), 1)), n)[index]
     result = np.empty((len(index), 3, n, 3))
@@ -119,7 +119,7 @@ def directed_rows(
 def in_space(tangents: Array, along: Array) -> Array:
     """Vectors in space, (nr, 3), of components, (nr, 2), along two tangents of each row, (nr, 2, 3)."""
     if compiled := kernels("contact"):
-        found: Array = compiled.in_space(tangents, along)
+        found: Array = compiled.in_space(tangents, plain(along))
         return found
     vectors: Array = np.einsum("rk,rkd->rd", along, tangents)
     return vectors
@@ -141,7 +141,7 @@ def at_points(points: ContactPoints, lam: Array, tangents: Array, normals: Array
     """
     if compiled := kernels("contact"):
         mean = points.mean
-        forces: Array = compiled.at_points(mean.indptr, mean.indices, mean.data, lam, tangents, normals)
+        forces: Array = compiled.at_points(mean.indptr, mean.indices, mean.data, lam, tangents, plain(normals))
         return forces
     pushed = points.spread(np.hstack([lam[:, :1], in_space(tangents, lam[:, 1:])]))
     return np.asarray(pushed[:, :1] * normals + pushed[:, 1:])
@@ -150,7 +150,7 @@ def at_points(points: ContactPoints, lam: Array, tangents: Array, normals: Array
 def tangents_of(normals: Array, axis: Array) -> tuple[Array, Array]:
     """Two unit tangents, (k, 2, 3), of normals, (k, 3), the first across an axis, (3,); cosines of normals and axis."""
     if compiled := kernels("contact"):
-        tangents, cosines = compiled.tangents_of(normals, np.ascontiguousarray(axis))
+        tangents, cosines = compiled.tangents_of(plain(normals), np.ascontiguousarray(axis))
         return tangents, cosines
     normal = normals / np.sqrt(np.einsum("rd,rd->r", normals, normals))[:, None]
     first = cross(normal, axis[None])
@@ -298,7 +298,7 @@ def followed_gaps(
     `places` are what `places_begun` of both sides gave at coordinates q, (n,) [m]; those of their nodes are set.
     `growing` are products by which each side grows, see `Kinematics.growing`.
     """
-    gaps: _Gaps = _compiled().followed_gaps(pair, q, *growing, *places, *how)
+    gaps: _Gaps = _compiled().followed_gaps(pair, plain(q), *growing, *places, *how)
     return gaps
 
 
@@ -321,7 +321,7 @@ def flat_points(points: ContactPoints) -> FlatPoints:
 
 def resultant(points: FlatPoints, lam: Array, normals: Array) -> Array:
     """Sum of forces, (3,) [N], on rows, (nr,) [N], along the normals of their points, (p, 3)."""
-    found: Array = _compiled().resultant(points, lam, normals)
+    found: Array = _compiled().resultant(points, plain(lam), normals)
     return found
 
 
@@ -343,7 +343,7 @@ def rigid_gaps(
     x : (np, 3) array
         What `places_begun` gave; places of the nodes are set [m].
     """
-    found: tuple[Array, Array] = _compiled().rigid_gaps(points, side.flat, tuple(surface), q, pose, growing, x)
+    found: tuple[Array, Array] = _compiled().rigid_gaps(points, side.flat, tuple(surface), plain(q), pose, growing, x)
     return found
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..reduction.geometric_stiffness import GeometricStiffness
 from ..reduction.inertia import InertiaIntegrals
-from ..support.arrays import Array, as_read_only
+from ..support.arrays import Array, as_read_only, plain
 from ..support.compiled import kernels
 from .inertia import Inertia, angular_acceleration
 from .kinematics import Rows, node_fields
@@ -97,7 +97,7 @@ def places(q: Array, start: Array, rotation: Array, node_axes: Array, arms: Arra
     rows : (3k, n) array
     """
     if q.ndim == 1 and (compiled := kernels("frames")):
-        found: Array = compiled.places(q, start, rotation, node_axes, arms, rows)
+        found: Array = compiled.places(plain(q), start, rotation, node_axes, arms, rows)
         return found
     A, change = _axes(q, rotation, node_axes), rotation_change(rotation, q[..., 3:6]) @ node_axes.T
     way = q[..., None, :3] + node_fields(rows, q[..., 6:]) @ A.swapaxes(-1, -2) + arms @ change.swapaxes(-1, -2)

@@ -151,7 +151,7 @@ class Flow:
         self.yield_stress = material.yield_stress
         self._back_slope = material.kinematic_hardening
         if isinstance(material.hardening, tuple):
-            self._strain, self._stress = np.array(material.hardening).T
+            self._strain, self._stress = np.array(material.hardening).T.copy()  # each lies by itself
         else:
             self._strain = np.array([0.0, 1.0])
             self._stress = self.yield_stress + material.hardening * self._strain

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..support.arrays import Array
+from ..support.arrays import Array, as_read_only, plain
 from ..support.compiled import kernels
 from .flow import Flow, PlasticState
 
@@ -44,7 +44,7 @@ def excess(points: Points, displacement: Array, state: PlasticState) -> Array:
     """Von Mises stress beyond the flow stress, (g,) [Pa], by displacements of the nodes, (3 nz,) [m]."""
     if compiled := kernels("plasticity"):
         now = state.strain, state.equivalent, state.back
-        beyond: Array = compiled.excess(points.gradient, points.own, displacement, *now, points.flow.tables)
+        beyond: Array = compiled.excess(points.gradient, points.own, plain(displacement), *now, points.flow.tables)
         return beyond
     flow = points.flow
     return flow.excess(flow.stress(points.strains(displacement), state), state)
@@ -69,7 +69,7 @@ def combined(rows: Array, weights: Array) -> Array:
     """Sum of rows, (r, n), times their weights, (r,), many of which are zero: (n,), in the precision of the rows."""
     weights = weights.astype(rows.dtype, copy=False)
     if compiled := kernels("plasticity"):
-        total: Array = compiled.combined(rows, weights)
+        total: Array = compiled.combined(as_read_only(rows), weights)
         return total
     loaded = np.flatnonzero(weights)
     return np.asarray(weights[loaded] @ rows[loaded])

@@ -20,6 +20,14 @@ def as_read_only(array: Array) -> Array:
     return view
 
 
+def plain(array: Array) -> Array:
+    """Return an array, or a copy where it cannot be written to or does not lie by rows.
+
+    Loops are compiled anew for arrays of each kind; short arrays are copied in no time.
+    """
+    return array if array.flags.carray else array.copy()
+
+
 def consecutive(sizes: Sequence[int]) -> list[slice]:
     """Slices of parts with these sizes that lie one behind the other."""
     return [slice(a, b) for a, b in pairwise(accumulate(map(int, sizes), initial=0))]

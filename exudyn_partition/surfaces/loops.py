@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..fe.shapes import TABLES, corners_of, curvature, shape_functions
-from ..support.arrays import Array, as_read_only
+from ..support.arrays import Array, as_read_only, plain
 from ..support.compiled import kernels
 from .projection import CONVEX, Projection, clip, newton_step
 from .vectors import triangle_frame
@@ -42,7 +42,7 @@ def average(points: Means, values: Array) -> Array:
     """Means of each row, (nr, ...), of values at the points, (p, ...)."""
     if compiled := kernels("surfaces"):
         mean, columns = points.mean, values if values.ndim == 2 else values[:, None]
-        means: Array = compiled.average(mean.indptr, mean.indices, mean.data, as_read_only(columns))
+        means: Array = compiled.average(mean.indptr, mean.indices, mean.data, as_read_only(plain(columns)))
         return means if values.ndim == 2 else means[:, 0]
     value: Array = points.quick_mean @ values
     return value
@@ -52,7 +52,7 @@ def spread(points: Means, forces: Array) -> Array:
     """Forces at the points, (p, ...), of forces on the rows, (nr, ...): the transpose of `average`."""
     if compiled := kernels("surfaces"):
         mean, columns = points.mean, forces if forces.ndim == 2 else forces[:, None]
-        found: Array = compiled.spread(mean.indptr, mean.indices, mean.data, columns, mean.shape[1])
+        found: Array = compiled.spread(mean.indptr, mean.indices, mean.data, plain(columns), mean.shape[1])
         return found if forces.ndim == 2 else found[:, 0]
     value: Array = points.quick_mean.T @ forces
     return value
@@ -61,7 +61,7 @@ def spread(points: Means, forces: Array) -> Array:
 def at_points(nodes: Array, weights: Array, values: Array) -> Array:
     """Vectors at points, (p, 3), of those at the nodes, (n, 3), that carry each, (p, k), by their weights, (p, k)."""
     if compiled := kernels("surfaces"):
-        found: Array = compiled.at_points(nodes, weights, values)
+        found: Array = compiled.at_points(nodes, weights, plain(values))
         return found
     if nodes.shape[1] == 1:
         return weights * values[nodes[:, 0]]
@@ -96,7 +96,7 @@ def closest(points: Array, facets: Array, nearest: Array) -> Projection:
     domain = corners_of(facets)
     if compiled := kernels("surfaces"):
         limits = _NEWTON_STEPS, _CONVERGED, CONVEX, _SAME
-        return Projection(*compiled.closest(points, facets, nearest, domain, TABLES[n_nodes], *limits))
+        return Projection(*compiled.closest(plain(points), facets, nearest, domain, TABLES[n_nodes], *limits))
     targets = np.repeat(points, candidates, axis=0)
     nodes = facets[nearest.ravel()]
     local = np.tile(domain.mean(axis=0), (len(targets), 1))

@@ -128,7 +128,8 @@ def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size
     for i in range(k):
         last[i, 0] -= local[i, 0]
         last[i, 1] -= local[i, 1]
-    known[:] = False
+    for f in range(len(known)):
+        known[f] = False
     expand(facet, facets, x_m, table, known, places)
     gap = np.empty(k)
     place_all(m.nodes, m.shares, x_s, x)
@@ -338,7 +339,8 @@ def forces_on_nodes(m: Moving, lam: Array, normals: Array, n_s: int, n_m: int) -
     nodes, shares, starts, columns, means = m.nodes, m.shares, m.starts, m.columns, m.means
     facets, facet, weights = m.facets, m.facet, m.weights.T
     k, push = len(facet), m.frames[0]
-    push[:] = 0.0
+    for i in range(k):
+        push[i] = 0.0
     for row in range(len(lam)):
         if lam[row] != 0.0:
             for i in range(starts[row], starts[row + 1]):

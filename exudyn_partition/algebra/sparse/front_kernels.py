@@ -45,9 +45,12 @@ def eliminate_nodes(
         The first of each front is the least.
     """
     n = len(sizes)
-    taken_by, n_rows, n_below = np.arange(n), sizes.copy(), np.zeros(n, np.int64)
-    zeros, ends, seen = np.zeros(n, np.int64), np.zeros(n + 1, np.int64), np.full(n, -1)
-    first_child, next_child = np.full(n, -1), np.full(n, -1)
+    taken_by, n_rows, n_below = np.empty(n, np.int64), np.empty(n, np.int64), np.zeros(n, np.int64)
+    n_zeros, ends, seen = np.zeros(n, np.int64), np.zeros(n + 1, np.int64), np.empty(n, np.int64)
+    first_child, next_child = np.empty(n, np.int64), np.empty(n, np.int64)
+    for node in range(n):
+        taken_by[node], n_rows[node] = node, sizes[node]
+        seen[node] = first_child[node] = next_child[node] = -1
     below = np.empty(4 * len(neighbours) + 1, np.int64)
     own, cost = np.empty(n, np.int64), np.empty(n, np.int64)
     for node in range(n):
@@ -99,11 +102,11 @@ def eliminate_nodes(
         for i in range(count):
             child = own[i]
             rows = n_rows[child] + n_rows[node]
-            lacking = zeros[node] + zeros[child] + n_rows[child] * (n_rows[node] + n_below[node] - n_below[child])
+            lacking = n_zeros[node] + n_zeros[child] + n_rows[child] * (n_rows[node] + n_below[node] - n_below[child])
             entries = rows * (rows + 1) // 2 + rows * n_below[node]
             most = (zeros_of_small if rows <= small else zeros_of_large) * entries
             if group[child] == group[node] and lacking <= most:
-                taken_by[child], n_rows[node], zeros[node] = node, rows, lacking
+                taken_by[child], n_rows[node], n_zeros[node] = node, rows, lacking
         if end > begin:
             next_child[node], first_child[least] = first_child[least], node
     return taken_by, n_rows, n_below, ends, below

@@ -20,15 +20,18 @@ def solve(starts: Array, columns: Array, blocks: Array, inverse: Array, r: Array
         Of its diagonal.
     """
     n, k = r.shape
-    x, p, q = np.zeros_like(r), np.empty_like(r), np.empty_like(r)
-    sizes, curvature, ahead, back = np.zeros(k), np.zeros(k), np.zeros_like(r[0]), np.zeros_like(r[0])
+    x, p, q = np.zeros(r.shape, r.dtype), np.empty(r.shape, r.dtype), np.empty(r.shape, r.dtype)
+    sizes, curvature, ahead, back = np.zeros(k), np.zeros(k), np.zeros(k, r.dtype), np.zeros(k, r.dtype)
     for i in range(n):
         for j in range(k):
             p[i, j] = inverse[i] * r[i, j]
             sizes[j] += r[i, j] * p[i, j]
-    goals = solved**2 * sizes
+    goals = np.empty(k)
+    for j in range(k):
+        goals[j] = solved * solved * sizes[j]
     for _ in range(steps):
-        curvature[:] = 0.0
+        for j in range(k):
+            curvature[j] = 0.0
         for i in range(len(starts) - 1):
             a, b, c = q[3 * i], q[3 * i + 1], q[3 * i + 2]
             for j in range(k):

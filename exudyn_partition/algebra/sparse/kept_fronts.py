@@ -92,6 +92,11 @@ class KeptFronts:
         """Return the fields alone, for pickle: each front has views of them."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
+    def __setstate__(self, state: dict[str, Array]) -> None:
+        """Take the fields; numba would compile loops again for arrays that can be written to."""
+        read_only(*state.values())
+        self.__dict__.update(state)
+
     def __len__(self) -> int:
         return len(self.rows)
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ...support.arrays import Array
-from ...support.compiled import external, inlined, unlocked
+from ...support.compiled import external, inlined, inner, unlocked
 
 _dpotrf, _spotrf = external("cython_lapack", "dpotrf", 5), external("cython_lapack", "spotrf", 5)
 _dtrtri, _strtri = external("cython_lapack", "dtrtri", 6), external("cython_lapack", "strtri", 6)
 _dtrsm, _strsm = external("cython_blas", "dtrsm", 11), external("cython_blas", "strsm", 11)
 _dsyrk, _ssyrk = external("cython_blas", "dsyrk", 10), external("cython_blas", "ssyrk", 10)
+_dgemv, _sgemv = external("cython_blas", "dgemv", 11), external("cython_blas", "sgemv", 11)
+_dgemm, _sgemm = external("cython_blas", "dgemm", 13), external("cython_blas", "sgemm", 13)
 
 
 @unlocked
@@ -70,13 +72,6 @@ def add(change: Array, place: Array, own: Array, below: Array, update: Array) ->
                 update[row - k, place[j] - k] += values[j - i]
 
 
-@inlined
-def write(values: Array, result: Array) -> None:
-    """Write values to an array of the same shape, entry by entry, see `support.compiled`."""
-    for place in np.ndindex(result.shape):
-        result[place] = values[place]
-
-
 @unlocked
 def packed(update: Array) -> Array:
     """Upper triangle of a transposed array, (m, m), row by row."""
@@ -98,41 +93,90 @@ def eliminate(own: Array, below: Array, update: Array) -> bool:
     bool
         Whether it is positive definite; if not, nothing has changed.
     """
-    letters = np.array([ord("L"), ord("R"), ord("T"), ord("N")], np.uint8)
-    sizes, info = np.array([len(own), len(update)], np.int32), np.zeros(1, np.int32)
-    numbers, factor = np.array([1.0, -1.0]).astype(own.dtype), own.copy()
+    letters, sizes, numbers = np.empty(4, np.uint8), np.empty(3, np.int32), np.empty(2, own.dtype)
+    letters[0], letters[1], letters[2], letters[3] = ord("L"), ord("R"), ord("T"), ord("N")
+    sizes[0], sizes[1], sizes[2] = len(own), len(update), 0
+    numbers[0], numbers[1] = 1.0, -1.0
+    n, factor = len(own), np.empty(own.shape, own.dtype)
+    for i in range(n):
+        for j in range(n):
+            factor[i, j] = own[i, j]
     lower, k, one = letters.ctypes.data, sizes.ctypes.data, numbers.ctypes.data
     right, turned, plain, m, minus = lower + 1, lower + 2, lower + 3, k + 4, one + own.itemsize
-    a, b, c, said = factor.ctypes.data, below.ctypes.data, update.ctypes.data, info.ctypes.data
+    a, b, c, said = factor.ctypes.data, below.ctypes.data, update.ctypes.data, k + 8
     if own.itemsize == 4:
         _spotrf(lower, k, a, k, said)
-        if info[0] == 0 and len(update) > 0:
+        if sizes[2] == 0 and len(update) > 0:
             _strsm(right, lower, turned, plain, m, k, one, a, k, b, m)
             _ssyrk(lower, plain, m, k, minus, b, m, one, c, m)
-        if info[0] == 0:
+        if sizes[2] == 0:
             _strtri(lower, plain, k, a, k, said)
     else:
         _dpotrf(lower, k, a, k, said)
-        if info[0] == 0 and len(update) > 0:
+        if sizes[2] == 0 and len(update) > 0:
             _dtrsm(right, lower, turned, plain, m, k, one, a, k, b, m)
             _dsyrk(lower, plain, m, k, minus, b, m, one, c, m)
-        if info[0] == 0:
+        if sizes[2] == 0:
             _dtrtri(lower, plain, k, a, k, said)
-    definite: bool = info[0] == 0
+    definite: bool = sizes[2] == 0
     if definite:
-        write(factor, own)
+        for i in range(n):
+            for j in range(n):
+                own[i, j] = factor[i, j]
     # Arrays are freed after their last use, and an address is none: these are used once more after the calls.
     kept: bool = letters[0] > 0 and sizes[0] >= 0 and numbers[0] > 0.0
     return definite and kept
 
 
+@inner
+def multiply(
+    block: Array, turned: bool, given: Array, result: Array, letters: Array, sizes: Array, scale: Array
+) -> None:
+    """Set a result, (i, p), to the product of a block, whose i x j numbers lie by rows, and what is given, (j, p).
+
+    If it is `turned`, the block has j x i numbers. `numpy.dot` does the same by the same calls of BLAS, but is compiled
+    for long. The last three arguments are as `push` makes them: what BLAS takes addresses of.
+    """
+    i, j, p = len(result), len(given), result.shape[1]
+    if i == 0 or j == 0:
+        for row in range(i):
+            for column in range(p):
+                result[row, column] = 0.0
+        return
+    sizes[0], sizes[1], sizes[2], sizes[3] = p, i if turned else j, j if turned else i, 1
+    plain, n, one, zero = letters.ctypes.data, sizes.ctypes.data, scale.ctypes.data, scale.ctypes.data + scale.itemsize
+    flipped, wide, high, step = plain + 1, n + 4, n + 8, n + 12
+    a, b, c = block.ctypes.data, given.ctypes.data, result.ctypes.data
+    if p == 1:
+        kind = plain if turned else flipped
+        if scale.itemsize == 4:
+            _sgemv(kind, wide, high, one, a, wide, b, step, zero, c, step)
+        else:
+            _dgemv(kind, wide, high, one, a, wide, b, step, zero, c, step)
+        return
+    kind, many, inside = (flipped, wide, high) if turned else (plain, high, wide)
+    if scale.itemsize == 4:
+        _sgemm(plain, kind, n, many, inside, one, b, n, a, wide, zero, c, n)
+    else:
+        _dgemm(plain, kind, n, many, inside, one, b, n, a, wide, zero, c, n)
+
+
+@inlined
+def room_of(store: Array) -> tuple[Array, Array, Array]:
+    """What `multiply` gives BLAS: letters, sizes and factors of sums, of the kind of the stored numbers."""
+    letters, scale = np.empty(2, np.uint8), np.empty(2, store.dtype)
+    letters[0], letters[1] = ord("N"), ord("T")
+    scale[0], scale[1] = 1.0, 0.0
+    return letters, np.empty(4, np.int32), scale
+
+
 @unlocked
 def push(x: Array, store: Array, begins: Array, starts: Array, ends: Array, changes: Array, fronts: Array) -> None:
-    """Eliminate one or many right-hand sides x, (n,) or (n, p), in place, by some fronts.
+    """Eliminate right-hand sides x, (n, p), in place, by some fronts.
 
     Parameters
     ----------
-    x : array
+    x : (n, p) array
         Its rows are in order of elimination.
     store : array
         `inverse` and `below` of each front, with their columns one behind the other.
@@ -146,13 +190,20 @@ def push(x: Array, store: Array, begins: Array, starts: Array, ends: Array, chan
     fronts : int array
         Children before their parents.
     """
+    letters, sizes, scale = room_of(store)
+    p = x.shape[1]
     for front in fronts:
         own, others = x[starts[front] : starts[front + 1]], changes[ends[front] : ends[front + 1]]
         k, m, begin = len(own), len(others), begins[front]
-        write(np.dot(store[begin : begin + k * k].reshape(k, k).T, own), own)
-        pushed = np.dot(store[begin + k * k : begin + k * (k + m)].reshape(k, m).T, own)
-        for place in np.ndindex(pushed.shape):
-            x[(others[place[0]], *place[1:])] -= pushed[place]
+        solved, pushed = np.empty((k, p), store.dtype), np.empty((m, p), store.dtype)
+        multiply(store[begin : begin + k * k], True, own, solved, letters, sizes, scale)
+        multiply(store[begin + k * k : begin + k * (k + m)], True, solved, pushed, letters, sizes, scale)
+        for i in range(k):
+            for j in range(p):
+                own[i, j] = solved[i, j]
+        for i in range(m):
+            for j in range(p):
+                x[others[i], j] -= pushed[i, j]
 
 
 @unlocked
@@ -160,10 +211,18 @@ def pull(
     x: Array, store: Array, begins: Array, starts: Array, ends: Array, changes: Array, fronts: Array, signs: Array
 ) -> None:
     """Solve for x by some fronts, from the last to the first, after all are eliminated; see `push`."""
-    for front in fronts[::-1]:
+    letters, sizes, scale = room_of(store)
+    p = x.shape[1]
+    for at in range(len(fronts) - 1, -1, -1):
+        front = fronts[at]
         own, others = x[starts[front] : starts[front + 1]], changes[ends[front] : ends[front + 1]]
         k, m, begin = len(own), len(others), begins[front]
-        pulled = np.dot(store[begin + k * k : begin + k * (k + m)].reshape(k, m), x[others])
-        for place in np.ndindex(pulled.shape):
-            pulled[place] = signs[starts[front] + place[0]] * own[place] - pulled[place]
-        write(np.dot(store[begin : begin + k * k].reshape(k, k), pulled), own)
+        known, pulled = np.empty((m, p), store.dtype), np.empty((k, p), store.dtype)
+        for i in range(m):
+            for j in range(p):
+                known[i, j] = x[others[i], j]
+        multiply(store[begin + k * k : begin + k * (k + m)], False, known, pulled, letters, sizes, scale)
+        for i in range(k):
+            for j in range(p):
+                pulled[i, j] = signs[starts[front] + i] * own[i, j] - pulled[i, j]
+        multiply(store[begin : begin + k * k], False, pulled, own, letters, sizes, scale)

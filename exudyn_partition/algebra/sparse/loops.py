@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import blas, lapack
 
-from ...support.arrays import Array
+from ...support.arrays import Array, as_read_only
 from ...support.compiled import kernels
 
 
@@ -72,7 +72,7 @@ def share_cores() -> bool:
 def push(x: Array, factors: Factors, some: Array) -> None:
     """Eliminate right-hand sides, (n,) or (n, p) in order of elimination, in place, by some fronts, ascending."""
     if compiled := kernels("algebra.sparse"):
-        compiled.push(x, *factors[1:6], some)
+        compiled.push(_columns(x), *factors[1:6], some)
         return
     for front in some.tolist():
         rows, changes, inverse, _, below = factors.fronts[front]
@@ -83,12 +83,16 @@ def push(x: Array, factors: Factors, some: Array) -> None:
 def pull(x: Array, factors: Factors, some: Array) -> None:
     """Solve for right-hand sides, (n,) or (n, p), that are eliminated, in place, by some fronts, ascending."""
     if compiled := kernels("algebra.sparse"):
-        compiled.pull(x, *factors[1:6], some, factors.signs)
+        compiled.pull(_columns(x), *factors[1:6], some, factors.signs)
         return
     for front in some[::-1].tolist():
         rows, changes, inverse, signs, below = factors.fronts[front]
         own = x[rows] if signs is None else (signs * x[rows].T).T
         x[rows] = inverse.T @ (own - below.T @ x[changes])
+
+
+def _columns(x: Array) -> Array:
+    return x[:, None] if x.ndim == 1 else x
 
 
 def put(matrix: sp.csr_matrix, rows: slice, place: Array, own: Array, below: Array) -> bool:
@@ -106,7 +110,7 @@ def put(matrix: sp.csr_matrix, rows: slice, place: Array, own: Array, below: Arr
     """
     starts, k = matrix.indptr[rows.start : rows.stop + 1], len(own)
     if compiled := kernels("algebra.sparse"):
-        return bool(compiled.put(starts, matrix.indices, matrix.data, place, own.T, below.T))
+        return bool(compiled.put(starts, matrix.indices, as_read_only(matrix.data), place, own.T, below.T))
     entries, column = slice(starts[0], starts[-1]), np.repeat(np.arange(k), np.diff(starts))
     row, values = place[matrix.indices[entries]], matrix.data[entries]
     inside = row < k

@@ -153,7 +153,7 @@ class YieldingZone:
         """Largest von Mises stress anywhere for each column of nodal displacements, (m,) [Pa]."""
         zone = self.motion.zone
         virgin = PlasticState.virgin(len(zone))
-        beyond = [zone.excess(np.ascontiguousarray(column), virgin).max() for column in columns.T]
+        beyond = [zone.excess(column, virgin).max() for column in columns.T]
         return np.array(beyond) + zone.flow.yield_stress
 
     def _start(self) -> ZoneState:
