@@ -146,7 +146,8 @@ class SurfaceBack:
         arms += self._start[some].T
         if axis.any():
             arms -= axis[:, None] * _along(arms, axis)[:, None]
-        return arms, np.maximum(np.sqrt(arms[:, 0] ** 2 + arms[:, 1] ** 2 + arms[:, 2] ** 2), 1e-300)
+        distance = np.sqrt(np.einsum("map,map->mp", arms, arms))
+        return arms, np.maximum(distance, 1e-300, out=distance)
 
     @property
     def _flat(self) -> bool:
