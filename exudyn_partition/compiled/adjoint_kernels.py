@@ -13,6 +13,7 @@ from numba.experimental import structref
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner, unlocked
 from ..support.struct_kernels import StructType, define_struct
+from .body_kernels import gathered
 from .frames_back_kernels import (
     add_growth,
     back_over_inertia,
@@ -320,10 +321,13 @@ def set_forces(some: SurfaceRows | None, frames: FramesBack, s: int, forces: Arr
             for c in range(len(dofs)):
                 b, own, n = some.bodies[c], dofs[c], counts[c]
                 if b >= 0:
+                    of_body, q_b, axes = np.zeros(n), gathered(own, 0, n, q), frames.node_axes[b]
                     for v in range(firsts[c], firsts[c + 1]):
                         if pushed[v]:
-                            turn_shapes(arms[v], frames.node_axes[b], own[:n], q, shapes[v])
-                            push_body(own[:n], shapes[v], forces[v], force)
+                            turn_shapes(arms[v], axes, q_b, shapes[v])
+                            push_body(shapes[v], forces[v], of_body)
+                    for i in range(n):
+                        force[own[i]] += of_body[i]
             return True
     return False
 
@@ -346,25 +350,24 @@ def forces_on_nodes(some: SurfaceRows, there: int, forces: Array) -> None:
 
 
 @inlined
-def turn_shapes(arm: Array, axes: Array, dofs: Array, q: Array, shapes: Array) -> None:
-    """Set how a node moves, (3, n), as its frame turns about the axes of the frame's node."""
+def turn_shapes(arm: Array, axes: Array, q: Array, shapes: Array) -> None:
+    """Set how a node moves, (3, n), as its frame turns about the axes of its node, at the coordinates of its body."""
     x, y, z = arm[0], arm[1], arm[2]
-    for i in range(6, len(dofs)):
-        way = q[dofs[i]]
-        x += shapes[0, i] * way
-        y += shapes[1, i] * way
-        z += shapes[2, i] * way
+    for i in range(6, len(q)):
+        x += shapes[0, i] * q[i]
+        y += shapes[1, i] * q[i]
+        z += shapes[2, i] * q[i]
     for i in range(3):
         a, b, c = axes[0, i], axes[1, i], axes[2, i]
         shapes[0, 3 + i], shapes[1, 3 + i], shapes[2, 3 + i] = b * z - c * y, c * x - a * z, a * y - b * x
 
 
 @inlined
-def push_body(dofs: Array, shapes: Array, push: Array, force: Array) -> None:
-    """Add to generalised forces what a force on a node does."""
+def push_body(shapes: Array, push: Array, force: Array) -> None:
+    """Add to a body's generalised forces, (n,), what a force on a node does."""
     x, y, z = push[0], push[1], push[2]
-    for i in range(len(dofs)):
-        force[dofs[i]] += x * shapes[0, i] + y * shapes[1, i] + z * shapes[2, i]
+    for i in range(len(force)):
+        force[i] += x * shapes[0, i] + y * shapes[1, i] + z * shapes[2, i]
 
 
 @inner
@@ -504,7 +507,7 @@ def turn_contact(some: SurfaceRows, frames: FramesBack, s: int, c: int, j: int, 
     """Add what a contact has of derivatives as its body's frame turns with forces, see `SurfaceRows.turn_back`."""
     b, dofs, n, shapes, growth = some.bodies[c], some.dofs[c], some.counts[c], some.shapes, some.growth
     _, all_ways, all_by_nodes, forces, pushed = room
-    way, ways, by_nodes, place = frames.pushed[j], all_ways[j], all_by_nodes[j], np.empty(3)
+    way, ways, by_nodes, place, pulled = frames.pushed[j], all_ways[j], all_by_nodes[j], np.empty(3), np.zeros(n)
     axes, moved, products, grows = frames.node_axes[b], frames.moved[j], frames.products[s, b], False
     omega, turn, by_products = np.zeros(3), np.zeros(3), np.zeros(6)
     for k in range(6):
@@ -522,7 +525,9 @@ def turn_contact(some: SurfaceRows, frames: FramesBack, s: int, c: int, j: int, 
                 add_grown(growth[v], products, by_nodes[v], by_products, turn)
             u, w, r = g * z - h * y, h * x - f * z, f * y - g * x
             for i in range(6, n):
-                moved[dofs[i]] += shapes[v, 0, i] * u + shapes[v, 1, i] * w + shapes[v, 2, i] * r
+                pulled[i] += shapes[v, 0, i] * u + shapes[v, 1, i] * w + shapes[v, 2, i] * r
+    for i in range(6, n):
+        moved[dofs[i]] += pulled[i]
     for k in range(3):
         for a in range(3):
             moved[dofs[3 + k]] += turn[a] * axes[a, k]

@@ -107,6 +107,8 @@ class SurfaceBack:
 
     def _on_points(self, values: Array, some: Array | slice) -> Array:
         """Values at some points, (p, ...), by those at the nodes, (v, ...)."""
+        if self._flat:
+            return values[some]
         found: Array = self._on_places[some] @ values.reshape(len(values), -1)
         return found.reshape(-1, *values.shape[1:])
 
