@@ -424,7 +424,8 @@ CASES = {
     "large_cad": Case("benchmarks/large_cad.py", limits(("most_off", "over_mesh"))),
     "compiled_runs": Case("benchmarks/compiled_runs.py", limits((
         "steps", "many", "compiled", "difference", "rough_steps", "rough_many", "rough_compiled", "rough_difference",
-        "tumbling_steps", "tumbling", "tumbling_difference", "gradient", "rough_gradient",
+        "tumbling_steps", "tumbling", "tumbling_difference", "gradient", "rough_gradient", "curved_gradient",
+        "tumbling_gradient",
     ))),
     "restitution_map": Case("benchmarks/restitution_map.py", limits(
         ("cpu_s", "balance", "new_over_old", "difference"))),

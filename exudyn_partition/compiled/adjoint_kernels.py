@@ -1,4 +1,7 @@
-"""Compiled pass back over the samples of a run; `loops.go_back` and `rows_back` do the same by NumPy."""
+"""Compiled pass back over the samples of a run; `loops.go_back` and `rows_back` do the same by NumPy.
+
+Arrays of an object are taken out before a loop: to find one there takes as long as some ten products.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from numba.experimental import structref
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner, unlocked
 from ..support.struct_kernels import StructType, define_struct
+from .body_kernels import gathered
 from .frames_back_kernels import (
     add_growth,
     back_over_inertia,
@@ -23,6 +27,7 @@ if TYPE_CHECKING:
     from .loops import Adjoint
     from .plan import Bodies
 
+Room = tuple[Array, Array, Array, Array, Array]  # see `room_of`
 SLIPS = 2  # see `rows_back`
 WHOLE, ALONG, ACROSS = 0, 1, 2  # a direction of a row, or with and across the tangential force on one that slips
 
@@ -87,25 +92,25 @@ def list_changes(rows: RowsBack, s: int, first: int, end: int, changes: Array) -
 
     Return the number of those that are the same at the sample after, those without slipping rows, and all.
     """
-    m, kept, later = 0, 0, s + 1
-    same = later < len(rows.ways)
+    m, kept, order, plain, here = 0, 0, rows.order, rows.plain, rows.ways[s]
+    same, later = s + 1 < len(rows.ways), rows.ways[min(s + 1, len(rows.ways) - 1)]
     for p in range(first, end):
-        i = rows.order[p]
-        ways = 0 if rows.ways[s, i] == SLIPS else rows.ways[s, i]
-        same = same and ways == (0 if rows.ways[later, i] == SLIPS else rows.ways[later, i])
+        i = order[p]
+        ways = 0 if here[i] == SLIPS else here[i]
+        same = same and ways == (0 if later[i] == SLIPS else later[i])
         if same:
             m += ways
             kept = m
             continue
         for a in range(ways):
-            changes[m, 0], changes[m, 1], changes[m, 2] = direction_of(rows.plain, i) + a, WHOLE, 0
+            changes[m, 0], changes[m, 1], changes[m, 2] = direction_of(plain, i) + a, WHOLE, 0
             m += 1
     stuck = m
     for p in range(first, end):
-        i = rows.order[p]
-        if rows.ways[s, i] == SLIPS:
+        i = order[p]
+        if here[i] == SLIPS:
             for kind in (ALONG, ACROSS):
-                changes[m, 0], changes[m, 1], changes[m, 2] = direction_of(rows.plain, i), kind, i - rows.plain
+                changes[m, 0], changes[m, 1], changes[m, 2] = direction_of(plain, i), kind, i - plain
                 m += 1
     return kept, stuck, m
 
@@ -134,13 +139,20 @@ def factorise(J: Array, m: int, pivots: Array, kept: int, stuck: int) -> None:
 
     The flexibility of rows that do not slip is positive definite and needs no pivots. They follow in its columns.
     """
-    for u in range(m):
-        first = kept if u < kept else 0
+    column = np.empty(kept)
+    for v in range(kept, m if kept > 0 else kept):
+        for u in range(kept):
+            total = J[u, v]
+            for k in range(u):
+                total -= J[u, k] * column[k]
+            J[u, v] = column[u] = total
+    for u in range(kept):
+        pivots[u] = u
+    for u in range(kept, m):
         for k in range(u):
-            if u >= kept:
-                J[u, k] /= J[k, k]
+            J[u, k] /= J[k, k]
             share = J[u, k]
-            for v in range(max(k + 1, first), m):
+            for v in range(k + 1, m):
                 J[u, v] -= share * J[k, v]
         best = u
         for v in range(u + 1 if u >= stuck else m, m):
@@ -268,33 +280,54 @@ def back_over_rows(rows: RowsBack, s: int, y: Array, q: Array) -> None:
 
 
 @inner
-def room_of(some: SurfaceRows | None, k: int) -> tuple[Array, Array, Array, Array]:
-    """Room for ways of points and nodes, (k, p, 3), (k, v, 3), derivatives by places of nodes, and forces, (v, 3)."""
+def room_of(some: SurfaceRows | None, k: int) -> Room:
+    """Room for ways of points and nodes, (k, 3, p), (k, v, 3), derivatives by places of nodes, and forces, (v, 3).
+
+    Also for whether closed rows push the nodes, (v,).
+    """
     p, v = 0, 0
     if some is not None:
         p, v = some.push.shape[1], len(some.shapes)
-    return np.zeros((k, p, 3)), np.zeros((k, v, 3)), np.zeros((k, v, 3)), np.zeros((v, 3))
+    return np.zeros((k, 3, p)), np.zeros((k, v, 3)), np.zeros((k, v, 3)), np.zeros((v, 3)), np.zeros(v, np.bool_)
 
 
 @inner
-def set_forces(some: SurfaceRows | None, frames: FramesBack, s: int, forces: Array) -> bool:
+def find_pushed(some: SurfaceRows | None, s: int, pushed: Array) -> None:
+    """Set which nodes closed rows push in a sample, (v,); others do not count, and are left out."""
+    if some is not None:
+        there, starts, nodes = some.place[s], some.node_starts, some.nodes
+        for v in range(len(pushed)):
+            pushed[v] = False
+        if there >= 0:
+            push = some.push[there]
+            for p in range(len(push)):
+                for e in range(starts[p], starts[p + 1] if push[p] != 0.0 else starts[p]):
+                    pushed[nodes[e]] = True
+
+
+@inner
+def set_forces(some: SurfaceRows | None, frames: FramesBack, s: int, forces: Array, pushed: Array) -> bool:
     """Set shapes and forces on bodies in floating frames, see `SurfaceRows.turn`; return whether there are any forces.
 
     Also sets the forces on nodes, (v, 3).
     """
     if some is not None:
         there, dofs, shapes, counts, firsts = some.place[s], some.dofs, some.shapes, some.counts, some.node_firsts
-        for i in range(len(frames.force)):
-            frames.force[i] = 0.0
+        force, q, arms = frames.force, frames.q[s], some.arms
+        for i in range(len(force)):
+            force[i] = 0.0
         if there >= 0:
             forces_on_nodes(some, there, forces)
             for c in range(len(dofs)):
                 b, own, n = some.bodies[c], dofs[c], counts[c]
-                for v in range(firsts[c], firsts[c + 1] if b >= 0 else firsts[c]):
-                    turn_shapes(some, frames.node_axes[b], own, frames.q[s], v, n)
-                    x, y, z = forces[v, 0], forces[v, 1], forces[v, 2]
+                if b >= 0:
+                    of_body, q_b, axes = np.zeros(n), gathered(own, 0, n, q), frames.node_axes[b]
+                    for v in range(firsts[c], firsts[c + 1]):
+                        if pushed[v]:
+                            turn_shapes(arms[v], axes, q_b, shapes[v])
+                            push_body(shapes[v], forces[v], of_body)
                     for i in range(n):
-                        frames.force[own[i]] += x * shapes[v, 0, i] + y * shapes[v, 1, i] + z * shapes[v, 2, i]
+                        force[own[i]] += of_body[i]
             return True
     return False
 
@@ -308,7 +341,7 @@ def forces_on_nodes(some: SurfaceRows, there: int, forces: Array) -> None:
     for p in range(pushes.shape[1]):
         push = pushes[there, p]
         if push != 0.0:
-            x, y, z = push * normals[there, p, 0], push * normals[there, p, 1], push * normals[there, p, 2]
+            x, y, z = push * normals[there, 0, p], push * normals[there, 1, p], push * normals[there, 2, p]
             for e in range(starts[p], starts[p + 1]):
                 node, weight = nodes[e], weights[e]
                 forces[node, 0] += weight * x
@@ -317,28 +350,34 @@ def forces_on_nodes(some: SurfaceRows, there: int, forces: Array) -> None:
 
 
 @inlined
-def turn_shapes(some: SurfaceRows, axes: Array, dofs: Array, q: Array, v: int, n: int) -> None:
-    """Set how a node moves as its frame turns about the axes of the frame's node."""
-    shapes, x, y, z = some.shapes, some.arms[v, 0], some.arms[v, 1], some.arms[v, 2]
-    for i in range(6, n):
-        way = q[dofs[i]]
-        x += shapes[v, 0, i] * way
-        y += shapes[v, 1, i] * way
-        z += shapes[v, 2, i] * way
+def turn_shapes(arm: Array, axes: Array, q: Array, shapes: Array) -> None:
+    """Set how a node moves, (3, n), as its frame turns about the axes of its node, at the coordinates of its body."""
+    x, y, z = arm[0], arm[1], arm[2]
+    for i in range(6, len(q)):
+        x += shapes[0, i] * q[i]
+        y += shapes[1, i] * q[i]
+        z += shapes[2, i] * q[i]
     for i in range(3):
         a, b, c = axes[0, i], axes[1, i], axes[2, i]
-        shapes[v, 0, 3 + i] = b * z - c * y
-        shapes[v, 1, 3 + i] = c * x - a * z
-        shapes[v, 2, 3 + i] = a * y - b * x
+        shapes[0, 3 + i], shapes[1, 3 + i], shapes[2, 3 + i] = b * z - c * y, c * x - a * z, a * y - b * x
+
+
+@inlined
+def push_body(shapes: Array, push: Array, force: Array) -> None:
+    """Add to a body's generalised forces, (n,), what a force on a node does."""
+    x, y, z = push[0], push[1], push[2]
+    for i in range(len(force)):
+        force[i] += x * shapes[0, i] + y * shapes[1, i] + z * shapes[2, i]
 
 
 @inner
-def add_pushes(some: SurfaceRows | None, rows: RowsBack, s: int, y: Array, ways: Array, ways_of_nodes: Array) -> None:
-    """See `SurfaceRows.add_pushes`; sets the ways of the points, (k, p, 3), and of the nodes, (k, v, 3)."""
+def add_pushes(some: SurfaceRows | None, rows: RowsBack, s: int, y: Array, room: Room) -> None:
+    """See `SurfaceRows.add_pushes`; sets the ways of the points, (k, 3, p), and of the nodes, (k, v, 3)."""
     if some is not None:
         there, dofs, shapes, counts, firsts = some.place[s], some.dofs, some.shapes, some.counts, some.node_firsts
         if there >= 0:
-            normals, along = some.normals[there], np.zeros(ways.shape[1])
+            ways, ways_of_nodes, _, _, pushed = room
+            normals, along = some.normals[there], np.zeros(ways.shape[2])
             of_y = np.zeros(dofs.shape[1])
             for j in range(len(y)):
                 way, of_nodes = ways[j], ways_of_nodes[j]
@@ -347,6 +386,8 @@ def add_pushes(some: SurfaceRows | None, rows: RowsBack, s: int, y: Array, ways:
                     for k in range(n):
                         of_y[k] = y[j, dofs[c, k]]
                     for v in range(firsts[c], firsts[c + 1]):
+                        if not pushed[v]:
+                            continue
                         u, v_y, w = 0.0, 0.0, 0.0
                         for k in range(n):
                             u += shapes[v, 0, k] * of_y[k]
@@ -355,21 +396,21 @@ def add_pushes(some: SurfaceRows | None, rows: RowsBack, s: int, y: Array, ways:
                         of_nodes[v, 0], of_nodes[v, 1], of_nodes[v, 2] = u, v_y, w
                 on_points(some, of_nodes, some.push[there], way)
                 for p in range(len(along)):
-                    along[p] = way[p, 0] * normals[p, 0] + way[p, 1] * normals[p, 1] + way[p, 2] * normals[p, 2]
+                    along[p] = way[0, p] * normals[0, p] + way[1, p] * normals[1, p] + way[2, p] * normals[2, p]
                 on_rows(some, along, rows.by_forces[s, j])
 
 
 @inner
 def on_points(some: SurfaceRows, of_nodes: Array, push: Array, ways: Array) -> None:
-    """Set ways of points with forces, (p, 3), by those of nodes, (v, 3); rows that are closed push all their points."""
+    """Set ways of points with forces, (3, p), by those of nodes, (v, 3); rows that are closed push all their points."""
     starts, nodes, weights = some.node_starts, some.nodes, some.weights
-    for p in range(len(ways)):
+    for p in range(ways.shape[1]):
         x, y, z = 0.0, 0.0, 0.0
         for e in range(starts[p], starts[p + 1] if push[p] != 0.0 else starts[p]):
             x += weights[e] * of_nodes[nodes[e], 0]
             y += weights[e] * of_nodes[nodes[e], 1]
             z += weights[e] * of_nodes[nodes[e], 2]
-        ways[p, 0], ways[p, 1], ways[p, 2] = x, y, z
+        ways[0, p], ways[1, p], ways[2, p] = x, y, z
 
 
 @inner
@@ -384,12 +425,12 @@ def on_rows(some: SurfaceRows, along: Array, by_forces: Array) -> None:
 
 
 @inner
-def back_on_surfaces(some: SurfaceRows | None, rows: RowsBack, s: int, ways: Array, by_nodes: Array, q: Array) -> None:
+def back_on_surfaces(some: SurfaceRows | None, rows: RowsBack, s: int, room: Room, q: Array) -> None:
     """See `SurfaceRows.back`; added to q, (k, nq). Sets derivatives by places of the nodes, (k, v, 3)."""
     if some is not None:
         there, dofs, shapes, counts, firsts = some.place[s], some.dofs, some.shapes, some.counts, some.node_firsts
         if there >= 0:
-            of_q = np.empty(dofs.shape[1])
+            of_q, (ways, _, by_nodes, _, pushed) = np.empty(dofs.shape[1]), room
             for j in range(len(q)):
                 of_nodes = by_nodes[j]
                 push_nodes(some, there, rows.slips[s, j], ways[j], of_nodes)
@@ -398,6 +439,8 @@ def back_on_surfaces(some: SurfaceRows | None, rows: RowsBack, s: int, ways: Arr
                     for k in range(n):
                         of_q[k] = 0.0
                     for v in range(firsts[c], firsts[c + 1]):
+                        if not pushed[v]:
+                            continue
                         x, y, z = of_nodes[v, 0], of_nodes[v, 1], of_nodes[v, 2]
                         for k in range(n):
                             of_q[k] += x * shapes[v, 0, k] + y * shapes[v, 1, k] + z * shapes[v, 2, k]
@@ -408,7 +451,7 @@ def back_on_surfaces(some: SurfaceRows | None, rows: RowsBack, s: int, ways: Arr
 @inner
 def push_nodes(some: SurfaceRows, there: int, slips: Array, ways: Array, of_nodes: Array) -> None:
     """Set what nodes have of the derivatives by gaps, (d,), and of the curvature along ways of points, (p, 3)."""
-    rows, starts, columns, means, along = some.rows, some.starts, some.columns, some.means, np.zeros(len(ways))
+    rows, starts, columns, means, along = some.rows, some.starts, some.columns, some.means, np.zeros(ways.shape[1])
     for i in range(len(rows)):
         slip = slips[rows[i]]
         if slip != 0.0:
@@ -424,8 +467,8 @@ def push_nodes(some: SurfaceRows, there: int, slips: Array, ways: Array, of_node
         for p in range(firsts[c], firsts[c + 1]):
             if push[p] == 0.0:
                 continue
-            share, x, y, z = push[p] * curved[p], normals[p, 0], normals[p, 1], normals[p, 2]
-            u, v, w = ways[p, 0], ways[p, 1], ways[p, 2]
+            share, x, y, z = push[p] * curved[p], normals[0, p], normals[1, p], normals[2, p]
+            u, v, w = ways[0, p], ways[1, p], ways[2, p]
             n_way, a_way = x * u + y * v + z * w, a * u + b * v + d * w
             n_way = along[p] - share * n_way
             x, y, z = n_way * x + share * (u - a_way * a), n_way * y + share * (v - a_way * b), n_way * z
@@ -438,9 +481,7 @@ def push_nodes(some: SurfaceRows, there: int, slips: Array, ways: Array, of_node
 
 
 @inner
-def turn_forces(
-    some: SurfaceRows | None, frames: FramesBack, s: int, ways: Array, by_nodes: Array, forces: Array, q: Array
-) -> None:
+def turn_forces(some: SurfaceRows | None, frames: FramesBack, s: int, room: Room, q: Array) -> None:
     """See `SurfaceRows.turn_back`; adds to q, (k, nq)."""
     if some is not None:
         there, moved = some.place[s], frames.moved
@@ -449,44 +490,44 @@ def turn_forces(
         for c in range(len(some.dofs)):
             if some.bodies[c] >= 0:
                 for j in range(len(q)):
-                    turn_contact(some, frames, s, c, j, ways[j], by_nodes[j], forces)
+                    turn_contact(some, frames, s, c, j, room)
+        dofs = frames.dofs
         for b in range(len(frames.node_axes)):
             first, axes, way = frames.places[b], frames.axes[s, b], np.empty(3)
             for j in range(len(q)):
                 for a in range(3):
-                    way[a] = moved[j, frames.dofs[first + a]]
+                    way[a] = moved[j, dofs[first + a]]
                 for a in range(3):
-                    moved[j, frames.dofs[first + a]] = axes[a, 0] * way[0] + axes[a, 1] * way[1] + axes[a, 2] * way[2]
-        for j in range(len(q)):
-            for i in range(q.shape[1]):
-                q[j, i] += moved[j, i]
+                    moved[j, dofs[first + a]] = axes[a, 0] * way[0] + axes[a, 1] * way[1] + axes[a, 2] * way[2]
+        add_to(q, moved)
 
 
 @inner
-def turn_contact(
-    some: SurfaceRows, frames: FramesBack, s: int, c: int, j: int, ways: Array, by_nodes: Array, forces: Array
-) -> None:
+def turn_contact(some: SurfaceRows, frames: FramesBack, s: int, c: int, j: int, room: Room) -> None:
     """Add what a contact has of derivatives as its body's frame turns with forces, see `SurfaceRows.turn_back`."""
-    b, dofs, n, shapes, pushed = some.bodies[c], some.dofs[c], some.counts[c], some.shapes, frames.pushed[j]
+    b, dofs, n, shapes, growth = some.bodies[c], some.dofs[c], some.counts[c], some.shapes, some.growth
+    _, all_ways, all_by_nodes, forces, pushed = room
+    way, ways, by_nodes, place, pulled = frames.pushed[j], all_ways[j], all_by_nodes[j], np.empty(3), np.zeros(n)
     axes, moved, products, grows = frames.node_axes[b], frames.moved[j], frames.products[s, b], False
     omega, turn, by_products = np.zeros(3), np.zeros(3), np.zeros(6)
     for k in range(6):
         grows |= products[k] != 0.0
     for a in range(3):
+        place[a] = way[dofs[a]]
         for k in range(3):
-            omega[a] += axes[a, k] * pushed[dofs[3 + k]]
+            omega[a] += axes[a, k] * way[dofs[3 + k]]
     x, y, z = omega
     for v in range(some.node_firsts[c], some.node_firsts[c + 1]):
-        f, g, h = forces[v, 0], forces[v, 1], forces[v, 2]
-        add_product(
-            ways[v, 0] - pushed[dofs[0]], ways[v, 1] - pushed[dofs[1]], ways[v, 2] - pushed[dofs[2]], f, g, h, turn
-        )
-        if grows:
-            add_grown(some, v, products, by_nodes, by_products, turn)
-        if f != 0.0 or g != 0.0 or h != 0.0:
+        if pushed[v]:
+            f, g, h = forces[v, 0], forces[v, 1], forces[v, 2]
+            add_product(ways[v, 0] - place[0], ways[v, 1] - place[1], ways[v, 2] - place[2], f, g, h, turn)
+            if grows:
+                add_grown(growth[v], products, by_nodes[v], by_products, turn)
             u, w, r = g * z - h * y, h * x - f * z, f * y - g * x
             for i in range(6, n):
-                moved[dofs[i]] += shapes[v, 0, i] * u + shapes[v, 1, i] * w + shapes[v, 2, i] * r
+                pulled[i] += shapes[v, 0, i] * u + shapes[v, 1, i] * w + shapes[v, 2, i] * r
+    for i in range(6, n):
+        moved[dofs[i]] += pulled[i]
     for k in range(3):
         for a in range(3):
             moved[dofs[3 + k]] += turn[a] * axes[a, k]
@@ -502,12 +543,12 @@ def add_product(x: float, y: float, z: float, f: float, g: float, h: float, resu
 
 
 @inlined
-def add_grown(some: SurfaceRows, v: int, products: Array, by_nodes: Array, by_products: Array, turn: Array) -> None:
-    """Add what growth of a node has of derivatives by products, (6,), and by a turn, (3,)."""
+def add_grown(growth: Array, products: Array, by_node: Array, by_products: Array, turn: Array) -> None:
+    """Add what growth of a node, (3, 6), has of derivatives by products, (6,), and by a turn, (3,)."""
     x, y, z = 0.0, 0.0, 0.0
-    f, g, h = by_nodes[v, 0], by_nodes[v, 1], by_nodes[v, 2]
+    f, g, h = by_node[0], by_node[1], by_node[2]
     for k in range(6):
-        a, b, c = some.growth[v, 0, k], some.growth[v, 1, k], some.growth[v, 2, k]
+        a, b, c = growth[0, k], growth[1, k], growth[2, k]
         x += a * products[k]
         y += b * products[k]
         z += c * products[k]
@@ -531,22 +572,21 @@ def back_over_contacts(
     on_surfaces: SurfaceRows | None,
     frames: FramesBack | None,
     s: int,
-    room: tuple[Array, Array, Array, Array],
+    room: Room,
     y: Array,
     q: Array,
 ) -> None:
     """Go back over the forces of contacts in sample s: add derivatives by its coordinates, (k, nq), to q."""
-    ways, ways_of_nodes, by_nodes, forces = room
     if rows is not None:
         if frames is None:
-            add_pushes(on_surfaces, rows, s, y, ways, ways_of_nodes)
+            add_pushes(on_surfaces, rows, s, y, room)
             back_over_rows(rows, s, y, q)
-            back_on_surfaces(on_surfaces, rows, s, ways, by_nodes, q)
+            back_on_surfaces(on_surfaces, rows, s, room, q)
         else:
-            add_pushes(on_surfaces, rows, s, frames.pushed, ways, ways_of_nodes)
+            add_pushes(on_surfaces, rows, s, frames.pushed, room)
             back_over_rows(rows, s, y, q)
-            back_on_surfaces(on_surfaces, rows, s, ways, by_nodes, frames.moved)
-            turn_forces(on_surfaces, frames, s, ways_of_nodes, by_nodes, forces, q)
+            back_on_surfaces(on_surfaces, rows, s, room, frames.moved)
+            turn_forces(on_surfaces, frames, s, room, q)
 
 
 @inner
@@ -560,9 +600,18 @@ def step_back(bodies: Bodies, adjoint: Adjoint, rows: RowsBack | None, y: Array,
                 v[j, i] += h * q[j, i]
                 u[j, i] = v[j, i]
     if rows is not None:
+        before = rows.before
         for j in range(len(q)):
             for i in range(q.shape[1]):
-                q[j, i] -= rows.before[j, i]
+                q[j, i] -= before[j, i]
+
+
+@inlined
+def add_to(values: Array, more: Array) -> None:
+    """Add to values, (k, nq)."""
+    for j in range(len(values)):
+        for i in range(values.shape[1]):
+            values[j, i] += more[j, i]
 
 
 @unlocked
@@ -588,25 +637,22 @@ def go_back(
             for i in range(n):
                 v[j, i] += by_v[s, j, i]
                 y[s, j, i] = 0.5 * h / bodies.mass[i] * (u[j, i] if begins else u[j, i] + v[j, i])
+        find_pushed(on_surfaces, s, room[4])
         if frames is not None:
-            touches = set_forces(on_surfaces, frames, s, room[3])
+            touches = set_forces(on_surfaces, frames, s, room[3], room[4])
             back_over_inertia(frames, s, y[s], q, bodies, 0.0 if begins else 0.5 * h, touches)
         for j in range(k):
             for i in range(n):
                 q[j, i] += by_q[s, j, i] - bodies.stiffness[i] * y[s, j, i]
         back_over_contacts(rows, on_surfaces, frames, s, room, y[s], q)
         if frames is not None:
-            for j in range(k):
-                for i in range(n):
-                    v[j, i] += frames.u[j, i]
+            add_to(v, frames.u)
             if not begins:
                 turn_back(frames, s, h, q, v)
         step_back(bodies, adjoint, rows, y[s], h, begins)
         if frames is not None:
-            for j in range(k):
-                for i in range(n):
-                    q[j, i] += frames.q_then[j, i]
-                    v[j, i] += frames.v_then[j, i]
+            add_to(q, frames.q_then)
+            add_to(v, frames.v_then)
         if rows is not None:
             if first + s == 1:
                 forget_later(rows)

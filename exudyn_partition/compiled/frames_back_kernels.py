@@ -103,14 +103,14 @@ def component(a: int, b: int) -> int:
 @inner
 def add_by_z(here: Place, result: Array) -> None:
     """Add derivatives by z, (n,), from those by J and C in its room, see `frames_back._Place`."""
-    n, cross = here.C.shape[1], here.cross
+    n, cross, by_place, J_by, C_by = here.C.shape[1], here.cross, here.by_place, here.J_by, here.C_by
     for a in range(3):
-        for b in range(3):
-            share, c = 2 * here.J_by[a, b], component(a, b)
+        for b in range(a + 1):
+            share, c = 2 * (J_by[a, b] + J_by[b, a] if b < a else J_by[a, a]), component(a, b)
             for i in range(n):
-                result[i] += share * here.by_place[c, i]
+                result[i] += share * by_place[c, i]
         for i in range(n):
-            share = -here.C_by[a, i]
+            share = -C_by[a, i]
             for k in range(n):
                 result[k] += share * cross[a, i, k]
 
@@ -118,10 +118,10 @@ def add_by_z(here: Place, result: Array) -> None:
 @inner
 def over_masses(here: Place, by: Array, torque: Array, force: Array, result: Array) -> None:
     """Set the adjoint of P by a torque and forces, (3 + n,), and that by J and C; see `frames_back._Place.on_mass`."""
-    n, C, given = len(force), here.C, np.zeros(3)
+    n, C, given, tensor, J_by, C_by = len(force), here.C, np.zeros(3), here.tensor, here.J_by, here.C_by
     for a in range(3):
         for b in range(3):
-            given[a] += here.tensor[a, b] * by[b]
+            given[a] += tensor[a, b] * by[b]
         for i in range(n):
             given[a] -= C[a, i] * by[3 + i]
     omega_t = angular_acceleration(here.J, C, torque, force)
@@ -129,14 +129,14 @@ def over_masses(here: Place, by: Array, torque: Array, force: Array, result: Arr
     for a in range(3):
         result[a] = mu[a]
         for b in range(3):
-            here.J_by[a, b] = -mu[a] * omega_t[b]
+            J_by[a, b] = -mu[a] * omega_t[b]
     for i in range(n):
         on_mu, on_omega = 0.0, 0.0
         for a in range(3):
             on_mu += mu[a] * C[a, i]
             on_omega += omega_t[a] * C[a, i]
         for a in range(3):
-            here.C_by[a, i] = mu[a] * (on_omega - force[i]) + omega_t[a] * (on_mu - by[3 + i])
+            C_by[a, i] = mu[a] * (on_omega - force[i]) + omega_t[a] * (on_mu - by[3 + i])
         result[3 + i] = by[3 + i] - on_mu
 
 
@@ -156,14 +156,15 @@ def over_force(
 
     `crossed`, (3, n), are the cross integrals with z's velocities.
     """
-    n, b, C = len(z), here.by_place, here.C
+    n, b, C, J, J_by, C_by = len(z), here.by_place, here.C, here.J, here.J_by, here.C_by
+    cross, integrals = here.cross, here.integrals
     omega, J_t, L, s, weights = v[:3], np.zeros(6), np.zeros(3), np.empty(6), np.empty(6)
     for c in range(6):
         for i in range(n):
             J_t[c] += 2 * b[c, i] * v[3 + i]
     for a in range(3):
         for k in range(3):
-            L[a] += here.J[component(a, k)] * omega[k]
+            L[a] += J[component(a, k)] * omega[k]
         for i in range(n):
             L[a] += C[a, i] * v[3 + i]
     p, q, r = omega
@@ -174,9 +175,9 @@ def over_force(
         by_z[i] = 0.0
     for a in range(3):
         for k in range(3):
-            here.J_by[a, k] = 0.0
+            J_by[a, k] = 0.0
         for i in range(n):
-            here.C_by[a, i] = 0.0
+            C_by[a, i] = 0.0
     if coupled:
         torque, force, by = np.empty(3), np.empty(n), np.empty(3 + n)
         cross_product(L, omega, torque)
@@ -204,12 +205,12 @@ def over_force(
         by_v[a] = of_omega[a]
         for k in range(3):
             c = component(a, k)
-            by_v[a] += here.J[c] * of_L[k] - J_t[c] * of_torque[k] + 2 * s[c] * omega[k]
-            here.J_by[a, k] += of_L[a] * omega[k]
+            by_v[a] += J[c] * of_L[k] - J_t[c] * of_torque[k] + 2 * s[c] * omega[k]
+            J_by[a, k] += of_L[a] * omega[k]
             stretch[c] -= of_torque[a] * omega[k]
         for i in range(n):
             by_v[a] += 2 * crossed[a, i] * of_force[i]
-            here.C_by[a, i] += of_L[a] * v[3 + i]
+            C_by[a, i] += of_L[a] * v[3 + i]
     for i in range(n):
         total = 0.0
         for a in range(3):
@@ -222,30 +223,31 @@ def over_force(
         for a in range(3):
             share = twice * omega[a]
             for k in range(n):
-                by_v[3 + k] += share * here.cross[a, i, k]
+                by_v[3 + k] += share * cross[a, i, k]
         for c in range(6):
             share = 2 * stretch[c] * v[3 + i] + weights[c] * of_force[i]
             for k in range(n):
-                by_z[k] += share * here.integrals[c, i + 1, k + 1]
+                by_z[k] += share * integrals[c, i + 1, k + 1]
     add_by_z(here, by_z)
 
 
 @inner
 def complete(frames: FramesBack, b: int, bodies: Bodies, y: Array) -> None:
     """Complete the adjoint of accelerations over masses, (k, nq), of a body; see `frames_back.back_over_inertia`."""
-    first, end, turn = frames.places[b], frames.places[b + 1], np.empty(3)
+    first, end, turn, dofs, of_a = frames.places[b], frames.places[b + 1], np.empty(3), frames.dofs, frames.a
+    inverse = frames.inverse[b]
     for j in range(len(y)):
         for i in range(first, end):
-            dof = frames.dofs[i]
-            y[j, dof] += frames.a[j, dof] / bodies.mass[dof]
-            frames.a[j, dof] = 0.0
+            dof = dofs[i]
+            y[j, dof] += of_a[j, dof] / bodies.mass[dof]
+            of_a[j, dof] = 0.0
         for a in range(3):
             turn[a] = 0.0
             for k in range(3):
-                dof = frames.dofs[first + 3 + k]
-                turn[a] += frames.inverse[b, k, a] * bodies.mass[dof] * y[j, dof]
+                dof = dofs[first + 3 + k]
+                turn[a] += inverse[k, a] * bodies.mass[dof] * y[j, dof]
         for a in range(3):
-            y[j, frames.dofs[first + 3 + a]] = turn[a]
+            y[j, dofs[first + 3 + a]] = turn[a]
 
 
 @inner
@@ -256,8 +258,8 @@ def end_of_step(
 
     The integrals are those with what shapes gain in the step; see `frames.kernels.end_velocities`.
     """
-    first, end = frames.places[b] + 3, frames.places[b + 1]
-    n = end - first - 3
+    first, end, dofs = frames.places[b] + 3, frames.places[b + 1], frames.dofs
+    n, q, q_before, v_before = end - first - 3, frames.q[s], frames.q_before[s], frames.v_before[s]
     v, a_before = (
         gathered(frames.dofs, first, end, frames.turning[s]),
         gathered(frames.dofs, first, end, frames.a_before[s]),
@@ -266,9 +268,9 @@ def end_of_step(
     for i in range(3 + n):
         v[i] += half_step * a_before[i]
     for i in range(n):
-        dof = frames.dofs[first + 3 + i]
-        v[3 + i] -= half_step * stiffness[i] * (frames.q[s, dof] - frames.q_before[s, dof])
-        gained[i] = v[3 + i] - frames.v_before[s, dof]
+        dof = dofs[first + 3 + i]
+        v[3 + i] -= half_step * stiffness[i] * (q[dof] - q_before[dof])
+        gained[i] = v[3 + i] - v_before[dof]
     if half_step > 0.0:
         set_crossed(cross, gained, 1.0, of_gained)
         for i in range(n):
@@ -282,14 +284,16 @@ def back_over_inertia(
     frames: FramesBack, s: int, y: Array, q: Array, bodies: Bodies, half_step: float, touches: bool
 ) -> None:
     """See `frames_back.back_over_inertia`; adds to q, (k, nq). If contacts have forces, see `push_masses` there too."""
+    u, q_then, v_then, given = frames.u, frames.q_then, frames.v_then, frames.by_turning[s]
+    pushed, moved = frames.pushed, frames.moved
     for j in range(len(y)):
         for i in range(y.shape[1]):
-            frames.u[j, i], frames.q_then[j, i], frames.v_then[j, i] = frames.by_turning[s, j, i], 0.0, 0.0
+            u[j, i], q_then[j, i], v_then[j, i] = given[j, i], 0.0, 0.0
     for b in range(len(frames.node_axes)):
         complete(frames, b, bodies, y)
     for j in range(len(y) if touches else 0):
         for i in range(y.shape[1]):
-            frames.pushed[j, i], frames.moved[j, i] = y[j, i], 0.0
+            pushed[j, i], moved[j, i] = y[j, i], 0.0
     for b in range(len(frames.node_axes)):
         here = place_of(frames, s, b)
         over_inertia(frames, here, s, b, y, q, bodies, half_step)
@@ -302,14 +306,15 @@ def over_inertia(
     frames: FramesBack, here: Place, s: int, b: int, y: Array, q: Array, bodies: Bodies, half_step: float
 ) -> None:
     """Go back over the inertia forces of a body."""
-    first, end = frames.places[b] + 3, frames.places[b + 1]
-    stiffness = gathered(frames.dofs, first + 3, end, bodies.stiffness)
-    n, z = end - first - 3, gathered(frames.dofs, first + 3, end, frames.q[s])
-    v, omega, of_gained = end_of_step(frames, s, b, here.cross, stiffness, half_step)
+    first, end, dofs, cross = frames.places[b] + 3, frames.places[b + 1], frames.dofs, here.cross
+    of_u, of_a, v_then, q_then = frames.u, frames.a, frames.v_then, frames.q_then
+    stiffness = gathered(dofs, first + 3, end, bodies.stiffness)
+    n, z = end - first - 3, gathered(dofs, first + 3, end, frames.q[s])
+    v, omega, of_gained = end_of_step(frames, s, b, cross, stiffness, half_step)
     crossed, by_z, by_v, by_gained = np.empty((3, n)), np.empty(n), np.empty(3 + n), np.zeros(n)
-    set_crossed(here.cross, v[3:], 1.0, crossed)
+    set_crossed(cross, v[3:], 1.0, crossed)
     for j in range(len(y)):
-        own = gathered(frames.dofs, first, end, y[j])
+        own = gathered(dofs, first, end, y[j])
         over_force(here, v, crossed, own, z, stiffness, frames.coupled[b], by_z, by_v)
         for i in range(n):
             by_gained[i] = 0.0
@@ -319,60 +324,61 @@ def over_inertia(
                 share = twice * omega[a]
                 by_v[a] += twice * of_gained[a, i]
                 for k in range(n):
-                    by_gained[k] += share * here.cross[a, i, k]
+                    by_gained[k] += share * cross[a, i, k]
         for i in range(3):
-            dof = frames.dofs[first + i]
-            frames.u[j, dof] += by_v[i]
-            frames.a[j, dof] = half_step * by_v[i]
+            dof = dofs[first + i]
+            of_u[j, dof] += by_v[i]
+            of_a[j, dof] = half_step * by_v[i]
         for i in range(n):
-            dof, total = frames.dofs[first + 3 + i], by_v[3 + i] + by_gained[i]
+            dof, total = dofs[first + 3 + i], by_v[3 + i] + by_gained[i]
             elastic = half_step * stiffness[i] * total
-            frames.u[j, dof] += total
-            frames.a[j, dof] = half_step * total
-            frames.v_then[j, dof] -= by_gained[i]
-            frames.q_then[j, dof] += elastic
+            of_u[j, dof] += total
+            of_a[j, dof] = half_step * total
+            v_then[j, dof] -= by_gained[i]
+            q_then[j, dof] += elastic
             q[j, dof] += by_z[i] - elastic
 
 
 @inner
 def push_masses(frames: FramesBack, here: Place, s: int, b: int, y: Array) -> None:
     """See `frames_back.push_masses`, of a body."""
-    first, end, axes = frames.places[b], frames.places[b + 1], frames.axes[s, b]
+    first, end, axes, dofs = frames.places[b], frames.places[b + 1], frames.axes[s, b], frames.dofs
+    pushed, moved = frames.pushed, frames.moved
     for j in range(len(y)):
         for a in range(3):
             total = 0.0
             for k in range(3):
-                total += axes[k, a] * y[j, frames.dofs[first + k]]
-            frames.pushed[j, frames.dofs[first + a]] = total
+                total += axes[k, a] * y[j, dofs[first + k]]
+            pushed[j, dofs[first + a]] = total
     if not frames.constant[b]:
-        force = gathered(frames.dofs, first + 3, end, frames.force)
+        force = gathered(dofs, first + 3, end, frames.force)
         found, by_z = np.empty(len(force)), np.empty(len(force) - 3)
         for j in range(len(y)):
-            over_masses(here, gathered(frames.dofs, first + 3, end, y[j]), force[:3], force[3:], found)
+            over_masses(here, gathered(dofs, first + 3, end, y[j]), force[:3], force[3:], found)
             for i in range(len(by_z)):
                 by_z[i] = 0.0
             add_by_z(here, by_z)
             for i in range(len(found)):
-                frames.pushed[j, frames.dofs[first + 3 + i]] = found[i]
+                pushed[j, dofs[first + 3 + i]] = found[i]
             for i in range(len(by_z)):
-                frames.moved[j, frames.dofs[first + 6 + i]] += by_z[i]
+                moved[j, dofs[first + 6 + i]] += by_z[i]
 
 
 @inner
 def turn_back(frames: FramesBack, s: int, h: float, q: Array, v: Array) -> None:
     """See `frames_back.turn_back`."""
-    turn = np.empty(3)
+    turn, dofs = np.empty(3), frames.dofs
     for b in range(len(frames.node_axes)):
-        first = frames.places[b] + 3
+        first, turns, ways = frames.places[b] + 3, frames.turns[s, b], frames.ways[s, b]
         for j in range(len(q)):
             for a in range(3):
-                turn[a] = q[j, frames.dofs[first + a]]
+                turn[a] = q[j, dofs[first + a]]
             for a in range(3):
                 before, way = 0.0, 0.0
                 for k in range(3):
-                    before += frames.turns[s, b, a, k] * turn[k]
-                    way += frames.ways[s, b, k, a] * turn[k]
-                dof = frames.dofs[first + a]
+                    before += turns[a, k] * turn[k]
+                    way += ways[k, a] * turn[k]
+                dof = dofs[first + a]
                 q[j, dof] = before
                 v[j, dof] += h * (way - before)
 

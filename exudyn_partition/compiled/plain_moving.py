@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 
 from ..algebra.block_complementarity import BlockComplementarity, FlatBlocks
 from ..algebra.complementarity import Complementarity
@@ -104,16 +106,22 @@ class PlainSurface:
         self.rows_on_nodes, self._axes = matrix("rows", 3 * k, n), surfaces.axes[s]
         self.growth = matrix("growth", 3 * k, 6) if surfaces.growth[s] >= 0 else None
         self.flexibility, self.node_fields = matrix("flexibility", d * k, d * k), matrix("fields", d * k, n_fields)
-        nodes = surfaces.indices[surfaces.nodes[s] :][: p * m].reshape(p, m)
-        self.on_points = np.zeros((p, k))
-        np.add.at(self.on_points, (np.arange(p)[:, None], nodes), matrix("weights", p, m))
+        nodes, weights = surfaces.indices[surfaces.nodes[s] :][: p * m], matrix("weights", p, m).ravel()
+        self.sparse_on_points = sp.csr_matrix((weights, nodes, np.arange(0, p * m + 1, m)), (p, k))
         begins = surfaces.indices[surfaces.begins[s] :][: nr + 1]
         columns, mean = surfaces.indices[surfaces.columns[s] :], surfaces.numbers[surfaces.mean[s] :]
-        self.mean = np.zeros((nr, p))
-        for row in range(nr):
-            some = slice(begins[row], begins[row + 1])
-            self.mean[row, columns[some]] = mean[some]
+        self.sparse_mean = sp.csr_matrix((mean[: begins[-1]], columns[: begins[-1]], begins), (nr, p))
         self.surface = surfaces.kind[s], surfaces.point[s], surfaces.axis[s], surfaces.radius[s], surfaces.sign[s]
+
+    @cached_property
+    def on_points(self) -> Array:
+        """Values at its points by those of its nodes, (p, k)."""
+        return np.asarray(self.sparse_on_points.toarray())
+
+    @cached_property
+    def mean(self) -> Array:
+        """Its rows by its points, (nr, p)."""
+        return np.asarray(self.sparse_mean.toarray())
 
     def gaps(self, state: MovingState, q: Array) -> Array:
         """Gaps of its rows, (nr,) [m]; sets the normals at its points."""

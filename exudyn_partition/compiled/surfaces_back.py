@@ -8,7 +8,8 @@ of rows B = A diag(n') P, which change with the motion. With the adjoint y of ac
 
     B' h' + P' diag(p C) P y,    C = d2g/dx2 = (1 - n n' - a a') / r
 
-at a distance r from the centre or the axis a; planes have no C.
+at a distance r from the centre or the axis a; planes have no C. There all points have one normal, so that the mean of
+the points of a row stands for all of them, with A = 1.
 
 The flexibility of the rows is F = R F_b R', with R the rows on the nodes of the patch, by normals at the anchor: an
 earlier sample, or the start. In a floating frame these are normals in the body's axes. Between two samples in which
@@ -40,7 +41,7 @@ class Stance(NamedTuple):
 
     Parameters
     ----------
-    normals : (m, p, 3) array
+    normals : (m, 3, p) array
     curved : (m, p) array
         One over the distance from the centre or axis, negative in a bore [1/m].
     """
@@ -66,10 +67,11 @@ class SurfaceBack:
         Its number in the plan, and that of its body among those in floating frames; -1 for others.
     dofs : (n,) int array
     shapes : (v, 3, n) array
-        Places of its nodes by the coordinates; in a floating frame see `frames_back`, without deformation.
+        Places of its nodes by the coordinates; in a floating frame see `frames_back`, without deformation. Nodes of a
+        plane are its points.
     arms, growth : (v, 3), (v, 3, 6) arrays
         Of its nodes in a floating frame, else zero.
-    mean : (nr, p) array
+    mean : (nr, p) csr matrix
         A.
     directed : bool
         Whether the flexibility depends on the normals.
@@ -78,69 +80,76 @@ class SurfaceBack:
     def __init__(self, plan: MovingPlan, s: int, motion: FramesMotion) -> None:
         self._plain, self._motion, self.body = PlainSurface(plan.surfaces, s, None), motion, int(plan.surfaces.body[s])
         plain = self._plain
-        self.contact, self.dofs, self.mean, self.directed = plain.contact, plain.dofs, plain.mean, plain.d > 1
+        self.contact, self.dofs, self.directed = plain.contact, plain.dofs, plain.d > 1
         self._points = slice(*plan.surfaces.firsts[s : s + 2])
-        k, n = plain.on_points.shape[1], plain.rows_on_nodes.shape[1]
-        self._shapes = plain.rows_on_nodes.reshape(k, 3, n)
-        self.shapes, self.arms, self.growth = self._shapes, np.zeros((k, 3)), np.zeros((k, 3, 6))
+        k, n = len(plain.start), plain.rows_on_nodes.shape[1]
+        self.mean, self._of_nodes = plain.sparse_mean, plain.sparse_on_points
+        of_places, self._on_places = sp.identity(k, format="csr"), self._of_nodes
+        if self._flat:
+            of_places = self._of_nodes = self.mean @ self._of_nodes
+            self.mean = self._on_places = sp.identity(self.mean.shape[0], format="csr")
+
+        def at_places(values: Array) -> Array:
+            found: Array = of_places @ values.reshape(k, -1)
+            return found.reshape(-1, *values.shape[1:])
+
+        self._shapes = at_places(plain.rows_on_nodes.reshape(k, 3, n))
+        self.arms, self.growth = np.zeros((len(self._shapes), 3)), np.zeros((len(self._shapes), 3, 6))
+        self.shapes = self._shapes
         if self.body >= 0:
-            self.arms = plain.arms
+            self.arms = at_places(plain.arms)
             turning = np.cross(motion.frames.node_axes[self.body].T, self.arms[:, None]).swapaxes(1, 2)
-            self.shapes = np.concatenate([np.broadcast_to(np.eye(3), (k, 3, 3)), turning, self._shapes], axis=2)
+            translation = np.broadcast_to(np.eye(3), (len(self.arms), 3, 3))
+            self.shapes = np.concatenate([translation, turning, self._shapes], axis=2)
         if plain.growth is not None:
-            self.growth = plain.growth.reshape(k, 3, 6)
-        self._start = plain.on_points @ plain.start - plain.surface[1]
+            self.growth = at_places(plain.growth.reshape(k, 3, 6))
+        self._start = self._on_places @ at_places(plain.start) - plain.surface[1]
 
-    def _on_points(self, of_nodes: Array, some: Array | slice) -> Array:
-        """Values of nodes at some points, (p, 3, n), by those of the nodes, (v, 3, n)."""
-        k, _, n = of_nodes.shape
-        on_points = self._plain.on_points[some]
-        found: Array = (on_points @ of_nodes.reshape(k, 3 * n)).reshape(len(on_points), 3, n)
-        return found
+    def _on_points(self, values: Array, some: Array | slice) -> Array:
+        """Values at some points, (p, ...), by those at the nodes, (v, ...)."""
+        if self._flat:
+            return values[some]
+        found: Array = self._on_places[some] @ values.reshape(len(values), -1)
+        return found.reshape(-1, *values.shape[1:])
 
-    def between(self, rows: Array) -> tuple[Array, Array, Array, Array]:
+    def between(self, rows: Array) -> tuple[sp.csr_matrix, Array, sp.csr_matrix, Array]:
         """What is between some rows and the coordinates.
 
         Returns
         -------
         Rows by their points, (na, p), numbers of these, (p,), points by their nodes, (p, v), and numbers of these.
         """
-        mean = self.mean[rows]
-        points = np.flatnonzero(mean.any(axis=0))
-        on_nodes = self._plain.on_points[points]
-        nodes = np.flatnonzero(on_nodes.any(axis=0))
-        return mean[:, points], points, on_nodes[:, nodes], nodes
+        mean, points = _compact(self.mean[rows])
+        return mean, points, *_compact(self._on_places[points])
 
-    def _grown(self, samples: Array, some: Array | slice) -> Array:
-        """Deformation and growth of some points in a floating frame, (m, p, 3), in the body's axes."""
-        shapes, motion = self._on_points(self._shapes, some), self._motion
+    def _moved(self, samples: Array, dofs: Array, shapes: Array) -> Array:
+        """Ways of p points, (m, 3, p), by coordinates and their shapes, (p, 3, n)."""
         p, _, n = shapes.shape
-        moved: Array = motion.q[np.ix_(samples, self.dofs[6:])] @ shapes.reshape(3 * p, n).T
-        if (products := motion.products[samples, self.body]).any():
-            moved += products @ self._on_points(self.growth, some).reshape(3 * p, 6).T
-        return np.asarray(moved.reshape(len(samples), p, 3))
+        found: Array = self._motion.q[np.ix_(samples, dofs)] @ shapes.transpose(2, 1, 0).reshape(n, 3 * p)
+        return found.reshape(len(samples), 3, p)
 
     def _ways(self, samples: Array, some: Array | slice) -> Array:
-        """How some points have moved in space, (m, p, 3), from q = 0."""
-        motion = self._motion
-        if self.body >= 0:
-            arms = self._plain.on_points[some] @ self.arms
-            turned: Array = arms @ motion.change[samples, self.body].swapaxes(1, 2)
-            turned += self._grown(samples, some) @ motion.axes[samples, self.body].swapaxes(1, 2)
-            turned += motion.q[np.ix_(samples, self.dofs[:3])][:, None]
-            return turned
-        places = self._on_points(self.shapes, some)
-        p, _, n = places.shape
-        found: Array = motion.q[np.ix_(samples, self.dofs)] @ places.reshape(3 * p, n).T
-        return found.reshape(len(samples), p, 3)
+        """How some points have moved in space, (m, 3, p), from q = 0."""
+        motion, b = self._motion, self.body
+        if b < 0:
+            return self._moved(samples, self.dofs, self._on_points(self.shapes, some))
+        grown = self._moved(samples, self.dofs[6:], self._on_points(self._shapes, some))
+        if (products := motion.products[samples, b]).any():
+            of_products = self._on_points(self.growth, some).transpose(2, 1, 0)
+            grown += (products @ of_products.reshape(6, -1)).reshape(grown.shape)
+        turned: Array = motion.change[samples, b] @ self._on_points(self.arms, some).T
+        turned += motion.axes[samples, b] @ grown
+        turned += motion.q[np.ix_(samples, self.dofs[:3])][:, :, None]
+        return turned
 
     def _arms(self, samples: Array, some: Array | slice) -> tuple[Array, Array]:
-        """From the centre or axis to some points in some samples, (m,): (m, p, 3), sizes (m, p) [m]."""
+        """From the centre or axis to some points in some samples, (m,): (m, 3, p), sizes (m, p) [m]."""
         arms, axis = self._ways(samples, some), self._plain.surface[2]
-        arms += self._start[some]
+        arms += self._start[some].T
         if axis.any():
-            arms -= (arms @ axis)[:, :, None] * axis
-        return arms, np.maximum(np.sqrt((arms * arms) @ np.ones(3)), 1e-300)
+            arms -= axis[:, None] * _along(arms, axis)[:, None]
+        distance = np.sqrt(np.einsum("map,map->mp", arms, arms))
+        return arms, np.maximum(distance, 1e-300, out=distance)
 
     @property
     def _flat(self) -> bool:
@@ -151,14 +160,14 @@ class SurfaceBack:
         """Some of its points in some samples, (m,); in a floating frame, normals are in the body's axes."""
         _, _, axis, _, sign = self._plain.surface
         if self._flat:
-            normals = np.broadcast_to(axis, (len(samples), len(self._start[some]), 3))
-            curved = np.zeros(normals.shape[:2])
+            normals = np.broadcast_to(axis[:, None], (len(samples), 3, len(self._start[some])))
+            curved = np.zeros((len(samples), normals.shape[2]))
         else:
             normals, distance = self._arms(samples, some)
             curved = sign / distance
-            normals *= curved[:, :, None]
+            normals *= curved[:, None]
         if self.body >= 0:
-            normals = normals @ self._motion.axes[samples, self.body]
+            normals = self._motion.axes[samples, self.body].swapaxes(1, 2) @ normals
         return Stance(normals, curved)
 
     def axes(self, samples: Array) -> Array:
@@ -170,21 +179,21 @@ class SurfaceBack:
         """Gaps of its rows in some samples, (m,): (m, nr) [m]."""
         _, _, axis, radius, sign = self._plain.surface
         if self._flat:
-            along: Array = (self._start @ axis + self._ways(samples, _ALL) @ axis) @ self.mean.T
+            along: Array = self._start @ axis + _along(self._ways(samples, _ALL), axis)
             return along
         found: Array = sign * (self._arms(samples, _ALL)[1] - radius) @ self.mean.T
         return found
 
     def by_gaps(self, sample: int, rows: Array) -> tuple[Array, Array]:
         """Derivatives of the gaps of some rows in a sample by the coordinates and turning of the model, (nr, nq)."""
-        normals = self.at(np.array([sample])).normals[0]
-        return self._by_places(sample, self.mean[rows][:, :, None] * normals)
+        normals = self.at(np.array([sample])).normals[0].T
+        return self._by_places(sample, self.mean[rows].toarray()[:, :, None] * normals)
 
     def _by_places(self, sample: int, by_points: Array) -> tuple[Array, Array]:
         """Derivatives by coordinates and turning of the model in a sample, (k, nq), from those by points, (k, p, 3)."""
         motion, b = self._motion, self.body
         by_q, by_turning = np.zeros((2, len(by_points), motion.q.shape[1]))
-        by_nodes = np.einsum("kpa,pv->kva", by_points, self._plain.on_points, optimize=True)
+        by_nodes = _applied(self._on_places.T, by_points)
         by_q[:, self.dofs] = np.einsum("kva,van->kn", by_nodes, self.shapes, optimize=True)
         if b >= 0:
             moved = self._shapes @ motion.q[sample, self.dofs[6:]] + self.growth @ motion.products[sample, b]
@@ -198,9 +207,10 @@ class SurfaceBack:
 
     def on_nodes(self, along: Array, some: Array) -> Array:
         """Some rows on the values of its nodes that the flexibility has, (na, d k), by normals (p, 3)."""
+        mean = self.mean[some]
         if not self.directed:
-            return -self.mean[some] @ self._plain.on_points
-        rows = np.stack([(self.mean[some] * along[:, a]) @ self._plain.on_points for a in range(3)], axis=2)
+            return -np.asarray((mean @ self._of_nodes).toarray())
+        rows = np.stack([(mean.multiply(along[:, a]).tocsr() @ self._of_nodes).toarray() for a in range(3)], axis=2)
         return rows.reshape(len(some), 3 * rows.shape[1])
 
     @property
@@ -215,15 +225,16 @@ class SurfaceBack:
 
     def by_normals(self, some: Array, by_nodes: Array) -> Array:
         """Derivatives by the normals at the anchor, (k, p, 3), from those by `on_nodes`, (k, na, d k)."""
-        parts = by_nodes.reshape(*by_nodes.shape[:2], by_nodes.shape[2] // 3, 3)
-        on_points = np.einsum("pv,kiva->kipa", self._plain.on_points, parts, optimize=True)
-        return np.asarray(np.einsum("ip,kipa->kpa", self.mean[some], on_points, optimize=True))
+        k, na, size = by_nodes.shape
+        on_points = _applied(self._of_nodes, by_nodes.reshape(k * na, size // 3, 3))
+        on_points = on_points.reshape(k, na, self._of_nodes.shape[0], 3)
+        return np.asarray(np.einsum("ip,kipa->kpa", self.mean[some].toarray(), on_points, optimize=True))
 
     def by_anchor(self, sample: int, by_normals: Array) -> tuple[Array, Array]:
         """Derivatives by coordinates and turning in the sample of an anchor, from those by its normals, (k, p, 3)."""
         samples = np.array([sample])
         there, axis = self.at(samples), self.axes(samples)[0]
-        normals = there.normals[0]
+        normals = there.normals[0].T
         across = (
             by_normals
             - np.einsum("kpa,pa,pb->kpb", by_normals, normals, normals)
@@ -239,7 +250,8 @@ class SurfaceBack:
         """Normals at the anchor with which a run begins, (p, 3); None if there is none."""
         if anchors is None or not anchors.anchored[s]:
             return None
-        return anchors.along[self._points]
+        along = anchors.along[self._points]
+        return np.tile(along[0], (len(self._start), 1)) if self._flat else along
 
 
 class SurfacesBack:
@@ -290,7 +302,7 @@ class SurfacesBack:
         """Normals of a contact at the anchor that it has in a sample, (p, 3)."""
         one, anchor = self.surfaces[s], int(self.anchors[s, sample])
         before = one.at_start(self._begins, s) if anchor < 0 else None
-        return one.at(np.array([max(anchor, 0)])).normals[0] if before is None else before
+        return one.at(np.array([max(anchor, 0)])).normals[0].T if before is None else before
 
     def set_flexibility(self, F: Array, sample: int, rows: Array, others: Array) -> None:
         """Set the flexibility between some rows and others, (na, nb) [m/N], where it is that of moving contacts."""
@@ -385,7 +397,7 @@ class SurfaceRows(NamedTuple):
         Places of the nodes by these coordinates; in a floating frame as they are in a sample, see `turn`.
     axes : (ms, c, 3) array
         See `SurfaceBack.axes`.
-    normals, curved, push : (ms, p, 3), (ms, p), (ms, p) arrays
+    normals, curved, push : (ms, 3, p), (ms, p), (ms, p) arrays
         See `SurfaceBack.at`; forces on the points [N].
     """
 
@@ -420,7 +432,8 @@ class SurfaceRows(NamedTuple):
         there = np.flatnonzero(lam[:, closed].any(axis=1))
         if not len(there):
             return None
-        place, means, on_nodes, axes = np.full(len(lam), -1), list[Array](), list[Array](), list[Array]()
+        place, axes = np.full(len(lam), -1), list[Array]()
+        means, on_nodes = list[sp.csr_matrix](), list[sp.csr_matrix]()
         of_nodes, at, numbers = list[tuple[Array, ...]](), list[tuple[Array, Array, Array]](), samples.start + there
         place[there] = np.arange(len(there))
         for s, (one, (own, here)) in enumerate(zip(surfaces, within, strict=True)):
@@ -432,8 +445,8 @@ class SurfaceRows(NamedTuple):
             shapes[:, :, : len(one.dofs)] = one.shapes[nodes]
             of_nodes.append((one.arms[nodes], one.growth[nodes], shapes))
             axes.append(one.axes(numbers))
-            at.append((*one.at(numbers, used), lam[np.ix_(there, here)] @ mean))
-        normals, curved, push = (_joined(parts, 1) for parts in zip(*at, strict=True))
+            at.append((*one.at(numbers, used), np.asarray(lam[np.ix_(there, here)] @ mean)))
+        normals, curved, push = (_joined(parts, -1) for parts in zip(*at, strict=True))
         arms, growth, all_shapes = (_joined(parts, 0) for parts in zip(*of_nodes, strict=True))
         return cls(
             place, closed, *_flat(means), *_flat(on_nodes), _ends([mean.shape[1] for mean in means]),
@@ -473,7 +486,7 @@ class SurfaceRows(NamedTuple):
         """
         ways, there = self._points(y), self.place[s]
         if there >= 0:
-            along = np.einsum("kpa,pa->kp", ways, self.normals[there])
+            along = np.einsum("kpa,ap->kp", ways, self.normals[there])
             for row, (first, end) in zip(self.rows, _pairs(self.starts), strict=True):
                 by_forces[:, row] += along[:, self.columns[first:end]] @ self.means[first:end]
         return ways
@@ -485,7 +498,7 @@ class SurfaceRows(NamedTuple):
         for row, (first, end) in zip(self.rows, _pairs(self.starts), strict=True):
             on_points[:, self.columns[first:end]] += slips[:, row, None] * self.means[first:end]
         normals, share, axis = (
-            self.normals[there, own],
+            self.normals[there, :, own].T,
             self.push[there] * self.curved[there],
             self.axes[there, contact],
         )
@@ -521,7 +534,7 @@ class SurfaceRows(NamedTuple):
     def _forces(self, s: int, contact: int) -> Array:
         """Forces on the nodes of a contact, (v, 3)."""
         there, (own, _) = self.place[s], self._own(contact)
-        pushes = self.push[there, own, None] * self.normals[there, own]
+        pushes = self.push[there, own, None] * self.normals[there, :, own].T
         return np.asarray(self._on_nodes(contact).T @ pushes)
 
     def turn_back(self, frames: FramesBack, s: int, ways: Array, slips: Array, q: Array) -> None:
@@ -550,19 +563,37 @@ class SurfaceRows(NamedTuple):
         q += moved
 
 
-def _flat(parts: Sequence[Array]) -> tuple[Array, Array, Array]:
-    """Entries of matrices on a diagonal that are not zero: starts of the lines, columns and values.
-
-    SciPy's `block_diag` takes a tenth of the pass back for it.
-    """
-    sizes, columns, values, width = [np.zeros(1, dtype=np.int64)], list[Array](), list[Array](), 0
+def _flat(parts: Sequence[sp.csr_matrix]) -> tuple[Array, Array, Array]:
+    """Entries of matrices on a diagonal: starts of the lines, columns and values."""
+    starts, columns, values, end, width = [np.zeros(1, dtype=np.int64)], list[Array](), list[Array](), 0, 0
     for part in parts:
-        lines, places = np.nonzero(part)
-        sizes.append(np.bincount(lines, minlength=len(part)))
-        columns.append(places + width)
-        values.append(part[lines, places])
-        width += part.shape[1]
-    return np.cumsum(np.concatenate(sizes)), np.concatenate(columns), np.concatenate(values)
+        starts.append(part.indptr[1:] + end)
+        columns.append(part.indices + width)
+        values.append(part.data)
+        end, width = end + part.nnz, width + part.shape[1]
+    return np.concatenate(starts), np.concatenate(columns).astype(np.int64), np.concatenate(values)
+
+
+def _compact(some: sp.csr_matrix) -> tuple[sp.csr_matrix, Array]:
+    """A matrix without the columns that are empty, and the numbers of the others."""
+    used = np.zeros(some.shape[1], dtype=bool)
+    used[some.indices] = True
+    columns = np.flatnonzero(used)
+    places = np.cumsum(used) - 1
+    return sp.csr_matrix((some.data, places[some.indices], some.indptr), (some.shape[0], len(columns))), columns
+
+
+def _applied(matrix: sp.csr_matrix, values: Array) -> Array:
+    """Apply a matrix, (p, v), to vectors at v places, (k, v, 3): (k, p, 3)."""
+    (p, v), k = matrix.shape, len(values)
+    found: Array = matrix @ values.transpose(1, 0, 2).reshape(v, 3 * k)
+    return found.reshape(p, k, 3).transpose(1, 0, 2)
+
+
+def _along(vectors: Array, axis: Array) -> Array:
+    """What vectors, (m, 3, p), are along an axis, (3,)."""
+    found: Array = axis[0] * vectors[:, 0] + axis[1] * vectors[:, 1] + axis[2] * vectors[:, 2]
+    return found
 
 
 def _joined(parts: Sequence[Array], axis: int) -> Array:
