@@ -261,8 +261,8 @@ def _default_settings(mbs: MainSystem, method: Integrator, duration: float) -> S
     # Stiff springs on light bodies have round-off above Exudyn's 1e-10, which Newton's method would never reach. Near
     # round-off, a step with an old Jacobian gains little, so that Exudyn would ask for new ones in vain.
     if method == "implicit":
-        # Exudyn's 1e-8 is reached after one iteration with a new Jacobian. It closes joints by less than their reactions
-        # need, which count closures over the square of a step, and may then alternate with a growing error.
+        # With a new Jacobian, one iteration reaches Exudyn's 1e-8. Reactions are distances in joints over the square of
+        # a step, and need smaller ones: they alternate with an error that grows.
         integration.newton.relativeTolerance = _RELATIVE
         integration.newton.absoluteTolerance = _ABOVE * residual(mbs, duration)
         # Exudyn finds this small part of the Jacobian of a spring on an interface by differences of all coordinates.
