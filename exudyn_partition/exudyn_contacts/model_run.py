@@ -49,9 +49,9 @@ def _unstable_energies() -> np.errstate:
 class ModelRun:
     """State of a model's contacts in one run.
 
-    Who takes part is fixed at its start, see `RunMembers`. In a run only these attributes change: `evaluated_at` and the
-    state of the last answer in each evaluation, `ended` at each sample, `unsettled` in load steps, `broken` and `over`
-    at the end. So do the time spent in contacts, and the velocities by which bodies in floating frames grow.
+    Who takes part is fixed at its start, see `RunMembers`. In a run only these attributes change: `evaluated_at` and
+    the state of the last answer in each evaluation, `ended` at each sample, `unsettled` in load steps, `broken` and
+    `over` at the end. So do the time spent in contacts, and the velocities by which bodies in floating frames grow.
 
     Parameters
     ----------
