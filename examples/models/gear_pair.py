@@ -56,10 +56,7 @@ class Pair:
 
     def run(self, end_time, step, spectral_radius=0.5):
         """Implicit steps that damp what they do not resolve."""
-        settings = exu.SimulationSettings()
-        settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
-        settings.solution.file.write, settings.timeIntegration.verboseMode = False, 0
-        options = {"method": "implicit", "settings": settings, "spectral_radius": spectral_radius}
+        options = {"method": "implicit", "spectral_radius": spectral_radius}
         return ep.solve_dynamic(self.mbs, end_time=end_time, step=step, **options)
 
     def settle(self):

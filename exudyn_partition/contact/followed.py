@@ -234,6 +234,12 @@ class Followed(Stage):
             return None
         return loops.pushed_pairs(self.rows.flat_pair, lam, self.normals, q)
 
+    def some_rows(self, index: Array, q: Array) -> Array | None:
+        """See `Stage.some_rows`; one compiled call."""
+        if not (self._newest and self.rows.flattens):
+            return None
+        return loops.pair_rows(self.rows.flat_pair, index, self.normals, q, len(self.rows.area))
+
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.advance`; rows are chosen again when others may close."""
         search = self.rows.search

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 MANY = 5_000  # entries that can be spared, see `Side.spares`: above it, only the needed nodes are followed
 _ROUND_OFF = 1e-9  # relative difference of shares of a flexibility that are the same
+_FEW = 64  # rows whose derivatives one call finds, row by row; those of more come from sparse matrices
 SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
 _FROZEN = Anchor(NOTHING, NOTHING, NOTHING)  # of frozen rows, whose flexibility does not change
 
@@ -592,7 +593,8 @@ class Gaps:
         """Derivative of the gaps of some present rows with respect to the coordinates, (na, n), for fixed pairs."""
         if isinstance(self.stage, Frozen):
             return self.stage.linear.H[index]
-        return self.rows_on_coordinates(self.stage, self.present.q, index)
+        found = self.stage.some_rows(index, self.present.q) if len(index) <= _FEW else None
+        return self.rows_on_coordinates(self.stage, self.present.q, index) if found is None else found
 
     def rows_on_coordinates(self, stage: Stage, q: Array, index: Array | None = None) -> Rows:
         """Derivative of a stage's gaps with respect to the coordinates, (na, n), at q, (n,), for fixed pairs."""

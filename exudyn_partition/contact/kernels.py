@@ -100,6 +100,22 @@ def pushed_pairs(pair: FlatPair, lam: Array, normals: Array, q: Array) -> tuple[
     return result, total
 
 
+_push_pairs = called(pushed_pairs)
+
+
+@compiled
+def pair_rows(pair: FlatPair, index: Array, normals: Array, q: Array, n: int) -> Array:
+    """Derivative of the gaps of rows, (na,) of n, by the coordinates, (na, len(q)), see `loops.pair_rows`."""
+    result, lam = np.empty((len(index), len(q))), np.zeros(n)
+    for i in range(len(index)):
+        lam[index[i]] = 1.0
+        row, _ = _push_pairs(pair, lam, normals, q)
+        lam[index[i]] = 0.0
+        for k in range(len(q)):
+            result[i, k] = row[k]
+    return result
+
+
 @structref.register
 class FlatPointsType(StructType):
     """Type of `FlatPoints` in compiled loops."""
@@ -248,6 +264,22 @@ def pushed_rigid(points: FlatPoints, nodes: FlatNodes, lam: Array, normals: Arra
                     for a in range(3):
                         forces[carriers[point, k], a] += weights[point, k] * push * normals[point, a]
     act(nodes, q, forces, result)
+    return result
+
+
+_push_rigid = called(pushed_rigid)
+
+
+@compiled
+def rigid_rows(points: FlatPoints, nodes: FlatNodes, index: Array, normals: Array, q: Array, n: int) -> Array:
+    """Derivative of the gaps of rows, (na,), by the coordinates, (na, len(q)), see `loops.rigid_rows`."""
+    result, lam = np.empty((len(index), len(q))), np.zeros(len(points.starts) - 1)
+    for i in range(len(index)):
+        lam[index[i]] = 1.0
+        row = _push_rigid(points, nodes, lam, normals, q, n)
+        lam[index[i]] = 0.0
+        for k in range(len(q)):
+            result[i, k] = row[k]
     return result
 
 

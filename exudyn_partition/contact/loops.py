@@ -311,6 +311,15 @@ def pushed_pairs(pair: FlatPair, lam: Array, normals: Array, q: Array) -> tuple[
     return found
 
 
+def pair_rows(pair: FlatPair, index: Array, normals: Array, q: Array, n: int) -> Array:
+    """Derivative of the gaps of some rows, (na,), of the n that are followed with respect to coordinates, (na, len(q)).
+
+    See `pushed_pairs`, whose forces are those of unit forces on each row.
+    """
+    found: Array = _compiled().pair_rows(pair, index, normals, q, n)
+    return found
+
+
 def flat_points(points: ContactPoints) -> FlatPoints:
     """Points of rows as one object."""
     mean = points.mean
@@ -379,6 +388,12 @@ def rigid_moment(points: FlatPoints, lam: Array, normals: Array, x: Array, about
 def pushed_rigid(points: FlatPoints, lam: Array, normals: Array, side: SideNodes, q: Array) -> Array:
     """Generalised forces, (n,), of forces on rows, (nr,) [N], see `pushed_pairs`."""
     found: Array = _compiled().pushed_rigid(points, side.flat, lam, normals, q, len(side.surface.points))
+    return found
+
+
+def rigid_rows(points: FlatPoints, index: Array, normals: Array, side: SideNodes, q: Array) -> Array:
+    """Derivative of the gaps of some rows, (na,), to a rigid surface with respect to the coordinates q, (na, n)."""
+    found: Array = _compiled().rigid_rows(points, side.flat, index, normals, q, len(side.surface.points))
     return found
 
 

@@ -195,6 +195,11 @@ class OnRigid(Stage):
             return None
         return loops.pushed_rigid(self.rows.flat, lam, self.normals, side, q), self.resultant(lam)
 
+    def some_rows(self, index: Array, q: Array) -> Array | None:
+        """See `Stage.some_rows`; one compiled call."""
+        (side,) = self.rows.sides
+        return loops.rigid_rows(self.rows.flat, index, self.normals, side, q) if side.flattens else None
+
 
 class RigidGaps(Gaps):
     """Gaps of a patch to a rigid surface, fixed or carried by a body.

@@ -286,6 +286,10 @@ class Stage:
         """See `Gaps.acted`, at coordinates q, (n,); None if there is no faster way than through the nodes."""
         return None
 
+    def some_rows(self, index: Array, q: Array) -> Array | None:
+        """See `Gaps.jacobian`, at coordinates q, (n,); None if there is no faster way than by sparse matrices."""
+        return None
+
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """Return the stage at coordinates q, (n,), and the gaps of its rows, (nr,) [m]."""
         return pair.search(q)

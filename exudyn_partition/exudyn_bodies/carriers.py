@@ -73,12 +73,15 @@ def validate_carrier(name: str, mbs: MainSystem, body: object) -> None:
 
 def pose(mbs: MainSystem, body: ObjectIndex) -> Pose:
     """Return the present pose of an Exudyn body; before the model is assembled, its reference pose."""
-    kinds, model = require("exudyn").ConfigurationType, weakly(mbs)
-    current, reference = kinds.Current, kinds.Reference
+    exu, model = require("exudyn"), weakly(mbs)
+    current, reference = exu.ConfigurationType.Current, exu.ConfigurationType.Reference
+    position, rotation = exu.OutputVariableType.Position, exu.OutputVariableType.RotationMatrix
 
-    def pose_now() -> tuple[Array, Array]:
+    def pose_now() -> tuple[Array, Array]:  # in each evaluation: to look these up takes as long as the call
         mbs = model()
-        return pose_in(mbs, body, current if mbs.systemData.ODE2Size() else reference)
+        where = current if mbs.systemData.ODE2Size() else reference
+        axes = mbs.GetObjectOutputBody(body, rotation, _ORIGIN, where)
+        return mbs.GetObjectOutputBody(body, position, _ORIGIN, where), axes.reshape(3, 3)
 
     return pose_now
 

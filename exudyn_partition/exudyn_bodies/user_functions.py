@@ -59,6 +59,11 @@ def inertia_functions(
     """User functions for inertia forces of a floating frame; with the other forces of the body that are given."""
     start_of_step, nodes = exu.ConfigurationType.StartOfStep, item.nodes
 
+    @lru_cache(maxsize=1)
+    def of_damping(damping: Damping) -> Array:  # another one where joints are others
+        value: Array = damping.matrix().toarray()
+        return value
+
     def verlet_start(mbs: MainSystem, t: float, n: int) -> StepStart:
         """Start of a step of VelocityVerlet, which gives velocities in its middle; for n elastic coordinates."""
         data, columns = mbs.systemData, _velocities_at(tuple([mbs.GetNodeODE2Index(node) for node in nodes]), n)
@@ -101,7 +106,7 @@ def inertia_functions(
         if stiffening is not None:
             result[RIGID:, RIGID:] += fODE2 * stiffening.tangent(mbs, z, fODE2_t)
         if damping is not None:
-            result += (fODE2_t * damping().matrix()).toarray()
+            result += fODE2_t * of_damping(damping())
         return sparse_container(*terms(result), len(result))
 
     return {"forceUserFunction": force, "jacobianUserFunction": jacobian}

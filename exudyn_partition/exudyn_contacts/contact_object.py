@@ -71,7 +71,7 @@ def _add_object(mbs: MainSystem, nodes: list[NodeIndex], runs: Runs) -> ObjectIn
     ) -> MatrixContainer:
         run = runs.now(mbs)
         # At the end of a run rows slip as they did there.
-        if not (run.over and run.ended_in(mbs.systemData.GetODE2Coordinates(copy=False))):
+        if not (run.over and run.ended_in(mbs.systemData.GetODE2Coordinates(copy=False))) and not run.knows(mbs, t):
             run.settled_force(mbs, t)
         contacts, given_up = run.contacts, run.unsettled is not None
         stuck = [contact for contact in contacts if given_up or _sticks(mbs, run.contact_run(contact))]

@@ -49,9 +49,9 @@ def _unstable_energies() -> np.errstate:
 class ModelRun:
     """State of a model's contacts in one run.
 
-    Who takes part is fixed at its start, see `RunMembers`. In a run only these attributes change: `evaluated_at` in
-    each evaluation, `ended` at each sample, `unsettled` in load steps, `broken` and `over` at the end. So do the time
-    spent in contacts, and the velocities by which bodies in floating frames grow.
+    Who takes part is fixed at its start, see `RunMembers`. In a run only these attributes change: `evaluated_at` and
+    the state of the last answer in each evaluation, `ended` at each sample, `unsettled` in load steps, `broken` and
+    `over` at the end. So do the time spent in contacts, and the velocities by which bodies in floating frames grow.
 
     Parameters
     ----------
@@ -135,6 +135,8 @@ class ModelRun:
         self.unsettled: ComplementarityError | None = None
         self.broken = self._released = False
         self._turning = np.empty(0) if state is None else state.turning
+        self._known: tuple[float, bytes, bytes] | None = None  # time, coordinates, velocities of the last answer
+        self._by_motion = method != "explicit" and all(run.impulses is None for run in members.runs)
         self._solver = solver
 
     def state(self) -> RunState | None:
@@ -237,6 +239,7 @@ class ModelRun:
         applied in this step cannot be taken back: then the run is `broken`.
         """
         t, q = float(mbs.systemData.GetTime()), mbs.systemData.GetODE2Coordinates()
+        self._known = None
         if self.method == "static" and t > self._began:
             self._press(mbs, t)
         within = [group.step_back(mbs, t, q) for group in self._within]
@@ -252,7 +255,7 @@ class ModelRun:
         begin = time.perf_counter()
         if self.record.on:
             self.keep_last_step(mbs, t)
-        self.evaluated_at, total = t, None
+        self.evaluated_at, total, self._known = t, None, None
         q = mbs.systemData.GetODE2Coordinates(copy=False)
         self._turn(mbs)
         if self.method == "static" and t > self._began:
@@ -271,8 +274,21 @@ class ModelRun:
                 pushed = total[place]
                 if np.count_nonzero(pushed):  # is quicker than any()
                     total[place] = kinematics.on_constant_mass(q[place], pushed)
+        if self._by_motion:
+            self._known = t, q.tobytes(), mbs.systemData.GetODE2Coordinates_t(copy=False).tobytes()
         self._spent_s += time.perf_counter() - begin
         return total
+
+    def knows(self, mbs: MainSystem, t: float) -> bool:
+        """Whether the last answer is that of the model's present state at t [s].
+
+        Implicit solvers ask for a Jacobian where they have asked for forces before.
+        """
+        if self._known is None or t != self._known[0]:
+            return False
+        data, (_, q, q_t) = mbs.systemData, self._known
+        now, now_t = data.GetODE2Coordinates(copy=False), data.GetODE2Coordinates_t(copy=False)
+        return bool(now.tobytes() == q and now_t.tobytes() == q_t)
 
     def look_at_start(self, mbs: MainSystem, t: float) -> None:
         """Find forces and gaps where a static run begins, t [s], for its first sample.

@@ -33,6 +33,7 @@ from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContaine
 from ..support.interrupt import Interrupt, interruptible
 from ..support.optional import require
 from ..support.progress import LOOK, Progress
+from .renewals import Iterations, renew
 from .step_control import Pace, Pacing, StepControl
 
 _RESIDUAL = 3e-18  # share of forces that move bodies by their size in a period of f_cut: 1e-8 N for some centimetres
@@ -241,19 +242,22 @@ def watch_steps(
     step: float,
     progress: Progress,
     accelerations: Array | None = None,
+    *,
+    renews: bool = False,
 ) -> Iterator[Watch]:
     """Progress and Ctrl-C in Exudyn's PreStep function. It calls the model's own, which is restored after the run.
 
-    `accelerations`, (nq,), are set before the first step, if they are given.
+    `accelerations`, (nq,), are set before the first step, if they are given. With `renews`, Newton's method gets a new
+    Jacobian where that saves time, see `renewals`.
     """
-    last_start = None
+    last_start, iterations = None, Iterations()
     own_function = user_function(mbs.GetPreStepUserFunction())
     runs, kinds = runs_of(mbs), require("exudyn").ConfigurationType
     damping = registered(mbs).damping
     next_report, next_look = start_time, time.perf_counter() + LOOK
 
     def before_step(mbs: MainSystem, t: float) -> bool:
-        nonlocal next_report, next_look, last_start
+        nonlocal next_report, next_look, last_start, iterations
         if t >= next_report or time.perf_counter() >= next_look:
             next_report, next_look = t + (end_time - start_time) / 100, time.perf_counter() + LOOK
             progress(min((t - start_time) / (end_time - start_time), 1.0))
@@ -263,6 +267,8 @@ def watch_steps(
         if last_start is None and accelerations is not None:
             for configuration in (kinds.StartOfStep, kinds.Current):
                 mbs.systemData.SetODE2Coordinates_tt(accelerations, configuration)
+        if renews:
+            iterations = renew(mbs, iterations)
         run = runs.now(mbs)
         run.unsettled = None
         if run.unsampled and run.others:

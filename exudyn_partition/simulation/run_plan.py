@@ -22,6 +22,7 @@ from .step_choice import chosen_step
 from .step_control import StepControl
 
 _ABOVE = 8  # of the residual that rounding leaves: where implicit steps end, which keep their Jacobian
+_RELATIVE = 1e-9  # share of the first residual at which implicit steps end
 _CONTRACTIVITY = 0.02  # contractivity of Newton's iterations above which the Jacobian is computed again
 _EARLY = 2e-10  # s; Exudyn's solvers stop ahead of their end time by less than this, for all steps
 _SHORTER = 100  # an adaptive run may lose a last step that is shorter by more than this factor
@@ -153,6 +154,8 @@ class RunPlan:
         End from which the run goes on as if both were one.
     open_joints : OpenJoints
         Joints that are open at the start.
+    renews : bool
+        Whether Newton's method gets new Jacobians where that saves time, see `renewals`.
     """
 
     method: Integrator
@@ -161,6 +164,7 @@ class RunPlan:
     control: StepControl | None
     origin: RunEnd | None
     open_joints: OpenJoints
+    renews: bool
 
 
 def plan_run(mbs: MainSystem, options: RunOptions, last: RunEnd | None, progress: Progress | None) -> RunPlan:
@@ -203,7 +207,8 @@ def plan_run(mbs: MainSystem, options: RunOptions, last: RunEnd | None, progress
         duration = times.end - times.start
         control = options.of_adaptive.control(limits, times.step, method, options.sample_period, duration)
     origin = origin_of(mbs, start, method, last)
-    return RunPlan(method, times, _settings(mbs, options, times), control, origin, open_joints)
+    renews = method == "implicit" and options.settings is None  # the user's settings are kept as they are
+    return RunPlan(method, times, _settings(mbs, options, times), control, origin, open_joints, renews)
 
 
 def _count(duration: float, step: float) -> int:
@@ -256,6 +261,9 @@ def _default_settings(mbs: MainSystem, method: Integrator, duration: float) -> S
     # Stiff springs on light bodies have round-off above Exudyn's 1e-10, which Newton's method would never reach. Near
     # round-off, a step with an old Jacobian gains little, so that Exudyn would ask for new ones in vain.
     if method == "implicit":
+        # With a new Jacobian, one iteration reaches Exudyn's 1e-8. Reactions are distances in joints over the square of
+        # a step, and need smaller ones: they alternate with an error that grows.
+        integration.newton.relativeTolerance = _RELATIVE
         integration.newton.absoluteTolerance = _ABOVE * residual(mbs, duration)
         # Exudyn finds this small part of the Jacobian of a spring on an interface by differences of all coordinates.
         integration.newton.numericalDifferentiation.jacobianConnectorDerivative = False

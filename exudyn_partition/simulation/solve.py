@@ -215,7 +215,7 @@ def _run(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> tuple[Res
         bar as report,
         begin_run(mbs, times.start, method),
         set_accelerations(mbs, plan.origin, plan.settings) as accelerations,
-        watch_steps(mbs, times.start, times.end, times.step, report, accelerations) as watch,
+        watch_steps(mbs, times.start, times.end, times.step, report, accelerations, renews=plan.renews) as watch,
         control_steps(mbs, control, watch, earlier, plan.settings, times.end),
     ):
         begin = time.perf_counter()

@@ -5,6 +5,7 @@ import pytest
 from oracles import SPHERE_RADIUS, compliant, floating, inertial, moved, relative
 
 import exudyn_partition as ep
+from exudyn_partition.algebra.products import dense
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.frames.floating import FloatingKinematics
 from exudyn_partition.surfaces.points import ROWS
@@ -51,6 +52,9 @@ def test_gaps_change_as_their_jacobian_says(round_body, flat_body, kind, frame):
     gaps.follow()
     gaps.at(q)
     rng, H = np.random.default_rng(0), gaps.jacobian(np.arange(len(gaps.row_nodes)))
+    some = np.array([0, 2])
+    by_matrices = dense(gaps.rows_on_coordinates(gaps.stage, q, some))  # of many rows; those of few are one call
+    np.testing.assert_allclose(dense(gaps.jacobian(some)), by_matrices, rtol=0, atol=1e-12 * abs(by_matrices).max())
     near = np.flatnonzero(gaps.at(q) < 10e-6)
     for _ in range(3):
         d = rng.standard_normal(gaps.n)

@@ -6,6 +6,7 @@ from oracles import compliant, floating, inertial, moved
 from scipy.spatial.transform import Rotation
 
 from exudyn_partition.algebra.coulomb import Coulomb
+from exudyn_partition.algebra.products import dense
 from exudyn_partition.contact import loops
 from exudyn_partition.contact.rigid import RigidCylinder, RigidGaps, RigidPlane, RigidSphere
 from exudyn_partition.contact.tangential import TangentialRows
@@ -207,6 +208,10 @@ def test_one_call_places_nodes_and_pushes_them_as_the_kinematics_do(round_body):
     about = np.array([1e-3, -2e-3, 4e-3])
     moment = np.cross(rows.points.at(x) - about, forces).sum(axis=0)
     np.testing.assert_allclose(loops.rigid_moment(rows.flat, lam, normals, x, about), moment, rtol=1e-11)
+    gaps.at(q)
+    some = np.array([1, 4])
+    by_matrices = dense(gaps.rows_on_coordinates(gaps.stage, q, some))
+    np.testing.assert_allclose(gaps.jacobian(some), by_matrices, rtol=0, atol=1e-12 * abs(by_matrices).max())
     along = normals @ side.kinematics.frame(q)[1]
     np.testing.assert_allclose(side.kinematics.in_frame(q, normals), along, rtol=0, atol=1e-15)
 

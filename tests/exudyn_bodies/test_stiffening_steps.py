@@ -74,7 +74,7 @@ def test_a_step_takes_as_few_iterations_as_without_it(bodies, frame):
         warnings.simplefilter("ignore")  # of compression, without geometric stiffness
         without, with_it = (implicit(body, frame, 150)[2].work for body in bodies)
     assert with_it.newton_iterations <= 1.15 * without.newton_iterations
-    assert with_it.jacobians <= 0.05 * 150
+    assert with_it.jacobians <= without.jacobians + 0.05 * 150
 
 
 def test_long_steps_in_a_turning_frame_take_no_more_jacobians(model):

@@ -12,7 +12,7 @@ from oracles import MARBLE_RADIUS as R
 import exudyn_partition as ep
 from exudyn_partition.exudyn_contacts.contact_run import ContactRun
 from exudyn_partition.exudyn_contacts.group_run import CoupledRun
-from exudyn_partition.exudyn_contacts.model_run import runs_of
+from exudyn_partition.exudyn_contacts.model_run import ModelRun, runs_of
 from exudyn_partition.support.compiled import compiles
 
 STEP, END = 0.1e-6, 15e-6
@@ -145,6 +145,35 @@ def test_the_jacobian_is_the_derivative_of_the_forces(marble):
         found[int(row), int(column)] += value
     assert abs(found[: marble.n_dofs, -marble.n_dofs :]).max() > 1e-3 * abs(found).max()
     np.testing.assert_allclose(found, -np.array(columns).T, rtol=0, atol=1e-5 * abs(found).max())
+
+
+def test_a_jacobian_takes_the_answer_of_its_own_state_alone(marble, monkeypatch):
+    """Implicit solvers ask for it where they have asked for forces before; elsewhere, contacts are evaluated there."""
+    mbs, contacts = chain(marble)
+    number, asked, evaluate = exu.ObjectIndex(int(contacts[0]["oContact"])), [], ModelRun.force
+    entry, data = mbs.GetObject(number), mbs.systemData
+    force, jacobian = (entry[f"{name}UserFunction"]["function"] for name in ("force", "jacobian"))
+    monkeypatch.setattr(ModelRun, "force", lambda run, *where: asked.append(where[1]) or evaluate(run, *where))
+    q, pressed = data.GetODE2Coordinates(), data.GetODE2Coordinates()
+    pressed[: marble.n_dofs] += 2e-6 * marble.rigid[:, 2]
+
+    def stiffness():
+        data.SetODE2Coordinates(pressed)
+        return np.array(jacobian(mbs, 0.0, number, pressed, 0 * q, 1.0, 0.0).GetPythonObject()["triplets"])
+
+    with runs_of(mbs).open_run(mbs, 0.0, "implicit"):
+        alone = stiffness()
+        assert len(alone)
+        for before in (pressed, q):  # only after the first, it is known
+            data.SetODE2Coordinates(before)
+            force(mbs, 0.0, number, before, 0 * before)
+            asked.clear()
+            np.testing.assert_allclose(stiffness(), alone, rtol=1e-12)
+            assert len(asked) == (0 if before is pressed else 1)
+        data.SetODE2Coordinates_t(1e-3 * pressed)  # on which laws may depend
+        asked.clear()
+        stiffness()
+        assert len(asked) == 1
 
 
 @pytest.mark.parametrize("method", ["explicit", "implicit"])
