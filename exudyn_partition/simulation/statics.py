@@ -44,7 +44,7 @@ from .hooks import (
     silence,
     watch_steps,
 )
-from .joint_checks import check_start
+from .joint_checks import OpenJoints, check_start
 from .joint_jacobian import turn_reactions
 from .modes import ignore_slips, linearised
 from .result import Result, called, samples
@@ -155,7 +155,7 @@ def solve_static(
         As `solve_dynamic`.
     """
     with interruptible():
-        result = _run(
+        result, open_joints = _run(
             mbs,
             load_steps=load_steps,
             load_factor=load_factor,
@@ -164,7 +164,7 @@ def solve_static(
             progress=progress,
         )
         result = replace(result, end=keep_end(mbs, stopped=result.status == "unstable"))
-        return reviewed(ReviewedRun(mbs, result), _equilibrium)
+        return reviewed(ReviewedRun(mbs, result, open_joints), _equilibrium)
 
 
 def _static_start(settings: SimulationSettings) -> float:
@@ -238,7 +238,7 @@ def settle(
             for _ in range(_MOST_MOORINGS):
                 data.SetODE2Coordinates(rest, initial)
                 springs = partial(_moor, mbs, falling, rest)
-                result = _run(
+                result, _ = _run(
                     mbs, springs, load_steps=1, load_factor=True, update_initial=True, settings=settings,
                     progress=progress,
                 )  # fmt: skip
@@ -489,12 +489,12 @@ def _run(
     update_initial: bool,
     settings: SimulationSettings,
     progress: Progress | None,
-) -> Result:
-    """Run of `solve_static`; its result has had no review. Within the block of `springs` the model is held by these."""
+) -> tuple[Result, OpenJoints]:
+    """Run of `solve_static`, and joints open at its start. It has had no review; `springs` hold the model meanwhile."""
     load_steps = validate_integer("load_steps", load_steps, least=1)
     validate_flag("load_factor", load_factor)
     validate_flag("update_initial", update_initial)
-    check_start(mbs, settings, progress, partial(_static_start, settings), judges_velocities=False)
+    open_joints = check_start(mbs, settings, progress, partial(_static_start, settings), judges_velocities=False)
     plan = _planned(mbs, springs, load_steps, load_factor, settings)
 
     _log.info("%s load steps to %.6g", load_steps, plan.end)
@@ -505,7 +505,7 @@ def _run(
         made = _best_attempt(mbs, plan, partial(_attempt, mbs, plan, report))
         if made.error is not None and made.steps <= 1:
             said = f"{cause(made.error)}. {_open_at_start(mbs)}{_remedy(plan, made.error)}"
-            raise RunError(f"mbs: Exudyn finds no equilibrium: {said}") from made.error
+            raise RunError(f"mbs: Exudyn finds no equilibrium: {said}{open_joints}") from made.error
         status, message = _ending(mbs, plan, made)
         time_s = time.perf_counter() - begin
     result = replace(samples(mbs), step=plan.step, steps=made.steps, method="static", time_s=time_s)
@@ -514,7 +514,7 @@ def _run(
     if status == "finished" and update_initial:
         initial = require("exudyn").ConfigurationType.Initial
         mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), initial)
-    return replace(result, status=status, message=message)
+    return replace(result, status=status, message=message), open_joints
 
 
 def _planned(
