@@ -68,10 +68,10 @@ class BodyResults(Item[ItemIndex]):
         first = RIGID if "nRigid" in self else self.body.n_shapes
         return [size for size in (first, self.body.n_dofs - first) if size]
 
-    def is_in(self, mbs: MainSystem) -> bool:
-        """Whether the model still holds this body's object, with the same nodes and size."""
+    def is_in(self, mbs: MainSystem, number: int | None = None) -> bool:
+        """Whether the model still holds this body's object, with the same nodes and size; if not, by another number."""
         try:
-            nodes = mbs.GetObjectParameter(self["oGenericODE2"], "nodeNumbers")
+            nodes = mbs.GetObjectParameter(self["oGenericODE2"] if number is None else number, "nodeNumbers")
             if [*map(int, nodes)] != [*map(int, self.nodes)]:
                 return False
             sizes = [len(mbs.GetNodeParameter(node, "referenceCoordinates")) for node in nodes]

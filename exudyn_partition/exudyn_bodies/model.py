@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from ..contact.formulations.formulation import Method
 from ..contact.step_mean import GeneralizedAlpha
-from ..errors import InputError
+from ..errors import InputError, RunError
 from ..frames.damping import Damping
 from ..plasticity.strain_history import StrainHistory
 from ..reduction.body import ReducedBody
@@ -50,8 +50,8 @@ class BodyItem(Protocol):
     def node_sizes(self) -> list[int]:
         """Number of coordinates of each node."""
 
-    def is_in(self, mbs: MainSystem) -> bool:
-        """Whether the model still holds the body."""
+    def is_in(self, mbs: MainSystem, number: int | None = None) -> bool:
+        """Whether the model still holds the body, as the object of this number; default: the one that it had."""
 
     def __getitem__(self, key: str, /) -> ItemIndex:
         """Exudyn's indices by name."""
@@ -212,6 +212,13 @@ def registered(mbs: MainSystem) -> Registry:
     """Return bodies and contacts of a model; those from before an `mbs.Reset()` are removed.
 
     Exudyn is asked about the newest body alone. A Reset removes it, and a deletion of an older item changes its number.
+
+    Raises
+    ------
+    InputError
+        If `mbs` is no model.
+    RunError
+        If the newest body has another number.
     """
     validate_model(mbs)
     held = registry(mbs)
@@ -221,6 +228,12 @@ def registered(mbs: MainSystem) -> Registry:
         return number < objects and bool(held.bodies[number].is_in(mbs))
 
     if held.bodies and not holds(next(reversed(held.bodies))):
+        newest = next(reversed(held.bodies.values()))
+        if any(newest.is_in(mbs, number) for number in range(objects)):
+            raise RunError(
+                f"mbs: body {newest.name!r} has another number than CreatePartitionBody gave it: an item was deleted, "
+                "which gives others new numbers. Delete no items of a model with partition bodies; make it anew"
+            )
         bodies = {number: item for number, item in held.bodies.items() if holds(number)}
         there, contacts = {*bodies.values()}, held.contacts.items()
         held.hold(bodies, {n: contact for n, contact in contacts if all(item in there for item, _ in contact.sides)})

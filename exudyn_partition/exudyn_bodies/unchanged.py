@@ -124,7 +124,8 @@ def check_unchanged(mbs: MainSystem, bodies: Iterable[MadeBody]) -> None:
 def _refuse(item: MadeBody, what: str, instead: str) -> None:
     raise InputError(
         f"mbs: a change of {what} after CreatePartitionBody made body {item.name!r}: contacts, stability limit and "
-        f"results do not know of it. Restore what was there, and {instead}"
+        f"results do not know of it. Restore what was there, and {instead}. Or an item was deleted, which gives others "
+        "new numbers: delete none of a model with partition bodies, make it anew without it"
     )
 
 

@@ -36,6 +36,7 @@ _ROUND_OFF = 1e-13  # the same at rest, relative to the speed of one body size i
 _USUAL = 1e4  # m/s, the value of this speed if there are no bodies
 _CLOSED = 1e-12  # gap of a joint closed to round-off: share of the smallest body's size, or rad
 _SHARE = 1e-2  # energy that closing a joint may add, as a share of the bodies' largest energy
+_SLOW = 1e-3  # share of f_cut: motions as slow as that are rigid, and cost little where a joint closes at rest
 _FIRST, _SPIKE = 50, 2.0  # steps in which a joint comes to rest; largest ratio of its force then to all later ones
 _REGULAR = 1e-8, 1e-12  # share of a gap that stays open, and least mass: with these, redundant rows have one solution
 _LOOK = 0.1, 1e-6  # time after the start in which speeds of drives show: share of 1 / omega_cut, or s without bodies
@@ -88,6 +89,7 @@ class OpenJoints:
             return
         self._mass, self._rows = mass_and_rows(mbs)
         self._stiffness = _placed_stiffness(mbs, bodies, self._mass.shape[0])
+        self._places = [np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)]) for item in bodies]
 
     def energy(self, joint: OpenJoint, step: float, method: str) -> float:
         """Energy of the first step, which closes the joint [J]: masses move by its gap within this step.
@@ -116,6 +118,9 @@ class OpenJoints:
         """Sentences on the joints whose closing changes the run visibly."""
         if not self.joints or len(result.t) < 2:
             return
+        if result.method == "static":
+            yield from self._shows_at_rest(result)
+            return
         largest = float(np.sum([item.energy(result) for item in self._bodies], axis=0).max(initial=0.0))
         for joint in self.joints:
             said = []
@@ -130,10 +135,42 @@ class OpenJoints:
                     f"step of {result.step:.3g} s {' and '.join(said)}. {REMEDY}"
                 )
 
+    def _shows_at_rest(self, result: Result) -> Iterator[str]:
+        """Do the same as `shows` for load steps: nothing is thrown, but what stands beside a body may be pressed."""
+        if not self._bodies:
+            return
+        slow = (_SLOW * 2 * np.pi * max(item.body.f_cut for item in self._bodies)) ** 2
+        starts = [item.coordinates(result)[0] for item in self._bodies]
+        largest = max(
+            _moved(item, start, item.coordinates(result)[-1]) for item, start in zip(self._bodies, starts, strict=True)
+        )
+        for joint in self.joints:
+            gaps = np.zeros(len(self._gaps))
+            gaps[joint.rows] = self._gaps[joint.rows]
+            way = self._way(gaps, slow * self._mass + self._stiffness)  # bodies move rather than they bend
+            closing = max(
+                _moved(item, start, item.kinematics.moved(start, way[place]))
+                for item, start, place in zip(self._bodies, starts, self._places, strict=True)
+            )
+            if closing > _SHARE * largest:
+                yield (
+                    f"{joint.label} is open by {joint.gap:.3g} (m or rad) at the start: closing it within the first "
+                    f"load step moves bodies by some {closing:.2g} m, where all load steps move them by {largest:.2g} "
+                    f"m, and presses them on what is there. {REMEDY}"
+                )
+
     def __str__(self) -> str:
         """Text on open joints that may have stopped a run."""
         named = "; ".join(f"{joint.label} is open by {joint.gap:.3g} (m or rad) at the start" for joint in self.joints)
         return f". {named}: {REMEDY}" if self.joints else ""
+
+
+def _moved(item: PartitionBody, start: Array, end: Array) -> float:
+    """Largest way of a body's outermost nodes from one place to another, by its coordinates, (n,) each [m]."""
+    points = item.body.points
+    nodes = np.unique(np.concatenate([points.argmin(axis=0), points.argmax(axis=0)]))
+    before, after = item.kinematics.at(nodes).place(np.array([start, end]))
+    return float(np.linalg.norm(after - before, axis=1).max())
 
 
 REMEDY = (

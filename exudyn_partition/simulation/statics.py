@@ -44,13 +44,14 @@ from .hooks import (
     silence,
     watch_steps,
 )
-from .joint_checks import check_start
+from .joint_checks import OpenJoints, check_start
 from .joint_jacobian import turn_reactions
 from .modes import ignore_slips, linearised
 from .result import Result, called, samples
 from .reviews.review import reviewed
 from .reviews.reviewed_run import Finding, ReviewedRun
 from .step_control import time_to_contact
+from .tipping import tipped
 
 _log = logging.getLogger(__name__)
 
@@ -58,7 +59,8 @@ _NEUTRAL = 1e-6  # share of f_cut: only round-off holds a motion with a lower fr
 _LEAST_MASS = 1e-12  # share of the mean on the diagonal
 _MOST_FALLS, _TOUCHING = 30, 1e-4  # bodies fall in steps until their gap is this share of a facet
 # Springs that hold a resting body begin anew where it has come to rest, until their pull is this share of its weight.
-_MOST_MOORINGS, _SLACK = 6, 1e-9
+_MOORINGS, _SLACK = (1.0,) * 6, 1e-9
+_STIFFER = 1e4, 1e2  # times their stiffness, at first, for a body that finds no rest where it has fallen
 _PULLED = 1e-2  # a larger share is no rest
 _PUSHED = 1e-4  # largest share of a weight that friction may leave without balance, and nobody is told
 _RELATIVE = 1e-9  # share of the first forces that may stay without balance; a light body bears a tenth of these
@@ -155,7 +157,7 @@ def solve_static(
         As `solve_dynamic`.
     """
     with interruptible():
-        result = _run(
+        result, open_joints = _run(
             mbs,
             load_steps=load_steps,
             load_factor=load_factor,
@@ -164,7 +166,7 @@ def solve_static(
             progress=progress,
         )
         result = replace(result, end=keep_end(mbs, stopped=result.status == "unstable"))
-        return reviewed(ReviewedRun(mbs, result), _equilibrium)
+        return reviewed(ReviewedRun(mbs, result, open_joints), _equilibrium)
 
 
 def _static_start(settings: SimulationSettings) -> float:
@@ -183,7 +185,8 @@ def settle(
     """Let bodies rest on what lies beneath them under their weight; the next run begins there, at rest.
 
     Call it after `mbs.Assemble()`. A body falls without turning, along its gravity, until it touches a rigid surface or
-    another body; one that stands on another falls with it. Then `solve_static` finds the equilibrium of all: forces of
+    another body; one that stands on another falls with it. One that does not rest on what it touches first, as on one
+    of three feet, tips until it stands. Then `solve_static` finds the equilibrium of all: forces of
     contacts carry the weights, and bodies are as deformed as these make them. Bodies that move, as one that will hit
     those at rest, keep their places and velocities, and have no weight meanwhile. Bodies that joints, springs or loads
     hold do not fall; their equilibrium is found too.
@@ -232,20 +235,18 @@ def settle(
     others = Others.of(mbs).bodies
     falling = [item for item in chosen if id(item) not in others]
     kept = [item for item in everything if item not in chosen and id(item) not in others]
-    rest = _fallen(mbs, start.copy(), falling, contacts)
+    fallen = _fallen(mbs, start.copy(), falling, contacts)
+    options = {"settings": settings, "progress": progress}
     try:
         with interruptible(), _remove_weight(mbs, [item for item in kept if item.weight is not None]):
-            for _ in range(_MOST_MOORINGS):
-                data.SetODE2Coordinates(rest, initial)
-                springs = partial(_moor, mbs, falling, rest)
-                result = _run(
-                    mbs, springs, load_steps=1, load_factor=True, update_initial=True, settings=settings,
-                    progress=progress,
-                )  # fmt: skip
-                before, rest = rest, data.GetODE2Coordinates(initial)
-                pulls = {item: _pull(mbs, item, rest - before) for item in falling}
-                if result.status != "finished" or max(pulls.values(), default=0.0) <= _SLACK:
-                    break
+            try:
+                result, before, rest = _rested(mbs, fallen, falling, _MOORINGS, **options)
+            except RunError:
+                standing = _standing(mbs, fallen, falling, contacts)
+                if standing is None:
+                    raise
+                result, before, rest = _rested(mbs, standing, falling, (*_STIFFER, *_MOORINGS), **options)
+            pulls = {item: _pull(mbs, item, rest - before) for item in falling}
             _refuse_pulled(pulls)
             pushes = {item: _push(mbs, item, rest - before) for item in falling if _rubs(item, contacts)}
             result = replace(result, end=keep_end(mbs, stopped=result.status == "unstable"))
@@ -346,6 +347,44 @@ def _fallen(mbs: MainSystem, q: Array, falling: Sequence[PartitionBody], contact
     return q
 
 
+def _standing(
+    mbs: MainSystem, q: Array, falling: Sequence[PartitionBody], contacts: Sequence[PartitionContact]
+) -> Array | None:
+    """Coordinates, (nq,), to which bodies that have fallen tip, see `tipping`; None if they do not."""
+    touching = _TOUCHING * min((contact.slave_facet_size for contact in contacts), default=1.0)
+    ways = {item: _way_down(item) for item in falling}
+    return tipped(mbs, q, ways, contacts, {item: _pendulum(item) for item in falling}, touching)
+
+
+def _rested(
+    mbs: MainSystem,
+    q: Array,
+    falling: Sequence[PartitionBody],
+    moorings: Sequence[float],
+    *,
+    settings: SimulationSettings,
+    progress: Progress | None,
+) -> tuple[Result, Array, Array]:
+    """Last static run of those that find rest from coordinates q, (nq,), and where it begins and ends, (nq,) each.
+
+    Each run begins where the last one ended, with springs of that many times the usual stiffness. From q on, springs as
+    stiff as contacts keep Newton's method from throwing bodies about while rows close and open.
+    """
+    data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
+    before = rest = q
+    for times in moorings:
+        data.SetODE2Coordinates(rest, initial)
+        result, _ = _run(
+            mbs, partial(_moor, mbs, falling, rest, times), load_steps=1, load_factor=True, update_initial=True,
+            settings=settings, progress=progress,
+        )  # fmt: skip
+        before, rest = rest, data.GetODE2Coordinates(initial)
+        pulled = max((_pull(mbs, item, rest - before) for item in falling), default=0.0)
+        if result.status != "finished" or (times == 1.0 and pulled <= _SLACK):
+            break
+    return result, before, rest
+
+
 def _way_down(item: PartitionBody) -> Array:
     """Change of a body's coordinates, (n,), by a motion of 1 m along its gravity."""
     acceleration = item.weight / item.kinematics.mass
@@ -357,18 +396,27 @@ def _split(values: Array, item: PartitionBody) -> list[Array]:
     return np.split(values, np.cumsum(item.node_sizes)[:-1])
 
 
-def _mooring(item: PartitionBody) -> Array:
+def _mooring(item: PartitionBody, times: float = 1.0) -> Array:
     """Stiffness, (n, n), of springs on all rigid motions of a body except that along its gravity.
 
     They hold what does not hold the body by itself, as rolling. Their frequency is some times that at which a pendulum
-    of the body's size swings, so that a body on a point does not tip over.
+    of the body's size swings, so that a body on a point does not tip over. Springs of several `times` this stiffness
+    hold it along its gravity too.
     """
     kinematics, way = item.kinematics, _way_down(item)
     rigid = np.column_stack([kinematics.rigid_part(one) for one in np.eye(len(way))])
     mass_way = kinematics.mass * way
-    mass = rigid.T @ (kinematics.mass[:, None] * rigid) - np.outer(mass_way, mass_way) / (way @ mass_way)
+    mass = rigid.T @ (kinematics.mass[:, None] * rigid)
+    if times == 1.0:
+        mass -= np.outer(mass_way, mass_way) / (way @ mass_way)
+    return np.asarray(times * _pendulum(item) * mass)
+
+
+def _pendulum(item: PartitionBody) -> float:
+    """Stiffness of these springs by the mass [1/s2]."""
+    kinematics = item.kinematics
     weight = float(np.linalg.norm(kinematics.momentum(item.weight / kinematics.mass)))
-    return np.asarray(_STIFF * weight / (item.body.total_mass * _size(item)) * mass)
+    return _STIFF * weight / (item.body.total_mass * _size(item))
 
 
 def _size(item: PartitionBody) -> float:
@@ -398,14 +446,14 @@ def _mooring_force(mbs: MainSystem, item: PartitionBody, moved: Array) -> Array:
 
 
 @contextlib.contextmanager
-def _moor(mbs: MainSystem, items: Sequence[PartitionBody], q: Array) -> Iterator[None]:
+def _moor(mbs: MainSystem, items: Sequence[PartitionBody], q: Array, times: float) -> Iterator[None]:
     """Hold bodies by their `_mooring` where they are at the model's coordinates q, (nq,), within the block."""
     container, springs, former = require("exudyn").MatrixContainer, registry(mbs).springs, {}
     try:
         for item in items:
             number, stiffness = int(item["oGenericODE2"]), item.as_made["stiffnessMatrix"].csr
             former[number] = stiffness, mbs.GetObjectParameter(number, "forceVector")
-            springs[number] = sp.csr_matrix(_mooring(item))
+            springs[number] = sp.csr_matrix(_mooring(item, times))
             at = np.concatenate([q[place] for place in coordinate_slices(mbs, item)])
             mbs.SetObjectParameter(number, "stiffnessMatrix", container(stiffness + springs[number]))
             mbs.SetObjectParameter(number, "forceVector", former[number][1] + springs[number] @ at)
@@ -489,12 +537,12 @@ def _run(
     update_initial: bool,
     settings: SimulationSettings,
     progress: Progress | None,
-) -> Result:
-    """Run of `solve_static`; its result has had no review. Within the block of `springs` the model is held by these."""
+) -> tuple[Result, OpenJoints]:
+    """Run of `solve_static`, and joints open at its start. It has had no review; `springs` hold the model meanwhile."""
     load_steps = validate_integer("load_steps", load_steps, least=1)
     validate_flag("load_factor", load_factor)
     validate_flag("update_initial", update_initial)
-    check_start(mbs, settings, progress, partial(_static_start, settings), judges_velocities=False)
+    open_joints = check_start(mbs, settings, progress, partial(_static_start, settings), judges_velocities=False)
     plan = _planned(mbs, springs, load_steps, load_factor, settings)
 
     _log.info("%s load steps to %.6g", load_steps, plan.end)
@@ -505,7 +553,7 @@ def _run(
         made = _best_attempt(mbs, plan, partial(_attempt, mbs, plan, report))
         if made.error is not None and made.steps <= 1:
             said = f"{cause(made.error)}. {_open_at_start(mbs)}{_remedy(plan, made.error)}"
-            raise RunError(f"mbs: Exudyn finds no equilibrium: {said}") from made.error
+            raise RunError(f"mbs: Exudyn finds no equilibrium: {said}{open_joints}") from made.error
         status, message = _ending(mbs, plan, made)
         time_s = time.perf_counter() - begin
     result = replace(samples(mbs), step=plan.step, steps=made.steps, method="static", time_s=time_s)
@@ -514,7 +562,7 @@ def _run(
     if status == "finished" and update_initial:
         initial = require("exudyn").ConfigurationType.Initial
         mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), initial)
-    return replace(result, status=status, message=message)
+    return replace(result, status=status, message=message), open_joints
 
 
 def _planned(

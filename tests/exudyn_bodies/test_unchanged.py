@@ -123,3 +123,14 @@ def test_a_run_within_a_run_of_the_same_model_is_refused(mbs, arm_body):
     settings.timeIntegration.verboseMode, settings.solution.file.write = 0, False
     mbs.SolveDynamic(settings)
     assert len(said) == 2
+
+
+def test_a_body_whose_number_changed_by_a_deletion_is_named(mbs, arm_body):
+    """Exudyn numbers objects anew. Bodies were forgotten then, and a run went on without them."""
+    other = mbs.CreateGround()
+    for name in ("first", "last"):
+        ep.CreatePartitionBody(mbs, arm_body, name=name)
+    mbs.DeleteObject(other)
+    mbs.Assemble()
+    with pytest.raises(RunError, match=r"'last' has another number .* an item was deleted"):
+        dynamic(mbs)

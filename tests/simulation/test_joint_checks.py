@@ -91,6 +91,20 @@ def test_a_small_gap_in_a_joint(arm_body, frame, method, step):
         assert "N or N m in its sensor" in str(caught[0].message)
 
 
+def test_a_small_gap_in_a_joint_shows_in_statics(arm_body, frame):
+    """A clamp that is open moves its body by the gap, whatever stands beside it; gravity bends it by far less."""
+    for gap in (0.0, 1e-6):
+        mbs, *_ = jointed(arm_body, frame, gravity=[0.1, 0, 0], referencePosition=[gap, 0, 0])
+        mbs.Assemble()
+        if gap:
+            with pytest.warns(ModelLimitWarning, match=r"JointGeneric .* is open by 1e-06 .* position=") as caught:
+                ep.solve_static(mbs, load_steps=1)
+            told = [float(x) for x in re.search(r"some (\S+) m, .* by (\S+) m", str(caught[0].message)).groups()]
+            assert told == pytest.approx([gap, gap], rel=0.1)
+        else:
+            ep.solve_static(mbs, load_steps=1)
+
+
 def test_what_an_open_joint_brings_is_that_of_its_own_body(mbs, arm_body):
     """Whether it is the first of the model or the last one."""
     for name in ("first", "last"):

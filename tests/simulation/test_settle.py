@@ -276,3 +276,26 @@ def standing(block):
 def kept_pair(marble):
     """A marble with patches at both poles, and its radius [m]."""
     return marble, float(marble.points[:, 2].max())
+
+
+def test_a_plate_tips_until_it_stands_on_three_supports(mbs):
+    """It falls on the highest one, and would be thrown about on that alone. Forces are those of the levers."""
+    feet = np.array([(-0.015, -0.015, -0.004), (0.015, -0.015, -0.004), (0.0, 0.015, -0.004)])
+    shape = occ.Box((-0.02, -0.02, 0), (0.02, 0.02, 0.01))
+    for x, y, _ in feet:
+        shape += occ.Sphere(occ.Pnt(x, y, 0), 0.004)
+    fem = ep.fe_model(shape, ep.STEEL, maxh=2e-2, refine=[ep.Refine(tuple(p), radius=1e-3, h=1e-3) for p in feet])
+    patches = [ep.Partition.ball(fem, tuple(p), 1.5e-3, name=f"{i}") for i, p in enumerate(feet)]
+    body = ep.reduce(fem, patches[0] | patches[1] | patches[2], f_cut=20e3)
+    plate = ep.CreatePartitionBody(mbs, body, gravity=GRAVITY, frame="floating", referencePosition=[0, 0, 1e-4])
+    supports = [
+        ep.CreatePartitionContact(mbs, plate, ep.RigidPlane((0, 0, height - 0.004)), slavePatch=str(i), name=f"{i}")
+        for i, height in enumerate((0.0, 20e-6, 60e-6))
+    ]
+    mbs.Assemble()
+    static = rest(mbs)
+    forces = np.array([support.force_on_slave(static)[-1] for support in supports])
+    weight = G * body.total_mass
+    expected = np.linalg.solve(np.vstack([np.ones(3), feet[:, :2].T]), [weight, 0, 0])
+    np.testing.assert_allclose(forces[:, 2], expected, rtol=0.05)  # a foot bears at nodes beside its tip
+    assert forces.sum(axis=0) == pytest.approx([0, 0, weight], abs=1e-4 * weight)
