@@ -4,7 +4,7 @@ import functools
 
 import numpy as np
 import pytest
-from oracles import SPHERE_RADIUS, TOP, box, compliant, floating, inertial, moved, relative
+from oracles import SPHERE_RADIUS, TOP, compliant, floating, inertial, moved, relative
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
@@ -119,29 +119,15 @@ def test_rows_that_bulge_shut_are_closed(round_body, flat_body, monkeypatch, eac
     np.testing.assert_allclose(law.evaluation.lam, expected, rtol=0, atol=1e-8 * expected.max())
 
 
-@pytest.fixture(scope="module")
-def thin_plates():
-    """Two sides of equal thin plates, one upon the other."""
-    height = 1e-3
-    fem = ep.fe_model(box(0.03, 0.02, height), ep.STEEL, maxh=6e-3)
-    z = fem.points[fem.facets[:, :3]].mean(axis=1)[:, 2]
-    low, high = (
-        ep.Partition.surface(fem, np.flatnonzero(abs(z - at) < 1e-9), name=name, axes="xyz")
-        for name, at in (("low", 0.0), ("high", height))
-    )
-    body = ep.reduce(fem, low | high, f_cut=8e3)
-    places = (1.3e-3, 0.7e-3, height), (0.0, 0.0, 0.0)
-    return [Side.of(FloatingKinematics(body, np.array(at), np.zeros(3)), n) for n, at in enumerate(places)]
-
-
-@pytest.mark.filterwarnings("ignore:mesh:exudyn_partition.errors.MeshQualityWarning")
 @pytest.mark.parametrize(("depth", "friction"), [(3e-5, None), (3e-4, None), (1e-4, ep.Coulomb(0.2))])
-def test_rows_that_bending_pushes_shut_are_followed(thin_plates, depth, friction):
+def test_rows_that_bending_pushes_shut_are_followed(thin_plate, depth, friction):
     """Tilted plates that bend as they are pressed close rows whose gaps are beyond those that are followed at first.
 
     The forces are those of all rows that there are.
     """
-    slave, master = thin_plates
+    places = (1.3e-3, 0.7e-3, 1e-3), (0.0, 0.0, 0.0)
+    motions = (FloatingKinematics(thin_plate, np.array(at), np.zeros(3)) for at in places)
+    slave, master = (Side.of(motion, patch) for patch, motion in enumerate(motions))
     law, every = (compliant(PatchGaps(slave, master), friction) for _ in range(2))
     for tilt in ([400, 0, 0], [0, 270, 0], [-250, 170, 0]):
         q = np.r_[moved(slave, [0, 0, -depth], depth * np.array(tilt)), np.zeros(master.n)]
