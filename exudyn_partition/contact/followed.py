@@ -3,6 +3,8 @@
 Between searches only rows that can close are followed. To choose them, all points are projected, and the rows with
 small gaps are taken. The choice is repeated when another row could close. The gap of such a row is estimated from the
 rigid motion of the patches since the choice. Twice the largest error of this estimate for followed rows is subtracted.
+Rows that can close are those that the deepest row's bulge may reach, and all that forces may push shut, as of bodies
+that bend, see `Gaps.follow_pushed`.
 While the patches are more than one facet apart, there are no rows.
 """
 

@@ -277,8 +277,8 @@ class PatchGaps(Gaps):
     ) -> bool:
         """See `Gaps.follow_pushed`.
 
-        No row is pushed shut by more than both surfaces are pushed outwards. Where that is not known, as on skins and
-        by other contacts, four times the largest gap of a closed row is taken.
+        No row is pushed shut by more than both surfaces are pushed outwards. Where that is not known, as on skins, by
+        other contacts, and between patches of one body, four times the largest gap of a closed row is taken.
         """
         most = NEAR * self.size
         if not self.leaves_out or self.within >= most:
@@ -287,7 +287,7 @@ class PatchGaps(Gaps):
         if self.reach + shuts > limit:
             parts = zip(self.sides, self.coordinates, on_nodes(), strict=True)
             shuts = min(shuts, sum(side.lifted(q, forces) for side, q, forces in parts))
-        if shared or self.on_demand:
+        if shared or self.on_demand or self.between is not None:
             shuts = max(shuts, WIDER * float(gap[lam > 0.0].max(initial=0.0)))
         lacks, within = self.reach + shuts > limit, min(ROOM * (self.reach + shuts), most)
         if lacks or within < self.within / 2:
