@@ -221,8 +221,8 @@ class PatchContact:
 
         `shared` tells whether other contacts push the rows too.
         """
-        answer, law = self.evaluation, self.parts.law
-        if not (answer.index.size and law.residual and self.gaps.moving):
+        answer = self.evaluation
+        if not (answer.index.size and self.parts.law.residual):
             return False
         return self.gaps.follow_pushed(answer.lam, answer.h, answer.least_gap, answer.nodal_forces, shared=shared)
 

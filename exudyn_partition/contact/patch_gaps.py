@@ -280,14 +280,15 @@ class PatchGaps(Gaps):
         No row is pushed shut by more than both surfaces are pushed outwards. Where that is not known, as on skins, by
         other contacts, and between patches of one body, four times the largest gap of a closed row is taken.
         """
-        most = NEAR * self.size
-        if not self.leaves_out or self.within >= most:
+        most, lifting = NEAR * self.size, self.lifting
+        if not (lifting or shared) or not self.leaves_out or self.within >= most:
             return False
-        limit, shuts = max(limit_at(least, self.reach), self.within), self.lifting * float(lam.sum())
+        known = math.isfinite(lifting)
+        limit, shuts = max(limit_at(least, self.reach), self.within), lifting * float(lam.sum()) if known else 0.0
         if self.reach + shuts > limit:
             parts = zip(self.sides, self.coordinates, on_nodes(), strict=True)
             shuts = min(shuts, sum(side.lifted(q, forces) for side, q, forces in parts))
-        if shared or self.on_demand or self.between is not None:
+        if shared or not known:
             shuts = max(shuts, WIDER * float(gap[lam > 0.0].max(initial=0.0)))
         lacks, within = self.reach + shuts > limit, min(ROOM * (self.reach + shuts), most)
         if lacks or within < self.within / 2:
@@ -301,7 +302,15 @@ class PatchGaps(Gaps):
 
     @property
     def lifting(self) -> float:
-        """How far a unit force may push rows shut that it does not act on, at most [m/N], see `Side.lifting`."""
+        """How far a unit force may push rows shut that it does not act on, at most [m/N], see `Side.lifting`.
+
+        It is infinite if it is not known.
+        """
+        return self._start.once("lifting", self._lifting)
+
+    def _lifting(self) -> float:
+        if self.on_demand or self.between is not None:
+            return math.inf
         return sum(side.lifting for side in self._start.rows.sides)
 
     def _of_nodes(self, q: Array, rates: Array) -> list[Array]:
