@@ -8,6 +8,7 @@ from pathlib import Path
 
 import exudyn as exu
 import netgen.occ as occ
+import numpy as np
 import pytest
 from browser import browser, opened  # noqa: F401  # fixtures
 from oracles import MARBLE_RADIUS, SPHERE_MATERIAL, SPHERE_RADIUS, TOP, box, end, hexahedra, without_numba, write
@@ -186,6 +187,18 @@ def flat_body(kept):
     shape = box(0.016, 0.016, 0.005).Move((0, 0, -0.005))
     fem = ep.fe_model(shape, ep.STEEL, maxh=4e-3, refine=[ep.Refine((0, 0, 0), 1.2e-3, 0.35e-3)], grading=0.5)
     return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 1.6e-3, axes="xyz"), f_cut=120e3, cache=kept)
+
+
+@pytest.fixture(scope="session")
+def thin_plate(kept):
+    """A steel plate, 30 x 20 x 1 mm, its lower face at z = 0, with all of both faces as patches "low" and "high"."""
+    fem = ep.fe_model(box(0.03, 0.02, 1e-3), ep.STEEL, maxh=6e-3)
+    z = fem.points[fem.facets[:, :3]].mean(axis=1)[:, 2]
+    low, high = (
+        ep.Partition.surface(fem, np.flatnonzero(abs(z - at) < 1e-9), name=name, axes="xyz")
+        for name, at in (("low", 0.0), ("high", 1e-3))
+    )
+    return ep.reduce(fem, low | high, f_cut=8e3, cache=kept)
 
 
 @pytest.fixture(scope="session")

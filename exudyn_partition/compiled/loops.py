@@ -559,8 +559,7 @@ class Stepper:
         self._joint = self._joint or plan.joint()
         try:
             if self._moving is not None:
-                self._moving.plain.gaps(m, turning, self._h)
-                lam, pushed, iterations = self._moving.plain.settle(m.q, self._h, self._joint, plan)
+                lam, pushed, iterations = self._moving.plain.find(m, turning, self._h, self._joint, plan)
             else:
                 lam, pushed, iterations = forces_of(plan, self._joint, self._h, blocks.active)
         except ComplementarityError as error:

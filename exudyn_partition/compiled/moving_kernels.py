@@ -38,6 +38,7 @@ from .pair_kernels import (
     gaps_of_pair,
     growing,
     keep_gaps,
+    lacks_rows,
     leaves_patch,
     pair_at,
     set_along,
@@ -446,6 +447,22 @@ def gaps_of_pairs(pairs: Pairs | None, state: MovingState, starts: Array, q: Arr
 
 
 @inner
+def lack_rows(pairs: Pairs | None, state: MovingState, starts: Array, blocks: FlatBlocks, h: Array) -> bool:
+    """Whether a pair lacks rows that forces may push shut, which is told; see `lacks_rows`."""
+    if pairs is not None:
+        for s in range(len(pairs.addresses)):
+            one = pair_at(pairs, s)
+            some = slice(starts[one.contact], starts[one.contact + 1])
+            if lacks_rows(one, blocks.lam[some], h[some], blocks.pushed[some], pairs.following):
+                state.lost[0] = s
+                for i in range(len(pairs.addresses)):
+                    if i != s:
+                        keep_gaps(pair_at(pairs, i), starts, h)
+                return True
+    return False
+
+
+@inner
 def forces_of_surfaces(
     contacts: FlatContacts, surfaces: Surfaces | None, state: MovingState, q: Array, force: Array
 ) -> None:
@@ -488,6 +505,8 @@ def evaluate_moving(contacts: FlatContacts, moving: Moving, q: Array, v: Array, 
     if not gaps_of_pairs(pairs, state, rows.starts, q, h):
         return -1
     if not settle_moving(blocks, surfaces, pairs, state, q, h, limits, bounds):
+        return -1
+    if lack_rows(pairs, state, rows.starts, blocks, h):
         return -1
     pushing = forces_of_frozen(rows, h, blocks.lam, blocks.pushed, force, contacts.values, contacts.stored)
     forces_of_surfaces(contacts, surfaces, state, q, force)

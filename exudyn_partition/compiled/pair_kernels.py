@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
     from .moving import MovingState
 
-Following = tuple[float, int, float, int, float]  # see `pair_rows.FOLLOWING`
+Following = tuple[float, int, float, int, float, float, float]  # see `pair_rows.FOLLOWING`
 
 find_rows, find_gaps, push_pairs = called(rows_along), called(followed_gaps), called(pushed_pairs)
 
@@ -100,6 +100,11 @@ class Pair(structref.StructRefProxy):
         Of frozen pairs, see `linear_gaps.LinearGaps`.
     steps : (1,) int array
         Steps since it was last asked whether pairs slide.
+    within : (1,) array
+    lifting : float
+        See `Gaps.within` and `PatchGaps.lifting`.
+    leaves_out : int
+        Whether not all rows are followed.
     """
 
     contact: int
@@ -132,6 +137,9 @@ class Pair(structref.StructRefProxy):
     drift_start: Array
     slides_at: float
     steps: Array
+    within: Array
+    lifting: float
+    leaves_out: int
 
 
 define_struct(Pair, PairType, [*Pair.__annotations__])
@@ -245,7 +253,7 @@ def gaps_of_pair(state: MovingState, pair: Pair, q: Array, gap: Array, following
         pair.known[0] = False
         fill_slots(pair.slots, pair.found, pair.size, gap)
         return True
-    by, steps, near, patience, bulge = following
+    by, steps, near, patience, bulge, _, _ = following
     q_j = gathered(pair.dofs, 0, len(pair.dofs), q)
     if pair.frozen:
         found = np.empty(len(pair.slots))
@@ -257,7 +265,7 @@ def gaps_of_pair(state: MovingState, pair: Pair, q: Array, gap: Array, following
         keep_points(pair, False)
         here, normals, _, lost, found, least, more = find_gaps(
             pair.flat, q_j, growing(state, pair.slave.body), growing(state, pair.master.body), pair.slave.x,
-            pair.master.x, pair.reach, by, steps, pair.size, bulge, near * pair.size, 0.0,
+            pair.master.x, pair.reach, by, steps, pair.size, bulge, near * pair.size, 0.0, pair.within[0],
         )  # fmt: skip
         lost_some = more or len(lost) > 0 or least != least
         for i in range(3):
@@ -272,6 +280,30 @@ def gaps_of_pair(state: MovingState, pair: Pair, q: Array, gap: Array, following
                 pair.normals[i, a] = normals[i, a]
     fill_slots(pair.slots, found, pair.size, gap)
     return True
+
+
+@inner
+def lacks_rows(pair: Pair, lam: Array, h: Array, pushed: Array, following: Following) -> bool:
+    """Whether rows may close that are not followed; the next search has them, see `PatchGaps.follow_pushed`.
+
+    Arrays are those of all rows of the patch, (n,): forces, gaps, and gaps with what other contacts push. How far a
+    surface is pushed outwards is taken by the sum of the forces.
+    """
+    _, _, near, _, bulge, room, wider = following
+    most, total, least, largest, shared = near * pair.size, 0.0, np.inf, 0.0, False
+    if pair.frozen or not pair.leaves_out or pair.within[0] >= most:
+        return False
+    for i in pair.slots:
+        total, least, shared = total + lam[i], min(least, pushed[i]), shared or pushed[i] != h[i]
+        if lam[i] > 0.0:
+            largest = max(largest, h[i])
+    shuts = pair.lifting * total
+    if shared:
+        shuts = max(shuts, wider * largest)
+    lacks = total > 0.0 and shuts > max(-bulge * least, least, pair.within[0])
+    if lacks or room * shuts < pair.within[0] / 2:
+        pair.within[0] = min(room * shuts, most)
+    return lacks
 
 
 @inner

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from ..algebra.block_complementarity import FlatBlocks
-from ..contact.followed import BULGE, NEAR, Apart, Followed
+from ..contact.followed import BULGE, NEAR, WIDER, Apart, Followed
 from ..contact.gaps import GapState, Present
 from ..contact.loops import flat_pair
-from ..contact.patch_gaps import PATIENCE, PatchGaps
+from ..contact.patch_gaps import PATIENCE, ROOM, PatchGaps
 from ..contact.side import Side
 from ..contact.stages import NOTHING, Anchor, Frozen, Stage
 from ..contact.wandering import WanderingGaps
@@ -25,7 +25,7 @@ from ..support.arrays import Array
 from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
 from .moving import Following, MovingState, growing_of
 
-FOLLOWING = FOLLOWED, STEPS, NEAR, PATIENCE, BULGE  # as loops take them
+FOLLOWING = FOLLOWED, STEPS, NEAR, PATIENCE, BULGE, ROOM, WIDER  # as loops take them
 _NO_MATRIX = np.zeros((0, 0))
 
 
@@ -63,6 +63,7 @@ class PairRows:
         self._slots = np.empty(0, dtype=np.int64)
         self._stage: object = None  # frozen stage or rows that `_slots` belong to
         self._steps, self._known = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=bool)
+        self._within = np.zeros(1)  # `gaps.within`, which loops share
         self._stood: Array | None = None
         self._room: tuple[Array, Array, Array]  # for gaps, normals and the slave's place, which loops share
         self.compiled: Any = None  # the present rows as loops take them
@@ -74,7 +75,7 @@ class PairRows:
             before = self.gaps.accepted
         else:
             self.gaps.begin(before)
-        self._stage, self._known[0], self._state.left[self.s] = None, False, False
+        self._stage, self._known[0], self._state.left[self.s], self._within[0] = None, False, False, 0.0
         self._steps[0], self._stood = before.steps, before.stood
 
     def take_anchor(self, anchor: Anchor | None) -> None:
@@ -134,6 +135,7 @@ class PairRows:
         self._take_anchor()
         if gaps.moving and gaps.may_freeze and self._steps[0] >= PATIENCE:
             self._come_to_rest(q_before[dofs])
+        gaps.within = float(self._within[0])
         found = gaps.at(q[dofs])
         self._renew()
         own = h[self._rows]
@@ -235,6 +237,7 @@ class PairRows:
             self.contact, dofs, flat, *both, self._slots, float(gaps.size), float(reach), float(part_reach),
             parted, *self._room, at_here, *before, self._known, _writable(rows.leaves_at),
             *along, *carriers, int(isinstance(stage, Frozen)), int(gaps.may_freeze), *linear, self._steps,
+            self._within, float(gaps.lifting), int(gaps.leaves_out),
         )  # fmt: skip
 
     def _side(self, place: int, side: Side) -> Any:
@@ -282,6 +285,16 @@ class PairRows:
         if added != state.added[self.s]:
             state.added[self.s], self._blocks.n_closed[self.contact] = added, -1
             np.fill_diagonal(self.own, diagonal + added)
+
+    def lacks_rows(self, lam: Array, h: Array, pushed: Array) -> bool:
+        """See `pair_kernels.lacks_rows`; `lam`, `h` and `pushed`, (n,), are of all rows of all contacts."""
+        gaps, (of_rows, gap, moved) = self.gaps, (values[self._rows][self._slots] for values in (lam, h, pushed))
+        if not (gaps.leaves_out and of_rows.any()):
+            return False
+        shared, least = not np.array_equal(gap, moved), float(moved.min())
+        lacks = gaps.follow_pushed(of_rows, gap, least, lambda: gaps.nodal_forces(of_rows), shared=shared)
+        self._within[0] = gaps.within
+        return lacks
 
     def push(self, lam: Array, force: Array, values: Array) -> None:
         """See `moving_kernels.forces_of_pairs`; `lam`, (n,), are the forces on all rows of the patch [N]."""

@@ -276,6 +276,18 @@ class PlainMoving:
         for pair in self._pairs:
             pair.gaps_at(m.q, m.q_start, v, h)
 
+    def find(
+        self, m: Motion, v: Array, h: Array, joint: BlockComplementarity, plan: FrozenPlan
+    ) -> tuple[Array, Array, Array]:
+        """Set the gaps as `gaps` does, and return what `settle` does, with all rows that may close."""
+        taken = np.zeros(len(plan.own), dtype=np.int64)
+        while True:
+            self.gaps(m, v, h)
+            lam, pushed, iterations = self.settle(m.q, h, joint, plan)
+            taken += iterations
+            if not any([pair.lacks_rows(lam, h, pushed) for pair in self._pairs]):
+                return lam, pushed, taken
+
     def settle(self, q: Array, h: Array, joint: BlockComplementarity, plan: FrozenPlan) -> tuple[Array, Array, Array]:
         """Forces on all rows, (nr,) [N], gaps with displacements by other contacts, (nr,) [m], and iterations, (n,).
 

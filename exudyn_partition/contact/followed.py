@@ -3,6 +3,8 @@
 Between searches only rows that can close are followed. To choose them, all points are projected, and the rows with
 small gaps are taken. The choice is repeated when another row could close. The gap of such a row is estimated from the
 rigid motion of the patches since the choice. Twice the largest error of this estimate for followed rows is subtracted.
+Rows that can close are those that the deepest row's bulge may reach, and all that forces may push shut, as of bodies
+that bend, see `Gaps.follow_pushed`.
 While the patches are more than one facet apart, there are no rows.
 """
 
@@ -34,6 +36,7 @@ BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the 
 NEAR = 1.0  # of a facet's size: rows with larger gaps are not followed, as closest points jump there
 SEARCHED = 0.25  # of a facet's size: motion after which all points are searched again
 MET = 0.1  # of a facet's size: sides that may meet anywhere have no rows, and no past, while they are further apart
+WIDER = 4.0  # as many times the gaps of rows that close are those of rows that enter, where no flexibility tells more
 _AHEAD = 0.006  # of a facet's size: rows are followed up to this margin above the gaps that matter now
 
 
@@ -105,7 +108,7 @@ class Search:
         normal, gap = pairs.follow(every.points, np.arange(len(every.facet)), x_s, x_m)
         row_gap = every.points.average(gap)
         if near is None:
-            near = min(needed(row_gap, pair.reach) + _AHEAD * pair.size, NEAR * pair.size)
+            near = min(needed(row_gap, pair.reach, pair.within) + _AHEAD * pair.size, NEAR * pair.size)
         chosen = row_gap < near
         points, index = every.points.of_rows(np.flatnonzero(chosen))
         nodes, weights = pairs.carriers
@@ -168,7 +171,12 @@ class FollowedRows(PresentRows):
         """Whether loops find generalised forces of both sides."""
         return loops.at_once() and all(side.flattens for side in self.sides)
 
-    def others_close(self, gap: Array, here: Array, size: float, begins: float) -> bool:
+    @property
+    def leaves_out(self) -> bool:
+        """Whether some rows of the search are not followed."""
+        return len(self.row_nodes) < len(self._rigid[0])
+
+    def others_close(self, gap: Array, here: Array, pair: Pair) -> bool:
         """Whether rows that are not followed may close, or come nearer than those that are followed.
 
         Their gaps are estimated from rigid motion. Deformation and curvature make this estimate inexact. For
@@ -178,7 +186,7 @@ class FollowedRows(PresentRows):
         estimated = start + rigidly @ (pose_of(here) - pose)
         off = abs(gap - estimated[: len(gap)]).max(initial=0.0)
         nearest = estimated[len(gap) :].min(initial=np.inf) - 2 * off
-        return bool(nearest < min(needed(gap, begins), NEAR * size))
+        return bool(nearest < min(needed(gap, pair.reach, pair.within), NEAR * pair.size))
 
 
 class Followed(Stage):
@@ -282,13 +290,13 @@ class Followed(Stage):
         gap = rows.points.average(of_points)
         if math.isnan(gap.sum()):
             return None
-        return self._next(normals, here, places), gap, not rows.others_close(gap, here, pair.size, pair.reach)
+        return self._next(normals, here, places), gap, not rows.others_close(gap, here, pair)
 
     def _follow_at_once(
         self, pair: Pair, q: Array, reach: float, sides: tuple[Side, ...]
     ) -> tuple[Followed, Array, bool] | None:
         """Do the same as `_follow` in one compiled call."""
-        rows, bounds = self.rows, (BULGE, NEAR * pair.size, pair.reach)
+        rows, bounds = self.rows, (BULGE, NEAR * pair.size, pair.reach, pair.within)
         how, growing = (reach, FOLLOWED, STEPS, pair.size, *bounds), pair.growing_sides
         places = [side.places_begun(*part) for side, *part in zip(sides, pair.split(q), growing, strict=True)]
         flat = rows.flat_pair if sides == rows.sides else loops.flat_pair(rows.compiled, sides)
@@ -308,10 +316,14 @@ class Followed(Stage):
         return result
 
 
-def needed(gap: Array, begins: float) -> float:
+def needed(gap: Array, begins: float, within: float) -> float:
     """Gap up to which rows must be present [m]. Open: the smallest gap. In contact: what bulging may close.
 
-    `begins` is the gap at which forces begin [m].
+    `begins` is the gap at which forces begin [m], `within` the gap up to which they may push rows shut, if it is known.
     """
-    least = float(gap.min(initial=np.inf))
+    return max(limit_at(float(gap.min(initial=np.inf)), begins), within)
+
+
+def limit_at(least: float, begins: float) -> float:
+    """Gap up to which rows are present, whatever the forces are [m]; `least` is the smallest gap."""
     return max(least, begins - BULGE * (least - begins))

@@ -145,6 +145,8 @@ class Gaps:
     growing : (6 k,) array
         Products of angular velocities by which each of the k sides grows in the next evaluation [rad2/s2], see `grow`:
         an input, as the pose of the carrier. Empty if none does.
+    within : float
+        Gap up to which rows are present besides, because forces may push them shut [m]: a guess, see `follow_pushed`.
     accepted : GapState
         State at the end of the last accepted step. Each try of a step begins from it.
     """
@@ -167,6 +169,7 @@ class Gaps:
     searches: int = 0
     anchor: Anchor | None = None
     growing: Array = NOTHING
+    within: float = 0.0
     accepted: GapState
     _stood: tuple[object, object, Array] = (None, None, NOTHING)  # stance of rows at an anchor
     _anchored: tuple[object, object, Stage | None] = (None, None, None)  # stage of rows at an anchor
@@ -189,7 +192,7 @@ class Gaps:
     def fresh(self) -> Self:
         """Return the same rows in their start state, for another run; constant data are shared."""
         result = copy.copy(self)
-        result.searches, result._loaded, result.yielding = 0, {}, None
+        result.searches, result._loaded, result.yielding, result.within = 0, {}, None, 0.0
         result._stood, result._anchored = (None, None, NOTHING), (None, None, None)
         result.reset()
         return result
@@ -248,6 +251,29 @@ class Gaps:
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         raise NotImplementedError
+
+    def follow_pushed(
+        self, lam: Array, gap: Array, least: float, on_nodes: Callable[[], Sequence[Array]], *, shared: bool
+    ) -> bool:
+        """Follow all rows that forces may push shut, from the next evaluation on.
+
+        Parameters
+        ----------
+        lam, gap : (nr,) arrays
+            Normal forces on the present rows [N], and gaps without what others push [m].
+        least : float
+            Smallest gap [m].
+        on_nodes : callable
+            Finds these forces on the nodes of each side, (np, 3) [N].
+        shared : bool
+            Whether other contacts push the rows too.
+
+        Returns
+        -------
+        bool
+            Whether rows were not present that may close.
+        """
+        return False
 
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """Gap of the slave's lowest point, among its nodes and contact points, at coordinates q, (n,) [m].

@@ -25,10 +25,10 @@ Choosing = tuple[float, float, int, int, float]  # see `formulations.compliance.
 
 @compiled
 def row_gaps(
-    r: Followed, of_points: Array, here: Array, bulge: float, most: float, begins: float
+    r: Followed, of_points: Array, here: Array, bulge: float, most: float, begins: float, within: float
 ) -> tuple[Array, float, bool]:
     """See `gaps_of_rows`."""
-    return gaps_of_rows(r, of_points, here, bulge, most, begins)
+    return gaps_of_rows(r, of_points, here, bulge, most, begins, within)
 
 
 @structref.register
@@ -79,11 +79,12 @@ def followed_gaps(
     bulge: float,
     most: float,
     begins: float,
+    within: float,
 ) -> tuple[Array, Array, Array, Array, Array, float, bool]:
     """See `loops.followed_gaps`."""
     set_places(pair.slave, q[: pair.n], growing_s, x_s)
     set_places(pair.master, q[pair.n :], growing_m, x_m)
-    return follow_rows(pair.rows, x_s, x_m, reach, by, steps, size, bulge, most, begins)
+    return follow_rows(pair.rows, x_s, x_m, reach, by, steps, size, bulge, most, begins, within)
 
 
 @compiled

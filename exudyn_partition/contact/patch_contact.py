@@ -213,7 +213,20 @@ class PatchContact:
 
     def at(self, q: Array, motion: Motion | None = None) -> Evaluation:
         """Answer at the coordinates q, (n,), of slave and master; `motion` is for laws that need velocities."""
-        return self.answer(self.gap_at(q), motion=motion)
+        evaluation = self.answer(self.gap_at(q), motion=motion)
+        while self.lacks_rows():
+            evaluation = self.answer(self.gap_at(q), motion=motion)
+        return evaluation
+
+    def lacks_rows(self, *, shared: bool = False) -> bool:
+        """Whether rows may close that were not present at the last answer; the next evaluation has them.
+
+        `shared` tells whether other contacts push the rows too.
+        """
+        answer = self.evaluation
+        if not (answer.index.size and self.parts.law.residual):
+            return False
+        return self.gaps.follow_pushed(answer.lam, answer.h, answer.least_gap, answer.nodal_forces, shared=shared)
 
     def gap_at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,), with the present `opening`."""

@@ -10,7 +10,7 @@ users need not know it beforehand.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import cast
 
@@ -27,7 +27,7 @@ from ..surfaces.projection import Projection
 from ..surfaces.rows import ContactRows, rows_of
 from ..surfaces.surface import Surface
 from ..surfaces.witnesses import seen_from, witnesses_of
-from .followed import MET, NEAR, SEARCHED, Apart, Followed, Search
+from .followed import MET, NEAR, SEARCHED, WIDER, Apart, Followed, Search, limit_at
 from .gaps import Gaps, GapState, Present
 from .linear_gaps import LinearGaps
 from .pairings import Pairing, drift_rows
@@ -37,6 +37,7 @@ from .stages import NOTHING, Anchor, Frozen, PresentRows, Shared, Stage
 _HELD = 0.02  # of a facet's size: sliding up to which pairs stay frozen
 _STILL = 0.1  # of _HELD: pairs that slide less than that in PATIENCE steps are frozen again
 PATIENCE = 200  # steps
+ROOM = 1.25  # as many times the gap up to which forces push rows shut is that up to which rows are followed
 
 
 class PatchGaps(Gaps):
@@ -270,6 +271,47 @@ class PatchGaps(Gaps):
             stage, gap = self.stage.with_more_rows(self, q)
             self._go_to_stage(stage, q)
         return gap
+
+    def follow_pushed(
+        self, lam: Array, gap: Array, least: float, on_nodes: Callable[[], Sequence[Array]], *, shared: bool
+    ) -> bool:
+        """See `Gaps.follow_pushed`.
+
+        No row is pushed shut by more than both surfaces are pushed outwards. Where that is not known, as on skins, by
+        other contacts, and between patches of one body, four times the largest gap of a closed row is taken.
+        """
+        most, lifting = NEAR * self.size, self.lifting
+        if not (lifting or shared) or not self.leaves_out or self.within >= most:
+            return False
+        known = math.isfinite(lifting)
+        limit, shuts = max(limit_at(least, self.reach), self.within), lifting * float(lam.sum()) if known else 0.0
+        if self.reach + shuts > limit:
+            parts = zip(self.sides, self.coordinates, on_nodes(), strict=True)
+            shuts = min(shuts, sum(side.lifted(q, forces) for side, q, forces in parts))
+        if shared or not known:
+            shuts = max(shuts, WIDER * float(gap[lam > 0.0].max(initial=0.0)))
+        lacks, within = self.reach + shuts > limit, min(ROOM * (self.reach + shuts), most)
+        if lacks or within < self.within / 2:
+            self.within = within
+        return lacks
+
+    @property
+    def leaves_out(self) -> bool:
+        """Whether rows are followed, and not all of them."""
+        return isinstance(self.stage, Followed) and self.stage.rows.leaves_out
+
+    @property
+    def lifting(self) -> float:
+        """How far a unit force may push rows shut that it does not act on, at most [m/N], see `Side.lifting`.
+
+        It is infinite if it is not known.
+        """
+        return self._start.once("lifting", self._lifting)
+
+    def _lifting(self) -> float:
+        if self.on_demand or self.between is not None:
+            return math.inf
+        return sum(side.lifting for side in self._start.rows.sides)
 
     def _of_nodes(self, q: Array, rates: Array) -> list[Array]:
         """Velocities of the nodes, (np, 3) for each side, at coordinates q, (n,), by the rates of these, (n,)."""

@@ -122,6 +122,36 @@ class Side:
         start = np.zeros(body.n_dofs)
         return replace(side, surface=side._placed(start, surface.direction))
 
+    @cached_property
+    def lifting(self) -> float:
+        """Largest motion of a node outwards by a unit force inwards on another one [m/N].
+
+        It is zero where forces only press nodes inwards, as on stocky bodies, and if flexibility is found on demand.
+        """
+        F, n = self.flexibility, len(self.surface.points)
+        if not isinstance(F, np.ndarray):
+            return 0.0
+        if not self.normal_only:
+            outward = self._outward_in_frame
+            pushed = np.einsum("id,idm->im", outward, F.reshape(n, 3, 3 * n))
+            F = np.einsum("imd,md->im", pushed.reshape(n, n, 3), outward)
+        return max(-float(F.min(initial=0.0)), 0.0)
+
+    def lifted(self, q: Array, forces: Array) -> float:
+        """How far forces on its nodes, (np, 3) [N], move a node outwards by its flexibility [m].
+
+        It is zero if they move none outwards. The forces press. The coordinates are q, (n,).
+        """
+        if self.normal_only:
+            return -float((self.flexibility @ np.sqrt(np.einsum("id,id->i", forces, forces))).min(initial=0.0))
+        moved = self.flexibility @ self.kinematics.in_frame(q, forces).ravel()
+        return float(np.einsum("id,id->i", moved.reshape(-1, 3), self._outward_in_frame).max(initial=0.0))
+
+    @cached_property
+    def _outward_in_frame(self) -> Array:
+        """`outward` in the body's axes, (np, 3)."""
+        return self.outward @ self.kinematics.frame(np.zeros(self.n))[1]
+
     @property
     def outward(self) -> Array:
         """Outward unit normals at the patch's nodes, at the start, (np, 3)."""

@@ -43,11 +43,14 @@ class Pair(Protocol):
         Size of the master's facets [m].
     witnesses : list of (3,) int arrays
         Nodes that give the pose of each side.
+    within : float
+        Gap up to which rows are present besides, because forces may push them shut [m].
     """
 
     sides: tuple[Side, ...]
     size: float
     reach: float
+    within: float
     furthest: float
     witnesses: list[Array]
 

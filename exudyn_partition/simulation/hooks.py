@@ -45,6 +45,7 @@ _FAR_ALONE = 0.2  # share of a body's size: the same where nothing is in contact
 _SLOW = 0.1  # rad/s, frequency of bodies on such springs if forces are balanced
 _PRESSED = 0.03  # of f_cut: frequency of bodies on such springs if contacts press them from the start
 _BALANCED = 1e-6  # share of the first forces that may stay without balance
+_ASIDE, _CREEPS = 1e-5, 12  # share of contact forces that may, once Newton's method has taken so many iterations
 _BALANCED_BY_FACETS = 1e-4  # the same of press fits: facets push bodies that nothing holds along their surfaces
 _FUNCTION = re.compile(r"\w+::\w*[uU]serFunction\b")  # name of a user function in a report of Exudyn
 _RETURNED = re.compile(r"Unable to cast Python instance of type <class '(?:\w+\.)*(\w+)'>")
@@ -433,14 +434,15 @@ def hold_by_springs(mbs: MainSystem, settings: SimulationSettings) -> Iterator[N
     stiffness is in proportion to the residual, as in the method of Levenberg and Marquardt. So no iteration moves a
     body far. Forces count as balanced if they are below `_BALANCED` of those at the start of the step: contact along
     directions that turn with a body pushes it a little aside. Exudyn would base its tolerance on the largest residual
-    of all iterations. Bodies that are pressed together from the start cannot fly apart, so that weak springs do, which
-    change Newton's method little.
+    of all iterations. Where Newton's method creeps along such a push, the next try bears `_ASIDE` of contact forces.
+    Bodies that are pressed together from the start cannot fly apart, so that weak springs do, which change Newton's
+    method little.
     """
     items, contacts = partition_items(mbs)
     sizes = (float(np.ptp(item.body.points, axis=0).max()) for item in items)
     facets = min((contact.slave_facet_size for contact in contacts), default=None)
     way = _FAR * facets if facets is not None else _FAR_ALONE * min(sizes, default=1.0)
-    newton, start = settings.staticSolver.newton, _Start()
+    newton, start = settings.staticSolver.newton, _Start(runs_of(mbs).now(mbs))
     own_after_newton = user_function(mbs.GetPostNewtonUserFunction())
     own_tolerance, own_absolute = newton.relativeTolerance, newton.absoluteTolerance
     refused = 2 * settings.staticSolver.discontinuous.iterationTolerance
@@ -450,7 +452,7 @@ def hold_by_springs(mbs: MainSystem, settings: SimulationSettings) -> Iterator[N
 
     def after_newton(mbs: MainSystem, t: float) -> list[float]:
         solver = mbs.sys["staticSolver"]
-        if solver.conv.residual > max(goal * start.residual, newton.absoluteTolerance):
+        if solver.conv.residual > max(goal * start.residual, solver.newton.absoluteTolerance):
             return [refused, 0.5 * solver.it.currentStepSize]
         return [0.0, -1.0] if own_after_newton is None else own_after_newton(mbs, t)
 
@@ -477,9 +479,18 @@ def hold_by_springs(mbs: MainSystem, settings: SimulationSettings) -> Iterator[N
 
 @dataclass
 class _Start:
-    """Residual at the start of the present load step [N]."""
+    """Residual at the start of the present load step of a run [N]."""
 
+    run: ModelRun
     residual: float = 0.0
+
+    def look(self, solver: Any) -> None:
+        """Look at an iteration of Newton's method; where it creeps, bear more from the next try on."""
+        if solver.it.newtonSteps == 1:
+            self.residual = solver.conv.residual
+        if solver.it.newtonSteps == _CREEPS:
+            newton, borne = solver.newton, float(np.linalg.norm(self.run.contact_force()))
+            newton.absoluteTolerance = max(newton.absoluteTolerance, _ASIDE * borne)
 
 
 def _with_spring(
@@ -496,10 +507,8 @@ def _with_spring(
         mbs: MainSystem, t: float, i: ItemIndex, q: Coordinates, q_t: Coordinates, fODE2: float, fODE2_t: float
     ) -> MatrixContainer:
         solver = mbs.sys["staticSolver"]
-        residual = solver.conv.residual
-        if solver.it.newtonSteps == 1:
-            start.residual = residual
-        stiffness = (by_residual * residual + least**2) * fODE2
+        start.look(solver)
+        stiffness = (by_residual * solver.conv.residual + least**2) * fODE2
         if own_function is None:
             return container(stiffness * mass)
         result = own_function(mbs, t, i, q, q_t, fODE2, fODE2_t)

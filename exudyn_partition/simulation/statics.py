@@ -84,7 +84,7 @@ _MEANS = (
 )
 _FINER_STEPS = 4, 16  # parts of load steps in which a run that has ended too early begins again: friction has a path
 _UNSETTLED, _SINGULAR = "terminated due to errors", "Jacobian seems to be singular"  # what Exudyn says then
-_PARTS = 16  # of a load step of a press fit: shortest one before bodies are held by springs without forces
+_PARTS = 16  # of a load step: shortest one of a press fit, and of bodies that are held by springs without forces
 _PRESSED = (
     "In a press fit, hold one body wholly; contact without friction does not hold the other one along and around the "
     "axis, where facets push it aside"
@@ -648,7 +648,14 @@ def _helps(
     """Contexts in which Newton's method may find an equilibrium, with their names, and the errors that they help."""
     if any(contact.mechanics.friction is not None for contact in partition_items(mbs)[1]):
         yield "with a stiffness along slips", oppose_slips(mbs), (_UNSETTLED, _SINGULAR)
-    yield "held by springs without forces", hold_by_springs(mbs, plan.settings), (_UNSETTLED,)
+    yield "held by springs without forces", _held(mbs, plan), (_UNSETTLED,)
+
+
+@contextlib.contextmanager
+def _held(mbs: MainSystem, plan: _Plan) -> Iterator[None]:
+    """Hold bodies by springs without forces. What slides even so does not settle in shorter load steps."""
+    with _limit_division(plan.settings, plan.step / _PARTS), hold_by_springs(mbs, plan.settings):
+        yield
 
 
 def _open_at_start(mbs: MainSystem) -> str:

@@ -250,7 +250,7 @@ def followed(*fields: Array) -> Followed:
 
 @inlined
 def gaps_of_rows(
-    r: Followed, of_points: Array, here: Array, bulge: float, most: float, begins: float
+    r: Followed, of_points: Array, here: Array, bulge: float, most: float, begins: float, within: float
 ) -> tuple[Array, float, bool]:
     """Gaps of the rows, (nr,), means of those of their points, the least, and whether others may close.
 
@@ -279,7 +279,7 @@ def gaps_of_rows(
                 off = max(off, abs(gap[row] - rigid))
             else:
                 nearest = min(nearest, rigid)
-    others = nearest - 2 * off < min(max(least, begins - bulge * (least - begins)), most)
+    others = nearest - 2 * off < min(max(least, begins - bulge * (least - begins), within), most)
     return gap, least if math.isfinite(total) else math.nan, others
 
 
@@ -295,6 +295,7 @@ def follow_rows(
     bulge: float,
     most: float,
     begins: float,
+    within: float,
 ) -> tuple[Array, Array, Array, Array, Array, float, bool]:
     """Follow points, see `follow_points`, and find what `gaps_of_rows` does, unless the patches have moved too far.
 
@@ -312,7 +313,7 @@ def follow_rows(
     normals, of_points, lost = follow_points(r.points, x_s, x_m, by, steps, size)
     if len(lost):
         return here, normals, of_points, lost, nothing, math.nan, True
-    gap, least, more = gaps_of_rows(r, of_points, here, bulge, most, begins)
+    gap, least, more = gaps_of_rows(r, of_points, here, bulge, most, begins, within)
     return here, normals, of_points, lost, gap, least, more
 
 

@@ -12,7 +12,7 @@ import netgen.occ as occ
 import numpy as np
 import pytest
 import scipy.linalg
-from oracles import add_loads, add_springs, end, ground
+from oracles import add_loads, add_springs, box, end, ground
 
 import exudyn_partition as ep
 from exudyn_partition.contact.formulations import compliance
@@ -340,6 +340,44 @@ def test_a_table_settles_under_a_load_beside_its_middle(mbs, load_steps, frictio
     assert sum(push.sum() for push in pushes) == pytest.approx(load + 9.81 * body.total_mass, rel=1e-8)
     moments = sum(push @ place for push, place in zip(pushes, places, strict=True))
     np.testing.assert_allclose(moments, load * np.array([0.1, 0.05]), rtol=0.02)  # rows act a little within their nodes
+
+
+@pytest.fixture(scope="module")
+def slab():
+    """A steel slab, 80 x 40 x 10 mm, with patches below and above."""
+    fem = ep.fe_model(box(0.08, 0.04, 0.01), ep.STEEL, maxh=0.02)
+    z = fem.points[fem.facets[:, :3]].mean(axis=1)[:, 2]
+    low, high = (
+        ep.Partition.surface(fem, np.flatnonzero(abs(z - at) < 1e-9), name=name)
+        for name, at in (("low", 0.0), ("high", 0.01))
+    )
+    return ep.reduce(fem, low | high, f_cut=10e3)
+
+
+@pytest.mark.filterwarnings("ignore:.*nothing holds it:exudyn_partition.errors.ModelLimitWarning")
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.ContactPatchWarning")
+@pytest.mark.parametrize(("load", "frame"), [(100.0, "inertial"), (100.0, "floating"), (1e4, "floating")])
+def test_a_stack_without_friction_settles_or_is_refused(mbs, slab, load, frame):
+    """A load beside the middle tilts it, so that contact pushes the upper slab a little aside, which nothing holds.
+
+    A share of the load below 1e-5 is borne. A larger one, in proportion to the load, slides it away.
+    """
+    options = {"frame": frame, "gravity": [0, 0, -9.81]}
+    lower, upper = (ep.CreatePartitionBody(mbs, slab, referencePosition=[0, 0, z], **options) for z in (0.0, 0.01))
+    floor = ep.CreatePartitionContact(mbs, lower, ep.RigidPlane(), slavePatch="low")
+    between = ep.CreatePartitionContact(mbs, upper, lower, slavePatch="low", masterPatch="high")
+    marker = upper.CreatePointMarker(mbs, (0.02, 0.01, 0.01))
+    mbs.AddLoad(items.Force(markerNumber=marker, loadVector=[0, 0, -load]))
+    mbs.Assemble()
+    if load > 1e3:
+        with pytest.raises(RunError, match=r"finds no equilibrium.* nor a body that slides"):
+            ep.solve_static(mbs, load_steps=4)
+        return
+    result = ep.solve_static(mbs, load_steps=4)
+    assert (result.status, result.steps) == ("finished", 4)
+    weight = 9.81 * slab.total_mass
+    assert between.force(result)[-1] == pytest.approx(load + weight, rel=1e-5)
+    assert floor.force(result)[-1] == pytest.approx(load + 2 * weight, rel=1e-5)
 
 
 @pytest.mark.filterwarnings("ignore:.*nothing holds it against some motion", "ignore:.*reached the edge of its patch")

@@ -16,7 +16,7 @@ from ...algebra.friction import MANY, OPEN, FrictionProblem
 from ...algebra.products import Solved, dense
 from ...support.arrays import Array
 from .. import loops
-from ..followed import BULGE
+from ..followed import BULGE, WIDER
 from ..gaps import SAME, Gaps
 from ..law import Forces, Law, Places, RowDirections
 from ..stages import NOTHING
@@ -25,7 +25,6 @@ _MARGIN = 2 * BULGE  # of the deepest row's depth: rows with smaller gaps enter,
 _SPARE = 10  # far rows that may stay in the problem before rows are chosen again
 _FEW_SPARE = 1.3  # as many times the rows that can close are left if these are many: the rest costs time
 CHOOSING = BULGE, _MARGIN, _SPARE, MANY, _FEW_SPARE  # as `loops.choose_rows` takes them
-WIDER = 4.0  # as many times the gaps of rows that enter where others close too; of closed rows, if no other is asked
 SHUT = 1e-9  # of the deepest row's depth: rows that are pushed no deeper than this stay out
 
 

@@ -17,11 +17,11 @@ from ...errors import ComplementarityError
 from ...support.arrays import Array, consecutive
 from .. import loops
 from ..between import Between, Exchange, FlexibilityBetween, Link, RowFields, Shares, shared_flexibility
-from ..followed import BULGE
+from ..followed import BULGE, WIDER
 from ..frozen import FrozenContacts
 from ..patch_contact import PatchContact
 from ..viscosity import lasting
-from .compliance import WIDER, NormalCompliance
+from .compliance import NormalCompliance
 
 if TYPE_CHECKING:
     from typing import Self
@@ -132,8 +132,7 @@ class Coupled:
             more += [np.array(contact.gaps.yielding_shares) for contact in self.contacts]
         whole_state = np.concatenate([state, since, *more]) if since or more else state
         if self._answered_state is None or not _equal(whole_state, self._answered_state):
-            gaps = [contact.gap_at(q) for contact, q in zip(self.contacts, coordinates(), strict=True)]
-            self._find(gaps)
+            self._find_at(coordinates())
             if self._viscous:
                 self._creep()
             self._answered_state, self._forces = (
@@ -141,6 +140,13 @@ class Coupled:
                 [contact.generalised() for contact in self.contacts],
             )
         return self._forces
+
+    def _find_at(self, coordinates: Sequence[Array]) -> None:
+        """Find the forces of all contacts at their coordinates, with all rows that may close."""
+        lacking = True
+        while lacking:
+            self._find([contact.gap_at(q) for contact, q in zip(self.contacts, coordinates, strict=True)])
+            lacking = any([contact.lacks_rows(shared=True) for contact in self.contacts])
 
     def _lasting(self, last: Sequence[Array]) -> list[Array]:
         """Displacements of the rows that last from forces on other contacts, (nr, d) each [m]; empty without any.

@@ -13,6 +13,7 @@ from exudyn_partition.contact import loops
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.side import Side
 from exudyn_partition.contact.tangential import directions
+from exudyn_partition.frames.floating import FloatingKinematics
 from exudyn_partition.frames.inertial import InertialKinematics
 
 
@@ -116,6 +117,40 @@ def test_rows_that_bulge_shut_are_closed(round_body, flat_body, monkeypatch, eac
     np.testing.assert_allclose(law.evaluation.lam, expected, rtol=0, atol=1e-8 * expected.max())
     law.answer(h)  # as before
     np.testing.assert_allclose(law.evaluation.lam, expected, rtol=0, atol=1e-8 * expected.max())
+
+
+@pytest.mark.parametrize(("depth", "friction"), [(3e-5, None), (3e-4, None), (1e-4, ep.Coulomb(0.2))])
+def test_rows_that_bending_pushes_shut_are_followed(thin_plate, depth, friction):
+    """Tilted plates that bend as they are pressed close rows whose gaps are beyond those that are followed at first.
+
+    The forces are those of all rows that there are.
+    """
+    places = (1.3e-3, 0.7e-3, 1e-3), (0.0, 0.0, 0.0)
+    motions = (FloatingKinematics(thin_plate, np.array(at), np.zeros(3)) for at in places)
+    slave, master = (Side.of(motion, patch) for patch, motion in enumerate(motions))
+    law, every = (compliant(PatchGaps(slave, master), friction) for _ in range(2))
+    for tilt in ([400, 0, 0], [0, 270, 0], [-250, 170, 0]):
+        q = np.r_[moved(slave, [0, 0, -depth], depth * np.array(tilt)), np.zeros(master.n)]
+        law.at(q)
+        every.gaps.at(q)
+        every.answer(every.gaps.widen(q))
+        expected, gap = every.evaluation.lam, every.evaluation.h
+        assert gap[expected > 0].max() > 0.4 * depth
+        found = np.zeros(len(slave.surface.points))
+        found[law.gaps.row_nodes] = law.evaluation.lam
+        np.testing.assert_allclose(found[every.gaps.row_nodes], expected, rtol=0, atol=1e-8 * expected.max())
+
+
+def test_stocky_bodies_push_no_row_shut(round_body, flat_body):
+    """So that nothing more than their bulge has to be followed: forces on half-spaces press everything inwards."""
+    gaps = PatchGaps(floating(round_body), floating(flat_body))
+    assert gaps.lifting == 0.0
+    slave, master = gaps.sides
+    pressed = np.zeros((len(slave.surface.points), 3))
+    pressed[5] = -slave.outward[5]
+    assert slave.lifted(np.zeros(slave.n), pressed) == 0.0
+    assert slave.lifted(np.zeros(slave.n), -pressed) > 0.0
+    assert master.lifting == 0.0
 
 
 def test_pairs_that_stand_still_again_keep_their_forces(round_body, flat_body):

@@ -60,6 +60,9 @@ class Runaway:
         self.lam = np.maximum(-(h if pushed is None else h + pushed[:, 0]), 0.0)
         return self
 
+    def lacks_rows(self, *, shared):
+        return False
+
 
 def test_contacts_that_do_not_settle_are_an_error():
     """The sweeps used to end after their hundredth with whatever forces there were."""
