@@ -629,5 +629,7 @@ class Runs:
 
 def runs_of(mbs: MainSystem) -> Runs:
     """The runs of a model."""
-    runs: Runs = mbs.sys.setdefault(RUNS, Runs())
+    runs: Runs | None = mbs.sys.get(RUNS)
+    if runs is None:
+        runs = mbs.sys[RUNS] = Runs()
     return runs
