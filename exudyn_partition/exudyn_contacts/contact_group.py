@@ -52,11 +52,9 @@ class ContactGroup:
         shared = any(not one._sides.isdisjoint(two._sides) for one, two in itertools.combinations(groups, 2))
         flows, whole = any(group._flows for group in groups), shared or any(group._whole for group in groups)
         self.members[0].formulation.check_group(flows=flows, whole=whole)
-        largest = max(groups, key=lambda group: len(group.members))
+        largest, *smaller = sorted(groups, key=lambda group: len(group.members), reverse=True)
         largest._flows, largest._whole = flows, whole
-        for group in groups:
-            if group is largest:
-                continue
+        for group in smaller:
             largest.members += group.members
             largest._sides |= group._sides
             for member in group.members:
