@@ -114,7 +114,7 @@ def test_contacts_of_a_chain_take_the_same_effort_each(mbs, marble):
 def test_a_contact_that_joins_two_groups_lets_them_be_solved_together(mbs, marble):
     """Whichever of the groups is larger, and as in the order of the chain: forces of an impact are the same."""
     d, forces = 2 * R, []
-    for order in ([0, 1, 2, 3], [0, 1, 3, 2], [2, 3, 0, 1], [3, 0, 2, 1]):
+    for order in ([0, 1, 2, 3], [0, 1, 3, 2], [3, 0, 2, 1]):
         mbs = exu.SystemContainer().AddSystem()
         balls = row_of(mbs, marble, [0, d, 2 * d, 3 * d, 4 * d])
         named = {"slavePatch": "north", "masterPatch": "south"}
