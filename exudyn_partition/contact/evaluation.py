@@ -66,6 +66,11 @@ class ContactParts:
         by_law = self.law.memory > 0 or (self.friction is not None and not self.law.ahead)
         return by_law or self.zones is not None or self.viscous
 
+    @property
+    def flows(self) -> bool:
+        """Whether a contact yields, so that its forces depend on more than places and friction."""
+        return self.zones is not None or not self.law.elastic
+
     @FoundOnce
     def damped(self) -> bool:
         """Whether a viscous flexibility or the law itself may take energy."""

@@ -571,7 +571,7 @@ class Gaps:
         """Places of the nodes that these sides follow, (np, 3) for each [m], at coordinates q, (n,), from `centre`."""
         return [side.place(*part) for side, *part in zip(sides, self.split(q), self.growing_sides, strict=True)]
 
-    def places_at(self, sides: Sequence[Side], anchor: Anchor) -> list[Array]:
+    def places_at(self, sides: Sequence[Side], anchor: Anchor | GapState) -> list[Array]:
         """The same at an anchor, with its own growth."""
         parts = zip(sides, self.split(anchor.q), self._by_side(anchor.growing), strict=True)
         return [side.place(*part) for side, *part in parts]

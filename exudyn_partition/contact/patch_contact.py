@@ -17,6 +17,7 @@ from ..algebra.friction import OPEN, SLIP, STICK
 from ..algebra.products import smallest
 from ..errors import ComplementarityError, InputError, RunError
 from ..support.arrays import Array
+from ..support.checks import read_only
 from .evaluation import ContactParts, Evaluation
 from .gaps import Gaps
 from .law import Forces, Law, LawMaker, Motion, Places
@@ -134,6 +135,8 @@ class PatchContact:
         find = functools.partial(_refuse_rates, self.law) if self.law.elastic else functools.partial(_rates, self.rows)
         self._find_rates: Callable[[Motion | None], Array] | None = find  # None in statics
         self.evaluation = self._at_start(np.inf)
+        self._no_force = np.zeros(self.gaps.n)
+        read_only(self._no_force)
 
     def _at_start(self, least_gap: float) -> Evaluation:
         """Evaluation with which a run begins that goes on from no other."""
@@ -188,6 +191,11 @@ class PatchContact:
     def elastic(self) -> bool:
         """See `ContactParts`."""
         return self.parts.elastic
+
+    @property
+    def flows(self) -> bool:
+        """See `ContactParts`."""
+        return self.parts.flows
 
     @property
     def remembers(self) -> bool:
@@ -379,6 +387,8 @@ class PatchContact:
 
     def generalised(self) -> Array:
         """Generalised forces of the last answer, (n,), from which Newton's method learns where zones flow."""
+        if not self.evaluation.pushes:
+            return self._no_force
         force = self.evaluation.generalised
         if self.secant is not None:
             self.secant = self.secant.then(self.gaps.q, force)
@@ -494,7 +504,7 @@ class PatchContact:
             if not self.ahead:
                 self.gaps.accept(gaps)
             if isinstance(self.rows, TangentialRows) and answered and not self.ahead:
-                self.rows.record_places(soon=evaluation.index.size > 0)
+                self.rows.record_places(gaps, soon=evaluation.index.size > 0)
         self.since = start
         self._end_at(end)
 

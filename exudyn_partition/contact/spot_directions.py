@@ -14,6 +14,7 @@ from ..algebra.products import dense, joined
 from ..fe.model import node_dofs
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
+from .gaps import GapState
 from .side import LoadedNodes
 from .spot_gaps import SpotGaps
 from .stages import Anchor
@@ -73,7 +74,7 @@ class SpotDirections(TangentialRows):
             return way
         return np.asarray(way + dense(self._turning()) @ gaps.way(self._from.q, gaps.q))
 
-    def _carried(self, offsets: Array, then: Anchor) -> Array:
+    def _carried(self, offsets: Array, then: Anchor | GapState) -> Array:
         """See `TangentialRows`; two bodies have their levers, and a rigid surface moves at the point of contact."""
         if not self.gaps.carried:
             return offsets

@@ -21,7 +21,7 @@ from ..support.arrays import Array
 from ..surfaces.loops import at_points
 from ..surfaces.vectors import cross
 from . import loops
-from .gaps import Gaps
+from .gaps import Gaps, GapState
 from .normal_rows import rates_of
 from .side import LoadedNodes
 from .stages import NOTHING, OF_SIDE, Anchor, Standing
@@ -85,12 +85,15 @@ class TangentialRows:
 
     def forget_places(self) -> None:
         """Forget the places that `record_places` recorded: nothing has slid."""
-        self._from: Anchor | None = None
+        self._from: Anchor | GapState | None = None
 
-    def record_places(self, *, soon: bool = True) -> None:
-        """Count sliding from the present places; unless sliding is needed `soon`, compute them when it is needed."""
+    def record_places(self, here: GapState | None = None, *, soon: bool = True) -> None:
+        """Count sliding from the present places; unless sliding is needed `soon`, compute them when it is needed.
+
+        `here` is the state of the gaps at these places, if somebody has it.
+        """
         gaps = self.gaps
-        self._from = Anchor(gaps.q, gaps.evaluated_pose, gaps.present.growing)
+        self._from = here or Anchor(gaps.q, gaps.evaluated_pose, gaps.present.growing)
         self._places = gaps.places_now() if soon and gaps.moving else None
         self._places_of = gaps.near_sides
 
@@ -174,7 +177,7 @@ class TangentialRows:
         apart = [at_points(nodes, weights, x) for (nodes, weights), x in parts]
         return gaps.points.average(apart[0] if len(apart) == 1 else apart[0] + apart[1])
 
-    def _carried(self, offsets: Array, then: Anchor) -> Array:
+    def _carried(self, offsets: Array, then: Anchor | GapState) -> Array:
         """Offsets, (nr, 3), from where the sides were, carried to the present place by the master's motion."""
         gaps = self.gaps
         if len(gaps.sides) == 2:

@@ -250,7 +250,9 @@ def registered(mbs: MainSystem) -> Registry:
 
 def registry(mbs: MainSystem) -> Registry:
     """Return where new bodies and contacts of a model are entered; `registered` is to be read."""
-    held: Registry = mbs.sys.setdefault(REGISTRY, Registry())
+    held: Registry | None = mbs.sys.get(REGISTRY)
+    if held is None:
+        held = mbs.sys[REGISTRY] = Registry()
     return held
 
 

@@ -198,7 +198,8 @@ class OtherBodies:
     """
 
     def __init__(self, mbs: MainSystem, carriers: Iterable[int]) -> None:
-        bodies, carrying, ours = list[_Watched](), {*carriers}, registered(mbs).objects
+        held = registered(mbs)
+        bodies, carrying, ours = list[_Watched](), {*carriers}, held.objects
         for number in range(mbs.systemData.NumberOfObjects()):
             if number in ours:  # they are no other bodies, and entries with large matrices take long
                 continue
@@ -207,7 +208,7 @@ class OtherBodies:
             if len(triangles) or number in carrying:
                 bodies.append(_Watched(number, entry["name"], "", points, triangles, partial(_pose, number)))
         none = np.zeros((0, 3)), np.zeros((0, 3), dtype=int)
-        signs = [_Watched(-1, sign.name, sign.kind, *none, sign.now) for sign in signs_of(mbs)]
+        signs = [_Watched(-1, sign.name, sign.kind, *none, sign.now) for sign in signs_of(mbs, held)]
         self._records = _Record(bodies, _MOST), _Record(signs, _MOST_OF_SIGNS)
 
     def __bool__(self) -> bool:

@@ -14,7 +14,7 @@ from ..support.arrays import Array
 from ..support.foreign import ItemEntry, ItemIndex, MainSystem
 from ..support.optional import require
 from .carriers import pose_in
-from .model import is_ours, registered
+from .model import Registry, is_ours
 
 Kind = Literal[
     "hinge", "ball joint", "slider", "fixed joint", "joint", "rod", "spring", "drive", "force", "torque", "gravity",
@@ -53,14 +53,16 @@ class Sign(NamedTuple):
     now: Callable[[MainSystem, object], tuple[Array, Array, Array]]
 
 
-def signs_of(mbs: MainSystem) -> list[Sign]:
-    """Signs of the joints, springs, drives and loads of a model, of its ground, and of gravity."""
-    return [*_connectors(mbs), *_loads(mbs), *_weights(mbs)]
+def signs_of(mbs: MainSystem, ours: Registry) -> list[Sign]:
+    """Signs of the joints, springs, drives and loads of a model, of its ground, and of gravity.
+
+    `ours` are the bodies and contacts of this library in it.
+    """
+    return [*_connectors(mbs, ours), *_loads(mbs), *_weights(ours)]
 
 
-def _connectors(mbs: MainSystem) -> Iterator[Sign]:
+def _connectors(mbs: MainSystem, ours: Registry) -> Iterator[Sign]:
     """Signs of joints, springs and drives, and of the ground where it holds them."""
-    ours = registered(mbs)
     held = {int(marker) for item in ours.bodies.values() for marker in item.frame_markers}
     for number in sorted({*range(mbs.systemData.NumberOfObjects())} - ours.objects):
         entry = mbs.GetObject(number)
@@ -123,9 +125,9 @@ def _loads(mbs: MainSystem) -> Iterator[Sign]:
             yield Sign(entry["name"], "force" if kind == "ForceVector" else "torque", _loaded(mbs, load, place))
 
 
-def _weights(mbs: MainSystem) -> Iterator[Sign]:
+def _weights(ours: Registry) -> Iterator[Sign]:
     """Signs of gravity= of partition bodies."""
-    for item in registered(mbs).bodies.values():
+    for item in ours.bodies.values():
         if item.weight is not None:
             of_axes = np.column_stack([item.kinematics.weight(axis) for axis in np.eye(3)])
             yield _gravity(np.linalg.lstsq(of_axes, item.weight, rcond=None)[0])

@@ -22,7 +22,7 @@ from ..support.warn import warn
 from .contact_run import ContactRun
 from .contact_samples import ModelContact
 from .model_run import ModelRun, Runs
-from .partition_contact import PartitionContact, partition_items
+from .partition_contact import PartitionContact
 
 _TOUCHING = 1e-3  # share of a facet's size: rows with smaller gaps touch
 _ROUNDING = 1e-11  # share of a facet's size: rows that are no deeper are closed by rounding
@@ -103,7 +103,7 @@ def skip_needless_calls(mbs: MainSystem, run: ModelRun) -> Iterator[None]:
 
     A call takes long, because Exudyn passes all coordinates.
     """
-    contacts = partition_items(mbs)[1]
+    contacts = run.contacts
     if run.acts_within or not contacts:
         yield
         return

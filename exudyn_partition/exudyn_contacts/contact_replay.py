@@ -16,8 +16,8 @@ from .contact_samples import ModelContact, RunSamples, growing_at, kept_rows
 from .row_samples import RowSamples
 
 _CENTRES = 9  # number of samples of a contact at which the centre of its force is found
-# Energies of contacts that are solved together, by the list of these contacts, as long as the result exists.
-_ENERGIES: WeakKeyDictionary[RunSamples, dict[int, Array]] = WeakKeyDictionary()
+# Energies of contacts that are solved together, by the numbers of these contacts, as long as the result exists.
+_ENERGIES: WeakKeyDictionary[RunSamples, dict[tuple[int, ...], Array]] = WeakKeyDictionary()
 
 
 def nodal_forces(contact: ModelContact, result: RunSamples) -> list[Array]:
@@ -88,11 +88,12 @@ def stored_energy(contact: ModelContact, result: RunSamples) -> Array:
     if result.runs:
         return np.array(result.kept(contact).stored_at(result.t.tolist()))
     energies = _ENERGIES.setdefault(result, {})  # energies of all contacts of the group, which are found together
-    if id(contact.group) not in energies:
-        energies[id(contact.group)] = np.array(
+    numbers = tuple(int(member["sForce"]) for member in contact.group)
+    if numbers not in energies:
+        energies[numbers] = np.array(
             [[mechanics.evaluation.stored for mechanics in parts] for parts in _evaluated(contact, result)]
         )
-    return energies[id(contact.group)][:, contact.group.index(contact)].copy()
+    return energies[numbers][:, contact.group.index(contact)].copy()
 
 
 def viscous_work(contact: ModelContact, result: RunSamples) -> Array:

@@ -51,10 +51,6 @@ class ModelContact(Protocol):
         State at the start; each run has its own.
     sides : tuple of (PartitionBody, int)
         Slave, and master if that is a partition body too, each with the number of its patch.
-    group : list of PartitionContact
-        Contacts that are solved together in every run, the same list for all of them.
-    together : Together
-        Finds their forces; each run has its own.
     moment_about : (3,) array or None
         Point of the moment sensor [m].
     carrier : Carrier or None
@@ -64,10 +60,16 @@ class ModelContact(Protocol):
     name: str
     mechanics: PatchContact
     sides: tuple[tuple[PartitionBody, int], ...]
-    group: list[Any]
-    together: Together
     moment_about: Array | None
     carrier: Carrier | None
+
+    @property
+    def group(self) -> Sequence[Any]:
+        """Contacts that are solved together in every run, the same list for all of them."""
+
+    @property
+    def together(self) -> Together:
+        """Finds the forces of this group; each run has its own."""
 
     def slices(self, mbs: MainSystem) -> list[slice]:
         """Places of the coordinates of slave and master among the model's."""

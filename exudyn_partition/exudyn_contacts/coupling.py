@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
-from ..algebra.sparse.skin_flexibility import Flexibility, SkinFlexibility
 from ..contact.formulations.formulation import SharedBody
 from ..contact.smooth_faces import SmoothFace
 from ..contact.spot_gaps import SpotGaps
 from ..errors import InputError
-from ..exudyn_bodies.partition_body import PartitionBody
 from ..support.arrays import consecutive
+from .contact_group import ContactGroup
 from .partition_contact import PartitionContact
 
 
@@ -25,22 +23,22 @@ def solve_together(contact: PartitionContact, beside: Sequence[PartitionContact]
     InputError
         If no formulation solves both together.
     """
-    group = [contact, *itertools.chain(*_groups_of(contact, beside))]
-    together = contact.formulation.together([member.mechanics for member in group], _Links(group))
-    for member in group:
-        member.group, member.together = group, together
+    if groups := _groups_of(contact, beside):
+        contact.joined.join(groups)
+    else:  # its loops are compiled now, and not in the first run
+        contact.joined.together  # noqa: B018 - the property keeps its value
 
 
-def _groups_of(contact: PartitionContact, beside: Sequence[PartitionContact]) -> list[list[PartitionContact]]:
+def _groups_of(contact: PartitionContact, beside: Sequence[PartitionContact]) -> list[ContactGroup]:
     """Groups of the contacts beside it that a contact is solved together with, each once."""
-    groups: dict[int, list[PartitionContact]] = {}
+    groups: dict[ContactGroup, None] = {}
     anywhere = contact.mechanics.gaps.anywhere
     for neighbour in beside:
         if _same_sides(contact, neighbour):
             raise InputError(
                 f"slave, master: these two already have the contact {neighbour.name!r} between the same patches"
             )
-        if anywhere and neighbour.mechanics.gaps.anywhere and id(neighbour.group) in groups:
+        if anywhere and neighbour.mechanics.gaps.anywhere and neighbour.joined in groups:
             continue  # all of these have one formulation
         for place, (item, patch) in enumerate(contact.sides):
             for neighbour_place, (neighbour_item, neighbour_patch) in enumerate(neighbour.sides):
@@ -55,37 +53,8 @@ def _groups_of(contact: PartitionContact, beside: Sequence[PartitionContact]) ->
                     neighbour.name,
                 )
                 if contact.formulation.couples(contact.mechanics, neighbour.mechanics, shared):
-                    groups[id(neighbour.group)] = neighbour.group
-    return [*groups.values()]
-
-
-class Joining:
-    """Contacts of a list of bodies, which are joined as they are made; who finds their forces is known at the end.
-
-    There may be thousands of them, of which each shares its bodies with hundreds.
-    """
-
-    def __init__(self) -> None:
-        self._new: list[PartitionContact] = []
-
-    def join(self, contact: PartitionContact, beside: Sequence[PartitionContact]) -> None:
-        """Join a new contact to those beside it whose forces move its rows; see `solve_together`."""
-        groups = _groups_of(contact, beside)
-        group = groups[0] if groups else []
-        for other in groups[1:]:
-            group.extend(other)
-            for member in other:
-                member.group = group
-        group.append(contact)
-        contact.group = group
-        self._new.append(contact)
-
-    def end(self) -> None:
-        """Let the contacts of each group find their forces together."""
-        for group in {id(contact.group): contact.group for contact in self._new}.values():
-            together = group[0].formulation.together([member.mechanics for member in group], _Links(group))
-            for member in group:
-                member.together = together
+                    groups[neighbour.joined] = None
+    return [*groups]
 
 
 def _same_sides(contact: PartitionContact, neighbour: PartitionContact) -> bool:
@@ -108,46 +77,3 @@ def _faces(contact: PartitionContact) -> Sequence[SmoothFace | None]:
 def _columns(contact: PartitionContact) -> list[slice]:
     """Places of the coordinates of each side among the contact's."""
     return consecutive([item.body.n_dofs for item, _ in contact.sides])
-
-
-class _Links:
-    """See `formulation.Links`.
-
-    Parameters
-    ----------
-    contacts : list of PartitionContact
-    """
-
-    def __init__(self, contacts: list[PartitionContact]) -> None:
-        self._contacts = contacts
-
-    def some(self, places: Sequence[int]) -> _Links:
-        """See `formulation.Links`."""
-        return _Links([self._contacts[j] for j in places])
-
-    @property
-    def shared(self) -> bool:
-        """Whether contacts share a patch."""
-        sides = [side for contact in self._contacts for side in {*contact.sides}]
-        return len(set(sides)) < len(sides)
-
-    @property
-    def on_demand(self) -> bool:
-        """See `formulation.Links`."""
-        bodies = (item.body for contact in self._contacts for item, _ in contact.sides)
-        return any(isinstance(body.basis.flexibility, SkinFlexibility) for body in bodies)
-
-    def __call__(self) -> list[tuple[int, int, int, int, Flexibility]]:
-        """Pairs of sides of which one pushes the other, and the flexibility between their patches."""
-        of_body: dict[PartitionBody, list[tuple[int, int, PartitionBody, int]]] = {}
-        for j, contact in enumerate(self._contacts):
-            for s, (item, patch) in enumerate(contact.sides):
-                if item.body.basis.flexibility is not None:
-                    of_body.setdefault(item, []).append((j, s, item, patch))
-        return [
-            (j, s, k, r, item.body.flexibility(patch, neighbour_patch))
-            for sides in of_body.values()
-            for j, s, item, patch in sides
-            for k, r, _, neighbour_patch in sides
-            if j != k
-        ]

@@ -26,7 +26,7 @@ from .contact_object import add_to_object
 from .contact_pairs import FoundPair, pairs_of
 from .contact_plan import ContactPlan, Passes, needs_edges, plan_contact
 from .contact_run import N_FRICTION, N_VALUES, N_VALUES_AHEAD, ContactRun
-from .coupling import Joining, solve_together
+from .coupling import solve_together
 from .model_run import Runs, runs_of
 from .partition_contact import PartitionContact
 from .point_pairs import point_pairs
@@ -198,19 +198,15 @@ def _contacts_of(
 ) -> list[PartitionContact]:
     """Add contacts of pairs that were found; skins also have contacts of the rows at the master's edges."""
     validate_text("name", name)
-    contacts, joining = list[PartitionContact](), Joining()
-    try:
-        for i, (((slave, patch), master, anywhere, carrier), faces) in enumerate(pairs, 1):
-            named, body = name and f"{name} {i}", isinstance(master, tuple)
-            partner, of_partner = master if isinstance(master, tuple) else (master, None)
-            sides = {"slavePatch": patch, "masterPatch": of_partner, "anywhere": anywhere}
-            plan = plan_whole(slave, partner, **sides, masterBody=carrier, name=named, faces=faces)
-            contacts.append(_build(mbs, plan, joining.join))
-            if anywhere and body and needs_edges(plan):
-                edges = plan_edges(slave, partner, **sides, name=f"{plan.name} edges")
-                contacts.append(_build(mbs, edges, joining.join))
-    finally:  # a pair that cannot be leaves those before it
-        joining.end()
+    contacts = list[PartitionContact]()
+    for i, (((slave, patch), master, anywhere, carrier), faces) in enumerate(pairs, 1):
+        named, body = name and f"{name} {i}", isinstance(master, tuple)
+        partner, of_partner = master if isinstance(master, tuple) else (master, None)
+        sides = {"slavePatch": patch, "masterPatch": of_partner, "anywhere": anywhere}
+        plan = plan_whole(slave, partner, **sides, masterBody=carrier, name=named, faces=faces)
+        contacts.append(_build(mbs, plan))
+        if anywhere and body and needs_edges(plan):
+            contacts.append(_build(mbs, plan_edges(slave, partner, **sides, name=f"{plan.name} edges")))
     return contacts
 
 
@@ -225,15 +221,11 @@ def _faces_of(pair: FoundPair, formulation: FormulationName | Formulation) -> Se
     return point_pairs(placed, [patch for _, patch in sides], None if isinstance(pair.master, tuple) else pair.master)
 
 
-def _build(
-    mbs: MainSystem,
-    plan: ContactPlan,
-    join: Callable[[PartitionContact, list[PartitionContact]], None] = solve_together,
-) -> PartitionContact:
-    """Add a planned contact to the model, with its sensors; `join` joins it to others of its bodies."""
+def _build(mbs: MainSystem, plan: ContactPlan) -> PartitionContact:
+    """Add a planned contact to the model, with its sensors, and join it to others of its bodies."""
     held = registered(mbs)
     contact, mechanics = PartitionContact(plan), plan.mechanics
-    join(contact, held.contacts_on(item for item, _ in contact.sides))
+    solve_together(contact, held.contacts_on(item for item, _ in contact.sides))
     kind = type(mechanics.law).__name__
     _log.info("contact %r: %s with %s rows, in a group of %s", plan.name, kind, contact.n_rows, len(contact.group))
     runs = runs_of(mbs)

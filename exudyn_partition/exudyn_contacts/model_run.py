@@ -352,15 +352,21 @@ class ModelRun:
 
     def keep(self, t: float, q: Callable[[], Array]) -> None:
         """Keep the data that results need of the state at t; `q` returns the model's coordinates at t."""
-        if self._elastic:
+        if self._elastic or self._all_open:  # a context takes some microseconds, and open contacts have no energies
             self._keep(t, q)
             return
-        with _unstable_energies():  # which takes some microseconds
+        with _unstable_energies():
             self._keep(t, q)
 
     def _keep(self, t: float, q: Callable[[], Array]) -> None:
         for group in self._members.groups:
             group.keep(t, q)
+
+    @property
+    def _all_open(self) -> bool:
+        """Whether no contact has forces in the state that was evaluated last."""
+        groups = self._members.groups
+        return self.idle and not any([group.pushes for group in groups])
 
     def keep_last_step(self, mbs: MainSystem, t: float) -> None:
         """Keep the end of the last step in the record, before contacts are evaluated at time t [s]."""
@@ -639,5 +645,7 @@ class Runs:
 
 def runs_of(mbs: MainSystem) -> Runs:
     """The runs of a model."""
-    runs: Runs = mbs.sys.setdefault(RUNS, Runs())
+    runs: Runs | None = mbs.sys.get(RUNS)
+    if runs is None:
+        runs = mbs.sys[RUNS] = Runs()
     return runs

@@ -12,7 +12,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..contact.formulations.formulation import Together
-from ..contact.formulations.separate import Separate
 from ..errors import InputError
 from ..exudyn_bodies.model import coordinate_slices, registered
 from ..exudyn_bodies.partition_body import PartitionBody
@@ -35,6 +34,7 @@ from ..support.foreign import MainSystem, NodeIndex, SensorIndex
 from ..support.items import Item
 from ..support.optional import require
 from ..surfaces.facing import PENETRATION_TOLERANCE
+from .contact_group import ContactGroup
 from .contact_plan import ContactPlan
 from .contact_replay import force_centres, nodal_forces, stored_energy, viscous_work
 from .contact_samples import RunSamples, growing_at, mean_forces
@@ -82,20 +82,17 @@ class PartitionContact(Item[Any]):
         State at the start; each run has its own.
     carrier : Carrier or None
         The body of another kind that carries the rigid surface.
-    group : list of PartitionContact
-        Contacts that are solved together in every run, the same list for all of them.
-    together : Together
-        Finds their forces, if there are several and forces are elastic; each run has its own.
+    joined : ContactGroup
+        Contacts that are solved together in every run.
     moment_about : (3,) array or None
         Point of the moment sensor [m].
     """
 
     _inside = frozenset(
         {"beside", "carrier", "compliant", "elastic", "elastic_materials", "group", "mechanics", "moment_about",
-         "nodes", "side_names", "slave_facet_size", "slices", "together"}
+         "joined", "nodes", "side_names", "slave_facet_size", "slices", "together"}
     )  # fmt: skip
-    group: list[Any]
-    together: Together
+    joined: ContactGroup
     moment_about: Array | None
 
     def __init__(self, plan: ContactPlan) -> None:
@@ -105,8 +102,18 @@ class PartitionContact(Item[Any]):
         self.master = plan.sides[1][0] if plan.rigid is None else plan.rigid
         self.rows = plan.rows
         self.formulation, self.mechanics, self.carrier = plan.formulation, plan.mechanics, plan.carrier
-        self.group, self.together = [self], Separate([self.mechanics])
+        self.joined = ContactGroup(self)
         self.moment_about = None
+
+    @property
+    def group(self) -> list[PartitionContact]:
+        """Contacts that are solved together in every run, the same list for all of them."""
+        return self.joined.members
+
+    @property
+    def together(self) -> Together:
+        """Finds the forces of this group; each run has its own."""
+        return self.joined.together
 
     @property
     def beside(self) -> PartitionContact | None:

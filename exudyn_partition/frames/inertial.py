@@ -171,7 +171,7 @@ class InertialKinematics:
 
     def kinetic_energy(self, q: Array, q_t: Array) -> Array:
         """See `Kinematics.kinetic_energy`."""
-        energy: Array = np.sum(q_t * (self.body.mass @ q_t.T).T, axis=-1) / 2
+        energy: Array = np.square(q_t) @ self.mass / 2
         return energy
 
     def rigid_motion(self, q: Array) -> Array:

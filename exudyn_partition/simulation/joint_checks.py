@@ -15,10 +15,9 @@ import scipy.sparse.linalg
 from ..algebra.sparse.assembly import assembled
 from ..errors import InputError, RunError
 from ..exudyn_bodies.joints import is_timed, mass_and_rows
-from ..exudyn_bodies.model import coordinate_slices, registered, validate_model
+from ..exudyn_bodies.model import coordinate_slices, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody, check_model
 from ..exudyn_bodies.user_functions import RIGID
-from ..exudyn_contacts.partition_contact import partition_items
 from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array
 from ..support.checks import validate_callable
@@ -229,15 +228,15 @@ def check_start(
     if mbs.systemData.ODE2Size() == 0:
         raise RunError("mbs: the model has no coordinates yet; call mbs.Assemble() before solving")
     check_model(mbs)
-    check_sensors(mbs)
+    items = check_sensors(mbs)
     if not mbs.systemIsConsistent:  # Exudyn would assemble it within the run, which begins from other values then
         raise RunError(
             "mbs: an item was added or deleted since mbs.Assemble(); call it again before solving. Assemble sets "
             "initial values back to those of the nodes: find a preload again, or take go_on=True"
         )
-    if (damping := registered(mbs).damping) is not None:
-        damping.begin(mbs)
-    return check_joints(mbs, partition_items(mbs)[0], start(), judges_velocities=judges_velocities)
+    if items.damping is not None:
+        items.damping.begin(mbs)
+    return check_joints(mbs, [*items.bodies.values()], start(), judges_velocities=judges_velocities)
 
 
 def _refuse_within_a_run(mbs: MainSystem) -> None:

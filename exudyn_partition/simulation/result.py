@@ -613,8 +613,7 @@ def _restored(stored: StoredRun) -> Result:
 
 def samples(mbs: MainSystem) -> Result:
     """Result from the sensors, and from the contacts' own record if Exudyn read its sensors seldom."""
-    check_sensors(mbs)
-    sensors = {}
+    items, sensors = check_sensors(mbs), {}
     for number in range(mbs.systemData.NumberOfSensors()):
         if mbs.GetSensorParameter(number, "storeInternal"):
             data = np.atleast_2d(mbs.GetSensorStoredData(number))
@@ -624,7 +623,8 @@ def samples(mbs: MainSystem) -> Result:
         raise RunError("mbs: no sensor stored anything; run the model first")
     count = min(len(data) for data in sensors.values())
     t = next(iter(sensors.values()))[:count, 0].copy()
-    (bodies, contacts), run, solver = partition_items(mbs), runs_of(mbs).last(mbs), Solver.last(mbs)
+    bodies, contacts = tuple(items.bodies.values()), tuple(items.contacts.values())
+    run, solver = runs_of(mbs).last(mbs), Solver.last(mbs)
     result = Result(
         t=t,
         status="finished",
@@ -634,11 +634,11 @@ def samples(mbs: MainSystem) -> Result:
         method="",
         time_s=float("nan"),
         sensors={number: data[:count, 1:] for number, data in sensors.items()},
-        bodies=tuple(bodies),
-        contacts=tuple(contacts),
+        bodies=bodies,
+        contacts=contacts,
         work=Work.counted(solver, run),
         runs=() if run is None else tuple(run.contact_run(contact).record for contact in contacts),
-        item_work=registered(mbs).work,
+        item_work=items.work,
         newmark=None if solver is None else solver.newmark,
         others=() if run is None else run.others.motions(mbs),
         dampings=tuple(item.dampings for item in bodies),

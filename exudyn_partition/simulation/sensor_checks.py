@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from ..errors import RunError
+from ..exudyn_bodies.model import Registry, registered
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
+from ..exudyn_contacts.partition_contact import PartitionContact
 from ..support.foreign import MainSystem, NodeIndex, SensorIndex
 from ..support.optional import require
 
@@ -14,16 +15,16 @@ _KINDS = {"sCoordinates": "Coordinates", "sCoordinates_t": "Coordinates_t"}
 _BY_FUNCTION: dict[str, object] = {"sensorType": "UserFunction"}
 
 
-def check_sensors(mbs: MainSystem) -> None:
-    """Raise an error if a sensor of a body or contact was deleted: later sensors then have other numbers.
+def check_sensors(mbs: MainSystem) -> Registry:
+    """Return the items of a model, or raise if a sensor of one was deleted: later sensors then have other numbers.
 
     Raises
     ------
     RunError
     """
-    bodies, contacts = partition_items(mbs)
-    for what, number, expected in (*_of_bodies(bodies), *_of_contacts(contacts)):
-        known = int(number) < mbs.systemData.NumberOfSensors()
+    items, sensors = registered(mbs), mbs.systemData.NumberOfSensors()
+    for what, number, expected in (*_of_bodies(items.bodies.values()), *_of_contacts(items.contacts.values())):
+        known = int(number) < sensors
         entry = mbs.GetSensor(number) if known else {}
         if "nodeNumber" in entry:  # an index of Exudyn equals no number
             entry["nodeNumber"] = int(entry["nodeNumber"])
@@ -33,9 +34,10 @@ def check_sensors(mbs: MainSystem) -> None:
                 "numbers. Delete no sensor of a model with partition bodies: leave it, or make the model anew without "
                 "it"
             )
+    return items
 
 
-def _of_bodies(bodies: list[PartitionBody]) -> Iterator[tuple[str, SensorIndex, dict[str, object]]]:
+def _of_bodies(bodies: Iterable[PartitionBody]) -> Iterator[tuple[str, SensorIndex, dict[str, object]]]:
     """For each sensor of a body: its owner, its number, and the parameters that Exudyn must have for it."""
     kinds = require("exudyn").OutputVariableType
     for place, item in enumerate(bodies):
@@ -45,7 +47,7 @@ def _of_bodies(bodies: list[PartitionBody]) -> Iterator[tuple[str, SensorIndex, 
                 yield what, number, _on_node(node) | {"outputVariableType": getattr(kinds, kind)}
 
 
-def _of_contacts(contacts: list[PartitionContact]) -> Iterator[tuple[str, SensorIndex, dict[str, object]]]:
+def _of_contacts(contacts: Iterable[PartitionContact]) -> Iterator[tuple[str, SensorIndex, dict[str, object]]]:
     """See `_of_bodies`."""
     for place, contact in enumerate(contacts):
         what = f"contact {contact.name!r}" if contact.name else f"contact {place}"

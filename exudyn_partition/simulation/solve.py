@@ -222,16 +222,19 @@ def _run(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> tuple[Res
         failure = _steps(mbs, plan, watch)
         time_s = time.perf_counter() - begin
     end = keep_end(mbs, watch.pace and watch.pace.at_end, stopped=bool(failure))
-    result = replace(samples(mbs), end=end, step=times.step, steps=watch.steps, method=method, time_s=time_s)
+    status, message = _ending(mbs, times, watch, failure)
+    result = replace(
+        samples(mbs), end=end, step=times.step, steps=watch.steps, method=method, time_s=time_s,
+        status=status, message=message,
+    )  # fmt: skip
     _log.debug("%s steps in %.4g s: %s", watch.steps, time_s, result.work)
     made = 0.0 if control is None or watch.pace is None else control.share_made(watch.pace)
     _log.debug("long steps in contact made %.2g of the energy", made)
     if times.beyond:  # a run that a hook ends has a sample too many, of the step that was not made
         result = cut(result, int(np.searchsorted(result.t, times.end + _ROUNDING * times.step)))
-    status, message = _ending(mbs, times, watch, failure)
     if status == "finished" and progress is not None:
         progress(1.0)
-    return replace(result, status=status, message=message), made
+    return result, made
 
 
 def _steps(mbs: MainSystem, plan: RunPlan, watch: Watch) -> str:

@@ -68,14 +68,19 @@ class StabilityLimits:
         return held_by_items(self.mbs)
 
     @cached_property
+    def _items_of_model(self) -> tuple[list[PartitionBody], list[PartitionContact]]:
+        """Bodies and contacts of the model."""
+        return partition_items(self.mbs)
+
+    @cached_property
     def whole(self) -> float:
         """Limit with all contacts [s]."""
         hold_damping(self.mbs)
-        return self.with_contacts(partition_items(self.mbs)[1])
+        return self.with_contacts(self._items_of_model[1])
 
     def with_contacts(self, contacts: list[PartitionContact]) -> float:
         """Return the limit with some of the model's contacts [s]."""
-        bodies = partition_items(self.mbs)[0]
+        bodies, _ = self._items_of_model
         if not bodies:
             return float("inf")
         items = self.items

@@ -1,6 +1,7 @@
 """Several contacts on one body: hit on both ends at once, a cradle, and pairs that are found."""
 
 import contextlib
+import cProfile
 from itertools import pairwise
 
 import exudyn as exu
@@ -96,6 +97,36 @@ def test_pairs_of_many_bodies_are_found(marble):
         force.append([contact.force(result) for contact in contacts])
     np.testing.assert_array_equal(*force)
     assert (np.max(force, axis=2) > 1.0).all()
+
+
+def test_contacts_of_a_chain_take_the_same_effort_each(mbs, marble):
+    """Calls of functions are counted. A group that is formed anew for each contact makes more for later ones."""
+    balls, calls = row_of(mbs, marble, [2 * R * i for i in range(16)]), []
+    for pair in pairwise(balls):
+        profile = cProfile.Profile()
+        with profile:
+            contact = ep.CreatePartitionContact(mbs, *pair, slavePatch="north", masterPatch="south")
+        calls.append(sum(entry.callcount for entry in profile.getstats()))
+    assert len(contact.group) == 15
+    assert calls[-1] < calls[4] + 5
+
+
+def test_a_contact_that_joins_two_groups_lets_them_be_solved_together(mbs, marble):
+    """Whichever of the groups is larger, and as in the order of the chain: forces of an impact are the same."""
+    d, forces = 2 * R, []
+    for order in ([0, 1, 2, 3], [0, 1, 3, 2], [3, 0, 2, 1]):
+        mbs = exu.SystemContainer().AddSystem()
+        balls = row_of(mbs, marble, [0, d, 2 * d, 3 * d, 4 * d])
+        named = {"slavePatch": "north", "masterPatch": "south"}
+        contacts = {i: ep.CreatePartitionContact(mbs, balls[i], balls[i + 1], **named) for i in order}
+        assert all({*contact.group} == {*contacts.values()} for contact in contacts.values())
+        assert len({id(contact.together) for contact in contacts.values()}) == 1
+        mbs.Assemble()
+        result = ep.solve_dynamic(mbs, end_time=4e-6, step=0.2e-6)
+        forces.append([contacts[i].force(result) for i in range(4)])
+    assert np.max(forces[0]) > 1.0
+    for force in forces[1:]:
+        np.testing.assert_allclose(force, forces[0], rtol=1e-8, atol=1e-8 * np.max(forces[0]))
 
 
 def test_how_near_pairs_are_can_be_given(mbs, marble):

@@ -213,16 +213,13 @@ def test_rows_are_made_once_while_they_stay(plate_of, marble, monkeypatch):
 
 def test_contacts_that_yield_share_no_patch():
     """Nor are they solved with others that share one."""
-    elastic, yielding = (
-        SimpleNamespace(elastic=zones is None, zones=zones, law=SimpleNamespace(elastic=True), formulation=Compliance())
-        for zones in (None, object())
-    )
+    elastic, yielding = (SimpleNamespace(flows=flows, formulation=Compliance()) for flows in (False, True))
     shared = SimpleNamespace(patches=(1, 1), name="rail", neighbour="first")
     for pair in ((elastic, yielding), (yielding, elastic)):
         with pytest.raises(InputError, match="'rail': its patch 1 already has the contact 'first'"):
             Compliance().couples(*pair, shared)
     with pytest.raises(InputError, match="one of these has plastic zones"):
-        Compliance().together([elastic, elastic, yielding], SimpleNamespace(shared=True))
+        Compliance().check_group(flows=True, whole=True)
 
 
 def test_formulations_that_share_no_patch(plate_of, marble, mbs):

@@ -9,11 +9,9 @@ after the last does not count. The smallest of five repetitions counts. The tabl
 `mbs.SolveDynamic`; the time that an open contact adds to a step of balls that are apart, which rest or fly side by
 side, of which the time without contacts is taken; and the time to set up a contact, of the first model of a chain and
 the second. BLAS has one thread, as others would spin and count.
-Balls that hit planes of their own, one and 50, in 150 steps: time of `solve_dynamic` before its first step and after
-its last one, in ms and by the time of the steps.
 Limits: the longest chain, of 200 balls, needs at most 1.2 times the time of the second for each closed contact; chains
 from the second on take at most 15 us a closed contact, by `mbs.SolveDynamic` too, and 4 us an open one; forces on both
-sides of the middle are equal to 1e-6; 50 balls on planes take at most 0.7 times the steps' time outside of these.
+sides of the middle are equal to 1e-6.
 
     python -m validation.benchmarks.many_contacts [--quick]
 """
@@ -37,9 +35,8 @@ R, SPEED, STEP = 0.010, 0.1, 5e-7  # [m], of neighbours to each other [m/s], [s]
 APART = 1e-5  # between balls that are to stay apart [m]
 CHAINS, QUICK_CHAINS = (12, 50, 200), (5, 12, 24)  # balls
 BEGIN, END, END_APART, QUICK_END_APART = 40, 100, 1600, 600  # steps
-ON_PLANES, PLANE_STEPS = (1, 50), 150  # balls, and steps of the runs that are timed outside of these
 REPETITIONS = 5
-LIMITS = {"growth": 1.2, "closed_us": 15.0, "open_us": 4.0, "symmetry": 1e-6, "outside": 0.7}
+LIMITS = {"growth": 1.2, "closed_us": 15.0, "open_us": 4.0, "symmetry": 1e-6}
 
 
 def reduced_ball():
@@ -103,41 +100,6 @@ def step_us(models, run, end=END):
     return 1e6 * min(spent), result
 
 
-def on_planes(body, balls):
-    """Model of balls that begin to hit planes of their own."""
-    mbs = exu.SystemContainer().AddSystem()
-    for i in range(balls):
-        ball = ep.CreatePartitionBody(mbs, body, referencePosition=[3 * R * i, 0, R], initialVelocity=[0, 0, -SPEED])
-        ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), slavePatch="back")
-    mbs.Assemble()
-    return mbs
-
-
-def outside_of_steps(body, balls):
-    """Time of `solve_dynamic` before its first step, in its steps and after its last one [ms]: the least of some."""
-    spent = []
-    for _ in range(REPETITIONS):
-        mbs, times = on_planes(body, balls), []
-
-        def before_step(mbs, t, times=times):
-            times.append(time.process_time())
-            return True
-
-        def after_step(mbs, t, times=times):
-            times[1:] = [time.process_time()]
-            return True
-
-        mbs.SetPreStepUserFunction(before_step)
-        mbs.SetPostStepUserFunction(after_step)
-        gc.collect()
-        begin = time.process_time()
-        by_library(mbs, PLANE_STEPS)
-        first, last = times
-        spent.append((first - begin, last - first, time.process_time() - last))
-    before, steps, after = 1e3 * np.min(spent, axis=0)
-    return {"balls": balls, "before_ms": before, "steps_ms": steps, "after_ms": after}
-
-
 def measured(body, balls, frame, end_apart=END_APART):
     """Times and closed contacts of one chain; balls that are apart are watched up to the step `end_apart`."""
     made = []
@@ -181,15 +143,10 @@ def main():
         frame: [measured(body, balls, frame, end_apart) for balls in (chains if frame == "inertial" else chains[:1])]
         for frame in ("inertial", "floating")
     }
-    planes = [outside_of_steps(body, balls) for balls in ON_PLANES]
     table = Table("frame", *results["inertial"][0])
     for frame, found in results.items():
         for entry in found:
             table.add_row(frame, *(f"{value:.4g}" for value in entry.values()))
-    Console(width=180).print(table)
-    table = Table(*planes[0])
-    for entry in planes:
-        table.add_row(*(f"{value:.4g}" for value in entry.values()))
     Console(width=180).print(table)
     times, longer = [entry["us_a_closed_contact"] for entry in results["inertial"]], results["inertial"][1:]
     found = {
@@ -197,7 +154,6 @@ def main():
         "closed_us": max(entry[key] for entry in longer for key in ("us_a_closed_contact", "us_by_exudyn")),
         "open_us": max(entry[key] for entry in longer for key in ("us_a_resting_contact", "us_a_flying_contact")),
         "symmetry": max(entry["symmetry"] for each in results.values() for entry in each),
-        "outside": (planes[-1]["before_ms"] + planes[-1]["after_ms"]) / planes[-1]["steps_ms"],
     }
     missed = [f"{key} {found[key]:.3g}" for key in LIMITS if found[key] > LIMITS[key]]
     if options.quick:
@@ -206,7 +162,6 @@ def main():
         "found": found,
         "limits": LIMITS,
         "chains": results,
-        "on_planes": planes,
         "dofs": body.n_dofs,
         "quick": False,
     }

@@ -62,25 +62,28 @@ class Compliance(Formulation):
     def couples(self, contact: PatchContact, neighbour: PatchContact, shared: SharedBody) -> bool:
         """See `Formulation`; contacts may share a patch unless they yield."""
         alike = isinstance(neighbour.formulation, Compliance)
-        if not alike or _flows(contact) or _flows(neighbour):
+        if not alike or contact.flows or neighbour.flows:
             super().couples(contact, neighbour, shared)
         return alike and _coupling(shared) > _COUPLED
+
+    def check_group(self, *, flows: bool, whole: bool) -> None:
+        """See `Formulation`."""
+        if flows and whole:
+            raise InputError(
+                "slave, master: contacts that share a patch, or touch a large skin, and all that are solved together "
+                "with them, are elastic, but one of these has plastic zones. Make a small patch for each contact "
+                "(Partition.ball(...) | Partition.ball(...)), or take a material without hardening"
+            )
 
     def together(self, contacts: Sequence[PatchContact], links: Links) -> Together:
         """See `Formulation`."""
         elastic = all(contact.elastic for contact in contacts)
         if len(contacts) == 1 and not (elastic and contacts[0].gaps.may_freeze):
             return Separate(contacts)
-        flows = any(map(_flows, contacts))
-        if not links.shared and not links.on_demand:
-            return (CoupledContacts if elastic else CoupledZones if flows else CoupledFriction)(contacts, links)
-        if flows:
-            raise InputError(
-                "slave, master: contacts that share a patch, or touch a large skin, and all that are solved together "
-                "with them, are elastic, but one of these has plastic zones. Make a small patch for each contact "
-                "(Partition.ball(...) | Partition.ball(...)), or take a material without hardening"
-            )
-        return (SharedPatches if elastic else SharedFriction)(contacts, links)
+        if links.shared or links.on_demand:
+            return (SharedPatches if elastic else SharedFriction)(contacts, links)
+        flows = any(contact.flows for contact in contacts)
+        return (CoupledContacts if elastic else CoupledZones if flows else CoupledFriction)(contacts, links)
 
 
 class Lagrange(Formulation):
@@ -213,11 +216,6 @@ def formulation_of(choice: FormulationName | Formulation, stiffness: float | Non
     if choice == "penalty":
         return Penalty(stiffness)
     return {"compliance": Compliance, "lagrange": Lagrange, "hertz": Hertz}[choice]()
-
-
-def _flows(contact: PatchContact) -> bool:
-    """Whether a contact yields, so that its forces depend on more than places and friction."""
-    return contact.zones is not None or not contact.law.elastic
 
 
 def _names(bodies: Sequence[ReducedBody]) -> str:

@@ -344,8 +344,8 @@ class CoupledContacts(Coupled):
         if not frozen.has_pairs_of([contact.gaps for contact in self.contacts]):
             self.forces(coordinates)
             return False
-        starts = frozen.starts[1:-1]
-        lam, moved = np.split(frozen.lam.copy(), starts), np.split(frozen.pushed.copy(), starts)
+        bounds = [*itertools.pairwise(frozen.starts.tolist())]
+        lam, moved = ([part[a:b].copy() for a, b in bounds] for part in (frozen.lam, frozen.pushed))
         for j, (law, iterations) in enumerate(zip(self._laws, frozen.pop_iterations(), strict=True)):
             near = law.near(moved[j], moved[j].min()) if lam[j].any() else None
             self._set_answer(j, self.contacts[j].gaps.at(coordinates[j]), moved[j], near, lam[j], int(iterations))

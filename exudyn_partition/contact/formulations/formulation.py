@@ -177,6 +177,17 @@ class Formulation:
             )
         return False
 
+    def check_group(self, *, flows: bool, whole: bool) -> None:
+        """Raise InputError if contacts that belong together cannot be solved together; here all can.
+
+        Parameters
+        ----------
+        flows : bool
+            Whether one of them yields.
+        whole : bool
+            Whether their flexibilities are needed in full: some share a patch, or touch a skin, see `Links`.
+        """
+
     def together(self, contacts: Sequence[PatchContact], links: Links) -> Together:
         """Return the object that finds the forces of contacts; here each contact is solved alone."""
         return Separate(contacts)

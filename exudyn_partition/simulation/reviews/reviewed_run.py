@@ -6,7 +6,6 @@ import functools
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from ...exudyn_contacts.run_record import Solver
 from ...reduction.body import ReducedBody
 from ...results.impacts import Ringing, closed_spans
 from ...support.arrays import Array
+from ...support.attributes import FoundOnce
 from ...support.checks import read_only
 from ...support.foreign import MainSystem
 from ...support.once import once
@@ -57,28 +57,28 @@ class BodyHistory:
     def __init__(self, item: PartitionBody, result: Result) -> None:
         self.item, self._result = item, result
 
-    @cached_property
+    @FoundOnce
     def q(self) -> Array:
         """Coordinates, (n, n_dofs)."""
         return self.item.coordinates(self._result)
 
-    @cached_property
+    @FoundOnce
     def q_t(self) -> Array:
         """Velocities of the coordinates, (n, n_dofs)."""
         return self.item.coordinates_t(self._result)
 
-    @cached_property
+    @FoundOnce
     def finite(self) -> Array:
         """Samples with finite coordinates, (n,) bool."""
         return np.asarray(np.isfinite(self.q).all(axis=1))
 
-    @cached_property
+    @FoundOnce
     def deformed(self) -> Array:
         """Coordinates of the deformation, (n, n_dofs); zero where coordinates are not finite."""
         q = self.q if self.finite.all() else np.where(self.finite[:, None], self.q, 0.0)
         return self.item.kinematics.deformed(q)
 
-    @cached_property
+    @FoundOnce
     def deformed_share(self) -> Array:
         """Largest elastic displacement on the patches over the body's size, (n,), or a bound on it, if it is small."""
         body, motion = self.item.body, abs(self.deformed)
@@ -88,12 +88,12 @@ class BodyHistory:
             return bound
         return self.item.deformation(np.where(self.finite[:, None], self.q, 0.0)) / size_of(body)
 
-    @cached_property
+    @FoundOnce
     def rigid_motion(self) -> Array:
         """Translation [m] and rotation [rad] of the whole body, (n, 6)."""
         return self.item.rigid_motion(self.q)
 
-    @cached_property
+    @FoundOnce
     def way(self) -> float:
         """Bound on how far any node of the surface is from its place at the start, at any time of the run [m]."""
         body, (motions, reach) = self.item.body, _reach_of(self.item.body)
@@ -107,12 +107,12 @@ class BodyHistory:
         ways = lengths(motion[:, :3]) + lengths(motion[:, 3:]) * arm
         return float((ways + largest(self.deformed - self.deformed[0])).max())
 
-    @cached_property
+    @FoundOnce
     def kinetic_energy(self) -> Array:
         """Of each sample, (n,) [J]."""
         return np.asarray(self.item.kinematics.kinetic_energy(self.q, self.q_t))
 
-    @cached_property
+    @FoundOnce
     def strain_energy(self) -> Array:
         """Of each sample, (n,) [J]."""
         return self.item.body.strain_energy(self.item.kinematics.elastic(self.q))
@@ -136,27 +136,27 @@ class ContactHistory:
     def __init__(self, contact: PartitionContact, result: Result) -> None:
         self.contact, self._result = contact, result
 
-    @cached_property
+    @FoundOnce
     def kept(self) -> ContactRecord | KeptRun:
         """Data that the contact kept of the run."""
         return self._result.kept(self.contact)
 
-    @cached_property
+    @FoundOnce
     def force(self) -> Array:
         """Sum of the normal forces, (n,) [N]."""
         return self.contact.force(self._result)
 
-    @cached_property
+    @FoundOnce
     def force_on_slave(self) -> Array:
         """Resultant force on the slave, (n, 3) [N]."""
         return self.contact.force_on_slave(self._result)
 
-    @cached_property
+    @FoundOnce
     def closed_rows(self) -> Array:
         """Number of closed rows, (n,)."""
         return self.contact.closed_rows(self._result)
 
-    @cached_property
+    @FoundOnce
     def pressed(self) -> Array:
         """Depth of the deepest row by the coordinates alone, (n,) [m], negative where all gaps are open.
 
@@ -164,17 +164,17 @@ class ContactHistory:
         """
         return -self._result.sensor_of(self.contact, self.contact["sForce"])[:, 5]
 
-    @cached_property
+    @FoundOnce
     def spans(self) -> list[tuple[int, int]]:
         """First and last sample with a force, of each time of uninterrupted contact."""
         return closed_spans(self.force)
 
-    @cached_property
+    @FoundOnce
     def rows(self) -> RowSamples:
         """Forces of the rows."""
         return RowSamples(self.kept, self._result.t)
 
-    @cached_property
+    @FoundOnce
     def ringing(self) -> Ringing | None:
         """Ringing of the force; None if there is none."""
         return self.contact.ringing(self._result)
@@ -212,19 +212,19 @@ class ReviewedRun:
     equal_steps: bool = False
     solver: Solver | None = None
 
-    @cached_property
+    @FoundOnce
     def bodies(self) -> list[BodyHistory]:
         """All bodies of the model."""
         return [BodyHistory(item, self.result) for item in self.result.bodies]
 
-    @cached_property
+    @FoundOnce
     def contacts(self) -> list[ContactHistory]:
         """All contacts of the model whose sides were near each other."""
         result = self.result
         near = (contact for contact in result.contacts if not result.runs or result.kept(contact).near)
         return [ContactHistory(contact, result) for contact in near]
 
-    @cached_property
+    @FoundOnce
     def _histories(self) -> dict[PartitionBody, BodyHistory]:
         return {body.item: body for body in self.bodies}
 
@@ -232,7 +232,7 @@ class ReviewedRun:
         """History of a body of the model."""
         return self._histories[item]
 
-    @cached_property
+    @FoundOnce
     def closings(self) -> list[Finding]:
         """What closing the joints that were open at the start has changed visibly."""
         return [] if self.open_joints is None else [Finding(text) for text in self.open_joints.shows(self.result)]
