@@ -136,7 +136,7 @@ def test_a_stiff_body_moves_like_a_rigid_one(plank, stiffer, f_cut, options):
     place = item.displacement(result, corner) + PLACE + TURNED @ corner
     np.testing.assert_allclose(place, centre + A @ arm, atol=1e-5 * 0.2)
     velocity = np.einsum("tab,tb->ta", A, np.cross(omega, arm)) + np.array([1, 2, 3])
-    # Where elastic forces are a million times larger, Newton's goal is met by one iteration, which leaves more than 1e-5.
+    # Where elastic forces are a million times larger, one iteration meets Newton's goal, and leaves more than 1e-5.
     assert relative(item.velocity(result, corner), velocity) < 2e-5
     np.testing.assert_allclose(result.sensor(origin), centre - A @ body.centre_of_mass, atol=1e-5 * 0.2)
 
