@@ -84,7 +84,8 @@ class SmoothFace:
         edges = self.seam - point
         edges = edges - (edges @ outward)[..., None] * outward
         start, way = edges[:, 0], edges[:, 1] - edges[:, 0]
-        share = np.einsum("md,md->m", -start, way) / np.einsum("md,md->m", way, way)
+        square = np.einsum("md,md->m", way, way)  # zero of a part along the normal, as of a box's other faces
+        share = np.einsum("md,md->m", -start, way) / np.maximum(square, _NONE**2 * self._part**2)
         away = -start - np.clip(share, 0.0, 1.0)[:, None] * way
         square = np.einsum("md,md->m", away, away)
         nearest = square <= square.min() * _AS_NEAR
@@ -112,29 +113,31 @@ class SmoothFace:
     def holds(self, points: Array, point: Array, normal: Array) -> bool:
         """Whether a point of the surface, with an outward unit normal, lies on this face, and not on those beside it.
 
-        `points`, (np, 3) [m], are the nodes of the patch. Beyond the patch, nothing else is there: the face has it.
+        `points`, (np, 3) [m], are the nodes of the patch. Where no facet is, as beyond the patch, the face has the
+        point, unless that is beyond the seam.
         """
-        if len(self.seam):
-            distance = self.beyond(point, normal)[0]
-            if abs(distance) < _BESIDE * self._part:
-                return distance <= 0.0
+        distance = self.beyond(point, normal)[0] if len(self.seam) else -math.inf
+        if abs(distance) < _BESIDE * self._part:
+            return distance <= 0.0
         over, height = self._over(points, point, normal)
-        return not len(over) or bool(over[height.argmin()] < len(self.facets))
+        return bool(over[height.argmin()] < len(self.facets)) if len(over) else distance <= 0.0
 
     def covers(self, points: Array, point: Array, normal: Array) -> bool:
         """Whether facets of this face, or of those beside it, lie at a point of the surface; see `holds`."""
-        over, height = self._over(points, point, normal)
-        if not len(over):
-            return False
-        corners = points[self.around[over[height.argmin()], :3]]
-        return bool(height.min() <= np.linalg.norm(corners - corners.mean(axis=0), axis=1).max())
+        return len(self._over(points, point, normal)[0]) > 0
 
     def _over(self, points: Array, point: Array, normal: Array) -> tuple[Array, Array]:
-        """Which facets of `around` a line along the normal through a point meets, and how far from it [m]."""
-        a, b, c = (points[self.around[:, k]] - point for k in range(3))
-        sides = [cross(start, end) @ normal for start, end in ((a, b), (b, c), (c, a))]
+        """Facets of `around` at a point of the surface, and how far they are along the normal, at most their size [m].
+
+        Others, which the line along the normal meets further away, are elsewhere on the body.
+        """
+        corners = points[self.around[:, :3]] - point
+        a, b, c = (corners[:, k] for k in range(3))
+        sides = [cross(one, other) @ normal for one, other in ((a, b), (b, c), (c, a))]
         over = np.flatnonzero((np.array(sides) >= 0.0).all(axis=0))
-        return over, abs((a[over] + b[over] + c[over]) @ normal) / 3
+        middles = corners[over].mean(axis=1)
+        height, size = abs(middles @ normal), np.linalg.norm(corners[over] - middles[:, None], axis=2).max(axis=1)
+        return over[height <= size], height[height <= size]
 
     @cached_property
     def _part(self) -> float:

@@ -307,23 +307,41 @@ class SpotGaps(Gaps):
             meeting = self._meeting(poses, carried, found)
             if best is not None and self._behind(meeting):
                 continue
-            for side, number in enumerate(numbers):
-                face = self._near[side][number]
-                if len(face.seam):
-                    meeting = self._within(side, face, meeting, found.shapes, whole)
+            meeting = self._between_ends(numbers, meeting, found.shapes, whole)
             nearer = best is None or meeting.gap < best[0].gap or self._behind(best[0])
             if nearer and self._covers(numbers, meeting):
                 best = meeting, numbers
         assert best is not None
         return best
 
-    def _behind(self, meeting: Meeting, rows: SpotRows | None = None) -> bool:
-        """Whether the bodies are apart with the faces on their far sides, as the lower face of a plate below a ball.
+    def _between_ends(
+        self, numbers: tuple[int, ...], meeting: Meeting, shapes: Sequence[TrueSurface], poses: Sequence[Pose]
+    ) -> Meeting:
+        """The meeting of faces by their numbers, at their ends; the gap is above zero if both are beyond these."""
+        faces = [near[number] for near, number in zip(self._near, numbers, strict=True)]
+        for side, face in enumerate(faces):
+            if len(face.seam):
+                meeting = self._within(side, face, meeting, shapes, poses)
+        # The end of the second face may have moved the point on the first one, whose surface has no end.
+        point, outward = meeting.points[0], meeting.outward[0]
+        if meeting.gap > 0.0 or len(faces) == 1 or faces[0].from_seam(point) <= self._width:
+            return meeting
+        if faces[0].holds(self._makers[0].points, point, outward):
+            return meeting
+        return meeting._replace(gap=max(-meeting.gap, self.size))
 
-        Surfaces without ends overlap there by the walls of both bodies and what is between these. Where their rows
-        are given, the walls are those behind the spots.
+    def _behind(self, meeting: Meeting, rows: SpotRows | None = None) -> bool:
+        """Whether surfaces overlap that do not touch there, as the lower face of a plate and a ball above it.
+
+        No contact is as deep as a facet is long. Faces on the far sides of two bodies overlap by the walls of both and
+        what is between these. Others overlap beside their ends. Where their rows are given, walls and ends are those at
+        the spots.
         """
-        return -meeting.gap > self.size and -meeting.gap > _APART * self._walls(meeting, rows)
+        depth = -meeting.gap
+        if depth <= self.size:
+            return False
+        beside = rows is not None and not all(spot.whole for spot in rows.spots)
+        return beside or depth > _APART * self._walls(meeting, rows)
 
     def _walls(self, meeting: Meeting, rows: SpotRows | None) -> float:
         """Thickness of both bodies behind the point of contact [m]."""

@@ -6,6 +6,7 @@ import exudyn as exu
 import netgen.occ as occ
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition.errors import PenetrationError
@@ -90,3 +91,25 @@ def test_no_face_is_nearer_than_the_bodies_are(block):
     distances = sorted(of_face.least_distance(np.zeros(of_face.n)) for of_face in gaps)
     assert distances[0] > R - gaps[0].size
     assert distances[-1] > R + THICK - gaps[0].size
+
+
+def test_blocks_touch_where_a_rounded_corner_is():
+    """Of all pairs of faces one is near: surfaces go on beyond seams, where both bodies are elsewhere."""
+    round_off, size = 6e-3, np.array([9e-3, 8e-3, 7e-3])
+    box = occ.Box(occ.Pnt(*-size), occ.Pnt(*size))
+    ends = [place * size for place in ([0, 1, 1], [1, 0, 1], [1, 1, 0])]  # middles of the edges of one corner
+    edges = [edge for edge in box.edges if any(np.allclose([*edge.center], end, atol=1e-9) for end in ends)]
+    body = skin(box.MakeFillet(edges, round_off), maxh=1.9e-3)
+    turn = Rotation.align_vectors([[0, 0, -1]], [[1, 1, 1]])[0].as_matrix()
+    middle = turn @ (size - round_off)
+    mbs = exu.SystemContainer().AddSystem()
+    lower = ep.CreatePartitionBody(mbs, body, frame="floating", referencePosition=[1e-3, 2e-3, -size[2]])
+    place = [-middle[0], -middle[1], round_off - middle[2] + CLEARANCE]
+    upper = ep.CreatePartitionBody(mbs, body, frame="floating", referencePosition=place, referenceRotationMatrix=turn)
+    contacts = ep.CreatePartitionContact(mbs, [upper, lower], formulation="hertz")
+    gaps = sorted(contact.mechanics.gaps.clearance for contact in contacts)
+    assert gaps[0] == pytest.approx(CLEARANCE, rel=1e-3)
+    assert gaps[1] > 1e-4
+    touching = min(contacts, key=lambda contact: contact.mechanics.gaps.clearance)
+    shapes = [type(face.surface.shape).__name__ for face in touching.mechanics.gaps.faces]
+    assert sorted(shapes) == ["RigidPlane", "RigidSphere"]
