@@ -450,7 +450,7 @@ def back_on_surfaces(some: SurfaceRows | None, rows: RowsBack, s: int, room: Roo
 
 @inner
 def push_nodes(some: SurfaceRows, there: int, slips: Array, ways: Array, of_nodes: Array) -> None:
-    """Set what nodes have of the derivatives by gaps, (d,), and of the curvature along ways of points, (p, 3)."""
+    """Set what nodes have of the derivatives by gaps, (d,), and of the curvature along ways of points, (3, p)."""
     rows, starts, columns, means, along = some.rows, some.starts, some.columns, some.means, np.zeros(ways.shape[1])
     for i in range(len(rows)):
         slip = slips[rows[i]]

@@ -186,7 +186,7 @@ class PlainSurface:
         return blocks.numbers[blocks.fields[self.contact] :][: n_fields * nr].reshape(n_fields, nr).T
 
     def regularise(self, blocks: FlatBlocks, state: MovingState, gap: Array, bulge: float, share: float) -> None:
-        """See `regularise_surface`."""
+        """See `moving_kernels.regularise_rows`."""
         rows = self.rows(blocks)
         near, diagonal = gap < -bulge * gap.min(), state.diagonal[rows]
         state.near[rows] = near

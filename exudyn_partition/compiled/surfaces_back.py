@@ -67,8 +67,8 @@ class SurfaceBack:
         Its number in the plan, and that of its body among those in floating frames; -1 for others.
     dofs : (n,) int array
     shapes : (v, 3, n) array
-        Places of its nodes by the coordinates; in a floating frame see `frames_back`, without deformation. Nodes of a
-        plane are its points.
+        Places of its nodes by the coordinates; in a floating frame see `frames_back`, without deformation. On a
+        plane, nodes and points are both the means of the rows.
     arms, growth : (v, 3), (v, 3, 6) arrays
         Of its nodes in a floating frame, else zero.
     mean : (nr, p) csr matrix

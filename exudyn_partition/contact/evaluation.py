@@ -144,10 +144,6 @@ class Evaluation(RowForces):
         """Return the same answer with what plastic zones do."""
         return self._with(plastic=plastic)
 
-    def with_stored(self, stored: float) -> Evaluation:
-        """Return the same answer with another energy that its rows store [J]."""
-        return self._with(forces=self.forces._replace(stored=stored))
-
     def _with(self, **changes: Any) -> Evaluation:
         result = object.__new__(Evaluation)
         vars(result).update(vars(self), **changes)

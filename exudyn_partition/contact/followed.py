@@ -36,7 +36,7 @@ BULGE = 0.25  # of the deepest row's depth: smaller gaps may close, because the 
 NEAR = 1.0  # of a facet's size: rows with larger gaps are not followed, as closest points jump there
 SEARCHED = 0.25  # of a facet's size: motion after which all points are searched again
 MET = 0.1  # of a facet's size: sides that may meet anywhere have no rows, and no past, while they are further apart
-WIDER = 4.0  # as many times the gaps of rows that close are those of rows that enter, where no flexibility tells more
+WIDER = 4.0  # largest gap of rows that enter, over that of rows that close, where no flexibility tells more
 _AHEAD = 0.006  # of a facet's size: rows are followed up to this margin above the gaps that matter now
 
 

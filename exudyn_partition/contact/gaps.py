@@ -146,7 +146,7 @@ class Gaps:
         Products of angular velocities by which each of the k sides grows in the next evaluation [rad2/s2], see `grow`:
         an input, as the pose of the carrier. Empty if none does.
     within : float
-        Gap up to which rows are present besides, because forces may push them shut [m]: a guess, see `follow_pushed`.
+        Gap up to which rows are present at least, because forces may push them shut [m]: a guess, see `follow_pushed`.
     accepted : GapState
         State at the end of the last accepted step. Each try of a step begins from it.
     """
@@ -271,7 +271,7 @@ class Gaps:
         Returns
         -------
         bool
-            Whether rows were not present that may close.
+            Whether some rows that may close were not present.
         """
         return False
 

@@ -37,7 +37,7 @@ from .stages import NOTHING, Anchor, Frozen, PresentRows, Shared, Stage
 _HELD = 0.02  # of a facet's size: sliding up to which pairs stay frozen
 _STILL = 0.1  # of _HELD: pairs that slide less than that in PATIENCE steps are frozen again
 PATIENCE = 200  # steps
-ROOM = 1.25  # as many times the gap up to which forces push rows shut is that up to which rows are followed
+ROOM = 1.25  # gap up to which rows are followed, over that up to which forces may push them shut
 
 
 class PatchGaps(Gaps):

@@ -40,7 +40,7 @@ from .true_surface import TrueSurface, nearest_places
 
 _TILTED = 0.1  # of a kernel's radius: motion of the point of contact after which the kernel is made anew
 _TOUCHES = 0.05  # of a facet's size: gap at the start up to which one of several points must have its kernel there
-_APART = 0.75  # of the walls of both bodies: depth from which on these are apart, with the faces on their far sides
+_APART = 0.75  # of the walls of both bodies: faces that overlap by more are on far sides, and the bodies are apart
 _STUCK = 0.25  # means of the logarithm of distances, under the kernel's pressure less under the traction of what sticks
 _ALONG = 1e-3  # difference of a direction from the normal of contact, with a flexibility along this direction alone
 

@@ -44,7 +44,7 @@ class Pair(Protocol):
     witnesses : list of (3,) int arrays
         Nodes that give the pose of each side.
     within : float
-        Gap up to which rows are present besides, because forces may push them shut [m].
+        Gap up to which rows are present at least, because forces may push them shut [m].
     """
 
     sides: tuple[Side, ...]

@@ -69,7 +69,10 @@ class BodyResults(Item[ItemIndex]):
         return [size for size in (first, self.body.n_dofs - first) if size]
 
     def is_in(self, mbs: MainSystem, number: int | None = None) -> bool:
-        """Whether the model still holds this body's object, with the same nodes and size; if not, by another number."""
+        """Whether the model has this body's object, with the same nodes and size.
+
+        It is looked for by the number that it had, or by another one, `number`.
+        """
         try:
             nodes = mbs.GetObjectParameter(self["oGenericODE2"] if number is None else number, "nodeNumbers")
             if [*map(int, nodes)] != [*map(int, self.nodes)]:

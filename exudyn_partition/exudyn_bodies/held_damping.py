@@ -25,7 +25,7 @@ from ..support.arrays import Array
 from ..support.foreign import MainSystem, ObjectIndex, SensorIndex
 from ..support.optional import require
 from .joints import is_massless, mass_and_rows
-from .model import DAMPING, coordinate_slices, registered, registry
+from .model import DAMPING, dofs_of, registered, registry
 from .unchanged import MadeBody, check_unchanged, made
 from .user_functions import RIGID
 
@@ -195,9 +195,7 @@ class _Joints:
         finally:
             q[:] = present
         bodies = registered(mbs).bodies
-        places = {
-            number: np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)]) for number, item in bodies.items()
-        }
+        places = {number: dofs_of(mbs, item) for number, item in bodies.items()}
         inverse = _inverse(mass, np.unique(np.concatenate([rows.nonzero()[1], *places.values()])))
         of_bodies, others = {}, np.ones(rows.shape[1])
         for number, item in bodies.items():

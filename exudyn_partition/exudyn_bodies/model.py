@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from itertools import chain, islice
 from typing import Any, Protocol
 
+import numpy as np
 import scipy.sparse as sp
 
 from ..contact.formulations.formulation import Method
@@ -260,6 +261,11 @@ def coordinate_slices(mbs: MainSystem, item: BodyItem) -> list[slice]:
     """Places of a body's coordinates in the system vector; they may change when a model is assembled again."""
     starts = [mbs.GetNodeODE2Index(node) for node in item.nodes]
     return [slice(a, a + size) for a, size in zip(starts, item.node_sizes, strict=True)]
+
+
+def dofs_of(mbs: MainSystem, item: BodyItem) -> Array:
+    """Numbers of a body's coordinates in the system vector, (n_dofs,)."""
+    return np.concatenate([np.r_[place] for place in coordinate_slices(mbs, item)])
 
 
 def user_function(entry: ItemEntry | None) -> UserFunction | None:

@@ -263,3 +263,11 @@ def check_model(mbs: MainSystem) -> None:
     bodies = [*registered(mbs).bodies.values()]
     check_attachments(mbs, bodies)
     check_unchanged(mbs, bodies)
+
+
+def largest_way(item: PartitionBody, start: Array, end: Array) -> float:
+    """Largest way of a body's outermost nodes from one place to another, by its coordinates, (n,) each [m]."""
+    points = item.body.points
+    nodes = np.unique(np.concatenate([points.argmin(axis=0), points.argmax(axis=0)]))
+    before, after = item.kinematics.at(nodes).place(np.array([start, end]))
+    return float(np.linalg.norm(after - before, axis=1).max())

@@ -13,7 +13,7 @@ import numpy as np
 from ..support.arrays import Array
 from ..support.foreign import Exudyn, MainSystem, ObjectIndex
 from ..support.optional import require
-from .model import coordinate_slices, registered
+from .model import dofs_of, registered
 from .partition_body import PartitionBody
 
 _STEP, _LEAST = 1e-6, 1e-2  # of differences: a share of a coordinate, which counts as this much at least
@@ -89,7 +89,7 @@ def places(mbs: MainSystem) -> Array:
             value[first + size // 2 : first + size] = np.maximum(value[first + size // 2 : first + size], 1.0)
     for item in registered(mbs).bodies.values():
         way = np.linalg.norm(item.kinematics.position) + np.ptp(item.body.points, axis=0).max()
-        at = np.concatenate([np.r_[place] for place in coordinate_slices(mbs, item)])
+        at = dofs_of(mbs, item)
         value[at] += way * _of_translation(item)
     return np.asarray(value)
 

@@ -8,15 +8,15 @@ from functools import cached_property
 from typing import Any
 
 from ..algebra.sparse.skin_flexibility import Flexibility, SkinFlexibility
-from ..contact.formulations.formulation import Together
+from ..contact.formulations.formulation import Formulation, Together
 from ..exudyn_bodies.partition_body import PartitionBody
 
 
 class ContactGroup:
     """Contacts whose forces are found together.
 
-    It grows while contacts are created. That costs what its smaller part costs, so that chains of contacts may be long;
-    who finds the forces is known when somebody asks.
+    It grows while contacts are created. Where two groups become one, the work is in proportion to the smaller one, so
+    that chains of contacts may be long. Who finds the forces is known when somebody asks.
 
     Parameters
     ----------
@@ -30,6 +30,7 @@ class ContactGroup:
 
     def __init__(self, contact: Any) -> None:
         self.members = [contact]
+        self._formulation: Formulation = contact.formulation
         self._sides: set[tuple[PartitionBody, int]] = {*contact.sides}
         self._flows, self._whole = bool(contact.mechanics.flows), _on_demand(contact)
 
@@ -37,7 +38,7 @@ class ContactGroup:
     def together(self) -> Together:
         """Finds the forces of all members; each run has its own."""
         members = [*self.members]
-        value: Together = members[0].formulation.together([member.mechanics for member in members], Links(members))
+        value: Together = self._formulation.together([member.mechanics for member in members], Links(members))
         return value
 
     def join(self, others: Sequence[ContactGroup]) -> None:
@@ -51,9 +52,9 @@ class ContactGroup:
         groups = [self, *others]
         shared = any(not one._sides.isdisjoint(two._sides) for one, two in itertools.combinations(groups, 2))
         flows, whole = any(group._flows for group in groups), shared or any(group._whole for group in groups)
-        self.members[0].formulation.check_group(flows=flows, whole=whole)
+        self._formulation.check_group(flows=flows, whole=whole)
         largest, *smaller = sorted(groups, key=lambda group: len(group.members), reverse=True)
-        largest._flows, largest._whole = flows, whole
+        largest._flows, largest._whole, largest._formulation = flows, whole, self._formulation
         for group in smaller:
             largest.members += group.members
             largest._sides |= group._sides

@@ -13,7 +13,7 @@ from ..contact.gaps import Gaps
 from ..contact.stages import NOTHING
 from ..exudyn_bodies.item_work import acts_on_constant_mass
 from ..exudyn_bodies.joints import Joints
-from ..exudyn_bodies.model import coordinate_slices
+from ..exudyn_bodies.model import dofs_of
 from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array, as_slice
 from ..support.foreign import MainSystem
@@ -109,7 +109,7 @@ def _floating(mbs: MainSystem, contacts: Sequence[ModelContact]) -> Iterator[tup
         kinematics = item.kinematics
         if isinstance(kinematics, FloatingKinematics):
             acts_on_constant_mass(mbs, item, kinematics.acting)
-            yield as_slice(np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])), kinematics
+            yield as_slice(dofs_of(mbs, item)), kinematics
 
 
 def _growing(

@@ -20,7 +20,7 @@ class FlatNodesType(StructType):
 
 
 class FlatNodes(structref.StructRefProxy):
-    """Nodes of a body that are followed, k of the np nodes of a patch, see `loops.FlatMotion`."""
+    """Nodes of a body that are followed, k of the np nodes of a patch, see `loops.flat_nodes`."""
 
     active: Array
     start: Array

@@ -39,7 +39,7 @@ from ..contact.stages import NOTHING, Anchor
 from ..contact.tangential import TangentialRows
 from ..errors import CompiledRunError
 from ..exudyn_bodies.item_work import acts_on_constant_mass
-from ..exudyn_bodies.model import coordinate_slices, registered, user_function
+from ..exudyn_bodies.model import dofs_of, registered, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..frames.damping import ModeDamping
@@ -460,11 +460,11 @@ def follow_frozen(mbs: MainSystem, groups: Groups, pairs: Sequence[Following], e
 
 def give_anchors(rigid: Sequence[Following], pairs: Sequence[Following], state: Start) -> None:
     """Let contacts go on from a state of compiled steps."""
-    for s, pair in enumerate(rigid):
+    for s, contact in enumerate(rigid):
         assert state.anchors is not None
         if state.anchors.anchored[s]:
-            growing = growing_of(pair.gaps, state.anchors.growing[s])
-            pair.gaps.go_on_at(Anchor(state.anchors.q[s, pair.dofs], NOTHING, growing))
+            growing = growing_of(contact.gaps, state.anchors.growing[s])
+            contact.gaps.go_on_at(Anchor(state.anchors.q[s, contact.dofs], NOTHING, growing))
     for pair, of_pair in zip(pairs, state.pairs or (), strict=True):
         if pair.gaps.may_freeze:
             pair.gaps.begin(of_pair)
@@ -478,8 +478,3 @@ def initial_start(mbs: MainSystem) -> Start:
     """The model's initial values, as the start of a run."""
     data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
     return Start(np.array(data.GetODE2Coordinates(initial)), np.array(data.GetODE2Coordinates_t(initial)))
-
-
-def dofs_of(mbs: MainSystem, item: PartitionBody) -> Array:
-    """Numbers of a body's coordinates in the model, (n_dofs,)."""
-    return np.concatenate([np.r_[place] for place in coordinate_slices(mbs, item)])

@@ -18,7 +18,7 @@ import scipy.sparse.linalg
 from ..algebra.sparse.assembly import Part, assembled
 from ..exudyn_bodies.held_damping import independent, root_of_inverse
 from ..exudyn_bodies.joints import mass_and_rows
-from ..exudyn_bodies.model import coordinate_slices
+from ..exudyn_bodies.model import dofs_of
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_bodies.tangents import Tangent, tangents
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
@@ -75,7 +75,7 @@ class HeldByItems:
     def hold(self, bodies: Sequence[PartitionBody]) -> bool:
         """Whether an item acts on one of these bodies."""
         columns = np.concatenate([item.columns for item in self.items])
-        return any(np.isin(_columns(self.mbs, body), columns).any() for body in bodies)
+        return any(np.isin(dofs_of(self.mbs, body), columns).any() for body in bodies)
 
     def largest_square(self, groups: Sequence[Group], step: float) -> float:
         """Largest squared frequency [rad2/s2] of bodies with their contacts and all items, in steps h of some length.
@@ -84,7 +84,7 @@ class HeldByItems:
         """
         parts: list[Part] = [(item.columns, _in_steps(item, step)) for item in self.items]
         for bodies, contacts in groups:
-            parts += [(_columns(self.mbs, body), body.kinematics.proportional_matrix(0.0, 1.0)) for body in bodies]
+            parts += [(dofs_of(self.mbs, body), body.kinematics.proportional_matrix(0.0, 1.0)) for body in bodies]
             for contact in contacts:
                 if (stiffness := contact.mechanics.closed_stiffness(step)) is not None:
                     parts.append((np.concatenate([np.r_[place] for place in contact.slices(self.mbs)]), stiffness))
@@ -140,7 +140,7 @@ def held_by_items(mbs: MainSystem) -> HeldByItems | None:
     if not items:
         return None
     mass, rows = mass_and_rows(mbs)
-    bodies = [_columns(mbs, body) for body in partition_items(mbs)[0]]
+    bodies = [dofs_of(mbs, body) for body in partition_items(mbs)[0]]
     needed = np.concatenate([rows.nonzero()[1], *bodies, *(item.columns for item in items)])
     root = root_of_inverse(mass, np.unique(needed))
     root = root[:, np.flatnonzero(np.diff(root.tocsc().indptr))]
@@ -152,7 +152,3 @@ def held_by_items(mbs: MainSystem) -> HeldByItems | None:
 def _in_steps(item: Tangent, step: float) -> Array:
     """Stiffness of an item in explicit steps of some length [s], (k, k)."""
     return item.stiffness + 2 / step * item.damping
-
-
-def _columns(mbs: MainSystem, body: PartitionBody) -> Array:
-    return np.concatenate([np.r_[place] for place in coordinate_slices(mbs, body)])

@@ -15,8 +15,8 @@ import scipy.sparse.linalg
 from ..algebra.sparse.assembly import assembled
 from ..errors import InputError, RunError
 from ..exudyn_bodies.joints import is_timed, mass_and_rows
-from ..exudyn_bodies.model import coordinate_slices, validate_model
-from ..exudyn_bodies.partition_body import PartitionBody, check_model
+from ..exudyn_bodies.model import dofs_of, validate_model
+from ..exudyn_bodies.partition_body import PartitionBody, check_model, largest_way
 from ..exudyn_bodies.user_functions import RIGID
 from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array
@@ -88,7 +88,7 @@ class OpenJoints:
             return
         self._mass, self._rows = mass_and_rows(mbs)
         self._stiffness = _placed_stiffness(mbs, bodies, self._mass.shape[0])
-        self._places = [np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)]) for item in bodies]
+        self._places = [dofs_of(mbs, item) for item in bodies]
 
     def energy(self, joint: OpenJoint, step: float, method: str) -> float:
         """Energy of the first step, which closes the joint [J]: masses move by its gap within this step.
@@ -139,17 +139,15 @@ class OpenJoints:
         if not self._bodies:
             return
         slow = (_SLOW * 2 * np.pi * max(item.body.f_cut for item in self._bodies)) ** 2
-        starts = [item.coordinates(result)[0] for item in self._bodies]
-        largest = max(
-            _moved(item, start, item.coordinates(result)[-1]) for item, start in zip(self._bodies, starts, strict=True)
-        )
+        motions = [item.coordinates(result) for item in self._bodies]
+        largest = max(largest_way(item, q[0], q[-1]) for item, q in zip(self._bodies, motions, strict=True))
         for joint in self.joints:
             gaps = np.zeros(len(self._gaps))
             gaps[joint.rows] = self._gaps[joint.rows]
             way = self._way(gaps, slow * self._mass + self._stiffness)  # bodies move rather than they bend
             closing = max(
-                _moved(item, start, item.kinematics.moved(start, way[place]))
-                for item, start, place in zip(self._bodies, starts, self._places, strict=True)
+                largest_way(item, q[0], item.kinematics.moved(q[0], way[place]))
+                for item, q, place in zip(self._bodies, motions, self._places, strict=True)
             )
             if closing > _SHARE * largest:
                 yield (
@@ -162,14 +160,6 @@ class OpenJoints:
         """Text on open joints that may have stopped a run."""
         named = "; ".join(f"{joint.label} is open by {joint.gap:.3g} (m or rad) at the start" for joint in self.joints)
         return f". {named}: {REMEDY}" if self.joints else ""
-
-
-def _moved(item: PartitionBody, start: Array, end: Array) -> float:
-    """Largest way of a body's outermost nodes from one place to another, by its coordinates, (n,) each [m]."""
-    points = item.body.points
-    nodes = np.unique(np.concatenate([points.argmin(axis=0), points.argmax(axis=0)]))
-    before, after = item.kinematics.at(nodes).place(np.array([start, end]))
-    return float(np.linalg.norm(after - before, axis=1).max())
 
 
 REMEDY = (
@@ -196,7 +186,7 @@ def _placed_stiffness(mbs: MainSystem, bodies: Sequence[PartitionBody], n: int) 
         K = item.body.stiffness
         if isinstance(item.kinematics, FloatingKinematics):
             K = sp.block_diag([sp.csr_matrix((RIGID, RIGID)), item.kinematics.elastic_stiffness], format="csr")
-        parts.append((np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)]), K))
+        parts.append((dofs_of(mbs, item), K))
     return assembled(parts, n)
 
 
@@ -327,7 +317,7 @@ def _largest_velocity(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> float
     q, q_t = mbs.systemData.GetODE2Coordinates(initial), mbs.systemData.GetODE2Coordinates_t(initial)
     others, speeds = np.ones(len(q_t), dtype=bool), [0.0]
     for item in bodies:
-        dofs = np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])
+        dofs = dofs_of(mbs, item)
         others[dofs] = False
         speeds.append(float(np.sqrt(2 * item.kinematics.kinetic_energy(q[dofs], q_t[dofs]) / item.body.total_mass)))
     return float(max(*speeds, abs(q_t[others]).max(initial=0.0)))

@@ -413,7 +413,7 @@ def _mooring(item: PartitionBody, times: float = 1.0) -> Array:
 
 
 def _pendulum(item: PartitionBody) -> float:
-    """Stiffness of these springs by the mass [1/s2]."""
+    """Stiffness of the springs that hold a resting body, over its mass [1/s2]; see `_mooring`."""
     kinematics = item.kinematics
     weight = float(np.linalg.norm(kinematics.momentum(item.weight / kinematics.mass)))
     return _STIFF * weight / (item.body.total_mass * _size(item))

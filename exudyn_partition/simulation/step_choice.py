@@ -8,7 +8,7 @@ import numpy as np
 
 from ..contact.formulations.formulation import Integrator
 from ..errors import InputError, StepSizeError
-from ..exudyn_bodies.model import coordinate_slices
+from ..exudyn_bodies.model import dofs_of
 from ..exudyn_contacts.partition_contact import partition_items
 from ..prediction.default_step import SAFETY, STEPS_A_PERIOD
 from ..support.checks import validate_positive
@@ -56,7 +56,7 @@ def _impact_steps(limits: StabilityLimits) -> Iterator[float]:
     for item in bodies:
         weight = np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"))
         if weight.any():
-            dofs = np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])
+            dofs = dofs_of(mbs, item)
             q_tt[dofs] = weight / item.kinematics.mass
 
     for contact in contacts:

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..algebra.complementarity import Complementarity, regularised
 from ..algebra.products import dense
-from ..exudyn_bodies.model import coordinate_slices
-from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_bodies.model import dofs_of
+from ..exudyn_bodies.partition_body import PartitionBody, largest_way
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..support.arrays import Array
 from ..support.foreign import MainSystem
@@ -39,26 +39,23 @@ class _Standing:
         A motion along its gravity, and turns about two axes across that; each with a kinetic energy of one half.
     pushed : (3,) array
         Its weight along these motions.
-    outermost : (k,) int array
-        Nodes that move most.
     """
 
     item: PartitionBody
     places: Array
     motions: Array
     pushed: Array
-    outermost: Array
 
     @classmethod
     def of(cls, mbs: MainSystem, item: PartitionBody, way: Array) -> _Standing:
         """A body whose coordinates change by `way`, (n,), along its gravity."""
-        kinematics, points = item.kinematics, item.body.points
-        rigid = np.column_stack([kinematics.rigid_part(one) for one in np.eye(len(way))])
+        kinematics = item.kinematics
+        rigid = np.column_stack([kinematics.rigid_part(unit) for unit in np.eye(len(way))])
         rigid = np.linalg.qr(rigid)[0][:, :6] if len(way) > 6 else rigid
         rest = np.zeros(len(way))
         moments = [
-            np.concatenate([kinematics.momentum(one), kinematics.angular_momentum(rest, one, np.zeros(3))])
-            for one in rigid.T
+            np.concatenate([kinematics.momentum(motion), kinematics.angular_momentum(rest, motion, np.zeros(3))])
+            for motion in rigid.T
         ]
         down = kinematics.momentum(way)
         across = np.linalg.svd(down[None, :])[2][1:]  # two directions across gravity
@@ -67,10 +64,9 @@ class _Standing:
         motions /= np.sqrt(np.einsum("nk,n,nk->k", motions, kinematics.mass, motions))
         return cls(
             item=item,
-            places=np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)]),
+            places=dofs_of(mbs, item),
             motions=motions,
             pushed=motions.T @ item.weight,
-            outermost=np.unique(np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])),
         )
 
     def moved(self, q: Array, amounts: Array) -> Array:
@@ -78,9 +74,8 @@ class _Standing:
         return self.item.kinematics.moved(q[self.places], self.motions @ amounts)
 
     def way(self, q: Array, amounts: Array) -> float:
-        """How far its nodes move by these [m]."""
-        ends = self.item.kinematics.at(self.outermost).place(np.array([q[self.places], self.moved(q, amounts)]))
-        return float(np.linalg.norm(ends[1] - ends[0], axis=1).max())
+        """How far its outermost nodes move by these amounts [m]."""
+        return largest_way(self.item, q[self.places], self.moved(q, amounts))
 
 
 def tipped(
@@ -91,7 +86,7 @@ def tipped(
     springs: dict[PartitionBody, float],
     touching: float,
 ) -> Array | None:
-    """Coordinates, (nq,), at which bodies stand, all closed rows by `touching`; None if one would fall over.
+    """Coordinates, (nq,), at which bodies stand, with closed rows as deep as `touching`; None if one would fall over.
 
     Parameters
     ----------
@@ -110,10 +105,10 @@ def tipped(
     near = [contact for contact in contacts if any(item in ways for item, _ in contact.sides)]
     if not standing or not near:
         return None
-    stiffness = np.repeat([springs[one.item] for one in standing], 3)
-    free = np.concatenate([one.pushed for one in standing]) / stiffness
+    stiffness = np.repeat([springs[body.item] for body in standing], 3)
+    free = np.concatenate([body.pushed for body in standing]) / stiffness
     step = _STEP * min(contact.slave_facet_size for contact in near)
-    limits = [_FURTHEST * float(np.ptp(one.item.body.points, axis=0).max()) for one in standing]
+    limits = [_FURTHEST * float(np.ptp(body.item.body.points, axis=0).max()) for body in standing]
     at, amounts, change = q.copy(), np.zeros(len(free)), np.inf
     for _ in range(_MOST_TIPS):
         gap, H = _rows(mbs, at, near, standing)
@@ -123,13 +118,13 @@ def tipped(
             lam = Complementarity(F).solve(gap + touching + H @ (free - amounts))  # so that the rows are closed
             wanted += (H.T @ lam) / stiffness
         parts = np.split(wanted - amounts, len(standing))
-        change = max(one.way(at, part) for one, part in zip(standing, parts, strict=True))
+        change = max(body.way(at, part) for body, part in zip(standing, parts, strict=True))
         amounts = amounts + min(1.0, step / max(change, step)) * (wanted - amounts)
-        for one, part in zip(standing, np.split(amounts, len(standing)), strict=True):
-            at[one.places] = one.moved(q, part)
+        for body, part in zip(standing, np.split(amounts, len(standing)), strict=True):
+            at[body.places] = body.moved(q, part)
         if any(
-            one.way(q, part) > limit
-            for one, part, limit in zip(standing, np.split(amounts, len(standing)), limits, strict=True)
+            body.way(q, part) > limit
+            for body, part, limit in zip(standing, np.split(amounts, len(standing)), limits, strict=True)
         ):
             return None
         if change <= touching:
@@ -141,13 +136,13 @@ def _rows(
     mbs: MainSystem, q: Array, contacts: Sequence[PartitionContact], standing: Sequence[_Standing]
 ) -> tuple[Array, Array]:
     """Gaps of all rows that may touch, (nr,) [m], and their changes by the motions of the bodies, (nr, 3 nb)."""
-    number, gaps, changes = {one.item: i for i, one in enumerate(standing)}, [], []
+    number, gaps, changes = {body.item: i for i, body in enumerate(standing)}, [], []
     for contact in contacts:
-        found = contact.mechanics.for_run("static").gaps
-        gap = found.widen(np.concatenate([q[place] for place in contact.slices(mbs)]))
+        rows = contact.mechanics.for_run("static").gaps
+        gap = rows.widen(np.concatenate([q[place] for place in contact.slices(mbs)]))
         if not len(gap):
             continue
-        H = dense(found.jacobian(np.arange(len(gap))))
+        H = dense(rows.jacobian(np.arange(len(gap))))
         change, column = np.zeros((len(gap), 3 * len(standing))), 0
         for item, _ in contact.sides:
             n = item.body.n_dofs

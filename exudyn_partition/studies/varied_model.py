@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from ..contact.gaps import Gaps
 from ..errors import StepSizeError
 from ..exudyn_bodies.held_damping import hold_damping
+from ..exudyn_bodies.model import dofs_of
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..prediction.default_step import SAFETY
 from ..simulation.compiled_plan import (
     at_start,
-    dofs_of,
     in_groups,
     initial_start,
     moving_contacts,

@@ -21,7 +21,7 @@ def as_read_only(array: Array) -> Array:
 
 
 def plain(array: Array) -> Array:
-    """Return an array, or a copy where it cannot be written to or does not lie by rows.
+    """Return an array that can be written to and lies by rows: the same, or a copy.
 
     Loops are compiled anew for arrays of each kind; short arrays are copied in no time.
     """

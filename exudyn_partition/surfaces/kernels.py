@@ -288,7 +288,7 @@ def at_points(nodes: Array, weights: Array, values: Array) -> Array:
 def clipped(
     r: float, s: float, dr: float, ds: float, rr: float, rs: float, ss: float, domain: Array
 ) -> tuple[float, float]:
-    """The point of a domain that is closest to (r + dr, s + ds) in a metric, see `surface._clip`."""
+    """The point of a domain that is closest to (r + dr, s + ds) in a metric, see `projection.clip`."""
     r, s = r + dr, s + ds
     if r >= 0.0 and s >= 0.0 and (r + s if len(domain) == 3 else max(r, s)) <= 1.0:
         return r, s

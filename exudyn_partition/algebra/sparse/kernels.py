@@ -134,8 +134,9 @@ def multiply(
 ) -> None:
     """Set a result, (i, p), to the product of a block, whose i x j numbers lie by rows, and what is given, (j, p).
 
-    If it is `turned`, the block has j x i numbers. `numpy.dot` does the same by the same calls of BLAS, but is compiled
-    for long. The last three arguments are as `push` makes them: what BLAS takes addresses of.
+    If it is `turned`, the block has j x i numbers. All arrays must lie by rows, for BLAS gets their addresses alone.
+    `numpy.dot` does the same by the same calls of BLAS, but takes long to compile. The last three arguments come from
+    `room_of`.
     """
     i, j, p = len(result), len(given), result.shape[1]
     if i == 0 or j == 0:
@@ -163,7 +164,7 @@ def multiply(
 
 @inlined
 def room_of(store: Array) -> tuple[Array, Array, Array]:
-    """What `multiply` gives BLAS: letters, sizes and factors of sums, of the kind of the stored numbers."""
+    """Letters, sizes and factors of sums for `multiply`, the latter of the kind of the stored numbers."""
     letters, scale = np.empty(2, np.uint8), np.empty(2, store.dtype)
     letters[0], letters[1] = ord("N"), ord("T")
     scale[0], scale[1] = 1.0, 0.0
@@ -177,7 +178,7 @@ def push(x: Array, store: Array, begins: Array, starts: Array, ends: Array, chan
     Parameters
     ----------
     x : (n, p) array
-        Its rows are in order of elimination.
+        Its rows are in order of elimination; it must lie by rows, see `multiply`.
     store : array
         `inverse` and `below` of each front, with their columns one behind the other.
     begins : (nf + 1,) int array

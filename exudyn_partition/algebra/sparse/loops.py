@@ -70,7 +70,10 @@ def share_cores() -> bool:
 
 
 def push(x: Array, factors: Factors, some: Array) -> None:
-    """Eliminate right-hand sides, (n,) or (n, p) in order of elimination, in place, by some fronts, ascending."""
+    """Eliminate right-hand sides, (n,) or (n, p) in order of elimination, in place, by some fronts, ascending.
+
+    They must lie by rows, also in `pull`.
+    """
     if compiled := kernels("algebra.sparse"):
         compiled.push(_columns(x), *factors[1:6], some)
         return
@@ -92,6 +95,7 @@ def pull(x: Array, factors: Factors, some: Array) -> None:
 
 
 def _columns(x: Array) -> Array:
+    """The same right-hand sides as columns, (n, p); not a copy."""
     return x[:, None] if x.ndim == 1 else x
 
 

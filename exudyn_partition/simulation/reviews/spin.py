@@ -17,7 +17,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from ...exudyn_bodies.joints import mass_and_rows
-from ...exudyn_bodies.model import coordinate_slices
+from ...exudyn_bodies.model import dofs_of
 from ...exudyn_bodies.partition_body import PartitionBody
 from ...frames.floating import FloatingKinematics
 from ...reduction.buckling import mean_over
@@ -112,7 +112,7 @@ def _rows(mbs: MainSystem, item: PartitionBody) -> Array:
     """Rows of all joints on a body's coordinates, (k, n), at the end of the run; what is beyond them counts as held."""
     if not mbs.systemData.AEsize():
         return np.zeros((0, item.body.n_dofs))
-    rows = sp.csc_matrix(mass_and_rows(mbs)[1])[:, np.concatenate([np.r_[s] for s in coordinate_slices(mbs, item)])]
+    rows = sp.csc_matrix(mass_and_rows(mbs)[1])[:, dofs_of(mbs, item)]
     on_body: Array = rows.toarray()
     return on_body[on_body.any(axis=1)]
 
