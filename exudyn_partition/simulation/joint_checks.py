@@ -35,6 +35,7 @@ _ROUND_OFF = 1e-13  # the same at rest, relative to the speed of one body size i
 _USUAL = 1e4  # m/s, the value of this speed if there are no bodies
 _CLOSED = 1e-12  # gap of a joint closed to round-off: share of the smallest body's size, or rad
 _SHARE = 1e-2  # energy that closing a joint may add, as a share of the bodies' largest energy
+_ROUND_OFF = 1e-9  # of the size of bodies: motion that is none
 _SLOW = 1e-3  # share of f_cut: motions as slow as that are rigid, and cost little where a joint closes at rest
 _FIRST, _SPIKE = 50, 2.0  # steps in which a joint comes to rest; largest ratio of its force then to all later ones
 _REGULAR = 1e-8, 1e-12  # share of a gap that stays open, and least mass: with these, redundant rows have one solution
@@ -141,6 +142,7 @@ class OpenJoints:
         slow = (_SLOW * 2 * np.pi * max(item.body.f_cut for item in self._bodies)) ** 2
         motions = [item.coordinates(result) for item in self._bodies]
         largest = max(largest_way(item, q[0], q[-1]) for item, q in zip(self._bodies, motions, strict=True))
+        least = _ROUND_OFF * max(float(np.ptp(item.body.points, axis=0).max()) for item in self._bodies)
         for joint in self.joints:
             gaps = np.zeros(len(self._gaps))
             gaps[joint.rows] = self._gaps[joint.rows]
@@ -149,7 +151,7 @@ class OpenJoints:
                 largest_way(item, q[0], item.kinematics.moved(q[0], way[place]))
                 for item, q, place in zip(self._bodies, motions, self._places, strict=True)
             )
-            if closing > _SHARE * largest:
+            if closing > max(_SHARE * largest, least):
                 yield (
                     f"{joint.label} is open by {joint.gap:.3g} (m or rad) at the start: closing it within the first "
                     f"load step moves bodies by some {closing:.2g} m, where all load steps move them by {largest:.2g} "

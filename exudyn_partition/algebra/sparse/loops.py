@@ -95,7 +95,9 @@ def pull(x: Array, factors: Factors, some: Array) -> None:
 
 
 def _columns(x: Array) -> Array:
-    """The same right-hand sides as columns, (n, p); not a copy."""
+    """The same right-hand sides as columns, (n, p); not a copy. BLAS gets their address alone, so they lie by rows."""
+    if not x.flags.c_contiguous:
+        raise ValueError("x: expected right-hand sides that lie by rows")
     return x[:, None] if x.ndim == 1 else x
 
 
