@@ -409,10 +409,13 @@ class MadeRun:
         """
         derivatives, known = np.zeros((len(parts), slips.shape[1])), dict[bytes, Array]()
         for p, (directions, F) in enumerate(parts):
-            here = np.flatnonzero(np.isin(w.directions, directions))
+            if not len(directions):
+                continue
+            places = np.minimum(np.searchsorted(directions, w.directions), len(directions) - 1)
+            here = np.flatnonzero(directions[places] == w.directions)
             if not len(here):
                 continue
-            places = np.searchsorted(directions, w.directions[here])
+            places = places[here]
             F_here = F[np.ix_(places, places)]
             self.surfaces.copy_flexibility(flexibility, F_here, w.directions, here)
             if (key := here.tobytes()) not in known:
@@ -476,7 +479,10 @@ class MadeRun:
 def columns(matrix: sp.csr_matrix, lines: slice, some: Array) -> Array:
     """Some columns of some lines of a sparse matrix, as an array."""
     begin, end = matrix.indptr[lines.start], matrix.indptr[lines.stop]
-    places, dense = np.full(matrix.shape[1], -1), np.zeros((lines.stop - lines.start, len(some)), matrix.dtype)
+    dense = np.zeros((lines.stop - lines.start, len(some)), matrix.dtype)
+    if begin == end or not len(some):
+        return dense
+    places = np.full(matrix.shape[1], -1)
     places[some] = np.arange(len(some))
     numbers = np.repeat(np.arange(len(dense)), np.diff(matrix.indptr[lines.start : lines.stop + 1]))
     at = places[matrix.indices[begin:end]]

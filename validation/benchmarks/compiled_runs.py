@@ -20,6 +20,7 @@ friction 0.25, 0.25 and 0.6, each gradient 0.5 of its steps; differences are at 
     python -m validation.benchmarks.compiled_runs
 """
 
+import gc
 import os
 import subprocess
 import sys
@@ -45,7 +46,7 @@ from exudyn_partition.simulation.compiled_plan import at_start, moving_contacts,
 from exudyn_partition.studies.run_numbers import number_of_contact
 from validation.contact import scenes
 
-R, SPEED, END, STEP, MANY, REPETITIONS = 0.010, 0.5, 100e-6, 2e-7, 64, 5
+R, SPEED, END, STEP, MANY, REPETITIONS = 0.010, 0.5, 100e-6, 2e-7, 64, 8
 SPIN = (300.0, -200.0, 100.0)  # [rad/s]
 LIMITS = {"steps": 0.25, "many": 0.25, "compiled": 0.9, "difference": 1e-9}
 LIMITS |= {"rough_steps": 0.25, "rough_many": 0.25, "rough_compiled": 0.6, "rough_difference": 1e-9}
@@ -97,14 +98,19 @@ def on_a_sphere(body):
 
 
 def least_ms(works):
-    """Least processor time of functions by turns [ms], by their names, after one call that does not count."""
+    """Least processor time of functions by turns [ms], by their names.
+
+    Each call is timed after one that does not count, so that nobody pays for what others left in the machine's caches.
+    """
     spent = {name: [] for name in works}
-    for _ in range(1 + REPETITIONS):
+    for _ in range(REPETITIONS):
         for name, work in works.items():
+            gc.collect()
+            work()
             begin = time.process_time()
             work()
             spent[name].append(time.process_time() - begin)
-    return {name: 1e3 * min(some[1:]) for name, some in spent.items()}
+    return {name: 1e3 * min(some) for name, some in spent.items()}
 
 
 def arrays_of(mbs):
