@@ -22,7 +22,7 @@ from .step_choice import chosen_step
 from .step_control import StepControl
 
 _ABOVE = 8  # of the residual that rounding leaves: where implicit steps end, which keep their Jacobian
-_RELATIVE = 1e-9  # share of the first residual at which implicit steps end
+_RELATIVE = 1e-9  # share of the first residual at which implicit steps with joints end
 _CONTRACTIVITY = 0.02  # contractivity of Newton's iterations above which the Jacobian is computed again
 _EARLY = 2e-10  # s; Exudyn's solvers stop ahead of their end time by less than this, for all steps
 _SHORTER = 100  # an adaptive run may lose a last step that is shorter by more than this factor
@@ -263,7 +263,8 @@ def _default_settings(mbs: MainSystem, method: Integrator, duration: float) -> S
     if method == "implicit":
         # With a new Jacobian, one iteration reaches Exudyn's 1e-8. Reactions are distances in joints over the square of
         # a step, and need smaller ones: they alternate with an error that grows.
-        integration.newton.relativeTolerance = _RELATIVE
+        if len(mbs.systemData.GetAECoordinates()):
+            integration.newton.relativeTolerance = _RELATIVE
         integration.newton.absoluteTolerance = _ABOVE * residual(mbs, duration)
         # Exudyn finds this small part of the Jacobian of a spring on an interface by differences of all coordinates.
         integration.newton.numericalDifferentiation.jacobianConnectorDerivative = False
