@@ -320,6 +320,11 @@ class Gaps:
         return self.stage.moving
 
     @property
+    def beside(self) -> bool:
+        """Whether the sides are nearest beside their faces now, so that the gap is no distance."""
+        return False
+
+    @property
     def has_past(self) -> bool:
         """Whether the rows depend on earlier evaluations while the sides are apart: then these may not be left out."""
         return False

@@ -505,6 +505,11 @@ class SpotGaps(Gaps):
         return self._spot_stage.share
 
     @property
+    def beside(self) -> bool:
+        """See `Gaps.beside`."""
+        return self.share == 0.0
+
+    @property
     def _spot_stage(self) -> SpotStage | FrozenSpot:
         stage = self.stage
         assert isinstance(stage, SpotStage | FrozenSpot)

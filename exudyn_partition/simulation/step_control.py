@@ -126,7 +126,7 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
     time, speed = _first_touch(*mechanics.closing(q, q_t, q_tt))
     # Rows that follow the motion are few: forces need only these. A deep impact closes all rows that can touch next.
     gap = mechanics.gaps.widen(q)
-    if not math.isfinite(time) or speed <= 0 or not len(gap):
+    if not math.isfinite(time) or speed <= 0 or not len(gap) or mechanics.gaps.beside:
         return math.inf
     H = dense(mechanics.gaps.jacobian(np.arange(len(gap))))
     rate = H @ (q_t + time * q_tt)

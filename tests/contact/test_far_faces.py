@@ -91,6 +91,9 @@ def test_no_face_is_nearer_than_the_bodies_are(block):
     distances = sorted(of_face.least_distance(np.zeros(of_face.n)) for of_face in gaps)
     assert distances[0] > R - gaps[0].size
     assert distances[-1] > R + THICK - gaps[0].size
+    # Nor does the default step look for impacts of faces beside which the ball is.
+    near = [of_face for of_face in gaps if not of_face.beside]
+    assert [of_face.clearance for of_face in near] == [pytest.approx(R)]
 
 
 def test_blocks_touch_where_a_rounded_corner_is():
