@@ -84,7 +84,8 @@ _MEANS = (
 )
 _FINER_STEPS = 4, 16  # parts of load steps in which a run that has ended too early begins again: friction has a path
 _UNSETTLED, _SINGULAR = "terminated due to errors", "Jacobian seems to be singular"  # what Exudyn says then
-_PARTS = 16  # of a load step: shortest one of a press fit, and of bodies that are held by springs without forces
+_PARTS = 16  # of a load step: shortest one of a press fit before bodies are held by springs without forces
+_PARTS_HELD = 256  # the same of bodies that are held so: what comes to lie on its first row needs short ones
 _PRESSED = (
     "In a press fit, hold one body wholly; contact without friction does not hold the other one along and around the "
     "axis, where facets push it aside"
@@ -653,8 +654,8 @@ def _helps(
 
 @contextlib.contextmanager
 def _held(mbs: MainSystem, plan: _Plan) -> Iterator[None]:
-    """Hold bodies by springs without forces. What slides even so does not settle in shorter load steps."""
-    with _limit_division(plan.settings, plan.step / _PARTS), hold_by_springs(mbs, plan.settings):
+    """Hold bodies by springs without forces. What slides even so does not settle in much shorter load steps."""
+    with _limit_division(plan.settings, plan.step / _PARTS_HELD), hold_by_springs(mbs, plan.settings):
         yield
 
 

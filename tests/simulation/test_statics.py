@@ -555,3 +555,26 @@ def test_forces_that_settle_in_no_load_step_are_named_as_the_cause(mbs, bodies, 
     text = str(said[0].message)
     assert "the forces did not settle. Shorter load steps did not help" in text
     assert "hold it by joints" not in text
+
+
+@pytest.mark.filterwarnings("ignore:.* rows is closed at the peak:exudyn_partition.errors.ModelLimitWarning")
+@pytest.mark.parametrize("load", [15.0, 150.0])
+def test_a_ball_comes_to_lie_on_its_first_row(mbs, load):
+    """Rows are means, so that the first one closes 1.5 um after the ball touches. Until then nothing holds it."""
+    R = 10e-3
+    refine = [ep.Refine((0, 0, 0), 0.9e-3, 0.5e-3)]
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, R), R), ep.ALUMINIUM, maxh=8e-3, refine=refine)
+    back = np.flatnonzero(fem.points[:, 2] > 1.7 * R)
+    part = ep.Partition.ball(fem, (0, 0, 0), 1e-3)
+    part |= ep.Partition.interface(fem, "back", back, kind="averaged", position=(0, 0, 2 * R))
+    item = ep.CreatePartitionBody(mbs, ep.reduce(fem, part, f_cut=60e3), name="ball")
+    marker = item.CreateInterfaceMarker(mbs, "back")
+    ground = mbs.CreateGround(referencePosition=[0, 0, 2 * R])
+    guide = [mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=ground)), marker]
+    mbs.AddObject(items.GenericJoint(markerNumbers=guide, constrainedAxes=[1, 1, 0, 1, 1, 1]))
+    mbs.AddLoad(items.LoadForceVector(markerNumber=marker, loadVector=[0, 0, -load]))
+    contact = ep.CreatePartitionContact(mbs, item, ep.RigidPlane())
+    mbs.Assemble()
+    result = ep.solve_static(mbs, load_steps=4)
+    assert result.status == "finished"
+    assert contact.force(result)[-1] == pytest.approx(load, rel=1e-4)
