@@ -132,10 +132,10 @@ class SpotMaker:
             whole = wide.coverage > _COVERED
             narrow = self._static(kernel) - NORMAL / (modulus * radius) + missed
             lacking += (narrow - self._static(wide) + NORMAL / (2 * modulus * radius) - self._missed(2 * radius, h)) / 3
-        nu = self.material.nu
+        nu, wall = self.material.nu, min(thickness, self._extent(centre, normal))
         across = (2 - nu) / (2 * (1 - nu)) * (missed - NORMAL / (modulus * radius))
         lacks, curved = np.array([lacking, across]), self._curved(normal)
-        return Spot(kernel, radius, h, lacks, curved, (2 if thin else 1) * radius, whole, self.wall(centre, normal))
+        return Spot(kernel, radius, h, lacks, curved, (2 if thin else 1) * radius, whole, wall)
 
     def check(self, spot: Spot) -> None:
         """Raise InputError if a spot at the start cannot be computed."""
@@ -192,7 +192,11 @@ class SpotMaker:
 
         Beside an edge, where no wall is behind the point, it is the extent of the body.
         """
-        return min(self._thickness(centre, normal), float(((centre - self._skin) @ normal).max()))
+        return min(self._thickness(centre, normal), self._extent(centre, normal))
+
+    def _extent(self, centre: Array, normal: Array) -> float:
+        """Extent of the body behind a point of the surface, along the normal [m]."""
+        return float(((centre - self._skin) @ normal).max())
 
     def _thickness(self, centre: Array, normal: Array) -> float:
         """Thickness of the wall behind a point of the surface [m]; infinite if nothing of the surface is behind it."""

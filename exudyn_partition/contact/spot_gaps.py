@@ -477,7 +477,7 @@ class SpotGaps(Gaps):
         return tuple(tilts)
 
     def _left(self, rows: SpotRows, meeting: Meeting) -> float:
-        """Share of the contact that is left at the end of patches; nothing of one behind both bodies."""
+        """Share of the contact that is left at the end of patches; none where surfaces do not touch, see `_behind`."""
         if self._behind(meeting, rows):
             return 0.0
         parts = zip(self._makers, rows.spots, meeting.points, meeting.outward, strict=True)
