@@ -407,7 +407,7 @@ def add_flexibility(
 ) -> None:
     """Add the flexibility of a side to that of the rows, and its fields.
 
-    `sign` is that of what closes the gap where the flexibility is along the line of contact, see `Gaps.side_rows`.
+    `sign` is that of what closes the gap where the flexibility is along the line of contact: `NormalRows.side_rows`.
     """
     if len(side.F) == 0:
         return

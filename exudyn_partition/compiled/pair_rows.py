@@ -17,6 +17,7 @@ from ..algebra.block_complementarity import FlatBlocks
 from ..contact.followed import BULGE, NEAR, WIDER, Apart, Followed
 from ..contact.gaps import GapState, Present
 from ..contact.loops import flat_pair
+from ..contact.normal_rows import NormalRows
 from ..contact.patch_gaps import PATIENCE, ROOM, PatchGaps
 from ..contact.side import Side
 from ..contact.stages import NOTHING, Anchor, Frozen, Stage
@@ -170,7 +171,7 @@ class PairRows:
         self.own[:], self.fields[:] = 0.0, 0.0
         np.fill_diagonal(self.own, 1.0)
         if isinstance(stage, Frozen):
-            self._set_flexibility(self.gaps.problem().F)
+            self._set_flexibility(NormalRows(self.gaps).problem().F)
         if self._loops is not None:
             self.compiled = self._for_loops(stage)
 
@@ -188,10 +189,10 @@ class PairRows:
 
     def _set_flexibility(self, F: Array) -> None:
         """Set the flexibility of the present rows, (nr, nr) [m/N], and their fields."""
-        state, slots, gaps = self._state, self._slots, self.gaps
+        state, slots, rows = self._state, self._slots, NormalRows(self.gaps)
         self.own[np.ix_(slots, slots)] = F
         state.diagonal[self._rows] = self.own.diagonal()
-        moved = [gaps.side_rows(side) @ fields for side, fields in enumerate(self._following.fields) if fields.size]
+        moved = [rows.side_rows(side) @ fields for side, fields in enumerate(self._following.fields) if fields.size]
         if moved:
             of_rows = np.sum(moved, axis=0)
             self.fields[: of_rows.shape[1], slots] = of_rows.T
@@ -334,7 +335,7 @@ class PairRows:
         if state.found[self.s]:
             return False
         every = np.arange(len(self._slots))
-        F, anchor = gaps.flexibility(every), gaps.anchored(same)
+        F, anchor = NormalRows(gaps).flexibility(every), gaps.anchored(same)
         gaps.found_at(anchor, lambda: self._set_flexibility(F))
         return True
 

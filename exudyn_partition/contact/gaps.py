@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from ..algebra.complementarity import Complementarity, regularised
 from ..algebra.products import dense, joined, largest_change
 from ..algebra.sparse.skin_flexibility import Flexibility
 from ..errors import InputError
@@ -28,11 +27,11 @@ from ..support.arrays import Array, consecutive
 from ..support.attributes import FoundOnce
 from ..surfaces.loops import at_points, on_nodes
 from ..surfaces.points import ContactPoints
-from ..surfaces.rows import directed_matrix, point_matrix
+from ..surfaces.rows import directed_matrix
 from . import loops
 from .linear_gaps import LinearGaps
 from .side import LoadedNodes, Side
-from .stages import NOTHING, OF_SIDE, Anchor, Frozen, PresentRows, Shares, Stage, Standing, T
+from .stages import NOTHING, Anchor, Frozen, PresentRows, Shares, Stage, T
 
 if TYPE_CHECKING:
     from typing import Self
@@ -677,73 +676,10 @@ class Gaps:
         arms = at_points(*self.shares[0], self.places_now()[0]) - (point - self.centre)
         return total_moment(arms, forces)
 
-    def flexibility(self, index: Array) -> Array:
-        """Residual flexibility between some present rows, (na, na) [m/N].
-
-        It changes slowly with the places of the points on their facets. So it is kept while the points move little. For
-        the same rows, the same array is returned.
-        """
-        return self._row_flexibility(index).between(index)
-
-    def regularised_flexibility(self, index: Array) -> Array:
-        """`flexibility`, regularised as in `problem`; for the same rows, it is the same array too."""
-        return self._row_flexibility(index).regularised_between(index)
-
-    def pushing(self, index: Array) -> Array:
-        """Motion of all present rows by unit forces on some, (nr, na) [m/N]; not if `on_demand`."""
-        return self._row_flexibility(index).pushing(index)
-
-    def shuts(self, gap: Array, index: Array, forces: Array, depth: float) -> bool:
-        """Whether forces on some rows push others deeper than to a gap `depth` [m]; not if `on_demand`.
-
-        Parameters
-        ----------
-        gap : (nr,) array
-            Of the present rows without these forces [m].
-        index, forces : (k,) arrays
-            Rows, ascending, and the forces on them [N].
-        """
-        return self._row_flexibility(index).shuts(gap, index, forces, depth)
-
-    def _row_flexibility(self, index: Array) -> RowFlexibility:
-        """Flexibility that knows these rows: of all present rows, or of these alone if it is found on demand."""
-        if self.on_demand:
-            return self.at_anchor("flexibility", self.anchored(SAME), lambda: self._of_some_rows(index), index)
-        return self.at_anchor("flexibility", self.anchored(SAME), self._of_all_rows)
-
     @property
     def on_demand(self) -> bool:
         """Whether a side's flexibility is found on demand: then only rows that may close ask for it."""
         return any([side.on_demand for side in self.sides])  # a list is quicker than a generator
-
-    def _of_some_rows(self, index: Array) -> RowFlexibility:
-        F = np.zeros((len(index),) * 2)
-        for place, (side, share) in enumerate(zip(self.sides, self.yielding_shares, strict=True)):
-            if side.flexibility is not None:
-                F += share * self._part_of_rows(place, index)
-        if self.between is not None:
-            pushed, pushing = (self.side_rows(place)[index] for place in (0, 1))
-            across = through(pushed, self.between, pushing)
-            F += self.yielding_shares[0] * (across + across.T)
-        return RowFlexibility(F, index)
-
-    def _part_of_rows(self, place: int, index: Array) -> Array:
-        """Contribution of one side to the flexibility of some rows, (na, na) [m/N]; only their nodes are asked for."""
-        points, numbers = self.points.of_rows(index)
-        nodes, weights = (values[numbers] for values in self.shares[place])
-        loaded = LoadedNodes.of(self.sides[place], nodes)
-        return loaded.flexibility(self.coordinates[place], points, (nodes, weights), self.normals[numbers])
-
-    def work_of(self, forces: Array) -> float:
-        """Work of forces on all present rows, (nr,) [N], on their own answer, lam' F lam [m N]."""
-        if not self.on_demand:
-            return float(forces @ self.flexibility(np.arange(len(forces))) @ forces)
-        on_sides = [np.asarray(self.side_rows(place).T @ forces).ravel() for place in range(len(self.sides))]
-        parts = zip(on_sides, self.sides, self.yielding_shares, strict=True)
-        work = sum(share * (f @ (side.flexibility @ f)) for f, side, share in parts if side.flexibility is not None)
-        if self.between is not None:
-            work += 2 * self.yielding_shares[0] * (on_sides[0] @ (self.between @ on_sides[1]))
-        return float(work)
 
     def at_anchor(self, what: Hashable, anchor: Anchor, make: Callable[[], T], index: Array = NOTHING) -> T:
         """Return `found_at`, which is kept.
@@ -812,59 +748,9 @@ class Gaps:
         """Stage of some rows with their pairs and normals at an anchor."""
         raise NotImplementedError
 
-    def _of_all_rows(self) -> RowFlexibility:
-        return RowFlexibility(self.stage.by_pairs("flexibility", self._all_flexibility))
-
-    def problem(self) -> Complementarity:
-        """Return the regularised problem of the forces on all present rows. Rows on few points may be redundant.
-
-        Contacts with the same pairs share its matrix, and so do runs in which the same rows stay frozen.
-
-        Raises
-        ------
-        IndefiniteMatrixError
-            If the flexibility of the rows is not positive definite.
-        """
-        return self.stage.by_pairs("problem", self._problem).fresh()
-
-    def _problem(self) -> Complementarity:
-        return Complementarity(regularised(self.flexibility(np.arange(len(self.row_nodes)))))
-
-    def standing(self) -> Standing:
-        """Which rows are present, and where their flexibility was found."""
-        return Standing(self.stage.rows, self.anchored(SAME))
-
     def stance(self) -> Array:
         """Values on which the flexibility of the rows depends: places divided by a facet's size, or directions."""
         raise NotImplementedError
-
-    def _all_flexibility(self) -> Array:
-        n_rows = len(self.row_nodes)
-        F = np.zeros((n_rows, n_rows))
-        for place, side in enumerate(self.sides):
-            if side.flexibility is not None:
-                F += self._side_flexibility(place) if self.yielding is None else self._yielding_part(place)
-        if self.between is not None:
-            across = self.across()
-            F += across + across.T if self.yielding is None else self.yielding[0] * (across + across.T)
-        return F
-
-    def _side_flexibility(self, place: int) -> Array:
-        q, loaded = self.split(self.present.q)[place], self.loaded_nodes(place)
-        return loaded.flexibility(q, self.points, self.shares[place], self.normals)
-
-    def _yielding_part(self, place: int) -> Array:
-        assert self.yielding is not None
-        return np.asarray(self.yielding[place] * self.side_flexibility(place))
-
-    def side_flexibility(self, place: int) -> Array:
-        """Contribution of one side to the flexibility of the present rows, (nr, nr) [m/N], whatever yields of it."""
-        return self.at_anchor((OF_SIDE, place), self.anchored(SAME), lambda: self._side_flexibility(place))
-
-    def across(self) -> Array:
-        """Motion of the slave's rows by forces on the master's, (nr, nr) [m/N], of a body that touches itself."""
-        assert self.between is not None
-        return through(self.side_rows(0), self.between, self.side_rows(1))
 
     def loaded_nodes(self, place: int) -> LoadedNodes:
         """One side's nodes that carry the present rows, and perhaps nodes that carried earlier rows."""
@@ -873,67 +759,3 @@ class Gaps:
         if loaded is None or not loaded.carry(nodes):
             loaded = self._loaded[place] = LoadedNodes.of(side, nodes)
         return loaded
-
-    def side_rows(self, side: int) -> Rows:
-        """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
-        nodes, weights = self.shares[side]
-        loaded_side, n = self.sides[side], len(self.sides[side].surface.points)
-        if loaded_side.normal_only:
-            rows = point_matrix(nodes, weights if side else -weights, n)  # contact pushes towards the inside
-        else:
-            along = loaded_side.kinematics.in_frame(self.split(self.present.q)[side], self.normals)
-            rows = directed_matrix(nodes, weights, along, n)
-        return self.points.mean @ rows
-
-
-def through(rows: Rows, flexibility: Flexibility, columns: Rows) -> Array:
-    """Motion of rows, (m, r), by forces on others, (j, c), through a flexibility between their nodes: (m, j) [m/N]."""
-    if isinstance(flexibility, np.ndarray):
-        return np.asarray(rows @ (columns @ flexibility.T).T)
-    rows, columns = sp.csr_matrix(rows), sp.csr_matrix(columns)
-    used, pushing = np.unique(rows.indices), np.unique(columns.indices)
-    return np.asarray(rows[:, used] @ (columns[:, pushing] @ flexibility[np.ix_(used, pushing)].T).T)
-
-
-class RowFlexibility:
-    """Residual flexibility between rows, and between some of them.
-
-    Parameters
-    ----------
-    F : (nr, nr) array
-        [m/N]
-    index : (nr,) int array, optional
-        Numbers of these rows, if they are only some of the present rows: then only they may be asked for.
-
-    Attributes
-    ----------
-    regularised : (na, na) array or None
-        Last return value of `regularised_between`.
-    """
-
-    def __init__(self, F: Array, index: Array | None = None) -> None:
-        self._F, self._index = F, NOTHING if index is None else index
-        self._some: Array = F[:0, :0] if index is None else F
-        self.regularised: Array | None = None
-
-    def between(self, index: Array) -> Array:
-        """Flexibility between some rows, (na, na); the same array for the same rows."""
-        if index is not self._index and not np.array_equal(index, self._index):
-            self._index, self.regularised = index, None
-            self._some = self._F.take(index, axis=0).take(index, axis=1)
-        return self._some
-
-    def pushing(self, index: Array) -> Array:
-        """See `Gaps.pushing`."""
-        return self._F.take(index, axis=1)
-
-    def shuts(self, gap: Array, index: Array, forces: Array, depth: float) -> bool:
-        """See `Gaps.shuts`."""
-        return loops.shuts(self._F, gap, index, forces, depth)
-
-    def regularised_between(self, index: Array) -> Array:
-        """Regularised flexibility between some rows, (na, na); the same array for the same rows."""
-        some = self.between(index)
-        if self.regularised is None:
-            self.regularised = regularised(some)
-        return self.regularised

@@ -6,10 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from ..algebra.complementarity import Complementarity, regularised
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
-from .gaps import Gaps
-from .stages import Standing
+from ..surfaces.rows import directed_matrix, point_matrix
+from .gaps import SAME, Gaps
+from .row_flexibility import RowFlexibility, through
+from .side import LoadedNodes
+from .stages import OF_SIDE, Standing
 
 
 class NormalRows:
@@ -41,29 +45,129 @@ class NormalRows:
         """See `rates_of`."""
         return rates_of(self, q_t)
 
+    # Residual flexibility. That of rows that move is found at the anchor of the gaps, and kept while they move little.
+
     def flexibility(self, index: Array) -> Array:
-        """Residual flexibility of some rows, (na, na) [m/N]."""
-        return self.gaps.flexibility(index)
+        """Residual flexibility between some present rows, (na, na) [m/N]; for the same rows, the same array."""
+        return self._row_flexibility(index).between(index)
+
+    def regularised_flexibility(self, index: Array) -> Array:
+        """`flexibility`, regularised as in `problem`; for the same rows, it is the same array too."""
+        return self._row_flexibility(index).regularised_between(index)
 
     def pushing(self, index: Array) -> Array:
-        """See `law.RowDirections`."""
-        return self.gaps.pushing(index)
+        """Motion of all present rows by unit forces on some, (nr, na) [m/N]; not if `Gaps.on_demand`."""
+        return self._row_flexibility(index).pushing(index)
+
+    def shuts(self, gap: Array, index: Array, forces: Array, depth: float) -> bool:
+        """Whether forces on some rows push others deeper than to a gap `depth` [m]; not if `Gaps.on_demand`.
+
+        Parameters
+        ----------
+        gap : (nr,) array
+            Of the present rows without these forces [m].
+        index, forces : (k,) arrays
+            Rows, ascending, and the forces on them [N].
+        """
+        return self._row_flexibility(index).shuts(gap, index, forces, depth)
+
+    def _row_flexibility(self, index: Array) -> RowFlexibility:
+        """Flexibility that knows these rows: of all present rows, or of these alone if it is found on demand."""
+        gaps = self.gaps
+        if gaps.on_demand:
+            return gaps.at_anchor("flexibility", gaps.anchored(SAME), lambda: self._of_some_rows(index), index)
+        return gaps.at_anchor("flexibility", gaps.anchored(SAME), self._of_all_rows)
+
+    def _of_some_rows(self, index: Array) -> RowFlexibility:
+        gaps, F = self.gaps, np.zeros((len(index),) * 2)
+        for place, (side, share) in enumerate(zip(gaps.sides, gaps.yielding_shares, strict=True)):
+            if side.flexibility is not None:
+                F += share * self._part_of_rows(place, index)
+        if gaps.between is not None:
+            pushed, pushing = (self.side_rows(place)[index] for place in (0, 1))
+            across = through(pushed, gaps.between, pushing)
+            F += gaps.yielding_shares[0] * (across + across.T)
+        return RowFlexibility(F, index)
+
+    def _part_of_rows(self, place: int, index: Array) -> Array:
+        """Contribution of one side to the flexibility of some rows, (na, na) [m/N]; only their nodes are asked for."""
+        gaps = self.gaps
+        points, numbers = gaps.points.of_rows(index)
+        nodes, weights = (values[numbers] for values in gaps.shares[place])
+        loaded = LoadedNodes.of(gaps.sides[place], nodes)
+        return loaded.flexibility(gaps.coordinates[place], points, (nodes, weights), gaps.normals[numbers])
+
+    def _of_all_rows(self) -> RowFlexibility:
+        return RowFlexibility(self.gaps.stage.by_pairs("flexibility", self._all_flexibility))
+
+    def _all_flexibility(self) -> Array:
+        gaps, n_rows = self.gaps, len(self.gaps.row_nodes)
+        F, shares = np.zeros((n_rows, n_rows)), gaps.yielding
+        for place, side in enumerate(gaps.sides):
+            if side.flexibility is not None:
+                F += self._part_of_side(place) if shares is None else shares[place] * self.side_flexibility(place)
+        if gaps.between is not None:
+            across = self.across()
+            F += across + across.T if shares is None else shares[0] * (across + across.T)
+        return F
+
+    def side_flexibility(self, place: int) -> Array:
+        """Contribution of one side to the flexibility of the present rows, (nr, nr) [m/N], whatever yields of it."""
+        gaps = self.gaps
+        return gaps.at_anchor((OF_SIDE, place), gaps.anchored(SAME), lambda: self._part_of_side(place))
+
+    def _part_of_side(self, place: int) -> Array:
+        gaps = self.gaps
+        loaded = gaps.loaded_nodes(place)
+        return loaded.flexibility(gaps.coordinates[place], gaps.points, gaps.shares[place], gaps.normals)
+
+    def across(self) -> Array:
+        """Motion of the slave's rows by forces on the master's, (nr, nr) [m/N], of a body that touches itself."""
+        assert self.gaps.between is not None
+        return through(self.side_rows(0), self.gaps.between, self.side_rows(1))
 
     def side_rows(self, side: int) -> Rows:
         """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
-        return self.gaps.side_rows(side)
+        gaps, patch, (nodes, weights) = self.gaps, self.gaps.sides[side], self.gaps.shares[side]
+        n = len(patch.surface.points)
+        if patch.normal_only:
+            rows = point_matrix(nodes, weights if side else -weights, n)  # contact pushes towards the inside
+        else:
+            rows = directed_matrix(nodes, weights, patch.kinematics.in_frame(gaps.coordinates[side], gaps.normals), n)
+        return gaps.points.mean @ rows
 
-    def side_flexibility(self, place: int) -> Array:
-        """See `Gaps.side_flexibility`."""
-        return self.gaps.side_flexibility(place)
+    def work_of(self, forces: Array) -> float:
+        """Work of forces on all present rows, (nr,) [N], on their own answer, lam' F lam [m N]."""
+        gaps = self.gaps
+        if not gaps.on_demand:
+            return float(forces @ self.flexibility(np.arange(len(forces))) @ forces)
+        on_sides = [np.asarray(self.side_rows(place).T @ forces).ravel() for place in range(len(gaps.sides))]
+        parts = zip(on_sides, gaps.sides, gaps.yielding_shares, strict=True)
+        work = sum(share * (f @ (side.flexibility @ f)) for f, side, share in parts if side.flexibility is not None)
+        if gaps.between is not None:
+            work += 2 * gaps.yielding_shares[0] * (on_sides[0] @ (gaps.between @ on_sides[1]))
+        return float(work)
 
-    def across(self) -> Array:
-        """See `Gaps.across`."""
-        return self.gaps.across()
+    def problem(self) -> Complementarity:
+        """Return the regularised problem of the forces on all present rows. Rows on few points may be redundant.
+
+        Contacts with the same pairs share its matrix, and so do runs in which the same rows stay frozen.
+
+        Raises
+        ------
+        IndefiniteMatrixError
+            If the flexibility of the rows is not positive definite.
+        """
+        return self.gaps.stage.by_pairs("problem", self._problem).fresh()
+
+    def _problem(self) -> Complementarity:
+        return Complementarity(regularised(self.flexibility(np.arange(len(self.gaps.row_nodes)))))
 
     def standing(self) -> Standing:
-        """Where the rows stand."""
-        return self.gaps.standing()
+        """Which rows are present, and where their flexibility was found."""
+        return Standing(self.gaps.stage.rows, self.gaps.anchored(SAME))
+
+    # Directions.
 
     def directions(self, index: Array) -> Array:
         """Numbers of the directions of some rows, (na,)."""

@@ -261,7 +261,7 @@ class TangentialRows:
     def flexibility(self, index: Array | None = None) -> Array:
         """Residual flexibility between the directions of some present rows, (3 na, 3 na) [m/N]; by default of all.
 
-        It is kept while the points move little, like `Gaps.flexibility`.
+        It is kept while the points move little, like `NormalRows.flexibility`.
         """
         index = np.arange(len(self.gaps.row_nodes)) if index is None else index
         gaps, axis = self.gaps, self.axis
@@ -327,7 +327,7 @@ class TangentialRows:
         return F if yielding is None else yielding[place] * F
 
     def side_flexibility(self, place: int) -> Array:
-        """See `Gaps.side_flexibility`; in three directions, (3 nr, 3 nr) [m/N]."""
+        """See `NormalRows.side_flexibility`; in three directions, (3 nr, 3 nr) [m/N]."""
         gaps, everything = self.gaps, np.arange(len(self.gaps.row_nodes))
 
         def make() -> Array:
@@ -337,7 +337,7 @@ class TangentialRows:
         return gaps.at_anchor((OF_SIDE, place, self.axis), gaps.anchored(SAME), make)
 
     def across(self, index: Array | None = None) -> Array:
-        """See `Gaps.across`; of some rows, by default of all, in three directions, (3 na, 3 na) [m/N]."""
+        """See `NormalRows.across`; of some rows, by default of all, in three directions, (3 na, 3 na) [m/N]."""
         index = np.arange(len(self.gaps.row_nodes)) if index is None else index
         (loaded, rows), (loaded_master, pushed) = (self._some_side_rows(place, index) for place in (0, 1))
         assert self.gaps.between is not None

@@ -19,6 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..contact.formulations.formulation import Method
+from ..contact.normal_rows import NormalRows
 from ..errors import PartitionError
 from ..exudyn_bodies.joints import Joints
 from ..exudyn_bodies.model import coordinate_slices, registered, start_of_step, user_function
@@ -84,7 +85,7 @@ def _force_by_depth(contact: PartitionContact) -> float:
     if not contact.mechanics.compliant or any(side.flexibility is None for side in gaps.sides):
         return 0.0
     n = len(gaps.row_nodes)
-    yielding = gaps.work_of(np.ones(n))
+    yielding = NormalRows(gaps).work_of(np.ones(n))
     of_unit = max(_norm_of_weight(item) / item.body.total_mass for item, _ in contact.sides)
     return n**2 / yielding * of_unit if yielding > 0.0 else 0.0
 

@@ -11,6 +11,7 @@ from exudyn_partition.algebra.complementarity import Complementarity, regularise
 from exudyn_partition.algebra.friction import OPEN, SLIP, STICK
 from exudyn_partition.algebra.products import dense
 from exudyn_partition.algebra.sparse.multifrontal import Factorisation
+from exudyn_partition.contact.normal_rows import NormalRows
 from exudyn_partition.errors import EmptyRegionError, InputError
 from exudyn_partition.reference.full_body import rows_on_dofs
 from exudyn_partition.reference.integrator import HHT
@@ -123,7 +124,9 @@ def test_modes_and_rows_have_the_flexibility_of_the_full_model(clip):
     gaps = model(body)[2].mechanics.gaps
     every = np.arange(len(gaps.row_nodes))
     H = gaps.jacobian(every).reshape(len(every), 2, -1).sum(axis=1)  # both sides have the same coordinates
-    found = H @ np.linalg.pinv(body.stiffness.toarray(), rcond=1e-8, hermitian=True) @ H.T + gaps.flexibility(every)
+    found = H @ np.linalg.pinv(body.stiffness.toarray(), rcond=1e-8, hermitian=True) @ H.T + NormalRows(
+        gaps
+    ).flexibility(every)
     _, G = full_rows(fem, partition)
     a, b = fem.points[:, 0].argmin(), fem.points[:, 0].argmax()
     c = abs(np.cross(fem.points - fem.points[a], fem.points[b] - fem.points[a])[:, 1]).argmax()  # far from their line
@@ -281,7 +284,9 @@ def test_a_clip_on_a_ball_touches_itself(clip, frame, axes):
     group = own.together.for_run([member.mechanics.for_run() for member in own.group])
     states = [np.concatenate([q] * len(member.sides)) for member in own.group]
     group.forces(states)
-    rows = [[dense(law.gaps.side_rows(side)) for side in range(len(law.gaps.sides))] for law in group.contacts]
+    rows = [
+        [dense(NormalRows(law.gaps).side_rows(side)) for side in range(len(law.gaps.sides))] for law in group.contacts
+    ]
     patches = [[patch for _, patch in member.sides] for member in own.group]
     blocks = [
         [

@@ -21,6 +21,7 @@ from oracles import (
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.products import dense
+from exudyn_partition.contact.normal_rows import NormalRows
 from exudyn_partition.errors import ModelLimitWarning
 
 SPEED = 0.3
@@ -201,7 +202,7 @@ def test_the_limit_of_explicit_steps_has_viscous_forces_half_a_step_late(round_b
     mbs.Assemble()
     h = ep.stability_limit(mbs)
     gaps = contact.mechanics.gaps
-    H, F = dense(gaps.jacobian(np.arange(len(gaps.row_nodes)))), gaps.problem().F
+    H, F = dense(gaps.jacobian(np.arange(len(gaps.row_nodes)))), NormalRows(gaps).problem().F
     H = H @ item.kinematics.from_basis
     K = item.body.stiffness + (1 + 2 * beta / h) * (H.T @ np.linalg.solve(F, H))
     square = scipy.linalg.eigh(K, dense(item.body.mass), eigvals_only=True)[-1]

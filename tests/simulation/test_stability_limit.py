@@ -14,6 +14,7 @@ import scipy.linalg
 from oracles import MARBLE_RADIUS, SPHERE_RADIUS, TOP, add_force
 
 import exudyn_partition as ep
+from exudyn_partition.contact.normal_rows import NormalRows
 from exudyn_partition.errors import ModelLimitWarning, PartitionWarning, StepSizeError, StoppedRunWarning
 from exudyn_partition.simulation import item_limits, run_plan, stability
 
@@ -42,7 +43,7 @@ def closed_stiffness(law):
     gaps, rows = law.gaps, np.arange(len(law.gaps.row_nodes))
     H = np.array([held_gap(gaps, step) - held_gap(gaps, -step) for step in 1e-6 * np.eye(gaps.n)]).T / 2e-6
     layer = getattr(law.law, "layer", None)
-    F = gaps.flexibility(rows) if layer is None else np.diag(1 / (layer * gaps.area))
+    F = NormalRows(gaps).flexibility(rows) if layer is None else np.diag(1 / (layer * gaps.area))
     return H.T @ np.linalg.pinv(F, rcond=1e-10, hermitian=True) @ H
 
 

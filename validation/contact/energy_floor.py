@@ -23,6 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 import exudyn_partition as ep
+from exudyn_partition.contact.normal_rows import NormalRows
 from validation.contact import scenes
 from validation.tables import PAGE, write_between
 
@@ -80,11 +81,11 @@ def missing_work(contact, result):
             old = [before[gaps.row_nodes[row]] for row in shared]
             numbers = [number for number, _ in old]
             mean = (lam[shared] + [force for _, force in old]) / 2
-            change = gaps.flexibility(np.array(shared)) - flexibility[np.ix_(numbers, numbers)]
+            change = NormalRows(gaps).flexibility(np.array(shared)) - flexibility[np.ix_(numbers, numbers)]
             work[i] = -mean @ change @ mean / 2
         closed = np.flatnonzero(lam)
         if len(closed):  # asked for sooner than in the run, it would be that of other places from then on
-            flexibility = gaps.flexibility(closed)
+            flexibility = NormalRows(gaps).flexibility(closed)
         before = {gaps.row_nodes[row]: (number, lam[row]) for number, row in enumerate(closed)}
     return np.cumsum(work)
 

@@ -15,6 +15,7 @@ import scipy.sparse.linalg
 
 import exudyn_partition as ep
 from exudyn_partition.contact.formulations.choices import Compliance
+from exudyn_partition.contact.normal_rows import NormalRows
 
 RADIUS = 10e-3
 PLANE = ep.RigidPlane()
@@ -196,7 +197,7 @@ def complementarity(run):
             if h.min() >= 0:
                 worst = max(worst, lam.sum() / total.max())
                 continue
-            w = h + gaps.flexibility(rows) @ lam
+            w = h + NormalRows(gaps).flexibility(rows) @ lam
             parts = [-lam.min() / lam.max(), -w.min() / -h.min(), abs(lam @ w) / (lam.sum() * -h.min())]
             worst = max(worst, *parts)
     return float(worst)

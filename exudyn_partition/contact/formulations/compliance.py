@@ -19,6 +19,7 @@ from .. import loops
 from ..followed import BULGE, WIDER
 from ..gaps import SAME, Gaps
 from ..law import Forces, Law, Places, RowDirections
+from ..normal_rows import NormalRows
 from ..stages import NOTHING
 
 _MARGIN = 2 * BULGE  # of the deepest row's depth: rows with smaller gaps enter, so that the problem seldom changes
@@ -72,7 +73,7 @@ class NormalCompliance(Law):
     problem: Complementarity
 
     def __init__(self, gaps: Gaps) -> None:
-        self.gaps = gaps
+        self.gaps, self.rows = gaps, NormalRows(gaps)
         none = np.empty(0, dtype=np.int64)
         self._closed = none, none  # nodes of the rows at the last answer with rows that moved, and which were closed
         self._set_up_problem()
@@ -86,7 +87,7 @@ class NormalCompliance(Law):
         self._everything = np.arange(len(self.gaps.row_nodes))
         few = self.gaps.moving and (self.gaps.on_demand or self.gaps.anywhere)
         self._frozen_stage = self.gaps.frozen_stage
-        self.problem = Complementarity(np.eye(1)) if few else self.gaps.problem()  # until rows near each other ask
+        self.problem = Complementarity(np.eye(1)) if few else self.rows.problem()  # until rows near each other ask
 
     def answer(self, places: Places) -> Forces:
         """See `Law`."""
@@ -131,7 +132,7 @@ class NormalCompliance(Law):
             return False
         if self.gaps.on_demand:
             return bool(WIDER * h[near[lam > 0.0]].max(initial=least) > -share * least)
-        return self.gaps.shuts(h, near, lam, SHUT * least)
+        return self.rows.shuts(h, near, lam, SHUT * least)
 
     def near(self, h: Array, least: float, share: float = BULGE) -> Array:
         """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.
@@ -142,7 +143,7 @@ class NormalCompliance(Law):
             self.renew_problem()
             return self._everything
         near = self._near = loops.rows_below(h, -share * least, self._near)
-        F = self.gaps.regularised_flexibility(near)
+        F = self.rows.regularised_flexibility(near)
         if self.problem.F is not F:
             (nodes, rows), closed = self._closed, np.zeros(len(self.gaps.slave.surface.points), dtype=bool)
             closed[nodes[rows]] = True
@@ -187,7 +188,7 @@ class NormalCompliance(Law):
 
     def _closed_stiffness(self, rows: RowDirections) -> Array:
         H = dense(rows.jacobian(np.arange(len(self.gaps.row_nodes))))
-        half = scipy.linalg.solve_triangular(np.linalg.cholesky(self.gaps.problem().F), H, lower=True)
+        half = scipy.linalg.solve_triangular(np.linalg.cholesky(self.rows.problem().F), H, lower=True)
         value: Array = half.T @ half
         return value
 

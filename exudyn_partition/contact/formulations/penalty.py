@@ -13,6 +13,7 @@ from ...frames.kinematics import Rows
 from ...support.arrays import Array
 from ..gaps import Gaps
 from ..law import Forces, Law, Places, RowDirections
+from ..normal_rows import NormalRows
 
 _POISSON = 0.3  # Poisson's ratio of the layer
 _SHEAR = 2 * (1 - _POISSON) / (2 - _POISSON)  # its tangential stiffness relative to its normal one
@@ -131,7 +132,7 @@ def bed_stiffness(gaps: Gaps) -> float:
     the mean of this motion.
     """
     A = gaps.area
-    return float(A.sum() / gaps.work_of(A))
+    return float(A.sum() / NormalRows(gaps).work_of(A))
 
 
 def inertial_stiffness(gaps: Gaps, inverse_mass: Array, omega_max: float) -> float:

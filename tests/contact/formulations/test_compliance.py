@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 import exudyn_partition as ep
 from exudyn_partition.algebra.complementarity import Complementarity, regularised
 from exudyn_partition.contact import loops
+from exudyn_partition.contact.normal_rows import NormalRows
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.contact.side import Side
 from exudyn_partition.contact.tangential import directions
@@ -81,7 +82,7 @@ def test_forces_depend_on_no_state_before(round_body, flat_body, each_path):
         np.testing.assert_allclose(force, expected, rtol=0, atol=5e-3 * abs(expected).max())
         assert law.evaluation.least_gap == pytest.approx(fresh.evaluation.least_gap, abs=1e-12)
         if law.evaluation.index.size:
-            F = regularised(fresh.gaps.flexibility(np.arange(len(fresh.evaluation.lam))))
+            F = regularised(NormalRows(fresh.gaps).flexibility(np.arange(len(fresh.evaluation.lam))))
             lam = Complementarity(F).solve(fresh.gaps.at(q))
             np.testing.assert_allclose(fresh.evaluation.lam, lam, rtol=0, atol=1e-6 * lam.max())
         found.append(law.evaluation.lam.sum())
@@ -104,8 +105,8 @@ def test_rows_that_bulge_shut_are_closed(round_body, flat_body, monkeypatch, eac
         monkeypatch.setattr(PatchGaps, "on_demand", True)
     pushed = h < -depths * h.min()
     F = 1e-9 * (np.eye(len(h)) - 0.95 / pushed.sum() * np.outer(pushed, pushed))
-    monkeypatch.setattr(law.gaps, "regularised_flexibility", lambda index: regularised(F[np.ix_(index, index)]))
-    monkeypatch.setattr(law.gaps, "shuts", functools.partial(loops.shuts, F))
+    monkeypatch.setattr(NormalRows, "regularised_flexibility", lambda _, index: regularised(F[np.ix_(index, index)]))
+    monkeypatch.setattr(NormalRows, "shuts", lambda _, *args: loops.shuts(F, *args))
     if friction is not None:  # nothing moves along tangents
         wide = np.kron(F, np.diag([1.0, 0.0, 0.0])) + 1e-9 * np.diag(np.tile([0.0, 1.0, 1.0], len(h)))
         some = [functools.cache(lambda index: wide[np.ix_(*[directions(np.array(index))] * 2)])]
