@@ -131,7 +131,7 @@ class PairRows:
             If places are not finite.
         """
         dofs, gaps = self._following.dofs, self.gaps
-        both = zip(gaps.sides, gaps.split(v[dofs]), strict=True)
+        both = zip(gaps.sides, gaps.sides.split(v[dofs]), strict=True)
         gaps.grow([side.kinematics.growing(part) for side, part in both])
         self._take_anchor()
         if gaps.moving and gaps.may_freeze and self._steps[0] >= PATIENCE:
@@ -217,7 +217,7 @@ class PairRows:
         carriers = np.zeros(shape, dtype=np.int64), np.zeros(shape)
         if not isinstance(stage, Frozen) and p and (of_anchor := gaps.anchored_stage) is not None:
             at_here[:], (carriers[0][:], carriers[1][:]) = of_anchor.here, of_anchor.shares[1]
-            for kept, side, q in zip(along, sides, gaps.split(gaps.anchor.q), strict=True):  # type: ignore[union-attr]
+            for kept, side, q in zip(along, sides, gaps.sides.split(gaps.anchor.q), strict=True):  # type: ignore[union-attr]
                 kept[:] = 1.0 if side.normal_only else side.kinematics.in_frame(q, of_anchor.normals)
         elif gaps.anchor is not None:
             at_here[:] = gaps.stance_at(gaps.anchor) * gaps.size

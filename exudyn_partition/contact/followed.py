@@ -25,7 +25,7 @@ from ..surfaces.rows import ContactRows
 from ..surfaces.vectors import triangle_frame
 from ..surfaces.witnesses import pose_of, seen_from
 from . import loops
-from .side import Side
+from .sides import Sides
 from .stages import NOTHING, Pair, PresentRows, Shares, Stage
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ class FollowedRows(PresentRows):
 
     def __init__(
         self,
-        present: tuple[ContactPoints, Array, tuple[Side, ...], int],
+        present: tuple[ContactPoints, Array, Sides, int],
         search: Search,
         index: Array,
         rigid: tuple[Array, Array, Array],
@@ -269,9 +269,7 @@ class Followed(Stage):
             vars(self.rows).pop(outdated, None)
         return self.rows.search.choose(pair, pair.places(q), self.here, NEAR * pair.size)
 
-    def _follow(
-        self, pair: Pair, q: Array, reach: float, sides: tuple[Side, ...]
-    ) -> tuple[Followed, Array, bool] | None:
+    def _follow(self, pair: Pair, q: Array, reach: float, sides: Sides) -> tuple[Followed, Array, bool] | None:
         """The same rows at coordinates q, (n,), their gaps, (nr,) [m], and whether no other row can close.
 
         None if the patches have moved by more than `reach` [m] since the search, or a point has come to a facet that is
@@ -292,13 +290,11 @@ class Followed(Stage):
             return None
         return self._next(normals, here, places), gap, not rows.others_close(gap, here, pair)
 
-    def _follow_at_once(
-        self, pair: Pair, q: Array, reach: float, sides: tuple[Side, ...]
-    ) -> tuple[Followed, Array, bool] | None:
+    def _follow_at_once(self, pair: Pair, q: Array, reach: float, sides: Sides) -> tuple[Followed, Array, bool] | None:
         """Do the same as `_follow` in one compiled call."""
         rows, bounds = self.rows, (BULGE, NEAR * pair.size, pair.reach, pair.within)
         how, growing = (reach, FOLLOWED, STEPS, pair.size, *bounds), pair.growing_sides
-        places = [side.places_begun(*part) for side, *part in zip(sides, pair.split(q), growing, strict=True)]
+        places = [side.places_begun(*part) for side, *part in zip(sides, pair.sides.split(q), growing, strict=True)]
         flat = rows.flat_pair if sides == rows.sides else loops.flat_pair(rows.compiled, sides)
         followed = loops.followed_gaps(flat, q, growing, places, how)
         here, normals, of_points, lost, gap, least, more_close = followed

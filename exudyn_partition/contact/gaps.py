@@ -17,26 +17,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from ..algebra.products import dense, joined, largest_change
+from ..algebra.products import joined, largest_change
 from ..algebra.sparse.skin_flexibility import Flexibility
 from ..errors import InputError
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
-from ..reduction.body import ReducedBody
-from ..support.arrays import Array, consecutive
-from ..support.attributes import FoundOnce
+from ..support.arrays import Array
 from ..surfaces.loops import at_points, on_nodes
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import directed_matrix
 from . import loops
 from .linear_gaps import LinearGaps
 from .side import LoadedNodes, Side
+from .sides import Sides
 from .stages import NOTHING, Anchor, Frozen, PresentRows, Shares, Stage, T
 
 if TYPE_CHECKING:
     from typing import Self
 
-MANY = 5_000  # entries that can be spared, see `Side.spares`: above it, only the needed nodes are followed
 _ROUND_OFF = 1e-9  # relative difference of shares of a flexibility that are the same
 _FEW = 64  # rows whose derivatives one call finds, row by row; those of more come from sparse matrices
 SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
@@ -106,10 +104,7 @@ class Gaps:
 
     Attributes
     ----------
-    sides : tuple of Side
-        Slave, and master if that is a patch too.
-    n : int
-        Number of coordinates of all sides.
+    sides : Sides
     size : float
         Size of the facets, the scale of motion [m].
     present : Present
@@ -150,8 +145,7 @@ class Gaps:
         State at the end of the last accepted step. Each try of a step begins from it.
     """
 
-    sides: tuple[Side, ...]
-    n: int
+    sides: Sides
     size: float
     present: Present
     stage: Stage
@@ -293,7 +287,7 @@ class Gaps:
     def dented(self, sides: Sequence[Side], q: Array, dents: Sequence[Array] | None) -> list[Array]:
         """Places of all nodes of some sides, (np, 3) for each [m], from `centre`, at coordinates q, with dents."""
         of_sides: Sequence[Array | None] = dents or [None] * len(sides)
-        parts = zip(sides, self.split(q), self.growing_sides, of_sides, strict=True)
+        parts = zip(sides, self.sides.split(q), self.growing_sides, of_sides, strict=True)
         return [side.dented(part, growing, dent) for side, part, growing, dent in parts]
 
     def of_present(self, q: Array) -> Array:
@@ -424,6 +418,11 @@ class Gaps:
         return self.sides[0].centre
 
     @property
+    def n(self) -> int:
+        """Number of coordinates of all sides."""
+        return self.sides.n
+
+    @property
     def slave(self) -> Side:
         """The side whose points must not penetrate."""
         return self.sides[0]
@@ -455,19 +454,9 @@ class Gaps:
         """(np, np) csr matrix from forces of the rows to pressures around the nodes of the slave's patch [1/m2]."""
         return self._all.pressures
 
-    @property
-    def bodies(self) -> list[ReducedBody]:
-        """Reduced body of each side."""
-        return [side.kinematics.body for side in self.sides]
-
-    def with_nodes(self, nodes: Sequence[Array]) -> tuple[Side, ...]:
-        """The sides with only some nodes of each, (k,) int arrays, if that saves time."""
-        both = zip(self.sides, nodes, strict=True)
-        return tuple(side.following(some) if side.spares(some) > MANY else side for side, some in both)
-
     def exchange_flexibility(self, flexibility: Sequence[Flexibility | None]) -> None:
         """Give the sides' patches other residual flexibilities, (d np, d np) each [m/N]."""
-        self.sides = tuple(replace(side, flexibility=F) for side, F in zip(self.sides, flexibility, strict=True))
+        self.sides = Sides(replace(side, flexibility=F) for side, F in zip(self.sides, flexibility, strict=True))
         self._loaded, self._start = {}, self._start.on(self.sides)
         self._put_stage(self.stage.on(self.sides))
 
@@ -505,11 +494,6 @@ class Gaps:
         """`yielding`, for each side."""
         return self.yielding or (1.0,) * len(self.sides)
 
-    def split(self, q: Array) -> list[Array]:
-        """Split q, (n,), into the coordinates of each side."""
-        n = self.sides[0].n
-        return [q] if len(self.sides) == 1 else [q[:n], q[n:]]
-
     def grow(self, growing: Sequence[Array]) -> None:
         """Let each side grow by products of angular velocities, (6,) or empty, see `Kinematics.growing`.
 
@@ -531,39 +515,6 @@ class Gaps:
     def _by_side(self, growing: Array) -> list[Array]:
         return [growing[:6], growing[6:]][: len(self.sides)]
 
-    def moved(self, q: Array, way: Array) -> Array:
-        """Coordinates, (n,), after an increment `way`, (n,), from q, (n,); `way` is velocity times time."""
-        if self._linear:
-            return q + way
-        parts = zip(self.sides, self.split(q), self.split(way), strict=True)
-        return np.concatenate([side.kinematics.moved(*part) for side, *part in parts])
-
-    def rigid_part(self, q_t: Array) -> Array:
-        """Velocities, (n,), of the bodies' rigid motions within velocities q_t, (n,)."""
-        parts = zip(self.sides, self.split(q_t), strict=True)
-        return np.concatenate([side.kinematics.rigid_part(part) for side, part in parts])
-
-    def way(self, q: Array, end: Array) -> Array:
-        """Increment, (n,), that leads from coordinates q to `end`, (n,): the inverse of `moved`."""
-        if self._linear:
-            return end - q
-        parts = zip(self.sides, self.split(q), self.split(end), strict=True)
-        return np.concatenate([side.kinematics.way(*part) for side, *part in parts])
-
-    @FoundOnce
-    def _linear(self) -> bool:
-        """Whether places of all sides are linear in the coordinates, so that increments add up."""
-        return all(side.kinematics.linear for side in self.sides)
-
-    def accelerations(self, rows: Rows) -> Rows:
-        """Accelerations of the coordinates, (n, nr), due to unit forces on rows, (nr, n); csr if the rows are csr."""
-        slices = consecutive([side.n for side in self.sides])
-        parts = [
-            side.kinematics.accelerations(q, rows[:, columns].T)
-            for side, q, columns in zip(self.sides, self.split(self.present.q), slices, strict=True)
-        ]
-        return sp.vstack(parts, format="csr") if sp.issparse(rows) else np.vstack([*map(dense, parts)])
-
     def places(self, q: Array) -> list[Array]:
         """Places of the nodes of the patches, (np, 3) for each side [m], at coordinates q, (n,), from `centre`.
 
@@ -573,11 +524,11 @@ class Gaps:
 
     def places_of(self, sides: Sequence[Side], q: Array) -> list[Array]:
         """Places of the nodes that these sides follow, (np, 3) for each [m], at coordinates q, (n,), from `centre`."""
-        return [side.place(*part) for side, *part in zip(sides, self.split(q), self.growing_sides, strict=True)]
+        return [side.place(*part) for side, *part in zip(sides, self.sides.split(q), self.growing_sides, strict=True)]
 
     def places_at(self, sides: Sequence[Side], anchor: Anchor | GapState) -> list[Array]:
         """The same at an anchor, with its own growth."""
-        parts = zip(sides, self.split(anchor.q), self._by_side(anchor.growing), strict=True)
+        parts = zip(sides, self.sides.split(anchor.q), self._by_side(anchor.growing), strict=True)
         return [side.place(*part) for side, *part in parts]
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
@@ -607,7 +558,7 @@ class Gaps:
     @property
     def coordinates(self) -> list[Array]:
         """Last coordinates of each side, (n_dofs,)."""
-        return self.split(self.present.q)
+        return self.sides.split(self.present.q)
 
     def places_now(self) -> list[Array]:
         """Places of the nodes of `near_sides`, (np, 3) for each [m], at the last coordinates, from `centre`.
@@ -630,7 +581,7 @@ class Gaps:
         """Derivative of a stage's gaps with respect to the coordinates, (na, n), at q, (n,), for fixed pairs."""
         mean, parts = stage.rows.points.mean, []
         mean = mean if index is None else mean[index]
-        for (nodes, weights), side, side_q in zip(stage.shares, stage.rows.sides, self.split(q), strict=True):
+        for (nodes, weights), side, side_q in zip(stage.shares, stage.rows.sides, self.sides.split(q), strict=True):
             G = directed_matrix(nodes, weights, stage.normals, len(side.surface.points))
             parts.append(side.on_coordinates(side_q, mean @ G))
         return joined(parts)
@@ -664,7 +615,7 @@ class Gaps:
         by_stage = self.stage.acted(lam, self.present.q)
         if by_stage is not None:
             return by_stage
-        parts = zip(self.near_sides, self.split(self.present.q), self.nodal_forces(lam), strict=True)
+        parts = zip(self.near_sides, self.sides.split(self.present.q), self.nodal_forces(lam), strict=True)
         return np.concatenate([side.generalised(q, f) for side, q, f in parts]), self.stage.resultant(lam)
 
     def moment(self, lam: Array, point: Array) -> Array:

@@ -381,7 +381,7 @@ class PatchContact:
         none = np.zeros(self.gaps.n)
         if not isinstance(self.zones, NodalZones):
             return none
-        plastic = self.zones.at(self.state.zones, self.gaps.split(q))
+        plastic = self.zones.at(self.state.zones, self.gaps.sides.split(q))
         self.evaluation = self.evaluation.in_step(self.state, self.since).with_zones(plastic)
         return plastic.generalised(none)
 

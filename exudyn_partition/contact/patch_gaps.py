@@ -32,6 +32,7 @@ from .gaps import Gaps, GapState, Present
 from .linear_gaps import LinearGaps
 from .pairings import Pairing, drift_rows
 from .side import Side
+from .sides import Sides
 from .stages import NOTHING, Anchor, Frozen, PresentRows, Shared, Stage
 
 _HELD = 0.02  # of a facet's size: sliding up to which pairs stay frozen
@@ -77,9 +78,9 @@ class PatchGaps(Gaps):
             pairing = Pairing.of(slave, master, kind, itself=between is not None, pressed=pressed)
         self._pairing = pairing
         centre = slave.surface.points[pairing.rows.points.row_nodes].sum(axis=0) / max(len(pairing.rows.gap), 1)
-        self.sides = slave.seen_from(centre), master.seen_from(centre)
+        self.sides = Sides((slave.seen_from(centre), master.seen_from(centre)))
         self._all, self._start_q, self._loaded = pairing.points, pairing.pose, {}
-        self.n, self.faced = len(pairing.pose), not pairing.pose.any()
+        self.faced = not pairing.pose.any()
         self.size, self.approach = pairing.rows.facet_size, pairing.rows.approach
         self.furthest = NEAR * self.size
         self.clearance, self.pressed = float(pairing.rows.gap.min(initial=np.inf)), pressed
@@ -315,7 +316,7 @@ class PatchGaps(Gaps):
 
     def _of_nodes(self, q: Array, rates: Array) -> list[Array]:
         """Velocities of the nodes, (np, 3) for each side, at coordinates q, (n,), by the rates of these, (n,)."""
-        sides = zip(self.sides, self.split(q), self.split(rates), strict=True)
+        sides = zip(self.sides, self.sides.split(q), self.sides.split(rates), strict=True)
         return [side.kinematics.velocities(*parts) for side, *parts in sides]
 
     def _of_rows(self, velocities: Sequence[Array]) -> Array:
@@ -360,10 +361,10 @@ class PatchGaps(Gaps):
         reach = max(at_least * self.size, 0.25 * (least - within))
         points, index = every.points.of_rows(np.empty(0, dtype=np.int64))
         shares = (points.nodes, points.weights), (every.master[index], -every.weights[index])
-        rows = PresentRows(points, every.leaves_at[:0], self.with_nodes(self.witnesses), every.unpaired)
+        rows = PresentRows(points, every.leaves_at[:0], self.sides.following(self.witnesses), every.unpaired)
         return Apart(rows, every.normals[index], shares, here, reach), NOTHING
 
-    def sides_with(self, points: ContactPoints, facets: Array) -> tuple[Side, ...]:
+    def sides_with(self, points: ContactPoints, facets: Array) -> Sides:
         """The sides with the nodes of these points, and the master's nodes around facets, (p,) int array."""
         slave, master = (side.surface for side in self.sides)
         of_master = np.zeros(len(master.points), dtype=bool)
@@ -372,7 +373,7 @@ class PatchGaps(Gaps):
         of_master[self.witnesses[1]] = True
         of_slave = np.zeros(len(slave.points), dtype=bool)
         of_slave[points.nodes] = of_slave[self.witnesses[0]] = True
-        return self.with_nodes([np.flatnonzero(of_slave), np.flatnonzero(of_master)])
+        return self.sides.following([np.flatnonzero(of_slave), np.flatnonzero(of_master)])
 
 
 def _has_hardly_slid(here: Array, stood: Array, size: float) -> bool:

@@ -20,6 +20,7 @@ from .linear_gaps import LinearGaps
 from .pairings import points_of, values_on_plane
 from .rigid_mesh import RigidMesh
 from .side import Side
+from .sides import Sides
 from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
 
 _LEFT = 0.05  # of a row's depth: with less of a sheet before it, the row has passed through
@@ -245,8 +246,8 @@ class RigidGaps(Gaps):
             on_plane = middle - ((middle - surface.point) @ surface.normal) * surface.normal
             slave, self._seen = slave.seen_from(on_plane), RigidPlane(np.zeros(3), surface.normal)
         self.primitive = self._seen.primitive if isinstance(self._seen, Primitives) else None
-        self.sides = (slave,)
-        self.n, self.size = slave.n, slave.surface.facet_size
+        self.sides = Sides((slave,))
+        self.size = slave.surface.facet_size
         self._all = points_of(slave, kind)
         self._start_q, self._loaded = np.zeros(self.n), {}
         self._start, gap = self._stage_at(self._rows_at_start(), [slave.surface.points - slave.centre], self._start_q)

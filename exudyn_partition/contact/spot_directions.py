@@ -72,7 +72,7 @@ class SpotDirections(TangentialRows):
         way, gaps = super().way(), self.gaps
         if self._from is None or not gaps.moving:
             return way
-        return np.asarray(way + dense(self._turning()) @ gaps.way(self._from.q, gaps.q))
+        return np.asarray(way + dense(self._turning()) @ gaps.sides.way(self._from.q, gaps.q))
 
     def _carried(self, offsets: Array, then: Anchor | GapState) -> Array:
         """See `TangentialRows`; two bodies have their levers, and a rigid surface moves at the point of contact."""

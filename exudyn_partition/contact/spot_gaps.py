@@ -31,6 +31,7 @@ from .linear_gaps import LinearGaps
 from .rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from .seams import Shared, largest_curvature, shared, width_of
 from .side import Side
+from .sides import Sides
 from .smooth_faces import SmoothFace
 from .spot import Spot, SpotMaker
 from .spot_stage import FrozenSpot, Meeting, Pose, SpotStage
@@ -146,14 +147,14 @@ class SpotGaps(Gaps):
 
     def _prepare(self, sides: Sequence[Side]) -> None:
         """Find the spots at the start."""
-        self.sides = tuple(sides)
+        self.sides = Sides(sides)
         self.size = min(side.surface.facet_size for side in sides)
         self._middles = [maker.points.mean(axis=0) for maker in self._makers]
-        self.n, self._loaded = sum(side.n for side in sides), {}
+        self._loaded = {}
         self._start_q = np.zeros(self.n)
         meeting = self._meeting(self._rough_poses(self._start_q), self.carrier_pose)
         if not self.carried:
-            self.sides = tuple(side.seen_from(self._contact_place(meeting)) for side in sides)
+            self.sides = Sides(side.seen_from(self._contact_place(meeting)) for side in sides)
         slave = self._makers[0].points
         self._row_node = int(np.linalg.norm(slave - meeting.points[0], axis=1).argmin())
         rows = self._rows_at(Anchor(self._start_q, self.carrier_pose, NOTHING))
@@ -218,7 +219,7 @@ class SpotGaps(Gaps):
     def _rough_poses(self, q: Array, growing: Array = NOTHING) -> list[Pose]:
         """Poses of the sides by the mean motion of their patches, which depend on no spot."""
         poses = []
-        both = zip(self.sides, self._middles, self.split(q), self._by_side(growing), strict=True)
+        both = zip(self.sides, self._middles, self.sides.split(q), self._by_side(growing), strict=True)
         for side, middle, part, products in both:
             place = replace(side, active=None).place(part, products).mean(axis=0)
             poses.append(Pose(place, middle, side.kinematics.frame(part)[1]))
@@ -415,7 +416,7 @@ class SpotGaps(Gaps):
             area=np.zeros(1),
             pressures=sp.csr_matrix((n, n)),
         )
-        sides = self.with_nodes([spot.kernel.nodes for spot in spots])
+        sides = self.sides.following([spot.kernel.nodes for spot in spots])
         rows = SpotRows(points, np.array([np.inf if all(spot.whole for spot in spots) else 0.0]), sides)
         rows.spots, rows.made_at = spots, anchor
         rows.inside = all(
@@ -436,7 +437,7 @@ class SpotGaps(Gaps):
         """
         pose = self.carrier_pose if pose is None else pose
         weights = [spot.kernel.weights for spot in rows.spots]
-        axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.split(q), strict=True)]
+        axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.sides.split(q), strict=True)]
         meeting, owners = self._where(rows, self._poses(places, weights, rows, axes), pose)
         where = zip(rows.spots, self._makers, meeting.points, meeting.outward, strict=True)
         weights = [
@@ -556,7 +557,7 @@ class SpotGaps(Gaps):
 
     def _axes(self, q: Array, carried: Array) -> list[Array]:
         """Axes of both sides as columns, (3, 3), at coordinates and the pose of the rigid surface's carrier, (12,)."""
-        axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.split(q), strict=True)]
+        axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.sides.split(q), strict=True)]
         return axes if self._surface is None else [*axes, self._rigid_pose(carried).axes]
 
     def curved(self, tangents: Array) -> tuple[Array, Array]:

@@ -20,6 +20,7 @@ from ..surfaces.points import ContactPoints
 from . import loops
 from .linear_gaps import LinearGaps
 from .side import Side
+from .sides import Sides
 
 if TYPE_CHECKING:
     from typing import Self
@@ -38,7 +39,7 @@ class Pair(Protocol):
 
     Attributes
     ----------
-    sides : tuple of Side
+    sides : Sides
     size : float
         Size of the master's facets [m].
     witnesses : list of (3,) int arrays
@@ -47,7 +48,7 @@ class Pair(Protocol):
         Gap up to which rows are present at least, because forces may push them shut [m].
     """
 
-    sides: tuple[Side, ...]
+    sides: Sides
     size: float
     reach: float
     within: float
@@ -64,10 +65,7 @@ class Pair(Protocol):
     def places_of(self, sides: Sequence[Side], q: Array) -> list[Array]:
         """See `Gaps.places_of`."""
 
-    def split(self, q: Array) -> list[Array]:
-        """See `Gaps.split`."""
-
-    def sides_with(self, points: ContactPoints, facets: Array) -> tuple[Side, ...]:
+    def sides_with(self, points: ContactPoints, facets: Array) -> Sides:
         """The sides with the nodes of these points, and the master's nodes around facets, (p,) int array."""
 
     def search(self, q: Array, within: float | None = None) -> tuple[Stage, Array]:
@@ -113,13 +111,13 @@ class PresentRows:
         Points of the rows.
     leaves_at : (nr,) array
         Depth at which contact of each row leaves the patch [m], see `surfaces.rows.ContactRows`.
-    sides : tuple of Side
+    sides : Sides
         The sides, perhaps only with the nodes that these rows need.
     unpaired : int
         Number of the slave's points that faced nothing when the rows were found.
     """
 
-    def __init__(self, points: ContactPoints, leaves_at: Array, sides: tuple[Side, ...], unpaired: int = 0) -> None:
+    def __init__(self, points: ContactPoints, leaves_at: Array, sides: Sides, unpaired: int = 0) -> None:
         self.points, self.row_nodes, self.area = points, points.row_nodes, points.area
         self.leaves_at, self.sides, self.unpaired = leaves_at, sides, unpaired
         self._at_anchors: dict[Hashable, tuple[Anchor, Any, Array]] = {}
@@ -156,11 +154,11 @@ class PresentRows:
         value: T = kept[1]
         return value
 
-    def on(self, sides: tuple[Side, ...]) -> Self:
+    def on(self, sides: Sides) -> Self:
         """Return the same rows for sides with other flexibilities."""
         flexible = zip(self.sides, sides, strict=True)
         result = copy.copy(self)
-        result.sides = tuple(replace(before, flexibility=side.flexibility) for before, side in flexible)
+        result.sides = Sides(replace(before, flexibility=side.flexibility) for before, side in flexible)
         result._at_anchors = {}
         return result
 
@@ -245,7 +243,7 @@ class Stage:
         along: Array = lam @ self.normal
         return along
 
-    def on(self, sides: tuple[Side, ...]) -> Stage:
+    def on(self, sides: Sides) -> Stage:
         """Return the same stage for sides with other flexibilities."""
         result = copy.copy(self)
         result.rows, result.shared, result._values = self.rows.on(sides), None, {}

@@ -182,7 +182,7 @@ class TangentialRows:
         gaps = self.gaps
         if len(gaps.sides) == 2:
             master = gaps.sides[1].kinematics
-            return offsets if master.linear else offsets @ master.frame(gaps.split(then.q)[1])[1] @ self.axes.T
+            return offsets if master.linear else offsets @ master.frame(gaps.sides.split(then.q)[1])[1] @ self.axes.T
         if not gaps.carried:
             return offsets
         (place, axes), (place_now, axes_now) = (

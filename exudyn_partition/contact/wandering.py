@@ -27,6 +27,7 @@ from .gaps import GapState, Present
 from .patch_gaps import PatchGaps
 from .rigid import OnRigid, RigidGaps
 from .side import Side
+from .sides import Sides
 from .stages import NOTHING, Anchor, PresentRows, Stage
 
 WINDOW = 1.0  # of a facet's size: motion after which the parts are found again
@@ -99,7 +100,7 @@ class WanderingGaps(PatchGaps):
 
     def _seen(self, q: Array) -> Array:
         """Place of the slave relative to the master at coordinates q, (n,): (3, 3) [m]."""
-        parts = zip(self._three, self.split(q), self.growing_sides, strict=True)
+        parts = zip(self._three, self.sides.split(q), self.growing_sides, strict=True)
         places = [three.place(*part) for three, *part in parts]
         return seen_from(places, [_THREE, _THREE])
 
@@ -115,7 +116,7 @@ class WanderingGaps(PatchGaps):
         if not self._apart_by_far:
             self._near_points = near.points(self._all)
         both = zip(self._start.rows.sides, (near.slave_facets, near.master_facets), self.witnesses, strict=True)
-        self.sides = tuple(side.part(facets, witnesses) for side, facets, witnesses in both)
+        self.sides = Sides(side.part(facets, witnesses) for side, facets, witnesses in both)
         self._loaded = {}
         self.follow()
         self._parted_at = here
@@ -237,7 +238,7 @@ class WanderingRigidGaps(RigidGaps):
         choice = rows.choice if isinstance(rows, ChosenRows) else None
         if choice != self._choice:
             self._choice, self._loaded = choice, {}
-            self.sides = (self._whole if choice is None else choice.side,)
+            self.sides = Sides((self._whole if choice is None else choice.side,))
 
     def after(self) -> GapState:
         """See `Gaps`."""
@@ -316,7 +317,7 @@ class WanderingRigidGaps(RigidGaps):
         nodes = np.flatnonzero(gap < self.reach + max(2 * soon, least + soon))
         facets = np.flatnonzero(np.isin(self._whole.surface.facets, nodes).any(axis=1))
         part = self._whole.part(facets, self._witnesses)
-        self.sides = (part,)
+        self.sides = Sides((part,))
         rows, beyond = self._rows_of(nodes), self.reach + max(least, 2 * soon) - reach
         rows.choice = Choice(anchor, self._here(places, anchor.pose), reach, beyond, part)
         self._put_stage(Stage(rows, self.stage.normals, self.stage.shares))  # `at` finds these two

@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from oracles import compliant, each_way, floating, inertial, moved, relative, without_numba
 
 from exudyn_partition.algebra.coulomb import Coulomb
-from exudyn_partition.contact import gaps, loops
+from exudyn_partition.contact import loops
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.surfaces.points import ROWS, ContactPoints
 
@@ -61,7 +61,7 @@ def test_rows_are_chosen_at_the_same_places(round_body, flat_body):
 def test_following_only_the_nodes_that_rows_need_changes_no_force(round_body, flat_body, frame, compiled, monkeypatch):
     sides, found = (frame(round_body), inertial(flat_body)), []
     for many in (0, 10**9):
-        monkeypatch.setattr(gaps, "MANY", many)
+        monkeypatch.setattr("exudyn_partition.contact.sides.MANY", many)
         with nullcontext() if compiled else without_numba():
             law = compliant(PatchGaps(*sides), Coulomb(0.3))
             forces = [law.at(q).generalised.copy() for q in ways(sides[0], flat_body.n_dofs)]

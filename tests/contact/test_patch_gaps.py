@@ -109,7 +109,7 @@ def test_no_point_comes_nearer_than_closing_says(round_body, flat_body, side, mo
     q_t = np.concatenate(parts)
     gap, rate, _ = gaps.closing(q, q_t, 0.0 * q)
     assert len(gap) == 1
-    later = gaps.surface_gap(gaps.moved(q, step * q_t))
+    later = gaps.surface_gap(gaps.sides.moved(q, step * q_t))
     assert gap[0] + step * rate[0] <= later + 1e-6  # contact points are that much above the lowest node
     assert later < gaps.surface_gap(q) - 1e-5
     assert rate[0] < 0
@@ -255,7 +255,7 @@ def test_action_is_reaction_while_sliding(round_body, flat_body):
     force = law.at(q).generalised
     parts = force[: slave.n], force[slave.n :]
     total, moment = np.zeros(3), np.zeros(3)
-    for side, part, own in zip((slave, master), parts, law.gaps.split(q), strict=True):
+    for side, part, own in zip((slave, master), parts, law.gaps.sides.split(q), strict=True):
         r, A = side.kinematics.frame(own)
         total += part[:3]
         moment += np.cross(r, part[:3]) + A @ part[3:6]

@@ -247,7 +247,7 @@ def test_time_to_contact_of_moving_pairs(body, bodies, height):
     contact = ep.CreatePartitionContact(mbs, striker, target, rows="node-to-segment")
     mbs.Assemble()
     q_t = np.zeros(contact.mechanics.gaps.n)
-    contact.mechanics.gaps.split(q_t)[contact.slave is not striker][2] = -0.5
+    contact.mechanics.gaps.sides.split(q_t)[contact.slave is not striker][2] = -0.5
     time = ep.time_to_contact(contact, np.zeros_like(q_t), q_t)
     assert (0.99 if height < 1e-3 else 0.5) * height / 0.5 < time < 1.001 * height / 0.5
 

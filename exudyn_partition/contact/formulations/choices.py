@@ -155,7 +155,7 @@ class Penalty(Formulation):
         if any(side.flexibility is not None for side in gaps.sides):
             return bed_stiffness(gaps)
         inverse_mass = 1 / np.concatenate([side.kinematics.mass for side in gaps.sides])
-        return inertial_stiffness(gaps, inverse_mass, max(map(_highest_frequency, gaps.bodies)))
+        return inertial_stiffness(gaps, inverse_mass, max(map(_highest_frequency, gaps.sides.bodies)))
 
 
 class Hertz(Formulation):

@@ -284,7 +284,7 @@ class ForwardRows:
         kept, gaps = self._response, self.gaps
         if kept is None or not gaps.frozen_since(kept[0]):
             G = self.rows.jacobian(np.arange(len(gaps.row_nodes)))
-            push = gaps.accelerations(G)
+            push = gaps.sides.accelerations(gaps.q, G)
             F = regularised(dense(G @ push))  # between flat patches, there may be more rows than coordinates
             kept = self._response = gaps.frozen_stage, RowResponse(G, push, F, G[:: self.rows.d])
         return kept[1]
@@ -297,7 +297,7 @@ class ForwardRows:
         (q, q_t, q_tt), gaps, rows, pose = start, self.gaps, self.rows, last.state.pose
         if last.promise is not None:
             self._check_last_step(last.promise, q)
-        end = gaps.moved(q, step * q_t + 0.5 * step**2 * q_tt)
+        end = gaps.sides.moved(q, step * q_t + 0.5 * step**2 * q_tt)
         gap, jump, fading, frozen_steps = self._gaps(last.state, q, end)
         least = smallest(gap)
         if not isinstance(rows, TangentialRows):
@@ -384,7 +384,7 @@ class ForwardRows:
 
         The check uses the pairs of that step, because points that cross an edge between facets have other gaps.
         """
-        gap = promise.free_gap + promise.G @ self.gaps.way(promise.free_end, q)
+        gap = promise.free_gap + promise.G @ self.gaps.sides.way(promise.free_end, q)
         off = largest_change(gap, promise.gap)
         # Rounding errors are looked at only where they may matter.
         if off > 1e-3 * promise.scale and off > 1e-3 * promise.scale + 1e-12 * (abs(q).max() + abs(gap).max()):

@@ -306,7 +306,7 @@ class StepImpulses:
         line, cautious, settled = guess.line, guess.cautious, guess.settled
         if predicted and settled:
             line, cautious = None, True  # Newton's iteration has begun again
-        ahead = gaps.moved(q, _AHEAD * step * q_t)
+        ahead = gaps.sides.moved(q, _AHEAD * step * q_t)
         if line is None:
             line = self._linear(self._ahead(guess.start, ahead, step))
         again = evaluations == _AGAIN and gaps.moving and not cautious
@@ -377,7 +377,7 @@ class StepImpulses:
     def _gaps_at(self, line: Line, ahead: Array, step: float) -> Array:
         """Gaps, (nr,), at coordinates `ahead`, (n,), and at the predicted place of the surface's carrier."""
         gaps = self.gaps
-        h: Array = line.gap + line.rows @ gaps.way(line.place, ahead)
+        h: Array = line.gap + line.rows @ gaps.sides.way(line.place, ahead)
         if gaps.carried:
             now, then = gaps.carrier_pose, gaps.evaluated_pose
             turn = Rotation.from_matrix(now[3:].reshape(3, 3) @ then[3:].reshape(3, 3).T).as_rotvec()
@@ -393,7 +393,7 @@ class StepImpulses:
         if not start.end:
             return ahead
         q, q_t = start.end
-        return self.gaps.moved(q, (1 + _AHEAD) * step * self.gaps.rigid_part(q_t))
+        return self.gaps.sides.moved(q, (1 + _AHEAD) * step * self.gaps.sides.rigid_part(q_t))
 
     def _linear(self, place: Array) -> Line:
         """Gaps linearised about coordinates, (n,)."""

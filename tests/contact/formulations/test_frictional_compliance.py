@@ -29,9 +29,9 @@ def law(round_body, flat_body, request):
 
 def pressed(law, along=(0.0, 0.0)):
     """Coordinates with the slave pressed in by DEPTH, and shifted along the plane."""
-    slave = law.gaps.bodies[0]
+    slave = law.gaps.sides.bodies[0]
     way = np.array([*along, -DEPTH])
-    return np.concatenate([slave.rigid[:, :3] @ way, np.zeros(law.gaps.bodies[1].n_dofs)])
+    return np.concatenate([slave.rigid[:, :3] @ way, np.zeros(law.gaps.sides.bodies[1].n_dofs)])
 
 
 def begin(law):

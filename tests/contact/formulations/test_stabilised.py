@@ -254,7 +254,7 @@ def test_the_second_iteration_of_newtons_method_is_the_last(gaps, nodal, frictio
     assert index.size > 3
     assert relative(forces[1], forces[2]) < 1e-7
     q, q_t = state(forces[-1])
-    gap = gaps.at(gaps.moved(q, 0.5 * step * q_t))
+    gap = gaps.at(gaps.sides.moved(q, 0.5 * step * q_t))
     assert abs(gap[index]).max() < 1e-9 * 1e-6
     assert gap.min() > -1e-15
     assert on_rows[:, 0].min() >= 0
