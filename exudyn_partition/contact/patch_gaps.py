@@ -21,7 +21,7 @@ from ..algebra.sparse.skin_flexibility import Flexibility
 from ..support.arrays import Array
 from ..surfaces.facing import ALONG_LINE, closest_met, facing
 from ..surfaces.loops import at_points
-from ..surfaces.pairs import continue_past_rim
+from ..surfaces.pairs import continue_past_rim, hold
 from ..surfaces.points import ContactPoints, RowKind
 from ..surfaces.projection import Projection
 from ..surfaces.rows import ContactRows, rows_of
@@ -204,8 +204,10 @@ class PatchGaps(Gaps):
         """See `Gaps`."""
         x_s, x_m = self.places_at(self.sides, anchor)
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
-        projection, across = self._projection(rows.points, slave, master), self.sides[1].surface.neighbours[0]
-        continue_past_rim(projection, rows.points.at(x_s), x_m[master.facets], across, self.size)
+        projection, start = self._projection(rows.points, slave, master), self.sides[1].surface
+        places, nodes = rows.points.at(x_s), x_m[master.facets]
+        past, _ = continue_past_rim(projection, places, nodes, start.neighbours[0], self.size)
+        hold(projection, np.flatnonzero(~past), places, nodes, start.others, self.size)
         shares = (rows.points.nodes, rows.points.weights), (master.facets[projection.facet], -projection.weights)
         stage = Stage(rows, projection.normal, shares)
         stage.here, stage.places, stage.of_anchor = seen_from([x_s, x_m], self.witnesses), [x_s, x_m], True

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..fe.edges import edge_middles
-from ..fe.shapes import QUADS, TABLES, curvature, shape_functions
+from ..fe.shapes import TABLES, corners_of, curvature, shape_functions
 from ..support.arrays import Array
 from . import loops
 from .facing import EDGE_TOLERANCE
+from .holders import AS_NEAR, BESIDE, FOLLOWED, Others, depths, least_depth, places_beside
 from .points import ContactPoints
 from .projection import SETTLED, Projection, newton_step
 from .surface import Surface, closest_points
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from .moving_kernels import Followed, Moving
 
 STEPS = 6
-FOLLOWED = 2e-6  # of a facet: how far a point may pass its edge
 _ON_EDGE = 1e-6  # of a facet's size: round-off of a point that lies on the patch
 
 
@@ -46,11 +45,12 @@ class MovingPairs:
     def __init__(self, master: Surface, facet: Array, local: Array) -> None:
         # Loops are compiled again for arrays of another layout.
         self.facets, self.size = np.ascontiguousarray(master.facets), master.facet_size
-        self._neighbours = master.neighbours
+        self._neighbours, self._others = master.neighbours, master.others
         self._middles, self._turns = edge_middles(master.facets), master.turns
         self._facet, self._local, self._last = facet.copy(), local.copy(), np.zeros_like(local)
         self._past, self._gone = np.zeros((2, len(facet)), dtype=bool)
-        self._of_master = self.facets, *self._neighbours, self._turns, self._middles, TABLES[self.facets.shape[1]]
+        others = self._others.around, self._others.lean
+        self._of_master = self.facets, *self._neighbours, self._turns, self._middles, TABLES[self.facets.shape[1]], *others
         nf = len(self.facets)
         self._room = np.empty(nf, dtype=bool), np.empty((nf, len(TABLES[self.facets.shape[1]]), 3))
         # Of compiled loops: the points that they follow, their numbers, and how far these have moved last.
@@ -154,6 +154,7 @@ class MovingPairs:
         facet, local, rest = self._here
         searched = index[lost]
         past, gone = continue_past_rim(found, x, x_m[self.facets], self._neighbours[0], self.size)
+        hold(found, np.flatnonzero(~past), x, x_m[self.facets], self._others, self.size)
         self._past[searched], self._gone[searched] = past, gone
         facet[lost], local[lost] = found.facet, found.local
         rest[lost] = 0.0 if self._points is points else found.weights
@@ -188,6 +189,8 @@ class MovingPairs:
         if len(left):
             last[left] = 0.0
             lost = self._cross_again(pairs, left, x[left], x_m)
+        held = hold(pairs, np.flatnonzero(~self._past[index]), x, x_m[self.facets], self._others, self.size)
+        last[held] = 0.0
         self._facet[index], self._local[index], self._last[index] = pairs.facet, pairs.local, last
         return pairs, lost
 
@@ -197,7 +200,7 @@ class MovingPairs:
 
     def _cross(self, facet: Array, local: Array, last: Array) -> tuple[Array, Array, Array]:
         """Facets across the edges that points have crossed, with coordinates and motion there; unchanged at rims."""
-        edge = np.argmin(_depths(local, self.facets.shape[1]), axis=0)
+        edge = np.argmin(depths(local, self.facets.shape[1]), axis=0)
         neighbour, its_edge = (of[facet, edge] for of in self._neighbours)
         middle, turn = self._middles, self._turns[facet, edge]
         there = middle[its_edge] + np.einsum("kij,kj->ki", turn, local - middle[edge])
@@ -275,7 +278,7 @@ def continue_past_rim(
     two (k,) bool arrays
         Which points are past the rim, and which by more than the tolerance.
     """
-    on = np.stack(_depths(found.local, nodes.shape[1]), axis=1) < _ON_EDGE
+    on = np.stack(depths(found.local, nodes.shape[1]), axis=1) < _ON_EDGE
     offset = np.where((on & (across[found.facet] < 0)).any(axis=1), found.offset, 0.0)
     past, gone = offset > _ON_EDGE * size, offset > EDGE_TOLERANCE * size
     beyond = np.flatnonzero(past & ~gone)
@@ -285,12 +288,48 @@ def continue_past_rim(
     return past, gone
 
 
-def _depths(local: Array, n_nodes: int) -> list[Array]:
-    """Distances of points from each edge of their facet, (k,) each, in its coordinates; positive inside."""
-    r, s = local[:, 0], local[:, 1]
-    return [s, 1 - r, 1 - s, r] if n_nodes in QUADS else [s, 1 - r - s, r]
+def hold(found: Projection, some: Array, points: Array, nodes: Array, others: Others, size: float) -> Array:
+    """Put projections of points that several facets have on the one that has them wherever they come from.
+
+    Parameters
+    ----------
+    found : Projection
+        Of the k points; it is changed.
+    some : (m,) int array
+        Numbers of the points that are looked at.
+    points : (k, 3) array
+        Places of the points [m].
+    nodes : (nf, n, 3) array
+        Positions of the nodes of each facet [m].
+    others : Others
+    size : float
+        Of the facets [m].
+
+    Returns
+    -------
+    (j,) int array
+        Points that changed their facets. The gap of a point is NaN if a facet is that is not followed.
+    """
+    n_nodes = nodes.shape[1]
+    some = some[least_depth(found.local[some], n_nodes) >= -FOLLOWED]
+    facet = found.facet[some]
+    at = places_beside(found.local[some], n_nodes, BESIDE * FOLLOWED + others.lean[facet] * abs(found.gap[some]))
+    some, tried = some[at >= 0], others.around[facet[at >= 0], at[at >= 0]]
+    if not len(some):
+        return some
+    row, column = np.nonzero((tried >= 0) & (tried != found.facet[some, None]))
+    index, facet = some[row], tried[row, column]
+    middle = np.tile(corners_of(nodes).mean(axis=0), (len(index), 1))
+    every = follow(points[index], nodes[facet], facet, middle)
+    away = np.where(tried < 0, np.inf, abs(found.gap[some])[:, None])
+    away[row, column] = np.where(least_depth(every.local, n_nodes) >= -FOLLOWED, abs(every.gap), np.inf)
+    first = (away <= away.min(axis=1, keepdims=True) + AS_NEAR * size).argmax(axis=1)
+    changed = first[row] == column
+    found.put(index[changed], every.part(changed))
+    found.gap[index[np.isnan(every.gap)]] = np.nan
+    return index[changed]
 
 
 def _outside(local: Array, n_nodes: int, by: float = 0.0) -> Array:
     """Numbers of the points that are outside of their facets, (k,) int array."""
-    return np.flatnonzero(reduce(np.minimum, _depths(local, n_nodes)) < -by)
+    return np.flatnonzero(least_depth(local, n_nodes) < -by)
