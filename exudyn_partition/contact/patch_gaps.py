@@ -19,7 +19,7 @@ import numpy as np
 from ..algebra.products import moved, weighted_rows
 from ..algebra.sparse.skin_flexibility import Flexibility
 from ..support.arrays import Array
-from ..surfaces.facing import ALONG_LINE, closest_met, facing
+from ..surfaces.facing import ALONG_LINE, closest_met, facing, opposite
 from ..surfaces.loops import at_points
 from ..surfaces.pairs import continue_past_rim, hold
 from ..surfaces.points import ContactPoints, RowKind
@@ -342,7 +342,21 @@ class PatchGaps(Gaps):
 
     def _projection(self, points: ContactPoints, slave: Surface, master: Surface) -> Projection:
         """Closest points of some points of the slave on the master."""
-        return closest_met(points.at(slave.points), slave.normal_here, master)
+        return closest_met(points.at(slave.points), self._normals_of(points, slave), master)
+
+    def _normals_of(self, points: ContactPoints, slave: Surface) -> Array:
+        """Normals of some points of the slave by which facets are theirs, (p, 3), or (3,) for all."""
+        return slave.normal_here
+
+    def met(self, places: Sequence[Array], points: ContactPoints) -> tuple[Projection, Array, Array, Array]:
+        """See `Pair.met`."""
+        slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, places, strict=True))
+        found = self._projection(points, slave, master)
+        return found, opposite(found.normal, self._normals_of(points, slave)), points.at(slave.points), master.points
+
+    def met_at(self, q: Array, points: ContactPoints) -> tuple[Projection, Array, Array, Array]:
+        """See `Pair.met_at`."""
+        return self.met(self.places(q), points)
 
     def search(self, q: Array, within: float | None = None) -> tuple[Stage, Array]:
         """See `Pair`.

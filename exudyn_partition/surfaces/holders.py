@@ -55,7 +55,8 @@ class Others:
         own, its = ne * facet + np.stack([edge, (edge + 1) % ne]), ne * other + shared.argmax(axis=2)
         sine = np.linalg.norm(np.cross(normals.reshape(-1, 3)[own], normals.reshape(-1, 3)[its]), axis=2).max(axis=0)
         smooth = sine < _SHARP
-        links = sp.csr_matrix((np.ones(2 * smooth.sum()), (own[:, smooth].ravel(), its[:, smooth].ravel())), (ne * nf,) * 2)
+        ends = own[:, smooth].ravel(), its[:, smooth].ravel()
+        links = sp.csr_matrix((np.ones(len(ends[0])), ends), (ne * nf, ne * nf))
         spread = connected_components(links, directed=False)[1]
         order = np.argsort(spread, kind="stable")
         size = np.bincount(spread)

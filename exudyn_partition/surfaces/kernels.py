@@ -285,7 +285,8 @@ def hold_all(
         while first < n and not away[first] <= least + as_near:
             first += 1
         if first < n and around[own, here, first] != own:
-            facet[i], local[i, 0], local[i, 1], last[i, 0], last[i, 1] = around[own, here, first], middle, middle, 0.0, 0.0
+            facet[i], local[i, 0], local[i, 1] = around[own, here, first], middle, middle
+            last[i, 0] = last[i, 1] = 0.0
             newton_steps(i, i + 1, x, places, facet, local, step, normal, gap, frames, cubic)
             go_on(some[k : k + 1], x, places, facet, local, step, normal, gap, frames, SETTLED, steps, cubic)
         else:

@@ -14,6 +14,7 @@ from numba.experimental import structref
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner
 from ..support.struct_kernels import StructType, define_struct
+from .holders import AS_NEAR, BESIDE
 from .kernels import (
     cross,
     cross_edge,
@@ -27,7 +28,6 @@ from .kernels import (
     turned,
     weigh,
 )
-from .holders import AS_NEAR, BESIDE
 from .projection import SETTLED
 
 

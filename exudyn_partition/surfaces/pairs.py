@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +22,9 @@ from .vectors import cross
 if TYPE_CHECKING:
     from .moving_kernels import Followed, Moving
 
+# Projects points on all facets. It returns projections, whether points face their facets, (k,), their places, (k, 3),
+# and those of all nodes of the master, (np, 3) [m].
+Meeting = Callable[[ContactPoints], tuple[Projection, Array, Array, Array]]
 STEPS = 6
 _ON_EDGE = 1e-6  # of a facet's size: round-off of a point that lies on the patch
 
@@ -49,10 +53,10 @@ class MovingPairs:
         self._middles, self._turns = edge_middles(master.facets), master.turns
         self._facet, self._local, self._last = facet.copy(), local.copy(), np.zeros_like(local)
         self._past, self._gone = np.zeros((2, len(facet)), dtype=bool)
-        others = self._others.around, self._others.lean
-        self._of_master = self.facets, *self._neighbours, self._turns, self._middles, TABLES[self.facets.shape[1]], *others
+        table, others = TABLES[self.facets.shape[1]], (self._others.around, self._others.lean)
+        self._of_master = self.facets, *self._neighbours, self._turns, self._middles, table, *others
         nf = len(self.facets)
-        self._room = np.empty(nf, dtype=bool), np.empty((nf, len(TABLES[self.facets.shape[1]]), 3))
+        self._room = np.empty(nf, dtype=bool), np.empty((nf, len(table), 3))
         # Of compiled loops: the points that they follow, their numbers, and how far these have moved last.
         self._points: ContactPoints | None = None
         self._index, self._motion = np.empty(0, dtype=np.int64), np.zeros((0, 2))
@@ -71,7 +75,7 @@ class MovingPairs:
         index: Array,
         x_s: Array,
         x_m: Array,
-        everywhere: Callable[[], Array] | None = None,
+        meet: Meeting | None = None,
     ) -> tuple[Array, Array]:
         """Project some points again. `carriers` and `nodal_forces` are about those that were projected last.
 
@@ -85,8 +89,8 @@ class MovingPairs:
             Places of the slave's nodes [m].
         x_m : (np, 3) array
             Places of the master's nodes [m]; NaN where they are not followed.
-        everywhere : callable, optional
-            Places of all nodes of the master, for points that must be searched. Default: x_m.
+        meet : callable, optional
+            Projects points that must be searched, see `Meeting`. Default: on the closest facets, with places x_m.
 
         Returns
         -------
@@ -100,7 +104,7 @@ class MovingPairs:
             self._here, normal = (found.facet, found.local, found.weights), found.normal
             gap = np.where(self._gone.take(index), self.size, found.gap)
         if len(lost):
-            self.search(points, index, lost, x_s, x_m if everywhere is None else everywhere(), normal, gap)
+            self.search(points, index, lost, meet or self._closest_at(x_s, x_m), normal, gap)
         return normal, gap
 
     def moving(self, points: ContactPoints, index: Array) -> Moving:
@@ -142,19 +146,26 @@ class MovingPairs:
         self._keep()
         return self._local
 
+    def _closest_at(self, x_s: Array, x_m: Array) -> Meeting:
+        def meet(points: ContactPoints) -> tuple[Projection, Array, Array, Array]:
+            x = points.at(x_s)
+            return closest_points(x, x_m[self.facets]), np.ones(len(x), dtype=bool), x, x_m
+
+        return meet
+
     def search(
-        self, points: ContactPoints, index: Array, lost: Array, x_s: Array, x_m: Array, normal: Array, gap: Array
+        self, points: ContactPoints, index: Array, lost: Array, meet: Meeting, normal: Array, gap: Array
     ) -> None:
         """Project the points `lost` of those that were followed on all facets, and put their normals and gaps right.
 
-        Find out, too, which of them are past the edge, see `continue_past_rim`.
+        Find out, too, which of them are past the edge, see `continue_past_rim`, and which face nothing any more.
         """
-        x = loops.at_points(points.nodes[lost], points.weights[lost], x_s)
-        found = closest_points(x, x_m[self.facets])
+        found, faces, x, x_m = meet(replace(points, nodes=points.nodes[lost], weights=points.weights[lost]))
         facet, local, rest = self._here
         searched = index[lost]
         past, gone = continue_past_rim(found, x, x_m[self.facets], self._neighbours[0], self.size)
         hold(found, np.flatnonzero(~past), x, x_m[self.facets], self._others, self.size)
+        gone |= ~faces
         self._past[searched], self._gone[searched] = past, gone
         facet[lost], local[lost] = found.facet, found.local
         rest[lost] = 0.0 if self._points is points else found.weights

@@ -74,8 +74,8 @@ def test_points_have_the_same_facets_wherever_they_come_from(round_body, quadrat
     normals = surface.normals_at(nodes[:, None], np.ones((len(nodes), 1)))
     rng, size = np.random.default_rng(4), surface.facet_size
     beside = np.where(np.arange(len(nodes)) % 3, 0.0, 3e-7 * size)[:, None] * rng.normal(size=normals.shape)
-    x, alone, places = surface.points[nodes] + height * normals + beside, single_points(len(nodes)), surface.points.copy()
-    index = np.arange(len(x))
+    x, places = surface.points[nodes] + height * normals + beside, surface.points.copy()
+    alone, index = single_points(len(x)), np.arange(len(x))
 
     def followed(*ways):
         found = closest_points(x + ways[0], surface.points[surface.facets])
