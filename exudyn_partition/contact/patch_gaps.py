@@ -297,6 +297,19 @@ class PatchGaps(Gaps):
             self.within = within
         return lacks
 
+    def guesses(self, *, shared: bool) -> bool:
+        """Whether it is a guess how far forces push rows shut; `shared` tells whether other contacts push them too."""
+        return shared or not math.isfinite(self.lifting)
+
+    def gaps_of_all(self, q: Array, ways: Sequence[Array]) -> tuple[Array, Array]:
+        """Nodes and gaps [m] of all rows that face the master, (nr,) each, at coordinates q, (n,).
+
+        The nodes of each side are moved by ways, (np, 3) [m], in the body's axes. It looks at the near parts of patches
+        over which contact wanders, where these were at the last evaluation.
+        """
+        rows, _ = self.project(*self.dented(self.sides, q, ways))
+        return rows.points.row_nodes, rows.gap
+
     @property
     def leaves_out(self) -> bool:
         """Whether rows are followed, and not all of them."""

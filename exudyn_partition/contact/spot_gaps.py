@@ -43,6 +43,7 @@ _TILTED = 0.1  # of a kernel's radius: motion of the point of contact after whic
 _TOUCHES = 0.05  # of a facet's size: gap at the start up to which one of several points must have its kernel there
 _APART = 0.75  # of the walls of both bodies: faces that overlap by more are on far sides, and the bodies are apart
 _STUCK = 0.25  # means of the logarithm of distances, under the kernel's pressure less under the traction of what sticks
+_EVEN = 0.02  # relative difference of curvatures below which both axes of the ellipse are the same
 _ALONG = 1e-3  # difference of a direction from the normal of contact, with a flexibility along this direction alone
 
 
@@ -147,9 +148,17 @@ class SpotGaps(Gaps):
         return self._found.round is not None and self._found.round.circular
 
     @property
+    def even(self) -> bool:
+        """Whether `contact_then` is so nearly a circle that its axes would turn with the least motion."""
+        small, large = sorted(self.contact_then.curvatures)
+        return large - small <= _EVEN * large
+
+    @property
     def shear(self) -> tuple[float, float]:
         """Tangential moduli of both bodies along the ellipse of contact and across it, see `PointContact` [Pa]."""
-        return self.contact_then.shear_moduli(self._found.materials)
+        along, across = self.contact_then.shear_moduli(self._found.materials)
+        mean = (along + across) / 2
+        return (mean, mean) if self.even else (along, across)
 
     def _prepare(self, sides: Sequence[Side]) -> None:
         """Find the spots at the start."""

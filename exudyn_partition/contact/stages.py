@@ -72,7 +72,7 @@ class Pair(Protocol):
         """The sides with the nodes of these points, and the master's nodes around facets, (p,) int array."""
 
     def met(self, places: Sequence[Array], points: ContactPoints) -> tuple[Projection, Array, Array, Array]:
-        """Project some points of the slave on all facets, see `pairs.Meeting`; places of nodes, (np, 3) of each side."""
+        """Project some points of the slave on all facets, see `pairs.Meeting`, with nodes at places of both sides."""
 
     def met_at(self, q: Array, points: ContactPoints) -> tuple[Projection, Array, Array, Array]:
         """Do the same at coordinates q, (n,)."""
