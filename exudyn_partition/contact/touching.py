@@ -62,6 +62,17 @@ class Touching:
         small, large = np.linalg.eigvalsh(bent + 2 * np.abs(bent).sum() * np.outer(normal, normal))[:2]
         return at_point((float(small), float(large)), self.modulus)
 
+    def check_crossing(self, axes: Sequence[Array]) -> None:
+        """Raise InputError if both are cylinders that are parallel, with axes of both sides as columns, (3, 3)."""
+        ways = [
+            turn @ shape.shape.axis
+            for shape, turn in zip(self.shapes, axes, strict=True)
+            if isinstance(shape.shape, RigidCylinder) and self.ball is None
+        ]
+        if len(ways) == 2:
+            # The last direction is across both, also if they are parallel.
+            self.contact(axes, np.linalg.svd(np.array(ways))[2][2])
+
     def bending(self, axes: Sequence[Array], normal: Array) -> Array:
         """Sum of the curvatures of both sides, see `contact`, as a tensor in space, (3, 3) [1/m]."""
         parts = zip(self.shapes, axes, strict=True)
