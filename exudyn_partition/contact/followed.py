@@ -19,7 +19,8 @@ import numpy as np
 from ..algebra.products import largest_change
 from ..support.arrays import Array
 from ..support.attributes import FoundOnce
-from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
+from ..surfaces.holders import FOLLOWED
+from ..surfaces.pairs import STEPS, MovingPairs
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import ContactRows
 from ..surfaces.vectors import triangle_frame

@@ -110,7 +110,8 @@ def CreatePartitionContact(
         paper's and Craig-Bampton's. It works in VelocityVerlet (`explicit_multipliers`) and in generalized-alpha
         (`implicit_multipliers`). "penalty" works with any basis: an elastic layer on the slave's patch. "hertz" is for
         a ball, a rounded corner or a cylinder across another one that touches at a point, also with contacts smaller
-        than the facets: Hertz's law in place of rows, see `contact.formulations.hertz`. For one of your own, see `contact.formulations.formulation`.
+        than the facets: Hertz's law in place of rows, see `contact.formulations.hertz`. For one of your own, see
+        `contact.formulations.formulation`.
     rows : {"integrated", "node-to-segment", "edges", "spot"}, optional
         Gaps that may not become negative, see `contact.points`. "integrated": the mean gap around each node of the
         slave's patch. Uniform pressure then passes through meshes that do not match. "node-to-segment": the gap of

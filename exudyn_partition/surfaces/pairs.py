@@ -327,7 +327,7 @@ def hold(found: Projection, some: Array, points: Array, nodes: Array, others: Ot
     at = places_beside(found.local[some], n_nodes, BESIDE * FOLLOWED + others.lean[facet] * abs(found.gap[some]))
     some, tried = some[at >= 0], others.around[facet[at >= 0], at[at >= 0]]
     if not len(some):
-        return some
+        return np.empty(0, dtype=np.int64)
     row, column = np.nonzero((tried >= 0) & (tried != found.facet[some, None]))
     index, facet = some[row], tried[row, column]
     middle = np.tile(corners_of(nodes).mean(axis=0), (len(index), 1))
@@ -338,7 +338,7 @@ def hold(found: Projection, some: Array, points: Array, nodes: Array, others: Ot
     changed = first[row] == column
     found.put(index[changed], every.part(changed))
     found.gap[index[np.isnan(every.gap)]] = np.nan
-    return index[changed]
+    return np.asarray(index[changed])
 
 
 def _outside(local: Array, n_nodes: int, by: float = 0.0) -> Array:

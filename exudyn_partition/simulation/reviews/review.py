@@ -51,8 +51,8 @@ OF_SAMPLES: tuple[Review, ...] = (
     rotation, missing_growth, axial_forces, spin, slopes, strain, bending, undamped_vibration,
     patch_edges, overlap, depth, sinking, crossing_edges, short_impacts, few_rows, wide_points, directions, missed,
     pushed_shut, passing, through_walls, undamped_layers, flow_at_border, coarse_zones, large_plastic_strain, ringing,
-    rare_samples, first_yield, near_zones, open_statics, missing_dents, open_joints, balance, long_steps, lasting_ringing,
-    turns,
+    rare_samples, first_yield, near_zones, open_statics, missing_dents, open_joints, balance, long_steps,
+    lasting_ringing, turns,
 )  # fmt: skip
 
 
