@@ -1,8 +1,8 @@
 """Rows that forces push shut, and that nobody follows: they have no force, though surfaces lie in each other there.
 
 Where contact slides, rows are followed as far as forces may push them shut. Of skins on demand, of contacts on a common
-body, and of patches of one body this distance is a guess, see `PatchGaps.follow_pushed`. Here it is looked at once,
-where the force is largest: with the nodes where all forces move them, no row without a force may be deep.
+body, and of patches of one body this distance is a guess, see `PatchGaps.follow_pushed`. At some samples,
+this looks at all rows, with the nodes where all forces move them: no row without a force may be deep.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from ...exudyn_bodies.partition_body import PartitionBody
 from ...exudyn_contacts.partition_contact import PartitionContact
 from ...support.arrays import Array
 from ..result import called, when
-from .reviewed_run import ContactHistory, Finding, ReviewedRun
+from .reviewed_run import ContactHistory, Finding, ReviewedRun, evenly
 
-_DEEP = 0.05  # depth of a row without force, by that of the deepest row without flexibility, which shows in the force
+_SAMPLES = 8  # that are looked at
+_DEEP = 0.25  # depth of a row without force, by that of the deepest row without flexibility; a tenth is at edges
 
 
 def pushed_shut(run: ReviewedRun) -> Iterator[Finding]:
-    """Contacts whose guess, how far forces push rows shut, was exceeded where the force is largest."""
+    """Contacts in which forces push rows shut further than it was guessed."""
     for history in run.contacts:
         gaps = history.contact.mechanics.gaps
         guessed = isinstance(gaps, PatchGaps) and gaps.guesses(shared=len(history.contact.group) > 1)
@@ -33,19 +34,11 @@ def pushed_shut(run: ReviewedRun) -> Iterator[Finding]:
 
 
 def _not_followed(run: ReviewedRun, history: ContactHistory) -> Iterator[Finding]:
-    contact, sample = history.contact, int(history.force.argmax())
-    q = np.concatenate([run.body(item).q[sample] for item, _ in contact.sides])
-    gaps = contact.mechanics.gaps.fresh()
-    assert isinstance(gaps, PatchGaps)
-    gaps.at(q)
-    if not gaps.moving:  # then all rows are present
-        return
-    try:
-        nodes, gap = gaps.gaps_of_all(q, _displacements(run, contact, sample))
-    except InputError:  # forces on nodes are not known
-        return
-    closed, forces = history.rows.at_sample(sample)
-    depth = -float(gap[~np.isin(nodes, closed[forces > 0.0])].min(initial=0.0))
+    contact, closed = history.contact, np.flatnonzero(history.force)
+    samples = np.unique(np.append(closed[evenly(len(closed), _SAMPLES)], history.force.argmax()))
+    depths = np.array([_depth_without_row(run, history, int(sample)) for sample in samples])
+    worst = int((depths / np.maximum(history.pressed[samples], 1e-300)).argmax())
+    depth, sample = depths[worst], samples[worst]
     if depth > _DEEP * history.pressed[sample] > 0.0:
         yield Finding(
             f"{called(contact)} at {when(run.result, run.result.t[sample])}: forces push rows shut that are not "
@@ -54,6 +47,23 @@ def _not_followed(run: ReviewedRun, history: ContactHistory) -> Iterator[Finding
             "push a body, and where a body touches itself. Take patches of their own (Partition.ball) that are small "
             "enough to be known in full, or one patch for contacts that are near each other"
         )
+
+
+def _depth_without_row(run: ReviewedRun, history: ContactHistory, sample: int) -> float:
+    """Largest depth of a row without a force at a sample [m], with all nodes where forces move them."""
+    contact = history.contact
+    q = np.concatenate([run.body(item).q[sample] for item, _ in contact.sides])
+    gaps = contact.mechanics.gaps.fresh()
+    assert isinstance(gaps, PatchGaps)
+    gaps.at(q)
+    if not gaps.moving:  # then all rows are present
+        return 0.0
+    try:
+        nodes, gap = gaps.gaps_of_all(q, _displacements(run, contact, sample))
+    except InputError:  # forces on nodes are not known
+        return 0.0
+    closed, forces = history.rows.at_sample(sample)
+    return -float(gap[~np.isin(nodes, closed[forces > 0.0])].min(initial=0.0))
 
 
 def _displacements(run: ReviewedRun, contact: PartitionContact, sample: int) -> list[Array]:
