@@ -23,7 +23,8 @@ from ..contact.side import Side
 from ..contact.stages import NOTHING, Anchor, Frozen, Stage
 from ..contact.wandering import WanderingGaps
 from ..support.arrays import Array
-from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
+from ..surfaces.holders import FOLLOWED
+from ..surfaces.pairs import STEPS, MovingPairs
 from .moving import Following, MovingState, growing_of
 
 FOLLOWING = FOLLOWED, STEPS, NEAR, PATIENCE, BULGE, ROOM, WIDER  # as loops take them

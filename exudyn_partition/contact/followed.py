@@ -11,7 +11,7 @@ While the patches are more than one facet apart, there are no rows.
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +19,8 @@ import numpy as np
 from ..algebra.products import largest_change
 from ..support.arrays import Array
 from ..support.attributes import FoundOnce
-from ..surfaces.pairs import FOLLOWED, STEPS, MovingPairs
+from ..surfaces.holders import FOLLOWED
+from ..surfaces.pairs import STEPS, MovingPairs
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import ContactRows
 from ..surfaces.vectors import triangle_frame
@@ -105,7 +106,7 @@ class Search:
         (x_s, x_m), every, pairs = places, self.every, self.pairs
         pairs.rest()
         self.projections += 1
-        normal, gap = pairs.follow(every.points, np.arange(len(every.facet)), x_s, x_m)
+        normal, gap = pairs.follow(every.points, np.arange(len(every.facet)), x_s, x_m, partial(pair.met, places))
         row_gap = every.points.average(gap)
         if near is None:
             near = min(needed(row_gap, pair.reach, pair.within) + _AHEAD * pair.size, NEAR * pair.size)
@@ -284,7 +285,8 @@ class Followed(Stage):
         if not largest_change(here, search.here) <= reach:
             return None
         x_s, x_m = places
-        normals, of_points = search.pairs.follow(rows.points, rows.index, x_s, x_m, lambda: pair.places(q)[1])
+        meet = partial(pair.met_at, q)
+        normals, of_points = search.pairs.follow(rows.points, rows.index, x_s, x_m, meet)
         gap = rows.points.average(of_points)
         if math.isnan(gap.sum()):
             return None
@@ -301,8 +303,7 @@ class Followed(Stage):
         if not len(normals):
             return None
         if len(lost):
-            x_s, x_m = pair.places(q)
-            rows.search.pairs.search(rows.points, rows.index, lost, x_s, x_m, normals, of_points)
+            rows.search.pairs.search(rows.points, rows.index, lost, partial(pair.met_at, q), normals, of_points)
             gap, least, more_close = loops.row_gaps(rows.compiled, of_points, here, *bounds)
         return None if math.isnan(least) else (self._next(normals, here, places), gap, not more_close)
 

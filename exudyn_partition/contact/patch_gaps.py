@@ -19,9 +19,9 @@ import numpy as np
 from ..algebra.products import moved, weighted_rows
 from ..algebra.sparse.skin_flexibility import Flexibility
 from ..support.arrays import Array
-from ..surfaces.facing import ALONG_LINE, closest_met, facing
+from ..surfaces.facing import ALONG_LINE, closest_met, facing, opposite
 from ..surfaces.loops import at_points
-from ..surfaces.pairs import continue_past_rim
+from ..surfaces.pairs import continue_past_rim, hold
 from ..surfaces.points import ContactPoints, RowKind
 from ..surfaces.projection import Projection
 from ..surfaces.rows import ContactRows, rows_of
@@ -205,8 +205,10 @@ class PatchGaps(Gaps):
         """See `Gaps`."""
         x_s, x_m = self.places_at(self.sides, anchor)
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
-        projection, across = self._projection(rows.points, slave, master), self.sides[1].surface.neighbours[0]
-        continue_past_rim(projection, rows.points.at(x_s), x_m[master.facets], across, self.size)
+        projection, start = self._projection(rows.points, slave, master), self.sides[1].surface
+        places, nodes = rows.points.at(x_s), x_m[master.facets]
+        past, _ = continue_past_rim(projection, places, nodes, start.neighbours[0], self.size)
+        hold(projection, np.flatnonzero(~past), places, nodes, start.others, self.size)
         shares = (rows.points.nodes, rows.points.weights), (master.facets[projection.facet], -projection.weights)
         stage = Stage(rows, projection.normal, shares)
         stage.here, stage.places, stage.of_anchor = seen_from([x_s, x_m], self.witnesses), [x_s, x_m], True
@@ -296,6 +298,19 @@ class PatchGaps(Gaps):
             self.within = within
         return lacks
 
+    def guesses(self, *, shared: bool) -> bool:
+        """Whether it is a guess how far forces push rows shut; `shared` tells whether other contacts push them too."""
+        return shared or not math.isfinite(self.lifting)
+
+    def gaps_of_all(self, q: Array, ways: Sequence[Array]) -> tuple[Array, Array]:
+        """Nodes and gaps [m] of all rows that face the master, (nr,) each, at coordinates q, (n,).
+
+        The nodes of each side are moved by ways, (np, 3) [m], in the body's axes. It looks at the near parts of patches
+        over which contact wanders, where these were at the last evaluation.
+        """
+        rows, _ = self.project(*self.dented(self.sides, q, ways))
+        return rows.points.row_nodes, rows.gap
+
     @property
     def leaves_out(self) -> bool:
         """Whether rows are followed, and not all of them."""
@@ -341,7 +356,21 @@ class PatchGaps(Gaps):
 
     def _projection(self, points: ContactPoints, slave: Surface, master: Surface) -> Projection:
         """Closest points of some points of the slave on the master."""
-        return closest_met(points.at(slave.points), slave.normal_here, master)
+        return closest_met(points.at(slave.points), self._normals_of(points, slave), master)
+
+    def _normals_of(self, points: ContactPoints, slave: Surface) -> Array:
+        """Normals of some points of the slave by which facets are theirs, (p, 3), or (3,) for all."""
+        return slave.normal_here
+
+    def met(self, places: Sequence[Array], points: ContactPoints) -> tuple[Projection, Array, Array, Array]:
+        """See `Pair.met`."""
+        slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, places, strict=True))
+        found = self._projection(points, slave, master)
+        return found, opposite(found.normal, self._normals_of(points, slave)), points.at(slave.points), master.points
+
+    def met_at(self, q: Array, points: ContactPoints) -> tuple[Projection, Array, Array, Array]:
+        """See `Pair.met_at`."""
+        return self.met(self.places(q), points)
 
     def search(self, q: Array, within: float | None = None) -> tuple[Stage, Array]:
         """See `Pair`.

@@ -1,11 +1,11 @@
 """The gap of a contact at one point that the mesh does not resolve, between the true surfaces of both sides.
 
 One of both surfaces is a ball. The other one is a plane, a ball, a cylinder, a bore or a torus, of a body or rigid.
-Or a torus touches a plane: the nearest point is that of the tube there, which is a ball for this. Or it touches a
-cylinder or a torus, where the middles of both are nearest. The row of the contact is the mean over a kernel on each
-side (`surfaces.smooth_kernel`). It wanders over the patches with the point of contact: near its place it is tilted,
-further away it is made anew. A patch may have several smooth faces; each two that touch have gaps of their own, and
-where the surface goes on, they share the contact.
+Or a torus touches a plane: the nearest point is that of the tube there, which is a ball for this. Or both are tori or
+solid cylinders that cross: they touch where their middles are nearest. The row of the contact is the mean over a kernel
+on each side (`surfaces.smooth_kernel`). It wanders over the patches with the point of contact: near its place it is
+tilted, further away it is made anew. A patch may have several smooth faces; each two that touch have gaps of their own,
+and where the surface goes on, they share the contact.
 
 Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 """
@@ -24,6 +24,7 @@ from ..errors import InputError, PenetrationError
 from ..frames.rotations import skew
 from ..prediction.point_contact import PointContact
 from ..support.arrays import Array
+from ..support.attributes import FoundOnce
 from ..surfaces.facing import PENETRATION_TOLERANCE
 from ..surfaces.points import ContactPoints
 from .gaps import Gaps, GapState, Present
@@ -43,6 +44,7 @@ _TILTED = 0.1  # of a kernel's radius: motion of the point of contact after whic
 _TOUCHES = 0.05  # of a facet's size: gap at the start up to which one of several points must have its kernel there
 _APART = 0.75  # of the walls of both bodies: faces that overlap by more are on far sides, and the bodies are apart
 _STUCK = 0.25  # means of the logarithm of distances, under the kernel's pressure less under the traction of what sticks
+_EVEN = 0.02  # relative difference of curvatures below which both axes of the ellipse are the same
 _ALONG = 1e-3  # difference of a direction from the normal of contact, with a flexibility along this direction alone
 
 
@@ -56,16 +58,22 @@ class SpotRows(PresentRows):
     spots : list of Spot
     made_at : Anchor
         Where the spots were made.
-    contact : PointContact
-        Hertz's contact of its own faces there.
+    touching : tuple of (Touching, list of (3, 3) arrays, (3,) array)
+        How its own faces touch there: axes of both sides, and the normal.
     inside : bool
         Whether the point is far from the ends of its faces.
     """
 
     spots: list[Spot]
     made_at: Anchor
-    contact: PointContact
+    touching: tuple[Touching, list[Array], Array]
     inside: bool
+
+    @FoundOnce
+    def contact(self) -> PointContact:
+        """Hertz's contact of its own faces there; surfaces that touch along a line have none, see `at_point`."""
+        pair, axes, normal = self.touching
+        return pair.contact(axes, normal)
 
     @property
     def lacking(self) -> Array:
@@ -141,9 +149,17 @@ class SpotGaps(Gaps):
         return self._found.round is not None and self._found.round.circular
 
     @property
+    def even(self) -> bool:
+        """Whether `contact_then` is so nearly a circle that its axes would turn with the least motion."""
+        small, large = sorted(self.contact_then.curvatures)
+        return large - small <= _EVEN * large
+
+    @property
     def shear(self) -> tuple[float, float]:
         """Tangential moduli of both bodies along the ellipse of contact and across it, see `PointContact` [Pa]."""
-        return self.contact_then.shear_moduli(self._found.materials)
+        along, across = self.contact_then.shear_moduli(self._found.materials)
+        mean = (along + across) / 2
+        return (mean, mean) if self.even else (along, across)
 
     def _prepare(self, sides: Sequence[Side]) -> None:
         """Find the spots at the start."""
@@ -176,6 +192,8 @@ class SpotGaps(Gaps):
             touches = spot.covered and stage.share > 0.0 and (alone or gap[0] <= _TOUCHES * self.size)
             if touches or (alone and side.kinematics.linear and not side.surface.wanders):
                 maker.check(spot)
+            if touches or alone:
+                _ = rows.contact  # is one at a point
         for number, outward in enumerate(stage.meeting.outward):
             self._check_flexibility(number, outward)
         covered = all(spot.covered for spot in rows.spots) and not self._behind(stage.meeting, rows)
@@ -425,7 +443,7 @@ class SpotGaps(Gaps):
                 self.faces, self._makers, spots, meeting.points, meeting.outward, strict=True
             )
         )
-        rows.contact = self._found.contact(self._axes(anchor.q, anchor.pose), meeting.normal)
+        rows.touching = self._found, self._axes(anchor.q, anchor.pose), meeting.normal
         return rows
 
     def _stage_at(

@@ -19,6 +19,7 @@ from ..support.arrays import Array
 from ..support.attributes import FoundOnce
 from .seams import Shared
 from .stages import Frozen, Stage
+from .touching import at_point
 
 
 class Pose(NamedTuple):
@@ -129,8 +130,8 @@ class SpotStage(Stage):
 
     @FoundOnce
     def contact(self) -> PointContact:
-        """Hertz's contact here."""
-        return PointContact(self._principal[0], self.modulus)
+        """Hertz's contact here; raises InputError if the surfaces touch along a line."""
+        return at_point(self._principal[0], self.modulus)
 
     @FoundOnce
     def _varies(self) -> bool:

@@ -17,6 +17,7 @@ from ..algebra.products import largest_change, moved, weighted_rows
 from ..support.arrays import Array
 from ..support.attributes import FoundOnce
 from ..surfaces.points import ContactPoints
+from ..surfaces.projection import Projection
 from . import loops
 from .linear_gaps import LinearGaps
 from .side import Side
@@ -67,6 +68,12 @@ class Pair(Protocol):
 
     def sides_with(self, points: ContactPoints, facets: Array) -> Sides:
         """The sides with the nodes of these points, and the master's nodes around facets, (p,) int array."""
+
+    def met(self, places: Sequence[Array], points: ContactPoints) -> tuple[Projection, Array, Array, Array]:
+        """Project some points of the slave on all facets, see `pairs.Meeting`, with nodes at places of both sides."""
+
+    def met_at(self, q: Array, points: ContactPoints) -> tuple[Projection, Array, Array, Array]:
+        """Do the same at coordinates q, (n,)."""
 
     def search(self, q: Array, within: float | None = None) -> tuple[Stage, Array]:
         """Find the pairs of all points at coordinates q, (n,); return the stage of rows that can close, and gaps.

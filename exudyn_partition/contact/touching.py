@@ -21,7 +21,8 @@ from .smooth_faces import check_facets
 from .true_surface import Torus, TrueSurface, fitted
 
 ROLES = ("slave", "master")
-_CONFORMING = 0.05  # smaller relative curvature by the larger one, below which surfaces touch along a line
+_CONFORMING = 0.05  # smaller relative curvature by the larger one, below which a ball fits its bore too closely
+_LINE = 5e-4  # the same, below which round surfaces touch along a line: equal cylinders that cross at 2.6 degrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +36,8 @@ class Touching:
     materials : list of Material
         Of the sides that are bodies.
     ball : int or None
-        Number of a shape that is a ball, or a torus that meets a plane; None of a torus that meets a torus or cylinder.
+        Number of a shape that is a ball, or a torus that meets a plane; None of tori and solid cylinders among
+        themselves.
     modulus : float
         E* of both bodies [Pa].
     """
@@ -47,8 +49,8 @@ class Touching:
 
     @cached_property
     def round(self) -> PointContact | None:
-        """Hertz's contact of both; None where it depends on the place, as on a torus."""
-        if any(isinstance(shape.shape, Torus) for shape in self.shapes):
+        """Hertz's contact of both; None where it depends on the place, as on a torus, or on how cylinders cross."""
+        if self.ball is None or any(isinstance(shape.shape, Torus) for shape in self.shapes):
             return None
         return PointContact(_relative_curvatures(self.shapes), self.modulus)
 
@@ -56,8 +58,20 @@ class Touching:
         """Hertz's contact where the master's normal is `normal`, (3,); axes of both sides are columns, (3, 3)."""
         if self.round is not None:
             return self.round
-        curvatures = np.linalg.eigvalsh(self.bending(axes, normal))[1:]
-        return PointContact((float(curvatures[0]), float(curvatures[1])), self.modulus)
+        bent = self.bending(axes, normal)
+        small, large = np.linalg.eigvalsh(bent + 2 * np.abs(bent).sum() * np.outer(normal, normal))[:2]
+        return at_point((float(small), float(large)), self.modulus)
+
+    def check_crossing(self, axes: Sequence[Array]) -> None:
+        """Raise InputError if both are cylinders that are parallel, with axes of both sides as columns, (3, 3)."""
+        ways = [
+            turn @ shape.shape.axis
+            for shape, turn in zip(self.shapes, axes, strict=True)
+            if isinstance(shape.shape, RigidCylinder) and self.ball is None
+        ]
+        if len(ways) == 2:
+            # The last direction is across both, also if they are parallel.
+            self.contact(axes, np.linalg.svd(np.array(ways))[2][2])
 
     def bending(self, axes: Sequence[Array], normal: Array) -> Array:
         """Sum of the curvatures of both sides, see `contact`, as a tensor in space, (3, 3) [1/m]."""
@@ -68,6 +82,24 @@ class Touching:
                 for (shape, turn), outward in zip(parts, (-normal, normal), strict=True)
             )
         )
+
+
+def at_point(curvatures: tuple[float, float], modulus: float) -> PointContact:
+    """Hertz's contact with relative curvatures, the smaller one first [1/m], and E* of both bodies [Pa].
+
+    Raises
+    ------
+    InputError
+        If the surfaces touch along a line, as parallel cylinders do.
+    """
+    small, large = curvatures
+    if small < _LINE * large:
+        raise InputError(
+            "slave, master: formulation 'hertz' needs surfaces that touch at a point, and these touch along a line, as "
+            f"parallel cylinders: their relative curvatures are {small:.3g} and {large:.3g} 1/m. Turn one of the "
+            "bodies, or take formulation='compliance' with facets that resolve the contact"
+        )
+    return PointContact(curvatures, modulus)
 
 
 def touching(
@@ -93,8 +125,8 @@ def touching(
     ------
     InputError
         If the facets are not those of quadratic or cubic tetrahedra, a material is not known, a surface is neither a
-        plane, a ball, a cylinder, a bore nor a torus, none is a ball, nor a torus on a plane, cylinder or torus, or a
-        ball fits its bore too closely.
+        plane, a ball, a cylinder, a bore nor a torus, none is a ball, nor a torus on a plane, cylinder or torus, nor
+        both solid cylinders, or a ball fits its bore too closely.
     """
     materials, of_sides = [], [*(shapes or ())]
     for side, patch, role in zip(sides, patches, ROLES, strict=False):
@@ -123,13 +155,13 @@ def _ball(shapes: list[TrueSurface]) -> int | None:
     for number, shape in enumerate(shapes):
         if isinstance(shape.shape, Torus) and isinstance(shapes[1 - number].shape, RigidPlane):
             return number
-    if any(isinstance(shape.shape, Torus) for shape in shapes) and all(shape.middle for shape in shapes):
+    if all(shape.middle for shape in shapes):
         return None
     kinds = " and a ".join(type(shape.shape).__name__.removeprefix("Rigid").lower() for shape in shapes)
     raise InputError(
-        "slave, master: formulation 'hertz' needs a ball that touches at a point, or a torus on a plane, cylinder "
-        f"or torus, got a {kinds}. Round the patch of one body, or take formulation='compliance' with facets that "
-        "resolve the contact"
+        "slave, master: formulation 'hertz' needs a ball that touches at a point, a torus on a plane, cylinder or "
+        f"torus, or two solid cylinders that cross, got a {kinds}. Round the patch of one body, or take "
+        "formulation='compliance' with facets that resolve the contact"
     )
 
 

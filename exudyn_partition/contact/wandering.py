@@ -17,7 +17,6 @@ from ..support.arrays import Array
 from ..surfaces.facing import closest_met, facing
 from ..surfaces.near import LIMIT, NODE_TO_FACET, NearParts, near_rows
 from ..surfaces.points import ContactPoints
-from ..surfaces.projection import Projection
 from ..surfaces.rows import ContactRows
 from ..surfaces.surface import Surface, closest_points
 from ..surfaces.witnesses import seen_from, spread
@@ -152,9 +151,9 @@ class WanderingGaps(PatchGaps):
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
         return near_rows(self._near_points, slave, master, self.approach)
 
-    def _projection(self, points: ContactPoints, slave: Surface, master: Surface) -> Projection:
+    def _normals_of(self, points: ContactPoints, slave: Surface) -> Array:
         """See `PatchGaps`."""
-        return closest_met(points.at(slave.points), slave.normals_at(points.nodes, points.weights), master)
+        return slave.normals_at(points.nodes, points.weights)
 
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; a lower bound if the patches are far apart."""

@@ -156,7 +156,7 @@ def plan_contact(
             moving = () if masterBody is None else (pose(mbs, masterBody), motion(mbs, masterBody))
             patches = [patch for _, patch in sides]
             if faces is None:
-                of_sides: Sequence[SmoothFace] = only_pair(placed, patches, rigid)
+                of_sides: Sequence[SmoothFace] = only_pair(placed, patches, rigid, carried=masterBody is not None)
             else:
                 of_sides = faces if sides[0] == given[0] else faces[::-1]
             return SpotGaps(placed, patches, rigid, *moving, faces=of_sides)

@@ -109,8 +109,9 @@ def CreatePartitionContact(
         "compliance" needs a basis with residual flexibility. "lagrange" needs a basis whose patch has mass: the
         paper's and Craig-Bampton's. It works in VelocityVerlet (`explicit_multipliers`) and in generalized-alpha
         (`implicit_multipliers`). "penalty" works with any basis: an elastic layer on the slave's patch. "hertz" is for
-        a ball or a rounded corner that touches at a point, also with contacts smaller than the facets: Hertz's law in
-        place of rows, see `contact.formulations.hertz`. For one of your own, see `contact.formulations.formulation`.
+        a ball, a rounded corner or a cylinder across another one that touches at a point, also with contacts smaller
+        than the facets: Hertz's law in place of rows, see `contact.formulations.hertz`. For one of your own, see
+        `contact.formulations.formulation`.
     rows : {"integrated", "node-to-segment", "edges", "spot"}, optional
         Gaps that may not become negative, see `contact.points`. "integrated": the mean gap around each node of the
         slave's patch. Uniform pressure then passes through meshes that do not match. "node-to-segment": the gap of
@@ -218,7 +219,8 @@ def _faces_of(pair: FoundPair, formulation: FormulationName | Formulation) -> Se
     if isinstance(pair.master, tuple):
         sides.append(pair.master)
     placed = [Side.of(item.kinematics, patch) for item, patch in sides]
-    return point_pairs(placed, [patch for _, patch in sides], None if isinstance(pair.master, tuple) else pair.master)
+    rigid = None if isinstance(pair.master, tuple) else pair.master
+    return point_pairs(placed, [patch for _, patch in sides], rigid, carried=pair.carrier is not None)
 
 
 def _build(mbs: MainSystem, plan: ContactPlan) -> PartitionContact:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
+import numpy as np
+
 from ..contact.rigid import RigidSurface
 from ..contact.side import Side
 from ..contact.smooth_faces import Faces, SmoothFace, faces_of
@@ -15,7 +17,9 @@ from ..support.warn import warn
 Pair = tuple[SmoothFace, ...]
 
 
-def point_pairs(sides: Sequence[Side], patches: Sequence[int], surface: RigidSurface | None) -> list[Pair]:
+def point_pairs(
+    sides: Sequence[Side], patches: Sequence[int], surface: RigidSurface | None, *, carried: bool = False
+) -> list[Pair]:
     """Pairs of smooth faces of two patches, or faces that touch a rigid surface, at a point.
 
     A warning says which faces are left out, for nothing keeps these out of the other side.
@@ -28,6 +32,8 @@ def point_pairs(sides: Sequence[Side], patches: Sequence[int], surface: RigidSur
         Numbers of their patches.
     surface : RigidSurface, optional
         The master, if it is rigid.
+    carried : bool
+        Whether a body carries it, so that its axes are not known.
 
     Raises
     ------
@@ -35,10 +41,13 @@ def point_pairs(sides: Sequence[Side], patches: Sequence[int], surface: RigidSur
         If no two surfaces touch at a point, see `touching`.
     """
     faces = [faces_of(side, patch, role) for side, patch, role in zip(sides, patches, ROLES, strict=False)]
+    axes = [side.kinematics.frame(np.zeros(side.n))[1] for side in sides] + [np.eye(3)] * (surface is not None)
     pairs, refused, left = list[Pair](), list[InputError](), list[list[str]]()
     for pair in itertools.product(*(each.known for each in faces)):
         try:
-            touching(sides, patches, surface, [face.surface for face in pair])
+            found = touching(sides, patches, surface, [face.surface for face in pair])
+            if not carried:
+                found.check_crossing(axes)
             pairs.append(pair)
         except InputError as error:
             refused.append(error)
@@ -50,7 +59,9 @@ def point_pairs(sides: Sequence[Side], patches: Sequence[int], surface: RigidSur
     return pairs
 
 
-def only_pair(sides: Sequence[Side], patches: Sequence[int], surface: RigidSurface | None) -> Pair:
+def only_pair(
+    sides: Sequence[Side], patches: Sequence[int], surface: RigidSurface | None, *, carried: bool = False
+) -> Pair:
     """Faces of two patches that touch at one point, see `point_pairs`.
 
     Raises
@@ -58,7 +69,7 @@ def only_pair(sides: Sequence[Side], patches: Sequence[int], surface: RigidSurfa
     InputError
         If they may touch at several points.
     """
-    pairs = point_pairs(sides, patches, surface)
+    pairs = point_pairs(sides, patches, surface, carried=carried)
     if len(pairs) > 1:
         raise InputError(
             f"slave, master: these patches may touch at {len(pairs)} points, for they have several smooth faces "

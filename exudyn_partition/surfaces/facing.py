@@ -18,6 +18,7 @@ LOCALLY, ALONG_LINE = 0.5, 0.9  # points meet if the cosine between their normal
 # master's inward normal is above
 PENETRATION_TOLERANCE = 1e-4  # of a facet's size: round-off and the faceting of curved surfaces
 _BESIDE = 1e-6  # of a facet's size: round-off of a point that lies on the face beside an edge
+_NEARLY = 0.4  # the cosine for facets that may be in front of points
 _AROUND = 24  # facets that are tried for points beside a sharp edge, nearest centroids first
 
 
@@ -35,7 +36,7 @@ def facing(projection: Projection, normals: Array, size: float, above: float = L
     above : float
         Least cosine between the master's inward normal and the points' normals.
     """
-    return (projection.offset <= EDGE_TOLERANCE * size) & _opposite(projection.normal, normals, above)
+    return (projection.offset <= EDGE_TOLERANCE * size) & opposite(projection.normal, normals, above)
 
 
 def closest_met(places: Array, normals: Array, master: Surface) -> Projection:
@@ -44,7 +45,8 @@ def closest_met(places: Array, normals: Array, master: Surface) -> Projection:
     A point just past a sharp edge is nearest to the face beside the edge, by round-off where bodies are flush. It is
     projected on the face that faces it, if that is hardly further away. But a point outside beside the edge is not
     taken as one inside, as below a body that stands on its edge. A point that has passed half the thickness of a wall
-    is nearest to the wall's back, which looks the way of its body. It is projected on the facets that face it.
+    is nearest to the wall's back, which looks the way of its body. It is projected on the facets that face it. So is a
+    point of a tongue in a slot that is nearest to the slot's other side.
 
     Parameters
     ----------
@@ -55,15 +57,16 @@ def closest_met(places: Array, normals: Array, master: Surface) -> Projection:
     master : Surface
     """
     found = closest_points(places, master.points[master.facets])
-    aside = np.flatnonzero(~_opposite(found.normal, normals))
+    aside = np.flatnonzero(~opposite(found.normal, normals))
     if len(aside):
         some = np.broadcast_to(normals, places.shape)[aside]
         _put_beside_edges(found, aside, places[aside], some, master)
         _put_within_walls(found, aside, places[aside], some, master)
+        _put_across_slots(found, aside, places[aside], some, master)
     return found
 
 
-def _opposite(outward: Array, normals: Array, above: float = LOCALLY) -> Array:
+def opposite(outward: Array, normals: Array, above: float = LOCALLY) -> Array:
     """Which normals of the master, (k, 3), are opposite to those of points, (k, 3) or (3,)."""
     return np.asarray((outward * normals).sum(axis=-1) < -above)
 
@@ -74,21 +77,26 @@ def _put_beside_edges(found: Projection, aside: Array, places: Array, normals: A
     some = np.flatnonzero(at_edges[found.facet[aside]])
     if not len(some):
         return
-    index, places, normals, few = aside[some], places[some], normals[some], np.flatnonzero(at_edges)
-    facets = master.points[master.facets[few]]
-    outward = area_vectors(master.points, master.facets[few])
-    outward /= np.linalg.norm(outward, axis=1)[:, None]
-    near = nearest_places(cKDTree(facets.mean(axis=1)), places, min(_AROUND, len(few)))
-    faces = _opposite(outward[near], normals[:, None])
-    first = near[np.arange(len(near)), faces.argmax(axis=1)]
-    centre = facets.mean(axis=(0, 1))  # reduces round-off, as in `closest_points`
-    tried = loops.closest(places - centre, facets - centre, np.where(faces, near, first[:, None]))
-    before = found.part(index)
+    index, places, normals = aside[some], places[some], normals[some]
+    tried, before = _on_facing(places, normals, master, np.flatnonzero(at_edges)), found.part(index)
     further = np.hypot(tried.gap, tried.offset) - np.hypot(before.gap, before.offset)
     size = master.facet_size
     right = (tried.gap >= -PENETRATION_TOLERANCE * size) | (before.gap <= _BESIDE * size)
     taken = np.flatnonzero(facing(tried, normals, size) & (further <= EDGE_TOLERANCE * size) & right)
-    found.put(index[taken], replace(tried, facet=few[tried.facet]).part(taken))
+    found.put(index[taken], tried.part(taken))
+
+
+def _on_facing(places: Array, normals: Array, master: Surface, few: Array) -> Projection:
+    """Project points on the nearest of some facets, few (m,) int array, that face them, of those close to them."""
+    facets = master.points[master.facets[few]]
+    outward = area_vectors(master.points, master.facets[few])
+    outward /= np.maximum(np.linalg.norm(outward, axis=1), 1e-300)[:, None]
+    near = nearest_places(cKDTree(facets.mean(axis=1)), places, min(_AROUND, len(few)))
+    faces = opposite(outward[near], normals[:, None])
+    first = near[np.arange(len(near)), faces.argmax(axis=1)]
+    centre = facets.mean(axis=(0, 1))  # reduces round-off, as in `closest_points`
+    tried = loops.closest(places - centre, facets - centre, np.where(faces, near, first[:, None]))
+    return replace(tried, facet=few[tried.facet])
 
 
 def _put_within_walls(found: Projection, aside: Array, places: Array, normals: Array, master: Surface) -> None:
@@ -103,3 +111,23 @@ def _put_within_walls(found: Projection, aside: Array, places: Array, normals: A
     if len(fronts):
         front = closest_points(places[on_back], master.points[master.facets[fronts]])
         found.put(aside[on_back], replace(front, facet=fronts[front.facet]))
+
+
+def _put_across_slots(found: Projection, aside: Array, places: Array, normals: Array, master: Surface) -> None:
+    """Put projections on facets in front of their points, of those `aside` that are in front of another face.
+
+    In a slot that is narrower than its facets, a tongue moves from one side to the other before points are searched
+    again. So the points that face the far side have to be known while the near side is nearer to them.
+    """
+    now, size = found.part(aside), master.facet_size
+    outside = np.flatnonzero((now.gap >= -_BESIDE * size) & ~opposite(now.normal, normals))
+    if not len(outside):
+        return
+    outward, some = area_vectors(master.points, master.facets), normals[outside]
+    ways = np.unique(some.round(1), axis=0)  # nearly the same as theirs, and fewer
+    fronts = np.flatnonzero((outward @ ways.T).min(axis=1) < -_NEARLY * np.linalg.norm(outward, axis=1))
+    if not len(fronts):
+        return
+    tried = _on_facing(places[outside], some, master, fronts)
+    taken = np.flatnonzero(facing(tried, some, size) & (tried.gap >= -_BESIDE * size) & (tried.gap <= size))
+    found.put(aside[outside[taken]], tried.part(taken))

@@ -233,6 +233,72 @@ def cross_all(
 cross = called(cross_all)
 
 
+@inlined
+def place_beside(r: float, s: float, quad: bool, within: float) -> int:
+    """Corner, or edge after all corners, to which a point of a facet is near, -1 if to none; see `holders`."""
+    at_0, at_1, at_last = s < within, (1 - r if quad else 1 - r - s) < within, r < within
+    at_2 = 1 - s < within if quad else at_last
+    if at_0 or at_1 or at_2 or at_last:
+        n = 4 if quad else 3
+        if at_last and at_0:
+            return 0
+        if at_0 and at_1:
+            return 1
+        if at_1 and at_2:
+            return 2
+        if quad and at_2 and at_last:
+            return 3
+        return n if at_0 else n + 1 if at_1 else n + 2 if at_2 else n + 3
+    return -1
+
+
+@compiled
+def hold_all(
+    some: Array, x: Array, facets: Array, x_m: Array, table: Array, known: Array, places: Array,
+    facet: Array, local: Array, step: Array, last: Array, normal: Array, gap: Array, frames: Array,
+    around: Array, lean: Array, by: float, beside: float, as_near: float, steps: int,
+) -> None:  # fmt: skip
+    """Put some points on the facets that have them, see `pairs.hold`; those that change facets have not moved last."""
+    quad, cubic = is_quad(facets), len(table) == 10
+    middle, away = 0.5 if quad else 1 / 3, np.empty(around.shape[2])
+    for k in range(len(some)):
+        i = some[k]
+        own, r, s = facet[i], local[i, 0] + step[i, 0], local[i, 1] + step[i, 1]
+        here = place_beside(r, s, quad, beside + lean[own] * abs(gap[i]))
+        if here < 0:
+            continue
+        r, s, dr, ds = local[i, 0], local[i, 1], step[i, 0], step[i, 1]
+        nx, ny, nz, gap_here = normal[i, 0], normal[i, 1], normal[i, 2], gap[i]
+        least, unknown, n = abs(gap_here), False, 0
+        while n < len(away) and around[own, here, n] >= 0:
+            facet[i], away[n] = around[own, here, n], abs(gap_here)
+            if facet[i] != own:
+                local[i, 0] = local[i, 1] = middle
+                expand(facet[i : i + 1], facets, x_m, table, known, places)
+                newton_steps(i, i + 1, x, places, facet, local, step, normal, gap, frames, cubic)
+                go_on(some[k : k + 1], x, places, facet, local, step, normal, gap, frames, SETTLED, steps, cubic)
+                inside = nearest_edge(local[i, 0] + step[i, 0], local[i, 1] + step[i, 1], quad)[0]
+                away[n], unknown = abs(gap[i]) if inside >= -by else np.inf, unknown or math.isnan(gap[i])
+                least = min(least, away[n])
+            n += 1
+        first = 0
+        while first < n and not away[first] <= least + as_near:
+            first += 1
+        if first < n and around[own, here, first] != own:
+            facet[i], local[i, 0], local[i, 1] = around[own, here, first], middle, middle
+            last[i, 0] = last[i, 1] = 0.0
+            newton_steps(i, i + 1, x, places, facet, local, step, normal, gap, frames, cubic)
+            go_on(some[k : k + 1], x, places, facet, local, step, normal, gap, frames, SETTLED, steps, cubic)
+        else:
+            facet[i], local[i, 0], local[i, 1], step[i, 0], step[i, 1] = own, r, s, dr, ds
+            normal[i, 0], normal[i, 1], normal[i, 2], gap[i] = nx, ny, nz, gap_here
+        if unknown:
+            gap[i] = math.nan
+
+
+hold = called(hold_all)
+
+
 @compiled
 def average(starts: Array, columns: Array, shares: Array, values: Array) -> Array:
     """Products of a csr matrix, (m, p), with values, (p, d)."""
@@ -373,11 +439,12 @@ def closest(
             r, s = closest_on(c, f, point, domain, steps, converged, convex, cubic)
             miss = place_on(c, f, r, s, point, cubic)[2]
             places[j, 0], places[j, 1], distances[j] = r, s, dot(miss, miss)
-        best, least = 0, np.inf
+        best, least = -1, np.inf
         for j in range(len(distances)):
             least = min(least, distances[j] * (1 + same))
-        while distances[best] > least:
-            best += 1
+        for j in range(len(distances)):
+            if distances[j] <= least and (best < 0 or nearest[i, j] < nearest[i, best]):
+                best = j
         f, r, s = nearest[i, best], places[best, 0], places[best, 1]
         a, b, miss = place_on(c, f, r, s, point, cubic)
         facet[i], local[i, 0], local[i, 1], step[i, 0], step[i, 1] = f, r, s, 0.0, 0.0

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _NEWTON_STEPS = 30
 _CONVERGED = 1e-10  # of a facet: the last step
-_SAME = 1e-9  # relative difference of squared distances: of facets that share the closest point, the first is taken
+_SAME = 1e-9  # relative difference of squared distances: the first of these facets is taken
 
 
 class Means(Protocol):
@@ -115,7 +115,7 @@ def closest(points: Array, facets: Array, nearest: Array) -> Projection:
     miss = targets - (shape_functions(local, n_nodes)[:, 0, None] @ nodes)[:, 0]
     distance = (miss**2).sum(axis=1).reshape(k, candidates)
     closest = distance <= distance.min(axis=1, keepdims=True) * (1 + _SAME)
-    best = closest.argmax(axis=1) + candidates * np.arange(k)
+    best = np.where(closest, nearest, len(facets)).argmin(axis=1) + candidates * np.arange(k)
     shape = shape_functions(local[best], n_nodes)
     return Projection.from_tangents(nearest.ravel()[best], local[best], shape, shape @ nodes[best], miss[best])
 

@@ -14,11 +14,13 @@ from numba.experimental import structref
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner
 from ..support.struct_kernels import StructType, define_struct
+from .holders import AS_NEAR, BESIDE
 from .kernels import (
     cross,
     cross_edge,
     expand,
     go_on,
+    hold,
     is_quad,
     nearest_edge,
     newton_steps,
@@ -45,7 +47,7 @@ class Moving(structref.StructRefProxy):
         Numbers of the points among all.
     starts, columns, means : arrays
         The csr matrix of the rows, (nr, k).
-    facets, across, its_edge, turns, middles, table : arrays
+    facets, across, its_edge, turns, middles, table, around, lean : arrays
         Of the master, see `pairs.MovingPairs`.
     past, gone : (p,) bool arrays
         Of all points.
@@ -69,6 +71,8 @@ class Moving(structref.StructRefProxy):
     turns: Array
     middles: Array
     table: Array
+    around: Array
+    lean: Array
     past: Array
     gone: Array
     facet: Array
@@ -163,6 +167,18 @@ def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size
     lost = cross(
         some[:n_some], x, facets, x_m, table, known, places, facet, local, step, along, gap, frames,
         across, its_edge, turns, middles, by, steps,
+    )  # fmt: skip
+    n_some, beside = 0, BESIDE * by
+    for i in range(k):
+        within = beside + m.lean[facet[i]] * abs(gap[i])
+        if inside[i] < within and not past[index[i]]:
+            here = depth(local[i, 0] + step[i, 0], local[i, 1] + step[i, 1], quad)
+            if here >= -by:
+                some[n_some] = i
+                n_some += 1
+    hold(
+        some[:n_some], x, facets, x_m, table, known, places, facet, local, step, last, along, gap, frames,
+        m.around, m.lean, by, beside, AS_NEAR * size, steps,
     )  # fmt: skip
     normal = np.empty((k, 3))
     for i in range(k):

@@ -21,7 +21,7 @@ from ..support.arrays import Array
 from .facing import LOCALLY, PENETRATION_TOLERANCE, closest_met, facing
 from .points import ContactPoints, RowKind, contact_points
 from .rows import TOUCHING, ContactRows, rows_of
-from .surface import Surface, closest_points
+from .surface import Surface
 
 _OPPOSITE = math.cos(math.radians(30))  # between normals and the line across a gap
 NODE_TO_FACET = 0.6  # of a facet's longest edge: no point of it is further from the nearest node
@@ -92,8 +92,9 @@ def edge_meets(one: Surface, other: Surface) -> bool:
     least, size = np.inf, one.facet_size
     for surface, opposite in ((other, one), (one, other)):  # the last ones are those of the first patch
         near = NearParts.of(surface, opposite)
-        found = closest_points(surface.points[near.nodes], opposite.points[opposite.facets[near.master_facets]])
         normals = surface.normals_at(near.nodes[:, None], np.ones((len(near.nodes), 1)))
+        part = replace(opposite, facets=opposite.facets[near.master_facets])
+        found = closest_met(surface.points[near.nodes], normals, part)
         met = facing(found, normals, opposite.facet_size)
         least = min(least, float(found.gap[met].min(initial=np.inf)))
     met &= found.gap <= least + TOUCHING * size

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import reduce
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..fe.edges import edge_middles
-from ..fe.shapes import QUADS, TABLES, curvature, shape_functions
+from ..fe.shapes import TABLES, corners_of, curvature, shape_functions
 from ..support.arrays import Array
 from . import loops
 from .facing import EDGE_TOLERANCE
+from .holders import AS_NEAR, BESIDE, FOLLOWED, Others, depths, least_depth, places_beside
 from .points import ContactPoints
 from .projection import SETTLED, Projection, newton_step
 from .surface import Surface, closest_points
@@ -21,8 +22,10 @@ from .vectors import cross
 if TYPE_CHECKING:
     from .moving_kernels import Followed, Moving
 
+# Projects points on all facets. It returns projections, whether points face their facets, (k,), their places, (k, 3),
+# and those of all nodes of the master, (np, 3) [m].
+Meeting = Callable[[ContactPoints], tuple[Projection, Array, Array, Array]]
 STEPS = 6
-FOLLOWED = 2e-6  # of a facet: how far a point may pass its edge
 _ON_EDGE = 1e-6  # of a facet's size: round-off of a point that lies on the patch
 
 
@@ -46,13 +49,14 @@ class MovingPairs:
     def __init__(self, master: Surface, facet: Array, local: Array) -> None:
         # Loops are compiled again for arrays of another layout.
         self.facets, self.size = np.ascontiguousarray(master.facets), master.facet_size
-        self._neighbours = master.neighbours
+        self._neighbours, self._others = master.neighbours, master.others
         self._middles, self._turns = edge_middles(master.facets), master.turns
         self._facet, self._local, self._last = facet.copy(), local.copy(), np.zeros_like(local)
         self._past, self._gone = np.zeros((2, len(facet)), dtype=bool)
-        self._of_master = self.facets, *self._neighbours, self._turns, self._middles, TABLES[self.facets.shape[1]]
+        table, others = TABLES[self.facets.shape[1]], (self._others.around, self._others.lean)
+        self._of_master = self.facets, *self._neighbours, self._turns, self._middles, table, *others
         nf = len(self.facets)
-        self._room = np.empty(nf, dtype=bool), np.empty((nf, len(TABLES[self.facets.shape[1]]), 3))
+        self._room = np.empty(nf, dtype=bool), np.empty((nf, len(table), 3))
         # Of compiled loops: the points that they follow, their numbers, and how far these have moved last.
         self._points: ContactPoints | None = None
         self._index, self._motion = np.empty(0, dtype=np.int64), np.zeros((0, 2))
@@ -71,7 +75,7 @@ class MovingPairs:
         index: Array,
         x_s: Array,
         x_m: Array,
-        everywhere: Callable[[], Array] | None = None,
+        meet: Meeting | None = None,
     ) -> tuple[Array, Array]:
         """Project some points again. `carriers` and `nodal_forces` are about those that were projected last.
 
@@ -85,8 +89,8 @@ class MovingPairs:
             Places of the slave's nodes [m].
         x_m : (np, 3) array
             Places of the master's nodes [m]; NaN where they are not followed.
-        everywhere : callable, optional
-            Places of all nodes of the master, for points that must be searched. Default: x_m.
+        meet : callable, optional
+            Projects points that must be searched, see `Meeting`. Default: on the closest facets, with places x_m.
 
         Returns
         -------
@@ -100,7 +104,7 @@ class MovingPairs:
             self._here, normal = (found.facet, found.local, found.weights), found.normal
             gap = np.where(self._gone.take(index), self.size, found.gap)
         if len(lost):
-            self.search(points, index, lost, x_s, x_m if everywhere is None else everywhere(), normal, gap)
+            self.search(points, index, lost, meet or self._closest_at(x_s, x_m), normal, gap)
         return normal, gap
 
     def moving(self, points: ContactPoints, index: Array) -> Moving:
@@ -142,18 +146,26 @@ class MovingPairs:
         self._keep()
         return self._local
 
+    def _closest_at(self, x_s: Array, x_m: Array) -> Meeting:
+        def meet(points: ContactPoints) -> tuple[Projection, Array, Array, Array]:
+            x = points.at(x_s)
+            return closest_points(x, x_m[self.facets]), np.ones(len(x), dtype=bool), x, x_m
+
+        return meet
+
     def search(
-        self, points: ContactPoints, index: Array, lost: Array, x_s: Array, x_m: Array, normal: Array, gap: Array
+        self, points: ContactPoints, index: Array, lost: Array, meet: Meeting, normal: Array, gap: Array
     ) -> None:
         """Project the points `lost` of those that were followed on all facets, and put their normals and gaps right.
 
-        Find out, too, which of them are past the edge, see `continue_past_rim`.
+        Find out, too, which of them are past the edge, see `continue_past_rim`, and which face nothing any more.
         """
-        x = loops.at_points(points.nodes[lost], points.weights[lost], x_s)
-        found = closest_points(x, x_m[self.facets])
+        found, faces, x, x_m = meet(replace(points, nodes=points.nodes[lost], weights=points.weights[lost]))
         facet, local, rest = self._here
         searched = index[lost]
         past, gone = continue_past_rim(found, x, x_m[self.facets], self._neighbours[0], self.size)
+        hold(found, np.flatnonzero(~past), x, x_m[self.facets], self._others, self.size)
+        gone |= ~faces
         self._past[searched], self._gone[searched] = past, gone
         facet[lost], local[lost] = found.facet, found.local
         rest[lost] = 0.0 if self._points is points else found.weights
@@ -188,6 +200,8 @@ class MovingPairs:
         if len(left):
             last[left] = 0.0
             lost = self._cross_again(pairs, left, x[left], x_m)
+        held = hold(pairs, np.flatnonzero(~self._past[index]), x, x_m[self.facets], self._others, self.size)
+        last[held] = 0.0
         self._facet[index], self._local[index], self._last[index] = pairs.facet, pairs.local, last
         return pairs, lost
 
@@ -197,7 +211,7 @@ class MovingPairs:
 
     def _cross(self, facet: Array, local: Array, last: Array) -> tuple[Array, Array, Array]:
         """Facets across the edges that points have crossed, with coordinates and motion there; unchanged at rims."""
-        edge = np.argmin(_depths(local, self.facets.shape[1]), axis=0)
+        edge = np.argmin(depths(local, self.facets.shape[1]), axis=0)
         neighbour, its_edge = (of[facet, edge] for of in self._neighbours)
         middle, turn = self._middles, self._turns[facet, edge]
         there = middle[its_edge] + np.einsum("kij,kj->ki", turn, local - middle[edge])
@@ -275,7 +289,7 @@ def continue_past_rim(
     two (k,) bool arrays
         Which points are past the rim, and which by more than the tolerance.
     """
-    on = np.stack(_depths(found.local, nodes.shape[1]), axis=1) < _ON_EDGE
+    on = np.stack(depths(found.local, nodes.shape[1]), axis=1) < _ON_EDGE
     offset = np.where((on & (across[found.facet] < 0)).any(axis=1), found.offset, 0.0)
     past, gone = offset > _ON_EDGE * size, offset > EDGE_TOLERANCE * size
     beyond = np.flatnonzero(past & ~gone)
@@ -285,12 +299,48 @@ def continue_past_rim(
     return past, gone
 
 
-def _depths(local: Array, n_nodes: int) -> list[Array]:
-    """Distances of points from each edge of their facet, (k,) each, in its coordinates; positive inside."""
-    r, s = local[:, 0], local[:, 1]
-    return [s, 1 - r, 1 - s, r] if n_nodes in QUADS else [s, 1 - r - s, r]
+def hold(found: Projection, some: Array, points: Array, nodes: Array, others: Others, size: float) -> Array:
+    """Put projections of points that several facets have on the one that has them wherever they come from.
+
+    Parameters
+    ----------
+    found : Projection
+        Of the k points; it is changed.
+    some : (m,) int array
+        Numbers of the points that are looked at.
+    points : (k, 3) array
+        Places of the points [m].
+    nodes : (nf, n, 3) array
+        Positions of the nodes of each facet [m].
+    others : Others
+    size : float
+        Of the facets [m].
+
+    Returns
+    -------
+    (j,) int array
+        Points that changed their facets. The gap of a point is NaN if a facet is that is not followed.
+    """
+    n_nodes = nodes.shape[1]
+    some = some[least_depth(found.local[some], n_nodes) >= -FOLLOWED]
+    facet = found.facet[some]
+    at = places_beside(found.local[some], n_nodes, BESIDE * FOLLOWED + others.lean[facet] * abs(found.gap[some]))
+    some, tried = some[at >= 0], others.around[facet[at >= 0], at[at >= 0]]
+    if not len(some):
+        return np.empty(0, dtype=np.int64)
+    row, column = np.nonzero((tried >= 0) & (tried != found.facet[some, None]))
+    index, facet = some[row], tried[row, column]
+    middle = np.tile(corners_of(nodes).mean(axis=0), (len(index), 1))
+    every = follow(points[index], nodes[facet], facet, middle)
+    away = np.where(tried < 0, np.inf, abs(found.gap[some])[:, None])
+    away[row, column] = np.where(least_depth(every.local, n_nodes) >= -FOLLOWED, abs(every.gap), np.inf)
+    first = (away <= away.min(axis=1, keepdims=True) + AS_NEAR * size).argmax(axis=1)
+    changed = first[row] == column
+    found.put(index[changed], every.part(changed))
+    found.gap[index[np.isnan(every.gap)]] = np.nan
+    return np.asarray(index[changed])
 
 
 def _outside(local: Array, n_nodes: int, by: float = 0.0) -> Array:
     """Numbers of the points that are outside of their facets, (k,) int array."""
-    return np.flatnonzero(reduce(np.minimum, _depths(local, n_nodes)) < -by)
+    return np.flatnonzero(least_depth(local, n_nodes) < -by)

@@ -16,6 +16,7 @@ from ..fe.patches import Patch
 from ..fe.shapes import shape_functions
 from ..support.arrays import Array
 from . import loops
+from .holders import Others
 from .projection import Projection
 
 _CANDIDATES = 8  # facets that are tried for each point, nearest centroids first
@@ -150,6 +151,11 @@ class Surface:
         Two (nf, number of edges) arrays; the neighbour is -1 where there is none.
         """
         return neighbours_across(self.facets)
+
+    @cached_property
+    def others(self) -> Others:
+        """Facets that may have the points of a facet, too."""
+        return Others.of(self.points, self.facets, self.neighbours[0])
 
     @cached_property
     def turns(self) -> Array:

@@ -386,6 +386,64 @@ def test_a_rounded_corner_hits_a_cylinder_by_hertz_s_law_of_both_curvatures(roun
     assert np.ptp(energy_of([item], contact, result)) < 1e-4 * item.energy(result)[0]
 
 
+# Cylinders that cross.
+
+
+@pytest.fixture(scope="module")
+def barrel():
+    """A steel cylinder along x, its lowest line at z = -R, with coarse facets."""
+    shape = occ.Cylinder(occ.Pnt(-15e-3, 0, 0), occ.X, R, 30e-3)
+    fem = ep.fe_model(shape, ep.STEEL, maxh=5e-3, refine=[ep.Refine((0, 0, -R), 5.5e-3, 2e-3)], grading=0.6)
+    return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, -R), 5e-3, axes="xyz", direction=(0, 0, -1)), f_cut=100e3)
+
+
+def crossed(barrel, degrees, speed, radius=R, frame="inertial", sliding=0.0, friction=None):
+    """Model, body and contact of the cylinder that falls on a rigid one which is turned by an angle."""
+    mbs, angle = exu.SystemContainer().AddSystem(), math.radians(degrees)
+    item = ep.CreatePartitionBody(mbs, barrel, frame=frame, initialVelocity=[0.6 * sliding, 0.8 * sliding, -speed])
+    other = ep.RigidCylinder((0, 0, -R - radius - 1e-7), (math.cos(angle), math.sin(angle), 0), radius)
+    contact = ep.CreatePartitionContact(mbs, item, other, formulation="hertz", friction=friction)
+    mbs.Assemble()
+    return mbs, item, contact
+
+
+@pytest.mark.parametrize(("degrees", "radius"), [(90, R), (40, 2 * R), (10, R)])
+def test_cylinders_that_cross_hit_each_other_by_hertz_s_law_of_their_ellipse(barrel, degrees, radius):
+    """Slowly, so that the body is a half-space for its contact; it is stiffer by the order of the contact over R."""
+    speed = 0.02
+    mbs, item, contact = crossed(barrel, degrees, speed, radius)
+    first, second, twice = 1 / R, 1 / radius, math.radians(2 * degrees)
+    apart = math.sqrt(first**2 + second**2 + 2 * first * second * math.cos(twice))  # Johnson, eq. 4.5
+    point = PointContact(
+        ((first + second - apart) / 2, (first + second + apart) / 2), ep.STEEL.plane_strain_modulus
+    )  # fmt: skip
+    np.testing.assert_allclose(contact.mechanics.gaps.contact.curvatures, point.curvatures, rtol=1e-6)
+    approach = (1.25 * barrel.total_mass * speed**2 * point.yielding**1.5) ** 0.4
+    time = 2.9432 * approach / speed
+    result = ep.solve_dynamic(mbs, end_time=1.1 * time, step=time / 300)
+    force = contact.force(result)
+    assert force.max() == pytest.approx((approach / point.yielding) ** 1.5, rel=0.01)
+    assert np.trapezoid(force, result.t) == pytest.approx(2 * barrel.total_mass * speed, rel=2e-3)
+    energy = energy_of([item], contact, result)
+    assert np.ptp(energy) < 1e-4 * energy[0]
+
+
+def test_cylinders_that_cross_at_right_angles_slip_as_a_ball_on_a_plane(barrel):
+    """Their ellipse is a circle, whose axes turned with round-off; the tangential force is mu times the normal one."""
+    mbs, item, contact = crossed(barrel, 90, 0.1, frame="floating", sliding=4.0, friction=MU)
+    result = ep.solve_dynamic(mbs, end_time=130e-6, step=0.4e-6)
+    normal = np.trapezoid(contact.force(result), result.t)
+    impulse = np.trapezoid(contact.friction.tangential_force(result), result.t, axis=0)
+    np.testing.assert_allclose(impulse, -MU * normal * np.array([0.6, 0.8, 0.0]), atol=0.01 * MU * normal)
+    energy = energy_of([item], contact, result)
+    assert np.ptp(energy) < 1e-4 * energy[0]
+
+
+def test_parallel_cylinders_touch_along_a_line_and_are_refused(barrel):
+    with pytest.raises(InputError, match="touch along a line, as parallel cylinders"):
+        crossed(barrel, 1.0, 0.1)
+
+
 def test_tubes_are_nearest_where_no_other_places_are_nearer():
     """Circles and lines in any direction, against all their places."""
     rng, angle = np.random.default_rng(3), np.linspace(0, 2 * np.pi, 2001)
@@ -723,7 +781,7 @@ def test_what_cannot_be_is_refused_by_name(coarse, ball, rounded):
     refused("got a RigidProfile", ep.RigidProfile(curve, (0, 0, -R - 6e-3), (0, 1, 0)))
     barrel = ep.RigidCylinder((0, 0, -2 * R), (0, 1, 0), R - 1e-6)
     torus = ep.CreatePartitionBody(mbs, rounded[0], referencePosition=[0.0, 0.0, 0.1])
-    refused("on a plane, cylinder or torus, got a torus and a cylinder", replace(barrel, hollow=True), slave=torus)
+    refused("two solid cylinders that cross, got a torus and a cylinder", replace(barrel, hollow=True), slave=torus)
     refused("smaller than the bore", ep.RigidCylinder((0, 0, 0), (0, 1, 0), R, hollow=True))
     with pytest.raises(InputError, match="'spot'"):
         ep.CreatePartitionContact(mbs, item, plane, rows="spot")

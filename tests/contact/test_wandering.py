@@ -90,6 +90,26 @@ def test_rows_within_a_thin_elastic_wall_are_those_of_its_face_alone(round_body)
     np.testing.assert_allclose(found[4:], found[:4], rtol=1e-6)
 
 
+@pytest.mark.usefixtures("each_path")
+@pytest.mark.parametrize("kind", ["integrated", "node-to-segment"])
+def test_rows_that_slide_deep_in_a_thin_wall_stay_on_its_face(round_body, kind):
+    """A point that is searched on its own, as beside a corner of facets, went to the wall's back, which is nearer."""
+    t = 0.2e-3
+    fem = ep.fe_model(box(4e-3, 4e-3, t).Move(occ.gp_Vec(0, 0, -t)), ep.STEEL, maxh=0.7e-3)
+    sheet = ep.reduce(fem, ep.Partition.surface(fem, ((-1, -1, -1), (1, 1, 1)), axes="xyz"), f_cut=20e3)
+    side = floating(round_body, (0, 0, 0))
+    gaps = WanderingGaps(side, inertial(sheet), kind).fresh()
+    for k in range(10):
+        q = np.r_[moved(side, [39e-6 * k, 21e-6 * k, -0.15e-3]), np.zeros(sheet.n_dofs)]
+        found, rows = gaps.at(q), gaps.row_nodes
+        other = gaps.fresh()
+        there = other.at(q)
+        expected = dict(zip(other.row_nodes, there, strict=True))
+        both = [i for i, row in enumerate(rows) if row in expected]
+        np.testing.assert_allclose(found[both], [expected[rows[i]] for i in both], rtol=0, atol=1e-6 * t)
+        assert found.min() == pytest.approx(-0.15e-3, rel=0.05)
+
+
 def test_a_surface_presses_as_a_small_patch_on_the_same_mesh(disc, plate, rim, face):
     tip = ep.reduce(disc, ep.Partition.ball(disc, (0, 0, 0), 2.5e-3, axes="xyz"), f_cut=20e3)
     spot = ep.reduce(plate[0], ep.Partition.ball(plate[0], (0, 0, 0), 3e-3, axes="xyz"), f_cut=20e3)

@@ -56,11 +56,11 @@ def test_points_beside_a_face_do_not_meet_the_one_above(corner):
 
 
 def test_points_of_several_faces_each_meet_their_own(corner):
+    """Also where nobody says that the edge is sharp: the facet in front of a point counts."""
     places = np.array([[1e-10, 1.4, 1e-10], [1e-10, 1.4, 1e-10]])
-    found = closest_met(places, np.array([-UP, -OUTWARD]), corner)
-    np.testing.assert_allclose(found.normal, [UP, OUTWARD], atol=1e-12)
-    smooth = replace(corner, sharp=corner.sharp[:0])
-    assert np.ptp(closest_met(places, np.array([-UP, -OUTWARD]), smooth).facet) == 0
+    for master in (corner, replace(corner, sharp=corner.sharp[:0])):
+        found = closest_met(places, np.array([-UP, -OUTWARD]), master)
+        np.testing.assert_allclose(found.normal, [UP, OUTWARD], atol=1e-12)
 
 
 def test_what_is_outside_beside_an_edge_is_not_inside_beneath_its_other_face(corner):
@@ -69,3 +69,37 @@ def test_what_is_outside_beside_an_edge_is_not_inside_beneath_its_other_face(cor
     found = closest_met(np.array([[3e-3, 2.2, -6e-3]]), -leans, corner)
     np.testing.assert_allclose(found.normal, [OUTWARD], atol=1e-12)
     assert found.gap[0] == pytest.approx(3e-3)
+
+
+@pytest.fixture(scope="module")
+def walls():
+    """Walls of quadrilaterals of size 1 that face each other in a slot from x = 0 to 0.3, and a back at x = -0.2."""
+    along = np.arange(6.0)
+    y, z = (grid.ravel() for grid in np.meshgrid(along, along, indexing="ij"))
+    first = (6 * np.arange(5)[:, None] + np.arange(5)).ravel()
+    sheet = np.c_[first, first + 6, first + 7, first + 1]  # looks along x
+    points = np.vstack([np.c_[np.full(36, x), y, z] for x in (0.0, 0.3, -0.2)])
+    facets = np.vstack([sheet, 36 + sheet[:, ::-1], 72 + sheet[:, ::-1]])
+    empty = np.empty(0, dtype=np.int64)
+    return Surface(points, facets, UP, empty, np.arange(len(points)), wanders=True)
+
+
+@pytest.mark.parametrize("place", [0.02, 0.1, 0.16])
+def test_both_sides_of_a_tongue_in_a_narrow_slot_meet_its_walls(walls, place):
+    """A tongue of a third of the slot's width, wherever it is: one side is nearer to the wall at its back."""
+    places = np.array([[place, 2.3, 2.6], [place + 0.1, 2.3, 2.6]])
+    normals = np.array([-OUTWARD, OUTWARD])
+    found = closest_met(places, normals, walls)
+    assert facing(found, normals, walls.facet_size).all()
+    np.testing.assert_allclose(found.normal, -normals, atol=1e-12)
+    np.testing.assert_allclose(found.gap, [place, 0.2 - place], atol=1e-12)
+
+
+def test_what_looks_away_from_a_plate_does_not_meet_its_far_side(walls):
+    """A thin plate from x = -0.2 to 0, hit from both sides, by bodies with upper sides of their own."""
+    for side, ahead in ((0.05, -OUTWARD), (-0.25, OUTWARD), (-0.05, -OUTWARD), (-0.15, OUTWARD)):
+        found = closest_met(np.array([[side, 2.3, 2.6]]), ahead, walls)
+        np.testing.assert_allclose(found.normal, [-ahead], atol=1e-12)
+        assert found.gap[0] == pytest.approx(side if ahead[0] < 0 else -0.2 - side, abs=1e-12)
+    away = closest_met(np.array([[-0.25, 2.3, 2.6]]), -OUTWARD, walls)  # a side that looks away from the plate
+    assert not facing(away, -OUTWARD, walls.facet_size).any()

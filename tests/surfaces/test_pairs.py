@@ -64,6 +64,37 @@ def test_points_on_an_edge_stay_on_their_facets(round_body):
 
 
 @pytest.mark.usefixtures("each_path")
+@pytest.mark.parametrize("quadratic", [True, False])
+@pytest.mark.parametrize("height", [-2e-5, -1e-6, 0.0, 1e-6, 2e-5])
+def test_points_have_the_same_facets_wherever_they_come_from(round_body, quadratic, height):
+    """On nodes and edges, and beside them. The way there decided, by which normals differ by the angle at the edge."""
+    surface = round_body.surface(np.zeros(3))
+    surface = replace(surface, facets=surface.facets if quadratic else surface.facets[:, :3])
+    nodes = np.setdiff1d(surface.facets, surface.rim)
+    normals = surface.normals_at(nodes[:, None], np.ones((len(nodes), 1)))
+    rng, size = np.random.default_rng(4), surface.facet_size
+    beside = np.where(np.arange(len(nodes)) % 3, 0.0, 3e-7 * size)[:, None] * rng.normal(size=normals.shape)
+    x, places = surface.points[nodes] + height * normals + beside, surface.points.copy()
+    alone, index = single_points(len(x)), np.arange(len(x))
+
+    def followed(*ways):
+        found = closest_points(x + ways[0], surface.points[surface.facets])
+        pairs = MovingPairs(surface, found.facet, found.local)
+        for way in ways:
+            normal, gap = pairs.follow(alone, index, x + way, places)
+        return pairs.facet, normal, gap
+
+    expected = followed(0.0 * x)
+    for _ in range(4):
+        aside = rng.normal(size=x.shape)
+        aside *= 0.1 * size / np.linalg.norm(aside, axis=1)[:, None]
+        facet, normal, gap = followed(*(share * aside for share in (1.0, 0.4, 1e-5, 1e-6, 0.0)))
+        np.testing.assert_array_equal(facet, expected[0])
+        np.testing.assert_allclose(normal, expected[1], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(gap, expected[2], rtol=0, atol=1e-12 * size)
+
+
+@pytest.mark.usefixtures("each_path")
 def test_points_a_little_past_the_edge_have_the_same_carriers_when_searched_and_when_followed(flat_body):
     """Those around the point itself, not around the nearest place of the patch, which would turn forces aside."""
     surface = flat_body.surface(np.zeros(3))

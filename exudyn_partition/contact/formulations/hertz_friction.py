@@ -528,7 +528,7 @@ class HertzFriction(Law):
         """Axes of the ellipse as rows, (2, 2), and what curved bodies add, (2, 2) [m/N], see `SpotGaps.curved`."""
         tangents = self.rows.tangents[0]
         curved, fixed = self.gaps.curved(tangents)
-        if self.gaps.round:  # also where other faces, that share the contact, make an ellipse of it
+        if self.gaps.round or self.gaps.even:  # also where other faces, that share the contact, make an ellipse of it
             return np.eye(2), curved, fixed
         along = tangents @ self.gaps.long_axis
         along /= np.linalg.norm(along)

@@ -23,6 +23,7 @@ from .lasting import lasting_ringing
 from .passing import passing
 from .patches import directions, missed, open_statics, patch_edges
 from .penetration import depth, overlap, sinking
+from .pushed_shut import pushed_shut
 from .resolution import few_rows, rare_samples, short_impacts, undamped_layers, wide_points
 from .reviewed_run import Finding, Review, ReviewedRun
 from .ringing import ringing
@@ -49,8 +50,9 @@ WITHOUT_SAMPLES: tuple[Review, ...] = (stopped, missing_steps, unstable_steps)
 OF_SAMPLES: tuple[Review, ...] = (
     rotation, missing_growth, axial_forces, spin, slopes, strain, bending, undamped_vibration,
     patch_edges, overlap, depth, sinking, crossing_edges, short_impacts, few_rows, wide_points, directions, missed,
-    passing, through_walls, undamped_layers, flow_at_border, coarse_zones, large_plastic_strain, ringing, rare_samples,
-    first_yield, near_zones, open_statics, missing_dents, open_joints, balance, long_steps, lasting_ringing, turns,
+    pushed_shut, passing, through_walls, undamped_layers, flow_at_border, coarse_zones, large_plastic_strain, ringing,
+    rare_samples, first_yield, near_zones, open_statics, missing_dents, open_joints, balance, long_steps,
+    lasting_ringing, turns,
 )  # fmt: skip
 
 
