@@ -131,7 +131,8 @@ class Coupled:
         if self._viscous:
             more += [np.array(contact.gaps.yielding_shares) for contact in self.contacts]
         whole_state = np.concatenate([state, since, *more]) if since or more else state
-        if self._answered_state is None or not _equal(whole_state, self._answered_state):
+        begun = any([contact.evaluation.begun for contact in self.contacts])  # a list is quicker than a generator
+        if begun or self._answered_state is None or not _equal(whole_state, self._answered_state):
             self._find_at(coordinates())
             if self._viscous:
                 self._creep()
@@ -156,7 +157,7 @@ class Coupled:
         self._moved_before = [None] * len(self.contacts)
         if not any(contact.state.creep.elastic for contact in self.contacts):
             return []
-        before = [contact.evaluation.carried_before(f) for contact, f in zip(self.contacts, last, strict=True)]
+        before = [contact.carried_before(f) for contact, f in zip(self.contacts, last, strict=True)]
         by_elastic = more = self._between.across(before)
         if any(contact.rows.d > 1 for contact in self.contacts):
             exceed = [
@@ -280,7 +281,7 @@ class CoupledContacts(Coupled):
         n = self.contacts[0].gaps.n
         alone = self.for_run(self.contacts).frozen([np.arange(n)], None)
         if alone is not None:
-            alone.evaluate(np.zeros(n))
+            alone.at(np.zeros(n))
 
     def _begin(self) -> None:
         super()._begin()
