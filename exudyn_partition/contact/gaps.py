@@ -197,7 +197,7 @@ class Gaps:
         result.begin()
         return result
 
-    def _restart(self) -> None:
+    def _begin_at_start(self) -> None:
         """Go back to where the sides are placed."""
         self.anchor, self.growing = None, NOTHING
         self._go_to_start()
@@ -226,10 +226,10 @@ class Gaps:
         moved then answer as those whose state it is.
         """
         if state is None:
-            self._restart()
+            self._begin_at_start()
             return
         if state != self.accepted:
-            self._restart()
+            self._begin_at_start()
             self._take_rows(state)
             self.growing = state.growing
         self.accept(state)

@@ -92,7 +92,7 @@ class PatchContact:
             gaps.begin_at(law.reach)
         self.parts = ContactParts(rows, law, friction, None, betas if law.residual and any(betas) else None)
         self.parts = replace(self.parts, zones=formulation.zones(self))
-        self._reset()
+        self._begin_run()
 
     def for_run(self, method: str = "explicit") -> Self:
         """Return the contact at the start of a run with this method; this one does not change.
@@ -114,14 +114,14 @@ class PatchContact:
         result.parts = replace(self.parts, rows=rows, law=self.law.fresh(rows), betas=betas)
         if self.zones is not None:
             result.parts = replace(result.parts, zones=self.zones.for_run(method))
-        result._reset()
+        result._begin_run()
         if method == "static":
             result._find_rates, result.opening = None, self.gaps.overlap
             least = self.gaps.clearance + result.opening if result.opening else np.inf
             result.evaluation = result._at_start(least)
         return result
 
-    def _reset(self) -> None:
+    def _begin_run(self) -> None:
         """Be at the start of a run that goes on from no other."""
         self._n_nodes = len(self.gaps.slave.surface.points)
         memory = no_memory(self.rows)
@@ -483,18 +483,18 @@ class PatchContact:
             Whether pairs of a step that begins again are frozen where it begins, if they may be frozen.
         """
         if state is None:
-            self._take(self._accepted(end, freezes=freezes), self.since, self.opening)
+            self._begin_step(self._accepted(end, freezes=freezes), self.since, self.opening)
             if not self.ahead:  # multipliers ahead of the step stay
                 self._begin_evaluation()
         else:
-            self._take(state, self.since if start is None else start, state.opening)
+            self._begin_step(state, self.since if start is None else start, state.opening)
             self._begin_evaluation()
-            self._rest_after_statics()
+            self._begin_at_rest()
         if self.zones is not None:
             self.evaluation = self.evaluation.with_zones(self.zones.last(self.state.zones))
         self._end_at(end)
 
-    def _take(self, state: ContactState, start: float, opening: float) -> None:
+    def _begin_step(self, state: ContactState, start: float, opening: float) -> None:
         """Be at the start of a step, at a time [s], in a state and with this `opening` [m]."""
         self.state, self.since, self.opening = state, start, opening
         self.gaps.begin(state.gaps)
@@ -526,7 +526,7 @@ class PatchContact:
         status[memory.forces[nodes, 0] == 0.0] = OPEN
         return Forces(on_rows(rows, memory.forces), closed, status, np.zeros((len(nodes), 2)), state.power)
 
-    def _rest_after_statics(self) -> None:
+    def _begin_at_rest(self) -> None:
         """Let viscous flexibilities be at rest, if the run before let all of them yield at once."""
         memory, creep = self.state.memory, self.state.creep
         if self.parts.betas is not None and memory.closed and not creep.elastic:
