@@ -72,11 +72,8 @@ class PairRows:
 
     def begin(self, before: GapState | None) -> None:
         """Begin a run where contacts are placed, or from the state at the end of another."""
-        if before is None:
-            self.gaps.reset()
-            before = self.gaps.accepted
-        else:
-            self.gaps.begin(before)
+        self.gaps.begin(before)
+        before = self.gaps.accepted
         self._stage, self._known[0], self._state.left[self.s], self._within[0] = None, False, False, 0.0
         self._steps[0], self._stood = before.steps, before.stood
 

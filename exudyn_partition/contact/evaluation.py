@@ -313,15 +313,6 @@ class Evaluation(RowForces):
         self._there()
         return self._yielding.creep(self.on_rows, self._across, self._across_before)
 
-    def carried_before(self, last: Array) -> list[Array]:
-        """Forces that each side carried elastically at the end of the last step, (nr, d) [N].
-
-        Those of a side that yields at once are `last`, (nr, 3) [N].
-        """
-        if self._yielding is None:
-            return [last[:, : self.rows.d]] * len(self.rows.gaps.sides)
-        return self._yielding.before
-
     def carried(self) -> list[Array]:
         """Forces that each side carries elastically, (nr, d) [N]."""
         if self._yielding is None:

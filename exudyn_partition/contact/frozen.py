@@ -63,7 +63,7 @@ class FrozenContacts:
         self.row_nodes = np.concatenate([contact_gaps.row_nodes for contact_gaps in gaps])
         self.leaves_at = np.concatenate([contact_gaps.leaves_at for contact_gaps in gaps])
 
-    def evaluate(self, q: Array) -> bool:
+    def at(self, q: Array) -> bool:
         """Find forces at the model's coordinates q, (nq,), and the values of sensors.
 
         Return False if pairs begin to slide, or if forces do not converge soon. Then each contact must be evaluated

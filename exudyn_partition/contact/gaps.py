@@ -187,11 +187,11 @@ class Gaps:
         result = copy.copy(self)
         result.searches, result._loaded, result.yielding, result.within = 0, {}, None, 0.0
         result._stood, result._anchored = (None, None, NOTHING), (None, None, None)
-        result.reset()
+        result.begin()
         return result
 
-    def reset(self) -> None:
-        """Go back to the start."""
+    def _begin_at_start(self) -> None:
+        """Go back to where the sides are placed."""
         self.anchor, self.growing = None, NOTHING
         self._go_to_start()
         self.accepted = GapState(self.present.q, self.evaluated_pose)
@@ -212,33 +212,40 @@ class Gaps:
         """Coordinates at which the pairs were found that are frozen; None if pairs are followed."""
         return None if self.moving else self._start_q
 
-    def accept(self, state: GapState) -> None:
-        """Accept the step whose end this state is, see `after`."""
-        self.accepted = state
+    def begin(self, state: GapState | None = None) -> None:
+        """Begin a step from a state, by default where the sides are placed.
 
-    def retry(self) -> None:
-        """Begin the step again, from the state that was accepted last."""
-        self.anchor = self.accepted.anchor
-        self._put_stage(self.stage)
-
-    def freeze(self) -> None:
-        """Freeze the pairs where the last accepted step ended, if pairs of these sides may be frozen."""
-
-    def begin(self, state: GapState) -> Array:
-        """Begin from a state, and return the gaps of its rows, (nr,) [m].
-
-        A contact that has never moved then answers as the one whose state it is.
+        A step that is repeated begins from `accepted`. The state may also be that of another run: gaps that have never
+        moved then answer as those whose state it is.
         """
-        self.reset()
-        self._restore_rows(state)
-        self.anchor, self.accepted, self.growing = state.anchor, state, state.growing
-        return self._go_to_state(state)
+        if state is None:
+            self._begin_at_start()
+            return
+        if state != self.accepted:
+            self._begin_at_start()
+            self._take_rows(state)
+            self.growing = state.growing
+        self.accept(state)
 
-    def _restore_rows(self, state: GapState) -> None:
-        """Take the rows of a state, after `reset`."""
+    def accept(self, state: GapState) -> None:
+        """Let the next step begin from a state: `after`, if the last one has ended here."""
+        self.accepted = state
+        if self.anchor != state.anchor:
+            self.anchor = state.anchor
+            self._put_stage(self.stage)
 
-    def _go_to_state(self, state: GapState) -> Array:
-        """Gaps at the coordinates of a state, (nr,) [m]."""
+    def _take_rows(self, state: GapState) -> None:
+        """Take the rows of a state."""
+
+    def go_to(self, state: GapState) -> Array:
+        """Go to where a state was reached, and return the gaps of its rows, (nr,) [m]."""
+        growing, self.growing = self.growing, state.growing
+        gap = self._gaps_in(state)
+        self.growing = growing
+        return gap
+
+    def _gaps_in(self, state: GapState) -> Array:
+        """See `go_to`."""
         return self.at(state.q)
 
     def at(self, q: Array) -> Array:

@@ -21,7 +21,7 @@ from ..support.checks import read_only
 from .evaluation import ContactParts, Evaluation
 from .gaps import Gaps
 from .law import Forces, Law, LawMaker, Motion, Places
-from .memory import RowMemory, on_rows
+from .memory import on_rows
 from .normal_rows import NormalRows
 from .plasticity.nodal_zones import NodalZones
 from .plasticity.yielding_patches import YieldingPatches, Zones
@@ -79,7 +79,7 @@ class PatchContact:
     """
 
     def __init__(self, gaps: Gaps, formulation: LawMaker, friction: Coulomb | None = None) -> None:
-        gaps.reset()
+        gaps.begin()
         self.formulation = formulation
         tangential = SpotDirections if isinstance(gaps, SpotGaps) else TangentialRows
         rows = NormalRows(gaps) if friction is None else tangential(gaps)
@@ -92,7 +92,7 @@ class PatchContact:
             gaps.begin_at(law.reach)
         self.parts = ContactParts(rows, law, friction, None, betas if law.residual and any(betas) else None)
         self.parts = replace(self.parts, zones=formulation.zones(self))
-        self._reset()
+        self._begin_run()
 
     def for_run(self, method: str = "explicit") -> Self:
         """Return the contact at the start of a run with this method; this one does not change.
@@ -114,14 +114,14 @@ class PatchContact:
         result.parts = replace(self.parts, rows=rows, law=self.law.fresh(rows), betas=betas)
         if self.zones is not None:
             result.parts = replace(result.parts, zones=self.zones.for_run(method))
-        result._reset()
+        result._begin_run()
         if method == "static":
             result._find_rates, result.opening = None, self.gaps.overlap
             least = self.gaps.clearance + result.opening if result.opening else np.inf
             result.evaluation = result._at_start(least)
         return result
 
-    def _reset(self) -> None:
+    def _begin_run(self) -> None:
         """Be at the start of a run that goes on from no other."""
         self._n_nodes = len(self.gaps.slave.surface.points)
         memory = no_memory(self.rows)
@@ -401,6 +401,15 @@ class PatchContact:
             return of_rows
         return self.secant.corrected(of_rows)
 
+    def carried_before(self, last: Array) -> list[Array]:
+        """Forces that each side carried elastically at the end of the last accepted step, (nr, d) [N].
+
+        Those of a side that yields at once are `last`, (nr, 3) [N].
+        """
+        if self._yielding is None:
+            return [last[:, : self.rows.d]] * len(self.gaps.sides)
+        return self._yielding.before
+
     @property
     def last(self) -> Array:
         """Forces on the present rows at the end of the last accepted step, (nr, 3) [N]; zero without friction."""
@@ -451,29 +460,80 @@ class PatchContact:
 
     # State.
 
-    def begin(self, state: ContactState, t: float) -> None:
-        """Begin at time t [s] from a state of this contact, or of the same one in another run, process or model."""
-        gap = self.gaps.begin(state.gaps) + state.opening
-        rows = self.rows
+    def begin(
+        self,
+        state: ContactState | None = None,
+        start: float | None = None,
+        end: float | None = None,
+        *,
+        freezes: bool = False,
+    ) -> None:
+        """Begin a step from a state of this contact, or of the same one in another run, process or model.
+
+        By default, the present step begins again, from the state that was accepted last.
+
+        Parameters
+        ----------
+        state : ContactState, optional
+        start : float, optional
+            When the step begins [s]. Default: as before.
+        end : float, optional
+            When it ends [s]; viscous flexibilities need it.
+        freezes : bool
+            Whether pairs of a step that begins again are frozen where it begins, if they may be frozen.
+        """
+        if state is None:
+            self._begin_step(self._accepted(end, freezes=freezes), self.since, self.opening)
+            if not self.ahead:  # multipliers ahead of the step stay
+                self._begin_evaluation()
+        else:
+            self._begin_step(state, self.since if start is None else start, state.opening)
+            self._begin_evaluation()
+            self._begin_at_rest()
+        if self.zones is not None:
+            self.evaluation = self.evaluation.with_zones(self.zones.last(self.state.zones))
+        self._end_at(end)
+
+    def _begin_step(self, state: ContactState, start: float, opening: float) -> None:
+        """Be at the start of a step, at a time [s], in a state and with this `opening` [m]."""
+        self.state, self.since, self.opening = state, start, opening
+        self.gaps.begin(state.gaps)
+
+    def _begin_evaluation(self) -> None:
+        """Let the last answer be that of the state."""
+        state = self.state
+        gap, rows = self.gaps.go_to(state.gaps) + self.opening, self.rows
         if isinstance(rows, TangentialRows):
             rows.record_places()
-        self.state, self.since, self.opening = state, t, state.opening
-        nodes, memory = self.gaps.row_nodes, state.memory
+        self.evaluation = Evaluation(
+            self.parts,
+            state,
+            self.since,
+            self._forces_in(state),
+            gap,
+            state.least_gap,
+            opening=self.opening,
+            begun=True,
+        )
+
+    def _forces_in(self, state: ContactState) -> Forces:
+        """Forces on the present rows in a state."""
+        nodes, rows, memory = self.gaps.row_nodes, self.rows, state.memory
         closed = np.flatnonzero(memory.forces[nodes, 0])
-        if isinstance(rows, TangentialRows):
-            status = np.where(memory.slipped[nodes], SLIP, STICK).astype(np.int8)
-            status[memory.forces[nodes, 0] == 0.0] = OPEN
-            forces = Forces(on_rows(rows, memory.forces), closed, status, np.zeros((len(nodes), 2)), state.power)
-        else:
-            forces = Forces(memory.forces[nodes], closed, power=state.power)
-        if self.parts.betas is not None and memory.closed and not state.creep.elastic:
-            # The run before let all flexibilities yield at once.
-            at_rest = [forces.on_rows] * len(self.gaps.sides)
-            creep = ViscousMemory().after(rows, forces.on_rows, at_rest, self._n_nodes, state.creep.dissipated)
-            self.state = replace(state, creep=creep)
-        plastic = None if self.zones is None else self.zones.last(state.zones)
-        begun = Evaluation(self.parts, state, t, forces, gap, state.least_gap, opening=state.opening, begun=True)
-        self.evaluation = begun if plastic is None else begun.with_zones(plastic)
+        if not isinstance(rows, TangentialRows):
+            return Forces(memory.forces[nodes], closed, power=state.power)
+        status = np.where(memory.slipped[nodes], SLIP, STICK).astype(np.int8)
+        status[memory.forces[nodes, 0] == 0.0] = OPEN
+        return Forces(on_rows(rows, memory.forces), closed, status, np.zeros((len(nodes), 2)), state.power)
+
+    def _begin_at_rest(self) -> None:
+        """Let viscous flexibilities be at rest, if the run before let all of them yield at once."""
+        memory, creep = self.state.memory, self.state.creep
+        if self.parts.betas is not None and memory.closed and not creep.elastic:
+            lam = self.evaluation.on_rows
+            at_rest = [lam] * len(self.gaps.sides)
+            creep = ViscousMemory().after(self.rows, lam, at_rest, self._n_nodes, creep.dissipated)
+            self.state = replace(self.state, creep=creep)
 
     @property
     def _answered(self) -> bool:
@@ -483,7 +543,7 @@ class PatchContact:
     def at_end(self, end: float) -> ContactState:
         """State at the end of a run, at time `end` [s], with what its results tell of it."""
         evaluation = self.evaluation
-        state = evaluation.after(end) if self._answered else replace(self.state, gaps=self.gaps.accepted)
+        state = evaluation.after(end) if self._answered else self._accepted()
         return replace(state, stored=evaluation.stored, least_gap=float(evaluation.least_gap))
 
     def accept(self, start: float, end: float | None = None) -> None:
@@ -505,35 +565,29 @@ class PatchContact:
                 self.gaps.accept(gaps)
             if isinstance(self.rows, TangentialRows) and answered and not self.ahead:
                 self.rows.record_places(gaps, soon=evaluation.index.size > 0)
+        elif end is not None:
+            self.state = self._accepted(end)
         self.since = start
         self._end_at(end)
 
-    def accept_ahead(self, memory: RowMemory) -> None:
-        """Accept a step whose forces were multipliers, of which rows remember this."""
-        if memory != self.state.memory:
-            self.state = replace(self.state, memory=memory)
-            self.evaluation = self.evaluation.in_step(self.state, self.since)
-        self.gaps.accept(self.gaps.after())
-
-    def retry(self, end: float | None = None) -> None:
-        """Begin the step again, from the state that was accepted last; for `end` see `accept`."""
-        self.gaps.retry()
-        if self.zones is not None:
-            self.evaluation = self.evaluation.with_zones(self.zones.last(self.state.zones))
-        self._end_at(end)
-
-    def _end_at(self, end: float | None) -> None:
-        """Let flexibilities yield as they do in a step up to a time [s].
+    def _accepted(self, end: float | None = None, *, freezes: bool = False) -> ContactState:
+        """State from which the present step begins, now that it ends at a time [s]; see `begin`.
 
         Ahead of the first step nothing moves. If the contact is closed then, its flexibility is at rest.
         """
-        if self.parts.betas is None or end is None:
-            return
-        step, before = end - self.since, self.gaps.yielding
-        creep = self.state.creep
-        if step > 0.0 and self._answered and before is not None and min(before) == 1.0 and not creep.elastic:
-            self.state = replace(self.state, creep=self.evaluation.creep_after)
-        self.gaps.yield_by(shares(self.parts.betas, step))
+        state, gaps, creep = self.state, self.gaps.accepted, self.state.creep
+        if self.parts.betas is not None and end is not None and end > self.since and self._answered:
+            yielding = self.gaps.yielding
+            if yielding is not None and min(yielding) == 1.0 and not creep.elastic:
+                creep = self.evaluation.creep_after
+        if freezes and self.gaps.may_freeze:
+            gaps = replace(gaps, frozen=gaps.q)
+        return state if (gaps, creep) == (state.gaps, state.creep) else replace(state, gaps=gaps, creep=creep)
+
+    def _end_at(self, end: float | None) -> None:
+        """Let flexibilities yield as they do in a step up to a time [s]."""
+        if self.parts.betas is not None and end is not None:
+            self.gaps.yield_by(shares(self.parts.betas, end - self.since))
 
     # Results.
 

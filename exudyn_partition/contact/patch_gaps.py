@@ -86,7 +86,7 @@ class PatchGaps(Gaps):
         self.clearance, self.pressed = float(pairing.rows.gap.min(initial=np.inf)), pressed
         self.witnesses = [witnesses_of(side.surface) for side in self.sides]
         self._start = self._at_start()
-        self.reset()
+        self.begin()
 
     def return_to(self, present: Present) -> None:
         """See `Gaps`. Where the pairs have gone on since, rows are projected anew."""
@@ -128,21 +128,10 @@ class PatchGaps(Gaps):
     def accept(self, state: GapState) -> None:
         """See `Gaps`."""
         super().accept(state)
-        if self.moving and state.frozen is not None:
+        if self.moving and state.frozen is not None:  # they stand still again, or slid in a step that is given up
             self._freeze_at(state.frozen)
 
-    def retry(self) -> None:
-        """See `Gaps`."""
-        super().retry()
-        if self.moving and self.accepted.frozen is not None:  # they began to slide in a step that is given up
-            self._freeze_at(self.accepted.frozen)
-
-    def freeze(self) -> None:
-        """See `Gaps`."""
-        if self.may_freeze:
-            self._freeze_at(self.accepted.q)
-
-    def _restore_rows(self, state: GapState) -> None:
+    def _take_rows(self, state: GapState) -> None:
         """See `Gaps`."""
         if state.frozen is not None:
             self._freeze_at(state.frozen)

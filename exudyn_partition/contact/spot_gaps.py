@@ -694,12 +694,12 @@ class SpotGaps(Gaps):
         """See `Gaps`."""
         return replace(super().after(), chosen=None if not self.moving else self.spot_rows.made_at)
 
-    def retry(self) -> None:
+    def accept(self, state: GapState) -> None:
         """See `Gaps`."""
-        super().retry()
-        self._restore_rows(self.accepted)
+        super().accept(state)
+        self._take_rows(state)
 
-    def _restore_rows(self, state: GapState) -> None:
+    def _take_rows(self, state: GapState) -> None:
         """See `Gaps`."""
         if state.chosen is not None and not self.spot_rows.made_at.equals(state.chosen):
             rows = self._rows_at(state.chosen)
@@ -707,7 +707,7 @@ class SpotGaps(Gaps):
             stage = self._stage_at(rows, self.places_of(rows.sides, q), q)[0]
             self._put_stage(stage)
 
-    def _go_to_state(self, state: GapState) -> Array:
+    def _gaps_in(self, state: GapState) -> Array:
         """See `Gaps`; the carrier may not be there yet."""
         if not len(state.pose):
             return self.at(state.q)

@@ -243,17 +243,13 @@ class WanderingRigidGaps(RigidGaps):
         """See `Gaps`."""
         return replace(super().after(), chosen=None if self._choice is None else self._choice.anchor)
 
-    def retry(self) -> None:
+    def accept(self, state: GapState) -> None:
         """See `Gaps`."""
-        super().retry()
-        self._choose_as(self.accepted)
+        super().accept(state)
+        self._take_rows(state)
 
-    def _restore_rows(self, state: GapState) -> None:
+    def _take_rows(self, state: GapState) -> None:
         """See `Gaps`."""
-        self._choose_as(state)
-
-    def _choose_as(self, state: GapState) -> None:
-        """Choose the rows that were chosen in a state."""
         if state.chosen is not None and (self._choice is None or state.chosen != self._choice.anchor):
             self._choose(state.chosen)
 

@@ -117,15 +117,15 @@ class MultiplierStep:
         """State at the end of the last step. `numbers` are those of the contacts."""
         return replace(self._state, numbers=numbers)
 
-    def step_back(self, t: float) -> bool:
-        """Return to the start of a step, t [s]; whether that can be done.
+    def at_start(self, t: float) -> bool:
+        """Begin again at the start of the last step, t [s]; whether that can be done.
 
         Multipliers of contacts alone were applied at the end of the step before, and those of joints alone leave
         nothing behind. But those of contacts with joints, and of a first step, are counted when they are applied.
         """
         if self._t is None or self._t <= t:
             return True
-        self._t, self._state = t, self._before
+        self.begin(self._before, t)
         return self._state.looked or not self.contacts
 
     @property
@@ -164,7 +164,7 @@ class MultiplierStep:
         q_t, q_tt = data.GetODE2Coordinates_t(copy=False), data.GetODE2Coordinates_tt(copy=False)
         coordinates, jointed = (data.GetODE2Coordinates(copy=False), q_t, q_tt), None
         if self.joints is None:
-            starts, last = self._starts(coordinates), self._accepted()
+            starts, last = self._starts(coordinates), self._last()
             increments, answers = self._forward.increment(last, starts, step, 0.5 if looked else 1.0)
         else:
             jointed, increments, answers = self._apply_joints(self.joints, coordinates, step)
@@ -179,9 +179,9 @@ class MultiplierStep:
         q, q_t, q_tt = coordinates
         return [(c.coordinates_in(q), c.coordinates_in(q_t), c.coordinates_in(q_tt)) for c in self.contacts]
 
-    def _accepted(self) -> list[ForwardAnswer]:
+    def _last(self) -> list[ForwardAnswer]:
         """Multipliers of the contacts in the step that has ended."""
-        return [contact.accept_ahead() for contact in self.contacts]
+        return [contact.multipliers_ahead for contact in self.contacts]
 
     def _apply_joints(
         self, joints: Joints, coordinates: Start, step: float
@@ -197,7 +197,7 @@ class MultiplierStep:
             return joint_state.applied(reaction, joint_state.answer), [], []
         joint_dofs = joints.dofs
         mid = q_t[joint_dofs] + 0.5 * step * q_tt[joint_dofs]
-        starts, last = self._starts(coordinates), self._accepted()
+        starts, last = self._starts(coordinates), self._last()
         closing = self._close(joints, last, starts, q[joint_dofs], mid, step)
         _push(q_t, q_tt, joint_dofs, closing.by_joints, step)
         return joint_state.applied(closing.reaction, closing.answer), closing.increments, closing.contacts

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from functools import cached_property
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from ..algebra.sparse.skin_flexibility import Flexibility, SkinFlexibility
@@ -33,13 +32,31 @@ class ContactGroup:
         self._formulation: Formulation = contact.formulation
         self._sides: set[tuple[PartitionBody, int]] = {*contact.sides}
         self._flows, self._whole = bool(contact.mechanics.flows), _on_demand(contact)
+        self._together: Together | None = None  # found when somebody asks; new members need another one
 
-    @cached_property
+    @property
     def together(self) -> Together:
         """Finds the forces of all members; each run has its own."""
-        members = [*self.members]
-        value: Together = self._formulation.together([member.mechanics for member in members], Links(members))
-        return value
+        if self._together is None:
+            members = [*self.members]
+            self._together = self._formulation.together([member.mechanics for member in members], Links(members))
+        return self._together
+
+    def check(self, others: Sequence[ContactGroup]) -> tuple[bool, bool]:
+        """Check that this group and others can be solved together, as one.
+
+        Return whether some of them yield, and whether flexibilities are needed in full, see `Formulation.check_group`.
+
+        Raises
+        ------
+        InputError
+            If the formulation cannot do so.
+        """
+        groups = [self, *others]
+        shared = any(not one._sides.isdisjoint(two._sides) for one, two in itertools.combinations(groups, 2))
+        flows, whole = any(group._flows for group in groups), shared or any(group._whole for group in groups)
+        self._formulation.check_group(flows=flows, whole=whole)
+        return flows, whole
 
     def join(self, others: Sequence[ContactGroup]) -> None:
         """Become one group with others: the largest of them takes the members of all.
@@ -47,20 +64,22 @@ class ContactGroup:
         Raises
         ------
         InputError
-            If the formulation cannot solve all of them together. Then no group has changed.
+            See `check`. Then no group has changed.
         """
-        groups = [self, *others]
-        shared = any(not one._sides.isdisjoint(two._sides) for one, two in itertools.combinations(groups, 2))
-        flows, whole = any(group._flows for group in groups), shared or any(group._whole for group in groups)
-        self._formulation.check_group(flows=flows, whole=whole)
-        largest, *smaller = sorted(groups, key=lambda group: len(group.members), reverse=True)
+        flows, whole = self.check(others)
+        largest, *smaller = sorted([self, *others], key=lambda group: len(group.members), reverse=True)
         largest._flows, largest._whole, largest._formulation = flows, whole, self._formulation
         for group in smaller:
             largest.members += group.members
             largest._sides |= group._sides
             for member in group.members:
                 member.joined = largest
-        vars(largest).pop("together", None)  # that of fewer contacts
+        largest._together = None
+
+
+def in_groups(contacts: Iterable[Any]) -> list[list[Any]]:
+    """Members of the groups to which contacts belong, each group once."""
+    return [group.members for group in dict.fromkeys(contact.joined for contact in contacts)]
 
 
 class Links:

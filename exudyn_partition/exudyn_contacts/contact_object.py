@@ -19,6 +19,7 @@ from ..support.arrays import Array
 from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContainer, NodeIndex, ObjectIndex
 from ..support.optional import require
 from ..support.warn import warn
+from .contact_group import in_groups
 from .contact_run import ContactRun
 from .contact_samples import ModelContact
 from .model_run import ModelRun, Runs
@@ -133,7 +134,7 @@ def _of_stuck(model: ModelRun, stuck: Sequence[ModelContact], by_q: float) -> It
 
     Without the stiffness between them, a load on one would seem to open others of its bodies by a little.
     """
-    for group in {id(contact.group): contact.group for contact in stuck}.values():
+    for group in in_groups(stuck):
         runs = [model.contact_run(contact) for contact in group]
         places = [place for place, contact in enumerate(group) if contact in stuck]
         for (j, k), K in model.group_run(group[0]).closed_stiffness(places).items():
@@ -166,7 +167,7 @@ def _of_groups(
 
     Those that are `stuck` are left out.
     """
-    for group in {id(contact.group): contact.group for contact in contacts}.values():
+    for group in in_groups(contacts):
         runs = [model.contact_run(contact) for contact in group]
         acting = [place for place, contact in enumerate(group) if contact not in stuck]
         closed = {

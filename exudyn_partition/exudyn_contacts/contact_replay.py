@@ -16,8 +16,8 @@ from .contact_samples import ModelContact, RunSamples, growing_at, kept_rows
 from .row_samples import RowSamples
 
 _CENTRES = 9  # number of samples of a contact at which the centre of its force is found
-# Energies of contacts that are solved together, by the numbers of these contacts, as long as the result exists.
-_ENERGIES: WeakKeyDictionary[RunSamples, dict[tuple[int, ...], Array]] = WeakKeyDictionary()
+# Energy of each contact, by its number and the size of its group, as long as the result exists.
+_ENERGIES: WeakKeyDictionary[RunSamples, dict[tuple[int, int], Array]] = WeakKeyDictionary()
 
 
 def nodal_forces(contact: ModelContact, result: RunSamples) -> list[Array]:
@@ -87,13 +87,14 @@ def stored_energy(contact: ModelContact, result: RunSamples) -> Array:
     """Energy that an elastic contact stored, (n,) [J]: as the run kept it, or computed from the coordinates."""
     if result.runs:
         return np.array(result.kept(contact).stored_at(result.t.tolist()))
-    energies = _ENERGIES.setdefault(result, {})  # energies of all contacts of the group, which are found together
-    numbers = tuple(int(member["sForce"]) for member in contact.group)
-    if numbers not in energies:
-        energies[numbers] = np.array(
+    energies, size = _ENERGIES.setdefault(result, {}), len(contact.group)
+    if (int(contact["sForce"]), size) not in energies:  # those of the group are found together
+        found = np.array(
             [[mechanics.evaluation.stored for mechanics in parts] for parts in _evaluated(contact, result)]
         )
-    return energies[numbers][:, contact.group.index(contact)].copy()
+        for member, energy in zip(contact.group, found.T, strict=True):
+            energies[int(member["sForce"]), size] = energy
+    return energies[int(contact["sForce"]), size].copy()
 
 
 def viscous_work(contact: ModelContact, result: RunSamples) -> Array:

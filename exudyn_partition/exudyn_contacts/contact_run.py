@@ -17,7 +17,6 @@ from ..contact.formulations.implicit_multipliers import ImpulseAnswer, ImpulseSt
 from ..contact.law import Forces
 from ..contact.memory import RowMemory
 from ..contact.patch_contact import PatchContact
-from ..contact.state import ContactState
 from ..errors import RunError
 from ..exudyn_bodies.model import SolverMotion, start_of_step
 from ..support.arrays import Array, consecutive, joined_slices
@@ -189,20 +188,20 @@ class ContactRun:
         """
         self._group_of, self._place = weakref.ref(group), place
 
-    def begin(self, state: MemberState, t: float) -> None:
-        """Begin at time t [s] from the state at the end of a run, as if both runs were one."""
-        self.begin_contact(state.contact, t)
+    def begin(self, state: MemberState, t: float, *, as_one: bool = True) -> None:
+        """Begin at time t [s] from the state at the end of a run.
+
+        With `as_one`, as if both runs were one: forces are not found again at that time.
+        """
+        self.mechanics.begin(state.contact, t)
         self._begin_multipliers(state.multipliers)
+        if not as_one:
+            return
         if isinstance(self._multipliers, ImpulseAnswer):
             self.force = self._multipliers.force
         elif self.acts_within:
             self.force = self.mechanics.generalised()
         self._evaluated_at = self._stepped_to = self.goes_on_at = t
-
-    def begin_contact(self, state: ContactState, t: float) -> None:
-        """Begin at time t [s] from the state of a contact alone; its multipliers are those of a new run."""
-        self.mechanics.begin(state, t)
-        self._begin_multipliers(None)
 
     def _begin_multipliers(self, state: ForwardState | ImpulseState | None) -> None:
         mechanics = self.mechanics
@@ -221,31 +220,15 @@ class ContactRun:
             return MemberState(number, contact, None)
         return MemberState(number, replace(contact, memory=multipliers.memory), multipliers.state)
 
-    def begun(self, t: float) -> bool:
-        """Whether forces were found in the step that begins at time t [s]."""
+    def has_begun(self, t: float) -> bool:
+        """Whether forces were found in the step that begins at time t [s], or depend on no step."""
         if self.impulses is not None:
             return self._start == t
         return not self.mechanics.remembers or self.mechanics.since == t
 
-    def step_back(self, mbs: MainSystem, t: float, q: Array) -> bool:
-        """Return to the start of a step, t [s], at the model's coordinates q, (nq,); whether that can be done."""
-        if self.impulses is not None:  # they are means of the whole step
-            return not self.begun(t)
-        if self.retry(t):
-            self._find_force(mbs, q)
-        return True
-
-    def retry(self, t: float) -> bool:
-        """Return to the start of a step, t [s], where forces are found anew; whether any were found in the step."""
-        if not self.begun(t):
-            return False
-        self._evaluated_at = t
-        self.mechanics.retry()
-        return True
-
-    def evaluate(self, mbs: MainSystem, t: float, q: Array) -> None:
+    def at(self, mbs: MainSystem, t: float, q: Array) -> None:
         """Find the force of this contact alone at the model's coordinates q, (nq,), and time t [s]."""
-        self.follow(start_of_step(mbs), t)
+        self.accept(start_of_step(mbs), t)
         if self.impulses is not None:
             self.force = self._mean_force(self.impulses, SolverMotion(mbs, self.coordinates_in))
         else:
@@ -268,7 +251,7 @@ class ContactRun:
         if motion.step <= 0.0:  # contact does not act on the accelerations with which a run begins
             mechanics.opened(np.zeros(len(mechanics.gaps.row_nodes)), mechanics.evaluation.least_gap)
             return np.zeros(len(self.dofs))
-        answer = self._multipliers = impulses.evaluate(last, motion)
+        answer = self._multipliers = impulses.at(last, motion)
         if answer != last:
             mechanics.answered(answer.forces, answer.gap, answer.least_gap)
         return answer.force
@@ -279,37 +262,35 @@ class ContactRun:
         for place, part in zip(self._slices, self._parts, strict=True):
             total[place] += self.force[part]
 
-    def follow(self, start: float, t: float) -> None:
-        """Begin the step from `start` to t [s], or begin it again."""
+    def accept(self, start: float, t: float) -> None:
+        """Begin the step from `start` to t [s]: the step before has ended, or this one begins again."""
         if self.impulses is not None:
-            self._follow_means(self.impulses, start, t)
+            self._accept_means(self.impulses, start, t)
         elif start != self._start:
             self.mechanics.accept(start, t)
         elif t != self._evaluated_at:
-            gaps = self.mechanics.gaps
-            slides = self._static and gaps.moving and self._evaluated_at != start  # the start itself is no try
-            self.mechanics.retry(t)
-            if slides:  # Newton's method settles slowly then, and would meet the same change of rows again
-                gaps.freeze()
+            # Newton's method settles slowly where rows slide in statics, and would meet the same change of rows again.
+            slides = self._static and self.mechanics.gaps.moving and self._evaluated_at != start
+            self.mechanics.begin(end=t if t > start else None, freezes=slides)
         self._start, self._evaluated_at = start, t
 
-    def _follow_means(self, impulses: StepImpulses, start: float, t: float) -> None:
-        """Begin the step from `start` to t [s] of an implicit run with multipliers, or begin it again."""
-        mechanics, last = self.mechanics, self._multipliers
+    def _accept_means(self, impulses: StepImpulses, start: float, t: float) -> None:
+        """See `accept`; of an implicit run with multipliers."""
+        gaps, last = self.mechanics.gaps, self._multipliers
         assert isinstance(last, ImpulseAnswer)
         if start != self._start:
-            mechanics.accept_ahead(last.memory)
+            gaps.accept(gaps.after())
             self._multipliers = impulses.accept(last)
         elif t != self._evaluated_at:
-            mechanics.gaps.retry()
-            self._multipliers = impulses.retry(last)
+            gaps.begin(gaps.accepted)
+            iterate = last.iterate
+            self._multipliers = impulses.begin(iterate.start, iterate.memory, iterate.flexibility, cautious=True)
 
-    def accept_ahead(self) -> ForwardAnswer:
-        """Accept the explicit step that has ended, and return the multipliers of it."""
-        last = self._multipliers
-        assert isinstance(last, ForwardAnswer)
-        self.mechanics.accept_ahead(last.slip_memory)
-        return last
+    @property
+    def multipliers_ahead(self) -> ForwardAnswer:
+        """Multipliers of the last explicit step."""
+        assert isinstance(self._multipliers, ForwardAnswer)
+        return self._multipliers
 
     def apply_ahead(self, answer: ForwardAnswer, end: float) -> None:
         """Take the multipliers of the explicit step that ends at a time [s]."""
@@ -318,8 +299,7 @@ class ContactRun:
 
     def expect_impulse(self) -> None:
         """See `ForwardState.expecting`."""
-        assert isinstance(self._multipliers, ForwardAnswer)
-        self._multipliers = self._multipliers.expecting()
+        self._multipliers = self.multipliers_ahead.expecting()
 
     def _impulses(self) -> Array | None:
         """Impulses of multipliers so far, (7,) [N s]; None for other forces. Multipliers jump between steps."""
@@ -354,8 +334,7 @@ class ContactRun:
         self.record.keep(t, answer, memory, self._damping_work(answer, t))
         if self.forward is not None and t != self.goes_on_at:  # that time was checked before
             self._check_step(t)
-            assert isinstance(self._multipliers, ForwardAnswer)
-            self.forward.check(self._multipliers, self.coordinates_in(q()))
+            self.forward.check(self.multipliers_ahead, self.coordinates_in(q()))
 
     def friction_values(self) -> list[float]:
         """Values of the sensor `sFriction`, see `PartitionContact`."""

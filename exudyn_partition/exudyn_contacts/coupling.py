@@ -13,20 +13,20 @@ from .contact_group import ContactGroup
 from .partition_contact import PartitionContact
 
 
-def solve_together(contact: PartitionContact, beside: Sequence[PartitionContact]) -> None:
-    """Join a new contact to those whose forces move its rows, and to those whose rows move by its forces.
+def groups_to_join(contact: PartitionContact, beside: Sequence[PartitionContact]) -> list[ContactGroup]:
+    """Groups of contacts whose forces move the rows of a new one, or whose rows move by its forces.
 
-    `beside` are the contacts that share a body with it.
+    `beside` are the contacts that share a body with it. No group changes.
 
     Raises
     ------
     InputError
-        If no formulation solves both together.
+        If no formulation solves all of them together.
     """
-    if groups := _groups_of(contact, beside):
-        contact.joined.join(groups)
-    else:  # its loops are compiled now, and not in the first run
-        contact.joined.together  # noqa: B018 - the property keeps its value
+    groups = _groups_of(contact, beside)
+    if groups:
+        contact.joined.check(groups)
+    return groups
 
 
 def _groups_of(contact: PartitionContact, beside: Sequence[PartitionContact]) -> list[ContactGroup]:

@@ -26,7 +26,7 @@ from .contact_object import add_to_object
 from .contact_pairs import FoundPair, pairs_of
 from .contact_plan import ContactPlan, Passes, needs_edges, plan_contact
 from .contact_run import N_FRICTION, N_VALUES, N_VALUES_AHEAD, ContactRun
-from .coupling import solve_together
+from .coupling import groups_to_join
 from .model_run import Runs, runs_of
 from .partition_contact import PartitionContact
 from .point_pairs import point_pairs
@@ -224,13 +224,13 @@ def _faces_of(pair: FoundPair, formulation: FormulationName | Formulation) -> Se
 
 
 def _build(mbs: MainSystem, plan: ContactPlan) -> PartitionContact:
-    """Add a planned contact to the model, with its sensors, and join it to others of its bodies."""
-    held = registered(mbs)
+    """Add a planned contact to the model, with its sensors, and join it to others of its bodies.
+
+    It joins last: others stay as they are if the contact is refused, or Exudyn refuses one of its items.
+    """
+    held, runs = registered(mbs), runs_of(mbs)
     contact, mechanics = PartitionContact(plan), plan.mechanics
-    solve_together(contact, held.contacts_on(item for item, _ in contact.sides))
-    kind = type(mechanics.law).__name__
-    _log.info("contact %r: %s with %s rows, in a group of %s", plan.name, kind, contact.n_rows, len(contact.group))
-    runs = runs_of(mbs)
+    groups = groups_to_join(contact, held.contacts_on(item for item, _ in contact.sides))
     if mechanics.ahead:
         _chain_steps(mbs, runs)
     contact["oContact"] = add_to_object(mbs, contact, runs)
@@ -244,7 +244,13 @@ def _build(mbs: MainSystem, plan: ContactPlan) -> PartitionContact:
             contact["sFriction"] = _add_sensor(mbs, runs, contact, ContactRun.friction_values)
     if mechanics.zones is not None:
         contact["sPlastic"] = _add_sensor(mbs, runs, contact, ContactRun.plastic_values)
+    if groups:
+        contact.joined.join(groups)
+    else:  # its loops are compiled now, and not in the first run
+        contact.joined.together  # noqa: B018 - the property keeps its value
     held.enter_contact(int(contact["sForce"]), contact)
+    kind = type(mechanics.law).__name__
+    _log.info("contact %r: %s with %s rows, in a group of %s", plan.name, kind, contact.n_rows, len(contact.group))
     return contact
 
 

@@ -44,6 +44,7 @@ class GroupRun:
         self.samples = LoopedSamples()
         self.members, self.together = [*members], together
         self._within = [member for member in members if member.acts_within]
+        self._by_means = any(member.impulses is not None for member in members)
         all_found = all(member.force is not None for member in self._within)
         self._known_at = members[0].goes_on_at if all_found else None  # time of a state that is evaluated already
         self.pushes = self._any_pushes()
@@ -66,23 +67,31 @@ class GroupRun:
     def _any_pushes(self) -> bool:
         return any([member.pushes for member in self._within])
 
-    def evaluate(self, mbs: MainSystem, t: float, q: Array) -> None:
+    def at(self, mbs: MainSystem, t: float, q: Array) -> None:
         """Find the forces of all members at the model's coordinates q, (nq,), and time t [s]."""
         if t != self._known_at:
+            self._known_at = None
             self._find(mbs, t, q)
 
     def _find(self, mbs: MainSystem, t: float, q: Array) -> None:
-        """See `evaluate`."""
+        """See `at`."""
         for member in self._within:
-            member.evaluate(mbs, t, q)
+            member.at(mbs, t, q)
         self.pushes = self._any_pushes()
 
-    def step_back(self, mbs: MainSystem, t: float, q: Array) -> bool:
-        """Return to the start of a step, t [s], at the model's coordinates q, (nq,); whether all members can."""
+    def at_start(self, mbs: MainSystem, t: float, q: Array) -> bool:
+        """Find the forces at the start of a step, t [s] and q, (nq,), that has failed; whether that can be done.
+
+        Multipliers that are means of the step are not known there, once they have been found in it.
+        """
         self._known_at = None
-        returned = [member.step_back(mbs, t, q) for member in self._within]
+        begun = [member for member in self._within if member.has_begun(t)]
+        if self._by_means:
+            return not begun
+        for member in begun:
+            member.at(mbs, t, q)
         self.pushes = self._any_pushes()
-        return all(returned)
+        return True
 
     def add_force(self, total: Array) -> None:
         """Add the generalised forces of all members to those on the model's coordinates, (nq,)."""
@@ -161,7 +170,6 @@ class CoupledRun(GroupRun):
         self._looped: tuple[float, Array] | None = None  # time and coordinates of the last answer, if loops found it
         self._told = False  # whether members have evaluations of that answer
         self._coupled = coupled
-        self._remembering = [member for member in members if member.remembers]
         self._dofs = [member.dofs for member in members]
         readers = [(j, member.place) for j, member in enumerate(members) if member.place is not None]
         starts = np.reshape(readers, (-1, 2)).astype(int) * [N_VALUES, 1]
@@ -169,14 +177,14 @@ class CoupledRun(GroupRun):
         self._at_edge = np.empty(0, dtype=np.int64)  # closed rows whose depth is watched, see `_look_for_edges`
 
     def _find(self, mbs: MainSystem, t: float, q: Array) -> None:
-        """See `evaluate`."""
+        """See `at`."""
         if self._find_by_loops(t, q):
             return
         if self._sleeps:
             self._wake(q)
         start = start_of_step(mbs)
         for member in self._awake:
-            member.follow(start, t)
+            member.accept(start, t)
         self._find_together(q)
 
     def _wake(self, q: Array) -> None:
@@ -208,13 +216,11 @@ class CoupledRun(GroupRun):
             return super().closing(place, q, q_t, q_tt)
         return self._broad.closing(place, q, q_t, q_tt)
 
-    def step_back(self, mbs: MainSystem, t: float, q: Array) -> bool:
-        """See `GroupRun`."""
+    def at_start(self, mbs: MainSystem, t: float, q: Array) -> bool:
+        """See `GroupRun`; multipliers are no such group."""
         self._known_at = None
-        if not self._remembering:
+        if all([member.has_begun(t) for member in self.members]):
             self._find(mbs, t, q)
-        elif any([member.retry(t) for member in self._remembering]):
-            self._find_together(q)
         return True
 
     def _find_together(self, q: Array) -> None:
@@ -232,7 +238,7 @@ class CoupledRun(GroupRun):
             return True
         if self._looped is None:
             self._frozen = self._coupled.frozen(self._dofs, self._frozen)
-        if self._frozen is None or not self._frozen.evaluate(q):
+        if self._frozen is None or not self._frozen.at(q):
             self._looped = None
             return False
         if self._looped is None:

@@ -194,8 +194,8 @@ class ModelRun:
         """State of a contact; None if it was not in the model when the run began."""
         return self._run_of.get(id(contact))
 
-    def resume(self, initial: Array, earlier: Sequence[RunState], t: float, *, goes_on: bool) -> RunState | None:
-        """Let contacts go on from the end of earlier runs with another method or time, if that is the initial state.
+    def begin(self, initial: Array, earlier: Sequence[RunState], t: float, *, goes_on: bool) -> RunState | None:
+        """Let contacts begin from the end of earlier runs with another method or time, if that is the initial state.
 
         `initial`, (nq,), are the model's initial coordinates. Return the first end from which a contact goes on. The
         energies that contacts have taken go on too if the user said so by `goes_on`, or if that run ended at time t.
@@ -212,7 +212,8 @@ class ModelRun:
                 closed = bool(mechanics.gaps.overlap) and end.has_steps and end.ended_in(initial)  # by load steps
                 if counts or mechanics.remembers or closed:
                     opening, moves = mechanics.opening, end.method != "static"
-                    run.begin_contact(last.for_other_run(counts=counts, moves=moves, sticks=not mechanics.ahead), t)
+                    state = last.for_other_run(counts=counts, moves=moves, sticks=not mechanics.ahead)
+                    run.begin(state, t, as_one=False)
                     mechanics.opening = min(opening, last.contact.opening) if closed else opening
                     first_end = first_end or end
                     break
@@ -232,18 +233,18 @@ class ModelRun:
         """Whether the run ended at the model's coordinates q, (nq,), at any time."""
         return self.ended is not None and np.array_equal(self.ended[1], q)
 
-    def step_back(self, mbs: MainSystem) -> None:
-        """Return to the start of the step in which an error stopped the run; the model is there again.
+    def at_start_of_step(self, mbs: MainSystem) -> None:
+        """Find forces at the start of the step in which an error stopped the run; the model is there again.
 
-        Forces within steps are found again from the memory of the last step that was made. Multipliers that were
+        Forces within steps are found again from the state after the last step that was made. Multipliers that were
         applied in this step cannot be taken back: then the run is `broken`.
         """
         t, q = float(mbs.systemData.GetTime()), mbs.systemData.GetODE2Coordinates()
         self._known = None
         if self.method == "static" and t > self._began:
             self._press(mbs, t)
-        within = [group.step_back(mbs, t, q) for group in self._within]
-        ahead = [stepper.step_back(t) for stepper in self._members.steppers.values()]  # with those of joints
+        within = [group.at_start(mbs, t, q) for group in self._within]
+        ahead = [stepper.at_start(t) for stepper in self._members.steppers.values()]  # with those of joints
         self.broken, self.evaluated_at = not all(within + ahead), t
         self.publish(mbs, whole=True)
 
@@ -261,7 +262,7 @@ class ModelRun:
         if self.method == "static" and t > self._began:
             self._press(mbs, t)
         for group in self._within:
-            group.evaluate(mbs, t, q)
+            group.at(mbs, t, q)
             if group.pushes:
                 if total is None:
                     total = self._total
@@ -534,7 +535,7 @@ class Runs:
         run = ModelRun(mbs, contacts, t, method, joints, keep, same, solver)
         for contact in contacts:
             run.contact_run(contact).record.goes_on = goes_on
-        resumed = same or run.resume(initial, earlier, t, goes_on=present.given is not None)
+        resumed = same or run.begin(initial, earlier, t, goes_on=present.given is not None)
         # Later runs from the same initial state go on from the same run, also if its contacts remember nothing.
         origin = next((end for end in earlier if end.has_steps and end.ended_in(initial)), resumed)
         solver = mbs.sys.get("dynamicSolver")
@@ -617,12 +618,12 @@ class Runs:
     def end(self, mbs: MainSystem, *, stopped: bool = False) -> None:
         """Record that the present run ended in the model's present state: without contacts no sensor records it.
 
-        `stopped` is whether this state is the start of a step that an error has stopped, see `ModelRun.step_back`.
+        `stopped` is whether this is the start of a step that an error has stopped, see `ModelRun.at_start_of_step`.
         """
         run = self._present.run
         if run is not None:
             if stopped:
-                run.step_back(mbs)
+                run.at_start_of_step(mbs)
             run.ended = float(mbs.systemData.GetTime()), mbs.systemData.GetODE2Coordinates()
 
     def _ends(self) -> tuple[RunState | None, RunState | None]:

@@ -37,8 +37,8 @@ class MemberState:
     contact: ContactState
     multipliers: ForwardState | ImpulseState | None
 
-    def for_other_run(self, *, counts: bool, moves: bool, sticks: bool) -> ContactState:
-        """Return the contact's state for a run that has another method, or another time.
+    def for_other_run(self, *, counts: bool, moves: bool, sticks: bool) -> MemberState:
+        """Return the state for a run that has another method, or another time; its multipliers are new.
 
         Parameters
         ----------
@@ -51,10 +51,10 @@ class MemberState:
         """
         state = self.contact if counts else self.contact.without_energies()
         state = state if moves else state.at_rest()
-        if sticks:
-            return state
-        none = RowMemory.none(*state.memory.forces.shape).forces
-        return replace(state, memory=state.memory.with_forces(none))
+        if not sticks:
+            none = RowMemory.none(*state.memory.forces.shape).forces
+            state = replace(state, memory=state.memory.with_forces(none))
+        return MemberState(self.number, state, None)
 
 
 @dataclass(frozen=True, eq=False)

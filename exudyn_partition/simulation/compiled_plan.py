@@ -41,6 +41,7 @@ from ..errors import CompiledRunError
 from ..exudyn_bodies.item_work import acts_on_constant_mass
 from ..exudyn_bodies.model import dofs_of, registered, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_contacts.contact_group import in_groups as groups_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..frames.damping import ModeDamping
 from ..frames.floating import FloatingKinematics
@@ -230,8 +231,7 @@ def read_plan(mbs: MainSystem, groups: Groups) -> StepPlan:
 
 def in_groups(contacts: Sequence[PartitionContact]) -> list[list[PartitionContact]]:
     """Contacts that are solved together, in the order of a plan: groups with friction come last."""
-    groups = [*{id(contact.group): contact.group for contact in contacts}.values()]
-    return sorted(groups, key=has_friction)
+    return sorted(groups_of(contacts), key=has_friction)
 
 
 def has_friction(group: Sequence[PartitionContact]) -> bool:

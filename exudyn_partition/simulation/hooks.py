@@ -443,18 +443,19 @@ def hold_by_springs(mbs: MainSystem, settings: SimulationSettings) -> Iterator[N
     sizes = (float(np.ptp(item.body.points, axis=0).max()) for item in items)
     facets = min((contact.slave_facet_size for contact in contacts), default=None)
     way = _FAR * facets if facets is not None else _FAR_ALONE * min(sizes, default=1.0)
-    newton, start = settings.staticSolver.newton, _Start(runs_of(mbs).now(mbs))
+    newton = settings.staticSolver.newton
     own_after_newton = user_function(mbs.GetPostNewtonUserFunction())
     own_tolerance, own_absolute = newton.relativeTolerance, newton.absoluteTolerance
     refused = 2 * settings.staticSolver.discontinuous.iterationTolerance
     of_overlaps = max((contact.mechanics.gaps.overlap * _force_by_depth(contact) for contact in contacts), default=0.0)
     goal = max(own_tolerance, _BALANCED_BY_FACETS if of_overlaps else _BALANCED)
-    former = {}
+    start, former = _Start(runs_of(mbs).now(mbs), max(own_absolute, goal * of_overlaps)), {}
 
     def after_newton(mbs: MainSystem, t: float) -> list[float]:
         solver = mbs.sys["staticSolver"]
         if solver.conv.residual > max(goal * start.residual, solver.newton.absoluteTolerance):
             return [refused, 0.5 * solver.it.currentStepSize]
+        solver.newton.absoluteTolerance = start.borne  # what a step that creeps bears more does not last
         return [0.0, -1.0] if own_after_newton is None else own_after_newton(mbs, t)
 
     for item in items:
@@ -468,7 +469,7 @@ def hold_by_springs(mbs: MainSystem, settings: SimulationSettings) -> Iterator[N
         mbs.SetObjectParameter(number, "jacobianUserFunction", spring)
     mbs.SetPostNewtonUserFunction(after_newton)
     newton.relativeTolerance = goal
-    newton.absoluteTolerance = max(own_absolute, goal * of_overlaps)
+    newton.absoluteTolerance = start.borne
     try:
         yield
     finally:
@@ -480,13 +481,23 @@ def hold_by_springs(mbs: MainSystem, settings: SimulationSettings) -> Iterator[N
 
 @dataclass
 class _Start:
-    """Residual at the start of the present load step of a run [N]."""
+    """What Newton's method begins with in a load step of a run.
+
+    Parameters
+    ----------
+    run : ModelRun
+    borne : float
+        Residual that each load step may leave [N].
+    residual : float
+        That at the start of the present one [N].
+    """
 
     run: ModelRun
+    borne: float
     residual: float = 0.0
 
     def look(self, solver: Any) -> None:
-        """Look at an iteration of Newton's method; where it creeps, bear more from the next try on."""
+        """Look at an iteration of Newton's method; where it creeps, the next tries of this step bear more."""
         if solver.it.newtonSteps == 1:
             self.residual = solver.conv.residual
         if solver.it.newtonSteps == _CREEPS:

@@ -43,7 +43,7 @@ def test_the_smallest_gap_is_that_of_all_rows():
     phases = rng.uniform(0, 6, dofs[-1][-1] + 1)
     for step in range(500):
         q = 0.05 * np.sin(0.04 * step + phases)
-        assert together.evaluate(q)
+        assert together.at(q)
         gaps = [own.start + own.H @ q[some] for own, some in zip(rows, dofs, strict=True)]
         np.testing.assert_allclose(together.values[:, 5], [gap.min() for gap in gaps], rtol=1e-12)
         assert not together.pushes
@@ -54,7 +54,7 @@ def test_the_smallest_gap_is_that_of_all_rows():
     for own, some in zip(rows, dofs, strict=True):  # closes
         q = np.zeros(len(phases))
         q[some] = -3.0 * own.H[0] / (own.H[0] @ own.H[0])
-        assert together.evaluate(q)
+        assert together.at(q)
         assert together.pushes
 
 
@@ -66,7 +66,7 @@ def test_pairs_that_slide_are_found():
     for size in np.linspace(0, REACH, 300):
         q = size * along
         slides = [abs(own.drift @ q[some] - own.drift_start).max() for own, some in zip(rows, dofs, strict=True)]
-        assert together.evaluate(q) == (max(slides) <= REACH)
+        assert together.at(q) == (max(slides) <= REACH)
     assert max(slides) > REACH
     for wrong in (np.nan, np.inf):
-        assert not together.evaluate(np.full(len(along), wrong))
+        assert not together.at(np.full(len(along), wrong))

@@ -236,7 +236,7 @@ def grouped(marble):
 def force_of(group, q, start=0.0):
     """Generalised forces of a group at the model's coordinates, (nq,), in the step that begins at a time."""
     force, mbs = np.zeros(len(q)), SimpleNamespace(systemData=SimpleNamespace(GetTime=lambda configuration: start))
-    group.evaluate(mbs, start + 1.0, q)
+    group.at(mbs, start + 1.0, q)
     group.add_force(force)
     return force
 

@@ -22,8 +22,8 @@ class Diary:
     def accept(self, start, end):
         self.pages.append(("accept", start, end))
 
-    def retry(self, end):
-        self.pages.append(("retry", end))
+    def begin(self, *, end, freezes):
+        self.pages.append(("begin", end))
 
 
 def test_laws_that_remember_are_told_of_steps_once_and_of_those_that_are_repeated():
@@ -31,8 +31,8 @@ def test_laws_that_remember_are_told_of_steps_once_and_of_those_that_are_repeate
     law = Diary()
     run = ContactRun("contact", law, [slice(0, 1)], 0.0, "implicit")
     for start, end in [(0.0, 1.0), (0.0, 1.0), (0.0, 0.5), (0.0, 0.25), (0.25, 0.5), (0.25, 0.5), (0.5, 0.75)]:
-        run.follow(start, end)
-    first = ("accept", 0.0, 1.0), ("retry", 0.5), ("retry", 0.25)
+        run.accept(start, end)
+    first = ("accept", 0.0, 1.0), ("begin", 0.5), ("begin", 0.25)
     assert law.pages == [*first, ("accept", 0.25, 0.5), ("accept", 0.5, 0.75)]
 
 
@@ -42,13 +42,13 @@ def test_a_group_keeps_what_each_member_has_once_a_time_and_notes_its_edge():
         starts=np.array([0, 2, 4]), lam=np.array([0.0, 3.0, 2.0, 0.0]), row_nodes=np.array([5, 6, 7, 8]),
         leaves_at=np.array([np.inf, np.inf, 0.0, np.inf]),
         h=-np.ones(4), stored=np.array([0.1, 0.2]), values=np.zeros((2, 6)),
-        pushes=True, force=np.ones(1), evaluate=lambda q: True, kept=None,
+        pushes=True, force=np.ones(1), at=lambda q: True, kept=None,
     )  # fmt: skip
     at_edge = SimpleNamespace(evaluation=SimpleNamespace(edge_reached=lambda: np.zeros(3)), damped=False)
     members = [
         SimpleNamespace(
             dofs=np.zeros(1, int), place=None, join=lambda group, place: None, acts_within=True, remembers=False,
-            force=None, pushes=False, mechanics=at_edge, record=ContactRecord(Diary()),
+            force=None, pushes=False, impulses=None, mechanics=at_edge, record=ContactRecord(Diary()),
             coordinates_in=lambda q: q,
         )
         for _ in range(2)
@@ -56,7 +56,7 @@ def test_a_group_keeps_what_each_member_has_once_a_time_and_notes_its_edge():
     group = CoupledRun(members, SimpleNamespace(frozen=lambda dofs, last: loops, answer_as=lambda *answer: True))
     for t, size in ((1.0, 7.0), (1.0, 1.0), (2.0, 4.0)):  # the first time is asked for again
         loops.lam, loops.stored[:] = size * np.array([0.0, 3.0, 2.0, 0.0]), [0.1 * size, 0.2 * size]
-        group.evaluate(None, t, np.array([size]))
+        group.at(None, t, np.array([size]))
         group.keep(t, lambda: np.zeros(1))
     first, second = (member.record for member in members)
     assert first.edge is None
@@ -83,7 +83,7 @@ def test_forces_of_a_body_that_touches_itself_add_up():
     ]
     group = CoupledRun(members, SimpleNamespace(frozen=lambda dofs, last: None, forces_at=lambda q, parts: forces))
     mbs = SimpleNamespace(systemData=SimpleNamespace(GetTime=lambda configuration: 0.0))
-    group.evaluate(mbs, 0.0, np.zeros(4))
+    group.at(mbs, 0.0, np.zeros(4))
     total = np.zeros(4)
     group.add_force(total)
     assert group.pushes

@@ -42,6 +42,26 @@ def run(mbs, basis, end_time):
         return ep.solve_dynamic(mbs, end_time=end_time)
 
 
+def test_a_contact_that_exudyn_refuses_leaves_the_groups_of_others_as_they_are(monkeypatch):
+    """Its items are added before it joins others, so that a run of these knows nothing of it."""
+    mbs, bars, contacts = three_bars("contact-adapted", (1.0, 0.0, -1.0))
+    groups, together = [[*contact.group] for contact in contacts], contacts[0].together
+    with monkeypatch.context() as patch:
+        patch.setattr(exu.MainSystem, "AddSensor", refuse)
+        with pytest.raises(RuntimeError, match="no more sensors"):
+            ep.CreatePartitionContact(mbs, bars[0], ep.RigidPlane((0, 0, -0.031)), slavePatch="bottom")
+    assert [[*contact.group] for contact in contacts] == groups
+    assert contacts[0].together == together
+    plane = ep.CreatePartitionContact(mbs, bars[0], ep.RigidPlane((0, 0, -0.031)), slavePatch="bottom")
+    assert {*plane.group} == {*contacts, plane}
+    assert contacts[0].together != together
+
+
+def refuse(mbs, *unused):
+    """As Exudyn, where an item cannot be added."""
+    raise RuntimeError("no more sensors")
+
+
 @pytest.mark.parametrize(("basis", "loss"), [("contact-adapted", 5e-3), ("free", 0.05), ("craig-bampton", 0.07)])
 @pytest.mark.filterwarnings("ignore:the force rings")
 def test_a_body_is_hit_on_both_ends_at_once(basis, loss):

@@ -145,7 +145,7 @@ def test_forces_are_those_of_two_fields_of_displacements(round_body, flat_body, 
         mechanics.accept(t, t + 2 * step)  # a longer step is tried first
         t += step
         mechanics.at(np.concatenate(q))
-        mechanics.retry(t)
+        mechanics.begin(end=t)
         mechanics.at(np.concatenate(q))
         shares = [step / (step + beta) for beta in times]
         parts = [*zip(rows, F, u, shares, strict=True)]

@@ -136,13 +136,13 @@ def on_plate(pair, *, frame="inertial", speed=(3.0, 0, -1.0), **options):
     return mbs, items, [contact]
 
 
-def in_a_row(body, *, frame="inertial", along=2.0, **options):
+def in_a_row(body, *, frame="inertial", along=2.0, damping=None, **options):
     """Three marbles, whose two contacts move each other."""
     mbs, balls = exu.SystemContainer().AddSystem(), []
     for i in range(3):
         velocity = [along, 0, -0.5] if i == 2 else [0, 0, 0]
         place = {"referencePosition": [0, 0, (2 * R + 1e-7) * i], "initialVelocity": velocity}
-        balls.append(ep.CreatePartitionBody(mbs, body, name=str(i), frame=frame, **place))
+        balls.append(ep.CreatePartitionBody(mbs, body, name=str(i), frame=frame, damping=damping, **place))
     patches = {"slavePatch": "south", "masterPatch": "north", **options}
     contacts = [ep.CreatePartitionContact(mbs, balls[i + 1], balls[i], **patches) for i in range(2)]
     mbs.Assemble()
@@ -331,6 +331,13 @@ def test_joints_and_the_damping_of_what_they_hold(strip, frame, tmp_path):
 def test_contacts_that_move_each_other(marbles, friction, frame, tmp_path):
     body = marbles["xyz" if friction else "normal"]
     make = lambda: in_a_row(body, frame=frame, friction=friction)  # noqa: E731
+    assert_goes_on(make, 14e-6, tmp_path / "cut.npz", step=0.1e-6)
+
+
+@pytest.mark.parametrize("friction", [None, MU])
+def test_viscous_contacts_that_move_each_other(marbles, friction, tmp_path):
+    body, damping = marbles["xyz" if friction else "normal"], ep.Rayleigh(0.0, 2e-7)
+    make = lambda: in_a_row(body, friction=friction, damping=damping)  # noqa: E731
     assert_goes_on(make, 14e-6, tmp_path / "cut.npz", step=0.1e-6)
 
 

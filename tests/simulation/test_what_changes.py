@@ -20,7 +20,7 @@ from exudyn_partition.exudyn_contacts.model_run import ModelRun, Runs
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 LAYERS = "contact", "exudyn_contacts", "simulation"
-BUILDERS = {"__init__", "for_run", "fresh", "reset"}  # what they assign belongs to a new object
+BUILDERS = {"__init__", "for_run", "fresh"}  # what they assign belongs to a new object
 BY_NUMBA = {"_meminfo", "_type", "_code"}  # what numba assigns to a new object
 
 

@@ -53,21 +53,31 @@ class Coupled:
     def __init__(self, contacts: Sequence[PatchContact], links: Links) -> None:
         self.contacts, self._links = [*contacts], links
         self._answered_state: Array | None = None
+        # Found when somebody asks: flexibilities between sides in full, and what they do to the rows of the contacts.
+        self._links_in_full: Sequence[Link] | None = None
+        self._between_rows: Between | None = None
 
     @cached_property
     def _exchange(self) -> Exchange:
         return Exchange.of(self._links())
 
-    @cached_property
+    @property
     def _all_links(self) -> Sequence[Link]:
         """Flexibilities between sides in full, where few fields are not enough."""
-        return self._links()
+        if self._links_in_full is None:
+            self._links_in_full = self._links()
+        return self._links_in_full
 
-    @cached_property
+    @property
     def _between(self) -> Between:
         """Motion of the rows by forces on other contacts; for flexibilities in full, links are found when needed."""
-        rows = [contact.rows for contact in self.contacts]
-        return RowFields(rows, self._exchange) if self._by_fields else FlexibilityBetween(rows, self._all_links)
+        if self._between_rows is None:
+            rows = [contact.rows for contact in self.contacts]
+            by_fields = self._by_fields
+            self._between_rows = (
+                RowFields(rows, self._exchange) if by_fields else FlexibilityBetween(rows, self._all_links)
+            )
+        return self._between_rows
 
     def _prepare(self) -> None:
         """Compute the data that all runs share."""
@@ -81,7 +91,7 @@ class Coupled:
         self._carried = [contact for contact in self.contacts if contact.gaps.carried]
         self._pressed = [contact for contact in self.contacts if contact.gaps.overlap]
         self._viscous = any(contact.viscous for contact in self._remembering)
-        vars(self).pop("_between", None)  # that of other contacts
+        self._between_rows = None  # that of other contacts
 
     def for_run(self, contacts: Sequence[PatchContact]) -> Self:
         """Return the same object for the contacts of a run; the flexibility between patches is shared."""
@@ -100,8 +110,7 @@ class Coupled:
         """Return the same object for some of its contacts in the same run, by their numbers. The others are open."""
         result = copy.copy(self)
         result.contacts, result._links = [self.contacts[j] for j in places], self._links.some(places)
-        result._answered_state = None
-        vars(result).pop("_all_links", None)
+        result._answered_state = result._links_in_full = None
         result._begin()
         return result
 
@@ -131,7 +140,8 @@ class Coupled:
         if self._viscous:
             more += [np.array(contact.gaps.yielding_shares) for contact in self.contacts]
         whole_state = np.concatenate([state, since, *more]) if since or more else state
-        if self._answered_state is None or not _equal(whole_state, self._answered_state):
+        begun = any([contact.evaluation.begun for contact in self.contacts])  # a list is quicker than a generator
+        if begun or self._answered_state is None or not _equal(whole_state, self._answered_state):
             self._find_at(coordinates())
             if self._viscous:
                 self._creep()
@@ -156,7 +166,7 @@ class Coupled:
         self._moved_before = [None] * len(self.contacts)
         if not any(contact.state.creep.elastic for contact in self.contacts):
             return []
-        before = [contact.evaluation.carried_before(f) for contact, f in zip(self.contacts, last, strict=True)]
+        before = [contact.carried_before(f) for contact, f in zip(self.contacts, last, strict=True)]
         by_elastic = more = self._between.across(before)
         if any(contact.rows.d > 1 for contact in self.contacts):
             exceed = [
@@ -280,7 +290,7 @@ class CoupledContacts(Coupled):
         n = self.contacts[0].gaps.n
         alone = self.for_run(self.contacts).frozen([np.arange(n)], None)
         if alone is not None:
-            alone.evaluate(np.zeros(n))
+            alone.at(np.zeros(n))
 
     def _begin(self) -> None:
         super()._begin()

@@ -6,7 +6,6 @@ Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
@@ -38,7 +37,7 @@ class CoupledPoints(CoupledZones):
         for contact in self.contacts:
             contact.told = self._frictional  # gaps depend on no earlier forces
         self._blocks: dict[tuple[int, int], tuple[tuple[int, int], Array]] = {}
-        vars(self).pop("_sharing", None)
+        self._known_sharing: set[tuple[int, int]] | None = None
 
     def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
         """See `Coupled`."""
@@ -99,16 +98,18 @@ class CoupledPoints(CoupledZones):
             kept = self._blocks[j, k] = versions, self._between.flexibility(j, next(rows), k, next(rows))
         return kept[1]
 
-    @cached_property
+    @property
     def _sharing(self) -> set[tuple[int, int]]:
         """Contacts that are one on faces which go on as each other: each has its share of the flexibility itself."""
-        linked = {tuple(link[:4]) for link in self._all_links}
-        return {
-            (j, k)
-            for j, _, k, _ in linked
-            if all((j, side, k, side) in linked for side in range(len(self.contacts[j].gaps.sides)))
-            and _goes_on(self.contacts[j].gaps, self.contacts[k].gaps)
-        }
+        if self._known_sharing is None:
+            linked = {tuple(link[:4]) for link in self._all_links}
+            self._known_sharing = {
+                (j, k)
+                for j, _, k, _ in linked
+                if all((j, side, k, side) in linked for side in range(len(self.contacts[j].gaps.sides)))
+                and _goes_on(self.contacts[j].gaps, self.contacts[k].gaps)
+            }
+        return self._known_sharing
 
     def _check_settled(self, before: list[Array], now: list[Array]) -> None:
         change, size = sum(abs(new - old).sum() for new, old in zip(now, before, strict=True)), sum(map(_size, now))

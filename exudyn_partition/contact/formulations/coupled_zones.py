@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -29,7 +28,7 @@ class CoupledZones(Coupled):
 
     def _begin(self) -> None:
         super()._begin()
-        vars(self).pop("_neighbours", None)  # those of other contacts
+        self._known_neighbours: dict[int, list[int]] | None = None
         self._frictional = any(contact.friction is not None for contact in self.contacts)
         for contact in self.contacts:
             contact.told = True
@@ -50,13 +49,14 @@ class CoupledZones(Coupled):
         if lasting or any(map(self._pushes, range(len(gaps)))):
             self._settle(gaps, lasting)
 
-    @cached_property
+    @property
     def _neighbours(self) -> dict[int, list[int]]:
         """Contacts that may move the rows of each."""
-        neighbours: dict[int, list[int]] = {}
-        for j, k in self._between.pairs:
-            neighbours.setdefault(j, []).append(k)
-        return neighbours
+        if self._known_neighbours is None:
+            self._known_neighbours = {}
+            for j, k in self._between.pairs:
+                self._known_neighbours.setdefault(j, []).append(k)
+        return self._known_neighbours
 
     def _pushing(self, j: int) -> list[int]:
         """Contacts whose forces move the rows of contact j."""

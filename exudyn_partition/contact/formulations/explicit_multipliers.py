@@ -295,6 +295,7 @@ class ForwardRows:
         The sliding of rows that are far away is not computed.
         """
         (q, q_t, q_tt), gaps, rows, pose = start, self.gaps, self.rows, last.state.pose
+        gaps.accept(gaps.after())  # the step before has ended
         if last.promise is not None:
             self._check_last_step(last.promise, q)
         end = gaps.sides.moved(q, step * q_t + 0.5 * step**2 * q_tt)

@@ -268,14 +268,9 @@ class StepImpulses:
         """Begin the next step: the last one ended with this answer."""
         return self.begin(answer.state, answer.memory, answer.iterate.flexibility)
 
-    def retry(self, answer: ImpulseAnswer) -> ImpulseAnswer:
-        """Begin the step again, from the state that was accepted last."""
-        iterate = answer.iterate
-        return self.begin(iterate.start, iterate.memory, iterate.flexibility, cautious=True)
-
     # Evaluation.
 
-    def evaluate(self, last: ImpulseAnswer, motion: Motion) -> ImpulseAnswer:
+    def at(self, last: ImpulseAnswer, motion: Motion) -> ImpulseAnswer:
         """Answer at the end of a step that is longer than zero; `last` is the last answer in this try of it.
 
         Raises
@@ -288,12 +283,12 @@ class StepImpulses:
         evaluated = last.iterate.evaluated
         if evaluated is not None and evaluated[0] == step and np.array_equal(evaluated[1], state):
             return last
-        return self._evaluate(last, (q, q_t), step, motion.weights, state)
+        return self._find(last, (q, q_t), step, motion.weights, state)
 
-    def _evaluate(
+    def _find(
         self, last: ImpulseAnswer, end: tuple[Array, Array], step: float, weights: GeneralizedAlpha, state: Array
     ) -> ImpulseAnswer:
-        """Answer at coordinates and velocities at the end of the step, see `evaluate`.
+        """Answer at coordinates and velocities at the end of the step, see `at`.
 
         `state` has coordinates, velocities, and place and motion of the surface's carrier. If it is the first one of
         the step again, Newton's iteration has begun anew.

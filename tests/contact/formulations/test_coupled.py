@@ -28,7 +28,7 @@ from exudyn_partition.support.compiled import compiles
 class Runaway:
     """A contact whose force grows with what another pushes: patches that move each other more than themselves."""
 
-    carried = remembers = elastic = False
+    carried = remembers = elastic = begun = False
     d = 1
     friction, since, overlap, yielding = None, 0.0, 0.0, None
     node_areas, memory = np.ones(1), SimpleNamespace(forces=np.zeros((1, 1)), closed=False)
@@ -352,7 +352,7 @@ def test_compiled_loops_tell_what_the_laws_do(block_on_feet):
         q = body.rigid @ [0, 0, -5e-7, 0, tilt, 0]
         own, alone = of_feet(body, None)
         forces = alone.forces([q] * 3)
-        assert frozen.evaluate(q)
+        assert frozen.at(q)
         assert frozen.force.any()
         np.testing.assert_allclose(frozen.force, sum(forces), rtol=0, atol=1e-9 * abs(frozen.force).max())
         for law, values, stored in zip(own, frozen.values, frozen.stored, strict=True):
@@ -362,7 +362,7 @@ def test_compiled_loops_tell_what_the_laws_do(block_on_feet):
             assert stored == pytest.approx(law.evaluation.stored, rel=1e-8, abs=1e-20)
     assert not all(law.evaluation.index.size for law in own)
     assert together.answer_as(frozen, [q] * 3)
-    frozen.evaluate(2 * q)
+    frozen.at(2 * q)
     for law, same in zip(laws, own, strict=True):
         np.testing.assert_allclose(
             law.evaluation.lam, same.evaluation.lam, rtol=0, atol=1e-9 * same.evaluation.lam.max()

@@ -66,10 +66,7 @@ class FlatRows:
     def accept(self, state):
         self.accepted = state
 
-    def retry(self):
-        """It has no anchor."""
-
-    def reset(self):
+    def begin(self, state=None):
         self.accepted, self.frozen_stage = self.after(), self
 
     def frozen_since(self, stage):

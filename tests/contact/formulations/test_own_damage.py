@@ -67,7 +67,7 @@ def test_rows_open_load_and_unload_by_the_curve(brick):
     for opening, moved in zip(way, np.diff(way, prepend=0.0), strict=True):
         contact.accept(t)
         contact.at((opening + 1e-6) * rigid)  # a place that is given up
-        contact.retry()
+        contact.begin()
         answer = contact.at(opening * rigid)
         t, largest = t + STEP, max(largest, opening)
         np.testing.assert_allclose(-answer.lam, area * traction(opening, largest), rtol=1e-6, atol=1e-9)

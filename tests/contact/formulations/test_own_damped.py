@@ -190,7 +190,7 @@ def test_a_repeated_step_takes_energy_once(round_body, flat_body):
     for end, share in ((1e-6, 1.0), (3e-6, 0.5)):
         for tried in (1.2, share):
             push(tried)
-            contact.retry()
+            contact.begin()
         power.append(push(share).forces.power)
         taken = contact.evaluation.law_work(end)
         contact.accept(end)

@@ -245,10 +245,10 @@ def test_the_second_iteration_of_newtons_method_is_the_last(gaps, nodal, frictio
         way = factors.solve(force)
         return start + way, start_t + TRAPEZOIDAL.by_q_t(step) * way
 
-    answer = impulses.evaluate(impulses.begin(), motion(*state(np.random.default_rng(0).standard_normal(n)), step))
+    answer = impulses.at(impulses.begin(), motion(*state(np.random.default_rng(0).standard_normal(n)), step))
     forces = [answer.force]
     for _ in range(3):
-        answer = impulses.evaluate(answer, motion(*state(forces[-1]), step))
+        answer = impulses.at(answer, motion(*state(forces[-1]), step))
         forces.append(answer.force)
     index, on_rows = answer.forces.closed, answer.forces.on_rows
     assert index.size > 3
@@ -281,7 +281,7 @@ def test_rows_that_move_otherwise_than_free_bodies_are_learned(nodal, gaps, shar
     for _ in range(15):
         way = share * factors.solve(answer.force)
         at_end = motion(-8e-6 * rigid + way, -2.0 * rigid + TRAPEZOIDAL.by_q_t(step) * way, step)
-        answer = impulses.evaluate(answer, at_end)
+        answer = impulses.at(answer, at_end)
         sums.append(answer.forces.on_rows[:, 0].sum())
     assert sums[-1] > 0
     assert abs(sums[-1] - sums[-2]) < 1e-8 * sums[-1]
@@ -292,7 +292,7 @@ class FlatRows(SimpleNamespace):
 
     carried, carrier_pose, carrier_motion = False, np.empty(0), np.empty(0)
 
-    def reset(self):
+    def begin(self, state=None):
         self.frozen_stage, self.accepted = self, self.after()
 
     def after(self):
@@ -354,7 +354,7 @@ def test_redundant_rows_have_a_unique_total_force():
     """As test_contact's of explicit steps: 0.3 m/s towards the ground, which the plate of 2 kg touches."""
     law = multipliers(flat_rows())
     impulses = StepImpulses(law)
-    answer = impulses.evaluate(impulses.begin(), motion(np.zeros(2), np.array([-0.3, 0.0]), 1e-3))
+    answer = impulses.at(impulses.begin(), motion(np.zeros(2), np.array([-0.3, 0.0]), 1e-3))
     total = answer.forces.on_rows[:, 0].sum()
     # With p, v = -0.3 + s p / m and g = s^2 p / 2 m; then g + s v / 2 = 0. The trapezoidal rule halves a first force.
     assert total == pytest.approx(0.15 * 2.0 / 1e-3, rel=1e-8)
@@ -367,7 +367,7 @@ def test_steady_forces_bend_nothing():
     impulses, sums = StepImpulses(law), []
     answer = impulses.begin()
     for height in (-1e-6, 0.0, 0.0):
-        answer = impulses.evaluate(impulses.accept(answer), motion(np.array([height, 0.0]), np.zeros(2), 1e-3))
+        answer = impulses.at(impulses.accept(answer), motion(np.array([height, 0.0]), np.zeros(2), 1e-3))
         sums.append(answer.forces.on_rows[:, 0].sum())
     assert sums[0] > 0
     np.testing.assert_allclose(sums, sums[0], rtol=1e-9)
@@ -397,11 +397,11 @@ def test_each_step_has_its_own_flexibility(pair_of):
     laws = [multipliers(PatchGaps(*sides)) for _ in range(2)]
     impulses, other = map(StepImpulses, laws)
     q = np.concatenate([-1e-6 * nodal[0].rigid[:, 2], np.zeros(nodal[1].n_dofs)])
-    answer = impulses.evaluate(impulses.begin(), motion(q, np.zeros_like(q), 0.2e-6))
+    answer = impulses.at(impulses.begin(), motion(q, np.zeros_like(q), 0.2e-6))
     everything = np.arange(len(laws[0].rows.gaps.row_nodes))
     first = laws[0].rows.flexibility(everything).copy()
-    impulses.evaluate(answer, motion(q, np.zeros_like(q), 0.4e-6))
-    other.evaluate(other.begin(), motion(q, np.zeros_like(q), 0.4e-6))
+    impulses.at(answer, motion(q, np.zeros_like(q), 0.4e-6))
+    other.at(other.begin(), motion(q, np.zeros_like(q), 0.4e-6))
     now, expected = (law.rows.flexibility(everything) for law in laws)
     np.testing.assert_allclose(now, expected, rtol=1e-12)
     assert relative(first, expected) > 0.3
