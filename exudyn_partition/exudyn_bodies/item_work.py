@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, RunError
 from ..frames.floating import ActingMass
 from ..support.arrays import Array
 from ..support.checks import validate_result
@@ -87,26 +87,45 @@ def CreateWorkSensor(mbs: MainSystem) -> WorkSensor:
         raise InputError("mbs: the model has a work sensor already, which knows the items that were there then")
     if not registry.bodies:
         raise InputError("mbs: expected a model with partition bodies; call CreatePartitionBody first")
-    terms = [*_weights(mbs, registry), *_forces_of_objects(mbs, registry), *_forces_of_loads(mbs, registry)]
-    if not terms:
+    names = _unlike([name for name, _ in _forces(mbs, registry)])
+    if not names:
         raise InputError("mbs: expected joints, springs or loads on partition bodies; add them before this sensor")
-    bodies, forces = list(registry.bodies.values()), [force for _, force in terms]
-    time, work, start, before = np.inf, np.zeros(len(forces)), np.zeros(0), list[tuple[Array, Array]]()
+    time, work, start = np.inf, np.zeros(len(names)), np.zeros(0)
+    forces, before = list[Force](), list[tuple[Array, Array]]()
 
     def sample(mbs: MainSystem, t: float, *unused: object) -> Array:
-        nonlocal time, work, start, before
+        nonlocal time, work, start, forces, before
+        if t <= time:  # another run: items have other numbers now if some were deleted
+            forces = _known(mbs, registry, names)
         q, now = mbs.systemData.GetODE2Coordinates(), [force(mbs) for force in forces]
-        if t < time:  # another run
+        if t < time:
             work, start, before = np.zeros(len(forces)), q, now
-        way = _way(mbs, bodies, start, q)
+        way = _way(mbs, registry.bodies.values(), start, q)
         done = [(first + last) / 2 @ way[at] for (_, first), (at, last) in zip(before, now, strict=True)]
         time, work, start, before = t, work + done, q, now
         return work
 
     items = require("exudyn.itemInterface")
     number = mbs.AddSensor(items.SensorUserFunction(name=WORK, sensorUserFunction=sample, storeInternal=True))
-    registry.work = sensor = WorkSensor(number, _unlike([name for name, _ in terms]))
+    registry.work = sensor = WorkSensor(number, names)
     return sensor
+
+
+def _forces(mbs: MainSystem, registry: Registry) -> list[tuple[str, Force]]:
+    """Name and force of each item that acts on the bodies."""
+    return [*_weights(mbs, registry), *_forces_of_objects(mbs, registry), *_forces_of_loads(mbs, registry)]
+
+
+def _known(mbs: MainSystem, registry: Registry, names: tuple[str, ...]) -> list[Force]:
+    """Forces of the items with these names, which are to be all that act on the bodies."""
+    forces = _forces(mbs, registry)
+    present = _unlike([name for name, _ in forces])
+    if present != names:
+        raise RunError(
+            f"mbs: items were added or deleted since CreateWorkSensor: it knows {', '.join(names)}, and now there are "
+            f"{', '.join(present) or 'none'}. Make the model anew, and call it after all items"
+        )
+    return [force for _, force in forces]
 
 
 def _way(mbs: MainSystem, bodies: Iterable[Any], start: Array, end: Array) -> Array:
@@ -129,12 +148,15 @@ def _unlike(names: list[str]) -> tuple[str, ...]:
 
 def _weights(mbs: MainSystem, registry: Registry) -> list[tuple[str, Force]]:
     """Name and constant force of each body's own object: gravity."""
+
+    def of_body(item: BodyItem, given: Array) -> Force:
+        return lambda mbs: (dofs_of(mbs, item), given)
+
     terms = []
     for number, item in registry.bodies.items():
-        given = np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"), dtype=float)
-        if given.any():
-            weight: Force = lambda mbs, item=item, given=given: (dofs_of(mbs, item), given)  # noqa: E731
-            terms.append((f"gravity on {item.name or f'body {number}'}", weight))
+        force = np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"), dtype=float)
+        if force.any():
+            terms.append((f"gravity on {item.name or f'body {number}'}", of_body(item, force)))
     return terms
 
 

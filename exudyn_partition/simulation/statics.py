@@ -418,25 +418,25 @@ def _rested(
     stiff as contacts keep Newton's method from throwing bodies about while rows close and open.
     """
     data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
-    before, rest, open_joints = q, q, None
+    before, rest, open_joints = q, q, list[OpenJoints]()
     for times in moorings:
         data.SetODE2Coordinates(rest, initial)
         result, open_now = _run(
             mbs, partial(_moor, mbs, falling, rest, times), load_steps=1, load_factor=True, update_initial=True,
             settings=settings, progress=progress,
         )  # fmt: skip
-        open_joints = open_joints or open_now
+        open_joints.append(open_now)
         before, rest = rest, data.GetODE2Coordinates(initial)
         pulled = max((_pull(mbs, item, rest - before) for item in falling), default=0.0)
         if result.status != "finished" or (times == 1.0 and pulled <= _SLACK):
             break
-    return _Rest(result, before, rest, open_joints)
+    return _Rest(result, before, rest, open_joints[0])
 
 
 def _force(mbs: MainSystem, item: PartitionBody, loads: Array) -> Array:
     """Weight of a body, as its object has it, and its share of the `loads` of a model, (nq,): (n,)."""
     own = np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"), dtype=float)
-    return own + np.concatenate([loads[place] for place in coordinate_slices(mbs, item)])
+    return np.asarray(own + np.concatenate([loads[place] for place in coordinate_slices(mbs, item)]))
 
 
 def _way_down(item: PartitionBody) -> Array:
