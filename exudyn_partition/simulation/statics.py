@@ -85,6 +85,7 @@ _MEANS = (
 )
 _FINER_STEPS = 4, 16  # parts of load steps in which a run that has ended too early begins again: friction has a path
 _UNSETTLED, _SINGULAR = "terminated due to errors", "Jacobian seems to be singular"  # what Exudyn says then
+_THROWN = "are not finite"  # what contacts say of bodies that Newton's method has thrown far away
 _PARTS = 16  # of a load step: shortest one of a press fit before bodies are held by springs without forces
 _PARTS_HELD = 256  # the same of bodies that are held so: what comes to lie on its first row needs short ones
 _PRESSED = (
@@ -702,7 +703,7 @@ def _helps(
     """Contexts in which Newton's method may find an equilibrium, with their names, and the errors that they help."""
     if any(contact.mechanics.friction is not None for contact in partition_items(mbs)[1]):
         yield "with a stiffness along slips", oppose_slips(mbs), (_UNSETTLED, _SINGULAR)
-    yield "held by springs without forces", _held(mbs, plan), (_UNSETTLED,)
+    yield "held by springs without forces", _held(mbs, plan), (_UNSETTLED, _THROWN)
 
 
 @contextlib.contextmanager
