@@ -278,7 +278,7 @@ class Others:
     bodies : frozenset of int
         Identities of the bodies that anything but gravity acts on.
     held : frozenset of int
-        Those of these that joints or springs act on, not loads alone.
+        Those of these that joints or springs act on which are switched on, not loads alone.
     not_told : tuple of str
         Names of items whose work on all bodies together may not be zero, and is in no sensor.
     driven : bool
@@ -307,7 +307,7 @@ class Others:
             touched = [n for n, of_item in each.items() if _touches(markers, nodes, of_item)]
             identities = {id(registry.bodies[n]) for n in touched}
             acted_on |= identities
-            held |= set() if _is_load(entry) else identities
+            held |= identities if not _is_load(entry) and entry.get("activeConnector", True) else set()
             sensed = told and (entry.get("loadType") in _SENSED or "markerNumbers" in entry or _has_force(entry))
             if touched and not _is_workless(mbs, entry, markers, everything):
                 driven |= entry.get("objectType") in HOLONOMIC

@@ -194,10 +194,10 @@ def settle(
 
     Call it after `mbs.Assemble()`. A body falls without turning, along its gravity, until it touches a rigid surface or
     another body; one that stands on another falls with it. One that does not rest on what it touches first, as on one
-    of three feet, tips until it stands. Then `solve_static` finds the equilibrium of all: forces of
-    contacts carry the weights, and bodies are as deformed as these make them. Bodies that move, as one that will hit
-    those at rest, keep their places and velocities, and have no weight meanwhile. Bodies that joints, springs or loads
-    hold do not fall; their equilibrium is found too.
+    of three feet, tips until it stands, or moves aside, as into a hollow. Then `solve_static` finds the equilibrium of
+    all: forces of contacts carry weights and loads, and bodies are as deformed as these make them. Bodies that move, as
+    one that will hit those at rest, keep their places and velocities, and have no weight meanwhile. Bodies that joints
+    or springs hold, or that loads lift, do not fall; their equilibrium is found too.
 
     Parameters
     ----------
@@ -218,7 +218,7 @@ def settle(
     InputError
         If no body has gravity, one moves at the start, is of another model, or has nothing beneath it.
     RunError
-        As `solve_static`, as where a body would slide or tip over.
+        As `solve_static`, as where a body would slide or tip over, also by a load.
 
     Warns
     -----
