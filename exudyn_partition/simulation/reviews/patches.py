@@ -16,7 +16,7 @@ from .reviewed_run import ContactHistory, Finding, ReviewedRun, size_of, surface
 _ASIDE = np.radians(30)  # angle from a patch's line of contact, or from the normals of its nodes
 _SHARE_ASIDE = 0.1  # of the force that may be beyond this angle from the normals
 _FAR, _NEARER = 20.0, 0.01  # distance over the bodies' size that may be a wrong unit; share of it travelled
-_SUNK = 1e-5  # share of a facet: surfaces that lie deeper within each other touch
+_SUNK = 0.1  # of the way in which a row closes after its surfaces have met
 _LISTED = 5  # largest number of contacts that a finding lists
 
 
@@ -123,13 +123,13 @@ def _sunk(run: ReviewedRun, history: ContactHistory) -> Finding | None:
     if history.pressed[nearest] < -contact.slave_facet_size:
         return None
     t = run.result.t[nearest]
-    depth = contact.depth(run.result.at([t]))
-    if depth <= _SUNK * contact.slave_facet_size:
+    depth, still_open = contact.depth(run.result.at([t])), -float(history.pressed[nearest])
+    if depth <= _SUNK * (depth + still_open):
         return None
     return Finding(
         f"{called(contact)} never closed, though its surfaces lie {depth:.3g} m within each other at "
         f"{when(run.result, t)}: its rows, which are means around nodes, are still open by "
-        f"{-history.pressed[nearest]:.3g} m there, so that it has no force. Take smaller facets at this tip, from "
+        f"{still_open:.3g} m there, so that it has no force. Take smaller facets at this tip, from "
         f"{contact.slave_facet_size:.3g} m, or formulation='hertz', which needs none"
     )
 
