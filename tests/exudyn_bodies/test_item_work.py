@@ -108,7 +108,7 @@ def test_a_report_of_an_impact_has_a_line_for_each_item(mbs, bodies, tmp_path):
 
 @pytest.mark.parametrize("every", [1, 20])
 def test_work_of_a_spring_over_an_impact_is_its_energy(mbs, bodies, every):
-    """Velocities turn within a few steps there: by powers it was 0.3 % off, and far more between rare samples."""
+    """Velocities turn within a few steps there, so that integrated powers were off, mostly between rare samples."""
     striker = ep.CreatePartitionBody(
         mbs, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -0.5], gravity=GRAVITY.tolist()
     )
