@@ -5,21 +5,20 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, RunError
 from ..frames.floating import ActingMass
 from ..support.arrays import Array
 from ..support.checks import validate_result
 from ..support.foreign import ItemEntry, ItemIndex, MainSystem, SensorIndex
 from ..support.optional import require
 from .joints import HOLONOMIC
-from .model import OBJECTS, WORK, BodyItem, Registry, Samples, coordinate_slices, is_ours, registered
+from .model import OBJECTS, WORK, BodyItem, Registry, Samples, dofs_of, is_ours, registered
 
-Power = Callable[[MainSystem, Array, Array], float]  # of the model, its velocities, and which of these are of bodies
+Force = Callable[[MainSystem], tuple[Array, Array]]  # numbers of coordinates, (k,) int, and the force on them, (k,)
 
 _SENSED = ("MassProportional", "Coordinate", "ForceVector", "TorqueVector")  # loads
 
@@ -30,7 +29,7 @@ class WorkSensor:
     Parameters
     ----------
     number : exudyn.SensorIndex
-        Of the sensor that stores the power of each item [W].
+        Of the sensor that stores the work of each item [J].
     names : tuple of str
         Of the items.
     """
@@ -41,8 +40,9 @@ class WorkSensor:
     def work(self, result: Samples) -> dict[str, Array]:
         """Work on the partition bodies since the start of the run, (n,) [J], by the name of the item that did it.
 
-        It is the power at the samples, integrated by the trapezoidal rule. So the samples must resolve the motion, as
-        those of `solve_dynamic` do by default. A spring that is loaded by bodies has done negative work.
+        Between two samples it is the mean of the forces times the way. That is exact for linear springs, gravity and
+        constant forces. For others the samples must resolve the forces, as those of `solve_dynamic` do by default. A
+        spring that is loaded by bodies has done negative work.
 
         Parameters
         ----------
@@ -57,9 +57,8 @@ class WorkSensor:
         validate_result(result)
         if result.method == "static":
             raise InputError("result: expected one of dynamics; a static answer has no velocities, and so no power")
-        power = result.sensor_of(self, self.number)
-        work = require("scipy.integrate").cumulative_trapezoid(power, result.t, axis=0, initial=0.0)
-        return dict(zip(self.names, work.T, strict=True))
+        work = result.sensor_of(self, self.number)
+        return dict(zip(self.names, (work - work[0]).T, strict=True))
 
 
 def CreateWorkSensor(mbs: MainSystem) -> WorkSensor:
@@ -88,22 +87,54 @@ def CreateWorkSensor(mbs: MainSystem) -> WorkSensor:
         raise InputError("mbs: the model has a work sensor already, which knows the items that were there then")
     if not registry.bodies:
         raise InputError("mbs: expected a model with partition bodies; call CreatePartitionBody first")
-    terms = [*_powers_of_weights(mbs, registry), *_powers_of_objects(mbs, registry), *_powers_of_loads(mbs, registry)]
-    if not terms:
+    names = _unlike([name for name, _ in _forces(mbs, registry)])
+    if not names:
         raise InputError("mbs: expected joints, springs or loads on partition bodies; add them before this sensor")
-    bodies, powers = list(registry.bodies.values()), [power for _, power in terms]
+    time, work, start = np.inf, np.zeros(len(names)), np.zeros(0)
+    forces, before = list[Force](), list[tuple[Array, Array]]()
 
-    def sample(mbs: MainSystem, t: float, *unused: object) -> list[float]:
-        q_t = mbs.systemData.GetODE2Coordinates_t(copy=False)
-        of_bodies = np.zeros(len(q_t), dtype=bool)
-        for place in chain.from_iterable(coordinate_slices(mbs, item) for item in bodies):
-            of_bodies[place] = True
-        return [power(mbs, q_t, of_bodies) for power in powers]
+    def sample(mbs: MainSystem, t: float, *unused: object) -> Array:
+        nonlocal time, work, start, forces, before
+        if t <= time:  # another run: items have other numbers now if some were deleted
+            forces = _known(mbs, registry, names)
+        q, now = mbs.systemData.GetODE2Coordinates(), [force(mbs) for force in forces]
+        if t < time:
+            work, start, before = np.zeros(len(forces)), q, now
+        way = _way(mbs, registry.bodies.values(), start, q)
+        done = [(first + last) / 2 @ way[at] for (_, first), (at, last) in zip(before, now, strict=True)]
+        time, work, start, before = t, work + done, q, now
+        return work
 
     items = require("exudyn.itemInterface")
     number = mbs.AddSensor(items.SensorUserFunction(name=WORK, sensorUserFunction=sample, storeInternal=True))
-    registry.work = sensor = WorkSensor(number, _unlike([name for name, _ in terms]))
+    registry.work = sensor = WorkSensor(number, names)
     return sensor
+
+
+def _forces(mbs: MainSystem, registry: Registry) -> list[tuple[str, Force]]:
+    """Name and force of each item that acts on the bodies."""
+    return [*_weights(mbs, registry), *_forces_of_objects(mbs, registry), *_forces_of_loads(mbs, registry)]
+
+
+def _known(mbs: MainSystem, registry: Registry, names: tuple[str, ...]) -> list[Force]:
+    """Forces of the items with these names, which are to be all that act on the bodies."""
+    forces = _forces(mbs, registry)
+    present = _unlike([name for name, _ in forces])
+    if present != names:
+        raise RunError(
+            f"mbs: items were added or deleted since CreateWorkSensor: it knows {', '.join(names)}, and now there are "
+            f"{', '.join(present) or 'none'}. Make the model anew, and call it after all items"
+        )
+    return [force for _, force in forces]
+
+
+def _way(mbs: MainSystem, bodies: Iterable[Any], start: Array, end: Array) -> Array:
+    """Way of partition bodies between coordinates of a model, (nq,) each: (nq,), zero of all that is no such body."""
+    way = np.zeros(len(end))
+    for item in bodies:
+        dofs = dofs_of(mbs, item)
+        way[dofs] = item.kinematics.way(start[dofs], end[dofs])
+    return way
 
 
 def _unlike(names: list[str]) -> tuple[str, ...]:
@@ -115,38 +146,23 @@ def _unlike(names: list[str]) -> tuple[str, ...]:
     return tuple(unlike)
 
 
-def _powers_of_weights(mbs: MainSystem, registry: Registry) -> list[tuple[str, Power]]:
-    """Name and power of the constant force of each body's own object: gravity."""
+def _weights(mbs: MainSystem, registry: Registry) -> list[tuple[str, Force]]:
+    """Name and constant force of each body's own object: gravity."""
 
-    def weight(item: BodyItem, force: Array) -> Power:
-        def power(mbs: MainSystem, q_t: Array, of_bodies: Array) -> float:
-            return float(force @ np.concatenate([q_t[place] for place in coordinate_slices(mbs, item)]))
-
-        return power
+    def of_body(item: BodyItem, given: Array) -> Force:
+        return lambda mbs: (dofs_of(mbs, item), given)
 
     terms = []
     for number, item in registry.bodies.items():
         force = np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"), dtype=float)
         if force.any():
-            terms.append((f"gravity on {item.name or f'body {number}'}", weight(item, force)))
+            terms.append((f"gravity on {item.name or f'body {number}'}", of_body(item, force)))
     return terms
 
 
-def _powers_of_objects(mbs: MainSystem, registry: Registry) -> list[tuple[str, Power]]:
-    """Name and power of each joint and connector on the bodies, and of objects such as distributed loads."""
+def _forces_of_objects(mbs: MainSystem, registry: Registry) -> list[tuple[str, Force]]:
+    """Name and force of each joint and connector on the bodies, and of objects such as distributed loads."""
     exu = require("exudyn")
-    kind = exu.ComputeItemType
-
-    def of_object(number: ItemIndex) -> Power:
-        def power(mbs: MainSystem, q_t: Array, of_bodies: Array) -> float:
-            data = mbs.systemData
-            what = kind.ReactionForces if len(data.GetObjectLTGAE(number)) else kind.ODE2LHS
-            columns = np.asarray(data.GetObjectLTGODE2(number), dtype=int)
-            on_bodies = of_bodies[columns]
-            return -float(np.asarray(mbs.ComputeItem(number, what))[on_bodies] @ q_t[columns[on_bodies]])
-
-        return power
-
     (objects, nodes), ours, terms = _numbers(registry.bodies), registry.objects, []
     for index in range(mbs.systemData.NumberOfObjects()):
         entry = mbs.GetObject(index)
@@ -157,37 +173,58 @@ def _powers_of_objects(mbs: MainSystem, registry: Registry) -> list[tuple[str, P
         else:  # without a function it has no force
             touches = bool(entry.get("forceUserFunction")) and not nodes.isdisjoint(map(int, entry["nodeNumbers"]))
         if touches:
-            terms.append((f"{entry['name']} ({entry['objectType']})", of_object(exu.ObjectIndex(index))))
+            terms.append((f"{entry['name']} ({entry['objectType']})", _of_object(exu.ObjectIndex(index))))
     return terms
 
 
-def _powers_of_loads(mbs: MainSystem, registry: Registry) -> list[tuple[str, Power]]:
-    """Name and power of each of Exudyn's loads on markers of the bodies."""
+def _of_object(number: ItemIndex) -> Force:
     kind = require("exudyn").ComputeItemType
 
-    def of_vector(load: int, marker: ItemIndex, torque: bool, fixed: bool) -> Power:
-        def power(mbs: MainSystem, q_t: Array, of_bodies: Array) -> float:
-            motion, value = mbs.ComputeItem(marker, kind.Kinematics), np.asarray(mbs.GetLoadValues(load))
-            if torque:  # the angular velocity is in the marker's axes
-                local = value if fixed else motion["rotationMatrix"].T @ value
-                return float(local @ motion["angularVelocityLocal"])
-            return float((motion["rotationMatrix"] @ value if fixed else value) @ motion["velocity"])
+    def force(mbs: MainSystem) -> tuple[Array, Array]:
+        data = mbs.systemData
+        what = kind.ReactionForces if len(data.GetObjectLTGAE(number)) else kind.ODE2LHS
+        columns = np.asarray(data.GetObjectLTGODE2(number), dtype=int)
+        acts = -np.asarray(mbs.ComputeItem(number, what))
+        return columns, acts if len(acts) else np.zeros(len(columns))  # a connector that is switched off
 
-        return power
+    return force
 
-    def of_mass(load: int, body: ItemIndex) -> Power:
-        def power(mbs: MainSystem, q_t: Array, of_bodies: Array) -> float:
-            columns = np.asarray(mbs.systemData.GetObjectLTGODE2(body), dtype=int)
-            momentum = np.asarray(mbs.ComputeItem(body, kind.MassWeightedPositionJacobian)) @ q_t[columns]
-            return float(np.asarray(mbs.GetLoadValues(load)) @ momentum)
 
-        return power
+def _forces_of_loads(mbs: MainSystem, registry: Registry) -> list[tuple[str, Force]]:
+    """Name and force of each of Exudyn's loads on markers of the bodies."""
+    kind = require("exudyn").ComputeItemType
 
-    def of_coordinate(load: int, node: ItemIndex, coordinate: int) -> Power:
-        def power(mbs: MainSystem, q_t: Array, of_bodies: Array) -> float:
-            return float(mbs.GetLoadValues(load)) * float(q_t[mbs.GetNodeODE2Index(node) + coordinate])
+    def columns_of(mbs: MainSystem, marker: ItemEntry) -> Array:
+        data = mbs.systemData
+        on_body = "bodyNumber" in marker
+        return np.array(
+            data.GetObjectLTGODE2(marker["bodyNumber"]) if on_body else data.GetNodeLTGODE2(marker["nodeNumber"]),
+            dtype=int,
+        )
 
-        return power
+    def of_vector(load: int, number: ItemIndex, marker: ItemEntry, torque: bool, fixed: bool) -> Force:
+        ways = kind.RotationJacobian if torque else kind.PositionJacobian
+
+        def force(mbs: MainSystem) -> tuple[Array, Array]:
+            value = np.asarray(mbs.GetLoadValues(load))
+            if fixed:
+                value = mbs.ComputeItem(number, kind.Kinematics)["rotationMatrix"] @ value
+            return columns_of(mbs, marker), np.asarray(mbs.ComputeItem(number, ways)).T @ value
+
+        return force
+
+    def of_mass(load: int, marker: ItemEntry) -> Force:
+        def force(mbs: MainSystem) -> tuple[Array, Array]:
+            by_mass = np.asarray(mbs.ComputeItem(marker["bodyNumber"], kind.MassWeightedPositionJacobian))
+            return columns_of(mbs, marker), by_mass.T @ np.asarray(mbs.GetLoadValues(load))
+
+        return force
+
+    def of_coordinate(load: int, node: ItemIndex, coordinate: int) -> Force:
+        def force(mbs: MainSystem) -> tuple[Array, Array]:
+            return np.array([mbs.GetNodeODE2Index(node) + coordinate]), np.array([float(mbs.GetLoadValues(load))])
+
+        return force
 
     objects, nodes = _numbers(registry.bodies)
     terms = []
@@ -198,15 +235,38 @@ def _powers_of_loads(mbs: MainSystem, registry: Registry) -> list[tuple[str, Pow
             continue
         match entry["loadType"]:
             case "MassProportional":
-                power = of_mass(load, marker["bodyNumber"])
+                force = of_mass(load, marker)
             case "Coordinate" if "coordinate" in marker:
-                power = of_coordinate(load, marker["nodeNumber"], marker["coordinate"])
+                force = of_coordinate(load, marker["nodeNumber"], marker["coordinate"])
             case "ForceVector" | "TorqueVector" as name:
-                power = of_vector(load, number, name == "TorqueVector", bool(entry["bodyFixed"]))
+                force = of_vector(load, number, marker, name == "TorqueVector", bool(entry["bodyFixed"]))
             case _:
                 continue
-        terms.append((f"{entry['name']} ({entry['loadType']})", power))
+        terms.append((f"{entry['name']} ({entry['loadType']})", force))
     return terms
+
+
+def all_loads(mbs: MainSystem, q: Array, t: float) -> Array:
+    """Force of all loads on partition bodies at coordinates q, (nq,), and time t [s]: (nq,).
+
+    The model's present state is as before in the end.
+    """
+    registry, data, total = registered(mbs), mbs.systemData, np.zeros(len(q))
+    forces = [force for _, force in _forces_of_loads(mbs, registry)]
+    for number in range(data.NumberOfObjects()):
+        if number not in registry.objects and _is_load(mbs.GetObject(number)):
+            forces.append(_of_object(require("exudyn").ObjectIndex(number)))
+    before, now = data.GetODE2Coordinates(), data.GetTime()
+    try:
+        data.SetTime(t)
+        data.SetODE2Coordinates(q)
+        for force in forces:
+            columns, acts = force(mbs)
+            np.add.at(total, columns, acts)
+    finally:
+        data.SetTime(now)
+        data.SetODE2Coordinates(before)
+    return total
 
 
 @dataclass(frozen=True)
@@ -217,6 +277,8 @@ class Others:
     ----------
     bodies : frozenset of int
         Identities of the bodies that anything but gravity acts on.
+    held : frozenset of int
+        Those of these that joints or springs act on which are switched on, not loads alone.
     not_told : tuple of str
         Names of items whose work on all bodies together may not be zero, and is in no sensor.
     driven : bool
@@ -224,6 +286,7 @@ class Others:
     """
 
     bodies: frozenset[int]
+    held: frozenset[int]
     not_told: tuple[str, ...]
     driven: bool
 
@@ -231,7 +294,7 @@ class Others:
     def of(cls, mbs: MainSystem, *, told: bool = False) -> Others:
         """Items of a model, as they are; `told` is whether a sensor has their work."""
         registry = registered(mbs)
-        acted_on, not_told, driven = set[int](), [], False
+        acted_on, held, not_told, driven = set[int](), set[int](), [], False
         for number, item in registry.bodies.items():
             force = np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"), dtype=float)
             expected = np.zeros(len(force)) if item.weight is None else item.weight
@@ -242,12 +305,14 @@ class Others:
         each = {number: _numbers({number: item}) for number, item in registry.bodies.items()} if others else {}
         for entry, nodes, markers in others:
             touched = [n for n, of_item in each.items() if _touches(markers, nodes, of_item)]
-            acted_on |= {id(registry.bodies[n]) for n in touched}
+            identities = {id(registry.bodies[n]) for n in touched}
+            acted_on |= identities
+            held |= identities if not _is_load(entry) and entry.get("activeConnector", True) else set()
             sensed = told and (entry.get("loadType") in _SENSED or "markerNumbers" in entry or _has_force(entry))
             if touched and not _is_workless(mbs, entry, markers, everything):
                 driven |= entry.get("objectType") in HOLONOMIC
                 not_told += [] if sensed else [f"{entry['name']} ({entry.get('objectType') or entry['loadType']})"]
-        return cls(frozenset(acted_on), tuple(not_told), driven)
+        return cls(frozenset(acted_on), frozenset(held), tuple(not_told), driven)
 
 
 def acts_on_constant_mass(mbs: MainSystem, item: BodyItem, acting: ActingMass) -> bool:
@@ -278,6 +343,11 @@ def _others(mbs: MainSystem, registry: Registry) -> Iterator[tuple[ItemEntry, se
     for index in range(mbs.systemData.NumberOfLoads()):
         entry = mbs.GetLoad(index)
         yield entry, set(), [mbs.GetMarker(entry["markerNumber"])]
+
+
+def _is_load(entry: ItemEntry) -> bool:
+    """Whether an item is one of Exudyn's loads, or a distributed load of this library."""
+    return "loadType" in entry or is_ours(entry.get("forceUserFunction"))
 
 
 def _has_force(entry: ItemEntry) -> bool:

@@ -37,6 +37,12 @@ OBJECTS = "oGenericODE2", "oFFRFreducedOrder"  # keys of a body's objects
 DAMPING = "damping of held bodies"  # name of the sensor that finds the joints which hold damped bodies
 
 
+_RENUMBERED = (
+    "than it was given: an item was deleted, which gives others new numbers. Delete no items of a model with partition "
+    "bodies; make it anew"
+)
+
+
 class BodyItem(Protocol):
     """A body in a model: what this module needs to know of it."""
 
@@ -231,10 +237,7 @@ def registered(mbs: MainSystem) -> Registry:
     if held.bodies and not holds(next(reversed(held.bodies))):
         newest = next(reversed(held.bodies.values()))
         if any(newest.is_in(mbs, number) for number in range(objects)):
-            raise RunError(
-                f"mbs: body {newest.name!r} has another number than CreatePartitionBody gave it: an item was deleted, "
-                "which gives others new numbers. Delete no items of a model with partition bodies; make it anew"
-            )
+            raise RunError(f"mbs: body {newest.name!r} has another number {_RENUMBERED}")
         bodies = {number: item for number, item in held.bodies.items() if holds(number)}
         there, contacts = {*bodies.values()}, held.contacts.items()
         held.hold(bodies, {n: contact for n, contact in contacts if all(item in there for item, _ in contact.sides)})
@@ -247,6 +250,41 @@ def registered(mbs: MainSystem) -> Registry:
     if held.damping is not None and not is_there(held.damping.number, DAMPING):
         held.damping = None
     return held
+
+
+def check_objects(mbs: MainSystem, held: Registry) -> None:
+    """Raise if the object of a body, of its markers, or of all contacts has another number than it was given.
+
+    Raises
+    ------
+    RunError
+    """
+    for place, item in enumerate(held.bodies.values()):
+        carrier = [item["nRigidBody"], item["nGenericODE2"]] if OBJECTS[1] in item else []
+        for key, nodes in zip(OBJECTS, (item.nodes, carrier), strict=True):
+            if nodes and not _has_nodes(mbs, item[key], nodes):
+                raise RunError(f"mbs: an object of body {item.name or place!r} has another number {_RENUMBERED}")
+    check_contact_object(mbs, held)
+
+
+def check_contact_object(mbs: MainSystem, held: Registry) -> None:
+    """Raise if the object of all contacts has another number than it was given.
+
+    Raises
+    ------
+    RunError
+    """
+    for contact in islice(held.contacts.values(), 1):
+        if not _has_nodes(mbs, contact["oContact"], contact.nodes):
+            raise RunError(f"mbs: the object of all contacts has another number {_RENUMBERED}")
+
+
+def _has_nodes(mbs: MainSystem, number: ItemIndex, nodes: Sequence[ItemIndex]) -> bool:
+    """Whether the object of a number is there, and has these nodes."""
+    try:
+        return {*map(int, nodes)} <= {*map(int, mbs.GetObjectParameter(number, "nodeNumbers"))}
+    except (IndexError, ValueError):  # no such object, or one without nodes
+        return False
 
 
 def registry(mbs: MainSystem) -> Registry:

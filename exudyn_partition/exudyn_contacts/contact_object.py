@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from ..algebra.friction import SLIP
 from ..algebra.products import dense
 from ..errors import ModelLimitWarning
-from ..exudyn_bodies.model import latest_solver, method_of, registered, user_function
+from ..exudyn_bodies.model import check_contact_object, latest_solver, method_of, registered, user_function
 from ..exudyn_bodies.rotation_vectors import turns
 from ..exudyn_bodies.user_functions import sparse_container, terms
 from ..frames.kinematics import Rows
@@ -45,6 +45,7 @@ def add_to_object(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Obj
     if earlier is None:
         registry.nodes_in_contact = nodes
         return _add_object(mbs, [*nodes.values()], runs)
+    check_contact_object(mbs, registry)
     number: ObjectIndex = earlier["oContact"]
     if not registry.nodes_in_contact:
         registry.nodes_in_contact = {int(node): node for node in mbs.GetObjectParameter(number, "nodeNumbers")}

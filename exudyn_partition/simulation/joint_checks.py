@@ -90,6 +90,8 @@ class OpenJoints:
         self._mass, self._rows = mass_and_rows(mbs)
         self._stiffness = _placed_stiffness(mbs, bodies, self._mass.shape[0])
         self._places = [dofs_of(mbs, item) for item in bodies]
+        q = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Initial)
+        self._start = [q[place] for place in self._places]
 
     def energy(self, joint: OpenJoint, step: float, method: str) -> float:
         """Energy of the first step, which closes the joint [J]: masses move by its gap within this step.
@@ -140,16 +142,16 @@ class OpenJoints:
         if not self._bodies:
             return
         slow = (_SLOW * 2 * np.pi * max(item.body.f_cut for item in self._bodies)) ** 2
-        motions = [item.coordinates(result) for item in self._bodies]
-        largest = max(largest_way(item, q[0], q[-1]) for item, q in zip(self._bodies, motions, strict=True))
+        start = [*zip(self._bodies, self._start, strict=True)]  # `settle` takes several runs
+        largest = max(largest_way(item, q, item.coordinates(result)[-1]) for item, q in start)
         least = _ROUND_OFF * max(float(np.ptp(item.body.points, axis=0).max()) for item in self._bodies)
         for joint in self.joints:
             gaps = np.zeros(len(self._gaps))
             gaps[joint.rows] = self._gaps[joint.rows]
             way = self._way(gaps, slow * self._mass + self._stiffness)  # bodies move rather than they bend
             closing = max(
-                largest_way(item, q[0], item.kinematics.moved(q[0], way[place]))
-                for item, q, place in zip(self._bodies, motions, self._places, strict=True)
+                largest_way(item, q, item.kinematics.moved(q, way[place]))
+                for (item, q), place in zip(start, self._places, strict=True)
             )
             if closing > max(_SHARE * largest, least):
                 yield (

@@ -1,11 +1,11 @@
-"""Exudyn adapter: check that the sensors of bodies and contacts are still those that were made with them."""
+"""Exudyn adapter: check that objects and sensors of bodies and contacts are still those that were made with them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
 from ..errors import RunError
-from ..exudyn_bodies.model import Registry, registered
+from ..exudyn_bodies.model import Registry, check_objects, registered
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..support.foreign import MainSystem, NodeIndex, SensorIndex
@@ -16,13 +16,14 @@ _BY_FUNCTION: dict[str, object] = {"sensorType": "UserFunction"}
 
 
 def check_sensors(mbs: MainSystem) -> Registry:
-    """Return the items of a model, or raise if a sensor of one was deleted: later sensors then have other numbers.
+    """Return the items of a model, or raise if an object or sensor was deleted: later ones then have other numbers.
 
     Raises
     ------
     RunError
     """
     items, sensors = registered(mbs), mbs.systemData.NumberOfSensors()
+    check_objects(mbs, items)
     for what, number, expected in (*_of_bodies(items.bodies.values()), *_of_contacts(items.contacts.values())):
         known = int(number) < sensors
         entry = mbs.GetSensor(number) if known else {}

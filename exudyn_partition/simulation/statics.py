@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from ..algebra.blas_threads import one_blas_thread
 from ..algebra.products import smallest
 from ..errors import ComplementarityError, InputError, RunError
-from ..exudyn_bodies.item_work import Others
+from ..exudyn_bodies.item_work import Others, all_loads
 from ..exudyn_bodies.model import coordinate_slices, registry, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
@@ -58,6 +58,7 @@ _log = logging.getLogger(__name__)
 _NEUTRAL = 1e-6  # share of f_cut: only round-off holds a motion with a lower frequency
 _LEAST_MASS = 1e-12  # share of the mean on the diagonal
 _MOST_FALLS, _TOUCHING = 30, 1e-4  # bodies fall in steps until their gap is this share of a facet
+_STANDING = 1e-6  # the same of bodies that have tipped: friction holds what comes to rest from deeper as in a wedge
 # Springs that hold a resting body begin anew where it has come to rest, until their pull is this share of its weight.
 _MOORINGS, _SLACK = (1.0,) * 6, 1e-9
 _STIFFER = 1e4, 1e2  # times their stiffness, at first, for a body that finds no rest where it has fallen
@@ -84,6 +85,7 @@ _MEANS = (
 )
 _FINER_STEPS = 4, 16  # parts of load steps in which a run that has ended too early begins again: friction has a path
 _UNSETTLED, _SINGULAR = "terminated due to errors", "Jacobian seems to be singular"  # what Exudyn says then
+_THROWN = "are not finite"  # what contacts say of bodies that Newton's method has thrown far away
 _PARTS = 16  # of a load step: shortest one of a press fit before bodies are held by springs without forces
 _PARTS_HELD = 256  # the same of bodies that are held so: what comes to lie on its first row needs short ones
 _PRESSED = (
@@ -175,6 +177,11 @@ def _static_start(settings: SimulationSettings) -> float:
     return 0.0 if settings is None else settings.staticSolver.loadStepStart
 
 
+def _static_end(settings: SimulationSettings) -> float:
+    """Static time at which a run ends [s]."""
+    return 1.0 if settings is None else _static_start(settings) + settings.staticSolver.loadStepDuration
+
+
 @spelled
 def settle(
     mbs: MainSystem,
@@ -187,10 +194,10 @@ def settle(
 
     Call it after `mbs.Assemble()`. A body falls without turning, along its gravity, until it touches a rigid surface or
     another body; one that stands on another falls with it. One that does not rest on what it touches first, as on one
-    of three feet, tips until it stands. Then `solve_static` finds the equilibrium of all: forces of
-    contacts carry the weights, and bodies are as deformed as these make them. Bodies that move, as one that will hit
-    those at rest, keep their places and velocities, and have no weight meanwhile. Bodies that joints, springs or loads
-    hold do not fall; their equilibrium is found too.
+    of three feet, tips until it stands, or moves aside, as into a hollow. Then `solve_static` finds the equilibrium of
+    all: forces of contacts carry weights and loads, and bodies are as deformed as these make them. Bodies that move, as
+    one that will hit those at rest, keep their places and velocities, and have no weight meanwhile. Bodies that joints
+    or springs hold, or that loads lift, do not fall; their equilibrium is found too.
 
     Parameters
     ----------
@@ -211,7 +218,7 @@ def settle(
     InputError
         If no body has gravity, one moves at the start, is of another model, or has nothing beneath it.
     RunError
-        As `solve_static`, as where a body would slide or tip over.
+        As `solve_static`, as where a body would slide or tip over, also by a load.
 
     Warns
     -----
@@ -233,25 +240,20 @@ def settle(
     check_start(mbs, settings, progress, partial(_static_start, settings), judges_velocities=False)
     data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
     start = data.GetODE2Coordinates(initial)
-    others = Others.of(mbs).bodies
-    falling = [item for item in chosen if id(item) not in others]
-    kept = [item for item in everything if item not in chosen and id(item) not in others]
-    fallen = _fallen(mbs, start.copy(), falling, contacts)
+    held = Others.of(mbs).held
+    loads = all_loads(mbs, start, _static_end(settings))
+    free = [item for item in everything if id(item) not in held]
+    forces = {item: _force(mbs, item, loads) for item in chosen if item in free}
+    falling = {item: force for item, force in forces.items() if force @ _way_down(item) > 0}  # no load lifts it
+    kept = [item for item in free if item not in chosen]
+    fallen = _fallen(mbs, start.copy(), [*falling], contacts)
     options = {"settings": settings, "progress": progress}
     try:
         with interruptible(), _remove_weight(mbs, [item for item in kept if item.weight is not None]):
-            try:
-                result, before, rest = _rested(mbs, fallen, falling, _MOORINGS, **options)
-            except RunError:
-                standing = _standing(mbs, fallen, falling, contacts)
-                if standing is None:
-                    raise
-                result, before, rest = _rested(mbs, standing, falling, (*_STIFFER, *_MOORINGS), **options)
-            pulls = {item: _pull(mbs, item, rest - before) for item in falling}
-            _refuse_pulled(pulls)
+            result, before, rest, open_joints = _rest(mbs, fallen, falling, contacts, **options)
             pushes = {item: _push(mbs, item, rest - before) for item in falling if _rubs(item, contacts)}
             result = replace(result, end=keep_end(mbs, stopped=result.status == "unstable"))
-            result = reviewed(ReviewedRun(mbs, result), partial(_creeping, pushes))
+            result = reviewed(ReviewedRun(mbs, result, open_joints), partial(_creeping, pushes))
         for place in itertools.chain.from_iterable(coordinate_slices(mbs, item) for item in kept):
             rest[place] = start[place]
     except BaseException:
@@ -260,6 +262,48 @@ def settle(
     finally:
         data.SetODE2Coordinates(rest, initial)
     return result
+
+
+class _Rest(NamedTuple):
+    """Where bodies rest: the last static run, coordinates where it begins and ends, (nq,), and joints open at first."""
+
+    result: Result
+    before: Array
+    rest: Array
+    open_joints: OpenJoints
+
+
+def _rest(
+    mbs: MainSystem,
+    fallen: Array,
+    falling: Mapping[PartitionBody, Array],
+    contacts: Sequence[PartitionContact],
+    **options: Any,
+) -> _Rest:
+    """Rest of bodies from coordinates to which they have fallen, (nq,): there, tipped, or beside it, in a hollow.
+
+    Raises
+    ------
+    RunError
+        That of the first of these, if none is a rest.
+    """
+    refused, tried = None, [fallen]
+    for slides in (None, False, True):
+        start = fallen if slides is None else _standing(mbs, fallen, falling, contacts, slides)
+        if start is None or (slides is not None and any(np.array_equal(start, other) for other in tried)):
+            continue
+        tried.append(start)
+        moorings = _MOORINGS if slides is None else (*_STIFFER, *_MOORINGS)
+        try:
+            found = _rested(mbs, start, [*falling], moorings, **options)
+            _refuse_pulled({item: _pull(mbs, item, found.rest - found.before) for item in falling})
+        except RunError as error:
+            _log.info("no rest where bodies have %s: %s", "fallen" if slides is None else "tipped", error)
+            refused = refused or error
+        else:
+            return found
+    assert refused is not None
+    raise refused
 
 
 def _refuse_pulled(pulls: Mapping[PartitionBody, float]) -> None:
@@ -349,12 +393,15 @@ def _fallen(mbs: MainSystem, q: Array, falling: Sequence[PartitionBody], contact
 
 
 def _standing(
-    mbs: MainSystem, q: Array, falling: Sequence[PartitionBody], contacts: Sequence[PartitionContact]
+    mbs: MainSystem,
+    q: Array,
+    falling: Mapping[PartitionBody, Array],
+    contacts: Sequence[PartitionContact],
+    slides: bool,
 ) -> Array | None:
     """Coordinates, (nq,), to which bodies that have fallen tip, see `tipping`; None if they do not."""
-    touching = _TOUCHING * min((contact.slave_facet_size for contact in contacts), default=1.0)
-    ways = {item: _way_down(item) for item in falling}
-    return tipped(mbs, q, ways, contacts, {item: _pendulum(item) for item in falling}, touching)
+    touching = _STANDING * min((contact.slave_facet_size for contact in contacts), default=1.0)
+    return tipped(mbs, q, falling, contacts, {item: _pendulum(item) for item in falling}, touching, slides=slides)
 
 
 def _rested(
@@ -365,25 +412,32 @@ def _rested(
     *,
     settings: SimulationSettings,
     progress: Progress | None,
-) -> tuple[Result, Array, Array]:
-    """Last static run of those that find rest from coordinates q, (nq,), and where it begins and ends, (nq,) each.
+) -> _Rest:
+    """Last static run of those that find rest from coordinates q, (nq,).
 
     Each run begins where the last one ended, with springs of that many times the usual stiffness. From q on, springs as
     stiff as contacts keep Newton's method from throwing bodies about while rows close and open.
     """
     data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
-    before = rest = q
+    before, rest, open_joints = q, q, list[OpenJoints]()
     for times in moorings:
         data.SetODE2Coordinates(rest, initial)
-        result, _ = _run(
+        result, open_now = _run(
             mbs, partial(_moor, mbs, falling, rest, times), load_steps=1, load_factor=True, update_initial=True,
             settings=settings, progress=progress,
         )  # fmt: skip
+        open_joints.append(open_now)
         before, rest = rest, data.GetODE2Coordinates(initial)
         pulled = max((_pull(mbs, item, rest - before) for item in falling), default=0.0)
         if result.status != "finished" or (times == 1.0 and pulled <= _SLACK):
             break
-    return result, before, rest
+    return _Rest(result, before, rest, open_joints[0])
+
+
+def _force(mbs: MainSystem, item: PartitionBody, loads: Array) -> Array:
+    """Weight of a body, as its object has it, and its share of the `loads` of a model, (nq,): (n,)."""
+    own = np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"), dtype=float)
+    return np.asarray(own + np.concatenate([loads[place] for place in coordinate_slices(mbs, item)]))
 
 
 def _way_down(item: PartitionBody) -> Array:
@@ -649,7 +703,7 @@ def _helps(
     """Contexts in which Newton's method may find an equilibrium, with their names, and the errors that they help."""
     if any(contact.mechanics.friction is not None for contact in partition_items(mbs)[1]):
         yield "with a stiffness along slips", oppose_slips(mbs), (_UNSETTLED, _SINGULAR)
-    yield "held by springs without forces", _held(mbs, plan), (_UNSETTLED,)
+    yield "held by springs without forces", _held(mbs, plan), (_UNSETTLED, _THROWN)
 
 
 @contextlib.contextmanager

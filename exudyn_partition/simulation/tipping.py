@@ -8,7 +8,7 @@ statics.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +21,7 @@ from ..exudyn_contacts.partition_contact import PartitionContact
 from ..support.arrays import Array
 from ..support.foreign import MainSystem
 
-_MOST_TIPS = 20  # gaps are found anew as often as this
+_MOST_TIPS = 50  # gaps are found anew as often as this
 _FURTHEST = 0.05  # of a body's size: what tips further than this falls over
 _STEP = 1.0  # of a facet: largest motion for which gaps are taken as linear
 
@@ -35,10 +35,10 @@ class _Standing:
     item : PartitionBody
     places : (n,) int array
         Its coordinates among the model's.
-    motions : (n, 3) array
-        A motion along its gravity, and turns about two axes across that; each with a kinetic energy of one half.
-    pushed : (3,) array
-        Its weight along these motions.
+    motions : (n, k) array
+        Rigid motions, each with a kinetic energy of one half.
+    pushed : (k,) array
+        Its weight and loads along these motions.
     """
 
     item: PartitionBody
@@ -47,44 +47,38 @@ class _Standing:
     pushed: Array
 
     @classmethod
-    def of(cls, mbs: MainSystem, item: PartitionBody, way: Array) -> _Standing:
-        """A body whose coordinates change by `way`, (n,), along its gravity."""
+    def of(cls, mbs: MainSystem, item: PartitionBody, force: Array, slides: bool) -> _Standing:
+        """A body with a generalised force, (n,). What `slides` also moves across its gravity and turns about it."""
         kinematics = item.kinematics
-        rigid = np.column_stack([kinematics.rigid_part(unit) for unit in np.eye(len(way))])
-        rigid = np.linalg.qr(rigid)[0][:, :6] if len(way) > 6 else rigid
-        rest = np.zeros(len(way))
+        rigid = np.column_stack([kinematics.rigid_part(unit) for unit in np.eye(len(force))])
+        rigid = np.linalg.qr(rigid)[0][:, :6] if len(force) > 6 else rigid
+        rest = np.zeros(len(force))
         moments = [
             np.concatenate([kinematics.momentum(motion), kinematics.angular_momentum(rest, motion, np.zeros(3))])
             for motion in rigid.T
         ]
-        down = kinematics.momentum(way)
-        across = np.linalg.svd(down[None, :])[2][1:]  # two directions across gravity
-        turns = rigid @ np.linalg.solve(np.array(moments).T, np.vstack([np.zeros((3, 2)), across.T]))
-        motions = np.column_stack([way, turns])
+        down = kinematics.momentum(item.weight / kinematics.mass)
+        axes = np.linalg.svd(down[None, :])[2]  # along gravity, and two directions across
+        turns = rigid @ np.linalg.solve(np.array(moments).T, np.vstack([np.zeros((3, 3)), axes.T]))
+        ways = np.column_stack([kinematics.weight(axis) / kinematics.mass for axis in axes])
+        motions = np.column_stack([ways, turns] if slides else [ways[:, 0], turns[:, 1:]])
         motions /= np.sqrt(np.einsum("nk,n,nk->k", motions, kinematics.mass, motions))
-        return cls(
-            item=item,
-            places=dofs_of(mbs, item),
-            motions=motions,
-            pushed=motions.T @ item.weight,
-        )
+        return cls(item, dofs_of(mbs, item), motions, motions.T @ force)
 
     def moved(self, q: Array, amounts: Array) -> Array:
-        """The body's coordinates, (n,), after amounts, (3,), of its motions from the model's coordinates q, (nq,)."""
+        """The body's coordinates, (n,), after amounts, (k,), of its motions from the model's coordinates q, (nq,)."""
         return self.item.kinematics.moved(q[self.places], self.motions @ amounts)
-
-    def way(self, q: Array, amounts: Array) -> float:
-        """How far its outermost nodes move by these amounts [m]."""
-        return largest_way(self.item, q[self.places], self.moved(q, amounts))
 
 
 def tipped(
     mbs: MainSystem,
     q: Array,
-    ways: dict[PartitionBody, Array],
+    forces: Mapping[PartitionBody, Array],
     contacts: Sequence[PartitionContact],
-    springs: dict[PartitionBody, float],
+    springs: Mapping[PartitionBody, float],
     touching: float,
+    *,
+    slides: bool,
 ) -> Array | None:
     """Coordinates, (nq,), at which bodies stand, with closed rows as deep as `touching`; None if one would fall over.
 
@@ -93,65 +87,69 @@ def tipped(
     mbs : exudyn.MainSystem
     q : (nq,) array
         Coordinates at which bodies have fallen.
-    ways : dict of PartitionBody to (n,) array
-        Change of its coordinates by a motion along its gravity, of each body that has fallen.
+    forces : dict of PartitionBody to (n,) array
+        Weight and loads of each body that has fallen, as generalised forces.
     contacts : sequence of PartitionContact
     springs : dict of PartitionBody to float
         Stiffness of the springs on its motions, by the mass [1/s2].
     touching : float
         Depth of rows at which bodies stand, and the largest change that is none [m].
+    slides : bool
+        Whether bodies also move across their gravity, as into a hollow. If not, they sink and tip alone.
     """
-    standing = [_Standing.of(mbs, item, way) for item, way in ways.items()]
-    near = [contact for contact in contacts if any(item in ways for item, _ in contact.sides)]
+    standing = [_Standing.of(mbs, item, force, slides) for item, force in forces.items()]
+    near = [contact for contact in contacts if any(item in forces for item, _ in contact.sides)]
     if not standing or not near:
         return None
-    stiffness = np.repeat([springs[body.item] for body in standing], 3)
+    stiffness = np.concatenate([np.full(len(body.pushed), springs[body.item]) for body in standing])
     free = np.concatenate([body.pushed for body in standing]) / stiffness
     step = _STEP * min(contact.slave_facet_size for contact in near)
-    limits = [_FURTHEST * float(np.ptp(body.item.body.points, axis=0).max()) for body in standing]
-    at, amounts, change = q.copy(), np.zeros(len(free)), np.inf
+    at = q.copy()
     for _ in range(_MOST_TIPS):
         gap, H = _rows(mbs, at, near, standing)
-        wanted = free.copy()
+        wanted = free
         if len(gap):
             F = regularised((H / stiffness) @ H.T)
-            lam = Complementarity(F).solve(gap + touching + H @ (free - amounts))  # so that the rows are closed
-            wanted += (H.T @ lam) / stiffness
-        parts = np.split(wanted - amounts, len(standing))
-        change = max(body.way(at, part) for body, part in zip(standing, parts, strict=True))
-        amounts = amounts + min(1.0, step / max(change, step)) * (wanted - amounts)
-        for body, part in zip(standing, np.split(amounts, len(standing)), strict=True):
-            at[body.places] = body.moved(q, part)
-        if any(
-            body.way(q, part) > limit
-            for body, part, limit in zip(standing, np.split(amounts, len(standing)), limits, strict=True)
-        ):
-            return None
+            lam = Complementarity(F).solve(gap + touching + H @ free)  # so that the rows are closed
+            wanted = free + (H.T @ lam) / stiffness
+        ways = np.split(wanted, len(standing))
+        change = max(
+            largest_way(body.item, at[body.places], body.moved(at, way))
+            for body, way in zip(standing, ways, strict=True)
+        )
         if change <= touching:
             return at
+        for body, way in zip(standing, ways, strict=True):
+            at[body.places] = body.moved(at, min(1.0, step / change) * way)
+        if any(_far(body.item, q[body.places], at[body.places]) for body in standing):
+            return None
     return None
+
+
+def _far(item: PartitionBody, start: Array, end: Array) -> bool:
+    """Whether a body has moved so far that it falls over; `start` and `end` are its coordinates, (n,)."""
+    return largest_way(item, start, end) > _FURTHEST * float(np.ptp(item.body.points, axis=0).max())
 
 
 def _rows(
     mbs: MainSystem, q: Array, contacts: Sequence[PartitionContact], standing: Sequence[_Standing]
 ) -> tuple[Array, Array]:
-    """Gaps of all rows that may touch, (nr,) [m], and their changes by the motions of the bodies, (nr, 3 nb)."""
-    number, gaps, changes = {body.item: i for i, body in enumerate(standing)}, [], []
+    """Gaps of all rows that may touch, (nr,) [m], and their changes by the motions of the bodies, (nr, k nb)."""
+    k, number = standing[0].motions.shape[1], {body.item: i for i, body in enumerate(standing)}
+    gaps, changes = [np.zeros(0)], [np.zeros((0, k * len(standing)))]
     for contact in contacts:
         rows = contact.mechanics.for_run("static").gaps
         gap = rows.widen(np.concatenate([q[place] for place in contact.slices(mbs)]))
         if not len(gap):
             continue
         H = dense(rows.jacobian(np.arange(len(gap))))
-        change, column = np.zeros((len(gap), 3 * len(standing))), 0
+        change, column = np.zeros((len(gap), k * len(standing))), 0
         for item, _ in contact.sides:
             n = item.body.n_dofs
             if item in number:
                 i = number[item]
-                change[:, 3 * i : 3 * i + 3] += H[:, column : column + n] @ standing[i].motions
+                change[:, k * i : k * (i + 1)] += H[:, column : column + n] @ standing[i].motions
             column += n
         gaps.append(gap)
         changes.append(change)
-    if not gaps:
-        return np.zeros(0), np.zeros((0, 3 * len(standing)))
     return np.concatenate(gaps), np.vstack(changes)

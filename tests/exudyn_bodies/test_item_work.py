@@ -9,7 +9,7 @@ from oracles import TOP
 from scipy.integrate import cumulative_simpson
 
 import exudyn_partition as ep
-from exudyn_partition.errors import InputError
+from exudyn_partition.errors import InputError, RunError
 
 KIND = exu.OutputVariableType
 STIFFNESS, DAMPING, FORCE = 1e6, 50.0, 100.0
@@ -69,13 +69,13 @@ def test_each_item_has_its_own_energy_and_all_have_that_of_the_body(bar, frame, 
 
     stretch, speed = (result.sensor(number) for number in sensors)
     stored = STIFFNESS / 2 * (stretch**2).sum(axis=1)
-    np.testing.assert_allclose(found["spring"], -stored, atol=1e-3 * stored.max())
+    np.testing.assert_allclose(found["spring"], -stored, atol=1e-4 * stored.max())  # its way bends as the bar turns
     loss = DAMPING * cumulative_simpson((speed**2).sum(axis=1), x=result.t, initial=0.0)
     np.testing.assert_allclose(found["damper"], -loss, atol=1e-3 * loss[-1])
     assert loss[-1] > 0.1 * stored.max()
     fallen = item.rigid_motion(item.coordinates(result))[:, 2]
     weight = bar.total_mass * GRAVITY[2] * (fallen - fallen[0])
-    np.testing.assert_allclose(found["gravity on bar"], weight, atol=2e-3 * abs(weight).max())
+    np.testing.assert_allclose(found["gravity on bar"], weight, atol=1e-8 * abs(weight).max())
     assert abs(found["hinge"]).max() < 1e-5 * stored.max()  # what it holds does not move
 
     given = item.energy(result) - item.energy(result)[0]
@@ -104,6 +104,71 @@ def test_a_report_of_an_impact_has_a_line_for_each_item(mbs, bodies, tmp_path):
     assert "given by other items; else the steps&#39; error [J]" in page
     again = ep.Result.load(saved(result, tmp_path / "run.npz"), mbs)
     np.testing.assert_array_equal([*again.item_work.work(again).values()], [*work.values()])
+
+
+@pytest.mark.parametrize("every", [1, 20])
+def test_work_of_a_spring_over_an_impact_is_its_energy(mbs, bodies, every):
+    """Velocities turn within a few steps there, so that integrated powers were off, mostly between rare samples."""
+    striker = ep.CreatePartitionBody(
+        mbs, bodies[0], referencePosition=TOP, initialVelocity=[0, 0, -0.5], gravity=GRAVITY.tolist()
+    )
+    target = ep.CreatePartitionBody(mbs, bodies[1])
+    ep.CreatePartitionContact(mbs, striker, target)
+    ground = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=mbs.CreateGround(), localPosition=[*TOP]))
+    own = striker.CreateNodeMarker(mbs, bodies[0].points[bodies[0].points[:, 2].argmax()])
+    spring = mbs.AddObject(items.CartesianSpringDamper(markerNumbers=[ground, own], stiffness=[STIFFNESS] * 3))
+    stretch = mbs.AddSensor(
+        items.SensorObject(objectNumber=spring, outputVariableType=KIND.Displacement, storeInternal=True)
+    )
+    work = ep.CreateWorkSensor(mbs)
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=40e-6, step=0.2e-6, sample_period=every * 0.2e-6)
+    weight, pull = work.work(result).values()
+    stored = STIFFNESS / 2 * (result.sensor(stretch) ** 2).sum(axis=1)
+    np.testing.assert_allclose(pull, stored[0] - stored, atol=1e-9 * stored.max())
+    fallen = striker.rigid_motion(striker.coordinates(result))[:, 2]
+    expected = bodies[0].total_mass * GRAVITY[2] * (fallen - fallen[0])
+    np.testing.assert_allclose(weight, expected, atol=1e-9 * abs(expected).max())
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_connector_that_is_switched_off_does_no_work(bar, first):
+    """Exudyn tells no forces of it: the run ended at the sensor."""
+    mbs, item, markers = swinging(bar, "floating")
+    spring = mbs.AddObject(
+        items.CartesianSpringDamper(markerNumbers=markers, stiffness=[STIFFNESS] * 3, activeConnector=first)
+    )
+
+    def switch(mbs, t):
+        mbs.SetObjectParameter(spring, "activeConnector", (t < 1e-4) == first)
+        return True
+
+    mbs.SetPreStepUserFunction(switch)
+    work = ep.CreateWorkSensor(mbs)
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=2e-4, step=5e-6, method="implicit")
+    assert result.status == "finished"
+    pull, off = [*work.work(result).values()][-1], result.t > 1.05e-4 if first else result.t < 0.95e-4
+    assert np.ptp(pull[off]) == 0.0
+    given = item.energy(result) - item.energy(result)[0]
+    assert abs(pull).max() > 0.0
+    np.testing.assert_allclose(pull[result.t < 1e-4], given[result.t < 1e-4], atol=1e-3 * abs(given).max())
+
+
+@pytest.mark.parametrize("added", [False, True])
+def test_items_that_come_or_go_after_the_sensor_are_told(bar, added):
+    """It read the loads that had got the numbers of others."""
+    mbs, item, markers = swinging(bar, "inertial")
+    places = markers[1], item.CreateInterfaceMarker(mbs, "left")  # Exudyn deletes a marker with its load
+    loads = [mbs.AddLoad(items.LoadForceVector(markerNumber=place, loadVector=[0, 0, 1.0])) for place in places]
+    ep.CreateWorkSensor(mbs)
+    if added:
+        mbs.AddLoad(items.LoadForceVector(name="late", markerNumber=places[1], loadVector=[0, 0, FORCE]))
+    else:
+        mbs.DeleteLoad(loads[0])
+    mbs.Assemble()
+    with pytest.raises(RunError, match=r"items were added or deleted since CreateWorkSensor: it knows .*load0"):
+        ep.solve_dynamic(mbs, end_time=1e-5, step=1e-6)
 
 
 def saved(result, path):

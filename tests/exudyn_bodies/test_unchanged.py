@@ -134,3 +134,25 @@ def test_a_body_whose_number_changed_by_a_deletion_is_named(mbs, arm_body):
     mbs.Assemble()
     with pytest.raises(RunError, match=r"'last' has another number .* an item was deleted"):
         dynamic(mbs)
+
+
+@pytest.mark.parametrize("what", ["markers", "contacts", "before a contact"])
+def test_objects_whose_numbers_changed_by_a_deletion_are_named(mbs, arm_body, round_body, what):
+    """Those of markers and of contacts come after the bodies, which keep their numbers."""
+    arm = ep.CreatePartitionBody(mbs, arm_body, name="arm")
+    ball = ep.CreatePartitionBody(mbs, round_body, name="ball")
+    other = mbs.CreateGround()
+    if what == "markers":
+        arm.CreateInterfaceMarker(mbs, "foot")
+    else:
+        ep.CreatePartitionContact(mbs, ball, ep.RigidPlane((0, 0, -1)))
+    mbs.DeleteObject(other)
+    owner = "an object of body 'arm'" if what == "markers" else "the object of all contacts"
+    told = f"{owner} has another number .* an item was deleted"
+    if what == "before a contact":
+        with pytest.raises(RunError, match=told):
+            ep.CreatePartitionContact(mbs, ball, ep.RigidPlane((0, 0, -2)))
+    else:
+        mbs.Assemble()
+        with pytest.raises(RunError, match=told):
+            dynamic(mbs)

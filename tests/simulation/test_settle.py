@@ -278,20 +278,31 @@ def kept_pair(marble):
     return marble, float(marble.points[:, 2].max())
 
 
-def test_a_plate_tips_until_it_stands_on_three_supports(mbs):
-    """It falls on the highest one, and would be thrown about on that alone. Forces are those of the levers."""
+@pytest.fixture(scope="module")
+def tripod():
+    """A plate on three round feet, and the feet's places, (3, 3) [m]."""
     feet = np.array([(-0.015, -0.015, -0.004), (0.015, -0.015, -0.004), (0.0, 0.015, -0.004)])
     shape = occ.Box((-0.02, -0.02, 0), (0.02, 0.02, 0.01))
     for x, y, _ in feet:
         shape += occ.Sphere(occ.Pnt(x, y, 0), 0.004)
     fem = ep.fe_model(shape, ep.STEEL, maxh=2e-2, refine=[ep.Refine(tuple(p), radius=1e-3, h=1e-3) for p in feet])
     patches = [ep.Partition.ball(fem, tuple(p), 1.5e-3, name=f"{i}") for i, p in enumerate(feet)]
-    body = ep.reduce(fem, patches[0] | patches[1] | patches[2], f_cut=20e3)
+    return ep.reduce(fem, patches[0] | patches[1] | patches[2], f_cut=20e3), feet
+
+
+def on_supports(mbs, body, heights):
+    """The plate above three supports of some heights [m], and its contacts."""
     plate = ep.CreatePartitionBody(mbs, body, gravity=GRAVITY, frame="floating", referencePosition=[0, 0, 1e-4])
-    supports = [
+    return plate, [
         ep.CreatePartitionContact(mbs, plate, ep.RigidPlane((0, 0, height - 0.004)), slavePatch=str(i), name=f"{i}")
-        for i, height in enumerate((0.0, 20e-6, 60e-6))
+        for i, height in enumerate(heights)
     ]
+
+
+def test_a_plate_tips_until_it_stands_on_three_supports(mbs, tripod):
+    """It falls on the highest one, and would be thrown about on that alone. Forces are those of the levers."""
+    body, feet = tripod
+    _, supports = on_supports(mbs, body, (0.0, 20e-6, 60e-6))
     mbs.Assemble()
     static = rest(mbs)
     forces = np.array([support.force_on_slave(static)[-1] for support in supports])
@@ -299,3 +310,67 @@ def test_a_plate_tips_until_it_stands_on_three_supports(mbs):
     expected = np.linalg.solve(np.vstack([np.ones(3), feet[:, :2].T]), [weight, 0, 0])
     np.testing.assert_allclose(forces[:, 2], expected, rtol=0.05)  # a foot bears at nodes beside its tip
     assert forces.sum(axis=0) == pytest.approx([0, 0, weight], abs=1e-4 * weight)
+
+
+@pytest.mark.parametrize("load", [0.05, 100.0])
+def test_a_load_does_not_hold_a_body(mbs, tripod, load):
+    """It is beside the triangle of the feet. The plate did not fall for it, and found no rest under a small one."""
+    body, feet = tripod
+    plate, supports = on_supports(mbs, body, (0.0, 20e-6, 60e-6))
+    x, y = place = np.array([0.019, 0.015])
+    marker = plate.CreatePointMarker(mbs, (x, y, 0.01))
+    mbs.AddLoad(items.Force(markerNumber=marker, loadVector=[0, 0, -load]))
+    mbs.Assemble()
+    weight = G * body.total_mass
+    expected = np.linalg.solve(np.vstack([np.ones(3), feet[:, :2].T]), [weight + load, *load * place])
+    if expected.min() < 0:
+        with pytest.raises(RunError, match="tips over"):
+            rest(mbs)
+        return
+    static = rest(mbs)
+    forces = [support.force(static)[-1] for support in supports]
+    np.testing.assert_allclose(forces, expected, rtol=0.05)
+    assert sum(forces) == pytest.approx(weight + load, rel=1e-6)
+
+
+@pytest.mark.parametrize("aside", [0.0, 50e-6])
+def test_a_ball_comes_to_lie_in_a_hollow_between_three(mbs, aside):
+    """Without friction it must move aside from the first one that it touches, to where all three carry it."""
+    large, small, out = 0.02, 0.01, 0.024
+    angles = 0.3 + np.arange(3) * 2 * np.pi / 3
+    centres = out * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(3)])
+    height = np.sqrt((large + small) ** 2 - out**2)
+    places = (centres - [0, 0, height]) * small / (large + small)
+    refine = [ep.Refine(tuple(place), radius=1e-3, h=0.7e-3) for place in places]
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), small), ep.STEEL, maxh=8e-3, refine=refine)
+    patches = [ep.Partition.ball(fem, tuple(place), 1.2e-3, name=f"{i}") for i, place in enumerate(places)]
+    body = ep.reduce(fem, patches[0] | patches[1] | patches[2], f_cut=50e3)
+    ball = ep.CreatePartitionBody(mbs, body, gravity=GRAVITY, referencePosition=[aside, 0, height + 1e-4])
+    contacts = [
+        ep.CreatePartitionContact(mbs, ball, ep.RigidSphere(tuple(centre), large), slavePatch=str(i))
+        for i, centre in enumerate(centres)
+    ]
+    mbs.Assemble()
+    static, weight = rest(mbs), G * body.total_mass
+    carried = (large + small) / height / 3  # by each, along the line of centres
+    np.testing.assert_allclose([contact.force(static)[-1] / weight for contact in contacts], carried, rtol=0.02)
+    total = sum(contact.force_on_slave(static)[-1] for contact in contacts)
+    np.testing.assert_allclose(total, [0, 0, weight], atol=1e-3 * weight)
+    place = ball.rigid_motion(ball.coordinates(static))[-1, :3]
+    np.testing.assert_allclose(place, [-aside, 0, -1e-4], atol=2e-5)  # rows are means around nodes
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-6])
+def test_a_joint_that_is_open_is_told(mbs, arm_body, standing, gap):
+    """As statics tell; a body that settles beside it is of no account."""
+    block = ep.CreatePartitionBody(mbs, standing, gravity=GRAVITY, referencePosition=[1, 0, 1e-3])
+    ep.CreatePartitionContact(mbs, block, ep.RigidPlane())
+    arm = ep.CreatePartitionBody(mbs, arm_body, gravity=GRAVITY, referencePosition=[gap, 0, 0])
+    ground = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.CreateGround()))
+    mbs.AddObject(items.GenericJoint(markerNumbers=[ground, arm.CreateInterfaceMarker(mbs, "foot")]))
+    mbs.Assemble()
+    if gap:
+        with pytest.warns(ModelLimitWarning, match=r"JointGeneric .* is open by 1e-06 .* position="):
+            ep.settle(mbs)
+    else:
+        ep.settle(mbs)

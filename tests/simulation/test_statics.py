@@ -1,6 +1,7 @@
 """Equilibria with contact: balance of forces, stiffness by hand, nothing passes through, preloads, and frequencies."""
 
 import functools
+import logging
 import math
 import operator
 import warnings
@@ -560,6 +561,23 @@ def test_forces_that_settle_in_no_load_step_are_named_as_the_cause(mbs, bodies, 
     text = str(said[0].message)
     assert "the forces did not settle. Shorter load steps did not help" in text
     assert "hold it by joints" not in text
+
+
+def test_bodies_that_newton_s_method_throws_away_are_held_in_the_next_try(mbs, bodies, monkeypatch, caplog):
+    """As the plates of a stack of three without friction: such a run ended at once."""
+    item, contact, _ = pressed(mbs, bodies[0])
+    force = ModelRun.force
+
+    def forces(run, mbs, t):
+        if "held by springs" not in caplog.text:
+            raise ComplementarityError("the places of the patches are not finite: the run has become unstable")
+        return force(run, mbs, t)
+
+    monkeypatch.setattr(ModelRun, "force", forces)
+    with caplog.at_level(logging.INFO, logger="exudyn_partition"):
+        result = ep.solve_static(mbs, load_steps=1)
+    assert result.status == "finished"
+    assert contact.force(result)[-1] == pytest.approx(FORCE + SPRING * sunk(item, result)[-1], rel=1e-6)
 
 
 @pytest.mark.filterwarnings("ignore:.* rows is closed at the peak:exudyn_partition.errors.ModelLimitWarning")

@@ -68,7 +68,8 @@ def _connections(mbs: MainSystem) -> Iterator[tuple[str, ItemEntry, float]]:
         entry = mbs.GetObject(number)
         joint = entry["objectType"] in HOLONOMIC  # Exudyn's tables may lack items that were added after the run
         stiffness = np.inf if joint else _stiffness(entry.get("stiffness"))
-        for marker in entry.get("markerNumbers", ()) if stiffness > 0 else ():
+        on = stiffness > 0 and entry.get("activeConnector", True)
+        for marker in entry.get("markerNumbers", ()) if on else ():
             yield f"{entry['objectType']} {entry['name']!r}", mbs.GetMarker(marker), stiffness
     loaded = {int(mbs.GetLoad(number)["markerNumber"]): number for number in range(data.NumberOfLoads())}
     for number in range(data.NumberOfSensors()):

@@ -16,6 +16,7 @@ from .reviewed_run import ContactHistory, Finding, ReviewedRun, size_of, surface
 _ASIDE = np.radians(30)  # angle from a patch's line of contact, or from the normals of its nodes
 _SHARE_ASIDE = 0.1  # of the force that may be beyond this angle from the normals
 _FAR, _NEARER = 20.0, 0.01  # distance over the bodies' size that may be a wrong unit; share of it travelled
+_SUNK = 0.1  # of the way in which a row closes after its surfaces have met
 _LISTED = 5  # largest number of contacts that a finding lists
 
 
@@ -93,7 +94,7 @@ def _off_normals(run: ReviewedRun, history: ContactHistory, side: int, top: int)
 
 
 def missed(run: ReviewedRun) -> Iterator[Finding]:
-    """Contacts that never closed, with bodies far away or turned away: they may have the wrong place or unit."""
+    """Contacts that never closed, with bodies far away or turned away, or with surfaces that touch all the same."""
     for history in run.contacts:
         contact, gaps = history.contact, history.contact.mechanics.gaps
         if history.force.any():
@@ -101,6 +102,8 @@ def missed(run: ReviewedRun) -> Iterator[Finding]:
         far = None if gaps.carried else _far(run, history)
         if far is not None:
             yield far
+        elif (sunk := _sunk(run, history)) is not None:
+            yield sunk
         elif not gaps.faced:  # bodies that turn may do so later
             patch = gaps.slave.surface
             yield Finding(
@@ -109,6 +112,26 @@ def missed(run: ReviewedRun) -> Iterator[Finding]:
                 "referenceRotation and the partitions, or run longer",
                 ContactPatchWarning,
             )
+
+
+def _sunk(run: ReviewedRun, history: ContactHistory) -> Finding | None:
+    """Surfaces that lie within each other where their rows come nearest, although none closes; None if they do not.
+
+    Rows are means around nodes: those of a narrow tip close when it has sunk by a part of its facets' depth.
+    """
+    contact, nearest = history.contact, int(history.pressed.argmax())
+    if history.pressed[nearest] < -contact.slave_facet_size:
+        return None
+    t = run.result.t[nearest]
+    depth, still_open = contact.depth(run.result.at([t])), -float(history.pressed[nearest])
+    if depth <= _SUNK * (depth + still_open):
+        return None
+    return Finding(
+        f"{called(contact)} never closed, though its surfaces lie {depth:.3g} m within each other at "
+        f"{when(run.result, t)}: its rows, which are means around nodes, are still open by "
+        f"{still_open:.3g} m there, so that it has no force. Take smaller facets at this tip, from "
+        f"{contact.slave_facet_size:.3g} m, or formulation='hertz', which needs none"
+    )
 
 
 def _far(run: ReviewedRun, history: ContactHistory) -> Finding | None:
