@@ -253,8 +253,11 @@ class BlockComplementarity:
         fields : sequence of (k, m) arrays
             W.
         """
-        sizes = np.array([len(F) for F in own], dtype=np.int64)
-        starts, places = (np.concatenate([[0], np.cumsum(each)]) for each in (sizes, sizes**2))
+        sizes = [len(F) for F in own]
+        starts, places = (
+            np.array([*itertools.accumulate(each, initial=0)], dtype=np.int64)
+            for each in (sizes, [size**2 for size in sizes])
+        )
         (numbers, at), (n, m), nr = (
             pooled([*(F.T for F in own), *(W.T for W in fields)]),
             self.amplitudes.shape,
