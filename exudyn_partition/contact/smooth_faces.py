@@ -35,7 +35,7 @@ _GOES_ON = 0.985  # cosine between the normals of two surfaces where one goes on
 _BENT = 0.85  # the same of facets that lie on no known surface
 _AS_NEAR = 1 + 1e-9  # square of distances from parts of a seam that are the same
 _NONE = 1e-6  # of the length of such parts: distance from the seam that is none
-_REACH = 2.0 + 1e-9  # square of the distance by a facet's size: beyond it, a line through the facet is further away
+_REACH = 2.0 + 1e-9  # square of the distance by a facet's size, above which a line does not meet it within its size
 _BESIDE = 0.8  # of the length of such parts: within it, the seam decides which face has a point
 _PARTS, _STEPS = 8, 3  # of an edge on a seam, and steps of Newton's method to its true place
 _ASIDE, _ENDS = 0.5, 0.05  # of an edge's length: how far the seam may be beside it, and its ends
@@ -137,7 +137,7 @@ class SmoothFace:
         """
         corners, middles, sizes = self._triangles
         arms = middles - point
-        near = np.flatnonzero(np.einsum("fd,fd->f", arms, arms) <= _REACH * sizes**2)  # no others are met so near
+        near = np.flatnonzero(np.einsum("fd,fd->f", arms, arms) <= _REACH * sizes**2)  # others are not met
         a, b, c = (corners[near, k] - point for k in range(3))
         sides = [cross(one, other) @ normal for one, other in ((a, b), (b, c), (c, a))]
         height = abs(arms[near] @ normal)
