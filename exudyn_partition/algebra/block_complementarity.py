@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from hashlib import blake2b
 from typing import Any, NamedTuple
 
@@ -49,6 +50,8 @@ class FlatCore(NamedTuple):
     @classmethod
     def of(cls, n: int, core: Mapping[tuple[int, int], Array]) -> FlatCore:
         """Flatten S of n blocks."""
+        if not core:
+            return _without_blocks(n)
         pairs, spans, parts = sorted(core), [], []
         for pair in pairs:
             block = core[pair]
@@ -250,8 +253,11 @@ class BlockComplementarity:
         fields : sequence of (k, m) arrays
             W.
         """
-        sizes = np.array([len(F) for F in own], dtype=np.int64)
-        starts, places = (np.concatenate([[0], np.cumsum(each)]) for each in (sizes, sizes**2))
+        sizes = [len(F) for F in own]
+        starts, places = (
+            np.array([*itertools.accumulate(each, initial=0)], dtype=np.int64)
+            for each in (sizes, [size**2 for size in sizes])
+        )
         (numbers, at), (n, m), nr = (
             pooled([*(F.T for F in own), *(W.T for W in fields)]),
             self.amplitudes.shape,
@@ -290,10 +296,21 @@ class BlockComplementarity:
         return loops.iterate(self._flat_core, self._core, a, G, pressed, self.amplitudes, _SETTLED, _STEPS)
 
 
+@lru_cache(maxsize=16)
+def _without_blocks(n: int) -> FlatCore:
+    """S of n blocks that do not move each other; nobody writes to it."""
+    none = np.zeros(n + 1, dtype=np.int64)
+    return FlatCore(none, none[:0], np.zeros((0, 4), dtype=np.int64), *pooled([]))
+
+
 def pooled(arrays: Sequence[Array]) -> tuple[Array, Array]:
     """All numbers of some arrays, (k,), equal arrays once, and where each array begins, (n,)."""
+    if len({array.size for array in arrays}) == len(arrays):  # only arrays of one size may be equal
+        parts = [np.ascontiguousarray(array, dtype=float).ravel() for array in arrays]
+        ends = [*itertools.accumulate(map(len, parts), initial=0)]
+        return np.concatenate([*parts, np.empty(0)]), np.array(ends[:-1], dtype=np.int64)
     known, size, starts, parts = dict[object, int](), 0, [], []
-    sizes = Counter(array.size for array in arrays)  # only arrays of one size are compared by their content
+    sizes = Counter(array.size for array in arrays)
     for array in arrays:
         view = array.__array_interface__["data"][0], array.shape, array.strides
         if view not in known:

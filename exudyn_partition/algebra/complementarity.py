@@ -5,7 +5,6 @@ Theory: examples/site/theory.md, "Contact without a penalty".
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Callable
 
@@ -14,6 +13,7 @@ from scipy.linalg import lapack
 
 from ..errors import ComplementarityError, IndefiniteMatrixError
 from ..support.arrays import Array
+from ..support.attributes import copied
 from . import loops
 from .products import Solved
 from .products import smallest as least_of
@@ -73,7 +73,7 @@ class Complementarity:
 
     def fresh(self) -> Complementarity:
         """Return the same problem without an active set; F is shared."""
-        result = copy.copy(self)
+        result = copied(self)
         result.iterations = result.single_pivots = 0
         result.reset()
         return result

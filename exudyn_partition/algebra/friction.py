@@ -5,7 +5,6 @@ Theory: examples/site/theory.md, "Friction".
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Callable
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from ..errors import ComplementarityError
 from ..support.arrays import Array
+from ..support.attributes import copied
 from . import loops
 from .closed_rows import ClosedRows
 from .complementarity import Complementarity
@@ -90,7 +90,7 @@ class FrictionProblem:
 
     def fresh(self) -> FrictionProblem:
         """Return the same problem without a memory; F is shared."""
-        result = copy.copy(self)
+        result = copied(self)
         result._forget()
         return result
 

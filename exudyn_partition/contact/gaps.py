@@ -9,7 +9,6 @@ Theory: examples/site/theory.md, "Rows of gaps".
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -23,6 +22,7 @@ from ..errors import InputError
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..support.arrays import Array
+from ..support.attributes import copied
 from ..surfaces.loops import at_points, on_nodes
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import directed_matrix
@@ -184,7 +184,7 @@ class Gaps:
 
     def fresh(self) -> Self:
         """Return the same rows in their start state, for another run; constant data are shared."""
-        result = copy.copy(self)
+        result = copied(self)
         result.searches, result._loaded, result.yielding, result.within = 0, {}, None, 0.0
         result._stood, result._anchored = (None, None, NOTHING), (None, None, None)
         result.begin()

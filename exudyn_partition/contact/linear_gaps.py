@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -92,4 +93,4 @@ class FlatRows(NamedTuple):
 
 def _starts(arrays: Sequence[Array]) -> Array:
     """Where each of some arrays begins in all of them together, and their end, (n + 1,)."""
-    return np.cumsum([0, *map(len, arrays)])
+    return np.array([*itertools.accumulate(map(len, arrays), initial=0)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import functools
 import math
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from ..algebra.friction import OPEN, SLIP, STICK
 from ..algebra.products import smallest
 from ..errors import ComplementarityError, InputError, RunError
 from ..support.arrays import Array
+from ..support.attributes import copied
 from ..support.checks import read_only
 from .evaluation import ContactParts, Evaluation
 from .gaps import Gaps
@@ -109,7 +109,7 @@ class PatchContact:
                 "Take a basis with residual flexibility and formulation='compliance' for static runs, or press slowly "
                 "in a damped run"
             )
-        result, rows = copy.copy(self), self.rows.fresh(self.gaps.fresh())
+        result, rows = copied(self), self.rows.fresh(self.gaps.fresh())
         betas = None if method == "static" else self.parts.betas
         result.parts = replace(self.parts, rows=rows, law=self.law.fresh(rows), betas=betas)
         if self.zones is not None:

@@ -21,6 +21,7 @@ from ..fe.facets import area_vectors, facet_corners
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from ..surfaces.vectors import cross
+from .rigid import RigidPlane
 from .side import Side
 from .true_surface import TrueSurface, not_known, surface_of
 
@@ -34,6 +35,7 @@ _GOES_ON = 0.985  # cosine between the normals of two surfaces where one goes on
 _BENT = 0.85  # the same of facets that lie on no known surface
 _AS_NEAR = 1 + 1e-9  # square of distances from parts of a seam that are the same
 _NONE = 1e-6  # of the length of such parts: distance from the seam that is none
+_REACH = 2.0 + 1e-9  # square of the distance by a facet's size, above which a line does not meet it within its size
 _BESIDE = 0.8  # of the length of such parts: within it, the seam decides which face has a point
 _PARTS, _STEPS = 8, 3  # of an edge on a seam, and steps of Newton's method to its true place
 _ASIDE, _ENDS = 0.5, 0.05  # of an edge's length: how far the seam may be beside it, and its ends
@@ -48,6 +50,8 @@ class SmoothFace:
     Parameters
     ----------
     surface : TrueSurface
+    points : (np, 3) array
+        Nodes of the patch, in the axes of its body [m].
     facets : (nf, n) int array
         Its facets, by nodes of the patch.
     beside : (nb, n) int array
@@ -61,6 +65,7 @@ class SmoothFace:
     """
 
     surface: TrueSurface
+    points: Array
     facets: Array
     beside: Array
     seam: Array
@@ -110,34 +115,63 @@ class SmoothFace:
         share = np.einsum("md,md->m", point - start, way) / np.einsum("md,md->m", way, way)
         return np.asarray(start + np.clip(share, 0.0, 1.0)[:, None] * way)
 
-    def holds(self, points: Array, point: Array, normal: Array) -> bool:
+    def holds(self, point: Array, normal: Array) -> bool:
         """Whether a point of the surface, with an outward unit normal, lies on this face, and not on those beside it.
 
-        `points`, (np, 3) [m], are the nodes of the patch. Where no facet is, as beyond the patch, the face has the
-        point, unless that is beyond the seam.
+        Where no facet is, as beyond the patch, the face has the point, unless that is beyond the seam.
         """
         distance = self.beyond(point, normal)[0] if len(self.seam) else -math.inf
         if abs(distance) < _BESIDE * self._part:
             return distance <= 0.0
-        over, height = self._over(points, point, normal)
+        over, height = self._over(point, normal)
         return bool(over[height.argmin()] < len(self.facets)) if len(over) else distance <= 0.0
 
-    def covers(self, points: Array, point: Array, normal: Array) -> bool:
+    def covers(self, point: Array, normal: Array) -> bool:
         """Whether facets of this face, or of those beside it, lie at a point of the surface; see `holds`."""
-        return len(self._over(points, point, normal)[0]) > 0
+        return len(self._over(point, normal)[0]) > 0
 
-    def _over(self, points: Array, point: Array, normal: Array) -> tuple[Array, Array]:
+    def _over(self, point: Array, normal: Array) -> tuple[Array, Array]:
         """Facets of `around` at a point of the surface, and how far they are along the normal, at most their size [m].
 
         Others, which the line along the normal meets further away, are elsewhere on the body.
         """
-        corners = points[self.around[:, :3]] - point
-        a, b, c = (corners[:, k] for k in range(3))
+        corners, middles, sizes = self._triangles
+        arms = middles - point
+        near = np.flatnonzero(np.einsum("fd,fd->f", arms, arms) <= _REACH * sizes**2)  # others are not met
+        a, b, c = (corners[near, k] - point for k in range(3))
         sides = [cross(one, other) @ normal for one, other in ((a, b), (b, c), (c, a))]
-        over = np.flatnonzero((np.array(sides) >= 0.0).all(axis=0))
-        middles = corners[over].mean(axis=1)
-        height, size = abs(middles @ normal), np.linalg.norm(corners[over] - middles[:, None], axis=2).max(axis=1)
-        return over[height <= size], height[height <= size]
+        height = abs(arms[near] @ normal)
+        over = (np.array(sides) >= 0.0).all(axis=0) & (height <= sizes[near])
+        return near[over], height[over]
+
+    @cached_property
+    def nodes(self) -> Array:
+        """Nodes of its facets, (k,) int array."""
+        return np.unique(self.facets)
+
+    @cached_property
+    def bulge(self) -> float:
+        """How far the surface is from its facets at most, for these are chords of it [m]."""
+        if isinstance(self.surface.shape, RigidPlane):
+            return 0.0
+        corners = self.points[facet_corners(self.facets)]
+        longest = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+        radius = self.surface.least_radius  # of a facet with a corner at most longest / sqrt(3) from each place
+        return radius - math.sqrt(max(radius**2 - longest**2 / 3, 0.0))
+
+    @cached_property
+    def ends(self) -> bool:
+        """Whether `around` has an end: an edge of one facet alone."""
+        corners = facet_corners(self.around)
+        edges = np.sort(np.stack([corners, np.roll(corners, 1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+        return bool((np.unique(edges, axis=0, return_counts=True)[1] == 1).any())
+
+    @cached_property
+    def _triangles(self) -> tuple[Array, Array, Array]:
+        """Corners of `around`, (nf, 3, 3) [m], their middles, (nf, 3) [m], and their largest distances from it [m]."""
+        corners = self.points[self.around[:, :3]]
+        middles = corners.mean(axis=1)
+        return corners, middles, np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
 
     @cached_property
     def _part(self) -> float:
@@ -205,7 +239,7 @@ def smooth_faces(points: Array, facets: Array) -> Faces:
     edges, corners = _neighbours(facets)
     whole = surface_of(points, facets) if connected_components(corners, directed=False)[0] == 1 else None
     if whole is not None:
-        return Faces([SmoothFace(whole, facets, facets[:0], np.empty((0, 2, 3)), np.empty((0, 3)))], 0)
+        return Faces([SmoothFace(whole, points, facets, facets[:0], np.empty((0, 2, 3)), np.empty((0, 3)))], 0)
     face, surfaces = _grown(points, facets, edges, corners)
     first, second = sp.triu(edges).nonzero()
     apart = face[first] != face[second]
@@ -221,7 +255,7 @@ def smooth_faces(points: Array, facets: Array) -> Faces:
         beside = np.where(in_face[first], second, first)[ends]
         inner = np.where(in_face[first], first, second)[ends]
         seam, outside = _seam(points, facets, (surface, face, surfaces), (inner, beside), places[ends])
-        faces.append(SmoothFace(surface, facets[in_face], facets[others], seam, outside))
+        faces.append(SmoothFace(surface, points, facets[in_face], facets[others], seam, outside))
     between = {(face[i], face[j]) for i, j in zip(first[smooth], second[smooth], strict=True)}
     for i, j in sorted(between | {(j, i) for i, j in between}):
         if min(i, j) >= 0:

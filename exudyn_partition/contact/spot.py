@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,8 +15,11 @@ from ..errors import InputError
 from ..fe.facets import facet_corners
 from ..fe.material import Material
 from ..frames.kinematics import Kinematics
+from ..reduction.body import ReducedBody
 from ..support.arrays import Array
+from ..support.once import once
 from ..surfaces.smooth_kernel import Kernel, coverage_around, kernel_around
+from ..surfaces.vectors import cross
 from .side import Side
 from .smooth_faces import ORDERS, SmoothFace
 
@@ -111,8 +115,9 @@ class SpotMaker:
         corners = self.points[facet_corners(facets)]
         self._middles = corners.mean(axis=1)
         self._edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean(axis=1)
+        self.widest = _WIDEST[self._order] * float(self._edges.max())  # radius of a kernel
         body = side.kinematics.body
-        self._skin = (body.points - body.centre_of_mass)[facet_corners(body.facets)[:, :3]]
+        self._skin = _skin_of(body)
 
     def at(self, centre: Array, normal: Array) -> Spot:
         """Spot at a point of the true surface, (3,) [m], with an outward unit normal; both in the body's axes."""
@@ -196,21 +201,64 @@ class SpotMaker:
 
     def _extent(self, centre: Array, normal: Array) -> float:
         """Extent of the body behind a point of the surface, along the normal [m]."""
-        return float(((centre - self._skin) @ normal).max())
+        return float(centre @ normal - (self._skin.points @ normal).min())
 
     def _thickness(self, centre: Array, normal: Array) -> float:
         """Thickness of the wall behind a point of the surface [m]; infinite if nothing of the surface is behind it."""
-        a, b, c = (self._skin[:, k] for k in range(3))
-        first, second = b - a, c - a
-        facing = np.cross(first, second)
-        faces = facing @ normal < _BEHIND * np.linalg.norm(facing, axis=1)
-        across = np.cross(-normal, second)
+        skin = self._skin
+        middles = skin.middles - centre
+        beside = np.einsum("fd,fd->f", middles, middles) - (middles @ normal) ** 2
+        met = np.flatnonzero((beside <= skin.squares) & (skin.facing @ normal < _BEHIND * skin.sizes))  # at most these
+        a, first, second = (part[met] for part in (skin.starts, skin.first, skin.second))
+        across = cross(np.broadcast_to(-normal, second.shape), second)
         determinant = np.einsum("fd,fd->f", first, across)
         inverse = np.divide(1.0, determinant, out=np.zeros(len(a)), where=abs(determinant) > 0)
         arm = centre - a
         u = np.einsum("fd,fd->f", arm, across) * inverse
-        turned = np.cross(arm, first)
+        turned = cross(arm, first)
         v = (turned @ -normal) * inverse
         depth = np.einsum("fd,fd->f", turned, second) * inverse
-        hit = faces & (u >= 0) & (v >= 0) & (u + v <= 1) & (depth > 0) & (inverse != 0)
+        hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (depth > 0) & (inverse != 0)
         return float(depth[hit].min(initial=math.inf))
+
+
+class _Skin(NamedTuple):
+    """Triangles of a body's whole skin, in its axes, from the centre of mass.
+
+    Parameters
+    ----------
+    points : (k, 3) array
+        Their corners [m].
+    starts, first, second : (nf, 3) arrays
+        First corner of each, and its edges from there [m].
+    facing : (nf, 3) array
+        Outward normals, of the length
+    sizes : (nf,) array
+        [m2].
+    middles : (nf, 3) array
+        [m]
+    squares : (nf,) array
+        Squares of the largest distances of corners from these [m2], a little larger than that.
+    """
+
+    points: Array
+    starts: Array
+    first: Array
+    second: Array
+    facing: Array
+    sizes: Array
+    middles: Array
+    squares: Array
+
+
+@once
+def _skin_of(body: ReducedBody) -> _Skin:
+    nodes = facet_corners(body.facets)[:, :3]
+    points = body.points - body.centre_of_mass
+    corners = points[nodes]
+    starts, first, second = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    facing, middles = cross(first, second), corners.mean(axis=1)
+    squares = (1 + 1e-9) * ((corners - middles[:, None]) ** 2).sum(axis=2).max(axis=1)
+    return _Skin(
+        points[np.unique(nodes)], starts, first, second, facing, np.linalg.norm(facing, axis=1), middles, squares
+    )

@@ -16,6 +16,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,6 +27,7 @@ from ..prediction.point_contact import PointContact
 from ..support.arrays import Array
 from ..support.attributes import FoundOnce
 from ..surfaces.facing import PENETRATION_TOLERANCE
+from ..surfaces.hulls import hull_distance
 from ..surfaces.points import ContactPoints
 from .gaps import Gaps, GapState, Present
 from .linear_gaps import LinearGaps
@@ -321,15 +323,14 @@ class SpotGaps(Gaps):
         """
         if self._alone:
             return self._meeting(poses, carried), self._own_faces
-        whole, best = self._all_poses(poses, carried), None
+        whole, best, bound = self._all_poses(poses, carried), None, math.inf
         for numbers, found in self._pairs.items():
             meeting = self._meeting(poses, carried, found)
-            if best is not None and self._behind(meeting):
-                continue
+            if meeting.gap >= bound or (best is not None and self._behind(meeting)):
+                continue  # faces are no nearer to each other than the surfaces on which they lie
             meeting = self._between_ends(numbers, meeting, found.shapes, whole)
-            nearer = best is None or meeting.gap < best[0].gap or self._behind(best[0])
-            if nearer and self._covers(numbers, meeting):
-                best = meeting, numbers
+            if meeting.gap < bound and self._covers(numbers, meeting):
+                best, bound = (meeting, numbers), math.inf if self._behind(meeting) else meeting.gap
         assert best is not None
         return best
 
@@ -345,7 +346,7 @@ class SpotGaps(Gaps):
         point, outward = meeting.points[0], meeting.outward[0]
         if meeting.gap > 0.0 or len(faces) == 1 or faces[0].from_seam(point) <= self._width:
             return meeting
-        if faces[0].holds(self._makers[0].points, point, outward):
+        if faces[0].holds(point, outward):
             return meeting
         return meeting._replace(gap=max(-meeting.gap, self.size))
 
@@ -374,10 +375,8 @@ class SpotGaps(Gaps):
     def _covers(self, numbers: tuple[int, ...], meeting: Meeting) -> bool:
         """Whether faces beside the own ones, by their numbers, have the point of contact: surfaces have no ends."""
         return all(
-            near[number].covers(maker.points, point, outward)
-            for near, number, maker, point, outward in zip(
-                self._near, numbers, self._makers, meeting.points, meeting.outward, strict=True
-            )
+            near[number].covers(point, outward)
+            for near, number, point, outward in zip(self._near, numbers, meeting.points, meeting.outward, strict=True)
             if number
         )
 
@@ -396,7 +395,7 @@ class SpotGaps(Gaps):
     ) -> Meeting:
         """The meeting of a face of one side, at the end of the face if it is beyond that."""
         points, outward = meeting.points[number], meeting.outward[number]
-        if face.holds(self._makers[number].points, points, outward):
+        if face.holds(points, outward):
             return meeting
         end, second = face.nearest_on_seam(points), 1 - number
         into = poses[second].into(poses[number].out(end))
@@ -438,10 +437,8 @@ class SpotGaps(Gaps):
         rows = SpotRows(points, np.array([np.inf if all(spot.whole for spot in spots) else 0.0]), sides)
         rows.spots, rows.made_at = spots, anchor
         rows.inside = all(
-            face.from_seam(point) > 2 * _TILTED * spot.radius + self._width and face.holds(maker.points, point, outward)
-            for face, maker, spot, point, outward in zip(
-                self.faces, self._makers, spots, meeting.points, meeting.outward, strict=True
-            )
+            face.from_seam(point) > 2 * _TILTED * spot.radius + self._width and face.holds(point, outward)
+            for face, spot, point, outward in zip(self.faces, spots, meeting.points, meeting.outward, strict=True)
         )
         rows.touching = self._found, self._axes(anchor.q, anchor.pose), meeting.normal
         return rows
@@ -542,20 +539,37 @@ class SpotGaps(Gaps):
     def least_distance(self, q: Array) -> float:
         """See `Gaps.least_distance`; faces are no nearer to each other than the surfaces on which they lie.
 
-        Where these overlap beside the faces, it is the distance of the nodes of one face from the other surface, less
-        a facet's size.
+        Nor are they nearer than the hulls of their nodes, out of which they reach by `_reach_of`. Where surfaces and
+        hulls overlap, it is the distance of the nodes of one face from the other surface, less a facet's size.
         """
         if self.carried:
             return -np.inf
-        rough, carried = self._rough_poses(q), self.carrier_pose
-        least, poses = self._meeting(rough, carried).gap, self._all_poses(rough, carried)
-        for number, (face, maker) in enumerate(zip(self.faces, self._makers, strict=True)):
-            if least > 0.0:
-                break
-            points = maker.points[np.unique(face.facets)]
-            gaps = self._shapes[1 - number].shape.project(poses[1 - number].into(poses[number].out(points)))[0]
-            least = max(least, float(gaps.min()) - self.size)
+        parts = zip(self._of_faces, self.split(q), self.growing_sides, strict=True)
+        places = [side.seen.place(*part) for side, *part in parts]
+        points = [maker.points[face.nodes] for maker, face in zip(self._makers, self.faces, strict=True)]
+        axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.split(q), strict=True)]
+        poses = [Pose(x.mean(axis=0), X.mean(axis=0), turn) for x, X, turn in zip(places, points, axes, strict=True)]
+        both = zip(poses, points, places, strict=True)
+        deformed = sum(float(np.linalg.norm(pose.out(X) - x, axis=1).max()) for pose, X, x in both)
+        least = self._meeting(poses, self.carrier_pose).gap - deformed
+        if len(places) > 1:
+            least = max(least, hull_distance(*places) - sum(map(self._reach_of, self._makers)))
+        whole = self._all_poses(poses, self.carrier_pose)
+        for number, x in enumerate(places if least <= 0.0 else ()):
+            gaps = self._shapes[1 - number].shape.project(whole[1 - number].into(x))[0]
+            least = max(least, float(gaps.min()) - self.size - deformed)
         return least
+
+    @cached_property
+    def _of_faces(self) -> list[Side]:
+        """The sides, each with the nodes of the contact's own face alone."""
+        return [side.following(face.nodes) for side, face in zip(self.sides, self.faces, strict=True)]
+
+    def _reach_of(self, maker: SpotMaker) -> float:
+        """How far from the nodes of its face a contact may be, which goes on beyond seams and ends [m]."""
+        face = maker.face
+        beyond = maker.widest if face.ends else 0.0
+        return face.bulge + max(beyond, self._width if len(face.seam) else 0.0)
 
     @property
     def mismatch(self) -> float:
@@ -606,7 +620,8 @@ class SpotGaps(Gaps):
     def _go_to_start(self) -> None:
         """See `Gaps`."""
         self._go_to_stage(self._start.again(), self._start_q)
-        self.at(self._start_q)
+        if self.carried:
+            self.at(self._start_q)  # the carrier may be elsewhere
 
     def at(self, q: Array) -> Array:
         """See `Gaps.at`."""

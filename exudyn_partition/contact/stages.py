@@ -6,7 +6,6 @@ Data derived from a stage are kept on it, and vanish with it. So no code needs t
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
@@ -15,7 +14,7 @@ import numpy as np
 
 from ..algebra.products import largest_change, moved, weighted_rows
 from ..support.arrays import Array
-from ..support.attributes import FoundOnce
+from ..support.attributes import FoundOnce, copied
 from ..surfaces.points import ContactPoints
 from ..surfaces.projection import Projection
 from . import loops
@@ -164,14 +163,14 @@ class PresentRows:
     def on(self, sides: Sides) -> Self:
         """Return the same rows for sides with other flexibilities."""
         flexible = zip(self.sides, sides, strict=True)
-        result = copy.copy(self)
+        result = copied(self)
         result.sides = Sides(replace(before, flexibility=side.flexibility) for before, side in flexible)
         result._at_anchors = {}
         return result
 
     def yielding(self) -> Self:
         """Return the same rows when other shares of flexibilities yield; what belongs to a side stays."""
-        result = copy.copy(self)
+        result = copied(self)
         result._at_anchors = {
             what: kept for what, kept in self._at_anchors.items() if isinstance(what, tuple) and OF_SIDE in what
         }
@@ -179,7 +178,7 @@ class PresentRows:
 
     def again(self) -> Self:
         """Return the same rows for another run, with the values known so far."""
-        result = copy.copy(self)
+        result = copied(self)
         result._at_anchors = self._at_anchors.copy()
         return result
 
@@ -252,13 +251,13 @@ class Stage:
 
     def on(self, sides: Sides) -> Stage:
         """Return the same stage for sides with other flexibilities."""
-        result = copy.copy(self)
+        result = copied(self)
         result.rows, result.shared, result._values = self.rows.on(sides), None, {}
         return result
 
     def yielding(self) -> Stage:
         """Return the same stage when other shares of the sides' flexibilities yield."""
-        result = copy.copy(self)
+        result = copied(self)
         result.rows, result.shared, result._values = self.rows.yielding(), None, {}
         return result
 
@@ -266,7 +265,7 @@ class Stage:
         """Return the same stage for another run; a stage with frozen rows returns itself."""
         if not self.moving:
             return self
-        result = copy.copy(self)
+        result = copied(self)
         result.rows, result._values = self.rows.again(), {}
         return result
 

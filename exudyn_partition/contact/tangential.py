@@ -7,8 +7,6 @@ directions is normal, first tangent, second tangent. Direction k of row i has th
 
 from __future__ import annotations
 
-import copy
-
 import numpy as np
 import scipy.sparse as sp
 
@@ -18,6 +16,7 @@ from ..fe.model import node_dofs
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..support.arrays import Array
+from ..support.attributes import copied
 from ..surfaces.loops import at_points
 from ..surfaces.vectors import cross
 from . import loops
@@ -64,7 +63,7 @@ class TangentialRows:
 
     def fresh(self, gaps: Gaps) -> TangentialRows:
         """Return the tangents of these rows for another run; `gaps` are the same gaps in their start state."""
-        result = copy.copy(self)
+        result = copied(self)
         result.gaps = gaps
         result.forget_places()
         return result

@@ -180,8 +180,15 @@ class TrueSurface:
         """How far from it corners may lie that are on it, of facets over a size [m]: [m]."""
         if isinstance(self.shape, RigidPlane):
             return _FLAT * size
-        radius = self.shape.tube if isinstance(self.shape, Torus) else self.shape.radius
+        radius = self.least_radius
         return max(_FITS * min(size**2 / (8 * radius), radius), _ROUNDING * size)
+
+    @property
+    def least_radius(self) -> float:
+        """Smallest radius of curvature [m]; infinite of a plane."""
+        if isinstance(self.shape, RigidPlane):
+            return math.inf
+        return self.shape.tube if isinstance(self.shape, Torus) else self.shape.radius
 
     @property
     def curvatures(self) -> tuple[float, float]:
@@ -263,8 +270,8 @@ def surface_of(points: Array, facets: Array) -> TrueSurface | None:
     middles = points[facet_corners(facets)].mean(axis=1)
     for find in (_balls, _cylinders, _tori):
         for shape in find(x, outward, middles):
-            surface, radius = TrueSurface(shape), shape.tube if isinstance(shape, Torus) else shape.radius
-            if abs(shape.project(x)[0]).max() <= surface.tolerance(size) and radius < _WIDEST * size:
+            surface = TrueSurface(shape)
+            if abs(shape.project(x)[0]).max() <= surface.tolerance(size) and surface.least_radius < _WIDEST * size:
                 return surface
     return None
 

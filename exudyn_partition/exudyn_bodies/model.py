@@ -303,7 +303,7 @@ def coordinate_slices(mbs: MainSystem, item: BodyItem) -> list[slice]:
 
 def dofs_of(mbs: MainSystem, item: BodyItem) -> Array:
     """Numbers of a body's coordinates in the system vector, (n_dofs,)."""
-    return np.concatenate([np.r_[place] for place in coordinate_slices(mbs, item)])
+    return np.concatenate([np.arange(place.start, place.stop) for place in coordinate_slices(mbs, item)])
 
 
 def user_function(entry: ItemEntry | None) -> UserFunction | None:

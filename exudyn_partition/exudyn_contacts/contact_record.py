@@ -39,7 +39,7 @@ class LoopedSamples:
         bounds : list of int
             Places where the rows of each contact begin, and where the last ones end.
         stored : list of float
-            Energy that each contact stores [J].
+            Energy that each contact stores [J]; zero where all its rows are open.
         """
         self._kept[t] = nodes, bounds, lam, stored
 
@@ -63,10 +63,7 @@ class LoopedSamples:
 
     def stored_at(self, times: Sequence[float], place: int) -> list[float]:
         """See `ContactRecord.stored_at`, of the contact at a place of the group."""
-        return [
-            0.0 if sample is None or sample[1][place] == sample[1][place + 1] else sample[3][place]
-            for sample in map(self._kept.get, times)
-        ]
+        return [0.0 if sample is None else sample[3][place] for sample in map(self._kept.get, times)]
 
     def stored(self, place: int) -> dict[float, float]:
         """Energy that this contact stored while it was closed [J]; keys are times [s]."""

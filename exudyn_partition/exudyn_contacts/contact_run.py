@@ -96,7 +96,7 @@ class ContactRun:
         self._static = method == "static"
         self.forward = ForwardRows(mechanics) if mechanics.ahead and method == "explicit" else None
         self.impulses = StepImpulses(mechanics) if mechanics.ahead and method == "implicit" else None
-        self.dofs = np.concatenate([np.r_[s] for s in slices])
+        self.dofs = np.concatenate([np.arange(s.start, s.stop) for s in slices])
         self._slices = joined_slices(slices)  # fewer slices are quicker
         self._parts = consecutive([s.stop - s.start for s in self._slices])
         self._group_of: Callable[[], Group | None] = lambda: None

@@ -171,9 +171,10 @@ class CoupledRun(GroupRun):
         self._told = False  # whether members have evaluations of that answer
         self._coupled = coupled
         self._dofs = [member.dofs for member in members]
-        readers = [(j, member.place) for j, member in enumerate(members) if member.place is not None]
-        starts = np.reshape(readers, (-1, 2)).astype(int) * [N_VALUES, 1]
-        self._from, self._to = np.add.outer(starts.T, np.arange(N_VALUES)).reshape(2, -1)  # places, from and to
+        readers = [(N_VALUES * j, member.place) for j, member in enumerate(members) if member.place is not None]
+        self._from, self._to = (  # places, from and to
+            np.array([first[k] + i for first in readers for i in range(N_VALUES)], dtype=np.int64) for k in (0, 1)
+        )
         self._at_edge = np.empty(0, dtype=np.int64)  # closed rows whose depth is watched, see `_look_for_edges`
 
     def _find(self, mbs: MainSystem, t: float, q: Array) -> None:

@@ -142,7 +142,7 @@ def running_mean(t: Array, force: Array, window: float) -> Array:
     if len(t) < 2:
         return force
     total = np.zeros(len(t))
-    np.cumsum(np.diff(t) * (force[1:] + force[:-1]) / 2.0, out=total[1:])
+    np.cumsum((t[1:] - t[:-1]) * (force[1:] + force[:-1]) / 2.0, out=total[1:])
     low, high = np.maximum(t - window / 2, t[0]), np.minimum(t + window / 2, t[-1])
     mean: Array = (np.interp(high, t, total) - np.interp(low, t, total)) / (high - low)
     return mean
@@ -167,7 +167,7 @@ def ringing(t: Array, force: Array, resolved: float) -> Ringing | None:
     for group in joined([(t[first], t[last]) for first, last in spans], resolved):
         around = slice(max(spans[group[0]][0] - 1, 0), spans[group[-1]][1] + 2)
         time, part = t[around], force[around]
-        if np.diff(time).max(initial=0.0) * _SAMPLES > resolved:
+        if (time[1:] - time[:-1]).max(initial=0.0) * _SAMPLES > resolved:
             continue
         level = float(smooth[around].max())
         if part.max() < (1 + _OVERSHOOT) * level:

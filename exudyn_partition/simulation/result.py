@@ -167,18 +167,22 @@ class Result:
         """
         if isinstance(number, Number | np.generic | np.ndarray) or not hasattr(number, "__int__"):  # no index of Exudyn
             number = validate_integer("number", number)
-        if int(number) in self.seldom:
+        return self._sensor(int(number))
+
+    def _sensor(self, number: int) -> Array:
+        """See `sensor`."""
+        if (found := self.sensors.get(number)) is not None and number not in self.seldom:
+            return found
+        if number in self.seldom:
             raise InputError(
-                f"number: Exudyn read sensor {int(number)} less often than this result has times, which are those of "
-                f"all steps; read its own by mbs.GetSensorStoredData({int(number)}), or set "
+                f"number: Exudyn read sensor {number} less often than this result has times, which are those of "
+                f"all steps; read its own by mbs.GetSensorStoredData({number}), or set "
                 "settings.solution.sensors.writePeriod to the step before mbs.SolveDynamic"
             )
-        if int(number) not in self.sensors:
-            raise InputError(
-                f"number: sensor {int(number)} stored nothing in this run: it was added later, or without "
-                "storeInternal=True. Run the model again with it"
-            )
-        return self.sensors[int(number)]
+        raise InputError(
+            f"number: sensor {number} stored nothing in this run: it was added later, or without storeInternal=True. "
+            "Run the model again with it"
+        )
 
     def sensor_of(self, item: object, number: SensorIndex) -> Array:
         """Samples of the sensor `number` of `item`, (n, k). In another model the same number may be another sensor.
@@ -199,7 +203,7 @@ class Result:
                 f"result: expected one of the model that {called(item)} belongs to, got one of another model, or of "
                 "a run before it was added; take what solve_dynamic or collect returns for its own"
             )
-        return self.sensor(number)
+        return self._sensor(int(number))
 
     @cached_property
     def _items(self) -> frozenset[object]:

@@ -29,7 +29,7 @@ def check_sensors(mbs: MainSystem) -> Registry:
         entry = mbs.GetSensor(number) if known else {}
         if "nodeNumber" in entry:  # an index of Exudyn equals no number
             entry["nodeNumber"] = int(entry["nodeNumber"])
-        if any(entry.get(key) != value for key, value in expected.items()):
+        if not expected.items() <= entry.items():
             raise RunError(
                 f"{what} has lost its sensor {int(number)}: a sensor was deleted, and Exudyn then gives others new "
                 "numbers. Delete no sensor of a model with partition bodies: leave it, or make the model anew without "

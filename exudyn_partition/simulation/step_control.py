@@ -124,10 +124,10 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
         return math.inf
     mechanics = contact.mechanics.for_run("explicit")
     time, speed = _first_touch(*mechanics.closing(q, q_t, q_tt))
+    if not math.isfinite(time) or speed <= 0 or mechanics.gaps.beside:
+        return math.inf
     # Rows that follow the motion are few: forces need only these. A deep impact closes all rows that can touch next.
     gap = mechanics.gaps.widen(q)
-    if not math.isfinite(time) or speed <= 0 or not len(gap) or mechanics.gaps.beside:
-        return math.inf
     H = dense(mechanics.gaps.jacobian(np.arange(len(gap))))
     rate = H @ (q_t + time * q_tt)
     touching = gap + time * (H @ q_t) + 0.5 * time**2 * (H @ q_tt)

@@ -28,6 +28,13 @@ class FoundOnce(Generic[T]):
         return value
 
 
+def copied(thing: T) -> T:
+    """Copy of an object that has the same attributes; `copy.copy` takes several times as long."""
+    result: T = object.__new__(type(thing))
+    vars(result).update(vars(thing))
+    return result
+
+
 def no_attribute(thing: object, name: str, meant: Mapping[str, str]) -> AttributeError:
     """Error of an attribute that is not there.
 

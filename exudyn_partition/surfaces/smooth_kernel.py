@@ -121,19 +121,22 @@ def coverage_around(points: Array, facets: Array, centre: Array, normal: Array, 
 
 
 def _pressures(points: Array, facets: Array, centre: Array, normal: Array, radius: float) -> tuple[Array, Array, Array]:
-    """Which facets are near, (nf,), pressures at points on these times area, (k, q) [m2], and shape functions, (q, n).
+    """Which facets are near, pressures at points on these times area, and shape functions there.
 
-    Arguments are those of `kernel_around`.
+    They are a (k,) int array, (k, q) [m2] and (q, n). Arguments are those of `kernel_around`.
     """
-    nodal = points[facets] - centre
-    height = nodal @ normal
-    flat = nodal - height[..., None] * normal
+    arms = points - centre
+    height = arms @ normal
+    beside = np.sqrt(np.maximum(np.einsum("kd,kd->k", arms, arms) - height**2, 0.0))
+    near = np.flatnonzero(abs(height)[facets].min(axis=1) < radius)
+    nodal = arms[facets[near]]
     reach = np.linalg.norm(np.ptp(nodal, axis=1), axis=1)
-    near = (np.linalg.norm(flat, axis=2).min(axis=1) < radius + reach) & (abs(height).min(axis=1) < radius)
-    near &= np.einsum("fd,d->f", _normals(nodal, facets.shape[1]), normal) > 0
+    some = beside[facets[near]].min(axis=1) < radius + reach
+    some &= np.einsum("fd,d->f", _normals(nodal, facets.shape[1]), normal) > 0
+    near, nodal = near[some], nodal[some]
     area, N, dN = _rule(facets.shape[1])
-    x = np.einsum("qk,fkd->fqd", N, nodal[near])
-    first, second = (np.einsum("qk,fkd->fqd", part, nodal[near]) for part in dN)
+    x = np.einsum("qk,fkd->fqd", N, nodal)
+    first, second = (np.einsum("qk,fkd->fqd", part, nodal) for part in dN)
     area = area * abs(np.cross(first, second) @ normal)
     square = np.einsum("fqd,fqd->fq", x, x) - (x @ normal) ** 2
     return near, area * np.sqrt(np.maximum(1 - square / radius**2, 0.0)), N

@@ -1,11 +1,13 @@
 """Points of contact of whole skins: faces on the far side of a body touch nothing, however much surfaces overlap."""
 
+import warnings
 from dataclasses import replace
 
 import exudyn as exu
 import netgen.occ as occ
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
@@ -96,8 +98,8 @@ def test_no_face_is_nearer_than_the_bodies_are(block):
     assert [of_face.clearance for of_face in near] == [pytest.approx(R)]
 
 
-def test_blocks_touch_where_a_rounded_corner_is():
-    """Of all pairs of faces one is near: surfaces go on beyond seams, where both bodies are elsewhere."""
+def rounded_blocks():
+    """Two blocks with a rounded corner, above which the other one's corner is: the contacts of their faces."""
     round_off, size = 6e-3, np.array([9e-3, 8e-3, 7e-3])
     box = occ.Box(occ.Pnt(*-size), occ.Pnt(*size))
     ends = [place * size for place in ([0, 1, 1], [1, 0, 1], [1, 1, 0])]  # middles of the edges of one corner
@@ -109,10 +111,40 @@ def test_blocks_touch_where_a_rounded_corner_is():
     lower = ep.CreatePartitionBody(mbs, body, frame="floating", referencePosition=[1e-3, 2e-3, -size[2]])
     place = [-middle[0], -middle[1], round_off - middle[2] + CLEARANCE]
     upper = ep.CreatePartitionBody(mbs, body, frame="floating", referencePosition=place, referenceRotationMatrix=turn)
-    contacts = ep.CreatePartitionContact(mbs, [upper, lower], formulation="hertz")
-    gaps = sorted(contact.mechanics.gaps.clearance for contact in contacts)
+    return ep.CreatePartitionContact(mbs, [upper, lower], formulation="hertz")
+
+
+@pytest.fixture(scope="module")
+def corner_contacts():
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*Left out, so that nothing keeps")
+        return rounded_blocks()
+
+
+def test_blocks_touch_where_a_rounded_corner_is(corner_contacts):
+    """Of all pairs of faces one is near: surfaces go on beyond seams, where both bodies are elsewhere."""
+    gaps = sorted(contact.mechanics.gaps.clearance for contact in corner_contacts)
     assert gaps[0] == pytest.approx(CLEARANCE, rel=1e-3)
     assert gaps[1] > 1e-4
-    touching = min(contacts, key=lambda contact: contact.mechanics.gaps.clearance)
+    touching = min(corner_contacts, key=lambda contact: contact.mechanics.gaps.clearance)
     shapes = [type(face.surface.shape).__name__ for face in touching.mechanics.gaps.faces]
     assert sorted(shapes) == ["RigidPlane", "RigidSphere"]
+
+
+def test_distances_of_faces_are_bounded_by_where_their_facets_are(corner_contacts):
+    """A cylinder comes near to a ball where the rounded edge is not: such contacts were looked at in each step."""
+    for contact in corner_contacts:
+        gaps = contact.mechanics.gaps
+        q = np.zeros(gaps.n)
+        both = zip(gaps.places_of(gaps.sides, q), gaps.faces, strict=True)
+        first, second = (places[np.unique(face.facets)] for places, face in both)
+        distance = cKDTree(first).query(second)[0].min()
+        least = gaps.least_distance(q)
+        edges = [
+            np.linalg.norm(places[facet[:3]] - places[facet[[1, 2, 0]]], axis=1).max()
+            for places, facet in (
+                (gaps.body_points(side), facet) for side, face in enumerate(gaps.faces) for facet in face.around
+            )
+        ]
+        assert least < distance
+        assert least > 0.9 * distance - 4 * max(edges) - gaps.size  # a kernel reaches two edges beyond a sharp one

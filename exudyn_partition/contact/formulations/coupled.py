@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
@@ -15,6 +14,7 @@ from ...algebra.complementarity import Complementarity, regularised
 from ...algebra.products import dense
 from ...errors import ComplementarityError
 from ...support.arrays import Array, consecutive
+from ...support.attributes import copied
 from .. import loops
 from ..between import Between, Exchange, FlexibilityBetween, Link, RowFields, Shares, shared_flexibility
 from ..followed import BULGE, WIDER
@@ -96,7 +96,7 @@ class Coupled:
     def for_run(self, contacts: Sequence[PatchContact]) -> Self:
         """Return the same object for the contacts of a run; the flexibility between patches is shared."""
         self._prepare()
-        result = copy.copy(self)
+        result = copied(self)
         result.contacts, result._answered_state = [*contacts], None
         result._begin()
         return result
@@ -108,7 +108,7 @@ class Coupled:
 
     def some(self, places: Sequence[int]) -> Self:
         """Return the same object for some of its contacts in the same run, by their numbers. The others are open."""
-        result = copy.copy(self)
+        result = copied(self)
         result.contacts, result._links = [self.contacts[j] for j in places], self._links.some(places)
         result._answered_state = result._links_in_full = None
         result._begin()

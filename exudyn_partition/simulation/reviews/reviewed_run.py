@@ -70,7 +70,8 @@ class BodyHistory:
     @FoundOnce
     def finite(self) -> Array:
         """Samples with finite coordinates, (n,) bool."""
-        return np.asarray(np.isfinite(self.q).all(axis=1))
+        finite = np.isfinite(self.q)
+        return np.ones(len(finite), dtype=bool) if finite.all() else np.asarray(finite.all(axis=1))
 
     @FoundOnce
     def deformed(self) -> Array:
