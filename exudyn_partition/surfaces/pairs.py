@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..fe.edges import edge_middles
+from ..fe.facets import area_vectors
 from ..fe.shapes import QUADS, TABLES, curvature, shape_functions
 from ..support.arrays import Array
 from . import loops
-from .facing import EDGE_TOLERANCE
+from .facing import EDGE_TOLERANCE, closest_met, facing
 from .points import ContactPoints
 from .projection import SETTLED, Projection, newton_step
-from .surface import Surface, closest_points
+from .surface import Surface
 from .vectors import cross
 
 if TYPE_CHECKING:
@@ -46,6 +48,7 @@ class MovingPairs:
     def __init__(self, master: Surface, facet: Array, local: Array) -> None:
         # Loops are compiled again for arrays of another layout.
         self.facets, self.size = np.ascontiguousarray(master.facets), master.facet_size
+        self._master, self._met = master, facet.copy()
         self._neighbours = master.neighbours
         self._middles, self._turns = edge_middles(master.facets), master.turns
         self._facet, self._local, self._last = facet.copy(), local.copy(), np.zeros_like(local)
@@ -147,13 +150,19 @@ class MovingPairs:
     ) -> None:
         """Project the points `lost` of those that were followed on all facets, and put their normals and gaps right.
 
-        Find out, too, which of them are past the edge, see `continue_past_rim`.
+        Find out, too, which of them are past the edge, see `continue_past_rim`. Around a sharp edge, points stay on
+        the face that they met: another face beside the edge does not face them. Those that are too far from it are
+        past the edge.
         """
         x = loops.at_points(points.nodes[lost], points.weights[lost], x_s)
-        found = closest_points(x, x_m[self.facets])
         facet, local, rest = self._here
         searched = index[lost]
+        towards = -area_vectors(x_m, self.facets[self._met[searched]])  # as the normals of the points, which met these
+        towards /= np.linalg.norm(towards, axis=1)[:, None]
+        found = closest_met(x, towards, replace(self._master, points=x_m))
+        aside = ~facing(found, towards, self.size) & (found.offset > _ON_EDGE * self.size)
         past, gone = continue_past_rim(found, x, x_m[self.facets], self._neighbours[0], self.size)
+        past, gone = past | aside, gone | aside
         self._past[searched], self._gone[searched] = past, gone
         facet[lost], local[lost] = found.facet, found.local
         rest[lost] = 0.0 if self._points is points else found.weights
