@@ -544,10 +544,10 @@ class SpotGaps(Gaps):
         """
         if self.carried:
             return -np.inf
-        parts = zip(self._of_faces, self.split(q), self.growing_sides, strict=True)
+        parts = zip(self._of_faces, self.sides.split(q), self.growing_sides, strict=True)
         places = [side.seen.place(*part) for side, *part in parts]
         points = [maker.points[face.nodes] for maker, face in zip(self._makers, self.faces, strict=True)]
-        axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.split(q), strict=True)]
+        axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.sides.split(q), strict=True)]
         poses = [Pose(x.mean(axis=0), X.mean(axis=0), turn) for x, X, turn in zip(places, points, axes, strict=True)]
         both = zip(poses, points, places, strict=True)
         deformed = sum(float(np.linalg.norm(pose.out(X) - x, axis=1).max()) for pose, X, x in both)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from exudyn_partition.surfaces.facing import EDGE_TOLERANCE
+from exudyn_partition.surfaces.facing import EDGE_TOLERANCE, closest_met, opposite
 from exudyn_partition.surfaces.pairs import MovingPairs
 from exudyn_partition.surfaces.points import ContactPoints
-from exudyn_partition.surfaces.surface import closest_points
+from exudyn_partition.surfaces.surface import Surface, closest_points
 
 
 def single_points(n):
@@ -111,3 +111,31 @@ def test_points_a_little_past_the_edge_have_the_same_carriers_when_searched_and_
         on_patch = np.einsum("kn,kni->ki", weights, surface.points[nodes])
         np.testing.assert_allclose(on_patch, x, atol=1e-6 * surface.facet_size)
         np.testing.assert_allclose(gap, 0.0, atol=1e-9 * surface.facet_size)
+
+
+@pytest.mark.usefixtures("each_path")
+@pytest.mark.parametrize("past_the_end", [1e-6, 1e-4])
+def test_points_beside_a_sharp_corner_stay_with_the_face_that_they_met(past_the_end):
+    """The lower face of a body, at z = 0, ends in a wall at x = 0, which looks the way of the point's own wall.
+
+    The point lies under the corner, flush with that wall and with the end of the patch. It slides a little past both,
+    then back under the body. There it was still a point of the wall, with a negative gap though nothing touches.
+    """
+    x = np.array([[-1, 0, 0], [-1, 1, 0], [0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 1]], dtype=float)
+    facets = np.array([[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4]])
+    direction, rim, sharp = np.array([0.0, 0.0, -1.0]), np.empty(0, dtype=int), np.array([2, 3])
+    surface = Surface(x, facets, direction, rim, np.arange(6), wanders=True, sharp=sharp)
+    gap, aside = 1e-3, 1e-5
+    up, alone, places = np.array([0.6, 0.0, 0.8]), single_points(1), x.copy()
+    found = closest_met(np.array([[0.0, 0.0, -gap]]), up, surface)
+    pairs = MovingPairs(surface, found.facet, found.local)
+    for way in (aside, aside, -aside, -10 * aside):
+        place = np.array([[way, -past_the_end, -gap]])
+
+        def meet(points, place=place):
+            met = closest_met(place, up, surface)
+            return met, opposite(met.normal, up), place, places
+
+        normal, seen = pairs.follow(alone, np.arange(1), place, places, meet)
+        np.testing.assert_allclose(normal, [direction], atol=1e-12)
+        np.testing.assert_allclose(seen, gap, rtol=1e-9)
