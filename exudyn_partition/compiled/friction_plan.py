@@ -44,7 +44,7 @@ class FrictionMemory(NamedTuple):
     dissipated : (nc,) array
         Energy that friction has taken so far in each contact [J].
     tractions : (nr, 3) array
-        Of rows that follow the motion: tangential forces in the body's axes [N], from which those of `forces` are found.
+        Of rows that follow the motion: tangential forces in the body's axes [N]. Those of `forces` follow from them.
     """
 
     forces: Array

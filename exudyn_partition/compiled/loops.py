@@ -260,7 +260,7 @@ class MovingSteps:
         self._hold(number)
 
     def stand(self, m: Motion, v: Array, h: Array) -> None:
-        """Let contacts of two bodies, and those with friction, be where the motion is; the next evaluation is elsewhere."""
+        """Let contacts of two bodies, and those that rub, be where the motion is; the next evaluation is elsewhere."""
         for number, pair in enumerate(self._pairs):
             pair.gaps_at(m.q, m.q, v, h)
             self._hold(number)
@@ -268,10 +268,10 @@ class MovingSteps:
 
     def stand_rubbing(self, m: Motion, v: Array) -> None:
         """Let contacts with friction slide from where the motion is."""
-        if self._rubbing is not None:
+        if (rubbing := self.plain_rubbing) is not None:
             for body in self.plain.bodies:
                 body.grow(self._state, v)
-            self.plain_rubbing.stand(m.q)
+            rubbing.stand(m.q)
 
     @cached_property
     def plain_rubbing(self) -> PlainRubbing | None:
@@ -412,7 +412,8 @@ class Stepper:
         self._loop: Any = None  # the same, as compiled loops take it
         rubbing = None
         if contacts.friction is not None:
-            self._friction, self._rough = contacts.friction.state(self.values[nc:], self.stored[nc:]), contacts.friction.flat()
+            self._friction = contacts.friction.state(self.values[nc:], self.stored[nc:])
+            self._rough = contacts.friction.flat()
             if self._kernels:
                 self._loop = friction_of(self._rough, self._friction)
             self._friction_parts = [ContactParts.of(contacts.friction, j) for j in range(count - nc)]

@@ -498,7 +498,8 @@ def forces_of_pairs(contacts: FlatContacts, pairs: Pairs | None, q: Array, force
 def evaluate_moving(contacts: FlatContacts, moving: Moving, q: Array, v: Array, force: Array, limits: Limits) -> int:
     """Find forces of contacts without friction at coordinates, with bodies that grow as they turn at velocities.
 
-    They act on the true masses, see `act_on_masses`. Return how many contacts push, or -1 if pairs slide, other rows must be found, or none settle.
+    They act on the true masses, see `act_on_masses`. Return how many contacts push, or -1 if pairs slide, other rows
+    must be found, or none settle.
     """
     rows, blocks, h, (frames, surfaces, pairs, _, state, bounds) = contacts.rows, contacts.blocks, contacts.h, moving
     turn_frames(frames, state, v)

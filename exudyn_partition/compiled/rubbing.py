@@ -52,11 +52,6 @@ class Rubbing(NamedTuple):
     n_fields: int
     numbers: Array
 
-    @property
-    def count(self) -> int:
-        """Number of these contacts."""
-        return len(self.groups)
-
 
 class RubbingState(NamedTuple):
     """What changes of them in a run; loops write to it. Rows are those of all contacts with friction.
@@ -97,7 +92,7 @@ class RubbingState(NamedTuple):
     @classmethod
     def of(cls, rubbing: Rubbing, n_rows: int, n: int) -> RubbingState:
         """Room for a run with so many rows and n coordinates."""
-        ns, points = rubbing.count, int(rubbing.surfaces.firsts[-1])
+        ns, points = len(rubbing.groups), int(rubbing.surfaces.firsts[-1])
         return cls(
             np.zeros((points, 3)), np.zeros((n_rows, 3)), np.zeros((n_rows, 3)), np.tile(np.eye(3), (ns, 1, 1)),
             np.zeros(ns, dtype=np.int64), np.zeros(ns, dtype=bool), np.zeros((ns, n)), np.zeros((points, 3)),
@@ -139,8 +134,9 @@ def rubbing_of(
     first = [int(abs(one.gaps.approach).argmin()) for one in contacts]
     return Rubbing(
         surfaces, np.array([groups[one.contact] for one in contacts], dtype=np.int64),
-        np.array(first, dtype=np.int64), np.where(directed, SAME_IN_THREE, SAME_ALONE), np.array(links, dtype=np.int64).reshape(-1, 2),
-        places[: len(links)].copy(), places[len(links) : -1].copy(), size, numbers,
+        np.array(first, dtype=np.int64), np.where(directed, SAME_IN_THREE, SAME_ALONE),
+        np.array(links, dtype=np.int64).reshape(-1, 2), places[: len(links)].copy(), places[len(links) : -1].copy(),
+        size, numbers,
     )  # fmt: skip
 
 

@@ -144,8 +144,8 @@ def slide_rows(f: Friction, r: Rubs, s: int) -> bool:
     """
     j, total, axes = r.surfaces.contact[s], 0.0, r.axes[s]
     some = slice(f.rows.starts[j], f.rows.starts[j + 1])
-    gap, tangents, ways, forces, tractions = f.gap[some], f.tangents[some], f.way[some], f.forces[some], f.tractions[some]
-    place, before = r.place[some], r.before[some]
+    gap, tangents, ways, place, before = f.gap[some], f.tangents[some], f.way[some], r.place[some], r.before[some]
+    forces, tractions = f.forces[some], f.tractions[some]
     for i in range(len(gap)):
         total += gap[i]
         for k in range(2 if f.frictional[j] else 0):

@@ -157,8 +157,8 @@ def joined(first: Histories, later: Histories) -> Histories:
         np.concatenate([getattr(part, name) for part in (first, later)]) for name in names
     )
     return replace(
-        later, q=q, v=v, a=a, values=values, stored=stored, friction=friction, start=first.start, lam=None, traction=None,
-        status=None, fresh=np.zeros((len(q), 0), dtype=bool), made=first.made + later.made,
+        later, q=q, v=v, a=a, values=values, stored=stored, friction=friction, start=first.start, lam=None,
+        traction=None, status=None, fresh=np.zeros((len(q), 0), dtype=bool), made=first.made + later.made,
         iterations=first.iterations + later.iterations,
     )  # fmt: skip
 

@@ -12,8 +12,8 @@ from ..algebra.products import dense
 from ..compiled.friction_plan import FrictionMemory, FrictionPlan
 from ..compiled.moving import (
     Following,
-    MovingPlan,
     Moves,
+    MovingPlan,
     Turning,
     anchors_of,
     can_follow,
@@ -76,8 +76,8 @@ def check_held(mbs: MainSystem, options: Sequence[str] = ()) -> None:
         listed = "".join(f"\n- {reason}" for reason in reasons)
         raise CompiledRunError(
             "compiled runs hold partition bodies, their contacts by compliance, rigid planes, spheres and cylinders, "
-            "gravity, constant loads on coordinates and damping of modes; friction on rigid surfaces, and of bodies with "
-            f"each other as long as frames do not turn, and pairs do not slide. This one has more:{listed}\n"
+            "gravity, constant loads on coordinates and damping of modes; friction on rigid surfaces, and of bodies "
+            f"with each other as long as frames do not turn, and pairs do not slide. This one has more:{listed}\n"
             "Leave it out, or run the model by solve_dynamic(..., solver='exudyn')"
         )
 
@@ -305,7 +305,7 @@ def _friction_plan(
                 f"pairs of contact {contact.name!r}, which has friction, slide where this run begins; take "
                 "solver='exudyn'"
             )
-    rows, ways, tangents, flexibilities = _rows(mbs, contacts, members), list[Array](), list[Array](), list[Array]()
+    rows, ways, tangents = _rows(mbs, contacts, members), list[Array](), list[Array]()
     for mechanics in members:
         of_contact, nr = mechanics.rows, len(mechanics.gaps.row_nodes)
         if mechanics.gaps.moving:

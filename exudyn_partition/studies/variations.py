@@ -277,7 +277,8 @@ class Entries:
         start, (rigid, pairs, rubbing) = replace(self._start, q=q, v=v), self._following
         if not placed:
             return start
-        return replace(start, anchors=anchors_at(rigid, q), pairs=pairs_at(pairs, q), rubbing=anchors_at(rubbing, q))
+        rubs = start.rubbing and replace(anchors_at(rubbing, q), anchored=start.rubbing.anchored)  # with friction: none
+        return replace(start, anchors=anchors_at(rigid, q), pairs=pairs_at(pairs, q), rubbing=rubs)
 
 
 def _moved(item: PartitionBody, way: Array) -> Array:
