@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numba.experimental import structref
 
 from ..algebra.friction_kernels import (
     FrictionLimits,
@@ -20,77 +19,16 @@ from ..algebra.product_kernels import matrix_at
 from ..contact.kernels import choose_near, coordinates_of, gaps_of_contact, pushed_gap, slid
 from ..support.arrays import Array
 from ..support.compiled import compiled, inner
-from ..support.struct_kernels import StructType, define_struct
 from .rubbing_kernels import accept_rubbing, anchor_rubbing, push_rubbing, rub
 
 if TYPE_CHECKING:
-    from ..algebra.flat_friction import FlatFriction
-    from ..contact.linear_gaps import FlatRows
     from .friction_plan import Choosing
     from .loops import Peaks, Samples
     from .moving_kernels import Moving
+    from .rough_kernels import Friction
 
 N_ROWS, N_CLOSED, STALE, STEPS, ITERATIONS = range(5)  # see `algebra.flat_friction`
 OPEN, STICK, SLIP = 0, 1, 2
-
-
-@structref.register
-class FrictionType(StructType):
-    """Type of `Friction` in compiled loops."""
-
-
-class Friction(structref.StructRefProxy):
-    """All contacts with friction of a run as one object: rows, memory and state, see `friction_plan`."""
-
-    rows: FlatRows
-    ways: Array
-    numbers: Array
-    tangents: Array
-    groups: Array
-    flexible: Array
-    F_starts: Array
-    frictional: Array
-    forces: Array
-    before: Array
-    slipped: Array
-    speed: Array
-    path: Array
-    dissipated: Array
-    tractions: Array
-    coulomb: Array
-    gap: Array
-    pushed: Array
-    way: Array
-    lam: Array
-    status: Array
-    slips: Array
-    energy: Array
-    mu: Array
-    near: Array
-    chosen: Array
-    owner: Array
-    fresh: Array
-    h: Array
-    mu_near: Array
-    moved: Array
-    taken: Array
-    values: Array
-    friction: Array
-    stored: Array
-    iterations: Array
-    pool: FlatFriction
-    problem: FrictionObject
-    limits: FrictionLimits
-    choosing: Choosing
-
-
-define_struct(Friction, FrictionType, [*Friction.__annotations__])
-
-
-@compiled
-def friction_of(*fields: Any) -> Friction:
-    """Make one of its fields; unlike its own constructor, this is kept on disk."""
-    return Friction(*fields)  # type: ignore[no-untyped-call]
 
 
 @inner

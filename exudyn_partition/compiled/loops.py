@@ -706,7 +706,7 @@ class Stepper:
 
 def friction_of(rows: FlatFrictionRows, state: FrictionState) -> Any:
     """All contacts with friction as compiled loops take them."""
-    found, problem = kernels("compiled", "friction_kernels"), friction_object(state.pool)
+    found, problem = kernels("compiled", "rough_kernels"), friction_object(state.pool)
     assert found is not None, "asked for what is only done at once"
     return found.friction_of(*rows, *state.memory, *state[1:], problem, FRICTION_LIMITS, CHOICES)
 

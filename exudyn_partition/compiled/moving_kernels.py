@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
     from .moving import Following, Frames, MovingPlan, MovingState, Surfaces
     from .plan import Bodies, Motion
-    from .rubbing_kernels import Rubs
+    from .rough_kernels import Rubs
 
 Limits = tuple[float, float, int, int]  # see `block_complementarity.LIMITS`
 Bounds = tuple[float, float, float]  # see `MovingPlan`

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numba.experimental import structref
 
 from ..algebra.product_kernels import matrix_at
 from ..contact.kernels import at_points, directed_rows, rigid_gaps, rows_along, tangents_of
@@ -18,58 +17,19 @@ from ..contact.tangential import STEEP
 from ..frames.kernels import body_axes
 from ..frames.node_kernels import act
 from ..support.arrays import Array
-from ..support.compiled import called, compiled, inner
-from ..support.struct_kernels import StructType, define_struct
+from ..support.compiled import called, inner
 from .body_kernels import gathered
 from .moving_kernels import RigidSide, address, flat_surfaces, side_at
 from .pair_kernels import growing, set_along
+from .rough_kernels import Rubs, rubs
 
 if TYPE_CHECKING:
-    from .friction_kernels import Friction
-    from .moving import MovingState, Surfaces
+    from .moving import MovingState
+    from .rough_kernels import Friction
     from .rubbing import Rubbing, RubbingState
 
 find_rigid_gaps, find_tangents, find_pushes = called(rigid_gaps), called(tangents_of), called(at_points)
 find_rows, find_directed = called(rows_along), called(directed_rows)
-
-
-@structref.register
-class RubsType(StructType):
-    """Type of `Rubs` in compiled loops."""
-
-
-class Rubs(structref.StructRefProxy):
-    """`Rubbing` and `RubbingState` as one object."""
-
-    surfaces: Surfaces
-    groups: Array
-    first_axis: Array
-    same: Array
-    links: Array
-    cores: Array
-    fields: Array
-    n_fields: int
-    normals: Array
-    place: Array
-    before: Array
-    axes: Array
-    axis: Array
-    anchored: Array
-    anchors: Array
-    along: Array
-    growing: Array
-    found_axis: Array
-    fresh: Array
-    numbers: Array
-
-
-define_struct(Rubs, RubsType, [*Rubs.__annotations__])
-
-
-@compiled
-def rubs(*fields: Any) -> Rubs:
-    """Make one of its fields; unlike its own constructor, this is kept on disk."""
-    return Rubs(*fields)  # type: ignore[no-untyped-call]
 
 
 def rubs_of(plan: Rubbing, state: RubbingState, sides: Sequence[RigidSide]) -> Rubs:

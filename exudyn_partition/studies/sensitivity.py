@@ -223,7 +223,8 @@ def _check_adjoint(model: VariedModel, plan: StepPlan) -> None:
     pairs += [
         f"contact {rough.names[one.contact]!r} has friction, or moves with one that has it, and rows that follow the "
         "motion: of a floating frame, or a curved rigid surface"
-        for one in (() if rough is None else moving.rubbing)
+        for one in moving.rubbing
+        if rough is not None
     ]
     if pairs:
         listed = "".join(f"\n- {reason}" for reason in pairs)
