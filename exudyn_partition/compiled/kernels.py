@@ -20,10 +20,10 @@ from .moving_kernels import (
 )
 
 if TYPE_CHECKING:
-    from .friction_kernels import Friction
     from .loops import Peaks, Samples
     from .moving_kernels import Moving
     from .plan import Bodies, Motion
+    from .rough_kernels import Friction
 
 Limits = tuple[float, float, int, int]  # see `block_complementarity.LIMITS`
 
